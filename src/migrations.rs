@@ -5,7 +5,7 @@ use sqlx::SqlSafeStr as _;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 
 /// Version, description and text of each file in `migrations`.
-const FILES: [(i64, &str, &str); 7] = [
+const FILES: [(i64, &str, &str); 8] = [
     (1, "journal", include_str!("../migrations/0001_journal.sql")),
     (2, "keys", include_str!("../migrations/0002_keys.sql")),
     (3, "runs", include_str!("../migrations/0003_runs.sql")),
@@ -13,6 +13,7 @@ const FILES: [(i64, &str, &str); 7] = [
     (5, "boards", include_str!("../migrations/0005_boards.sql")),
     (6, "shares", include_str!("../migrations/0006_shares.sql")),
     (7, "metrics", include_str!("../migrations/0007_metrics.sql")),
+    (8, "failures", include_str!("../migrations/0008_failures.sql")),
 ];
 
 /// All migrations, oldest first.

@@ -210,6 +210,7 @@ fn finished_run(stored: BoardRun) -> Result<FinishedRun, StoreError> {
                 score: game.score,
                 answers: game.acts,
                 invalid: game.invalid,
+                failures: game.failures,
                 timeouts: game.timeouts,
                 voided: game.voided,
             })

@@ -313,6 +313,7 @@ mod tests {
 
     use super::*;
     use swarmbench_protocol::board::TaskScore;
+    use swarmbench_protocol::failure::Failures;
 
     fn row(model: &str) -> BoardRow {
         let score =
@@ -347,6 +348,7 @@ mod tests {
             tasks,
             difference: None,
             invalid_share: Some(0.031),
+            failures: Failures::EMPTY,
             timeout_share: Some(0.0),
             clock_out_share: Some(0.0),
             voided: Some(1),

@@ -3,6 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
+use swarmbench_protocol::failure::Failure;
 
 /// The name of the index.
 pub const META: &str = "meta_log.json";
@@ -105,7 +106,10 @@ pub struct AgentRow {
     pub action_success: Option<bool>,
     /// Tokens of all the agent's answers so far.
     pub total_llm_tokens: Option<u64>,
-    /// The model of the holder of its seat. The toolkit has neither this nor the fields below.
+    /// Why the answer of the language model was invalid. The toolkit has neither this nor the fields below.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failure: Option<Failure>,
+    /// The model of the holder of its seat.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
     /// The number of the holder of its seat; 0 is the creator.

@@ -210,6 +210,7 @@ impl Game {
             api_call_time: latency.map(seconds_of),
             action_success: Some(act.took_effect),
             total_llm_tokens: act.tokens,
+            failure: record.failure,
             model: Some(holder.model.clone()),
             holder: Some(holder.holder),
             player: holder.player.clone(),

@@ -17,6 +17,7 @@ use crate::store::metrics::Measured;
 use crate::store::port::StoredEpisode;
 use swarmbench_journal::Tally;
 use swarmbench_journal::record::{RecordedConfig, Source};
+use swarmbench_protocol::failure::Failure;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -159,6 +160,15 @@ const OF_EPISODES: &[Column] = &[
     ("timeouts", Kind::Whole),
     ("prompt_tokens", Kind::Whole),
     ("completion_tokens", Kind::Whole),
+    ("failed_refusal", Kind::Whole),
+    ("failed_content_filter", Kind::Whole),
+    ("failed_truncated", Kind::Whole),
+    ("failed_tool_call", Kind::Whole),
+    ("failed_reasoning_only", Kind::Whole),
+    ("failed_rejected", Kind::Whole),
+    ("failed_empty", Kind::Whole),
+    ("failed_no_marker", Kind::Whole),
+    ("failed_unknown_action", Kind::Whole),
     ("metrics_revision", Kind::Whole),
     ("embedder", Kind::Text),
     ("prompt", Kind::Text),
@@ -177,6 +187,7 @@ const OF_ACTS: &[Column] = &[
     ("action", Kind::Text),
     ("action_success", Kind::Flag),
     ("valid", Kind::Flag),
+    ("failure", Kind::Text),
     ("message", Kind::Text),
     ("receiver", Kind::Text),
     ("response", Kind::Text),
@@ -356,11 +367,10 @@ pub fn episode(header: &Header, stored: &StoredEpisode, outcome: &Outcome) -> Ve
         tally.timeouts.into(),
         tally.prompt_tokens.into(),
         tally.completion_tokens.into(),
-        METRICS_REVISION.into(),
-        embedder.into(),
-        header.prompt().to_string().into(),
-        (&config.answer_reader).into(),
     ]);
+    cells.extend(tally.failures.iter().map(|(_, count)| count.into()));
+    cells.extend([METRICS_REVISION.into(), embedder.into()]);
+    cells.extend([header.prompt().to_string().into(), (&config.answer_reader).into()]);
     for metric in Metric::ALL {
         let (value, rounds) = measured.value(Definition::Paper, metric);
         cells.extend([value.into(), rounds.into()]);
@@ -416,6 +426,7 @@ pub fn act(game: &Game, turn: &Turn, act: &GameAct) -> Vec<Cell> {
         record.action.as_ref().into(),
         act.took_effect.into(),
         record.valid.into(),
+        record.failure.map(Failure::name).into(),
         record.message.as_ref().into(),
         record.to.as_ref().into(),
         record.response.as_ref().into(),

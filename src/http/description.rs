@@ -6,7 +6,9 @@ use serde_json::json;
 use utoipa::openapi::extensions::Extensions;
 use utoipa::openapi::path::{Operation, ParameterIn};
 use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityRequirement, SecurityScheme};
-use utoipa::openapi::{Components, ContentBuilder, PathItem, Ref, RefOr, ResponseBuilder, Schema};
+use utoipa::openapi::{
+    Components, ContentBuilder, Object, PathItem, Ref, RefOr, ResponseBuilder, Schema, Type,
+};
 use utoipa::{Modify, OpenApi};
 
 use super::error::Code;
@@ -78,6 +80,37 @@ fn describe_events(components: &mut Components) {
     data.extensions = Some(Extensions::from_iter([("contentSchema", json!({ "oneOf": schemas }))]));
 }
 
+/// Says in words what a field is where it is left out. As `default` in the schema, generated clients would take the field
+/// for one that is always there, and send it.
+fn describe_defaults(components: &mut Components) {
+    for schema in components.schemas.values_mut() {
+        let RefOr::T(Schema::Object(schema)) = schema else { continue };
+        for field in schema.properties.values_mut() {
+            let (default, description) = match field {
+                RefOr::T(Schema::Object(field)) => (field.default.take(), &mut field.description),
+                RefOr::T(Schema::OneOf(field)) => (field.default.take(), &mut field.description),
+                _ => continue,
+            };
+            let Some(default) = default else { continue };
+            let default = default.as_str().map_or_else(|| default.to_string(), str::to_owned);
+            let description = description.get_or_insert_default();
+            let space = if description.is_empty() { "" } else { " " };
+            write!(description, "{space}`{default}` where it is left out.")
+                .expect("a string takes everything");
+        }
+    }
+}
+
+/// A stream of events: a client that was generated reads it as one text.
+fn stream_of(event: &RefOr<Schema>) -> RefOr<Schema> {
+    let mut stream = Object::with_type(Type::String);
+    stream.description =
+        Some("Server-Sent Events, each of the fields in `contentSchema`.".to_owned());
+    "text/event-stream".clone_into(&mut stream.content_media_type);
+    stream.extensions = Some(Extensions::from_iter([("contentSchema", json!(event))]));
+    RefOr::T(Schema::Object(stream))
+}
+
 /// All errors and all limits, in Markdown.
 fn tables() -> String {
     let mut text = "\n\n## Errors\n\n| status | code | |\n| --- | --- | --- |\n".to_owned();
@@ -94,9 +127,12 @@ fn tables() -> String {
     text
 }
 
-/// Adds the errors that follow from what a route takes, and the body of all errors. What a route says itself stays.
-pub(super) fn add_errors(document: &mut utoipa::openapi::OpenApi) {
-    describe_events(document.components.get_or_insert_default());
+/// Adds the errors that follow from what a route takes, and the body of all errors; what a route says itself stays. Describes
+/// streams and defaults so that generated clients read and send them right.
+pub(super) fn complete(document: &mut utoipa::openapi::OpenApi) {
+    let components = document.components.get_or_insert_default();
+    describe_events(components);
+    describe_defaults(components);
     let schema = Ref::from_schema_name("Problem");
     let body = RefOr::T(ContentBuilder::new().schema(Some(schema)).build());
     for operation in document.paths.paths.values_mut().flat_map(operations) {
@@ -107,8 +143,12 @@ pub(super) fn add_errors(document: &mut utoipa::openapi::OpenApi) {
             responses.entry(status.to_string()).or_insert_with(error);
         }
         for (status, response) in responses {
-            if let (true, RefOr::T(response)) = (status.as_str() >= "400", response) {
+            let RefOr::T(response) = response else { continue };
+            if status.as_str() >= "400" {
                 response.content.insert("application/problem+json".to_owned(), body.clone());
+            }
+            if let Some(RefOr::T(stream)) = response.content.get_mut("text/event-stream") {
+                stream.schema = stream.schema.as_ref().map(stream_of);
             }
         }
         // A route that says nothing about tokens needs none.

@@ -1,5 +1,6 @@
 //! HTTP: the only place that names axum. Handlers hold no SQL and no rules of the game.
 
+mod accept;
 mod admit;
 mod agent;
 mod answer;

@@ -86,7 +86,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(host::show_readiness))
         .routes(routes!(host::show_metrics))
         .routes(routes!(clock::confirm_clock));
-    description::add_errors(router.get_openapi_mut());
+    description::complete(router.get_openapi_mut());
     router
 }
 

@@ -60,6 +60,7 @@ pub fn shown_act(record: ActRecord, at: Option<Timestamp>) -> ShownAct {
         message: record.message,
         to: record.to,
         valid: Some(record.valid),
+        failure: record.failure,
         response: record.response,
         reasoning: record.reasoning,
         usage: record.usage,

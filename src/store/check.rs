@@ -26,6 +26,7 @@ use super::rows::{FromRow, get};
 use crate::ids::EpisodeKey;
 use crate::migrations;
 use crate::store::imports::ImportHash;
+use crate::store::results::read_failures;
 use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{ActRecord, End, Opening, RawRecord};
@@ -661,7 +662,8 @@ async fn result(
     key: EpisodeKey,
     report: &Report,
 ) -> Result<Result<(), String>, sqlx::Error> {
-    let query = "SELECT task, seed, score, rounds, status, acts, invalid, clock_outs, prompt_tokens, completion_tokens
+    let query = "SELECT task, seed, score, rounds, status, acts, invalid, clock_outs, prompt_tokens, completion_tokens,
+                        failures
                  FROM results WHERE episode = ?";
     let row = sqlx::query(query).bind(key.0).fetch_optional(database).await?;
     let end = report.end.as_ref().filter(|_| report.opening.counts());
@@ -675,6 +677,7 @@ async fn result(
     let tally = Tally {
         acts: count("acts")?,
         invalid: count("invalid")?,
+        failures: read_failures(row.try_get("failures")?)?,
         timeouts: count("clock_outs")?,
         prompt_tokens: count("prompt_tokens")?,
         completion_tokens: count("completion_tokens")?,

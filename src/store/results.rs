@@ -15,6 +15,7 @@ use crate::ids::{EpisodeKey, RunKey};
 use crate::store::entries::Entry;
 use swarmbench_journal::Tally;
 use swarmbench_journal::record::RawRecord;
+use swarmbench_protocol::failure::Failures;
 
 /// Runs, or games of several holders, that are read at once.
 const CHUNK: i64 = 256;
@@ -33,8 +34,8 @@ pub(super) async fn add(
     let count = |number: u64| i64::try_from(number).unwrap_or(i64::MAX);
     sqlx::query(
         "INSERT OR REPLACE INTO results (episode, task, seed, score, rounds, status, acts, invalid, clock_outs,
-                              prompt_tokens, completion_tokens)
-         SELECT key, task, json_extract(opening, '$.config.seed'), ?, ?, status, ?, ?, ?, ?, ?
+                              prompt_tokens, completion_tokens, failures)
+         SELECT key, task, json_extract(opening, '$.config.seed'), ?, ?, status, ?, ?, ?, ?, ?, ?
          FROM episodes WHERE key = ?",
     )
     .bind(score)
@@ -44,6 +45,7 @@ pub(super) async fn add(
     .bind(count(tally.timeouts))
     .bind(count(tally.prompt_tokens))
     .bind(count(tally.completion_tokens))
+    .bind(json(&tally.failures))
     .bind(episode.0)
     .execute(connection)
     .await?;
@@ -194,6 +196,8 @@ pub struct BoardGame {
     /// See [`Tally`].
     pub invalid: u64,
     /// See [`Tally`].
+    pub failures: Failures,
+    /// See [`Tally`].
     pub timeouts: u64,
     pub voided: bool,
 }
@@ -252,7 +256,7 @@ impl Store {
     /// What the acts of an episode were.
     pub async fn tally_of(&self, episode: EpisodeKey) -> Result<Tally, StoreError> {
         let query = sqlx::query(
-            "SELECT acts, invalid, clock_outs, prompt_tokens, completion_tokens
+            "SELECT acts, invalid, clock_outs, prompt_tokens, completion_tokens, failures
              FROM results WHERE episode = ?",
         );
         if let Some(tally) = self.fetch_optional(query.bind(episode.0)).await? {
@@ -264,11 +268,14 @@ impl Store {
                     count(*) FILTER (WHERE source = 'player' AND NOT valid) AS invalid,
                     count(*) FILTER (WHERE source = 'clock') AS clock_outs,
                     CAST(total(prompt_tokens) AS INTEGER) AS prompt_tokens,
-                    CAST(total(completion_tokens) AS INTEGER) AS completion_tokens
+                    CAST(total(completion_tokens) AS INTEGER) AS completion_tokens,
+                    (SELECT json_group_object(kind, times) FROM
+                        (SELECT record ->> 'failure' AS kind, count(*) AS times FROM acts
+                         WHERE episode = ?1 AND kind IS NOT NULL GROUP BY kind)) AS failures
              FROM (SELECT record ->> 'source' AS source, record ->> 'valid' AS valid,
                           record ->> '$.usage.prompt_tokens' AS prompt_tokens,
                           record ->> '$.usage.completion_tokens' AS completion_tokens
-                   FROM acts WHERE episode = ?)",
+                   FROM acts WHERE episode = ?1)",
         );
         self.fetch_one(query.bind(episode.0)).await
     }
@@ -287,7 +294,7 @@ impl Store {
         last: RunKey,
     ) -> Result<Vec<(RunKey, Option<BoardGame>)>, StoreError> {
         let query = sqlx::query(
-            "SELECT e.run, s.task, s.seed, s.score, s.acts, s.invalid, s.clock_outs,
+            "SELECT e.run, s.task, s.seed, s.score, s.acts, s.invalid, s.clock_outs, s.failures,
                     e.key IN (SELECT key FROM episodes WHERE voided_at IS NOT NULL) AS voided
              FROM episodes e INDEXED BY episodes_by_run LEFT JOIN results s ON s.episode = e.key
              WHERE e.run BETWEEN ? AND ? ORDER BY e.run, e.slot, e.key",
@@ -352,11 +359,28 @@ impl FromRow for Tally {
         Ok(Self {
             acts: get(row, "acts")?,
             invalid: get(row, "invalid")?,
+            failures: failures(row)?,
             timeouts: get(row, "clock_outs")?,
             prompt_tokens: get(row, "prompt_tokens")?,
             completion_tokens: get(row, "completion_tokens")?,
         })
     }
+}
+
+/// Why answers of a game were invalid; none for a game without a result.
+pub(super) fn failures(row: &SqliteRow) -> Result<Failures, sqlx::Error> {
+    let stored: Option<String> = get(row, "failures")?;
+    read_failures(stored.as_deref().unwrap_or("{}"))
+}
+
+/// Reads the column `failures`.
+pub(super) fn read_failures(stored: &str) -> Result<Failures, sqlx::Error> {
+    serde_json::from_str(stored).map_err(|error| sqlx::Error::Decode(error.into()))
+}
+
+/// The column `failures`.
+fn json(failures: &Failures) -> String {
+    serde_json::to_string(failures).expect("kinds and numbers")
 }
 
 impl FromRow for BoardRun {
@@ -388,6 +412,7 @@ impl FromRow for (RunKey, Option<BoardGame>) {
             score: get(row, "score")?,
             acts: get(row, "acts")?,
             invalid: get(row, "invalid")?,
+            failures: failures(row)?,
             timeouts: get(row, "clock_outs")?,
             voided: get(row, "voided")?,
         };

@@ -9,6 +9,7 @@ use sqlx::{QueryBuilder, Sqlite};
 use super::Store;
 use super::StoreError;
 use super::episodes::Readable;
+use super::results::failures;
 use super::rows::{FromRow, get};
 use crate::ids::{CompetitionKey, EntryKey, EpisodeId, EpisodeKey, RunKey, TokenHash};
 use crate::keys::OwnerKey;
@@ -65,6 +66,7 @@ impl StoredGame {
             score: self.score,
             answers: self.tally.acts,
             invalid: self.tally.invalid,
+            failures: self.tally.failures,
             timeouts: self.tally.timeouts,
             voided: !self.counts(),
         })
@@ -188,7 +190,7 @@ impl Store {
                                        ORDER BY round DESC LIMIT 1), 0.0) AS score,
                     coalesce(r.rounds, (SELECT max(round) + 1 FROM rounds WHERE episode = e.key), 0)
                         AS rounds,
-                    r.acts, r.invalid, r.clock_outs, r.prompt_tokens, r.completion_tokens
+                    r.acts, r.invalid, r.clock_outs, r.prompt_tokens, r.completion_tokens, r.failures
              FROM episodes e LEFT JOIN results r ON r.episode = e.key WHERE e.run IN (",
         );
         let mut keys = query.separated(", ");
@@ -253,6 +255,7 @@ impl FromRow for (RunKey, StoredGame) {
             tally: Tally {
                 acts: count("acts")?,
                 invalid: count("invalid")?,
+                failures: failures(row)?,
                 timeouts: count("clock_outs")?,
                 prompt_tokens: count("prompt_tokens")?,
                 completion_tokens: count("completion_tokens")?,

@@ -7,6 +7,7 @@ mod boards;
 #[expect(dead_code, reason = "the tests of the language models use all of it")]
 mod endpoint;
 mod experiments;
+mod failing;
 mod models;
 mod players;
 mod resume;

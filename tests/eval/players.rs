@@ -71,8 +71,13 @@ async fn a_run_that_is_gone_on_with_comes_to_the_same() {
     let mut stops = 0;
     let played = loop {
         let stop = CancellationToken::new();
-        let conductor =
-            Conductor { client: &serving.client, parallel: 3, again: false, stop: &stop };
+        let conductor = Conductor {
+            client: &serving.client,
+            parallel: 3,
+            again: false,
+            stop: &stop,
+            stop_share: 1.0,
+        };
         let mut acts = 0;
         let ended = conductor
             .conduct(planned, None, &mut |news| match news {
@@ -87,7 +92,7 @@ async fn a_run_that_is_gone_on_with_comes_to_the_same() {
                         stop.cancel();
                     }
                 }
-                News::Looked(_) | News::Polled(_) | News::Ends(..) => {}
+                News::Looked(_) | News::Late(_) | News::Polled(_) | News::Ends(..) => {}
             })
             .await;
         match ended {

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use rustix::process::Signal;
 
-use super::bench::Bench;
+use super::bench::{Bench, Running};
 use super::endpoint::{Endpoint, Reply};
 
 const GAME: &str =
@@ -87,6 +87,42 @@ async fn an_endpoint_that_refuses_the_key_is_not_asked_for_its_next_model() {
     bench.write("two.toml", &file(&[("one", &endpoint), ("two", &endpoint)]));
     bench.eval(&["two.toml"]).await.ends(1).says(&["error: one: "]);
     assert!(endpoint.seen().iter().all(|seen| seen.body["model"] == "one"));
+}
+
+#[tokio::test]
+async fn headers_and_the_interface_come_from_the_command_line() {
+    const SECRET: &str = "azure-0123456789abcdef";
+    let bench = Bench::new();
+    let content = serde_json::json!([{ "type": "text", "text": "ACTION: STAY" }]);
+    let message =
+        serde_json::json!({ "type": "message", "content": content, "stop_reason": "end_turn" });
+    let endpoint = Endpoint::start(move |_, _| Reply::json(200, &message)).await;
+    bench.write("games.toml", GAME);
+    let usual = ["games.toml", "--model", "m", "--api-base", endpoint.base(), "--api", "anthropic"];
+    let with = |more: &[&str]| {
+        let mut command = bench.command(&[&usual[..], more].concat());
+        command.env("AZURE", SECRET);
+        Running::of(command).end()
+    };
+    let tape = ["--max-tokens", "64", "--header", "api-key: $AZURE", "--cassette", "tape.jsonl"];
+    with(&tape).await.ends(0);
+    assert_eq!(endpoint.seen().len(), ALL);
+    for seen in endpoint.seen() {
+        assert_eq!((seen.uri.path(), &seen.body["max_tokens"]), ("/v1/messages", &64.into()));
+        assert_eq!(seen.headers["api-key"], SECRET);
+        assert!(!seen.headers.contains_key("x-api-key"));
+    }
+    assert!(!bench.bytes().windows(SECRET.len()).any(|part| part == SECRET.as_bytes()));
+    for (more, words) in [
+        (&["--header", "api-key"][..], "a header looks like"),
+        (&["--header", "api-key: $NONE"], "`export NONE=…`"),
+        (&["--header", "a: 1", "--header", "A: 2"], "it is given twice"),
+        (&[], "--max-tokens 4096"),
+    ] {
+        let done = with(&[&["--seeds", "3"], more].concat()).await.says(&[words]);
+        assert!([Some(1), Some(2)].contains(&done.code()), "{}", done.err);
+    }
+    assert_eq!(endpoint.seen().len(), ALL);
 }
 
 #[tokio::test]

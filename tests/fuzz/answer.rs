@@ -85,9 +85,9 @@ fn config(task: TaskName, control: Control, reader: AnswerReader) -> Config {
 /// What the rules say of every answer.
 fn check(text: &str, config: &Config, agent: AgentId) -> Answer {
     let answer = answer::parse(text, config, agent);
-    let Answer { act, valid } = &answer;
-    assert_eq!(*valid, act.action.is_some() || act.message.is_some());
-    assert!(*valid || *act == Act::default(), "an invalid answer does nothing");
+    let (act, valid) = (&answer.act, answer.is_valid());
+    assert_eq!(valid, act.action.is_some() || act.message.is_some());
+    assert!(valid || *act == Act::default(), "an invalid answer does nothing");
     assert!(act.action.is_none_or(|action| Action::of_task(config.task()).contains(&action)));
     if let Some(message) = &act.message {
         let chars = message.as_str().chars().count();
@@ -133,15 +133,15 @@ fn answers_are_read_by_the_rules() {
 
             // The last marker of a kind counts, whatever came before.
             let last = check(&format!("{text}\nACTION: DOWN\nMSG: \"so be it\""), config, agent);
-            assert!(last.valid);
+            assert!(last.is_valid());
             assert_eq!(last.act.action, Some(Action::Down));
             assert_eq!(last.act.message, Message::new("so be it"));
             assert!(read.act.to.is_none() || last.act.to == read.act.to);
-            assert!(!check(&format!("{text}\nACTION: nothing\nMSG:"), config, agent).valid);
+            assert!(!check(&format!("{text}\nACTION: nothing\nMSG:"), config, agent).is_valid());
 
             // Who answers matters for the receiver alone.
             let other = check(&text, config, AgentId(6));
-            assert_eq!((other.valid, other.act.action), (lower.valid, lower.act.action));
+            assert_eq!((other.is_valid(), other.act.action), (lower.is_valid(), lower.act.action));
         },
     );
 }

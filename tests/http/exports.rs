@@ -219,7 +219,10 @@ fn check_act(config: &Value, states: &[Value], row: &Value, seen: &Value, act: &
         "model",
         "holder",
     ];
-    assert_eq!(keys(row), sorted(names));
+    let is_prose = act["response"].as_str().is_some_and(|text| !text.contains("ACTION: "));
+    assert_eq!(row.get("failure"), is_prose.then(|| json!("no_marker")).as_ref());
+    let told = keys(row).into_iter().filter(|key| *key != "failure");
+    assert_eq!(told.collect::<Vec<_>>(), sorted(names));
     assert_eq!((&row["model"], &row["holder"]), (&config["model"], &json!(0)));
     assert_eq!((&row["round"], &row["agent_id"]), (&seen["round"], &seen["agent"]));
     // The prompt is the very text that the server gave to the player.
@@ -275,6 +278,11 @@ async fn an_export_holds_what_players_and_spectators_were_shown() {
     let answer = app.get("/api/v1/exports/dataset.zip").send().await;
     assert_eq!((answer.status, answer.header("content-type")), (200, "application/zip"));
     assert_eq!(answer.header("content-disposition"), "attachment; filename=\"dataset.zip\"");
+    assert_eq!(answer.header("vary"), "accept");
+    let bytes = app.get("/api/v1/exports/dataset.zip").header("accept", "application/octet-stream");
+    let bytes = bytes.send().await;
+    assert_eq!(bytes.header("content-type"), "application/octet-stream");
+    assert_eq!(unpack(&bytes.body), unpack(&answer.body));
     let files = unpack(&answer.body);
     assert_eq!(files.len(), 1 + 2 * all.len());
     assert_eq!(keys(&files["meta_log.json"]).len(), all.len());

@@ -18,6 +18,19 @@ async fn the_document_is_the_committed_one() {
     assert_eq!(served, serde_json::from_str::<Value>(committed).expect("JSON"));
 }
 
+#[test]
+fn no_field_of_a_schema_has_a_default_but_its_description_says_it() {
+    let document: Value =
+        serde_json::from_str(&swarmbench::http::openapi::document()).expect("JSON");
+    let schemas = document["components"]["schemas"].as_object().expect("schemas");
+    let fields = schemas.values().filter_map(|schema| schema["properties"].as_object()).flatten();
+    for (name, field) in fields {
+        assert!(field.get("default").is_none(), "{name}");
+    }
+    let width = &schemas["EpisodeRequest"]["properties"]["width"]["description"];
+    assert_eq!(width, "Columns of the map. `10` where it is left out.");
+}
+
 /// Every operation of the document: its method, its path and what is said of it.
 fn operations() -> Vec<(Method, String, Value)> {
     let document: Value =

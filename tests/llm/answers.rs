@@ -147,7 +147,23 @@ async fn what_a_model_does_wrong_is_an_answer() {
         (json!({ "content": "" }), "stop", "", Failure::Empty, None),
         (json!({ "content": " \n" }), "stop", " \n", Failure::Empty, None),
         (json!({ "content": [] }), "stop", "", Failure::Empty, None),
-        (json!({}), "tool_calls", "", Failure::Empty, None),
+        (json!({}), "tool_calls", "", Failure::ToolCall, None),
+        (json!({ "tool_calls": [{ "id": "1" }] }), "stop", "", Failure::ToolCall, None),
+        (json!({ "content": null, "function_call": {} }), "stop", "", Failure::ToolCall, None),
+        (
+            json!({ "content": "", "reasoning_content": "So\nACTION: UP" }),
+            "stop",
+            "",
+            Failure::ReasoningOnly,
+            Some("So\nACTION: UP"),
+        ),
+        (
+            json!({ "content": "<think>up?</think>\n" }),
+            "stop",
+            "<think>up?</think>\n",
+            Failure::ReasoningOnly,
+            None,
+        ),
         (json!({ "content": "ACTION: L" }), "length", "ACTION: L", Failure::Truncated, None),
         (
             json!({ "content": null, "reasoning": "Hm, I" }),
@@ -208,7 +224,7 @@ async fn a_question_at_which_a_filter_takes_offence_is_an_answer() {
         let answer = model.answer(&question(0, 0)).await.expect("an answer");
         assert_eq!((answer.failure, answer.response.as_str()), (Some(Failure::ContentFilter), ""));
         assert_eq!(answer.reasoning.as_deref(), Some("[content filter] It is bad."));
-        assert_eq!(model.spent().failures.filtered, 1);
+        assert_eq!(model.spent().failures.of(Failure::ContentFilter), 1);
     }
 }
 
@@ -251,7 +267,7 @@ async fn long_answers_are_cut_to_what_an_act_may_have() {
     );
     let config = Config::check(&Settings::standard(TaskName::Transport, 27)).expect("settings");
     let act = answer::parse(&answer.response, &config, AgentId(0));
-    assert_eq!((act.valid, act.act.action), (true, Some(Action::Down)));
+    assert_eq!((act.is_valid(), act.act.action), (true, Some(Action::Down)));
     let request = ActRequest {
         response: Some(answer.response),
         reasoning: answer.reasoning,
@@ -265,11 +281,15 @@ async fn long_answers_are_cut_to_what_an_act_may_have() {
 fn a_cut_makes_no_marker_of_what_was_none() {
     let config = Config::check(&Settings::standard(TaskName::Transport, 27)).expect("settings");
     let text = format!("{}ACTION: UP", "I think of ".repeat(100));
-    assert!(!answer::parse(&text, &config, AgentId(0)).valid);
+    assert!(!answer::parse(&text, &config, AgentId(0)).is_valid());
     for most in 0..200 {
         let mut answer = Answer { response: text.clone(), ..Answer::default() };
         answer.shorten(most, 0);
-        assert!(!answer::parse(&answer.response, &config, AgentId(0)).valid, "{}", answer.response);
+        assert!(
+            !answer::parse(&answer.response, &config, AgentId(0)).is_valid(),
+            "{}",
+            answer.response
+        );
         assert!(answer.response.len() <= most.max(60), "{most}: {}", answer.response);
     }
     let whole = Answer {

@@ -92,13 +92,13 @@ async fn errors_of_anthropic_are_told_apart() {
     assert_eq!((answer.response.as_str(), answer.retries), ("ACTION: UP", 2));
     let troubles = model.spent().troubles;
     assert_eq!((troubles.load, troubles.unreadable), (1, 1));
-    for (reply, words) in [
-        (error(401, "authentication_error", "invalid x-api-key"), "asks for a good key (401)"),
-        (error(404, "not_found_error", "model: swarm-1"), "/v1/models lists the models"),
-        (error(400, "invalid_request_error", "Your credit balance is too low"), "no credit left"),
-        (error(400, "invalid_request_error", "temperature: too large"), "another --temperature"),
+    for (status, kind, said, words) in [
+        (401, "authentication_error", "invalid x-api-key", "asks for a good key (401)"),
+        (404, "not_found_error", "model: swarm-1", "/v1/models lists the models"),
+        (400, "invalid_request_error", "Your credit balance is too low", "no credit left"),
+        (400, "invalid_request_error", "temperature: too large", "another --temperature"),
     ] {
-        let endpoint = Endpoint::replies(vec![reply]).await;
+        let endpoint = Endpoint::start(move |_, _| error(status, kind, said)).await;
         let stop = stop_of(&anthropic(&endpoint).model()).await.to_string();
         assert!(stop.contains(words), "{stop}");
     }
@@ -166,7 +166,7 @@ async fn an_endpoint_that_only_streams_is_named_after_one_question() {
     }
     // A further field of the user's is another matter.
     let words = "stream_options is only allowed when stream is true";
-    let endpoint = Endpoint::replies(vec![Reply::error(400, words)]).await;
+    let endpoint = Endpoint::start(move |_, _| Reply::error(400, words)).await;
     let stop = stop_of(&Bench::new(&endpoint).model()).await;
     assert!(matches!(stop, Stop::BadRequest { .. }), "{stop:?}");
 }

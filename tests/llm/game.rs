@@ -45,7 +45,7 @@ async fn play(model: &Model, settings: &Settings) -> Result<(f64, usize, usize),
         let mut acts = Vec::new();
         for (agent, said) in agents.iter().zip(join_all(asked).await) {
             let read = answer::parse(&said?.response, &config, *agent);
-            *if read.valid { &mut valid } else { &mut invalid } += 1;
+            *if read.is_valid() { &mut valid } else { &mut invalid } += 1;
             acts.push(read.act);
         }
         world.step(&acts);

@@ -1,7 +1,7 @@
 //! What no retry helps against stops at once, with a sentence that does.
 
 use serde_json::json;
-use swarmbench_client::llm::{ApiKey, Stop};
+use swarmbench_client::llm::{ApiKey, Failure, Stop};
 
 use crate::endpoint::{Endpoint, Reply};
 use crate::time::Leaps;
@@ -115,37 +115,6 @@ async fn other_refusals_say_what_to_do() {
             &["405", "Method Not Allowed"],
         ),
         (
-            Reply::error(
-                400,
-                "Unsupported parameter: 'max_tokens'. Use 'max_completion_tokens' instead.",
-            ),
-            |stop| matches!(stop, Stop::BadRequest { .. }),
-            &["leave --max-tokens out and say --extra", "Unsupported parameter"],
-        ),
-        (
-            Reply::error(400, "'temperature' does not support 0.5 with this model."),
-            |stop| matches!(stop, Stop::BadRequest { .. }),
-            &["say another --temperature, or leave it out", "does not support 0.5"],
-        ),
-        (
-            Reply::json(
-                400,
-                &json!([{ "error": { "code": 400, "message": "no", "status": "INVALID" } }]),
-            ),
-            |stop| matches!(stop, Stop::BadRequest { .. }),
-            &["(400). It said: no"],
-        ),
-        (
-            Reply::json(422, &json!({ "detail": [{ "loc": ["body"], "msg": "extra" }] })),
-            |stop| matches!(stop, Stop::BadRequest { status: 422, .. }),
-            &["422", "extra"],
-        ),
-        (
-            Reply::json(400, &json!({ "error": "prompt is longer than the context" })),
-            |stop| matches!(stop, Stop::BadRequest { .. }),
-            &["the prompt is too long", "longer than the context"],
-        ),
-        (
             Reply::json(200, &json!({ "error": { "message": "key?", "code": 401 } })),
             |stop| matches!(stop, Stop::WrongKey { .. }),
             &["key?"],
@@ -156,6 +125,89 @@ async fn other_refusals_say_what_to_do() {
         assert!(is_it(&stop), "{stop:?}");
         assert_says(&stop, words);
     }
+}
+
+/// An endpoint that takes no question: it is asked one, and a probe, and then never again.
+#[tokio::test]
+async fn what_no_question_is_taken_for_says_what_to_change() {
+    let cases: [(u16, serde_json::Value, &[&str]); 5] = [
+        (
+            400,
+            json!({ "error": { "message": "Unsupported parameter: 'max_tokens'. Use 'max_completion_tokens' instead." } }),
+            &["leave --max-tokens out and say --extra", "Unsupported parameter"],
+        ),
+        (
+            400,
+            json!({ "error": { "message": "'temperature' does not support 0.5 with this model." } }),
+            &["say another --temperature, or leave it out", "does not support 0.5"],
+        ),
+        (
+            400,
+            json!([{ "error": { "code": 400, "message": "no", "status": "INVALID" } }]),
+            &["(400). It said: no"],
+        ),
+        (422, json!({ "detail": [{ "loc": ["body"], "msg": "extra" }] }), &["422", "extra"]),
+        (
+            400,
+            json!({ "error": "prompt is longer than the context" }),
+            &["the prompt is too long", "longer than the context"],
+        ),
+    ];
+    for (status, body, words) in cases {
+        let endpoint = Endpoint::start(move |_, _| Reply::json(status, &body)).await;
+        let bench = Bench::new(&endpoint);
+        let model = bench.model();
+        let stop = stop_of(&model).await;
+        assert!(
+            matches!(stop, Stop::BadRequest { status: said, .. } if said == status),
+            "{stop:?}"
+        );
+        assert_says(&stop, words);
+        assert_eq!(stop_of(&model).await, stop, "it says the same to all");
+        assert_eq!(endpoint.seen().len(), 2, "the question and a probe");
+        assert_eq!(bench.clock.pauses(), []);
+    }
+}
+
+/// A prompt that is longer than the context is rejected for ever, and must not block a run.
+#[tokio::test]
+async fn one_question_that_is_rejected_twice_costs_the_model_its_move() {
+    for status in [400, 413, 422] {
+        let is_poison = |prompt: &str| prompt == question(0, 1).prompt;
+        let endpoint = Endpoint::start(move |_, seen| {
+            if is_poison(seen.prompt()) {
+                Reply::error(status, "too long")
+            } else {
+                Reply::says("ACTION: UP")
+            }
+        })
+        .await;
+        let model = Bench::new(&endpoint).model();
+        for (asked, requests) in [(question(0, 1), 3), (question(0, 2), 4), (question(0, 1), 7)] {
+            let answer = model.answer(&asked).await.expect("an answer");
+            let is_rejected = is_poison(&asked.prompt);
+            assert_eq!(answer.failure, is_rejected.then_some(Failure::Rejected), "{status}");
+            let reasoning = is_rejected.then_some("[rejected] too long");
+            assert_eq!(answer.reasoning.as_deref(), reasoning);
+            assert_eq!(
+                endpoint.seen().len(),
+                requests,
+                "the question, a probe, the question again"
+            );
+        }
+        let spent = model.spent();
+        assert_eq!((spent.answers, spent.failures.of(Failure::Rejected)), (3, 2));
+        assert_eq!(spent.prompt_tokens, 30, "those of two probes and an answer");
+    }
+}
+
+/// What is rejected once and then taken is an answer like any other.
+#[tokio::test]
+async fn a_question_that_is_taken_the_second_time_loses_nothing() {
+    let replies = vec![Reply::error(400, "odd"), Reply::says("OK"), Reply::says("ACTION: UP")];
+    let endpoint = Endpoint::replies(replies).await;
+    let answer = Bench::new(&endpoint).model().answer(&question(0, 0)).await.expect("an answer");
+    assert_eq!((answer.failure, answer.response.as_str()), (None, "ACTION: UP"));
 }
 
 #[tokio::test]

@@ -26,6 +26,7 @@ use swarmbench_engine::{
 use swarmbench_journal::record::{Decision, Usage};
 use swarmbench_players::default_for;
 use swarmbench_players::game::play;
+use swarmbench_protocol::failure::Failure;
 
 use crate::dice::Dice;
 use crate::executor::pause;
@@ -234,8 +235,10 @@ pub(crate) fn act(dice: &mut Dice, config: &Config, agent: AgentId, round: u32) 
     let message = (dice.below(3) == 0).then(|| Message::new("the block is to the left")).flatten();
     let mut sent = if let Some(response) = response {
         let read = answer::parse(&response, config, agent);
+        let (valid, fault) = (read.is_valid(), read.fault);
         let mut sent = submission(round, read.act);
-        sent.decision.valid = read.valid;
+        sent.decision.valid = valid;
+        sent.decision.failure = fault.map(|fault| Failure::of(None, fault));
         sent.decision.response = Some(response);
         sent
     } else {

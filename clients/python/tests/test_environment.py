@@ -353,7 +353,8 @@ def test_wrong_settings_are_told(make: Make) -> None:
 def test_it_starts_and_stops_a_server_of_its_own() -> None:
     env = parallel_env("Foraging", num_agents=2, max_round=3)
     env.reset(seed=1)
-    own = env._own_server
+    assert env._resources is not None
+    own = env._resources._own_server
     assert own is not None
     assert own.is_running
     env.step({"Agent_0": 0, "Agent_1": 1})

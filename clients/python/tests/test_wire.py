@@ -104,6 +104,10 @@ def test_a_query_has_the_parameters_of_the_document(path: str) -> None:
     assert fields(QUERIES[path]).keys() == parameters - {"format"}
 
 
+def test_failures_are_those_of_the_server() -> None:
+    assert list(get_args(wire.Failure)) == SCHEMAS["Failure"]["enum"]
+
+
 def test_names_of_states_are_those_of_the_server() -> None:
     assert list(get_args(wire.StatusName)) == SCHEMAS["StatusName"]["enum"]
 

@@ -28,6 +28,7 @@ use jiff::Timestamp;
 use sha2::{Digest, Sha256};
 use swarmbench_engine::{Seed, TaskName};
 use swarmbench_prompt::Identity;
+use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::suite::{Game as Planned, Suite};
 
 /// Who answers for a run: the holder of a key, or an entrant of a competition.
@@ -175,6 +176,8 @@ pub struct Game {
     pub answers: u64,
     /// Invalid answers.
     pub invalid: u64,
+    /// Why they were invalid. Games of earlier versions do not tell it.
+    pub failures: Failures,
     /// Moves that timed out.
     pub timeouts: u64,
     /// Whether it was voided, so that it does not count.

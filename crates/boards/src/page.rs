@@ -4,6 +4,7 @@ use swarmbench_engine::TaskName;
 use swarmbench_protocol::board::{
     BoardRow, CrossPlay, CrossPlayPair, Leaderboard, RowDifference, TaskScore,
 };
+use swarmbench_protocol::failure::Failures;
 
 use super::collection::Ranked;
 use super::cross_play::Pair;
@@ -82,6 +83,10 @@ fn row(ranked: &Ranked, place: usize) -> BoardRow {
                 |count: fn(&TaskResult) -> u64| of.iter().map(|task| count(task)).sum::<u64>();
             let answers = sum(|task| task.answers);
             let timeouts = sum(|task| task.timeouts);
+            let mut failures = Failures::EMPTY;
+            for task in &of {
+                failures.add(task.failures);
+            }
             let run = &shown.run;
             BoardRow {
                 rank,
@@ -104,6 +109,7 @@ fn row(ranked: &Ranked, place: usize) -> BoardRow {
                 tasks: of.iter().map(|task| (task.task.name().to_owned(), score(task))).collect(),
                 difference,
                 invalid_share: share(sum(|task| task.invalid), answers),
+                failures,
                 timeout_share: share(timeouts, answers + timeouts),
                 clock_out_share: share(timeouts, answers + timeouts),
                 voided: Some(of.iter().map(|task| task.voided).sum()),

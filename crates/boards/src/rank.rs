@@ -277,6 +277,7 @@ pub(super) mod tests {
     use super::*;
     use swarmbench_engine::Seed;
     use swarmbench_prompt::Identity;
+    use swarmbench_protocol::failure::Failures;
 
     pub(in super::super) fn player(model: &str) -> Player {
         Player {
@@ -312,6 +313,7 @@ pub(super) mod tests {
             score,
             answers: 10,
             invalid: 1,
+            failures: Failures::EMPTY,
             timeouts: 2,
             voided: false,
         }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 pub use swarmbench_analysis::statistics::mean_and_deviation;
 pub(super) use swarmbench_analysis::statistics::{float, mean};
 use swarmbench_engine::{Seed, TaskName};
+use swarmbench_protocol::failure::Failures;
 
 use super::{Game, Player, RowId, Run, Slot};
 
@@ -67,6 +68,8 @@ pub struct TaskResult {
     pub answers: u64,
     /// The invalid ones among them.
     pub invalid: u64,
+    /// Why they were invalid.
+    pub failures: Failures,
     /// Moves that timed out.
     pub timeouts: u64,
 }
@@ -151,6 +154,7 @@ impl TaskResult {
             voided: 0,
             answers: 0,
             invalid: 0,
+            failures: Failures::EMPTY,
             timeouts: 0,
         }
     }
@@ -172,6 +176,7 @@ impl TaskResult {
                 self.games += 1;
                 self.answers += game.answers;
                 self.invalid += game.invalid;
+                self.failures.add(game.failures);
                 self.timeouts += game.timeouts;
                 self.scores.push((seed, game.score));
             }
@@ -202,6 +207,7 @@ impl TaskResult {
             all.voided += one.voided;
             all.answers += one.answers;
             all.invalid += one.invalid;
+            all.failures.add(one.failures);
             all.timeouts += one.timeouts;
             for &(seed, score) in &one.scores {
                 seeds.entry(seed).or_default().push(score);

@@ -74,6 +74,8 @@ pub enum Note<'a> {
     Looked(&'a [Observation]),
     /// An act is durable.
     Acted(&'a SwarmAct, &'a Receipt),
+    /// An act came when its round was over: it was decided for nothing.
+    Late(&'a SwarmAct),
 }
 
 /// Why playing ended before everything was played.
@@ -281,7 +283,7 @@ impl<'a, E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'a, E, N> {
             };
             match Refusal::of(&problem) {
                 // A clock may have run out, or somebody aborted the episode.
-                Refusal::TooLate => {}
+                Refusal::TooLate => (self.note)(Note::Late(&act)),
                 Refusal::JournalFull if fit(&mut act, usize::MAX) > SMALL_ACT_BYTES_MAX => {
                     fit(&mut act, SMALL_ACT_BYTES_MAX);
                     again.push(act);

@@ -17,8 +17,38 @@ use crate::names::{AnswerReader, Control, TaskName};
 pub struct Answer {
     /// What the agent does; nothing at all where the answer is invalid.
     pub act: Act,
-    /// Whether the answer names an action, or is only a message.
-    pub valid: bool,
+    /// Why it does not count; none where it names an action, or is only a message.
+    pub fault: Option<Fault>,
+}
+
+impl Answer {
+    /// Whether it counts.
+    #[must_use]
+    pub const fn is_valid(&self) -> bool {
+        self.fault.is_none()
+    }
+}
+
+/// Why an answer is invalid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// It is empty or white space.
+    Empty,
+    /// It has no `ACTION:` and no `MSG:` with a message.
+    NoMarker,
+    /// It has an `ACTION:`, and what follows is no action of the task.
+    UnknownAction,
+}
+
+impl Fault {
+    /// What is wrong with an invalid text.
+    fn of(text: &str, has_action: bool) -> Self {
+        match has_action {
+            true => Self::UnknownAction,
+            false if text.trim().is_empty() => Self::Empty,
+            false => Self::NoMarker,
+        }
+    }
 }
 
 /// Reads the answer of `agent` to a prompt. Takes time proportional to the length of the text.
@@ -29,13 +59,13 @@ pub fn parse(text: &str, config: &Config, agent: AgentId) -> Answer {
         AnswerReader::FirstMarker => first_markers(text, config),
     };
     if !read.valid {
-        return Answer { act: Act::default(), valid: false };
+        return Answer { act: Act::default(), fault: Some(Fault::of(text, read.names_action)) };
     }
     let commands = config.control() == Control::Centralized && agent == AgentId::COMMANDER;
     let to = (read.to.filter(|_| commands))
         .and_then(receiver)
         .filter(|to| *to != agent && to.0 < config.num_agents());
-    Answer { act: Act { action: read.action, message: read.message, to }, valid: true }
+    Answer { act: Act { action: read.action, message: read.message, to }, fault: None }
 }
 
 /// What a reader finds in a text.
@@ -44,6 +74,8 @@ struct Read<'a> {
     message: Option<Message>,
     /// The value of `TO`.
     to: Option<&'a str>,
+    /// It has a marker `ACTION:`, whatever follows.
+    names_action: bool,
     valid: bool,
 }
 
@@ -58,19 +90,21 @@ fn last_markers<'a>(text: &'a str, config: &Config) -> Read<'a> {
         words(marker.value).any(|word| word.eq_ignore_ascii_case("MSG")) || marker.announces_message
     });
     let valid = action.is_some() || (is_only_message && message.is_some());
-    Read { action, message, to: last(Kind::To).map(|marker| marker.value), valid }
+    let to = last(Kind::To).map(|marker| marker.value);
+    Read { action, message, to, names_action: said.is_some(), valid }
 }
 
 /// Reads as the public toolkit does: a marker is found wherever its letters stand, in three spellings, and a later
 /// spelling overrides an earlier one. An action is found by its letters, too.
 fn first_markers<'a>(text: &'a str, config: &Config) -> Read<'a> {
     let actions = Action::of_task(config.task());
-    let action = (values(text, ["ACTION:", "Action:", "action:"]).rev())
+    let said = || values(text, ["ACTION:", "Action:", "action:"]);
+    let action = (said().rev())
         .find_map(|value| actions.iter().copied().find(|action| value.contains(action.name())));
     let message = values(text, ["MSG:", "Msg:", "msg:"]).next_back().and_then(Message::new);
     let to = values(text, ["TO:", "To:", "to:"]).next_back();
     let valid = action.is_some() || message.is_some();
-    Read { action, message, to, valid }
+    Read { action, message, to, names_action: said().next().is_some(), valid }
 }
 
 /// The values behind the first places of these markers, each up to the end of its line.

@@ -13,7 +13,7 @@ type Row = (&'static str, &'static str);
 /// `invalid`.
 fn shown(answer: &Answer) -> String {
     let act = &answer.act;
-    if !answer.valid {
+    if !answer.is_valid() {
         assert_eq!((&act.action, &act.message, &act.to), (&None, &None, &None), "{answer:?}");
         return "invalid".to_owned();
     }
@@ -372,7 +372,7 @@ fn long_answers_are_read_in_linear_time() {
         for part in parts {
             let text = format!("{start}{}\nACTION: SWITCH", part.repeat(200_000 / part.len()));
             let answer = answer::parse(&text, &config, AgentId::COMMANDER);
-            assert!(answer.valid, "{start:?}, {part:?}");
+            assert!(answer.is_valid(), "{start:?}, {part:?}");
             // The first marker may be one without a value.
             let _ = answer::parse(&text, &first, AgentId::COMMANDER);
         }
@@ -393,7 +393,7 @@ proptest! {
         for config in [config(task, control), first_marker(task, control)] {
             let answer = answer::parse(&text, &config, AgentId(agent));
             let act = &answer.act;
-            prop_assert_eq!(answer.valid, act.action.is_some() || act.message.is_some());
+            prop_assert_eq!(answer.is_valid(), act.action.is_some() || act.message.is_some());
             if let Some(message) = &act.message {
                 let text = message.as_str();
                 prop_assert!(!text.trim().is_empty() && text.chars().count() <= 123);

@@ -12,6 +12,7 @@ use swarmbench_engine::{Act, Action, AgentId, Config, Message, Seed, SettingErro
 
 use super::chain::Head;
 pub use swarmbench_protocol::act::Usage;
+use swarmbench_protocol::failure::Failure;
 
 /// The version of this format.
 pub const FORMAT: u32 = 1;
@@ -290,6 +291,9 @@ pub struct ActRecord {
     pub to: Option<String>,
     /// False for an invalid answer of a language model.
     pub valid: bool,
+    /// Why the answer is invalid. Journals of earlier versions do not tell it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failure: Option<Failure>,
     /// The language model's answer, where it gave one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub response: Option<String>,
@@ -318,6 +322,8 @@ pub struct Decision {
     pub act: Act,
     /// False for an invalid answer of a language model.
     pub valid: bool,
+    /// Why the answer is invalid. Journals of earlier versions do not tell it.
+    pub failure: Option<Failure>,
     /// The language model's answer, where it gave one.
     pub response: Option<String>,
     /// What the answer cost.
@@ -331,7 +337,15 @@ impl Decision {
     #[must_use]
     pub const fn of_player(act: Act) -> Self {
         let source = Source::Player;
-        Self { source, act, valid: true, response: None, usage: None, reasoning: None }
+        Self {
+            source,
+            act,
+            valid: true,
+            failure: None,
+            response: None,
+            usage: None,
+            reasoning: None,
+        }
     }
 
     /// The decision of a seat whose clock expired.
@@ -343,7 +357,7 @@ impl Decision {
     /// Its record.
     #[must_use]
     pub fn record(&self, agent: AgentId, bank_spent_ms: u64) -> ActRecord {
-        let Self { source, act, valid, response, usage, reasoning } = self.clone();
+        let Self { source, act, valid, failure, response, usage, reasoning } = self.clone();
         ActRecord {
             agent: agent.to_string(),
             source,
@@ -351,6 +365,7 @@ impl Decision {
             message: act.message.map(|message| message.to_string()),
             to: act.to.map(|to| to.to_string()),
             valid,
+            failure,
             response,
             usage,
             reasoning,
@@ -391,8 +406,8 @@ impl ActRecord {
     #[must_use]
     pub fn decision(self, config: &Config) -> Option<Decision> {
         let act = self.act(config)?;
-        let Self { source, valid, response, usage, reasoning, .. } = self;
-        Some(Decision { source, act, valid, response, usage, reasoning })
+        let Self { source, valid, failure, response, usage, reasoning, .. } = self;
+        Some(Decision { source, act, valid, failure, response, usage, reasoning })
     }
 }
 
@@ -505,6 +520,7 @@ mod tests {
                 message: Some("a \"quoted\" – [] line".to_owned()),
                 to: None,
                 valid: true,
+                failure: None,
                 response: Some("x\nACTION: UP".to_owned()),
                 usage: Some(Usage { prompt_tokens: Some(3), ..Usage::default() }),
                 reasoning: None,

@@ -13,6 +13,7 @@ use swarmbench_engine::{Act, AgentId, Config, RULES_REVISION, World, answer};
 use super::chain::Head;
 use super::record::{ActRecord, End, FORMAT, Opening, RawRecord, Record, Round, Seats, Source};
 use crate::Tally;
+use swarmbench_protocol::failure::Failure;
 
 /// What is wrong with a journal.
 #[derive(Debug, thiserror::Error)]
@@ -470,10 +471,17 @@ fn checked_act(record: &ActRecord, config: &Config) -> Result<(AgentId, Act), St
     if record.source == Source::Clock && (act != Act::default() || !record.valid) {
         return Err(format!("the clock of {agent} ran out, and yet it did something"));
     }
+    if record.failure.is_some() && (record.valid || record.source == Source::Clock) {
+        return Err(format!("the act of {agent} counts, and yet it says why not"));
+    }
     if let Some(response) = record.response.as_ref().filter(|_| record.source == Source::Player) {
         let read = answer::parse(response, config, agent);
-        if read.act != act || read.valid != record.valid {
+        if read.act != act || read.is_valid() != record.valid {
             return Err(format!("the act of {agent} is not what its answer says"));
+        }
+        let failure = read.fault.map(|fault| Failure::of(record.failure, fault));
+        if record.failure.is_some() && record.failure != failure {
+            return Err(format!("the answer of {agent} is invalid for another reason"));
         }
     }
     Ok((agent, act))

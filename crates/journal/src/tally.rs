@@ -1,6 +1,7 @@
 //! Acts, counted.
 
 use super::record::{ActRecord, Source, Usage};
+use swarmbench_protocol::failure::{Failure, Failures};
 
 /// What the acts of an episode were, in numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -9,6 +10,8 @@ pub struct Tally {
     pub acts: u64,
     /// Of these, invalid answers of language models.
     pub invalid: u64,
+    /// Why they were invalid. Journals of earlier versions do not tell it, so these may be fewer.
+    pub failures: Failures,
     /// Acts that a clock decided.
     pub timeouts: u64,
     /// Tokens of prompts, as reported by players.
@@ -20,16 +23,25 @@ pub struct Tally {
 impl Tally {
     /// Counts one more act.
     pub fn add(&mut self, record: &ActRecord) {
-        self.count(record.source, record.valid, record.usage);
+        self.count(record.source, record.valid, record.failure, record.usage);
     }
 
-    /// Counts one more act by who decided it, whether it was valid, and what it cost.
-    pub fn count(&mut self, source: Source, valid: bool, usage: Option<Usage>) {
+    /// Counts one more act by who decided it, whether it was valid and why not, and what it cost.
+    pub fn count(
+        &mut self,
+        source: Source,
+        valid: bool,
+        failure: Option<Failure>,
+        usage: Option<Usage>,
+    ) {
         match source {
             Source::Clock => self.timeouts += 1,
             Source::Player => {
                 self.acts += 1;
                 self.invalid += u64::from(!valid);
+                if let Some(failure) = failure {
+                    self.failures.count(failure);
+                }
             }
         }
         let usage = usage.unwrap_or_default();

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::failure::Failure;
 use super::observation::Observation;
 use super::problem::Problem;
 
@@ -18,7 +19,7 @@ macro_rules! act {
             pub round: u32,
             /// What the agent does: one of the observation's `actions`.
             pub action: Option<String>,
-            /// What it says: one line, cut after 120 characters. With `action` only.
+            /// What it says: one line. Of a longer one than 120 characters 120 stay, and `...` follows. With `action` only.
             pub message: Option<String>,
             /// The only receiver of a commander's message (centralized control only). With `action` only.
             #[cfg_attr(feature = "openapi", schema(example = "Agent_7"))]
@@ -29,6 +30,9 @@ macro_rules! act {
             pub usage: Option<Usage>,
             /// Free text, stored for replays.
             pub reasoning: Option<String>,
+            /// Why the model gave no answer, where only its client knows: `refusal`, `content_filter`, `truncated`,
+            /// `tool_call`, `reasoning_only` or `rejected`. With `response` only; it is recorded if the response is invalid.
+            pub failure: Option<Failure>,
         }
     };
 }
@@ -54,15 +58,27 @@ impl SwarmAct {
     /// Whose act it is (episode and agent), and the act as for a single seat.
     #[must_use]
     pub fn split(self) -> (String, String, ActRequest) {
-        let Self { episode, agent, round, action, message, to, response, usage, reasoning } = self;
-        (episode, agent, ActRequest { round, action, message, to, response, usage, reasoning })
+        let Self {
+            episode,
+            agent,
+            round,
+            action,
+            message,
+            to,
+            response,
+            usage,
+            reasoning,
+            failure,
+        } = self;
+        let act = ActRequest { round, action, message, to, response, usage, reasoning, failure };
+        (episode, agent, act)
     }
 
     /// An act of one seat among several.
     #[must_use]
     pub fn of(episode: String, agent: String, act: ActRequest) -> Self {
-        let ActRequest { round, action, message, to, response, usage, reasoning } = act;
-        Self { episode, agent, round, action, message, to, response, usage, reasoning }
+        let ActRequest { round, action, message, to, response, usage, reasoning, failure } = act;
+        Self { episode, agent, round, action, message, to, response, usage, reasoning, failure }
     }
 }
 
@@ -105,6 +121,9 @@ pub struct Receipt {
     pub message: Option<String>,
     /// False for an invalid answer of a language model: the agent does nothing this round.
     pub valid: bool,
+    /// Why the answer is invalid; left out where it is valid.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failure: Option<Failure>,
     /// Whether the same act had been sent before.
     pub duplicate: bool,
     /// How many seats the round waited for after this act.

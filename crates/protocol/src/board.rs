@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
+use super::failure::Failures;
 use super::metrics::MetricsMethod;
 use super::table::{Table, maybe, names, text};
 use crate::time::Timestamp;
@@ -111,6 +112,10 @@ pub struct BoardRow {
     pub difference: Option<RowDifference>,
     /// The share of invalid answers among all answers of players; null without answers.
     pub invalid_share: Option<f64>,
+    /// How many answers were invalid, by the reason. Games of earlier versions do not tell it.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", schema(value_type = BTreeMap<String, u64>))]
+    pub failures: Failures,
     /// The share of moves that timed out; null without moves.
     #[serde(default)]
     pub timeout_share: Option<f64>,
@@ -182,7 +187,8 @@ impl Table for Leaderboard {
         let metrics = self.tasks.iter().flat_map(|task| {
             self.metrics.iter().map(move |metric| format!("{}_{metric}", task.to_lowercase()))
         });
-        columns.chain(self.tasks.iter().flat_map(task)).chain(last).chain(metrics).collect()
+        let columns = columns.chain(self.tasks.iter().flat_map(task)).chain(last);
+        columns.chain(Failures::columns()).chain(metrics).collect()
     }
 
     fn record(&self, _: &[String], row: &BoardRow) -> Vec<String> {
@@ -234,6 +240,9 @@ impl Table for Leaderboard {
             maybe(row.prompt.as_deref().map(text)),
             maybe(row.answer_reader.as_deref().map(text)),
         ]);
+        // Nobody knows it of rows whose answers were not counted.
+        let is_known = row.invalid_share.is_some();
+        cells.extend(row.failures.cells().map(|cell| if is_known { cell } else { String::new() }));
         for task in &self.tasks {
             let of = row.metrics.get(task);
             cells.extend(

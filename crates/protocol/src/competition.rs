@@ -7,6 +7,7 @@ use serde_json::{Map, Value};
 
 use super::Seconds;
 use crate::board::RowDifference;
+use crate::failure::Failures;
 use crate::game_settings;
 use crate::metrics::MetricsMethod;
 use crate::time::Timestamp;
@@ -431,6 +432,10 @@ pub struct CompetitionRow {
     pub difference: Option<RowDifference>,
     /// The share of invalid answers.
     pub invalid_share: f64,
+    /// How many answers were invalid, by the reason; empty while seeds are sealed. Games of earlier versions do not tell it.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", schema(value_type = BTreeMap<String, u64>))]
+    pub failures: Failures,
     /// The share of moves that timed out.
     #[serde(default)]
     pub timeout_share: f64,

@@ -25,6 +25,7 @@ pub mod claim;
 pub mod clock;
 pub mod competition;
 pub mod episode;
+pub mod failure;
 pub mod import;
 pub mod key;
 pub mod loopback;

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::act::Usage;
+use crate::failure::Failure;
 use crate::observation::Sight;
 use crate::time::Timestamp;
 
@@ -257,6 +258,8 @@ pub struct ShownAct {
     pub to: Option<String>,
     /// False for an invalid answer of a language model. An imported game does not tell it.
     pub valid: Option<bool>,
+    /// Why the answer was invalid. Games of earlier versions do not tell it.
+    pub failure: Option<Failure>,
     /// The language model's answer.
     pub response: Option<String>,
     /// What the player said about its reasons.

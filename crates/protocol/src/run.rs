@@ -6,6 +6,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 
 use super::Seconds;
+use super::failure::Failures;
 use super::problem::Limit;
 use super::suite::Suite;
 use crate::game_settings;
@@ -282,6 +283,10 @@ pub struct ActTally {
     pub invalid: u64,
     /// The share of invalid answers in all acts that were sent; null before the first act.
     pub invalid_share: Option<f64>,
+    /// Why they were invalid, by kind. Games of earlier versions do not tell it, so these may be fewer than `invalid`.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", schema(value_type = std::collections::BTreeMap<String, u64>))]
+    pub failures: Failures,
     /// How often a clock expired.
     #[serde(default)]
     pub timeouts: u64,

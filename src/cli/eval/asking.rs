@@ -1,16 +1,16 @@
 //! The options for requests to models.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::anyhow;
+use anyhow::{anyhow, ensure};
 use serde_json::{Map, Value};
 use tokio_util::sync::CancellationToken;
 
 use super::super::options::{KEY_VARIABLE, api_base, api_key};
-use swarmbench_client::eval::experiment::{Experiment, SystemMessage};
+use swarmbench_client::eval::experiment::{Experiment, Price, SystemMessage};
 use swarmbench_client::eval::plan::{MODELS_AT_ONCE_MAX, ModelPlan, Plan, REQUESTS_MAX, Who};
 use swarmbench_client::llm::{
     Allowance, Api, ApiKey, Cassette, Headers, Model, Sampling, Settings,
@@ -79,6 +79,19 @@ pub(super) struct Asking {
     /// The token budget of this call, prompts and answers: stop when it is spent. The same command resumes with a new one.
     #[arg(long, value_name = "TOKENS", value_parser = clap::value_parser!(u64).range(1..))]
     budget: Option<u64>,
+    #[arg(
+        long,
+        value_name = "SHARE",
+        value_parser = share,
+        help = "Stop a run when more than this share of a model's answers fails in one way: 0.5, or off [default: 0.5]"
+    )]
+    stop_share: Option<f64>,
+    #[arg(
+        long,
+        value_name = "IN,OUT",
+        help = "What a million tokens of prompts and of answers cost, such as 0.15,0.6: shown by --dry-run and on the board"
+    )]
+    price: Option<Price>,
     /// Seconds that one request may take.
     #[arg(long, value_name = "SECONDS", default_value_t = Settings::TIMEOUT.as_secs(), value_parser = clap::value_parser!(u64).range(1..))]
     timeout: u64,
@@ -106,10 +119,27 @@ fn header(text: &str) -> Result<(String, String), String> {
     Ok((name.trim().to_owned(), value.trim().to_owned()))
 }
 
+fn share(text: &str) -> Result<f64, String> {
+    if text == "off" {
+        return Ok(1.0);
+    }
+    let share = text.parse().ok().filter(|share| *share > 0.0 && *share <= 1.0);
+    share.ok_or_else(|| "a share is more than 0 and at most 1, such as 0.5; or off".to_owned())
+}
+
 impl Asking {
     /// Whether a recording alone answers.
     pub(super) fn is_replay(&self) -> bool {
         self.replay.is_some()
+    }
+
+    /// Whether a header is given twice; the last one would count.
+    pub(super) fn check(&self) -> anyhow::Result<()> {
+        let mut names = BTreeSet::new();
+        for (name, _) in &self.headers {
+            ensure!(names.insert(name.to_ascii_lowercase()), "--header {name}: it is given twice");
+        }
+        Ok(())
     }
 
     /// What was said on the command line.
@@ -125,6 +155,8 @@ impl Asking {
             requests: self.requests,
             models_at_once: self.models_at_once,
             budget: self.budget,
+            stop_share: self.stop_share,
+            price: self.price,
             ..Experiment::default()
         }
     }

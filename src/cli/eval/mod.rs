@@ -1,6 +1,7 @@
 //! `swarmbench eval`
 
 mod asking;
+mod estimate;
 mod hosting;
 mod progress;
 mod showing;
@@ -22,6 +23,7 @@ use showing::Showing;
 use swarmbench_client::client::{Client, ClientError};
 use swarmbench_client::eval::conduct::{Conductor, News};
 use swarmbench_client::eval::experiment::{Axes, Experiment, List, ModelEntry, Seeds};
+use swarmbench_client::eval::judge::STOP_SHARE;
 use swarmbench_client::eval::lanes::runs_at_once;
 use swarmbench_client::eval::plan::{Plan, Planned};
 use swarmbench_client::eval::report::{Played, Report};
@@ -65,7 +67,7 @@ const WAITING_EVERY: Duration = Duration::from_secs(10);
         The key of an endpoint comes from an environment variable, OPENAI_API_KEY or the one that --api-key-env names; it \
         is kept nowhere. Lists may be given with commas or by naming an option several times.\n\n\
         Exit codes: 0 all was played; 1 something has to be mended; 2 the command line; 3 it stopped and the same command \
-        resumes (a budget, an endpoint or a server that does not answer); 130 it was interrupted, the same.\n\n\
+        resumes (a budget, answers that mostly fail, an endpoint or a server that does not answer); 130 it was interrupted, the same.\n\n\
         docs/evaluate/eval.md says more, and examples/eval has the experiments of the paper."
 )]
 pub(super) struct Args {
@@ -81,7 +83,8 @@ pub(super) struct Args {
     hosting: Hosting,
     #[command(flatten, next_help_heading = "What is shown")]
     showing: Showing,
-    /// Dry run: show what would be played and the maximum number of model requests, and play nothing.
+    /// Dry run: show what would be played, the maximum number of model requests, and an estimate of their tokens and cost;
+    /// play nothing.
     #[arg(long)]
     dry_run: bool,
     /// Play again what was completed before.
@@ -211,6 +214,7 @@ fn read(file: &Path) -> anyhow::Result<Experiment> {
 }
 
 pub(super) async fn run(mut args: Args) -> anyhow::Result<ExitCode> {
+    args.asking.check()?;
     let (experiment, template) = args.experiment()?;
     let plan = Plan::of(&experiment, template.as_deref()).map_err(|wrong| match &args.file {
         Some(file) => anyhow!("{}:\n       {wrong}", file.display()),
@@ -218,7 +222,7 @@ pub(super) async fn run(mut args: Args) -> anyhow::Result<ExitCode> {
     })?;
     let plan = if args.asking.is_replay() { plan.replayed() } else { plan };
     if args.dry_run {
-        showing::dry_run(&plan);
+        showing::dry_run(&plan)?;
         return Ok(ExitCode::SUCCESS);
     }
     args.showing.check()?;
@@ -227,7 +231,9 @@ pub(super) async fn run(mut args: Args) -> anyhow::Result<ExitCode> {
     stop_when_asked(stop.clone(), models.clone());
     let (client, hosted) = args.hosting.open().await?;
     let parallel = experiment.parallel.unwrap_or(PARALLEL);
-    let conductor = Conductor { client: &client, parallel, again: args.again, stop: &stop };
+    let stop_share = experiment.stop_share.unwrap_or(STOP_SHARE);
+    let conductor =
+        Conductor { client: &client, parallel, again: args.again, stop: &stop, stop_share };
     let models_at_once = experiment.models_at_once.unwrap_or(MODELS_AT_ONCE);
     let models_at_once = usize::try_from(models_at_once).unwrap_or(usize::MAX);
     let ended = play(&conductor, &plan, &models, models_at_once, &args).await;
@@ -255,6 +261,9 @@ async fn play(
     };
     let failures = conductor.conduct_all(plan, models, models_at_once, watch).await;
     progress.finish();
+    for line in progress.in_vain() {
+        note!("{line}");
+    }
     let mut played: Vec<Played> = (last.into_iter())
         .map(|(number, run)| Played { planned: plan.runs[number].clone(), run, verified: false })
         .collect();

@@ -13,6 +13,7 @@ use swarmbench_client::eval::report::short;
 use swarmbench_client::llm::Model;
 use swarmbench_clock::{Clock, SystemClock, until};
 use swarmbench_protocol::act::{Receipt, SwarmAct};
+use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::observation::Sight;
 use swarmbench_protocol::run::{RunDetail, RunGame};
 
@@ -49,6 +50,12 @@ pub(super) struct Progress<'a> {
     of: usize,
     /// Whether several runs may be played at the same time.
     is_several: bool,
+    /// Why answers of this call did not count.
+    failures: Failures,
+    /// Tokens of prompts and answers of the acts of this call that count.
+    counted: [u64; 2],
+    /// Acts that came when their round was over.
+    late: u64,
 }
 
 /// A run that is being played.
@@ -80,7 +87,7 @@ struct Game {
     score: f64,
     prompt_tokens: u64,
     completion_tokens: u64,
-    invalid: u64,
+    failures: Failures,
     is_over: bool,
 }
 
@@ -105,6 +112,9 @@ impl<'a> Progress<'a> {
             runs: BTreeMap::new(),
             of: plan.runs.len(),
             is_several,
+            failures: Failures::EMPTY,
+            counted: [0; 2],
+            late: 0,
         }
     }
 
@@ -117,6 +127,7 @@ impl<'a> Progress<'a> {
                 }
             }
             News::Acted(act, receipt) => self.act(number, act, receipt),
+            News::Late(_) => self.late += 1,
             News::Polled(run) => self.stand(number, run),
             News::Ends(run) => self.end(number, run),
         }
@@ -214,7 +225,7 @@ impl<'a> Progress<'a> {
                 score: 0.0,
                 prompt_tokens: 0,
                 completion_tokens: 0,
-                invalid: 0,
+                failures: Failures::EMPTY,
                 is_over: false,
             }
         })
@@ -233,9 +244,16 @@ impl<'a> Progress<'a> {
     fn act(&mut self, number: usize, act: &SwarmAct, receipt: &Receipt) {
         let Some(game) = self.games.get_mut(&act.episode) else { return };
         let usage = act.usage.unwrap_or_default();
-        game.prompt_tokens += usage.prompt_tokens.unwrap_or(0);
-        game.completion_tokens += usage.completion_tokens.unwrap_or(0);
-        game.invalid += u64::from(!receipt.valid);
+        let tokens = [usage.prompt_tokens.unwrap_or(0), usage.completion_tokens.unwrap_or(0)];
+        game.prompt_tokens += tokens[0];
+        game.completion_tokens += tokens[1];
+        if !receipt.duplicate {
+            self.counted = [self.counted[0] + tokens[0], self.counted[1] + tokens[1]];
+        }
+        if let Some(failure) = receipt.failure {
+            game.failures.count(failure);
+            self.failures.count(failure);
+        }
         if receipt.waiting_for == 0 {
             game.tell();
             if let Some(run) = self.runs.get_mut(&number) {
@@ -287,6 +305,47 @@ impl<'a> Progress<'a> {
         self.tell();
     }
 
+    /// What this call asked for in vain: tokens whose act does not count, and requests that nobody knows the tokens of.
+    pub(super) fn in_vain(&self) -> Vec<String> {
+        let mut bought = [0_u64; 2];
+        let (mut time_outs, mut dropped) = (0, 0);
+        for spent in self.models.iter().flatten().map(Model::spent) {
+            let reported = [spent.prompt_tokens, spent.completion_tokens];
+            for (sum, (asked, replayed)) in
+                bought.iter_mut().zip(reported.into_iter().zip(spent.replayed_tokens))
+            {
+                *sum += asked + replayed;
+            }
+            time_outs += spent.troubles.time_outs;
+            dropped += spent.dropped;
+        }
+        let [tokens_in, tokens_out] =
+            [0, 1].map(|place| bought[place].saturating_sub(self.counted[place]));
+        let mut lines = Vec::new();
+        if tokens_in + tokens_out > 0 || self.late > 0 {
+            let late = match self.late {
+                0 => String::new(),
+                late => format!("; {late} answers came when their round was over"),
+            };
+            lines.push(format!(
+                "tokens of answers that no act was made of: {}+{}{late}",
+                short(tokens_in),
+                short(tokens_out)
+            ));
+        }
+        let unknown = [(time_outs, "timed out"), (dropped, "were not waited for")];
+        let unknown: Vec<_> = (unknown.iter().filter(|(count, _)| *count > 0))
+            .map(|(count, what)| format!("{count} {what}"))
+            .collect();
+        if !unknown.is_empty() {
+            lines.push(format!(
+                "requests that the endpoint may charge for, and that are asked again: {}",
+                unknown.join(", ")
+            ));
+        }
+        lines
+    }
+
     /// How all of it goes.
     fn tell(&mut self) {
         self.total.set_position(self.done());
@@ -315,23 +374,22 @@ impl<'a> Progress<'a> {
     fn pace(&self, now: Timestamp) -> String {
         let mut parts = Vec::new();
         let asked = self.models.iter().flatten().map(Model::spent);
-        let (mut tokens_in, mut tokens_out, mut flying, mut retries, mut failures) =
-            (0, 0, 0, 0, 0);
+        let (mut tokens_in, mut tokens_out, mut flying, mut retries) = (0, 0, 0, 0);
         for spent in asked {
             tokens_in += spent.prompt_tokens;
             tokens_out += spent.completion_tokens;
             flying += spent.in_flight;
             retries += spent.retries;
-            failures += spent.failures.total();
         }
         if self.models.iter().any(Option::is_some) {
             parts.push(format!("{}+{} tokens", short(tokens_in), short(tokens_out)));
             parts.push(format!("{flying} asked"));
         }
-        for (count, what) in [(retries, "retries"), (failures, "no answers")] {
-            if count > 0 {
-                parts.push(format!("{count} {what}"));
-            }
+        if retries > 0 {
+            parts.push(format!("{retries} retries"));
+        }
+        if !self.failures.is_empty() {
+            parts.push(format!("did not count: {}", self.failures.words()));
         }
         let played = self.done().saturating_sub(self.rounds.before);
         let left = self.rounds.planned.saturating_sub(self.done());
@@ -347,8 +405,8 @@ impl Game {
             let (read, said) = (short(self.prompt_tokens), short(self.completion_tokens));
             parts.push(format!("{read}+{said} tokens"));
         }
-        if self.invalid > 0 {
-            parts.push(format!("{} invalid", self.invalid));
+        if !self.failures.is_empty() {
+            parts.push(format!("did not count: {}", self.failures.words()));
         }
         parts.join(", ")
     }

@@ -10,9 +10,10 @@ use swarmbench_engine::{Seed, TaskName};
 use super::super::leaderboard::{fit, short};
 use super::super::output::table;
 use super::Hosting;
+use super::estimate::{ESTIMATED, Estimate, estimate};
 use swarmbench_client::eval::experiment::Shape;
 use swarmbench_client::eval::plan::{Plan, Who, ranges};
-use swarmbench_client::eval::report::{Played, Report};
+use swarmbench_client::eval::report::{Played, Report, short as tokens};
 
 /// Into how few columns of a terminal a model's name may be broken.
 const NAME_COLUMNS: usize = 12;
@@ -75,9 +76,17 @@ impl Showing {
         if self.output.is_some() || self.format == Format::Table {
             out!("{}", headline(plan));
             out!("{}", drawn(plan, report, terminal_width()));
+            for reason in reasons(report, terminal_width()) {
+                out!("{reason}");
+            }
         }
         let text = match self.format {
-            Format::Table => format!("{}\n{}\n", headline(plan), drawn(plan, report, u16::MAX)),
+            Format::Table => {
+                let board = drawn(plan, report, u16::MAX).to_string();
+                let reasons = reasons(report, u16::MAX);
+                let lines = [headline(plan), board].into_iter().chain(reasons);
+                lines.map(|line| line + "\n").collect()
+            }
             Format::Markdown => report.markdown(plan.shape),
             Format::Csv => report.csv(),
             Format::Json => report.json(),
@@ -159,6 +168,29 @@ fn drawn(plan: &Plan, report: &Report, width: u16) -> comfy_table::Table {
     shown
 }
 
+/// Why answers did not count, in lines of so many columns.
+fn reasons(report: &Report, width: u16) -> Vec<String> {
+    report.reasons().iter().map(|reason| wrapped(reason, width.into())).collect()
+}
+
+/// A sentence in lines of at most so many columns, where no word is longer; further lines are indented.
+fn wrapped(text: &str, width: usize) -> String {
+    let (mut lines, mut column) = (String::new(), 0);
+    for word in text.split(' ') {
+        let length = word.chars().count();
+        if column > 0 && column + 1 + length > width {
+            lines.push_str("\n  ");
+            column = 2;
+        } else if column > 0 {
+            lines.push(' ');
+            column += 1;
+        }
+        lines.push_str(word);
+        column += length;
+    }
+    lines
+}
+
 /// A table of which the first column alone may be broken, and how many columns of a terminal it takes at least.
 fn laid_out(
     (headings, rows): (Vec<String>, Vec<Vec<String>>),
@@ -185,37 +217,74 @@ fn laid_out(
 }
 
 /// Shows what would be played.
-pub(super) fn dry_run(plan: &Plan) {
+pub(super) fn dry_run(plan: &Plan) -> anyhow::Result<()> {
     out!("{}", headline(plan));
+    let estimates = plan.runs.iter().map(estimate).collect::<anyhow::Result<Vec<_>>>()?;
+    let has_models = estimates.iter().any(Option::is_some);
+    let has_costs = estimates.iter().flatten().any(|estimate| estimate.cost.is_some());
     let mut headings = vec!["model"];
     headings.extend(&plan.varied);
     headings.extend(["tasks", "seeds", "games", "asked at most"]);
+    if has_models {
+        headings.extend(["tokens in", "out"]);
+    }
+    if has_costs {
+        headings.push("cost");
+    }
     let mut shown = table(&headings);
     fit(&mut shown, terminal_width());
-    let (mut games, mut asked) = (0, 0);
-    for run in &plan.runs {
+    let mut games = 0;
+    let mut all = Estimate::default();
+    for (run, estimate) in plan.runs.iter().zip(&estimates) {
         let mut cells = vec![run.name()];
         cells.extend(
             plan.varied.iter().map(|axis| run.setting(axis).unwrap_or_else(|| "–".to_owned())),
         );
         let count = run.suite.tasks.len() * run.suite.seeds.len();
-        let is_model = matches!(run.who, Who::Model(_));
-        let questions = if is_model { run.acts_max() } else { 0 };
         games += count;
-        asked += questions;
         let is_all = run.tasks().count() == TaskName::ALL.len();
         cells.extend([
             if is_all { "all".to_owned() } else { run.suite.tasks.join(", ") },
             ranges(&run.suite.seeds),
             count.to_string(),
-            if is_model { questions.to_string() } else { "–".to_owned() },
         ]);
+        let or_dash = |text: Option<String>| text.unwrap_or_else(|| "–".to_owned());
+        let estimate = estimate.as_ref();
+        cells.push(or_dash(estimate.map(|estimate| estimate.questions.to_string())));
+        if has_models {
+            let tokens = [
+                estimate.map(|estimate| tokens(estimate.prompt_tokens)),
+                estimate.map(|estimate| tokens(estimate.completion_tokens)),
+            ];
+            cells.extend(tokens.map(or_dash));
+        }
+        if has_costs {
+            let cost = estimate.and_then(|estimate| estimate.cost);
+            cells.push(or_dash(cost.map(|cost| format!("{cost:.2}"))));
+        }
+        if let Some(estimate) = estimate {
+            all.add(estimate);
+        }
         shown.add_row(cells);
     }
     out!("{shown}");
     let runs = plan.runs.len();
+    let asked = all.questions;
     out!("{runs} runs, {games} games; models would be asked at most {asked} times");
+    if has_models {
+        let (read, said) = (tokens(all.prompt_tokens), tokens(all.completion_tokens));
+        let cost = all.cost.map_or_else(String::new, |cost| format!(", which cost {cost:.2}"));
+        out!(
+            "{}",
+            wrapped(
+                &format!("estimate: {read} tokens of prompts and {said} of answers{cost}"),
+                terminal_width().into()
+            )
+        );
+        out!("{}", wrapped(ESTIMATED, terminal_width().into()));
+    }
     out!("nothing was played; without --dry-run it is");
+    Ok(())
 }
 
 #[cfg(test)]

@@ -537,7 +537,7 @@ impl Actor {
         let RecordedAct { decision, record, waiting_for, .. } = recorded;
         let bytes = record.as_str().len() as u64;
         self.bytes += bytes;
-        self.tally.count(decision.source, decision.valid, decision.usage);
+        self.tally.count(decision.source, decision.valid, decision.failure, decision.usage);
         self.host.quotas.add_bytes(self.episode.key, bytes, at);
         let at = self.stamp(at);
         if decision.source == Source::Player {

@@ -16,6 +16,7 @@ use crate::episode::lockstep::{self, Submission};
 use crate::ids::EpisodeId;
 use swarmbench_journal::record::{Decision, Source};
 use swarmbench_protocol::act::{ActRequest, ActResponse, Receipt};
+use swarmbench_protocol::failure::Failure;
 use swarmbench_protocol::problem::FieldProblem;
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -99,7 +100,7 @@ pub(in super::super) fn receipt(
     receipt: lockstep::Receipt,
 ) -> Receipt {
     let lockstep::Receipt { round, recorded, duplicate } = receipt;
-    let Decision { act, valid, .. } = &*recorded.decision;
+    let Decision { act, valid, failure, .. } = &*recorded.decision;
     Receipt {
         episode: episode.to_string(),
         agent: agent.to_string(),
@@ -107,6 +108,7 @@ pub(in super::super) fn receipt(
         action: act.action.map(|action| action.name().to_owned()),
         message: act.message.as_ref().map(ToString::to_string),
         valid: *valid,
+        failure: *failure,
         duplicate,
         waiting_for: recorded.waiting_for,
     }
@@ -140,6 +142,16 @@ pub(in super::super) fn submission(
         }
         (Some(_), None) => {}
     }
+    match request.failure {
+        Some(_) if request.response.is_none() => {
+            refuse("failure", "goes with `response`, the answer of a language model".to_owned());
+        }
+        Some(failure) if !failure.is_of_client() => {
+            let problem = "follows from the text of `response`: leave it out";
+            refuse("failure", format!("{failure} {problem}"));
+        }
+        _ => {}
+    }
     let action = request.action.as_deref().and_then(|name| {
         let action = Action::parse(config.task(), name);
         if action.is_none() {
@@ -166,17 +178,18 @@ pub(in super::super) fn submission(
         return Err(ApiError::fields(problems));
     }
     let message = request.message.as_deref().and_then(Message::new);
-    let (act, valid) = match &request.response {
-        None => (Act { action, message, to }, true),
+    let (act, fault) = match &request.response {
+        None => (Act { action, message, to }, None),
         Some(response) => {
             let answer = answer::parse(response, config, agent);
-            (answer.act, answer.valid)
+            (answer.act, answer.fault)
         }
     };
     let decision = Decision {
         source: Source::Player,
         act,
-        valid,
+        valid: fault.is_none(),
+        failure: fault.map(|fault| Failure::of(request.failure, fault)),
         response: request.response,
         usage: request.usage,
         reasoning: request.reasoning,
@@ -206,12 +219,12 @@ mod tests {
         Unsigned(u64),
         Float(f64),
         Text(String),
-        Known(#[generator(0..14_u8)] u8),
+        Known(#[generator(0..16_u8)] u8),
         Usage { prompt_tokens: u64, latency_ms: Option<u32>, unknown: bool },
         Nested(u8),
     }
 
-    const KNOWN: [&str; 14] = [
+    const KNOWN: [&str; 16] = [
         "UP",
         "SWITCH",
         "up",
@@ -226,6 +239,8 @@ mod tests {
         "TO: 3\nMSG: x",
         "",
         " \r\n\u{2028} ",
+        "refusal",
+        "no_marker",
     ];
 
     impl Held {
@@ -261,7 +276,7 @@ mod tests {
         known: u8,
         action: Held,
         response: Held,
-        rest: Option<[Held; 4]>,
+        rest: Option<[Held; 5]>,
         unknown: Option<bool>,
     }
 
@@ -275,11 +290,11 @@ mod tests {
             };
             let round = if self.good_round { Some(json!(self.known)) } else { self.round.value() };
             let rest = self.rest.as_ref().map(|rest| rest.each_ref().map(Held::value));
-            let [message, to, usage, reasoning] = rest.unwrap_or_default();
+            let [message, to, usage, reasoning, failure] = rest.unwrap_or_default();
             let unknown = self.unknown.filter(|is_there| *is_there).map(|_| json!(1));
             let fields = fields::<ActRequest>().iter().chain(&["speed"]);
             fields
-                .zip([round, action, message, to, response, usage, reasoning, unknown])
+                .zip([round, action, message, to, response, usage, reasoning, failure, unknown])
                 .filter_map(|(field, value)| Some(((*field).to_owned(), value?)))
                 .collect()
         }
@@ -309,6 +324,7 @@ mod tests {
                 assert_ne!(value["action"].is_string(), value["response"].is_string());
                 assert!(decision.valid || value["response"].is_string());
                 assert_eq!(decision.response.as_deref(), value["response"].as_str());
+                assert_eq!(decision.failure.is_some(), !decision.valid);
                 assert_eq!(decision.reasoning.as_deref(), value["reasoning"].as_str());
                 let act = &decision.act;
                 if let Some(response) = &decision.response {

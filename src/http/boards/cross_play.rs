@@ -5,10 +5,11 @@ use serde::Deserialize;
 use swarmbench_engine::TaskName;
 use utoipa::IntoParams;
 
+use super::super::accept::by_accept;
 use super::super::extract::one_of;
 use super::super::page::cursor_by;
 use super::super::prelude::*;
-use super::{Format, by_accept};
+use super::Format;
 use swarmbench_boards::cross_play::pairs;
 use swarmbench_boards::page;
 use swarmbench_protocol::board::CrossPlay;

@@ -5,10 +5,11 @@ use serde::Deserialize;
 use swarmbench_analysis::{Definition, Metric};
 use utoipa::IntoParams;
 
+use super::super::accept::by_accept;
 use super::super::page::cursor_by;
 use super::super::prelude::*;
+use super::Format;
 use super::metrics::{Means, of_tasks, wanted_metrics};
-use super::{Format, by_accept};
 use crate::measure::method;
 use crate::store::metrics::stored_method;
 use swarmbench_boards::collection::Question;

@@ -8,6 +8,7 @@ use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 
 use super::App;
+use super::accept;
 use super::error::{ApiError, Code};
 use super::page::{CURSOR_BYTES_MAX, page_limit};
 use swarmbench_protocol::table::Table;
@@ -24,16 +25,12 @@ impl Format {
         if let Some(format) = Self::named(named)? {
             return Ok(format);
         }
-        let accepted =
-            headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
-        let named = accepted.flat_map(|value| value.split(',')).find_map(|range| {
-            match range.split(';').next().unwrap_or_default().trim() {
-                "text/csv" => Some(Self::Csv),
-                "application/json" | "application/*" | "*/*" => Some(Self::Json),
-                _ => None,
-            }
-        });
-        Ok(named.unwrap_or(Self::Json))
+        let known = |range: &str| match range {
+            "text/csv" => Some(Self::Csv),
+            "application/json" | "application/*" | "*/*" => Some(Self::Json),
+            _ => None,
+        };
+        Ok(accept::first(headers, known).unwrap_or(Self::Json))
     }
 
     pub(super) fn named(name: Option<&str>) -> Result<Option<Self>, ApiError> {
@@ -108,10 +105,4 @@ impl Format {
         }
         answer
     }
-}
-
-/// Says that the header `Accept` was looked at.
-fn by_accept(mut answer: Response) -> Response {
-    answer.headers_mut().insert(header::VARY, HeaderValue::from_static("accept"));
-    answer
 }

@@ -20,6 +20,7 @@ use crate::store::competitions::Declared;
 use crate::store::metrics::stored_method;
 use swarmbench_boards::competition::phase::{BoardView, board_view};
 use swarmbench_protocol::competition::{CompetitionBoard, CompetitionRow};
+use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::table::{Table, maybe, text as safe_cell};
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -244,7 +245,18 @@ impl Table for Shown<'_> {
             self.board.metrics.iter().map(move |metric| format!("{task}_{metric}"))
         });
         let metrics = metrics.collect();
-        [own(&declared), own(&status), own(&runs), tasks, own(&last), own(&below), metrics].concat()
+        let failures = Failures::columns().collect();
+        [
+            own(&declared),
+            own(&status),
+            own(&runs),
+            tasks,
+            own(&last),
+            own(&below),
+            failures,
+            metrics,
+        ]
+        .concat()
     }
 
     fn record(&self, _: &[String], row: &CompetitionRow) -> Vec<String> {
@@ -253,6 +265,7 @@ impl Table for Shown<'_> {
             self.board.metrics.iter().map(move |metric| maybe(of.and_then(|of| *of.get(metric)?)))
         });
         let mut cells = cells(row, self.tasks);
+        cells.extend(row.failures.cells());
         cells.extend(of_metrics);
         cells
     }

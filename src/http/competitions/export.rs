@@ -2,10 +2,11 @@
 
 use std::collections::VecDeque;
 
-use axum::http::header;
+use axum::http::{HeaderMap, header};
 use axum::response::IntoResponse;
 use serde_json::json;
 
+use super::super::accept::{self, Binary};
 use super::super::episodes::journal::JournalReader;
 use super::super::prelude::*;
 use super::super::stream::Parts;
@@ -33,7 +34,7 @@ use swarmbench_boards::competition::export::{
     params(("id" = String, Path, description = "The competition's id")),
     security((), ("key" = [])),
     responses(
-        (status = 200, description = "One record a line", body = String, content_type = "application/x-ndjson"),
+        (status = 200, description = "One record a line", content((String = "application/x-ndjson"), (Binary = "application/octet-stream"))),
         (status = 403, description = "`forbidden`: until the competition is closed only organizers may read it, as it holds the seeds"),
     )
 )]
@@ -41,6 +42,7 @@ pub(in super::super) async fn export_competition(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
+    headers: HeaderMap,
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
     let competition = app.competition(&caller, &id).await?;
@@ -57,10 +59,10 @@ pub(in super::super) async fn export_competition(
     drop(field);
     let name = format!("attachment; filename=\"{id}.jsonl\"");
     let kind = [
-        (header::CONTENT_TYPE, "application/x-ndjson".to_owned()),
+        (header::CONTENT_TYPE, accept::file_type(&headers, "application/x-ndjson").to_owned()),
         (header::CONTENT_DISPOSITION, name),
     ];
-    Ok((kind, lines).into_response())
+    Ok(accept::by_accept((kind, lines).into_response()))
 }
 
 /// Bytes that an entrant, an attempt or a game takes in memory until it is written.

@@ -2,9 +2,10 @@
 
 use std::collections::VecDeque;
 
-use axum::http::header;
+use axum::http::{HeaderMap, header};
 use axum::response::IntoResponse;
 
+use super::super::accept::{self, Binary};
 use super::super::prelude::*;
 use super::super::stream::Parts;
 use crate::store::port::{StoredEpisode, StoredRound};
@@ -28,7 +29,7 @@ const ROUNDS: u32 = 256;
     params(("id" = String, Path, description = "The episode's id")),
     security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
-        (status = 200, description = "One record a line", body = String, content_type = "application/x-ndjson"),
+        (status = 200, description = "One record a line", content((String = "application/x-ndjson"), (Binary = "application/octet-stream"))),
         (status = 403, description = "`forbidden`: only the creator may read it before the end, as it holds the seed"),
     )
 )]
@@ -36,6 +37,7 @@ pub(in super::super) async fn read_journal(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
+    headers: HeaderMap,
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
     let stored = app.journaled(&caller, id).await?;
@@ -43,7 +45,8 @@ pub(in super::super) async fn read_journal(
     let stored = app.store.find_summary(&stored.id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
     let lines = app.streams.in_parts(JournalReader::new(app.store.clone(), stored)).await?;
-    Ok(([(header::CONTENT_TYPE, "application/x-ndjson")], lines).into_response())
+    let kind = accept::file_type(&headers, "application/x-ndjson");
+    Ok(accept::by_accept(([(header::CONTENT_TYPE, kind)], lines).into_response()))
 }
 
 /// Reads a journal from the store part by part: it keeps one part of its acts, however large rounds are.

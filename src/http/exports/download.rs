@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 
 use axum::body::Body;
-use axum::http::header;
+use axum::http::{HeaderMap, header};
 use axum::response::IntoResponse;
 use bytes::Bytes;
 use futures::StreamExt;
@@ -17,6 +17,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::DropGuard;
 use utoipa::IntoParams;
 
+use super::super::accept::{self, Binary};
 use super::super::extract::one_of;
 use super::super::prelude::*;
 use super::super::stream::{patiently, refused};
@@ -98,18 +99,12 @@ impl File {
     }
 }
 
-/// The bytes of a file; this type only describes them.
-#[derive(utoipa::ToSchema)]
-#[schema(value_type = String, format = Binary)]
-#[expect(dead_code, reason = "a file is streamed, not made of this type")]
-struct Binary(Vec<u8>);
-
 /// Export episodes that have ended.
 ///
 /// `dataset.zip` has the files of the public toolkit: `meta_log.json`, `game_log_<run_id>.json` and
 /// `agent_log_<run_id>.json`. `episodes`, `acts` and `rounds` are tables, one row an episode, an act or a state, as JSON
 /// Lines (`.jsonl`) or Parquet (`.parquet`). Episodes that the caller may not read are left out. An answer that
-/// breaks off is not whole.
+/// breaks off is not whole. With `Accept: application/octet-stream` any file comes as plain bytes.
 #[utoipa::path(
     get,
     path = "/api/v1/exports/{file}",
@@ -125,6 +120,7 @@ struct Binary(Vec<u8>);
             (String = "application/x-ndjson"),
             (Binary = "application/zip"),
             (Binary = "application/vnd.apache.parquet"),
+            (Binary = "application/octet-stream"),
         )),
     )
 )]
@@ -132,6 +128,7 @@ pub(in super::super) async fn download_export(
     State(app): State<App>,
     caller: Caller,
     Id(name): Id,
+    headers: HeaderMap,
     Params(params): Params<ExportParams>,
 ) -> Result<Response, ApiError> {
     let file = File::parse(&name).ok_or_else(|| ApiError::not_found("the file"))?;
@@ -180,11 +177,11 @@ pub(in super::super) async fn download_export(
         | ExportError::Embedder(_)
         | ExportError::Stopped) => ApiError::new(Code::Internal, error.to_string()),
     })?;
-    let headers = [
-        (header::CONTENT_TYPE, file.content_type().to_owned()),
+    let kind = [
+        (header::CONTENT_TYPE, accept::file_type(&headers, file.content_type()).to_owned()),
         (header::CONTENT_DISPOSITION, format!("attachment; filename=\"{name}\"")),
     ];
-    Ok((headers, read_by(reader, body)).into_response())
+    Ok(accept::by_accept((kind, read_by(reader, body)).into_response()))
 }
 
 /// A body that drops its guard when it is dropped.

@@ -90,6 +90,7 @@ fn shown(row: AgentRow) -> ShownAct {
         message: text(row.message),
         to: None,
         valid: None,
+        failure: row.failure,
         response: text(row.response),
         reasoning: None,
         usage,

@@ -227,6 +227,7 @@ fn tally(games: &[StoredGame]) -> ActTally {
     for game in games.iter().filter(|game| game.counts()) {
         sum.acts += game.tally.acts;
         sum.invalid += game.tally.invalid;
+        sum.failures.add(game.tally.failures);
         sum.timeouts += game.tally.timeouts;
         sum.prompt_tokens = sum.prompt_tokens.saturating_add(game.tally.prompt_tokens);
         sum.completion_tokens = sum.completion_tokens.saturating_add(game.tally.completion_tokens);
@@ -238,6 +239,7 @@ fn tally(games: &[StoredGame]) -> ActTally {
         sent: sum.acts,
         invalid: sum.invalid,
         invalid_share: share(sum.invalid, sum.acts),
+        failures: sum.failures,
         timeouts: sum.timeouts,
         timeout_share,
         clock_outs: sum.timeouts,

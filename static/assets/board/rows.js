@@ -4,7 +4,7 @@ import { Text } from "../parts/text.js";
 import { short } from "../parts/chart.js";
 import { interval } from "../parts/statistics.js";
 import { METRICS, metricName } from "../parts/metrics.js";
-import { percent } from "../parts/status.js";
+import { failuresText, percent } from "../parts/status.js";
 import { Marks, Score, Settings, isTied, samples, scale } from "../parts/rows.js";
 
 /**
@@ -93,7 +93,7 @@ const failures = () => [
     name: "Invalid",
     about: "Share of answers that could not be read",
     value: (row) => row.invalid_share,
-    cell: (row) => percent(row.invalid_share),
+    cell: (row) => html`<span title=${failuresText(row.failures)}>${percent(row.invalid_share)}</span>`,
   },
   {
     key: "timeouts",

@@ -6,6 +6,7 @@ import { Download } from "../parts/download.js";
 import { METRICS, metricName } from "../parts/metrics.js";
 import { More, usePages } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
+import { failuresText } from "../parts/status.js";
 import { Text } from "../parts/text.js";
 import { Time } from "../parts/time.js";
 
@@ -108,7 +109,7 @@ function Row({ row, tasks, metric, hasAll, scale }) {
     ${metric && tasks.map((task) => html`<td class="number">${short(row.metrics?.[task]?.[metric])}</td>`)}
     ${hasAll &&
     html`<td><${Below} difference=${difference} scale=${scale} /></td>`}
-    <td class="number">${percent(row.run ? row.invalid_share : null)}</td>
+    <td class="number" title=${row.run ? failuresText(row.failures) : ""}>${percent(row.run ? row.invalid_share : null)}</td>
     <td class="number">${percent(row.run ? row.timeout_share : null)}</td>
     <td class="number">${row.attempts}${row.voided_attempts > 0 && ` (${row.voided_attempts} voided)`}</td>
   </tr>`;

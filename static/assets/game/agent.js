@@ -4,6 +4,7 @@ import { actionOf, resultOf } from "../parts/actions.js";
 import { color } from "../parts/colors.js";
 import { isLive } from "../parts/game.js";
 import { ProblemNote } from "../parts/problem.js";
+import { failureText } from "../parts/status.js";
 import { LongText, Text } from "../parts/text.js";
 import { duration } from "../parts/time.js";
 import { AgentWindow, surroundings } from "../parts/window.js";
@@ -158,7 +159,10 @@ function ReadPanel({ game, heard, panel, read, problem, isResting }) {
   if (panel === "inbox") return html`<${Inbox} inbox=${read.inbox ?? heard} />`;
   if (panel === "prompt") return html`<${Prompt} read=${read} />`;
   const text = panel === "answer" ? read.act?.response : read.act?.reasoning;
-  if (text) return html`<${LongText} value=${text} label=${NAMES[panel]} />`;
+  const failure = panel === "answer" ? read.act?.failure : undefined;
+  const why = failure && html`<p class="bad">The answer did not count: ${failureText(failure)}.</p>`;
+  if (text) return html`${why}<${LongText} value=${text} label=${NAMES[panel]} />`;
+  if (why) return why;
   return html`<p class="muted">${panel === "answer" ? noAnswer(read) : "No reasoning was sent with this act."}</p>`;
 }
 

@@ -13,7 +13,7 @@ import { useScores } from "../parts/runs.js";
 import { Metrics } from "../parts/runmetrics.js";
 import { Legend, Marks, Score, isTied, samples, scale } from "../parts/rows.js";
 import { interval } from "../parts/statistics.js";
-import { Status, percent } from "../parts/status.js";
+import { Status, failuresText, percent } from "../parts/status.js";
 
 /** Runs that are listed. */
 const RUNS_MAX = 100;
@@ -123,11 +123,12 @@ function Scores({ board, row }) {
 /** The runs of the row, and the games of the one that is shown. @param {{board: any, row: any}} props */
 function Played({ board, row }) {
   const [id, setId] = useState(row.run);
+  const why = failuresText(row.failures);
   const run = useLoaded((signal) => request(route`/api/v1/runs/${id}`, { signal }), [id]);
   const scores = useScores(id, "");
   return html`
     <p class="muted">
-      Answers that could not be read: ${percent(row.invalid_share)}. Clocks that expired: ${percent(row.timeout_share)}.
+      Answers that could not be read: ${percent(row.invalid_share)}${why && ` (${why})`}. Clocks that expired: ${percent(row.timeout_share)}.
       ${row.runs > 1 && ` The row is the ${board.pick === "mean" ? "mean" : board.pick} of ${row.runs} runs.`}
     </p>
     <${Runs} board=${board} row=${row} shown=${id} show=${setId} />

@@ -29,6 +29,29 @@ const REASONS = {
   closed: "the competition closed",
 };
 
+/** Why answers did not count. @type {Record<string, string>} */
+const FAILURES = {
+  refusal: "refused",
+  content_filter: "filtered",
+  truncated: "cut at the token limit",
+  tool_call: "tool calls",
+  reasoning_only: "reasoning only",
+  rejected: "rejected by the endpoint",
+  empty: "empty",
+  no_marker: "without ACTION: or MSG:",
+  unknown_action: "with an unknown action",
+};
+
+/** @param {string} kind */
+export const failureText = (kind) => FAILURES[kind] ?? kind;
+
+/** How many answers did not count, by the reason. @param {Record<string, number> | undefined} failures */
+export const failuresText = (failures) =>
+  Object.entries(failures ?? {})
+    .sort(([, one], [, other]) => other - one)
+    .map(([kind, count]) => `${count} ${failureText(kind)}`)
+    .join(", ");
+
 /** @param {string | null | undefined} reason */
 export const reasonText = (reason) => (reason ? (REASONS[reason] ?? reason) : "");
 

@@ -153,7 +153,7 @@ function MessageBox({ draft, change, input, receivers, leave }) {
       onKeyDown=${(/** @type {KeyboardEvent} */ event) => event.key === "Escape" && leave()}
     />
     <span id="message-count" class=${`small number ${cut ? "bad" : "muted"}`}>
-      ${cut ? `${cut} too many: only the first ${MESSAGE_CHARS_MAX} are sent` : `${count} of ${MESSAGE_CHARS_MAX}`}
+      ${cut ? `${cut} too many: the first ${MESSAGE_CHARS_MAX} are sent, with "..." after them` : `${count} of ${MESSAGE_CHARS_MAX}`}
     </span>
   </div>`;
 }

@@ -3,7 +3,7 @@ import { html, useEffect, useState } from "../ui.js";
 import { Problem, request, route } from "../api.js";
 import { Text } from "../parts/text.js";
 import { short } from "../parts/chart.js";
-import { Status, percent, roundsText } from "../parts/status.js";
+import { Status, failuresText, percent, roundsText } from "../parts/status.js";
 import { Download } from "../parts/download.js";
 import { failed, whyOf } from "../parts/grid.js";
 
@@ -17,11 +17,12 @@ const LISTED = 50;
 export function Failures({ run }) {
   const games = failed(run);
   const { acts } = run;
+  const why = failuresText(acts.failures);
   if (games.length === 0 && acts.invalid === 0 && acts.timeouts === 0) return null;
   return html`
     <h2>What failed</h2>
     <ul>
-      ${acts.invalid > 0 && html`<li>${short(acts.invalid)} of ${short(acts.sent)} answers could not be read (${percent(acts.invalid_share)}): their agents did nothing. A game's page shows each.</li>`}
+      ${acts.invalid > 0 && html`<li>${short(acts.invalid)} of ${short(acts.sent)} answers could not be read (${percent(acts.invalid_share)}): their agents did nothing. ${why && `${why}. `}A game's page shows each.</li>`}
       ${acts.timeouts > 0 && html`<li>${short(acts.timeouts)} times a clock expired (${percent(acts.timeout_share)} of all moves).</li>`}
       ${games.slice(0, LISTED).map(
         (/** @type {any} */ game) => game.episode ? html`<li>

@@ -228,6 +228,8 @@ async fn without_keys(app: &TestApp, facts: &mut Facts) {
         // A part of the seats has acted in the open round.
         let act = json!({ "round": 1, "action": "STAY", "message": "ünïcode 🐜" });
         app.act(episode.seat(1), &act).await;
+        let refused = json!({ "round": 1, "response": "I will not play.", "failure": "refusal" });
+        app.act(episode.seat(2), &refused).await;
         facts.running.push(created);
     }
     let waiting = json!({

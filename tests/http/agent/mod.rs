@@ -1,6 +1,7 @@
 //! What one agent sees and does.
 
 mod act;
+mod failures;
 mod obs;
 
 use serde_json::{Value, json};

@@ -94,7 +94,9 @@ async fn the_same_as_csv() {
         "suite,suite_digest,rules,rank,reference,imported,table,owner,model,temperature,top_p,prompt_template,vouched,\
          decentralization,runs,run,status,started_at,total,synchronization_mean,synchronization_deviation,\
          synchronization_games,synchronization_planned,difference,difference_low,difference_high,difference_pairs,\
-         invalid_share,timeout_share,voided,row,difference_to,row_rules,converted,other_rules,kind,prompt,answer_reader"
+         invalid_share,timeout_share,voided,row,difference_to,row_rules,converted,other_rules,kind,prompt,answer_reader,\
+         failed_refusal,failed_content_filter,failed_truncated,failed_tool_call,failed_reasoning_only,failed_rejected,\
+         failed_empty,failed_no_marker,failed_unknown_action"
     );
     let records = records(&answer);
     let rows = list(&json["items"]);

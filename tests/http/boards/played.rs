@@ -24,6 +24,7 @@ use swarmbench::work::Workers;
 use swarmbench_clock::{Clock, ManualClock, SeededEntropy};
 use swarmbench_engine::{Act, Action, AgentId, Config, Seed, Settings, TaskName};
 use swarmbench_journal::record::Decision;
+use swarmbench_protocol::failure::Failure;
 use swarmbench_protocol::import::ImportConfig;
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
@@ -377,6 +378,7 @@ async fn submit(handle: &Handle, round: u32, actions: &[&str]) {
             Ok(action) => Decision::of_player(Act::of(action)),
             Err(answer) => Decision {
                 valid: false,
+                failure: Some(Failure::NoMarker),
                 response: Some(answer.to_owned()),
                 ..Decision::of_player(Act::default())
             },

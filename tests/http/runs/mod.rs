@@ -3,6 +3,7 @@
 mod abort;
 mod create;
 mod events;
+mod failures;
 mod list;
 mod metrics;
 mod play;

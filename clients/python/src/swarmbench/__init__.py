@@ -11,8 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 from . import wire
 from .client import AsyncClient, Client
-from .errors import ApiError, ConnectionFailedError, ServerError, SwarmbenchError, UnexpectedAnswerError, is_problem
+from .errors import (
+    ApiError,
+    ArgumentError,
+    ConnectionFailedError,
+    ServerError,
+    SwarmbenchError,
+    UnexpectedAnswerError,
+    is_problem,
+)
 from .exchange import Event, Retry
+from .loops import run_async
 from .server import Server
 
 if TYPE_CHECKING:
@@ -21,6 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ApiError",
+    "ArgumentError",
     "AsyncClient",
     "Client",
     "ConnectionFailedError",
@@ -34,6 +44,7 @@ __all__ = [
     "analysis",
     "is_problem",
     "parallel_env",
+    "run_async",
     "wire",
 ]
 

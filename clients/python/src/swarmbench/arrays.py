@@ -11,7 +11,10 @@ from .wire import Observation, State
 __all__ = ["CHANNELS", "MESSAGE_CHARS_MAX", "PRINTABLE", "PROMPT_CHARS_MAX", "Layout", "encode_cells", "symbols_of"]
 
 MESSAGE_CHARS_MAX = 120
-"""How long a message is; a longer one is cut by the server."""
+"""How long a message may be that is sent. Of a longer one the server keeps this much, and puts `...` behind it."""
+
+MESSAGE_CHARS_RECEIVED_MAX = MESSAGE_CHARS_MAX + len("...")
+"""How long a message may be that is received."""
 
 PRINTABLE = frozenset(chr(code) for code in range(0x20, 0x7F))
 """The characters of messages: also noise puts in none but these."""
@@ -54,8 +57,7 @@ class Layout:
         if self.flag is not None:
             parts[self.flag] = spaces.Box(0, 1, (1,), np.uint8)
         if self.messages:
-            # A message that is too long arrives cut, with `...` behind it.
-            text = spaces.Text(MESSAGE_CHARS_MAX + 3, min_length=1, charset=PRINTABLE)
+            text = spaces.Text(MESSAGE_CHARS_RECEIVED_MAX, min_length=1, charset=PRINTABLE)
             parts["messages"] = spaces.Sequence(text)
         return parts
 

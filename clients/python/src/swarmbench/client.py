@@ -16,13 +16,19 @@ from typing import Any, ParamSpec, TypeVar
 import httpx
 
 from ._compat import Self
-from .errors import ConnectionFailedError
-from .exchange import ANSWER_S_MAX, Call, Event, EventStream, Flow, NoReply, Pause, Reply, Retry, call, converse
+from .errors import ArgumentError, ConnectionFailedError, SwarmbenchError
+from .exchange import TIMEOUT_S, Call, Event, EventStream, Flow, NoReply, Pause, Reply, Retry, call, converse
 from .operations import EPISODE, RUN, Operations
 from .wire import Page
 
+FAILURES = (httpx.HTTPError, httpx.InvalidURL)
+"""What httpx raises where no answer came."""
+
 P = ParamSpec("P")
 T = TypeVar("T")
+
+CONNECT_S_MAX = 10.0
+"""How long a connection may take to be made, if `timeout` is not shorter."""
 
 EVENTS_SILENT_S_MAX = 45.0
 """Three times the 15 seconds after which the server says something on a stream of events."""
@@ -31,13 +37,15 @@ EVENTS_SILENT_S_MAX = 45.0
 class _Base(Operations):
     """What both clients know: where the server is, who asks, and how a call becomes a request of httpx."""
 
-    def __init__(self, server: str | None, token: str | None, retry: Retry | None) -> None:
+    def __init__(self, server: str | None, token: str | None, retry: Retry | None, timeout: float) -> None:
         from_environment = os.environ.get("SWARMBENCH_URL") or os.environ.get("SWARMBENCH_SERVER")
-        self.server = (server or from_environment or "http://127.0.0.1:8080").rstrip("/")
+        self.server = _address(server or from_environment or "http://127.0.0.1:8080")
         if token is None:
             token = os.environ.get("SWARMBENCH_TOKEN") or os.environ.get("SWARMBENCH_KEY")
-        self._token = token
+        self._token = _bare(token)
         self.retry = retry or Retry()
+        self.timeout = _seconds(timeout)
+        self._has_answered = False
 
     def _options(self) -> dict[str, Any]:
         url = httpx.URL(self.server)
@@ -52,7 +60,7 @@ class _Base(Operations):
             "limits": httpx.Limits(max_connections=None, max_keepalive_connections=64, keepalive_expiry=60.0),
         }
 
-    def _arguments(self, request: Call[Any], silent_s_max: float = ANSWER_S_MAX) -> dict[str, Any]:
+    def _arguments(self, request: Call[Any], silent_s_max: float | None = None) -> dict[str, Any]:
         headers = dict(request.headers)
         if self._token:
             headers["authorization"] = f"Bearer {self._token}"
@@ -62,8 +70,32 @@ class _Base(Operations):
             "params": request.query,
             "content": request.body,
             "headers": headers,
-            "timeout": httpx.Timeout(silent_s_max + request.wait_s, connect=10.0),
+            "timeout": httpx.Timeout(
+                (silent_s_max or self.timeout) + request.wait_s, connect=min(CONNECT_S_MAX, self.timeout)
+            ),
         }
+
+    def _check_open(self, http: httpx.Client | httpx.AsyncClient) -> None:
+        if http.is_closed:
+            raise SwarmbenchError(f"{self!r} is closed: make another one")
+
+    def _reply_of(self, answer: httpx.Response, body: bytes) -> Reply:
+        self._has_answered = True
+        return Reply(answer.status_code, answer.headers, body)
+
+    def _no_reply(self, error: Exception) -> NoReply:
+        """What a failure of httpx means."""
+        if isinstance(error, httpx.InvalidURL):
+            raise ArgumentError(f"this makes no address: {error}") from error
+        # A server that was there restarts, perhaps. Where there was none so far the address is wrong.
+        is_there = self._has_answered or not isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
+        if isinstance(error, httpx.TimeoutException):
+            kind = "no connection" if isinstance(error, httpx.ConnectTimeout) else "nothing came"
+            limit_s = min(CONNECT_S_MAX, self.timeout) if isinstance(error, httpx.ConnectTimeout) else self.timeout
+            waited = type(error)(f"{kind} within {limit_s:g} s")
+            waited.__cause__ = error
+            error = waited
+        return NoReply(error, is_there)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.server!r})"
@@ -78,7 +110,12 @@ class Client(_Base):
         token: A token of a seat or a swarm, or a key; where it is left out that in `SWARMBENCH_TOKEN` or
             `SWARMBENCH_KEY`. An empty text shows none.
         retry: How temporary failures are tried again.
+        timeout: After how many seconds without an answer an attempt fails, beyond the `wait` of the request. Making a
+            connection has as long, at most 10 s.
         http: A client of httpx to use instead of one of its own, for proxies and certificates; it is not closed.
+
+    Raises:
+        ArgumentError: The address has no scheme or host, or the token or the timeout is none.
     """
 
     def __init__(
@@ -87,19 +124,22 @@ class Client(_Base):
         token: str | None = None,
         *,
         retry: Retry | None = None,
+        timeout: float = TIMEOUT_S,
         http: httpx.Client | None = None,
     ) -> None:
-        super().__init__(server, token, retry)
+        super().__init__(server, token, retry, timeout)
         self._owns_http = http is None
         self._http = http or httpx.Client(**self._options())
 
     def with_token(self, token: str) -> "Client":
         """A client for another token over the same connections, which stay with this one."""
-        return Client(self.server, token, retry=self.retry, http=self._http)
+        other = Client(self.server, token, retry=self.retry, timeout=self.timeout, http=self._http)
+        other._has_answered = self._has_answered
+        return other
 
     def send(self, request: Call[T]) -> T:
         """Sends a request, again where that may help, and reads the answer."""
-        return self._drive(converse(request, self.retry), self._reply)
+        return self._drive(converse(request, self.retry, self.server), self._reply)
 
     def every(self, page: Callable[P, Page[T]], /, *args: P.args, **kwargs: P.kwargs) -> Iterator[T]:
         """All items of a list, page by page: `client.every(client.episodes, task="Foraging")`."""
@@ -141,7 +181,7 @@ class Client(_Base):
                 for piece in answer.iter_bytes():
                     written.write(piece)
             partial.replace(to)
-        except httpx.TransportError as error:
+        except httpx.HTTPError as error:
             raise ConnectionFailedError(f"the export {file} was interrupted ({error}): try again") from error
         finally:
             partial.unlink(missing_ok=True)
@@ -156,36 +196,36 @@ class Client(_Base):
                 time.sleep(self.retry.first_pause_s)
 
     @contextmanager
-    def _stream(self, request: Call[Any], silent_s_max: float = ANSWER_S_MAX) -> Iterator[httpx.Response]:
+    def _stream(self, request: Call[Any], silent_s_max: float | None = None) -> Iterator[httpx.Response]:
         """An answer whose body has yet to be read, or else is no success and an error."""
         opened: list[httpx.Response] = []
 
         def open_stream(request: Call[Any]) -> Reply | NoReply:
-            arguments = self._arguments(request, silent_s_max)
-            timeout = arguments.pop("timeout")
+            self._check_open(self._http)
             try:
-                answer = self._http.send(self._http.build_request(timeout=timeout, **arguments), stream=True)
+                answer = self._http.send(
+                    self._http.build_request(**self._arguments(request, silent_s_max)), stream=True
+                )
                 opened.append(answer)
-                return Reply(answer.status_code, answer.headers, b"" if answer.is_success else answer.read())
-            except httpx.TransportError as error:
-                return NoReply(error)
+                return self._reply_of(answer, b"" if answer.is_success else answer.read())
+            except FAILURES as error:
+                return self._no_reply(error)
 
         try:
             # The body is for the caller.
-            self._drive(converse(replace(request, read=bytes), self.retry), open_stream)
+            self._drive(converse(replace(request, read=bytes), self.retry, self.server), open_stream)
             yield opened[-1]
         finally:
             for answer in opened:
                 answer.close()
 
     def _reply(self, request: Call[Any]) -> Reply | NoReply:
+        self._check_open(self._http)
         try:
             answer = self._http.request(**self._arguments(request))
-        except httpx.UnsupportedProtocol:
-            raise
-        except httpx.TransportError as error:
-            return NoReply(error)
-        return Reply(answer.status_code, answer.headers, answer.content)
+        except FAILURES as error:
+            return self._no_reply(error)
+        return self._reply_of(answer, answer.content)
 
     @staticmethod
     def _drive(flow: Flow[T], reply_to: Callable[[Call[Any]], Reply | NoReply]) -> T:
@@ -223,19 +263,22 @@ class AsyncClient(_Base):
         token: str | None = None,
         *,
         retry: Retry | None = None,
+        timeout: float = TIMEOUT_S,
         http: httpx.AsyncClient | None = None,
     ) -> None:
-        super().__init__(server, token, retry)
+        super().__init__(server, token, retry, timeout)
         self._owns_http = http is None
         self._http = http or httpx.AsyncClient(**self._options())
 
     def with_token(self, token: str) -> "AsyncClient":
         """A client for another token over the same connections, which stay with this one."""
-        return AsyncClient(self.server, token, retry=self.retry, http=self._http)
+        other = AsyncClient(self.server, token, retry=self.retry, timeout=self.timeout, http=self._http)
+        other._has_answered = self._has_answered
+        return other
 
     async def send(self, request: Call[T]) -> T:
         """Sends a request, again where that may help, and reads the answer."""
-        return await self._drive(converse(request, self.retry), self._reply)
+        return await self._drive(converse(request, self.retry, self.server), self._reply)
 
     async def every(
         self, page: Callable[P, Awaitable[Page[T]]], /, *args: P.args, **kwargs: P.kwargs
@@ -261,18 +304,18 @@ class AsyncClient(_Base):
         opened: list[httpx.Response] = []
 
         async def open_stream(request: Call[Any]) -> Reply | NoReply:
-            arguments = self._arguments(request, EVENTS_SILENT_S_MAX)
-            timeout = arguments.pop("timeout")
+            self._check_open(self._http)
             try:
-                answer = await self._http.send(self._http.build_request(timeout=timeout, **arguments), stream=True)
+                built = self._http.build_request(**self._arguments(request, EVENTS_SILENT_S_MAX))
+                answer = await self._http.send(built, stream=True)
                 opened.append(answer)
-                return Reply(answer.status_code, answer.headers, b"" if answer.is_success else await answer.aread())
-            except httpx.TransportError as error:
-                return NoReply(error)
+                return self._reply_of(answer, b"" if answer.is_success else await answer.aread())
+            except FAILURES as error:
+                return self._no_reply(error)
 
         while not stream.finished:
             try:
-                await self._drive(converse(stream.request(), self.retry), open_stream)
+                await self._drive(converse(stream.request(), self.retry, self.server), open_stream)
                 async for line in opened[-1].aiter_lines():
                     for event in stream.feed(line):
                         yield event
@@ -284,13 +327,12 @@ class AsyncClient(_Base):
                 opened.clear()
 
     async def _reply(self, request: Call[Any]) -> Reply | NoReply:
+        self._check_open(self._http)
         try:
             answer = await self._http.request(**self._arguments(request))
-        except httpx.UnsupportedProtocol:
-            raise
-        except httpx.TransportError as error:
-            return NoReply(error)
-        return Reply(answer.status_code, answer.headers, answer.content)
+        except FAILURES as error:
+            return self._no_reply(error)
+        return self._reply_of(answer, answer.content)
 
     @staticmethod
     async def _drive(flow: Flow[T], reply_to: Callable[[Call[Any]], Awaitable[Reply | NoReply]]) -> T:
@@ -319,6 +361,44 @@ class AsyncClient(_Base):
         self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
     ) -> None:
         await self.aclose()
+
+
+def _address(server: object) -> str:
+    """The address of a server without a slash at its end."""
+    example = "such as http://127.0.0.1:8080"
+    if not isinstance(server, str):
+        raise ArgumentError(f"the address of a server is a text, {example}; it is {server!r}")
+    address = server.strip().rstrip("/")
+    try:
+        url = httpx.URL(address)
+    except httpx.InvalidURL as error:
+        raise ArgumentError(f"{server!r} is no address of a server, {example}: {error}") from error
+    if url.scheme not in {"http", "https"}:
+        raise ArgumentError(f"the address of a server begins with http:// or https://, {example}; it is {server!r}")
+    if not url.host or url.query or url.fragment:
+        raise ArgumentError(
+            f"the address of a server has a host, and neither query nor fragment, {example}; it is {server!r}"
+        )
+    return address
+
+
+def _bare(token: object) -> str | None:
+    """A token as it is sent: what surrounds it in a file or a header does not belong to it. It is never shown."""
+    if token is None:
+        return None
+    if not isinstance(token, str):
+        raise ArgumentError(f"a token is a text such as seat_…, and not of {type(token).__name__}")
+    bare = token.strip().removeprefix("Bearer ").strip()
+    if not bare.isascii() or not bare.isprintable() or " " in bare:
+        raise ArgumentError("the token has characters that no token has: it is one word of letters, digits and _")
+    return bare
+
+
+def _seconds(timeout: object) -> float:
+    is_number = isinstance(timeout, int | float) and not isinstance(timeout, bool)
+    if not is_number or not 0 < timeout < float("inf"):  # type: ignore[operator] # a number
+        raise ArgumentError(f"timeout is a number of seconds above 0, and not {timeout!r}")
+    return float(timeout)  # type: ignore[arg-type] # a number
 
 
 def _is_loopback(host: str) -> bool:

@@ -1,6 +1,9 @@
 """An episode as a PettingZoo `ParallelEnv`."""
 
 import time
+import weakref
+from collections.abc import Mapping
+from types import TracebackType
 from typing import Any, Literal
 
 import numpy as np
@@ -10,22 +13,18 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from . import rewards as earned
-from .arrays import (
-    CHANNELS,
-    MESSAGE_CHARS_MAX,
-    PRINTABLE,
-    PROMPT_CHARS_MAX,
-    Layout,
-    encode_cells,
-    symbols_of,
-)
+from ._compat import Self
+from .actions import Actions
+from .arrays import CHANNELS, PRINTABLE, PROMPT_CHARS_MAX, Layout, encode_cells, symbols_of
+from .checks import agent_name, one_of, probability, shown, task_name, whole
 from .client import Client
-from .errors import TEMPORARY_STATUS, ApiError, SwarmbenchError, is_problem
+from .errors import TEMPORARY_STATUS, ApiError, ArgumentError, SwarmbenchError, is_problem
+from .resources import Resources, check_server
 from .server import Server
 from .wire import EpisodeRequest, Observation, SwarmAct, SwarmObsResponse, TaskName
 
 SEED_MAX = 2**53 - 1
-ACTIONS = ("UP", "DOWN", "LEFT", "RIGHT", "STAY")
+NUM_AGENTS_MAX = 1024
 WAIT_S = 30.0
 """How long one request waits for the next round. All acts are in then, so it is open at once."""
 
@@ -65,6 +64,9 @@ def parallel_env(
 ) -> "SwarmEnv":
     """One episode after the other as a PettingZoo `ParallelEnv`. docs/play/python.md has all shapes.
 
+    Close it, or use it in a `with` block. One that is not closed ends its episode, and a server of its own, when it is
+    collected or the program ends, with a `ResourceWarning`.
+
     Args:
         task: What is played.
         seed: The seed of the first episode. Those after it draw theirs, one after the other, from a generator that it
@@ -91,11 +93,20 @@ def parallel_env(
         model: Under which name the episodes are kept.
         agent_meta: What else is kept with them.
         visibility: Who may watch; where it is left out the server decides.
+
+    Raises:
+        ArgumentError: An argument cannot be right. What only the server knows is refused at the first `reset`.
     """
+    one_of("rules", rules, ("paper", "reference"))
+    one_of("control", control, ("decentralized", "centralized"))
+    check_server(server, token)
     settings: EpisodeRequest = {
-        "task": task, "num_agents": num_agents, "rules": rules, "width": width, "height": height,
-        "view_size": view_size, "memory": memory, "max_round": max_round, "control": control,
-        "noise": noise, "max_delay": max_delay, "prompt_template": prompt_template,
+        "task": task_name(task), "num_agents": whole("num_agents", num_agents, 1, NUM_AGENTS_MAX), "rules": rules,
+        "width": whole("width", width, 1), "height": whole("height", height, 1),
+        "view_size": whole("view_size", view_size, 1), "memory": whole("memory", memory, 0),
+        "max_round": whole("max_round", max_round, 1), "control": control,
+        "noise": probability("noise", noise), "max_delay": whole("max_delay", max_delay, 0),
+        "prompt_template": prompt_template,
         "answer_reader": answer_reader,
         "model": model, "agent_meta": agent_meta, "visibility": visibility,
     }  # fmt: skip
@@ -141,18 +152,24 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         messages: bool,
         render_mode: str | None,
     ) -> None:
-        _one_of("rewards", rewards, ("team", "individual"))
-        _one_of("observations", observations, ("array", "text", "both"))
-        _one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
+        one_of("rewards", rewards, ("team", "individual"))
+        one_of("observations", observations, ("array", "text", "both"))
+        one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
+        if not isinstance(messages, bool | np.bool_):
+            raise ArgumentError(f"messages must be True or False, is {shown(messages)}")
+        if seed is not None:
+            seed = whole("seed", seed, 0, SEED_MAX)
         self.render_mode = render_mode
         self._settings = settings
         self._server, self._token = server, token
-        self._own_server: Server | None = None
-        self._client: Client | None = None
+        self._resources: Resources | None = None
+        self._finalizer: weakref.finalize[Any, Any] | None = None
+        self._is_closed = False
         self._rewards, self._observations, self._messages = rewards, observations, messages
 
         task, num_agents = settings["task"], int(settings["num_agents"] or 0)
-        self.actions: tuple[str, ...] = (*ACTIONS, "SWITCH") if task == "Synchronization" else ACTIONS
+        self._actions = Actions(task, num_agents, bool(messages), settings["control"] or "")
+        self.actions: tuple[str, ...] = self._actions.names
         self._size = (int(settings["height"] or 0), int(settings["width"] or 0))
         side = int(settings["view_size"] or 0)
         window = self._size if settings["control"] == "centralized" else (side, side)
@@ -161,7 +178,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         self.possible_agents = [f"Agent_{number}" for number in range(num_agents)]
         self.agents: list[str] = []
         self.observation_spaces = {agent: self._observation_space() for agent in self.possible_agents}
-        self.action_spaces = {agent: self._action_space(agent) for agent in self.possible_agents}
+        self.action_spaces = {agent: self._actions.space(agent) for agent in self.possible_agents}
         self.state_space = spaces.Box(0, 1, (len(CHANNELS), *self._size), np.uint8)
 
         self._generator, _ = seeding.np_random(seed)
@@ -170,18 +187,17 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         self.episode: str | None = None
         self.score = 0.0
         self.seen: dict[str, Observation] = {}
-        self._swarm: Client | None = None
         self._seats: dict[str, str] = {}
         self._cursor: str | None = None
         self._is_over = True
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """What the agent's observations are in; the same object every time."""
-        return self.observation_spaces[agent]
+        return self.observation_spaces[agent_name(agent, self.possible_agents)]
 
     def action_space(self, agent: str) -> spaces.Space[Any]:
         """What the agent's actions are in; the same object every time."""
-        return self.action_spaces[agent]
+        return self.action_spaces[agent_name(agent, self.possible_agents)]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -189,18 +205,20 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         """Begins a new episode, and aborts the one that is not at its end. There are no options."""
         del options
         if seed is not None:
+            seed = whole("seed", seed, 0, SEED_MAX)
             self._generator, _ = seeding.np_random(seed)
             self._next_seed = seed
-        self._abort()
-        client = self._connect()
+        resources = self._open()
+        resources.abort()
+        self.agents, self._is_over = [], True
         drawn = int(self._generator.integers(SEED_MAX, endpoint=True)) if self._next_seed is None else self._next_seed
         self._next_seed = None
         settings = self._settings.copy()
         settings["seed"] = int(drawn)
-        created = client.create_episode(**settings)
+        created = resources.client.create_episode(**settings)
         self.seed, self.episode, self.score = int(drawn), created["id"], 0.0
         self._seats = {seat["agent"]: seat["token"] for seat in created["seats"]}
-        self._swarm = client.with_token(created["swarm_token"])
+        resources.begin(created)
         self._cursor, self._is_over = None, created["status"] != "running"
         self.agents = list(self.possible_agents)
         self.seen = {}
@@ -214,17 +232,16 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
     def step(
         self, actions: dict[str, Any]
     ) -> tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Plays a round with an action for each agent in `agents`."""
-        agents, swarm = self.agents, self._swarm
-        if swarm is None or self.episode is None:
-            raise SwarmbenchError("there is no episode yet: call reset()")
+        """Plays a round with an action for each agent in `agents`.
+
+        Raises:
+            SwarmbenchError: There is no episode, or it is over and there are actions.
+            ArgumentError: An action is missing, not in its space, or of an agent that has left. Nothing was sent.
+        """
+        swarm, agents = self._playing(), self.agents
+        self._check_agents(actions)
         if not agents:
             return {}, {}, {}, {}, {}
-        missing = [agent for agent in agents if agent not in actions]
-        if missing:
-            raise ValueError(
-                f"a round takes an action of every agent in `agents`; there is none of {', '.join(missing)}"
-            )
         before = {agent: self.seen[agent] for agent in agents}
         self._send(swarm, [self._act(agent, before[agent]["round"], actions[agent]) for agent in agents])
         self._look()
@@ -248,7 +265,8 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
     def render(self) -> str | NDArray[np.uint8] | None:
         """The whole map as it is now: as text (`ansi`), printed (`human`), or as pixels (`rgb_array`)."""
         if self.render_mode is None:
-            raise SwarmbenchError("nothing is rendered: name a render_mode when the environment is made")
+            modes = ", ".join(map(repr, self.metadata["render_modes"]))
+            raise SwarmbenchError(f"nothing is rendered: make the environment with a render_mode, one of {modes}")
         rows = self._map()
         if self.render_mode == "rgb_array":
             channels, _ = encode_cells(rows)
@@ -272,20 +290,23 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         return channels
 
     def close(self) -> None:
-        """Aborts the episode that is not at its end, and stops the server if it is the environment's own."""
+        """Aborts the episode that is not at its end, and stops the server if it is the environment's own.
+
+        A later `reset` opens everything again.
+        """
         self.agents = []
-        if isinstance(self._server, Server) and not self._server.is_running:
-            # It is gone, and with it whatever was played there.
-            self._swarm = None
-        try:
-            self._abort()
-        finally:
-            if self._client is not None and not isinstance(self._server, Client):
-                self._client.close()
-            self._client = None
-            if self._own_server is not None:
-                self._own_server.stop()
-                self._own_server = None
+        self._is_closed = True
+        resources, self._resources = self._resources, None
+        if self._finalizer is not None:
+            self._finalizer.detach()
+        if resources is not None:
+            resources.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
 
     # Spaces.
 
@@ -300,58 +321,48 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
             parts["prompt"] = prompt
         return spaces.Dict(parts)
 
-    def _action_space(self, agent: str) -> spaces.Space[Any]:
-        action: spaces.Space[Any] = spaces.Discrete(len(self.actions))
-        if not self._messages:
-            return action
-        parts = {
-            "action": action,
-            "message": spaces.Text(MESSAGE_CHARS_MAX, min_length=0, charset=PRINTABLE),
-        }
-        if self._settings["control"] == "centralized" and agent == "Agent_0":
-            # Whom alone the commander tells it; 0, which is the commander itself, stands for everybody.
-            parts["to"] = spaces.Discrete(len(self.possible_agents))
-        return spaces.Dict(parts)
-
     # What goes over the wire.
 
-    def _connect(self) -> Client:
-        if self._client is None:
-            if isinstance(self._server, Client):
-                self._client = self._server
-            elif isinstance(self._server, Server):
-                self._client = self._server.client()
-            elif self._server is None:
-                self._own_server = Server().start()
-                self._client = self._own_server.client()
-            else:
-                self._client = Client(self._server, self._token)
-        return self._client
+    def _open(self) -> Resources:
+        if self._resources is None:
+            self._resources = Resources(self._server, self._token)
+            # Made after those of a `Server`, so at the end of the program it is called before them.
+            name = f"parallel_env({self._settings['task']!r})"
+            self._finalizer = weakref.finalize(self, self._resources.finalize, name)
+            self._is_closed = False
+        return self._resources
 
-    def _abort(self) -> None:
-        swarm, self._swarm = self._swarm, None
-        if swarm is None or self.episode is None or self._is_over:
-            return
-        self._is_over = True
-        try:
-            swarm.abort_episode(self.episode)
-        except ApiError as error:
-            # Somebody else ended it.
-            if error.code != "episode_over":
-                raise
+    def _playing(self) -> Client:
+        """The client that plays the episode."""
+        swarm = None if self._resources is None else self._resources.swarm
+        if swarm is None:
+            raise SwarmbenchError(
+                "the environment is closed: reset() begins a new episode"
+                if self._is_closed
+                else "there is no episode yet: call reset()"
+            )
+        return swarm
+
+    def _check_agents(self, actions: Any) -> None:
+        """Whether there are actions of the agents that are in the game, and of no other."""
+        if not isinstance(actions, Mapping):
+            raise ArgumentError(f"actions are a dictionary with an action for each agent, not {shown(actions)}")
+        for agent, action in actions.items():
+            agent_name(agent, self.possible_agents)
+            # PettingZoo's name for no action, which is all that one who has left can do.
+            if agent not in self.agents and action is not None:
+                if not self.agents:
+                    raise SwarmbenchError("the episode is over, as `env.agents` is empty: reset() begins a new one")
+                raise ArgumentError(f"{agent} has left the game: only agents in `env.agents` act")
+        missing = [agent for agent in self.agents if actions.get(agent) is None]
+        if missing:
+            raise ArgumentError(
+                f"a round takes an action of every agent in `env.agents`; there is none of {', '.join(missing)}"
+            )
 
     def _act(self, agent: str, round: int, action: Any) -> SwarmAct:
         act: SwarmAct = {"episode": self.episode or "", "agent": agent, "round": round}
-        number = int(action["action"] if self._messages else action)
-        if not 0 <= number < len(self.actions):
-            raise ValueError(f"{agent} has the actions 0 to {len(self.actions) - 1}, and not {number}")
-        act["action"] = self.actions[number]
-        if not self._messages:
-            return act
-        if action["message"]:
-            act["message"] = action["message"]
-            if action.get("to"):
-                act["to"] = f"Agent_{int(action['to'])}"
+        self._actions.read(agent, action, act)
         return act
 
     def _send(self, swarm: Client, acts: list[SwarmAct]) -> None:
@@ -375,9 +386,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
 
     def _look(self) -> None:
         """Takes what every agent sees in the next round, or at the end."""
-        swarm = self._swarm
-        if swarm is None:
-            raise SwarmbenchError("there is no episode yet: call reset()")
+        swarm = self._playing()
         wants_prompt = self._observations != "array" or None
         fresh: dict[str, Observation] = {}
         while not fresh and not self._is_over:
@@ -391,11 +400,11 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
                 fresh[agent] = swarm.with_token(self._seats[agent]).obs(prompt=wants_prompt)
         self.seen.update(fresh)
         self.score = fresh[self.agents[0]]["score"]
+        if self._is_over and self._resources is not None:
+            self._resources.ended()
 
     def _map(self) -> list[list[str]]:
-        if self._swarm is None or self.episode is None:
-            raise SwarmbenchError("there is no episode yet: call reset()")
-        return symbols_of(self._swarm.state(self.episode))
+        return symbols_of(self._playing().state(self.episode or ""))
 
     # What is told of it.
 
@@ -419,8 +428,3 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         if self._observations == "both":
             parts["prompt"] = sight.get("prompt")
         return parts
-
-
-def _one_of(name: str, value: object, allowed: tuple[object, ...]) -> None:
-    if value not in allowed:
-        raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, is {value!r}")

@@ -1,4 +1,4 @@
-"""What can go wrong. Everything that this package raises by itself is a `SwarmbenchError`."""
+"""What can go wrong. Everything that this package raises by itself is a `SwarmbenchError`, also where httpx failed."""
 
 import json
 from collections.abc import Mapping
@@ -16,15 +16,27 @@ TEMPORARY_STATUS = frozenset({429, 502, 503, 504})
 
 
 class SwarmbenchError(Exception):
-    """Any failure that is told by this package."""
+    """Any failure that this package reports: the class of all errors below."""
+
+
+class ArgumentError(SwarmbenchError, ValueError):
+    """An argument that cannot be right, such as an address without a scheme. Nothing was sent."""
 
 
 class ConnectionFailedError(SwarmbenchError):
-    """No answer came, also not when it was tried again."""
+    """No answer came: an unknown host, a refused or broken connection, or nothing within the time.
+
+    `__cause__` is what httpx says of it.
+    """
 
 
 class UnexpectedAnswerError(SwarmbenchError):
-    """Something answered that does not speak the protocol: a proxy, or another program at this address."""
+    """Something answered that does not speak the protocol: a proxy, or another program at this address.
+
+    Attributes:
+        status: The HTTP status.
+        retry_after_s: In how many seconds it is worth trying again, where the answer says so.
+    """
 
     def __init__(self, message: str, status: int, retry_after_s: float | None = None) -> None:
         super().__init__(message)
@@ -60,7 +72,8 @@ class ApiError(SwarmbenchError):
         exact_ms = problem.get("retry_after_ms")
         self.retry_after_s = retry_after_s if exact_ms is None else exact_ms / 1000
         self.request_id = request_id
-        wrong = "; ".join(f"{field['field']} {field['problem']}" for field in self.fields)
+        wrongs = [f"{field['field']} {field['problem']}" for field in self.fields]
+        wrong = "; ".join(told for told in wrongs if told not in self.detail)
         super().__init__(f"{self.status} {self.code}: {self.detail}" + (f" ({wrong})" if wrong else ""))
 
 
@@ -73,8 +86,8 @@ def is_problem(receipt: Receipt | Problem) -> "TypeIs[Problem]":
     return "code" in receipt
 
 
-def error_of(status: int, headers: Mapping[str, str], body: bytes) -> ApiError | UnexpectedAnswerError:
-    """The error that an answer other than success means."""
+def error_of(asked: str, status: int, headers: Mapping[str, str], body: bytes) -> ApiError | UnexpectedAnswerError:
+    """The error that an answer other than success means. `asked` is the request in words."""
     retry_after_s = _retry_after_s(headers.get("retry-after"))
     try:
         problem = json.loads(body)
@@ -82,8 +95,18 @@ def error_of(status: int, headers: Mapping[str, str], body: bytes) -> ApiError |
         problem = None
     if isinstance(problem, dict) and {"type", "title", "status", "detail", "code"} <= problem.keys():
         return ApiError(cast("Problem", problem), retry_after_s=retry_after_s, request_id=headers.get("x-request-id"))
+    moved = f" and the location {headers['location']!r}" if "location" in headers else ""
+    return unexpected(asked, f"status {status}{moved}", body, status, retry_after_s)
+
+
+def unexpected(
+    asked: str, came: str, body: bytes, status: int, retry_after_s: float | None = None
+) -> UnexpectedAnswerError:
+    """The error that an answer means which no swarmbench server gives."""
     begin = body[:200].decode("utf-8", "replace")
-    return UnexpectedAnswerError(f"status {status} without a problem of swarmbench: {begin!r}", status, retry_after_s)
+    shown = f": {begin!r}" if begin else ""
+    hint = "no swarmbench server answers so: is the address right, or is a proxy in between?"
+    return UnexpectedAnswerError(f"{came} came for {asked}{shown}; {hint}", status, retry_after_s)
 
 
 def _retry_after_s(header: str | None) -> float | None:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, NamedTuple, TypeVar
 from urllib.parse import quote
 
-from .errors import TEMPORARY_STATUS, ConnectionFailedError, UnexpectedAnswerError, error_of
+from .errors import TEMPORARY_STATUS, ArgumentError, ConnectionFailedError, error_of, unexpected
 
 T = TypeVar("T")
 
-ANSWER_S_MAX = 30.0
-"""How long an answer may take beyond the `wait` that was asked for."""
+TIMEOUT_S = 30.0
+"""How long an answer may take beyond the `wait` that was asked for, unless a client is given another `timeout`."""
 
 PAUSE_S_MAX = 10.0
 """What a pause grows to, unless the server asks for a longer one."""
@@ -60,6 +60,8 @@ class NoReply(NamedTuple):
     """Why no answer came."""
 
     reason: Exception
+    may_help: bool = True
+    """Whether another attempt may help. It does not where no server has ever been at the address."""
 
 
 class Pause(NamedTuple):
@@ -85,17 +87,18 @@ def call(
     kept = {name: _text(value) for name, value in (query or {}).items() if value is not None}
     return Call(
         method=method,
-        path=path.format(*(quote(id, safe="") for id in ids)),
+        path=path.format(*(quote(_id(id), safe="", errors="replace") for id in ids)),
         read=read,
         query=kept,
-        body=None if body is None else json.dumps(body, ensure_ascii=False, allow_nan=False).encode(errors="replace"),
+        body=None if body is None else _json(body),
         headers={**(headers or {}), **({} if body is None else {"content-type": "application/json"})},
-        wait_s=float(kept.get("wait", 0)),
+        wait_s=_wait_s(kept.get("wait", "0")),
     )
 
 
-def converse(request: Call[T], retry: Retry) -> Flow[T]:
+def converse(request: Call[T], retry: Retry, server: str) -> Flow[T]:
     """Sends a request until there is an answer that is not temporary. Whoever drives it sends and sleeps."""
+    asked = f"{request.method} {server}{request.path}"
     waited_s = 0.0
     for attempt in range(retry.times + 1):
         reply = yield request
@@ -105,18 +108,22 @@ def converse(request: Call[T], retry: Retry) -> Flow[T]:
             try:
                 return request.read(reply.body)
             except ValueError as cause:
-                begin = reply.body[:200].decode("utf-8", "replace")
-                raise UnexpectedAnswerError(f"the answer is not JSON: {begin!r}", reply.status) from cause
+                raise unexpected(asked, "what is not JSON", reply.body, reply.status) from cause
         if isinstance(reply, Reply):
-            error = error_of(reply.status, reply.headers, reply.body)
+            error = error_of(asked, reply.status, reply.headers, reply.body)
             if reply.status not in TEMPORARY_STATUS:
                 raise error
             asked_s = error.retry_after_s
         else:
             assert reply is not None  # noqa: S101 - a request is answered with one or the other
             reason = str(reply.reason) or type(reply.reason).__name__
-            error = ConnectionFailedError(f"no answer to {request.method} {request.path}: {reason}")
+            hint = "" if reply.may_help else "; is the address right, and does a server run there (`swarmbench serve`)?"
+            error = ConnectionFailedError(f"no answer to {asked}: {reason}{hint}")
             error.__cause__ = reply.reason
+            if not reply.may_help:
+                raise error
+            if attempt:
+                error.args = (f"{error} ({attempt + 1} attempts)",)
         pause_s = min(retry.first_pause_s * 2**attempt, PAUSE_S_MAX) * random.uniform(0.5, 1.0)  # noqa: S311 - not a secret
         if asked_s is not None:
             pause_s = max(pause_s, asked_s)
@@ -171,3 +178,46 @@ class EventStream:
 
 def _text(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _id(value: object) -> str:
+    if isinstance(value, Mapping) and isinstance(value.get("id"), str):
+        raise ArgumentError(f"an id is needed, and a whole object came: its member is meant, {value['id']!r}")
+    if not isinstance(value, str) or not value:
+        raise ArgumentError(f"an id is a text such as 'ep_…' and not empty; it is {value!r}")
+    return value
+
+
+def _wait_s(value: str) -> float:
+    try:
+        wait_s = float(value)
+    except ValueError:
+        raise ArgumentError(f"wait is a number of seconds, and not {value!r}") from None
+    # What is out of range the server refuses, and names the range.
+    return min(max(0.0, wait_s), 3600.0)
+
+
+def _json(body: object) -> bytes:
+    try:
+        return json.dumps(body, ensure_ascii=False, allow_nan=False, default=_plain).encode(errors="replace")
+    except ValueError as error:
+        # NaN and the infinities, and what contains itself.
+        raise ArgumentError(f"{_short(body)} cannot be sent as JSON: {error}") from error
+    except TypeError as error:
+        raise ArgumentError(f"{_short(body)} cannot be sent as JSON: {error}") from error
+
+
+def _plain(value: object) -> object:
+    """Numbers and arrays of NumPy as Python's own."""
+    to_list = getattr(value, "tolist", None)
+    if to_list is not None:
+        return to_list()
+    raise ArgumentError(
+        f"{_short(value)} cannot be sent as JSON: it is of {type(value).__name__}, and must be a text, a number, "
+        "a bool, None, a list or a dictionary"
+    )
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 100 else text[:100] + "…"

@@ -1,13 +1,14 @@
 """Every call of the protocol, once. Both clients have them as methods."""
 
 import uuid
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
 from functools import update_wrapper
 from types import MethodType
 from typing import TYPE_CHECKING, Any, Concatenate, Generic, Literal, ParamSpec, TypeVar, cast, overload
 
 from . import wire
 from ._compat import Self, Unpack
+from .errors import ArgumentError
 from .exchange import Call, call
 
 if TYPE_CHECKING:
@@ -67,14 +68,17 @@ class Operations:
         response: str | None = None,
         usage: wire.Usage | None = None,
         reasoning: str | None = None,
+        failure: wire.Failure | None = None,
         wait: float | None = None,
     ) -> Call[wire.ActResponse]:
         """Answers a round with an action, or with the whole `response` of a language model.
 
+        `failure` says why the model gave no answer, where only its client knows: it refused, for example.
+
         With `wait` (seconds) the answer comes with the next observation in `obs`, or None if the time was up.
         """
         act: wire.ActRequest = {"round": round, "action": action, "message": message, "to": to}
-        act |= {"response": response, "usage": usage, "reasoning": reasoning}
+        act |= {"response": response, "usage": usage, "reasoning": reasoning, "failure": failure}
         return call("POST", "/act", query={"wait": wait}, body=_given(act))
 
     # A swarm: many seats in one call.
@@ -94,6 +98,8 @@ class Operations:
     @Operation
     def swarm_act(self, acts: Sequence[wire.SwarmAct]) -> Call[wire.SwarmActResponse]:
         """Acts for several seats. Each is taken or refused for itself: see `swarmbench.is_problem`."""
+        if isinstance(acts, Mapping | str) or not isinstance(acts, Iterable):
+            raise ArgumentError(f"acts are a list of acts, each a dictionary, and not of {type(acts).__name__}")
         return call("POST", "/swarm/act", body={"acts": list(acts)})
 
     # Episodes.

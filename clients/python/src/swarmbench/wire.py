@@ -18,6 +18,19 @@ TaskName = Literal["Transport", "Pursuit", "Synchronization", "Foraging", "Flock
 ActionName = Literal["UP", "DOWN", "LEFT", "RIGHT", "STAY", "SWITCH"]
 """All actions. An observation's `actions` are those of its task."""
 
+# Why an answer of a language model was invalid. A client may send all but the last three, which follow from the text.
+Failure = Literal[
+    "refusal",
+    "content_filter",
+    "truncated",
+    "tool_call",
+    "reasoning_only",
+    "rejected",
+    "empty",
+    "no_marker",
+    "unknown_action",
+]
+
 StatusName = Literal["waiting", "running", "finished", "aborted", "abandoned"]
 """How far an episode is."""
 
@@ -148,6 +161,7 @@ class ActRequest(TypedDict):
     response: NotRequired[str | None]
     usage: NotRequired[Usage | None]
     reasoning: NotRequired[str | None]
+    failure: NotRequired[Failure | None]
 
 
 class SwarmAct(TypedDict):
@@ -162,6 +176,7 @@ class SwarmAct(TypedDict):
     response: NotRequired[str | None]
     usage: NotRequired[Usage | None]
     reasoning: NotRequired[str | None]
+    failure: NotRequired[Failure | None]
 
 
 class SwarmActRequest(TypedDict):
@@ -179,6 +194,7 @@ class Receipt(TypedDict):
     action: str | None
     message: str | None
     valid: bool
+    failure: NotRequired[Failure | None]
     duplicate: bool
     waiting_for: int
 
@@ -459,6 +475,7 @@ class ShownAct(TypedDict):
     message: NotRequired[str | None]
     to: NotRequired[str | None]
     valid: NotRequired[bool | None]
+    failure: NotRequired[Failure | None]
     response: NotRequired[str | None]
     reasoning: NotRequired[str | None]
     usage: NotRequired[Usage | None]
@@ -603,6 +620,7 @@ class ActTally(TypedDict):
     sent: int
     invalid: int
     invalid_share: float | None
+    failures: dict[str, int]
     timeouts: int
     timeout_share: float | None
     clock_outs: int
@@ -751,6 +769,7 @@ class BoardRow(TypedDict):
     tasks: dict[str, TaskScore]
     difference: RowDifference | None
     invalid_share: float | None
+    failures: dict[str, int]
     timeout_share: float | None
     clock_out_share: float | None
     voided: int | None

@@ -58,6 +58,7 @@ fn decisions_are_in_order_of_agents_also_where_some_left() {
         message: None,
         to: None,
         valid: true,
+        failure: None,
         response: None,
         usage: None,
         reasoning: None,

@@ -9,6 +9,7 @@ use swarmbench_protocol::competition::{
     AttemptWindow, Clocks, Competition, CompetitionRow, EntrantSummary, SealedSettings,
     SealedSuite, TaskMean,
 };
+use swarmbench_protocol::failure::Failures;
 
 use super::definition::{Definition, Window};
 use super::entrant::Entrant;
@@ -131,6 +132,8 @@ pub fn row(standing: &Standing, entrant: &Entrant, with_tasks: bool) -> Competit
         total: row.total.filter(|_| with_tasks || games >= 2),
         difference: difference.clone().filter(|_| with_tasks),
         invalid_share: share(row.invalid, row.answers),
+        // Their number tells how long games were, which is secret as long as seeds are.
+        failures: if with_tasks { row.failures } else { Failures::EMPTY },
         timeout_share: share(row.timeouts, row.answers + row.timeouts),
         clock_share: share(row.timeouts, row.answers + row.timeouts),
         voided_games: row.voided_games,

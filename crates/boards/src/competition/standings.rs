@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use swarmbench_engine::TaskName;
 use swarmbench_prompt::Identity;
 use swarmbench_protocol::board::RowDifference;
+use swarmbench_protocol::failure::Failures;
 
 use super::EntrantStatus;
 use super::definition::{Counts, Definition};
@@ -77,6 +78,9 @@ pub struct Row {
     pub answers: u64,
     /// The invalid ones among them.
     pub invalid: u64,
+    /// Why they were invalid. Games of earlier versions do not tell it.
+    #[serde(default, skip_serializing_if = "Failures::is_empty")]
+    pub failures: Failures,
     /// Moves that timed out.
     pub timeouts: u64,
     /// Voided games of the attempt.
@@ -227,6 +231,10 @@ fn row(
     let sum = |of: fn(&crate::result::TaskResult) -> u64| {
         shown.map_or(0, |shown| shown.tasks.iter().map(of).sum())
     };
+    let mut failures = Failures::EMPTY;
+    for task in shown.iter().flat_map(|shown| &shown.tasks) {
+        failures.add(task.failures);
+    }
     let run = shown.map(|shown| shown.run.id.clone());
     Row {
         rank: ranked.and_then(|ranked| ranked.rank),
@@ -238,6 +246,7 @@ fn row(
         total: shown.and_then(|shown| shown.total(tasks)),
         answers: sum(|task| task.answers),
         invalid: sum(|task| task.invalid),
+        failures,
         timeouts: sum(|task| task.timeouts),
         voided_games: u32::try_from(sum(|task| task.voided.into())).unwrap_or(u32::MAX),
         attempts: count(&|attempt| attempt.is_over && !attempt.voided),
@@ -289,6 +298,7 @@ mod tests {
             score,
             answers: 10,
             invalid: 1,
+            failures: Failures::EMPTY,
             timeouts: 2,
             voided: false,
         };

@@ -22,6 +22,7 @@ use crate::run::Definition as Run;
 use crate::{Game, Slot};
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::replay::{self, Report as Played, check_line};
+use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::status::RunStatus;
 use swarmbench_protocol::suite::Game as Planned;
 
@@ -339,8 +340,15 @@ impl Checker {
             let planned = planned.ok_or_else(|| reader.wrong("it has a game too many"))?;
             let slot = attempt.plan[game.slot as usize];
             if game.voided.is_some() {
-                let none =
-                    Game { slot, score: 0.0, answers: 0, invalid: 0, timeouts: 0, voided: true };
+                let none = Game {
+                    slot,
+                    score: 0.0,
+                    answers: 0,
+                    invalid: 0,
+                    failures: Failures::EMPTY,
+                    timeouts: 0,
+                    voided: true,
+                };
                 attempt.games.push(none);
                 continue;
             }
@@ -368,6 +376,7 @@ impl Checker {
                 score: played.score,
                 answers: played.tally.acts,
                 invalid: played.tally.invalid,
+                failures: played.tally.failures,
                 timeouts: played.tally.timeouts,
                 voided: false,
             });

@@ -3,6 +3,7 @@
 use std::cell::RefCell;
 use std::convert::Infallible;
 use std::fmt::Display;
+use std::sync::Arc;
 use std::time::Duration;
 
 use futures::future::{Either, select};
@@ -10,6 +11,7 @@ use serde_json::{Map, Value, json};
 use tokio_util::sync::CancellationToken;
 
 use super::conversation::Conversation;
+use super::judge::Judge;
 use super::plan::{META, Planned, Who, axes, ranges, value};
 use super::stop_reason::StopReason;
 use crate::client::{Client, ClientError};
@@ -48,6 +50,8 @@ pub enum News<'a> {
     Looked(&'a [Observation]),
     /// An act is durable.
     Acted(&'a SwarmAct, &'a Receipt),
+    /// An act came when its round was over.
+    Late(&'a SwarmAct),
     /// The state of the run, polled.
     Polled(&'a RunDetail),
     /// All of it was played.
@@ -62,6 +66,8 @@ pub struct Conductor<'a> {
     pub parallel: u32,
     /// Whether a finished run is played again.
     pub again: bool,
+    /// A run stops when more than this share of a model's answers fails in one way; never with 1.
+    pub stop_share: f64,
     /// Cancelled to stop.
     pub stop: &'a CancellationToken,
 }
@@ -82,11 +88,12 @@ impl Conductor<'_> {
         if found == Found::Finished {
             return Ok(run);
         }
+        let judge = Arc::new(Judge::new(&planned.name(), self.stop_share));
         let ended = match (&planned.who, model) {
             (Who::Player(player), _) => {
                 let (params, players) = (GameParams::of(&run), player.players());
                 let mut swarm = BuiltIns::new(self.client, &token, params, player.seed, players);
-                let played = self.play(&run, &token, &mut swarm, watch).await;
+                let played = self.play(&run, &token, &mut swarm, &judge, watch).await;
                 played.map_err(|error| {
                     stop_reason(error, |error| StopReason::Play(error.to_string()))
                 })?
@@ -96,8 +103,9 @@ impl Conductor<'_> {
             }
             (Who::Model(_), Some(model)) => {
                 let id = &run.run.id;
-                let mut swarm = Conversation::new(self.client, id, &token, planned, model);
-                let played = self.play(&run, &token, &mut swarm, watch).await;
+                let mut swarm =
+                    Conversation::new(self.client, id, &token, planned, model, Arc::clone(&judge));
+                let played = self.play(&run, &token, &mut swarm, &judge, watch).await;
                 played.map_err(|error| stop_reason(error, |error| error))?
             }
         };
@@ -119,12 +127,17 @@ impl Conductor<'_> {
         run: &RunDetail,
         token: &str,
         swarm: &mut S,
+        judge: &Judge,
         watch: &mut dyn FnMut(News<'_>),
     ) -> Result<End, DriveError<S::Error>> {
         let watch = RefCell::new(watch);
         let report = |note: Note<'_>| match note {
             Note::Looked(looked) => watch.borrow_mut()(News::Looked(looked)),
-            Note::Acted(act, receipt) => watch.borrow_mut()(News::Acted(act, receipt)),
+            Note::Acted(act, receipt) => {
+                judge.note(act, receipt);
+                watch.borrow_mut()(News::Acted(act, receipt));
+            }
+            Note::Late(act) => watch.borrow_mut()(News::Late(act)),
         };
         let sync = async {
             loop {

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use tokio::sync::Mutex;
 
+use super::judge::Judge;
 use super::plan::Planned;
 use super::stop_reason::StopReason;
 use crate::client::Client;
@@ -18,6 +19,7 @@ use swarmbench_protocol::observation::Observation;
 pub struct Conversation {
     model: Model,
     names: Arc<Names>,
+    judge: Arc<Judge>,
 }
 
 /// The names of games for cassettes, by their episodes.
@@ -32,7 +34,14 @@ struct Names {
 impl Conversation {
     /// A model that plays a run.
     #[must_use]
-    pub fn new(client: &Client, run: &str, token: &str, planned: &Planned, model: Model) -> Self {
+    pub fn new(
+        client: &Client,
+        run: &str,
+        token: &str,
+        planned: &Planned,
+        model: Model,
+        judge: Arc<Judge>,
+    ) -> Self {
         let names = Names {
             client: client.clone(),
             run: run.to_owned(),
@@ -40,7 +49,7 @@ impl Conversation {
             planned: planned.clone(),
             known: Mutex::default(),
         };
-        Self { model, names: Arc::new(names) }
+        Self { model, names: Arc::new(names), judge }
     }
 }
 
@@ -57,14 +66,24 @@ impl Swarm for Conversation {
     fn decide(&mut self, looked: Vec<Observation>) -> Vec<Thought<StopReason>> {
         let begin = |seen: Observation| -> Thought<StopReason> {
             let (model, names) = (self.model.clone(), Arc::clone(&self.names));
-            Box::pin(async move { Ok(vec![ask(&model, &names, seen).await?]) })
+            let judge = Arc::clone(&self.judge);
+            Box::pin(async move {
+                judge.check()?;
+                Ok(vec![ask(&model, &names, seen).await?])
+            })
         };
         looked.into_iter().map(begin).collect()
     }
 
     fn waits_for_others(error: &StopReason) -> bool {
         // What is under way is paid for, and nothing more is asked.
-        matches!(error, StopReason::Requested | StopReason::Budget { .. } | StopReason::Model(_))
+        matches!(
+            error,
+            StopReason::Requested
+                | StopReason::Budget { .. }
+                | StopReason::Model(_)
+                | StopReason::Failing { .. }
+        )
     }
 }
 
@@ -81,13 +100,15 @@ async fn ask(model: &Model, names: &Names, seen: Observation) -> Result<SwarmAct
         system: names.planned.system_of(&sight.task.name).map(str::to_owned),
         prompt,
     };
-    let Answer { response, usage, reasoning, .. } = model.answer(&question).await?;
+    let Answer { response, usage, reasoning, failure, .. } = model.answer(&question).await?;
     let act = ActRequest {
         round: sight.round,
         // An empty one counts as well: the model said nothing.
         response: Some(response),
         usage: Some(usage),
         reasoning,
+        // The server reads the others from the text.
+        failure: failure.filter(|failure| failure.is_of_client()),
         ..ActRequest::default()
     };
     Ok(SwarmAct::of(sight.episode, sight.agent, act))

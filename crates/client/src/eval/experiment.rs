@@ -61,6 +61,10 @@ pub struct Experiment {
     pub models_at_once: Option<u32>,
     /// The token budget.
     pub budget: Option<u64>,
+    /// The share of answers that fail in one way from which on a run stops; 1 for never.
+    pub stop_share: Option<f64>,
+    /// What tokens cost, for models that name no price.
+    pub price: Option<Price>,
     /// The shape of the board.
     pub board: Option<Shape>,
 }
@@ -168,6 +172,8 @@ impl Experiment {
             requests: said.requests.or(self.requests),
             models_at_once: said.models_at_once.or(self.models_at_once),
             budget: said.budget.or(self.budget),
+            stop_share: said.stop_share.or(self.stop_share),
+            price: said.price.or(self.price),
             board: said.board.or(self.board),
         }
     }
@@ -212,6 +218,47 @@ pub struct ModelEntry {
     pub extra: Option<Map<String, Value>>,
     /// Its system message.
     pub system: Option<SystemMessage>,
+    /// What its tokens cost.
+    pub price: Option<Price>,
+}
+
+/// What tokens cost, in any currency.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Price {
+    /// Of a million tokens of prompts.
+    pub input: f64,
+    /// Of a million tokens of answers.
+    pub output: f64,
+}
+
+impl Price {
+    /// What these tokens cost.
+    #[must_use]
+    pub fn of(&self, prompt_tokens: u64, completion_tokens: u64) -> f64 {
+        #[expect(clippy::cast_precision_loss, reason = "prices are rounded anyway")]
+        let cost = |tokens: u64, price: f64| tokens as f64 * price / 1e6;
+        cost(prompt_tokens, self.input) + cost(completion_tokens, self.output)
+    }
+
+    /// Whether both are numbers of at least 0.
+    #[must_use]
+    pub fn is_sane(&self) -> bool {
+        [self.input, self.output].iter().all(|price| price.is_finite() && *price >= 0.0)
+    }
+}
+
+impl FromStr for Price {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers = text.split_once(',').and_then(|(input, output)| {
+            Some(Self { input: input.trim().parse().ok()?, output: output.trim().parse().ok()? })
+        });
+        numbers.filter(Self::is_sane).ok_or_else(|| {
+            "a price is two numbers, of a million tokens of prompts and of answers, like 0.15,0.6".to_owned()
+        })
+    }
 }
 
 impl ModelEntry {

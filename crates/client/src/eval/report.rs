@@ -7,6 +7,7 @@ use swarmbench_engine::TaskName;
 
 use super::experiment::Shape;
 use super::plan::{Plan, Planned, Who, ranges};
+use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::run::{ActTally, RunDetail, TaskResult};
 use swarmbench_protocol::table::{names, text, write_csv};
 
@@ -52,6 +53,9 @@ pub struct Row {
     pub total: Option<f64>,
     /// Its acts, counted.
     pub acts: ActTally,
+    /// What its tokens cost, if their price is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cost: Option<f64>,
     /// Whether a replay of all its journals gave the same results.
     pub verified: bool,
 }
@@ -110,6 +114,28 @@ impl Report {
         self.rows.iter().any(|row| row.is_model)
     }
 
+    /// Whether the price of any model's tokens is known.
+    fn has_costs(&self) -> bool {
+        self.rows.iter().any(|row| row.cost.is_some())
+    }
+
+    /// Why answers did not count: a line for each run that has any, the most frequent reason first.
+    #[must_use]
+    pub fn reasons(&self) -> Vec<String> {
+        let failing = self.rows.iter().filter(|row| !row.acts.failures.is_empty());
+        failing
+            .map(|row| {
+                let (name, acts) = (row.name().join(" "), &row.acts);
+                format!(
+                    "{name}: {} of {} answers did not count: {}",
+                    acts.invalid,
+                    acts.sent,
+                    acts.failures.words()
+                )
+            })
+            .collect()
+    }
+
     /// The board as headings and rows of texts, for people.
     #[must_use]
     pub fn table(&self, shape: Shape) -> (Vec<String>, Vec<Vec<String>>) {
@@ -125,6 +151,9 @@ impl Report {
                 add(&["games"]);
                 if self.has_models() {
                     add(&["invalid", "tokens in", "out"]);
+                }
+                if self.has_costs() {
+                    add(&["cost"]);
                 }
                 self.rows.iter().map(|row| self.wide(row)).collect()
             }
@@ -158,6 +187,9 @@ impl Report {
                 tokens.map(|count| if is_reported { short(count) } else { "–".to_owned() }),
             );
         }
+        if self.has_costs() {
+            cells.push(number(row.cost));
+        }
         cells
     }
 
@@ -187,7 +219,8 @@ impl Report {
         };
         let rule = vec!["---".to_owned(); headings.len()];
         let rows = rows.iter().map(|row| line(row));
-        [line(&headings), line(&rule)].into_iter().chain(rows).collect()
+        let reasons = self.reasons().into_iter().map(|reason| format!("\n{reason}\n"));
+        [line(&headings), line(&rule)].into_iter().chain(rows).chain(reasons).collect()
     }
 
     /// The board as comma-separated values: a line for each run and task, numbers in full.
@@ -197,8 +230,9 @@ impl Report {
             .chain(self.varied.iter().map(|&axis| axis.to_owned()))
             .chain(names(
                 "task mean deviation least most games planned seeds run status verified run_acts run_invalid \
-                 run_prompt_tokens run_completion_tokens prompt answer_reader",
-            ));
+                 run_prompt_tokens run_completion_tokens run_cost prompt answer_reader",
+            ))
+            .chain(Failures::columns().map(|column| format!("run_{column}")));
         let full =
             |number: Option<f64>| number.map_or_else(String::new, |number| number.to_string());
         let line = |row: &Row, cell: &Cell| {
@@ -220,9 +254,11 @@ impl Report {
                 row.acts.invalid.to_string(),
                 row.acts.prompt_tokens.to_string(),
                 row.acts.completion_tokens.to_string(),
+                full(row.cost),
                 row.prompt.clone().unwrap_or_default(),
                 row.answer_reader.clone(),
             ]);
+            cells.extend(row.acts.failures.cells());
             cells
         };
         let lines =
@@ -270,6 +306,12 @@ impl Row {
             seeds: ranges(&planned.suite.seeds),
             tasks: run.run.tasks.iter().map(cell).collect(),
             total: run.run.total.filter(|_| plan.tasks.iter().all(plays)),
+            cost: match &planned.who {
+                Who::Model(model) => model.price.map(|price| {
+                    price.of(run.run.acts.prompt_tokens, run.run.acts.completion_tokens)
+                }),
+                Who::Player(_) => None,
+            },
             acts: run.run.acts.clone(),
             verified: *verified,
         }

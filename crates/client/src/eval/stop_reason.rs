@@ -1,7 +1,9 @@
 //! Why an evaluation stops before its end.
 
+use super::judge::advice;
 use crate::client::ClientError;
 use crate::llm::Stop;
+use swarmbench_protocol::failure::Failure;
 
 /// Why not everything was played.
 #[derive(Debug, thiserror::Error)]
@@ -18,6 +20,25 @@ pub enum StopReason {
         spent: u64,
         /// Tokens that might be.
         budget: u64,
+    },
+    /// Most answers fail in one way.
+    #[error(
+        "of {answers} answers of {model}, {count} were {}: {}; the same command plays on, and with --stop-share off it does \
+         not stop for this. The last of them: {last}",
+        kind.words(),
+        advice(*kind)
+    )]
+    Failing {
+        /// Whose answers.
+        model: String,
+        /// Most of them.
+        kind: Failure,
+        /// How many of that kind.
+        count: u64,
+        /// How many there were.
+        answers: u64,
+        /// What one of them said.
+        last: String,
     },
     /// A model cannot be asked.
     #[error("{0}")]
@@ -71,7 +92,7 @@ impl StopReason {
                 | Stop::NotOnCassette { .. }
                 | Stop::Settings(_) => Reach::Player,
             },
-            Self::Ended { .. } | Self::Play(_) => Reach::Player,
+            Self::Failing { .. } | Self::Ended { .. } | Self::Play(_) => Reach::Player,
         }
     }
 
@@ -79,9 +100,10 @@ impl StopReason {
     #[must_use]
     pub fn can_resume(&self) -> bool {
         match self {
-            Self::Requested | Self::Budget { .. } | Self::Client(ClientError::Transport { .. }) => {
-                true
-            }
+            Self::Requested
+            | Self::Budget { .. }
+            | Self::Failing { .. }
+            | Self::Client(ClientError::Transport { .. }) => true,
             Self::Model(stop) => matches!(
                 stop,
                 Stop::NoCredit { .. } | Stop::Unreachable { .. } | Stop::ComeLater { .. }

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use swarmbench_protocol::act::Usage;
+pub use swarmbench_protocol::failure::Failure;
 
 /// Bytes of a response in JSON; longer ones are cut. With [`REASONING_BYTES_MAX`] it is far less than an act may
 /// have, and the journal has room for as much in every act of an episode of usual size: 12 agents, 100 rounds.
@@ -35,7 +36,7 @@ pub struct Answer {
     /// [`REASONING_BYTES_MAX`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reasoning: Option<String>,
-    /// Why the answer is empty or cut. The act is sent all the same: the server decides whether it counts.
+    /// Why the model gave no answer, or a cut one. The act is sent all the same: the server decides whether it counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<Failure>,
     /// Retries before this answer.
@@ -43,33 +44,18 @@ pub struct Answer {
     pub retries: u32,
 }
 
-swarmbench_engine::named! {
-    /// How a model failed to answer. The fault is the model's own, so it costs the model its move and is not retried.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-    #[serde(rename_all = "snake_case")]
-    pub enum Failure {
-        /// It refused.
-        Refusal = "refusal",
-        /// A filter of the endpoint removed the question or the answer, or a part of it.
-        ContentFilter = "content_filter",
-        /// It used up its tokens; the cut answer may still contain a decision.
-        Truncated = "truncated",
-        /// It said nothing.
-        Empty = "empty",
-    }
-}
-
-impl std::fmt::Display for Failure {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
 /// An answer, and its tokens if the endpoint reports them.
 #[derive(Debug)]
 pub(super) struct Completion {
     pub(super) answer: Answer,
     pub(super) tokens: Option<u64>,
+}
+
+impl Completion {
+    /// Whether the endpoint rejected the question, and nothing was answered.
+    pub(super) fn is_rejected(&self) -> bool {
+        self.answer.failure == Some(Failure::Rejected)
+    }
 }
 
 /// Reads JSON. A model that stops in the middle of a character leaves half of it, which many endpoints hand on and no JSON
@@ -127,12 +113,16 @@ pub(super) fn read(body: &Value) -> Option<Completion> {
     if let Some(said) = message["refusal"].as_str() {
         refusal.push_str(said);
     }
-    let is_blank = text.trim().is_empty();
-    let failure = match choice["finish_reason"].as_str() {
-        Some("content_filter") => Some(Failure::ContentFilter),
-        Some("refusal") => Some(Failure::Refusal),
+    let is_blank = spoken(&text).is_empty();
+    let thinks = !thoughts.trim().is_empty() || !text.trim().is_empty();
+    let finish = choice["finish_reason"].as_str().unwrap_or_default();
+    let failure = match finish {
+        "content_filter" => Some(Failure::ContentFilter),
+        "refusal" => Some(Failure::Refusal),
         _ if is_blank && !refusal.trim().is_empty() => Some(Failure::Refusal),
-        Some("length") => Some(Failure::Truncated),
+        "length" => Some(Failure::Truncated),
+        _ if is_blank && calls_tool(message, finish) => Some(Failure::ToolCall),
+        _ if is_blank && thinks => Some(Failure::ReasoningOnly),
         _ if is_blank => Some(Failure::Empty),
         _ => None,
     };
@@ -145,6 +135,20 @@ pub(super) fn read(body: &Value) -> Option<Completion> {
     let reasoning = Some(thoughts).filter(|thoughts| !thoughts.trim().is_empty());
     let answer = Answer { response: text, usage, reasoning, failure, retries: 0 };
     Some(Completion { answer, tokens })
+}
+
+/// What a text says outside of `<think>…</think>`, where some endpoints leave the reasoning.
+fn spoken(text: &str) -> &str {
+    let text = text.trim();
+    let Some(thoughts) = text.strip_prefix("<think>") else { return text };
+    thoughts.rsplit_once("</think>").map_or("", |(_, said)| said.trim())
+}
+
+/// Whether the model called a tool, in the present or in the old form.
+fn calls_tool(message: &Value, finish: &str) -> bool {
+    ["tool_calls", "function_call"].contains(&finish)
+        || message["tool_calls"].as_array().is_some_and(|calls| !calls.is_empty())
+        || message["function_call"].is_object()
 }
 
 /// The parts of a content.
@@ -248,7 +252,7 @@ pub(super) fn error_of(body: &Value) -> Option<Refusal> {
 }
 
 /// A text as a quotation: one line, no control characters, not too long.
-pub(super) fn one_line(text: &str) -> String {
+pub(crate) fn one_line(text: &str) -> String {
     let words =
         text.split(|c: char| c.is_whitespace() || c.is_control()).filter(|word| !word.is_empty());
     let mut line = String::new();

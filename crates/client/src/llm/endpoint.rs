@@ -224,11 +224,14 @@ impl Endpoint {
         let (variable, state) = (key.variable().to_owned(), key.state());
         let model = self.settings.model.clone();
         let said = Said(self.quoted(&refusal.said));
-        if let Some(answer) = asked.excuse(status, refusal, &said) {
-            return Ok(answer);
-        }
         if [400, 422].contains(&status) && wants_stream(&refusal.said) {
             return Err(Trouble::Final(self.only_streams(said)));
+        }
+        if status == 400 && refusal.said.contains("credit balance is too low") {
+            return Err(Trouble::Final(Stop::NoCredit { url, status, said }));
+        }
+        if let Some(answer) = asked.excuse(status, refusal, &said) {
+            return Ok(answer);
         }
         let passing = |kind| {
             let Said(said) = &said;
@@ -244,9 +247,6 @@ impl Endpoint {
             408 | 409 | 425 | 500.. => return passing(Kind::Server),
             401 => Stop::WrongKey { url, route, variable, state, said },
             402 => Stop::NoCredit { url, status, said },
-            400 if refusal.said.contains("credit balance is too low") => {
-                Stop::NoCredit { url, status, said }
-            }
             403 => Stop::Forbidden { url, variable, state, model, said },
             404 | 405 => Stop::NotFound { url, status, model, hint: self.not_found(refusal), said },
             _ => Stop::BadRequest { url, status, hint: hint(route, refusal), said },

@@ -5,6 +5,9 @@
 //!
 //! - What the model itself does wrong (it refuses, says nothing, runs out of tokens) is an answer with a [`Failure`].
 //!   It is not tried again, it costs the model its move, and the game continues.
+//! - A question that the endpoint rejects (400, 413, 422) although it takes others costs the model its move, too: it is
+//!   asked twice, and the same error comes for ever where a prompt is longer than the model's context. Where the
+//!   endpoint takes no question at all, a setting is wrong, and everything stops with its error.
 //! - What the endpoint does wrong is tried again with growing pauses. Where it stays wrong, everything stops; no move
 //!   is lost, and the run can resume later.
 //!
@@ -138,16 +141,44 @@ impl Model {
             requests.counters.replayed(&answer);
             return Ok(answer);
         }
-        let chat = Chat { question, settings: requests.settings() };
-        let Answered { answer: Completion { mut answer, tokens }, latency, retries } =
-            requests.send(&chat).await?;
-        answer.usage.latency_ms = Some(millis(latency));
-        answer.retries = retries;
-        requests.counters.answered(&answer.usage, tokens.is_none(), answer.failure);
+        let answer = self.ask(question).await?;
         if let Some(recorded) = recorded {
             recorded.record(question, &answer).map_err(|stop| requests.stop(stop))?;
         }
         Ok(answer)
+    }
+
+    /// Asks the endpoint, and asks again where it rejects the question.
+    async fn ask(&self, question: &Question) -> Result<Answer, Stop> {
+        let requests = &self.0.requests;
+        let settings = requests.settings();
+        let chat = Chat { text: &question.prompt, question: Some(question), settings };
+        let answers = || requests.counters.spent().answers;
+        let before = answers();
+        let mut answered = requests.send(&chat).await?;
+        if answered.answer.is_rejected() {
+            if answers() == before {
+                // Nothing tells yet whether the endpoint takes any question with these settings.
+                let probe = Chat { text: PROBE, question: None, settings };
+                self.count(&requests.send(&probe).await?);
+            }
+            answered = requests.send(&chat).await?;
+        }
+        self.count(&answered);
+        let Answered { answer: Completion { mut answer, .. }, latency, retries } = answered;
+        answer.usage.latency_ms = Some(millis(latency));
+        answer.retries = retries;
+        Ok(answer)
+    }
+
+    fn count(&self, answered: &Answered<Completion>) {
+        let Completion { answer, tokens } = &answered.answer;
+        let counters = &self.0.requests.counters;
+        if answered.answer.is_rejected() {
+            counters.rejected();
+        } else {
+            counters.answered(&answer.usage, tokens.is_none(), answer.failure);
+        }
     }
 
     /// What was asked and spent so far.
@@ -164,9 +195,14 @@ impl Model {
     }
 }
 
+/// Asks an endpoint that rejected a question, and has answered none meanwhile, whether it takes any.
+const PROBE: &str = "Reply with the word OK.";
+
 /// A question on its way.
 struct Chat<'a> {
-    question: &'a Question,
+    text: &'a str,
+    /// None for a probe, which shows what is wrong with the settings.
+    question: Option<&'a Question>,
     settings: &'a Settings,
 }
 
@@ -174,11 +210,15 @@ impl Request for Chat<'_> {
     type Answer = Completion;
 
     fn subject(&self) -> String {
-        format!("{} in round {}", self.question.agent, self.question.round)
+        self.question.map_or_else(
+            || "a probe".to_owned(),
+            |question| format!("{} in round {}", question.agent, question.round),
+        )
     }
 
     fn fields(&self) -> Map<String, Value> {
-        self.settings.api.fields(self.question.system.as_deref(), &self.question.prompt)
+        let system = self.question.and_then(|question| question.system.as_deref());
+        self.settings.api.fields(system, self.text)
     }
 
     fn read(&self, body: &Value) -> Option<Completion> {
@@ -189,13 +229,16 @@ impl Request for Chat<'_> {
         Some(Completion { answer: answer.bounded(), tokens })
     }
 
-    /// A filter took offence at the question.
+    /// A filter took offence at the question, or the endpoint does not take it as it is.
     fn excuse(&self, status: u16, refusal: &Refusal, said: &Said) -> Option<Completion> {
-        if !refusal.is_filtered || ![400, 403].contains(&status) {
-            return None;
-        }
-        let reasoning = Some(format!("[content filter] {}", said.0));
-        let failure = Some(Failure::ContentFilter);
+        self.question?;
+        let (what, failure) = match status {
+            400 | 403 if refusal.is_filtered => ("content filter", Failure::ContentFilter),
+            400 | 413 | 422 => ("rejected", Failure::Rejected),
+            _ => return None,
+        };
+        let reasoning = Some(format!("[{what}] {}", said.0));
+        let failure = Some(failure);
         Some(Completion {
             answer: Answer { reasoning, failure, ..Answer::default() },
             tokens: None,
@@ -204,11 +247,14 @@ impl Request for Chat<'_> {
 
     /// As reported by the endpoint, or else a fourth of the bytes.
     fn tokens(&self, completion: &Completion) -> u64 {
+        if completion.is_rejected() {
+            return 0;
+        }
         completion.tokens.unwrap_or_else(|| {
             let answer = &completion.answer;
             let thought = answer.reasoning.as_ref().map_or(0, String::len);
-            let Question { system, prompt, .. } = self.question;
-            let asked = prompt.len() + system.as_ref().map_or(0, String::len);
+            let system = self.question.and_then(|question| question.system.as_ref());
+            let asked = self.text.len() + system.map_or(0, String::len);
             let bytes = asked + answer.response.len() + thought;
             u64::try_from(bytes.div_ceil(4)).unwrap_or(u64::MAX)
         })

@@ -138,7 +138,7 @@ impl Requests {
             self.allowance.check()?;
             let in_flight = self.counters.request();
             let asked = self.endpoint.ask(request, clock).await;
-            drop(in_flight);
+            in_flight.over();
             let passing = match asked {
                 Ok((answer, latency)) => {
                     pass.answered();

@@ -5,6 +5,7 @@ use std::sync::{Mutex, MutexGuard};
 use super::completion::{Answer, Failure};
 use super::endpoint::Kind;
 use swarmbench_protocol::act::Usage;
+use swarmbench_protocol::failure::Failures;
 
 /// Requests and tokens of a model since it was created. Nothing here is estimated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -25,41 +26,14 @@ pub struct Spent {
     pub completion_tokens: u64,
     /// Answers without usage.
     pub unmetered: u64,
-    /// Empty, refused or cut answers, those of a cassette included.
+    /// Tokens of prompts and answers that a cassette replayed.
+    pub replayed_tokens: [u64; 2],
+    /// Requests whose answer was not waited for, as everything stopped. The endpoint may charge for them.
+    pub dropped: u64,
+    /// Empty, refused or cut answers and rejected questions, those of a cassette included.
     pub failures: Failures,
     /// Failed requests.
     pub troubles: Troubles,
-}
-
-/// Empty, refused or cut answers, by kind.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Failures {
-    /// [`Failure::Refusal`].
-    pub refusals: u64,
-    /// [`Failure::ContentFilter`].
-    pub filtered: u64,
-    /// [`Failure::Truncated`].
-    pub truncated: u64,
-    /// [`Failure::Empty`].
-    pub empty: u64,
-}
-
-impl Failures {
-    /// All of them.
-    #[must_use]
-    pub const fn total(&self) -> u64 {
-        self.refusals + self.filtered + self.truncated + self.empty
-    }
-
-    fn count(&mut self, failure: Option<Failure>) {
-        match failure {
-            None => {}
-            Some(Failure::Refusal) => self.refusals += 1,
-            Some(Failure::ContentFilter) => self.filtered += 1,
-            Some(Failure::Truncated) => self.truncated += 1,
-            Some(Failure::Empty) => self.empty += 1,
-        }
-    }
 }
 
 /// Failed requests that were retried, by kind.
@@ -114,7 +88,7 @@ impl Counters {
         let mut spent = self.get();
         spent.requests += 1;
         spent.in_flight += 1;
-        InFlight(self)
+        InFlight { counters: self, is_over: false }
     }
 
     pub(super) fn retry(&self) {
@@ -124,7 +98,14 @@ impl Counters {
     pub(super) fn replayed(&self, answer: &Answer) {
         let mut spent = self.get();
         spent.replayed += 1;
-        spent.failures.count(answer.failure);
+        let Usage { prompt_tokens, completion_tokens, .. } = answer.usage;
+        for (sum, more) in spent.replayed_tokens.iter_mut().zip([prompt_tokens, completion_tokens])
+        {
+            *sum += more.unwrap_or(0);
+        }
+        if let Some(failure) = answer.failure {
+            spent.failures.count(failure);
+        }
     }
 
     pub(crate) fn answered(&self, usage: &Usage, is_unmetered: bool, failure: Option<Failure>) {
@@ -134,7 +115,14 @@ impl Counters {
         spent.prompt_tokens += usage.prompt_tokens.unwrap_or(0);
         spent.completion_tokens += usage.completion_tokens.unwrap_or(0);
         spent.unmetered += u64::from(is_unmetered);
-        spent.failures.count(failure);
+        if let Some(failure) = failure {
+            spent.failures.count(failure);
+        }
+    }
+
+    /// The endpoint rejected a question. It is not answered, and nobody reports tokens.
+    pub(super) fn rejected(&self) {
+        self.get().failures.count(Failure::Rejected);
     }
 
     pub(super) fn trouble(&self, kind: Kind, said: &str) {
@@ -151,10 +139,22 @@ impl Counters {
 }
 
 /// A request in flight.
-pub(super) struct InFlight<'a>(&'a Counters);
+pub(super) struct InFlight<'a> {
+    counters: &'a Counters,
+    is_over: bool,
+}
+
+impl InFlight<'_> {
+    /// It was answered, or failed.
+    pub(super) fn over(mut self) {
+        self.is_over = true;
+    }
+}
 
 impl Drop for InFlight<'_> {
     fn drop(&mut self) {
-        self.0.get().in_flight -= 1;
+        let mut spent = self.counters.get();
+        spent.in_flight -= 1;
+        spent.dropped += u64::from(!self.is_over);
     }
 }

@@ -82,6 +82,7 @@ impl Plan {
         }
         problems.namesakes(&runs);
         problems.at_once(experiment);
+        problems.numbers(experiment, &runs);
         let mut known = BTreeSet::new();
         runs.retain(|run| known.insert(run.identity()));
         problems.none()?;
@@ -185,6 +186,7 @@ fn model(
         temperature: entry.temperature.or(temperature),
         top_p: entry.top_p.or(top_p),
         max_tokens: entry.max_tokens.or(experiment.max_tokens),
+        price: entry.price.or(experiment.price),
         extra: entry.extra.clone().or_else(|| experiment.extra.clone()).unwrap_or_default(),
         system: (entry.system.as_ref().or(experiment.system.as_ref()))
             .and_then(|system| system.of_tasks(tasks)),

@@ -160,6 +160,24 @@ impl Problems {
         }
     }
 
+    /// Checks the numbers that no server checks.
+    pub(super) fn numbers(&mut self, experiment: &Experiment, runs: &[Planned]) {
+        if let Some(share) = experiment.stop_share
+            && !(share > 0.0 && share <= 1.0)
+        {
+            self.add(format!(
+                "stop_share is more than 0 and at most 1, where 1 is never; it is {share}"
+            ));
+        }
+        for run in runs {
+            if let Who::Model(ModelPlan { price: Some(price), name, .. }) = &run.who
+                && !price.is_sane()
+            {
+                self.add(format!("the prices of {name} must be numbers of at least 0"));
+            }
+        }
+    }
+
     /// Checks what the server would refuse, in its words.
     pub(super) fn check(&mut self, run: &Planned) {
         let games = run.suite.plan();

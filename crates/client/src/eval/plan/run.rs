@@ -11,6 +11,7 @@ use swarmbench_prompt::Identity;
 use swarmbench_protocol::run::{OwnSettings, OwnSuite, RunRequest, SuiteRequest};
 use swarmbench_protocol::suite::{Suite, digest_of_template};
 
+use super::super::experiment::Price;
 use super::settings::value;
 use crate::eval::system::SystemMessage;
 use crate::llm::Api;
@@ -52,6 +53,8 @@ pub struct ModelPlan {
     pub extra: Map<String, Value>,
     /// Its system message.
     pub system: Option<SystemMessage>,
+    /// What its tokens cost, if that is known. It is no part of the identity.
+    pub price: Option<Price>,
 }
 
 /// Built-in players.

@@ -1,0 +1,84 @@
+"""Actions of agents as numbers, and the spaces that contain them."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from .arrays import MESSAGE_CHARS_MAX, PRINTABLE
+from .checks import shown, whole
+from .errors import ArgumentError
+from .wire import SwarmAct
+
+MOVES = ("UP", "DOWN", "LEFT", "RIGHT", "STAY")
+
+
+class Actions:
+    """What the agents of one task can do.
+
+    Args:
+        task: The task.
+        num_agents: How many agents there are.
+        messages: Whether agents talk.
+        control: Under `centralized` Agent_0 may name the receiver of its message.
+    """
+
+    def __init__(self, task: str, num_agents: int, messages: bool, control: str) -> None:
+        self.names = (*MOVES, "SWITCH") if task == "Synchronization" else MOVES
+        self._num_agents = num_agents
+        self._messages = messages
+        self._commander = "Agent_0" if control == "centralized" else None
+
+    def space(self, agent: str) -> spaces.Space[Any]:
+        """What the agent's actions are in."""
+        action: spaces.Space[Any] = spaces.Discrete(len(self.names))
+        if not self._messages:
+            return action
+        parts = {"action": action, "message": spaces.Text(MESSAGE_CHARS_MAX, min_length=0, charset=PRINTABLE)}
+        if agent == self._commander:
+            # Whom alone the commander tells it; 0, which is the commander itself, stands for everybody.
+            parts["to"] = spaces.Discrete(self._num_agents)
+        return spaces.Dict(parts)
+
+    def read(self, agent: str, action: Any, act: SwarmAct) -> None:
+        """Writes an action into an act.
+
+        Raises:
+            ArgumentError: It is not in the space of the agent. Only a message may be longer: the server cuts it.
+        """
+        if not self._messages:
+            act["action"] = self._name(agent, action)
+            return
+        known = {"action", "message", "to"} if agent == self._commander else {"action", "message"}
+        if not isinstance(action, Mapping) or "action" not in action or not action.keys() <= known:
+            raise ArgumentError(
+                f"with messages=True an action of {agent} is a dictionary with {', '.join(map(repr, sorted(known)))}; "
+                f"it is {shown(action)}"
+            )
+        act["action"] = self._name(agent, action["action"])
+        message = action.get("message", "")
+        if not isinstance(message, str):
+            raise ArgumentError(f"the message of {agent} must be a text, '' for none; it is {shown(message)}")
+        strange = sorted(set(message) - PRINTABLE)
+        if strange:
+            raise ArgumentError(
+                f"the message of {agent} has {strange[0]!r}: in environments messages are of printable ASCII "
+                "characters, the charset of the spaces"
+            )
+        if message:
+            act["message"] = message
+            to = whole(f"`to` of {agent}", _scalar(action.get("to", 0)), 0, self._num_agents - 1)
+            if to:
+                act["to"] = f"Agent_{to}"
+
+    def _name(self, agent: str, action: Any) -> str:
+        if isinstance(action, Mapping):
+            raise ArgumentError(f"without messages=True an action is a number; that of {agent} is {shown(action)}")
+        names = ", ".join(f"{number} {name}" for number, name in enumerate(self.names))
+        return self.names[whole(f"the action of {agent} ({names})", _scalar(action), 0, len(self.names) - 1)]
+
+
+def _scalar(value: Any) -> Any:
+    """The element of an array that has one, as policies return it."""
+    return value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
