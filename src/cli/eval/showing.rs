@@ -5,13 +5,14 @@ use std::path::PathBuf;
 
 use anyhow::{Context, ensure};
 use comfy_table::{CellAlignment, ColumnConstraint};
+use serde_json::json;
 use swarmbench_engine::{Seed, TaskName};
 
 use super::super::leaderboard::{fit, short};
-use super::super::output::table;
+use super::super::output::{self, table};
 use super::Hosting;
 use swarmbench_client::eval::experiment::Shape;
-use swarmbench_client::eval::plan::{Plan, Who, ranges};
+use swarmbench_client::eval::plan::{Plan, Planned, Who, ranges};
 use swarmbench_client::eval::report::{Played, Report};
 
 /// Into how few columns of a terminal a model's name may be broken.
@@ -25,6 +26,9 @@ pub(super) struct Showing {
     /// How the board is written.
     #[arg(long, default_value = "table")]
     format: Format,
+    /// The same as --format json.
+    #[arg(long, conflicts_with = "format")]
+    json: bool,
     /// wide: a row for each run, a column for each task; long: a row for each run and task, with least and most (wide).
     #[arg(long)]
     pub(super) board: Option<Board>,
@@ -57,6 +61,10 @@ impl From<Board> for Shape {
 }
 
 impl Showing {
+    const fn format(&self) -> Format {
+        if self.json { Format::Json } else { self.format }
+    }
+
     /// Whether the board can be written where it is to be, before hours of play.
     pub(super) fn check(&self) -> anyhow::Result<()> {
         if let Some(path) = &self.output {
@@ -72,11 +80,11 @@ impl Showing {
         if report.rows.is_empty() {
             return Ok(());
         }
-        if self.output.is_some() || self.format == Format::Table {
+        if self.output.is_some() || self.format() == Format::Table {
             out!("{}", headline(plan));
             out!("{}", drawn(plan, report, terminal_width()));
         }
-        let text = match self.format {
+        let text = match self.format() {
             Format::Table => format!("{}\n{}\n", headline(plan), drawn(plan, report, u16::MAX)),
             Format::Markdown => report.markdown(plan.shape),
             Format::Csv => report.csv(),
@@ -88,15 +96,24 @@ impl Showing {
                 note!("the board is in {}", path.display());
             }
             Some(path) => note!("not all was played, so {} is not written", path.display()),
-            None if self.format == Format::Table => {}
+            None if self.format() == Format::Table => {}
             None => super::super::output::text(&text),
         }
         Ok(())
     }
 
+    /// Shows what would be played.
+    pub(super) fn dry_run(&self, plan: &Plan) -> anyhow::Result<()> {
+        if self.format() == Format::Json {
+            return output::json(&planned(plan));
+        }
+        show_planned(plan);
+        Ok(())
+    }
+
     /// How to see more.
     pub(super) fn tell_more(&self, played: &[Played], hosting: &Hosting) {
-        if self.format != Format::Table && self.output.is_none() {
+        if self.format() != Format::Table && self.output.is_none() {
             return;
         }
         let place = hosting.place();
@@ -178,8 +195,25 @@ fn laid_out(
     (shown, whole - spare)
 }
 
-/// Shows what would be played.
-pub(super) fn dry_run(plan: &Plan) {
+/// What would be played, run by run.
+fn planned(plan: &Plan) -> serde_json::Value {
+    let run = |run: &Planned| {
+        let settings =
+            plan.varied.iter().map(|axis| ((*axis).to_owned(), json!(run.setting(axis))));
+        let is_model = matches!(run.who, Who::Model(_));
+        json!({
+            "model": run.name(),
+            "settings": settings.collect::<serde_json::Map<_, _>>(),
+            "tasks": run.suite.tasks,
+            "seeds": run.suite.seeds,
+            "games": run.suite.tasks.len() * run.suite.seeds.len(),
+            "asked_max": is_model.then(|| run.acts_max()),
+        })
+    };
+    json!({ "name": plan.name, "runs": plan.runs.iter().map(run).collect::<Vec<_>>() })
+}
+
+fn show_planned(plan: &Plan) {
     out!("{}", headline(plan));
     let mut headings = vec!["model"];
     headings.extend(&plan.varied);
