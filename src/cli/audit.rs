@@ -19,13 +19,13 @@ pub(super) struct Args {
     /// The maximum number of entries, newest first.
     #[arg(long, default_value_t = 50)]
     limit: usize,
-    /// As JSON Lines.
+    /// As JSON Lines, an entry a line in the shape of the API.
     #[arg(long)]
     json: bool,
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let client = args.server.client()?;
+    let client = args.server.client().await?;
     let limit = args.limit.clamp(1, PAGE_ENTRIES_MAX).to_string();
     let mut entries: Vec<AuditEntry> = Vec::new();
     let add = |page: Page<AuditEntry>| {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use indicatif::{HumanBytes, HumanCount};
 
-use super::output::{progress_bar, set};
+use super::output::{self, progress_bar, set};
 use crate::store::backup::{Backup, back_up};
 
 #[derive(Debug, clap::Args)]
@@ -20,6 +20,9 @@ pub(super) struct Args {
     /// The database of the server.
     #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
     db: PathBuf,
+    /// As JSON.
+    #[arg(long)]
+    json: bool,
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
@@ -27,6 +30,11 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let backup = back_up(&args.db, &args.file, |written, of| set(&bar, written, of)).await;
     bar.finish_and_clear();
     let Backup { episodes, acts, rounds, bytes } = backup?;
+    if args.json {
+        return output::json(&serde_json::json!({
+            "file": args.file, "episodes": episodes, "acts": acts, "rounds": rounds, "bytes": bytes,
+        }));
+    }
     let (db, file) = (args.db.display(), args.file.display());
     out!(
         "{file}: {} episodes, {} acts, {} rounds, {}; read again and found sound",

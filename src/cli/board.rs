@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 use indicatif::HumanCount;
 
-use super::output::{progress_bar, set};
+use super::output::{self, progress_bar, set};
 use crate::store::OpenError;
 use crate::store::rebuild::{RebuildError, Rebuilt, rebuild, rebuild_metrics};
 
@@ -28,11 +28,14 @@ pub(super) enum Command {
         /// Leave metrics as they are.
         #[arg(long)]
         no_metrics: bool,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
     },
 }
 
 pub(super) async fn run(command: Command) -> anyhow::Result<()> {
-    let Command::Rebuild { db, replay, no_metrics } = command;
+    let Command::Rebuild { db, replay, no_metrics, json } = command;
     let bar = progress_bar("{bar:30} episode {pos} of {len}, {eta} left");
     let rebuilt = rebuild(&db, replay, |done, of| set(&bar, done, of)).await;
     bar.finish_and_clear();
@@ -42,17 +45,27 @@ pub(super) async fn run(command: Command) -> anyhow::Result<()> {
         }
         other => other?,
     };
+    let measured = if no_metrics {
+        None
+    } else {
+        let bar = progress_bar("{bar:30} game {pos} of {len} measured, {eta} left");
+        let measured = rebuild_metrics(&db, |done, of| set(&bar, done, of)).await;
+        bar.finish_and_clear();
+        Some(measured?)
+    };
+    if json {
+        return output::json(&serde_json::json!({
+            "database": db, "replayed": replay, "results": rows, "changed": differing, "measured": measured,
+        }));
+    }
     let how = if replay { "rebuilt from replayed journals" } else { "rebuilt from the journals" };
     out!("{}: {} results {how}", db.display(), HumanCount(rows));
     match differing {
         0 => out!("None has changed."),
         _ => out!("{} have changed: boards may show other numbers.", HumanCount(differing)),
     }
-    if !no_metrics {
-        let bar = progress_bar("{bar:30} game {pos} of {len} measured, {eta} left");
-        let measured = rebuild_metrics(&db, |done, of| set(&bar, done, of)).await;
-        bar.finish_and_clear();
-        out!("{} games were measured.", HumanCount(measured?));
+    if let Some(measured) = measured {
+        out!("{} games were measured.", HumanCount(measured));
     }
     Ok(())
 }

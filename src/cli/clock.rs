@@ -1,9 +1,9 @@
 //! `swarmbench clock`
 
 use jiff::SignedDuration;
-use serde_json::json;
 
 use super::options::ServerArgs;
+use super::output;
 use swarmbench_protocol::clock::ConfirmedClock;
 
 #[derive(Debug, clap::Args)]
@@ -22,13 +22,20 @@ enum Command {
     Confirm {
         #[command(flatten)]
         server: ServerArgs,
+        /// As JSON, in the shape of the API.
+        #[arg(long)]
+        json: bool,
     },
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let Command::Confirm { server } = args.command;
-    let confirmed = server.client()?.post("/api/v1/clock/confirm", &json!({})).await?;
-    super::output::text(&shown(&confirmed));
+    let Command::Confirm { server, json } = args.command;
+    let confirmed: ConfirmedClock =
+        server.client().await?.post("/api/v1/clock/confirm", &serde_json::json!({})).await?;
+    if json {
+        return output::json(&confirmed);
+    }
+    output::text(&shown(&confirmed));
     Ok(())
 }
 

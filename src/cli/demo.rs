@@ -5,15 +5,17 @@ use std::path::PathBuf;
 use anyhow::Context;
 use futures::future::try_join_all;
 use indicatif::MultiProgress;
+use serde_json::json;
 use swarmbench_engine::TaskName;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 
+use super::output;
 use super::play::{bar, play_one, player, request, scores};
 use crate::server::{Parts, Server};
 use crate::telemetry::{LogFormat, start_logs};
 use swarmbench_client::client::Client;
-use swarmbench_protocol::episode::EpisodeRequest;
+use swarmbench_protocol::episode::{EpisodeRequest, EpisodeSummary};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
@@ -29,6 +31,9 @@ pub(super) struct Args {
     /// Exit when the scores are shown, instead of serving until Ctrl-C.
     #[arg(long)]
     exit: bool,
+    /// The results as JSON: the address, the database, and the five games in the shape of the API.
+    #[arg(long)]
+    json: bool,
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
@@ -40,25 +45,38 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         None => fresh_database()?,
     };
     let server = Server::open(&db, Parts::default()).await?;
-    let listener = TcpListener::bind(("127.0.0.1", args.port))
-        .await
-        .with_context(|| format!("cannot listen on port {}", args.port))?;
+    let listener = TcpListener::bind(("127.0.0.1", args.port)).await.with_context(|| {
+        format!(
+            "cannot listen on port {}: name another with --port, or none for a free one",
+            args.port
+        )
+    })?;
     let base = format!("http://{}", listener.local_addr()?);
     let (stop, stopped) = oneshot::channel::<()>();
     let serving = tokio::spawn(server.run(listener, async {
         // Dropping the sender stops the server.
         drop(stopped.await);
     }));
-    out!("A server runs at {base}. Five tasks are played over HTTP, side by side:\n");
+    if !args.json {
+        out!("A server runs at {base}. Five tasks are played over HTTP, side by side:\n");
+    }
     let played = tokio::select! {
         played = play_all(&base, args.seed) => Some(played?),
         () = super::asked_to_stop() => None,
     };
-    if played.is_some() {
-        out!("The database is {}", db.display());
-        out!("{}", how_to_join(&base));
+    if let Some(played) = played {
+        if args.json {
+            let games: Vec<_> = played.iter().map(|(_, summary)| summary).collect();
+            output::json(&json!({ "server": base, "database": db, "games": games }))?;
+        } else {
+            out!("\n{}\n", scores(played.iter().map(|(player, summary)| (*player, summary))));
+            out!("The database is {}", db.display());
+            out!("{}", how_to_join(&base));
+            if !args.exit {
+                out!("The server runs until Ctrl-C.");
+            }
+        }
         if !args.exit {
-            out!("The server runs until Ctrl-C.");
             super::asked_to_stop().await;
         }
     }
@@ -67,7 +85,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-async fn play_all(base: &str, seed: i64) -> anyhow::Result<()> {
+async fn play_all(base: &str, seed: i64) -> anyhow::Result<Vec<(&'static str, EpisodeSummary)>> {
     let client = Client::new(base)?;
     let bars = MultiProgress::new();
     let games = TaskName::ALL.map(|task| {
@@ -82,9 +100,7 @@ async fn play_all(base: &str, seed: i64) -> anyhow::Result<()> {
             anyhow::Ok((player.name, summary))
         }
     });
-    let played = try_join_all(games).await?;
-    out!("\n{}\n", scores(played.iter().map(|(player, summary)| (*player, summary))));
-    Ok(())
+    try_join_all(games).await
 }
 
 /// A new database, in a directory of this process.

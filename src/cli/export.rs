@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use indicatif::{HumanBytes, HumanCount, ProgressBar};
+use serde_json::json;
 use swarmbench_engine::TaskName;
 use tokio_util::sync::CancellationToken;
 
 use super::embedder::EmbedderArgs;
 use super::no_match::Models;
 use super::options::client;
-use super::output::{progress_bar, set};
+use super::output::{self, progress_bar, set};
 use super::play::task;
 use crate::dataset::export::{Export, ExportError, Exported, ImportedGames, Selection};
 use crate::dataset::files::{Archive, Files, Folder, has_games};
@@ -76,6 +77,9 @@ pub(super) struct Args {
     /// Imported games instead of episodes of this server.
     #[arg(long, conflicts_with_all = ["run", "no_mixed", "status", "episode", "format"])]
     imported: bool,
+    /// Print as JSON what was written.
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -181,7 +185,9 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     if is_archive && args.format != Format::Dataset {
         bail!("{} is an archive; name a folder for --format jsonl or parquet", to.display());
     }
-    let tables = args.format.end().map(|end| args.table_files(end).join(", "));
+    let files = args.format.end().map(|end| args.table_files(end));
+    let tables = files.as_ref().map(|files| files.join(", "));
+    let json = args.json;
     if !args.with.is_empty() && args.format == Format::Dataset {
         bail!("--with names tables: use it with --format jsonl or parquet");
     }
@@ -207,19 +213,29 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     std::fs::rename(&partial, &to)
         .with_context(|| format!("{} cannot be renamed", partial.display()))?;
     if let Some(Exported { episodes, rounds, acts, broken }) = exported {
-        out!(
-            "{}: {} games, {} rounds, {} acts",
-            to.display(),
-            HumanCount(episodes),
-            HumanCount(rounds),
-            HumanCount(acts)
-        );
+        if json {
+            output::json(&json!({
+                "to": to, "games": episodes, "rounds": rounds, "acts": acts,
+                "left_out": broken.iter().map(|(episode, problem)| json!({ "episode": episode, "problem": problem }))
+                    .collect::<Vec<_>>(),
+            }))?;
+        } else {
+            out!(
+                "{}: {} games, {} rounds, {} acts",
+                to.display(),
+                HumanCount(episodes),
+                HumanCount(rounds),
+                HumanCount(acts)
+            );
+        }
         for (episode, problem) in &broken {
             note!("left out: {episode} cannot be replayed: {problem}");
         }
         if !broken.is_empty() {
             bail!("{} episodes are left out; the others are written", broken.len());
         }
+    } else if json {
+        output::json(&json!({ "to": to, "files": files }))?;
     } else if let Some(tables) = tables {
         out!("{}: {tables}", to.display());
     } else {
@@ -357,7 +373,7 @@ async fn download_tables(
     partial: &Path,
     end: &str,
 ) -> anyhow::Result<()> {
-    let client = client(server, args.key.clone())?;
+    let client = client(server, args.key.clone()).await?;
     let query = args.query();
     let query: Vec<(&str, &String)> = query.iter().map(|(name, value)| (*name, value)).collect();
     std::fs::create_dir(partial).with_context(|| not_created(partial))?;
@@ -374,7 +390,7 @@ async fn download_tables(
 }
 
 async fn download(args: &Args, server: &str, partial: &Path) -> anyhow::Result<()> {
-    let client = client(server, args.key.clone())?;
+    let client = client(server, args.key.clone()).await?;
     let query = args.query();
     let query: Vec<(&str, &String)> = query.iter().map(|(name, value)| (*name, value)).collect();
     let bar = progress_bar("{spinner} {bytes} {elapsed}");

@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use indicatif::{HumanCount, ProgressBar};
+use serde_json::json;
 
 use super::options::open_database;
-use super::output::{progress_bar, set};
+use super::output::{self, progress_bar, set};
 use crate::dataset::bounds::Bounds;
 use crate::dataset::read::{Problem, Skipped, Taker, read};
 use crate::store::Store;
@@ -28,6 +29,9 @@ pub(super) struct Args {
     /// The database file, while no server uses it.
     #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
     db: PathBuf,
+    /// As JSON.
+    #[arg(long)]
+    json: bool,
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
@@ -42,25 +46,40 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let (importer, result) = tokio::task::spawn_blocking(work).await?;
     let Importer { added, completed, known, acts, problems, .. } = importer;
     store.close().await;
-    for Problem { skipped, file, problem } in &problems {
-        let label = match skipped {
-            Skipped::Game | Skipped::File => "skipped",
-            Skipped::Acts => "warning",
-        };
-        note!("{label}: {file}: {problem}");
-    }
+    let label = |skipped| match skipped {
+        Skipped::Game | Skipped::File => "skipped",
+        Skipped::Acts => "warning",
+    };
     let count = |kind| problems.iter().filter(|problem| problem.skipped == kind).count() as u64;
     let (games, files) = (count(Skipped::Game), count(Skipped::File));
-    out!(
-        "{}: {} games imported with {} acts, {} completed, {} were there already; {} problems, {} games skipped",
-        args.from.display(),
-        HumanCount(added),
-        HumanCount(acts),
-        HumanCount(completed),
-        HumanCount(known),
-        HumanCount(problems.len() as u64),
-        HumanCount(games),
-    );
+    if added + completed + known == 0
+        && let Err(error) = result
+    {
+        return Err(error);
+    }
+    if args.json {
+        let problems: Vec<_> = (problems.iter())
+            .map(|one| json!({ "label": label(one.skipped), "file": one.file, "problem": one.problem }))
+            .collect();
+        output::json(&json!({
+            "from": args.from, "imported": added, "acts": acts, "completed": completed, "known": known,
+            "skipped_games": games, "skipped_files": files, "problems": problems,
+        }))?;
+    } else {
+        for Problem { skipped, file, problem } in &problems {
+            note!("{}: {file}: {problem}", label(*skipped));
+        }
+        out!(
+            "{}: {} games imported with {} acts, {} completed, {} were there already; {} problems, {} games skipped",
+            args.from.display(),
+            HumanCount(added),
+            HumanCount(acts),
+            HumanCount(completed),
+            HumanCount(known),
+            HumanCount(problems.len() as u64),
+            HumanCount(games),
+        );
+    }
     result?;
     if added + completed + known == 0 {
         bail!("{} has no game that can be read", args.from.display());

@@ -40,7 +40,7 @@ impl Journal {
             "{game} is neither a journal file nor the id of an episode"
         );
         let address = server.server.clone();
-        let bytes = server.client()?.journal(game, None).await.with_context(|| {
+        let bytes = server.client().await?.journal(game, None).await.with_context(|| {
             format!("there is no file {game}, and {address} does not give the journal of an episode {game}")
         })?;
         Ok(Self::Bytes(bytes))

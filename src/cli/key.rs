@@ -7,11 +7,12 @@ use jiff::{Span, SpanRelativeTo, Timestamp};
 use serde_json::json;
 
 use super::options::{Source, client, open_database};
-use super::output::{cell, table};
+use super::output::{self, cell, table};
+use super::pages::Page;
 use crate::keys::{Key, KeyRow, Role};
 use crate::store::entries::{AuditRow, Entry};
 use swarmbench_clock::{Clock, SystemClock, SystemEntropy};
-use swarmbench_protocol::key::KeyRequest;
+use swarmbench_protocol::key::{CreatedKey, KeyRequest};
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -71,6 +72,9 @@ struct KeyStore {
     /// An organizer's key, for `--server`.
     #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
     key: Option<String>,
+    /// As JSON, in the shape of the API.
+    #[arg(long)]
+    json: bool,
 }
 
 fn expiry(text: &str) -> Result<Timestamp, String> {
@@ -91,6 +95,7 @@ fn expiry(text: &str) -> Result<Timestamp, String> {
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     match args.command {
         Command::Create { name, role, expires, keys } => {
+            let as_json = keys.json;
             let (key, secret) = match keys.open().await? {
                 Source::Server(client) => {
                     let role = Some(role.name().to_owned());
@@ -112,6 +117,9 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
                     (shown, token.reveal().to_owned())
                 }
             };
+            if as_json {
+                return output::json(&CreatedKey { key, secret });
+            }
             out!("{secret}");
             note!(
                 "\nThis is the key of {:?} ({}, {}). It cannot be shown again: keep it safe, and send it as\n  \
@@ -123,15 +131,19 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             );
         }
         Command::List { keys } => {
+            let as_json = keys.json;
             let keys = match keys.open().await? {
                 Source::Server(client) => client.keys().await?.items,
                 Source::Database(store) => {
                     let now = SystemClock.now();
                     let keys = store.keys().await?;
                     store.close().await;
-                    keys.iter().map(|key| key.summary(now)).collect()
+                    keys.iter().map(|key| key.summary(now)).collect::<Vec<_>>()
                 }
             };
+            if as_json {
+                return output::json(&Page::of(keys));
+            }
             let mut table =
                 table(&["id", "name", "role", "state", "created", "expires", "revoked"]);
             for key in &keys {
@@ -148,6 +160,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             out!("{table}");
         }
         Command::Revoke { id, keys } => {
+            let as_json = keys.json;
             let key = match keys.open().await? {
                 Source::Server(client) => client.revoke_key(&id).await?,
                 Source::Database(store) => {
@@ -167,6 +180,9 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
                     key.summary(now)
                 }
             };
+            if as_json {
+                return output::json(&key);
+            }
             out!("{} ({:?}) is revoked.", key.id, key.name);
         }
     }
@@ -186,12 +202,12 @@ fn audit_entry(action: &'static str, subject: &str, detail: serde_json::Value) -
 
 impl KeyStore {
     async fn open(self) -> anyhow::Result<Source> {
-        let Self { db, server, key } = self;
+        let Self { db, server, key, json: _ } = self;
         if let Some(server) = server {
             let Some(key) = key else {
                 bail!("a running server asks for an organizer's key: put it into SWARMBENCH_KEY");
             };
-            return Ok(Source::Server(client(&server, Some(key))?));
+            return Ok(Source::Server(client(&server, Some(key)).await?));
         }
         let what_to_do = "name it with --server http://…, and put an organizer's key into SWARMBENCH_KEY; the first key \
             of a database is made while its server is stopped";

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use comfy_table::{CellAlignment, ContentArrangement, Table};
 use swarmbench_engine::{AnswerReader, TaskName};
 
-use super::options::{ServerArgs, Source, open_database};
-use super::output::{mean, rank, table, total};
+use super::options::{ServerArgs, Source, open_database, rules};
+use super::output::{self, mean, rank, table, total};
 use crate::standings::Standings;
 use swarmbench_boards::collection::Question;
 use swarmbench_boards::cross_play::pairs;
@@ -33,7 +33,7 @@ pub(super) struct Args {
     #[arg(long)]
     suite: Option<String>,
     /// The rule set: paper or reference (paper).
-    #[arg(long)]
+    #[arg(long, value_parser = rules)]
     rules: Option<String>,
     /// Show this task only.
     #[arg(long)]
@@ -54,8 +54,11 @@ pub(super) struct Args {
     #[arg(long)]
     imported: bool,
     /// Write CSV, with all columns.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "json")]
     csv: bool,
+    /// As JSON, in the shape of the API.
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Debug, clap::Args)]
@@ -67,11 +70,14 @@ pub(super) struct CrossPlayArgs {
     #[arg(long, value_parser = super::play::task)]
     task: Option<TaskName>,
     /// Games of this rule set only: paper or reference.
-    #[arg(long, value_parser = ["paper", "reference"])]
+    #[arg(long, value_parser = rules)]
     rules: Option<String>,
     /// Write CSV.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "json")]
     csv: bool,
+    /// As JSON, in the shape of the API.
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Debug, clap::Args)]
@@ -85,15 +91,26 @@ struct SourceArgs {
 
 impl SourceArgs {
     async fn open(self) -> anyhow::Result<Source> {
-        let Some(db) = self.db else { return Ok(Source::Server(self.server.client()?)) };
+        let Some(db) = self.db else { return Ok(Source::Server(self.server.client().await?)) };
         anyhow::ensure!(db.is_file(), "there is no database {}", db.display());
         Ok(Source::Database(open_database(&db, "name it with --server instead").await?))
     }
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let Args { source, suite, rules, task, sort, pick, no_reference, no_people, imported, csv } =
-        args;
+    let Args {
+        source,
+        suite,
+        rules,
+        task,
+        sort,
+        pick,
+        no_reference,
+        no_people,
+        imported,
+        csv,
+        json,
+    } = args;
     let question = Question { suite, rules, task, sort, pick, no_reference, no_people, imported };
     let board = match source.open().await? {
         Source::Server(client) => client.leaderboard(&question).await?,
@@ -105,7 +122,9 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         }
     };
     if csv {
-        super::output::text(&board.csv());
+        output::text(&board.csv());
+    } else if json {
+        output::json(&board)?;
     } else {
         show(&board);
     }
@@ -113,7 +132,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
 }
 
 pub(super) async fn run_cross_play(args: CrossPlayArgs) -> anyhow::Result<()> {
-    let CrossPlayArgs { source, task, rules, csv } = args;
+    let CrossPlayArgs { source, task, rules, csv, json } = args;
     let found = match source.open().await? {
         Source::Server(client) => {
             client.cross_play(task.map(TaskName::name), rules.as_deref()).await?
@@ -129,7 +148,9 @@ pub(super) async fn run_cross_play(args: CrossPlayArgs) -> anyhow::Result<()> {
         }
     };
     if csv {
-        super::output::text(&found.csv());
+        output::text(&found.csv());
+    } else if json {
+        output::json(&found)?;
     } else {
         show_cross_play(&found);
     }

@@ -14,6 +14,7 @@ use super::options::ServerArgs;
 use super::output::{progress_bar, set, table};
 use crate::migrations::migrator;
 use crate::telemetry;
+use swarmbench_client::client::Client;
 use swarmbench_loadtest::connection::{Answers, Target};
 use swarmbench_loadtest::games::SEATS;
 use swarmbench_loadtest::latencies::Spread;
@@ -125,6 +126,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     }
     let ServerArgs { server, key } = args.server.clone();
     let target = Target::new(&server, key).await?;
+    Client::new(&server)?.health().await?;
     let metrics = Metrics::of(&target)
         .await
         .with_context(|| format!("{server} does not answer; does a server run there?"))?;

@@ -46,6 +46,9 @@ pub(super) struct Args {
     /// How to print.
     #[arg(long, value_enum, default_value = "table")]
     format: Format,
+    /// The same as --format json.
+    #[arg(long, conflicts_with = "format")]
+    json: bool,
     #[command(flatten)]
     embedder: EmbedderArgs,
 }
@@ -64,14 +67,17 @@ fn definition(name: &str) -> Result<Definition, String> {
     Definition::parse(name).ok_or_else(|| "must be paper or toolkit".to_owned())
 }
 
-pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+pub(super) async fn run(mut args: Args) -> anyhow::Result<()> {
+    if args.json {
+        args.format = Format::Json;
+    }
     let path = PathBuf::from(&args.game);
     if path.is_file() {
         let journal = std::fs::read(&path).with_context(|| format!("{}", path.display()))?;
         let game = of_journal(&args, journal).await;
         return show(&args, &game.with_context(|| format!("{}", path.display()))?);
     }
-    let client = args.server.clone().client()?;
+    let client = args.server.clone().client().await?;
     if args.game.starts_with("run_") {
         return show_run(&args, &of_run(&args, &client).await?);
     }

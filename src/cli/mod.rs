@@ -3,6 +3,7 @@
 #[macro_use]
 mod output;
 
+mod arguments;
 mod audit;
 mod backup;
 mod board;
@@ -38,7 +39,7 @@ mod verify;
 
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{Parser, Subcommand};
 
 /// Whether language models can act as a swarm, measured over HTTP.
 #[derive(Debug, Parser)]
@@ -51,7 +52,7 @@ use clap::{CommandFactory, Parser, Subcommand};
         server, plays all five tasks over HTTP, and shows how to join.",
     after_help = "Documentation: README.md, and /docs on a running server."
 )]
-struct Cli {
+pub(in crate::cli) struct Cli {
     #[command(subcommand)]
     command: Command,
 }
@@ -113,7 +114,7 @@ enum Command {
 
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = arguments::parse();
     let result = match cli.command {
         Command::Eval(args) => return output::code(with_runtime(eval::run(*args))),
         Command::Demo(args) => with_runtime(demo::run(args)),
@@ -138,8 +139,8 @@ pub fn main() -> ExitCode {
         Command::Loadtest(args) => with_runtime(loadtest::run(*args)),
         Command::Openapi(args) => openapi::run(&args),
         Command::Healthcheck(args) => with_runtime(healthcheck::run(args)),
-        Command::Completions(args) => completions::run(&args, Cli::command()),
-        Command::Man(args) => man::run(&args, Cli::command()),
+        Command::Completions(args) => completions::run(&args, arguments::command()),
+        Command::Man(args) => man::run(&args, arguments::command()),
     };
     output::code(result.map(|()| ExitCode::SUCCESS))
 }

@@ -4,6 +4,8 @@ use std::path::Path;
 
 use anyhow::{Context, bail};
 
+use swarmbench_engine::RuleSet;
+
 use crate::store::{OpenError, Store};
 use swarmbench_client::client::Client;
 use swarmbench_client::llm::ApiKey;
@@ -19,17 +21,26 @@ pub(super) struct ServerArgs {
 }
 
 impl ServerArgs {
-    pub(super) fn client(self) -> anyhow::Result<Client> {
-        client(&self.server, self.key)
+    pub(super) async fn client(self) -> anyhow::Result<Client> {
+        client(&self.server, self.key).await
     }
 }
 
-pub(super) fn client(server: &str, key: Option<String>) -> anyhow::Result<Client> {
+/// A client of a server that is alive: one that does not answer is noticed before long requests are made.
+pub(super) async fn client(server: &str, key: Option<String>) -> anyhow::Result<Client> {
     let client = Client::new(server)?;
+    client.health().await?;
     Ok(match key {
         Some(key) => client.with_key(key),
         None => client,
     })
+}
+
+/// The name of a rule set, as it is on the wire.
+pub(super) fn rules(name: &str) -> Result<String, String> {
+    let names = RuleSet::ALL.map(RuleSet::name).join(", ");
+    let found = RuleSet::find(name).map(|rules| rules.name().to_owned());
+    found.ok_or_else(|| format!("the rule sets are {names}"))
 }
 
 /// Where the data of a command is: on a running server, or in a database that no server uses.

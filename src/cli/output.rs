@@ -11,6 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use comfy_table::{Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
+use swarmbench_client::client::ClientError;
 
 /// Prints a line to the standard output.
 macro_rules! out {
@@ -84,13 +85,33 @@ impl Write for Stream {
     }
 }
 
+/// An error and its causes, without those that the sentence before them has already.
+fn in_words(error: &anyhow::Error) -> String {
+    let mut text = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !text.contains(&cause) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
+}
+
+/// What to do about a server that asks for a key.
+fn hint(error: &anyhow::Error) -> &'static str {
+    let mut refused = error.chain().filter_map(|cause| cause.downcast_ref::<ClientError>());
+    let is_keyless = refused.any(|error| {
+        matches!(error, ClientError::Refused { problem, .. } if problem.code == "unauthorized")
+    });
+    if is_keyless { "; commands take a key from --key or SWARMBENCH_KEY" } else { "" }
+}
+
 /// Prints the error of a command, if any, and returns the exit code of the process.
 pub(super) fn code(result: anyhow::Result<ExitCode>) -> ExitCode {
     check(io::stdout().flush());
     match (result, FAILED.get()) {
         (Err(_), _) if CUT.load(Ordering::Relaxed) => ExitCode::SUCCESS,
         (Err(error), _) => {
-            note!("error: {error:#}");
+            note!("error: {}{}", in_words(&error), hint(&error));
             ExitCode::FAILURE
         }
         (Ok(_), Some(error)) => {

@@ -1,14 +1,21 @@
 //! Lists of a server, read page by page.
 
-use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 
 use swarmbench_client::client::Client;
 
-#[derive(Deserialize)]
+#[derive(Deserialize, Serialize)]
 pub(super) struct Page<T> {
     pub(super) items: Vec<T>,
     pub(super) next_cursor: Option<String>,
+}
+
+impl<T> Page<T> {
+    /// A whole list.
+    pub(super) const fn of(items: Vec<T>) -> Self {
+        Self { items, next_cursor: None }
+    }
 }
 
 /// All items of a list.

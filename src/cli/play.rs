@@ -8,8 +8,8 @@ use indicatif::{MultiProgress, ProgressBar};
 use swarmbench_engine::TaskName;
 use swarmbench_players::{BuiltIn, default_for, find};
 
-use super::options::ServerArgs;
-use super::output::{cell, mean, progress_bar, table, total};
+use super::options::{ServerArgs, rules};
+use super::output::{self, cell, mean, progress_bar, table, total};
 use swarmbench_client::client::Client;
 use swarmbench_client::play::{play, play_run};
 use swarmbench_protocol::episode::{EpisodeRequest, EpisodeSummary};
@@ -54,7 +54,7 @@ pub(super) struct Args {
     #[arg(long, default_value_t = 1)]
     player_seed: u64,
     /// The rule set: paper or reference.
-    #[arg(long)]
+    #[arg(long, value_parser = rules)]
     rules: Option<String>,
     /// How many agents play (12).
     #[arg(long)]
@@ -71,13 +71,14 @@ pub(super) struct Args {
     /// The maximum number of rounds of the episode (100).
     #[arg(long)]
     max_round: Option<i64>,
+    /// The result as JSON, in the shape of the API: an episode, or with --suite and --run a run.
+    #[arg(long)]
+    json: bool,
 }
 
 pub(super) fn task(name: &str) -> Result<TaskName, String> {
     let names: Vec<_> = TaskName::ALL.iter().map(|task| task.name()).collect();
-    (TaskName::ALL.into_iter())
-        .find(|task| task.name().eq_ignore_ascii_case(name))
-        .ok_or_else(|| format!("the tasks are {}", names.join(", ")))
+    TaskName::find(name).ok_or_else(|| format!("the tasks are {}", names.join(", ")))
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
@@ -85,9 +86,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     for task in TaskName::ALL.into_iter().filter(plays) {
         player(args.player.as_deref(), task)?;
     }
-    let client = args.server.clone().client()?;
-    // During a game requests are retried while the server is away; here they are not.
-    client.health().await?;
+    let client = args.server.clone().client().await?;
     match args.task {
         Some(task) => play_episode(&client, args, task).await,
         None => play_suite(&client, args).await,
@@ -111,6 +110,9 @@ async fn play_episode(client: &Client, args: Args, task: TaskName) -> anyhow::Re
     let bar = bar(task.name(), player.name);
     let (summary, _) = play_one(client, &request, player, args.player_seed, &bar).await?;
     bar.finish();
+    if args.json {
+        return output::json(&summary);
+    }
     out!("\n{}", scores([(player.name, &summary)].into_iter()));
     let base = client.base();
     out!("journal: curl -s {base}api/v1/episodes/{}/journal", summary.id);
@@ -132,10 +134,14 @@ async fn play_suite(client: &Client, args: Args) -> anyhow::Result<()> {
                 })
                 .await?;
             let token = created.swarm_token.context("the server did not give a token")?;
-            out!(
-                "{0}; to resume after an interruption: swarmbench play --run {0}\n",
-                created.run.run.id
-            );
+            let id = &created.run.run.id;
+            let resume =
+                format!("{id}; to resume after an interruption: swarmbench play --run {id}\n");
+            if args.json {
+                note!("{resume}");
+            } else {
+                out!("{resume}");
+            }
             (created.run, token)
         }
         Some(id) => {
@@ -153,6 +159,9 @@ async fn play_suite(client: &Client, args: Args) -> anyhow::Result<()> {
     let played =
         play_run(client, &run, &token, players, args.player_seed, |sight| bars.note(sight)).await?;
     bars.finish();
+    if args.json {
+        return output::json(&played);
+    }
     out!("\n{}", results(&played));
     let (base, id) = (client.base(), &played.run.id);
     out!("{}: {base}api/v1/runs/{id}", played.run.status);

@@ -6,11 +6,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use indicatif::HumanCount;
+use serde_json::json;
 use swarmbench_engine::physics::Solver;
 
-use super::output::{cell, fields, progress_bar, rank, set, table, total};
+use super::output::{self, cell, fields, progress_bar, rank, set, table, total};
 use crate::competitions;
 use crate::store::check::{Damage, check};
+use swarmbench_boards::competition::standings::Row;
 use swarmbench_boards::competition::verify::{self as competition, Expected};
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::replay::verify;
@@ -45,6 +47,9 @@ pub(super) struct Args {
     /// (slower), or by both, which must agree.
     #[arg(long, default_value = "flow")]
     solver: SolverName,
+    /// As JSON.
+    #[arg(long)]
+    json: bool,
 }
 
 /// What a journal without a head leaves open.
@@ -73,25 +78,35 @@ enum SolverName {
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     match (&args.db, &args.file) {
-        (Some(db), _) => run_database(db).await,
+        (Some(db), _) => run_database(db, args.json).await,
         (None, Some(file)) => run_file(&args, file),
         (None, None) => bail!("name a journal file, or a database with --db"),
     }
 }
 
-async fn run_database(db: &Path) -> anyhow::Result<()> {
+async fn run_database(db: &Path, as_json: bool) -> anyhow::Result<()> {
     let bar = progress_bar("{bar:30} episode {pos} of {len}, {eta} left");
     let checked = check(db, &competitions::FORMATS, |done, of| set(&bar, done, of)).await;
     bar.finish_and_clear();
     let checked = checked?;
-    let (episodes, rounds) = (HumanCount(checked.episodes), HumanCount(checked.rounds));
-    out!("{}: {episodes} episodes with {rounds} rounds were played again", db.display());
-    if checked.is_sound() {
-        out!("sound: no damage was found");
-        return Ok(());
+    if as_json {
+        let damage = |Damage { subject, problem }: &Damage| json!({ "subject": subject, "problem": problem });
+        output::json(&json!({
+            "database": db, "episodes": checked.episodes, "rounds": checked.rounds, "sound": checked.is_sound(),
+            "damages": checked.damages.iter().map(damage).collect::<Vec<_>>(), "more_damages": checked.more_damages,
+        }))?;
+    } else {
+        let (episodes, rounds) = (HumanCount(checked.episodes), HumanCount(checked.rounds));
+        out!("{}: {episodes} episodes with {rounds} rounds were played again", db.display());
+        for Damage { subject, problem } in &checked.damages {
+            out!("damaged: {subject}: {problem}");
+        }
+        if checked.is_sound() {
+            out!("sound: no damage was found");
+        }
     }
-    for Damage { subject, problem } in &checked.damages {
-        out!("damaged: {subject}: {problem}");
+    if checked.is_sound() {
+        return Ok(());
     }
     let count = checked.damages.len() as u64 + checked.more_damages;
     bail!("{} is damaged in {count} places; go back to a backup that is sound", db.display())
@@ -110,6 +125,9 @@ fn run_file(args: &Args, file: &Path) -> anyhow::Result<()> {
         let opened = File::open(file);
         Box::new(BufReader::new(opened.with_context(|| format!("{}", file.display()))?))
     };
+    if file.extension().is_some_and(|end| end == "db") {
+        bail!("{0} is a database: check it with `swarmbench verify --db {0}`", file.display());
+    }
     if args.competition {
         return run_competition(args, file, journal, head, solver);
     }
@@ -118,6 +136,15 @@ fn run_file(args: &Args, file: &Path) -> anyhow::Result<()> {
     bar.finish_and_clear();
     let report = report.with_context(|| format!("{} does not verify", file.display()))?;
     let config = &report.opening.config;
+    if args.json {
+        let end = report.end.as_ref();
+        return output::json(&json!({
+            "episode": report.opening.episode, "task": config.task, "rules": config.rules, "seed": config.seed,
+            "model": config.model, "rounds": report.rounds, "max_round": config.max_round, "score": report.score,
+            "end": end.map(|end| json!({ "status": end.status, "reason": end.reason })),
+            "seats": report.seats, "head": report.head.to_string(), "head_is_expected": head.is_some(),
+        }));
+    }
     let end = report.end.as_ref().map_or("none: it was still running".to_owned(), |end| {
         format!("{} ({})", end.status, end.reason)
     });
@@ -174,6 +201,23 @@ fn run_competition(
     bar.finish_and_clear();
     let report = report.with_context(|| format!("{} does not verify", path.display()))?;
     let competition = &report.competition;
+    let entrant = |id: &str| report.entrants.iter().find(|entrant| entrant.id == id);
+    if args.json {
+        let row = |row: &Row| {
+            let entrant = entrant(&row.entrant);
+            json!({
+                "rank": row.rank, "entrant": row.entrant, "name": entrant.map(|entrant| &entrant.name),
+                "model": entrant.map(|entrant| &entrant.declaration.model), "attempt": row.attempt, "total": row.total,
+            })
+        };
+        return output::json(&json!({
+            "competition": competition.id, "name": competition.definition.name, "revealed_at": competition.revealed_at,
+            "entrants": report.entrants.len(), "attempts": report.attempts, "episodes": report.episodes,
+            "rounds": report.rounds, "board": report.rows.iter().map(row).collect::<Vec<_>>(),
+            "commitment": competition.commitment, "commitment_is_expected": commitment.is_some(),
+            "head": report.head.to_string(), "head_is_expected": head.is_some(),
+        }));
+    }
     let revealed = competition.revealed_at.map_or("not yet".to_owned(), |at| at.to_string());
     let about = fields([
         ("competition", format!("{} ({})", competition.definition.name, competition.id)),
@@ -187,7 +231,7 @@ fn run_competition(
     out!("{about}");
     let mut board = table(&["rank", "name", "model", "attempt", "total, recomputed"]);
     for row in &report.rows {
-        let entrant = report.entrants.iter().find(|entrant| entrant.id == row.entrant);
+        let entrant = entrant(&row.entrant);
         board.add_row([
             rank(row.rank),
             cell(entrant.map(|entrant| &entrant.name)),

@@ -64,13 +64,9 @@ impl FromRequestParts<App> for Caller {
             let detail = "the token is unknown, was replaced or revoked, or has expired";
             ApiError::new(Code::Unauthorized, detail)
         };
-        let (scheme, token) =
-            value.to_str().ok().and_then(|value| value.split_once(' ')).ok_or_else(unknown)?;
-        if !scheme.eq_ignore_ascii_case("bearer") {
-            let detail = "send the token as `Authorization: Bearer TOKEN`";
-            return Err(ApiError::new(Code::Unauthorized, detail));
-        }
-        let token = Token::parse(token.trim()).ok_or_else(unknown)?;
+        let token = bearer(value.to_str().map_err(|_| unknown())?)
+            .map_err(|problem| ApiError::new(Code::Unauthorized, problem))?;
+        let token = Token::parse(token).ok_or_else(unknown)?;
         let grant = app.tokens.grant(&token).await?.ok_or_else(unknown)?;
         app.tokens.party(&grant).await?.into_iter().for_each(Party::refine);
         match grant {
@@ -92,6 +88,26 @@ impl FromRequestParts<App> for Caller {
             }
             Grant::Key(_) => Err(unknown()),
         }
+    }
+}
+
+/// The token in the value of the header `Authorization`. An error never shows a part of a token.
+fn bearer(value: &str) -> Result<&str, &'static str> {
+    let value = value.trim();
+    match value.split_once(' ').map(|(scheme, token)| (scheme, token.trim())) {
+        Some((scheme, token)) if scheme.eq_ignore_ascii_case("bearer") => Ok(token),
+        Some((scheme, _)) if scheme.eq_ignore_ascii_case("basic") => Err(
+            "the header says `Basic`, a user and a password; send the token as `Authorization: Bearer TOKEN`",
+        ),
+        Some(_) => {
+            Err("the token must follow the word Bearer; send it as `Authorization: Bearer TOKEN`")
+        }
+        None if value.eq_ignore_ascii_case("bearer") || value.is_empty() => {
+            Err("there is no token after the word Bearer; send it as `Authorization: Bearer TOKEN`")
+        }
+        None => Err(
+            "the word Bearer is missing before the token; send it as `Authorization: Bearer TOKEN`",
+        ),
     }
 }
 

@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
+use axum::http::Uri;
 use axum::http::request::Parts;
-use serde::de::{DeserializeOwned, Deserializer, Error as _, Visitor};
+use serde::de::{Deserialize, DeserializeOwned, Deserializer, Error as _, Visitor};
 use serde::forward_to_deserialize_any;
-use serde_path_to_error::Segment;
 
 use super::App;
 use super::body::{Arrived, is_light};
@@ -80,14 +80,55 @@ fn diagnose<T: DeserializeOwned>(bytes: &[u8], error: &serde_json::Error) -> Api
     }
     let problem = error.to_string();
     // The place in the text is of no use to a client whose JSON was written by a program.
-    let problem = problem.split(" at line ").next().unwrap_or_default().to_owned();
+    let problem = problem.split(" at line ").next().unwrap_or_default();
     let mut json = serde_json::Deserializer::from_slice(bytes);
     let located = serde_path_to_error::deserialize::<_, T>(&mut json).err();
-    let field = located.as_ref().and_then(|error| error.path().iter().next());
+    let path = located.as_ref().map(serde_path_to_error::Error::path);
+    let field = path.filter(|path| path.iter().len() > 0).map(ToString::to_string);
     match (field, problem.strip_prefix("missing field `").and_then(|p| p.strip_suffix('`'))) {
-        (Some(Segment::Map { key }), _) => ApiError::field(key, problem),
-        (_, Some(missing)) => ApiError::field(missing, "is missing"),
-        _ => ApiError::new(Code::Invalid, problem),
+        (Some(field), Some(missing)) => {
+            ApiError::field(&format!("{field}.{missing}"), "is missing")
+        }
+        (Some(field), None) => ApiError::field(&field, plain(problem)),
+        (None, Some(missing)) => ApiError::field(missing, "is missing"),
+        (None, None) => ApiError::new(Code::Invalid, plain(problem)),
+    }
+}
+
+/// What is wrong with a value, in the words of JSON: a deserializer names types of the program.
+fn plain(problem: &str) -> String {
+    let wrong =
+        problem.strip_prefix("invalid type: ").or_else(|| problem.strip_prefix("invalid value: "));
+    if let Some((is, expected)) = wrong.and_then(|wrong| wrong.split_once(", expected ")) {
+        let is = match is.split_once(' ') {
+            Some(("string", text)) => text.to_owned(),
+            Some((_, value)) if value.ends_with('`') => {
+                value.rsplit('`').nth(1).unwrap_or_default().to_owned()
+            }
+            _ => in_json(is).to_owned(),
+        };
+        return format!("must be {}, is {is}", in_json(expected));
+    }
+    match problem.strip_prefix("unknown field ").and_then(|rest| rest.split_once(", expected ")) {
+        Some((_, known)) => {
+            format!("is unknown; the fields are {}", known.replacen("one of ", "", 1))
+        }
+        None => problem.to_owned(),
+    }
+}
+
+/// The JSON that a type of the program is read from.
+fn in_json(kind: &str) -> &str {
+    match kind {
+        "i8" | "i16" | "i32" | "i64" => "a whole number",
+        "u8" | "u16" | "u32" | "u64" | "usize" => "a whole number that is not negative",
+        "f32" | "f64" => "a number",
+        "a string" => "a text",
+        "a boolean" => "true or false",
+        "sequence" | "a sequence" => "a list",
+        "map" | "a map" => "an object",
+        kind if kind.starts_with("struct ") => "an object",
+        kind => kind,
     }
 }
 
@@ -136,9 +177,55 @@ impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for Params<T> {
         read.map(|Query(params)| Self(params)).map_err(|error| {
             use std::error::Error;
             let cause = error.source().map_or_else(|| error.to_string(), ToString::to_string);
+            let cause = in_words(cause, &parts.uri);
             ApiError::new(Code::Malformed, format!("the query cannot be read: {cause}"))
         })
     }
+}
+
+/// What is wrong with a query, where `cause` begins with the name of the parameter. The parsers of numbers do not say what
+/// they expect.
+fn in_words(cause: String, uri: &Uri) -> String {
+    let Some((field, problem)) = cause.split_once(": ") else { return cause };
+    let expected = match problem {
+        "invalid digit found in string" | "cannot parse integer from empty string" => {
+            "must be a whole number that is not negative"
+        }
+        "number too large to fit in target type" => "is too large",
+        "invalid float literal" | "cannot parse float from empty string" => "must be a number",
+        problem if problem.starts_with("must be ") => return format!("{field} {problem}"),
+        problem if problem.starts_with("unknown field ") => return problem.to_owned(),
+        _ => return cause,
+    };
+    let fields = Query::<Vec<(String, String)>>::try_from_uri(uri).unwrap_or_default();
+    let value = fields.0.into_iter().find_map(|(name, value)| (name == field).then_some(value));
+    let shown: String = value.unwrap_or_default().chars().take(SHOWN_CHARS_MAX).collect();
+    format!("{field} {expected}, is {shown:?}")
+}
+
+/// Characters of a refused value that an error shows.
+const SHOWN_CHARS_MAX: usize = 40;
+
+/// Reads a truth value of a query as programs write it, for `deserialize_with`.
+pub(super) fn flag<'de, D: Deserializer<'de>>(deserializer: D) -> Result<bool, D::Error> {
+    let text = String::deserialize(deserializer)?;
+    match text.to_ascii_lowercase().as_str() {
+        "true" | "1" | "yes" => Ok(true),
+        "false" | "0" | "no" => Ok(false),
+        _ => {
+            let shown: String = text.chars().take(SHOWN_CHARS_MAX).collect();
+            Err(D::Error::custom(format!(
+                "must be true or false (also 1 or 0, yes or no), is {shown:?}"
+            )))
+        }
+    }
+}
+
+/// As [`flag`], for a value that may be left out.
+pub(super) fn optional_flag<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<Option<bool>, D::Error> {
+    flag(deserializer).map(Some)
 }
 
 /// The query of a route that has none.

@@ -20,6 +20,7 @@ use super::OpenError;
 use super::again::{StoredJournal, play_again};
 use super::competitions::RawCompetition;
 use super::files::may_lack_log;
+use super::foreign::is_foreign;
 use super::metrics::stored_method;
 use super::rebuild::{self, RebuildError};
 use super::rows::{FromRow, get};
@@ -109,6 +110,9 @@ pub async fn check(
     }
     if may_lack_log(path) {
         return Err(OpenError::Linked(path.to_owned()));
+    }
+    if is_foreign(path).await {
+        return Err(OpenError::Foreign(path.to_owned()));
     }
     let options = SqliteConnectOptions::new()
         .filename(path)

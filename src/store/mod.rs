@@ -14,6 +14,7 @@ pub mod episodes;
 mod error;
 pub mod exports;
 mod files;
+mod foreign;
 pub mod imports;
 pub mod keys;
 pub mod metrics;
@@ -60,6 +61,12 @@ pub enum OpenError {
     /// The database, or the lock file beside it, cannot be opened or locked.
     #[error("{path} cannot be opened and locked")]
     Lock { path: PathBuf, source: std::io::Error },
+    /// Its folder does not exist.
+    #[error("there is no folder {0}: create it, or name another file with --db")]
+    Folder(PathBuf),
+    /// It is no database, or one of another program.
+    #[error("{0} is not a database of this program: name another file with --db")]
+    Foreign(PathBuf),
     /// It has hard links, so that its log may be beside another name.
     #[error(
         "{0} has several names (hard links), and SQLite finds what was written last by the name that the server uses: \
@@ -119,6 +126,9 @@ impl Store {
         }
         if files::may_lack_log(path) {
             return Err(OpenError::Linked(path.to_owned()));
+        }
+        if foreign::is_foreign(path).await {
+            return Err(OpenError::Foreign(path.to_owned()));
         }
         let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
         let options = SqliteConnectOptions::new()
@@ -192,7 +202,14 @@ struct OpenedDatabase {
 
 /// Opens a database for this process alone, and brings its tables up to date.
 async fn open_exclusively(path: &Path, create: bool) -> Result<OpenedDatabase, OpenError> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+        return Err(OpenError::Folder(folder.to_owned()));
+    }
     let lock = Lock::take(path, create)?;
+    if foreign::is_foreign(path).await {
+        return Err(OpenError::Foreign(path.to_owned()));
+    }
     let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
     // The file was made with its lock, if it had to be.
     let options = SqliteConnectOptions::new()

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::sync::Arc;
 
-use swarmbench_engine::TaskName;
+use swarmbench_engine::{RuleSet, TaskName};
 use swarmbench_protocol::import::KnownSettings;
 
 use super::interval::Difference;
@@ -134,9 +134,6 @@ pub struct Ranked {
 /// The suite that is shown if none is named.
 const SUITE: &str = "standard";
 
-/// The rule sets that a board can show.
-const RULES: [&str; 2] = ["paper", "reference"];
-
 /// How many suites a refusal names.
 const NAMED: usize = 20;
 
@@ -257,10 +254,13 @@ impl Boards {
     }
 
     fn find(&self, question: &Question) -> Result<(&BoardId, &Board), Unknown> {
-        let rules = question.rules.as_deref().unwrap_or(RULES[0]);
-        if !RULES.contains(&rules) {
-            return Err(Unknown { field: "rules", allowed: one_of(RULES) });
-        }
+        let rules = question.rules.as_deref().map_or(Some(RuleSet::Paper), RuleSet::find);
+        let Some(rules) = rules.map(RuleSet::name) else {
+            return Err(Unknown {
+                field: "rules",
+                allowed: one_of(RuleSet::ALL.map(RuleSet::name)),
+            });
+        };
         let asked = question.suite.as_deref().unwrap_or(SUITE);
         let of_rules = || self.by_id.iter().filter(|(id, _)| id.rules == rules);
         let named: Vec<_> = of_rules().filter(|(id, _)| id.suite == asked).collect();
@@ -273,7 +273,11 @@ impl Boards {
             (None, []) => exact().map(|(id, board)| (id, &**board)).ok_or_else(|| {
                 let mut names: Vec<&str> = of_rules().map(|(id, _)| id.suite.as_str()).collect();
                 names.dedup();
-                Unknown { field: "suite", allowed: one_of(names) }
+                let mut allowed = one_of(names);
+                if asked.contains(',') {
+                    allowed += ": a board has one suite, and commas are a part of its name";
+                }
+                Unknown { field: "suite", allowed }
             }),
             (None, [..]) => {
                 let names = named.iter().map(|(id, _)| format!("{}@{}", id.suite, id.digest));
@@ -293,7 +297,7 @@ fn task_of(
     name: Option<&str>,
 ) -> Result<Option<TaskName>, Unknown> {
     let Some(name) = name else { return Ok(None) };
-    let found = tasks.iter().copied().find(|task| task.name() == name);
+    let found = TaskName::find(name).filter(|task| tasks.contains(task));
     found
         .map(Some)
         .ok_or_else(|| Unknown { field, allowed: one_of(tasks.iter().map(|task| task.name())) })
@@ -311,7 +315,11 @@ fn one_of<T: AsRef<str>>(names: impl IntoIterator<Item = T>) -> String {
         let comma = if place == 0 { "" } else { ", " };
         // Names come from strangers, and may be long.
         let name: String = name.as_ref().chars().take(80).collect();
-        _ = write!(text, "{comma}{name}");
+        _ = if name.contains(',') {
+            write!(text, "{comma}{name:?}")
+        } else {
+            write!(text, "{comma}{name}")
+        };
     }
     if more > 0 {
         _ = write!(text, " and {more} more");

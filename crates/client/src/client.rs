@@ -21,18 +21,23 @@ use swarmbench_protocol::run::{CreatedRun, RunDetail, RunRequest, RunToken};
 /// How long one request may take beyond its `wait`.
 const PATIENCE: Duration = Duration::from_secs(30);
 
+/// How long a server may take to say that it is alive, which it does before all else.
+const HEALTH_PATIENCE: Duration = Duration::from_secs(10);
+
 /// A request failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
     /// The server did not answer.
     #[error(
-        "{url} does not answer: {source}; does a server run there? `swarmbench serve` starts one"
+        "{url} does not answer: {}; does a server run there? `swarmbench serve` starts one{}",
+        cause(error),
+        if url.scheme() == "https" && error.is_connect() { ", which speaks http://" } else { "" }
     )]
     Transport {
         /// The requested address.
         url: Url,
         /// Why.
-        source: reqwest::Error,
+        error: reqwest::Error,
     },
     /// The server refused.
     #[error("{url} answered {status}: {}", problem.detail)]
@@ -55,7 +60,9 @@ pub enum ClientError {
         what: String,
     },
     /// It is no address of a server.
-    #[error("{0:?} is not the address of a server; it looks like http://127.0.0.1:8080")]
+    #[error(
+        "{0:?} is not the address of a server; it looks like http://127.0.0.1:8080, without a path"
+    )]
     Address(String),
     /// The answer cannot be written to the output.
     #[error(transparent)]
@@ -66,7 +73,7 @@ impl ClientError {
     /// Whether a retry may succeed.
     fn is_temporary(&self) -> bool {
         match self {
-            Self::Transport { source, .. } => !source.is_builder(),
+            Self::Transport { error, .. } => !error.is_builder(),
             Self::Refused { status, .. } => {
                 matches!(*status, StatusCode::TOO_MANY_REQUESTS | StatusCode::SERVICE_UNAVAILABLE)
             }
@@ -79,6 +86,15 @@ impl ClientError {
         let Self::Refused { problem, .. } = self else { return None };
         problem.retry_after_ms.map(Duration::from_millis)
     }
+}
+
+/// The innermost cause: the errors around it repeat the address.
+fn cause(error: &reqwest::Error) -> String {
+    let mut cause: &dyn std::error::Error = error;
+    while let Some(inner) = cause.source() {
+        cause = inner;
+    }
+    cause.to_string()
 }
 
 /// The error response of a server.
@@ -118,14 +134,18 @@ impl std::fmt::Debug for Secret {
 impl Client {
     /// A client of the server at `base`, such as `http://127.0.0.1:8080`.
     pub fn new(base: &str) -> Result<Self, ClientError> {
-        let parsed = Url::parse(base).ok().filter(Url::has_host);
+        let is_server = |url: &Url| {
+            let has_more = url.path() != "/" || url.query().is_some() || url.fragment().is_some();
+            url.has_host() && matches!(url.scheme(), "http" | "https") && !has_more
+        };
+        let parsed = Url::parse(base).ok().filter(is_server);
         let base = parsed.ok_or_else(|| ClientError::Address(base.to_owned()))?;
         let mut http = reqwest::Client::builder();
         if base.host_str().is_some_and(is_loopback) {
             // A proxy of the network would look for the server on its own machine.
             http = http.no_proxy();
         }
-        let failed = |source| ClientError::Transport { url: base.clone(), source };
+        let failed = |error| ClientError::Transport { url: base.clone(), error };
         let http = http.build().map_err(failed)?;
         Ok(Self { http, base, key: None, answered: Arc::default() })
     }
@@ -164,7 +184,7 @@ impl Client {
     ) -> Result<Option<String>, ClientError> {
         let mut url = self.base.clone();
         url.set_path(path);
-        let transport = |source| ClientError::Transport { url: url.clone(), source };
+        let transport = |error| ClientError::Transport { url: url.clone(), error };
         let call = self.signed(self.http.get(url.clone())).query(query);
         let mut answer = call.send().await.map_err(transport)?;
         let status = answer.status();
@@ -364,8 +384,8 @@ impl Client {
     }
 
     /// Whether the server is alive.
-    pub async fn health(&self) -> Result<(), ClientError> {
-        self.once::<serde::de::IgnoredAny>(Method::GET, "/healthz", |call| call).await.map(|_| ())
+    pub async fn health(&self) -> Result<serde_json::Value, ClientError> {
+        self.once(Method::GET, "/healthz", |call| call.timeout(HEALTH_PATIENCE)).await
     }
 
     /// Sends a request that may be repeated, and retries it after temporary errors.
@@ -390,8 +410,8 @@ impl Client {
 
     /// Whether there is no server at the address, as far as this client knows.
     fn is_absent(&self, error: &ClientError) -> bool {
-        let ClientError::Transport { source, .. } = error else { return false };
-        source.is_connect() && !self.answered.load(Ordering::Relaxed)
+        let ClientError::Transport { error, .. } = error else { return false };
+        error.is_connect() && !self.answered.load(Ordering::Relaxed)
     }
 
     async fn once<T: DeserializeOwned>(
@@ -418,7 +438,7 @@ impl Client {
     ) -> Result<(Url, StatusCode, Vec<u8>), ClientError> {
         let mut url = self.base.clone();
         url.set_path(path);
-        let failed = |source| ClientError::Transport { url: url.clone(), source };
+        let failed = |error| ClientError::Transport { url: url.clone(), error };
         let call = self.http.request(method, url.clone()).timeout(PATIENCE * 3);
         let response = fill(call).send().await.map_err(failed)?;
         self.answered.store(true, Ordering::Relaxed);

@@ -1,7 +1,7 @@
 //! The settings that have names: task, rule set, control and reader of answers. This module uses no other module of the engine.
 
 /// Declares an enum whose values have names on the wire, each written behind its value, with `ALL` of them in order,
-/// [`name`](TaskName::name) and [`parse`](TaskName::parse).
+/// [`name`](TaskName::name), [`parse`](TaskName::parse), [`find`](TaskName::find) and [`canonical`](TaskName::canonical).
 #[macro_export]
 macro_rules! named {
     ($(#[$about:meta])* $vis:vis enum $kind:ident {
@@ -28,6 +28,18 @@ macro_rules! named {
             #[must_use]
             pub fn parse(name: &str) -> Option<Self> {
                 Self::ALL.into_iter().find(|value| value.name() == name)
+            }
+
+            /// The value with this name, in upper or lower case.
+            #[must_use]
+            pub fn find(name: &str) -> Option<Self> {
+                Self::ALL.into_iter().find(|value| value.name().eq_ignore_ascii_case(name))
+            }
+
+            /// A name that somebody typed, as it is on the wire; another text stays as it is.
+            #[must_use]
+            pub fn canonical(name: String) -> String {
+                Self::find(&name).map_or(name, |value| value.name().to_owned())
             }
         }
     };

@@ -146,7 +146,7 @@ pub struct ActResponse {
 /// The result of one of several acts.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[serde(untagged)]
+#[serde(untagged, expecting = "a receipt or a problem was expected")]
 pub enum SwarmReceipt {
     /// It is durable.
     Receipt(Receipt),

@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
+use serde::de::value::SeqAccessDeserializer;
+use serde::de::{Error, SeqAccess, Unexpected, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 
 use super::Seconds;
@@ -65,12 +67,14 @@ pub struct CompetitionRequest {
 #[serde(deny_unknown_fields)]
 pub struct SealedSuite {
     /// Names of tasks; all five by default.
+    #[serde(default, deserialize_with = "crate::any_case::tasks")]
     pub tasks: Option<Vec<String>>,
     /// How many sealed seeds each attempt has.
     #[cfg_attr(feature = "openapi", schema(default = 5, minimum = 1, maximum = 100))]
     pub seeds: Option<u32>,
     /// `paper` or `reference`.
     #[cfg_attr(feature = "openapi", schema(default = "paper"))]
+    #[serde(default, deserialize_with = "crate::any_case::rules")]
     pub rules: Option<String>,
     /// The settings of all games; by default those of the standard setting.
     pub settings: Option<SealedSettings>,
@@ -86,6 +90,7 @@ game_settings! {
     pub struct SealedSettings {
         /// `decentralized` or `centralized`.
         #[cfg_attr(feature = "openapi", schema(default = "decentralized"))]
+        #[serde(default, deserialize_with = "crate::any_case::control")]
         pub control: Option<String>,
         ..settings,
     }
@@ -108,7 +113,7 @@ pub struct Clocks {
 }
 
 /// How many attempts, or when each may be played.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(untagged)]
 pub enum Attempts {
@@ -116,6 +121,35 @@ pub enum Attempts {
     Count(u32),
     /// The window of each, in order.
     Windows(Vec<AttemptWindow>),
+}
+
+impl<'de> Deserialize<'de> for Attempts {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        // An untagged enum does not name the field that is wrong.
+        struct Either;
+        impl<'de> Visitor<'de> for Either {
+            type Value = Attempts;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("a number of attempts, or a list of their windows")
+            }
+
+            fn visit_u64<E: Error>(self, count: u64) -> Result<Attempts, E> {
+                let wrong = |_| E::invalid_value(Unexpected::Unsigned(count), &self);
+                count.try_into().map(Attempts::Count).map_err(wrong)
+            }
+
+            fn visit_i64<E: Error>(self, count: i64) -> Result<Attempts, E> {
+                let wrong = |_| E::invalid_value(Unexpected::Signed(count), &self);
+                count.try_into().map(Attempts::Count).map_err(wrong)
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, windows: A) -> Result<Attempts, A::Error> {
+                Vec::deserialize(SeqAccessDeserializer::new(windows)).map(Attempts::Windows)
+            }
+        }
+        deserializer.deserialize_any(Either)
+    }
 }
 
 /// When an attempt may be played.

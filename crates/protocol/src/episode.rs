@@ -35,16 +35,19 @@ game_settings! {
         /// `Transport`, `Pursuit`, `Synchronization`, `Foraging` or `Flocking`.
         #[serialize_always]
         #[cfg_attr(feature = "openapi", schema(required))]
+        #[serde(default, deserialize_with = "crate::any_case::task")]
         pub task: Option<String>,
         /// The seed of the layout, 0 to 2⁵³ − 1; drawn at random where it is left out.
         #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 9_007_199_254_740_991_i64))]
         pub seed: Option<i64>,
         /// `paper` or `reference`.
         #[cfg_attr(feature = "openapi", schema(default = "paper"))]
+        #[serde(default, deserialize_with = "crate::any_case::rules")]
         pub rules: Option<String>,
         ..settings {
             /// `decentralized` or `centralized`.
             #[cfg_attr(feature = "openapi", schema(default = "decentralized"))]
+            #[serde(default, deserialize_with = "crate::any_case::control")]
             pub control: Option<String>
         },
         /// A round's clock in seconds; none by default.

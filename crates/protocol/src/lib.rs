@@ -20,6 +20,7 @@ macro_rules! page {
 }
 
 pub mod act;
+pub mod any_case;
 pub mod board;
 pub mod claim;
 pub mod clock;

@@ -24,6 +24,7 @@ pub struct RunRequest {
     pub suite: Option<SuiteRequest>,
     /// `paper` or `reference`.
     #[cfg_attr(feature = "openapi", schema(default = "paper"))]
+    #[serde(default, deserialize_with = "crate::any_case::rules")]
     pub rules: Option<String>,
     /// Which model plays; at most 200 characters.
     #[cfg_attr(feature = "openapi", schema(required, example = "my-model"))]
@@ -102,6 +103,7 @@ pub struct OwnSuite {
     /// Its name: 1 to 100 characters, and not that of a built-in one.
     pub name: String,
     /// The tasks, in the order in which they are played; all five where they are left out.
+    #[serde(default, deserialize_with = "crate::any_case::tasks")]
     pub tasks: Option<Vec<String>>,
     /// The seeds, each 0 to 2⁵³ − 1.
     pub seeds: Vec<i64>,
@@ -119,6 +121,7 @@ game_settings! {
     pub struct OwnSettings {
         /// `decentralized` or `centralized`.
         #[cfg_attr(feature = "openapi", schema(default = "decentralized"))]
+        #[serde(default, deserialize_with = "crate::any_case::control")]
         pub control: Option<String>,
         ..settings,
     }

@@ -1,14 +1,15 @@
 //! Times on the wire.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::ops::Deref;
 
-use serde::{Deserialize, Serialize, Serializer};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// A time: RFC 3339 in UTC, always with three digits of milliseconds, so that all times of a column have one form.
 /// Any time of RFC 3339 is read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize)]
-#[serde(transparent)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Timestamp(jiff::Timestamp);
 
 impl From<jiff::Timestamp> for Timestamp {
@@ -36,6 +37,19 @@ impl fmt::Display for Timestamp {
         write!(f, "{:.3}", self.0)
     }
 }
+
+impl<'de> Deserialize<'de> for Timestamp {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = Cow::<'de, str>::deserialize(deserializer)?;
+        text.parse().map(Self).map_err(|_| {
+            let shown: String = text.chars().take(SHOWN_CHARS_MAX).collect();
+            D::Error::custom(format!("must be a time such as 2027-03-01T12:00:00Z, is {shown:?}"))
+        })
+    }
+}
+
+/// Characters of a refused text that an error shows.
+const SHOWN_CHARS_MAX: usize = 40;
 
 impl Serialize for Timestamp {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {

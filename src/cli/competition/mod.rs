@@ -4,17 +4,18 @@ mod definition;
 mod tables;
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::Context;
+use anyhow::{Context, bail};
+use serde::Serialize;
 
 use super::options::ServerArgs;
 use super::output;
-use super::pages::{all, pages};
+use super::pages::{Page, all, pages};
 use swarmbench_client::client::Client;
 use swarmbench_protocol::competition::{
-    AttemptRequest, CodesRequest, Competition, CompetitionBoard, CreatedEntrant, EntrantChange,
-    EntrantRequest, EntrantSummary, StartedAttempt,
+    AttemptRequest, AttemptSummary, CodesRequest, Competition, CompetitionBoard, CreatedEntrant,
+    EntrantChange, EntrantRequest, EntrantSummary, InvitationCodes, StartedAttempt,
 };
 use swarmbench_protocol::episode::VoidRequest;
 
@@ -37,6 +38,9 @@ pub(super) struct Args {
     command: Command,
     #[command(flatten)]
     server: ServerArgs,
+    /// As JSON, in the shape of the API; an export is JSON Lines in any case.
+    #[arg(long, global = true)]
+    json: bool,
 }
 
 #[derive(Debug, clap::Subcommand)]
@@ -52,9 +56,6 @@ enum Command {
     Show {
         /// The competition's id.
         id: String,
-        /// As JSON.
-        #[arg(long)]
-        json: bool,
     },
     /// Create invitation codes, one for each entrant. They are shown only once.
     Codes {
@@ -130,11 +131,8 @@ enum Command {
         /// The competition's id.
         id: String,
         /// As CSV.
-        #[arg(long, conflicts_with = "json")]
-        csv: bool,
-        /// As JSON.
         #[arg(long)]
-        json: bool,
+        csv: bool,
     },
     /// Export a competition to the standard output, for `swarmbench verify --competition`.
     Export(CompetitionId),
@@ -179,67 +177,97 @@ struct Declaration {
 const COMPETITIONS: &str = "/api/v1/competitions";
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let client = &args.server.client()?;
-    match args.command {
-        Command::Create { file } => create(client, &file).await?,
-        Command::List => out!("{}", tables::competitions(all(client, COMPETITIONS).await?)),
-        Command::Show { id, json } => {
-            let shown: Competition = client.get(&path(&id, "")).await?;
-            if json {
-                output::json(&shown)?;
-            } else {
-                out!("{}", tables::competition(&shown));
-            }
+    let Args { command, server, json } = args;
+    let client = &server.client().await?;
+    match command {
+        Command::Create { file } => {
+            let created: Competition = client.post(COMPETITIONS, &definition::read(&file)?).await?;
+            show(json, &created, |created| tell_created(client, created))
         }
-        Command::Codes { id, labels } => codes(client, &id, labels).await?,
-        Command::Enter { id, entrant } => enter(client, &id, entrant).await?,
+        Command::List => {
+            let list = Page::<Competition>::of(all(client, COMPETITIONS).await?);
+            show(json, &list, |list| out!("{}", tables::competitions(&list.items)))
+        }
+        Command::Show { id } => {
+            let shown: Competition = client.get(&path(&id, "")).await?;
+            show(json, &shown, |shown| out!("{}", tables::competition(shown)))
+        }
+        Command::Codes { id, labels } => {
+            let codes: InvitationCodes =
+                client.post(&path(&id, "/codes"), &CodesRequest { labels }).await?;
+            show(json, &codes, |codes| {
+                out!("{}", tables::codes(codes));
+                note!("Each is valid for one entrant. They cannot be shown again.");
+            })
+        }
+        Command::Enter { id, entrant } => {
+            let created: CreatedEntrant =
+                client.post(&path(&id, "/entrants"), &entrant.request()?).await?;
+            show(json, &created, tell_entered)
+        }
         Command::Attempt { id, entrant, attempt } => {
-            start(client, &id, AttemptRequest { entrant, attempt }).await?;
+            let request = AttemptRequest { entrant, attempt };
+            let started: StartedAttempt = client.post(&path(&id, "/attempts"), &request).await?;
+            show(json, &started, tell_started)
         }
         Command::Attempts(CompetitionId { id }) => {
-            out!("{}", tables::attempts(all(client, &path(&id, "/attempts")).await?));
+            let list = Page::<AttemptSummary>::of(all(client, &path(&id, "/attempts")).await?);
+            show(json, &list, |list| out!("{}", tables::attempts(&list.items)))
         }
         Command::Entrants(CompetitionId { id }) => {
-            out!("{}", tables::entrants(all(client, &path(&id, "/entrants")).await?));
+            let list = Page::<EntrantSummary>::of(all(client, &path(&id, "/entrants")).await?);
+            show(json, &list, |list| out!("{}", tables::entrants(&list.items)))
         }
         Command::Disqualify { entrant, reason } => {
-            set_status(client, entrant, "disqualified", Some(reason)).await?;
+            let status = Some("disqualified".to_owned());
+            let change = EntrantChange { status, reason: Some(reason), vouched: None };
+            show(json, &changed(client, entrant, change).await?, tell_changed)
         }
         Command::Withdraw { entrant, reason } => {
-            set_status(client, entrant, "withdrawn", reason).await?;
+            let status = Some("withdrawn".to_owned());
+            let change = EntrantChange { status, reason, vouched: None };
+            show(json, &changed(client, entrant, change).await?, tell_changed)
         }
-        Command::Readmit { entrant } => set_status(client, entrant, "active", None).await?,
+        Command::Readmit { entrant } => {
+            let status = Some("active".to_owned());
+            let change = EntrantChange { status, reason: None, vouched: None };
+            show(json, &changed(client, entrant, change).await?, tell_changed)
+        }
         Command::Vouch { entrant, not } => {
-            let vouched = Some(!not);
-            change(client, entrant, EntrantChange { vouched, ..EntrantChange::default() }).await?;
+            let change = EntrantChange { vouched: Some(!not), ..EntrantChange::default() };
+            show(json, &changed(client, entrant, change).await?, tell_changed)
         }
         Command::Void { id, run, reason } => {
             let path = path(&id, &format!("/attempts/{run}/void"));
-            let _: serde_json::Value = client.post(&path, &VoidRequest { reason }).await?;
-            out!("{run} does not count; its entrant may start that attempt again.");
+            let voided: AttemptSummary = client.post(&path, &VoidRequest { reason }).await?;
+            show(json, &voided, |voided| {
+                out!("{} does not count; its entrant may start that attempt again.", voided.run);
+            })
         }
-        Command::Board { id, csv: true, .. } => {
-            print_board_csv(client, &path(&id, "/board")).await?;
-        }
-        Command::Board { id, json, .. } => {
-            let board = whole_board(client, &path(&id, "/board")).await?;
-            if json {
-                output::json(&board)?;
-            } else {
-                tables::print_board(&board);
-            }
+        Command::Board { csv: true, .. } if json => bail!("name --csv or --json, not both"),
+        Command::Board { id, csv: true } => print_board_csv(client, &path(&id, "/board")).await,
+        Command::Board { id, csv: false } => {
+            show(json, &whole_board(client, &path(&id, "/board")).await?, tables::print_board)
         }
         Command::Export(CompetitionId { id }) => {
             let path = format!("/api/v1/exports/competitions/{id}");
             let mut out = std::io::BufWriter::new(output::stream());
             client.download(&path, &[], &mut out).await?;
+            Ok(())
         }
     }
+}
+
+/// Prints an answer of the server, as JSON or in words.
+fn show<T: Serialize>(json: bool, answer: &T, tell: impl FnOnce(&T)) -> anyhow::Result<()> {
+    if json {
+        return output::json(answer);
+    }
+    tell(answer);
     Ok(())
 }
 
-async fn create(client: &Client, file: &Path) -> anyhow::Result<()> {
-    let created: Competition = client.post(COMPETITIONS, &definition::read(file)?).await?;
+fn tell_created(client: &Client, created: &Competition) {
     out!("{}", created.id);
     note!(
         "\n{:?} opens at {} and closes at {}.\nIts commitment, to be published before anybody plays:\n  {}\n\
@@ -251,26 +279,21 @@ async fn create(client: &Client, file: &Path) -> anyhow::Result<()> {
         client.base(),
         created.id
     );
-    Ok(())
 }
 
-async fn codes(client: &Client, id: &str, labels: Vec<String>) -> anyhow::Result<()> {
-    let codes = client.post(&path(id, "/codes"), &CodesRequest { labels }).await?;
-    out!("{}", tables::codes(codes));
-    note!("Each is valid for one entrant. They cannot be shown again.");
-    Ok(())
+impl Declaration {
+    fn request(self) -> anyhow::Result<EntrantRequest> {
+        let Self { name, model, temperature, top_p, prompt_template, code } = self;
+        let read = |file: PathBuf| {
+            std::fs::read_to_string(&file).with_context(|| format!("{}", file.display()))
+        };
+        let prompt_template = prompt_template.map(read).transpose()?;
+        let agent_meta = None;
+        Ok(EntrantRequest { name, model, temperature, top_p, agent_meta, prompt_template, code })
+    }
 }
 
-async fn enter(client: &Client, id: &str, entrant: Declaration) -> anyhow::Result<()> {
-    let Declaration { name, model, temperature, top_p, prompt_template, code } = entrant;
-    let read = |file: PathBuf| {
-        std::fs::read_to_string(&file).with_context(|| format!("{}", file.display()))
-    };
-    let prompt_template = prompt_template.map(read).transpose()?;
-    let agent_meta = None;
-    let request =
-        EntrantRequest { name, model, temperature, top_p, agent_meta, prompt_template, code };
-    let created: CreatedEntrant = client.post(&path(id, "/entrants"), &request).await?;
+fn tell_entered(created: &CreatedEntrant) {
     if let Some(key) = &created.key {
         out!("{key}");
     }
@@ -283,11 +306,9 @@ async fn enter(client: &Client, id: &str, entrant: Declaration) -> anyhow::Resul
             None => "It belongs to your key.",
         }
     );
-    Ok(())
 }
 
-async fn start(client: &Client, id: &str, request: AttemptRequest) -> anyhow::Result<()> {
-    let started: StartedAttempt = client.post(&path(id, "/attempts"), &request).await?;
+fn tell_started(started: &StartedAttempt) {
     out!("{}", started.swarm_token);
     note!(
         "Attempt {} of {} has {} games, in {}. No round begins after {}.\nThis is its swarm token; a lost one is \
@@ -299,25 +320,20 @@ async fn start(client: &Client, id: &str, request: AttemptRequest) -> anyhow::Re
         started.closes_at,
         started.run
     );
-    Ok(())
 }
 
-async fn set_status(
+async fn changed(
     client: &Client,
     of: EntrantOf,
-    status: &str,
-    reason: Option<String>,
-) -> anyhow::Result<()> {
-    let status = Some(status.to_owned());
-    change(client, of, EntrantChange { status, reason, vouched: None }).await
+    change: EntrantChange,
+) -> anyhow::Result<EntrantSummary> {
+    let path = path(&of.id, &format!("/entrants/{}", of.entrant));
+    Ok(client.patch(&path, &change).await?)
 }
 
-async fn change(client: &Client, of: EntrantOf, change: EntrantChange) -> anyhow::Result<()> {
-    let path = path(&of.id, &format!("/entrants/{}", of.entrant));
-    let entrant: EntrantSummary = client.patch(&path, &change).await?;
+fn tell_changed(entrant: &EntrantSummary) {
     let vouched = if entrant.vouched { ", vouched for" } else { "" };
     out!("{} ({:?}) is {}{vouched}.", entrant.id, entrant.name, entrant.status);
-    Ok(())
 }
 
 /// The board with all its pages; the first says what is shown.

@@ -9,32 +9,32 @@ use swarmbench_protocol::competition::{
 };
 use swarmbench_protocol::time::Timestamp;
 
-pub(super) fn competitions(list: Vec<Competition>) -> Table {
+pub(super) fn competitions(list: &[Competition]) -> Table {
     let mut table = table(&["competition", "name", "phase", "opens", "closes"]);
     for one in list {
         let (opens, closes) = (one.opens_at.to_string(), one.closes_at.to_string());
-        table.add_row([one.id, one.name, one.phase, opens, closes]);
+        table.add_row([&one.id, &one.name, &one.phase, &opens, &closes]);
     }
     table
 }
 
-pub(super) fn codes(codes: InvitationCodes) -> Table {
+pub(super) fn codes(codes: &InvitationCodes) -> Table {
     let mut table = table(&["for", "code"]);
-    for code in codes.items {
-        table.add_row([code.label, code.code]);
+    for code in &codes.items {
+        table.add_row([&code.label, &code.code]);
     }
     table
 }
 
-pub(super) fn attempts(list: Vec<AttemptSummary>) -> Table {
+pub(super) fn attempts(list: &[AttemptSummary]) -> Table {
     let mut table = table(&["entrant", "attempt", "run", "status", "games", "total", "note"]);
     for attempt in list {
-        let note = attempt.voided.map(|reason| format!("does not count: {reason}"));
+        let note = attempt.voided.as_ref().map(|reason| format!("does not count: {reason}"));
         table.add_row([
-            attempt.entrant,
+            attempt.entrant.clone(),
             attempt.attempt.to_string(),
-            attempt.run,
-            attempt.status,
+            attempt.run.clone(),
+            attempt.status.clone(),
             format!("{} of {}", attempt.games_ended, attempt.games),
             total(attempt.total),
             note.unwrap_or_default(),
@@ -43,16 +43,16 @@ pub(super) fn attempts(list: Vec<AttemptSummary>) -> Table {
     table
 }
 
-pub(super) fn entrants(list: Vec<EntrantSummary>) -> Table {
+pub(super) fn entrants(list: &[EntrantSummary]) -> Table {
     let mut table =
         table(&["entrant", "name", "model", "status", "reason", "vouched", "registered"]);
     for entrant in list {
         table.add_row([
-            entrant.id,
-            entrant.name,
-            entrant.model,
-            entrant.status,
-            entrant.reason.unwrap_or_default(),
+            entrant.id.clone(),
+            entrant.name.clone(),
+            entrant.model.clone(),
+            entrant.status.clone(),
+            entrant.reason.clone().unwrap_or_default(),
             if entrant.vouched { "yes" } else { "no" }.to_owned(),
             entrant.registered_at.to_string(),
         ]);

@@ -222,7 +222,7 @@ pub(super) async fn run(mut args: Args) -> anyhow::Result<ExitCode> {
     })?;
     let plan = if args.asking.is_replay() { plan.replayed() } else { plan };
     if args.dry_run {
-        showing::dry_run(&plan)?;
+        args.showing.dry_run(&plan)?;
         return Ok(ExitCode::SUCCESS);
     }
     args.showing.check()?;

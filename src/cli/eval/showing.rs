@@ -5,14 +5,15 @@ use std::path::PathBuf;
 
 use anyhow::{Context, ensure};
 use comfy_table::{CellAlignment, ColumnConstraint};
+use serde_json::json;
 use swarmbench_engine::{Seed, TaskName};
 
 use super::super::leaderboard::{fit, short};
-use super::super::output::table;
+use super::super::output::{self, table};
 use super::Hosting;
 use super::estimate::{ESTIMATED, Estimate, estimate};
 use swarmbench_client::eval::experiment::Shape;
-use swarmbench_client::eval::plan::{Plan, Who, ranges};
+use swarmbench_client::eval::plan::{Plan, Planned, Who, ranges};
 use swarmbench_client::eval::report::{Played, Report, short as tokens};
 
 /// Into how few columns of a terminal a model's name may be broken.
@@ -26,6 +27,9 @@ pub(super) struct Showing {
     /// How the board is written.
     #[arg(long, default_value = "table")]
     format: Format,
+    /// The same as --format json.
+    #[arg(long, conflicts_with = "format")]
+    json: bool,
     /// wide: a row for each run, a column for each task; long: a row for each run and task, with least and most (wide).
     #[arg(long)]
     pub(super) board: Option<Board>,
@@ -58,6 +62,10 @@ impl From<Board> for Shape {
 }
 
 impl Showing {
+    const fn format(&self) -> Format {
+        if self.json { Format::Json } else { self.format }
+    }
+
     /// Whether the board can be written where it is to be, before hours of play.
     pub(super) fn check(&self) -> anyhow::Result<()> {
         if let Some(path) = &self.output {
@@ -73,14 +81,14 @@ impl Showing {
         if report.rows.is_empty() {
             return Ok(());
         }
-        if self.output.is_some() || self.format == Format::Table {
+        if self.output.is_some() || self.format() == Format::Table {
             out!("{}", headline(plan));
             out!("{}", drawn(plan, report, terminal_width()));
             for reason in reasons(report, terminal_width()) {
                 out!("{reason}");
             }
         }
-        let text = match self.format {
+        let text = match self.format() {
             Format::Table => {
                 let board = drawn(plan, report, u16::MAX).to_string();
                 let reasons = reasons(report, u16::MAX);
@@ -97,15 +105,23 @@ impl Showing {
                 note!("the board is in {}", path.display());
             }
             Some(path) => note!("not all was played, so {} is not written", path.display()),
-            None if self.format == Format::Table => {}
+            None if self.format() == Format::Table => {}
             None => super::super::output::text(&text),
         }
         Ok(())
     }
 
+    /// Shows what would be played.
+    pub(super) fn dry_run(&self, plan: &Plan) -> anyhow::Result<()> {
+        if self.format() == Format::Json {
+            return output::json(&planned(plan)?);
+        }
+        show_planned(plan)
+    }
+
     /// How to see more.
     pub(super) fn tell_more(&self, played: &[Played], hosting: &Hosting) {
-        if self.format != Format::Table && self.output.is_none() {
+        if self.format() != Format::Table && self.output.is_none() {
             return;
         }
         let place = hosting.place();
@@ -216,8 +232,35 @@ fn laid_out(
     (shown, whole - spare)
 }
 
+/// What would be played, run by run.
+fn planned(plan: &Plan) -> anyhow::Result<serde_json::Value> {
+    let run = |run: &Planned| {
+        let settings =
+            plan.varied.iter().map(|axis| ((*axis).to_owned(), json!(run.setting(axis))));
+        let estimate = estimate(run)?;
+        let estimated = estimate.as_ref().map(|estimate| {
+            json!({
+                "prompt_tokens": estimate.prompt_tokens,
+                "completion_tokens": estimate.completion_tokens,
+                "cost": estimate.cost,
+            })
+        });
+        anyhow::Ok(json!({
+            "model": run.name(),
+            "settings": settings.collect::<serde_json::Map<_, _>>(),
+            "tasks": run.suite.tasks,
+            "seeds": run.suite.seeds,
+            "games": run.suite.tasks.len() * run.suite.seeds.len(),
+            "asked_max": estimate.as_ref().map(|estimate| estimate.questions),
+            "estimated": estimated,
+        }))
+    };
+    let runs = plan.runs.iter().map(run).collect::<anyhow::Result<Vec<_>>>()?;
+    Ok(json!({ "name": plan.name, "runs": runs }))
+}
+
 /// Shows what would be played.
-pub(super) fn dry_run(plan: &Plan) -> anyhow::Result<()> {
+fn show_planned(plan: &Plan) -> anyhow::Result<()> {
     out!("{}", headline(plan));
     let estimates = plan.runs.iter().map(estimate).collect::<anyhow::Result<Vec<_>>>()?;
     let has_models = estimates.iter().any(Option::is_some);

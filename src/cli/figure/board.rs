@@ -9,6 +9,7 @@ use swarmbench_figures::series::Summary;
 use swarmbench_protocol::board::{BoardRow, Leaderboard};
 
 use super::super::games::{Choice, Selected};
+use super::super::options::rules;
 use super::{groups, scores, select};
 
 /// The most rows of a figure.
@@ -22,7 +23,7 @@ pub(super) struct Args {
     #[arg(long, conflicts_with_all = ["from", "db", "conditions"])]
     suite: Option<String>,
     /// Of a server: the rule set, paper or reference (paper).
-    #[arg(long, conflicts_with_all = ["from", "db", "conditions"])]
+    #[arg(long, value_parser = rules, conflicts_with_all = ["from", "db", "conditions"])]
     rules: Option<String>,
     /// Of a server: hide the results of the paper.
     #[arg(long, conflicts_with_all = ["from", "db", "conditions"])]
@@ -33,7 +34,7 @@ pub(super) async fn figure(args: Args) -> anyhow::Result<Board> {
     let Args { games, suite, rules, no_reference } = args;
     let board = if games.is_whole_server() {
         let question = Question { suite, rules, no_reference, ..Question::default() };
-        of_board(&games.source.server.client()?.leaderboard(&question).await?)
+        of_board(&games.source.server.client().await?.leaderboard(&question).await?)
     } else {
         of_games(&games).await?
     };

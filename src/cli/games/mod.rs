@@ -15,7 +15,7 @@ use data_encoding::HEXLOWER;
 use serde_json::Value as Json;
 use sha2::{Digest, Sha256};
 use swarmbench_analysis::Metric;
-use swarmbench_engine::TaskName;
+use swarmbench_engine::{Control, RuleSet, TaskName};
 
 use crate::dataset::rows::Row;
 pub(super) use series::Series;
@@ -337,14 +337,45 @@ impl std::str::FromStr for Condition {
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let (column, values) = text.split_once('=').ok_or("must look like view_size=5")?;
-        let values = values.split(',').map(|value| value.trim().to_owned()).collect();
-        Ok(Self { column: column.trim().to_owned(), values })
+        let column = column.trim().to_owned();
+        let named = |value: String| match column.as_str() {
+            "task" => TaskName::canonical(value),
+            "rules" => RuleSet::canonical(value),
+            "control" => Control::canonical(value),
+            _ => value,
+        };
+        let values = quoted(values)?.into_iter().map(named).collect();
+        Ok(Self { column, values })
+    }
+}
+
+/// Values between commas. One that has commas stands in double quotes, as in CSV.
+fn quoted(text: &str) -> Result<Vec<String>, &'static str> {
+    let mut reader = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .trim(csv::Trim::All)
+        .from_reader(text.as_bytes());
+    let wrong = "has values that cannot be read: put one with commas into double quotes";
+    match reader.records().next() {
+        Some(Ok(record)) => Ok(record.iter().map(str::to_owned).collect()),
+        Some(Err(_)) => Err(wrong),
+        None => Ok(vec![String::new()]),
+    }
+}
+
+/// One value, as `--where` takes it.
+fn one_value(value: &str) -> String {
+    if value.contains([',', '"']) {
+        format!("\"{}\"", value.replace('"', "\"\""))
+    } else {
+        value.to_owned()
     }
 }
 
 impl fmt::Display for Condition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "--where {}={}", self.column, self.values.join(","))
+        let values: Vec<String> = self.values.iter().map(|value| one_value(value)).collect();
+        write!(f, "--where {}={}", self.column, values.join(","))
     }
 }
 
@@ -354,5 +385,25 @@ impl Condition {
             Value::Number(number) => wanted.parse() == Ok(*number),
             Value::Text(_) | Value::Missing => *wanted == value.to_string(),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_of_conditions_may_have_commas_and_names_any_case() {
+        for (text, values, shown) in [
+            ("temperature=0, 1", &["0", "1"][..], "--where temperature=0,1"),
+            ("suite=\"a, b\",c", &["a, b", "c"], "--where suite=\"a, b\",c"),
+            ("model=\"say \"\"x\"\"\"", &["say \"x\""], "--where model=\"say \"\"x\"\"\""),
+            ("task=foraging,PURSUIT", &["Foraging", "Pursuit"], "--where task=Foraging,Pursuit"),
+            ("model=", &[""], "--where model="),
+        ] {
+            let condition: Condition = text.parse().expect("a condition");
+            assert_eq!(condition.values, values, "{text}");
+            assert_eq!(condition.to_string(), shown);
+        }
     }
 }

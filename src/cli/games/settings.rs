@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use anyhow::bail;
 use swarmbench_engine::Settings;
 
-use super::{Games, Value, told, usual};
+use super::{Games, Value, one_value, told, usual};
 
 /// How games of a table may differ.
 pub(in super::super) struct Axes<'a> {
@@ -86,7 +86,8 @@ impl Games {
         } else {
             format!(", and also in {}", others.join(", "))
         };
-        let select = usual(&counts).map(|value| format!("--where {first}='{value}'"));
+        let select = usual(&counts)
+            .map(|value| format!("--where {first}='{}'", one_value(&value.to_string())));
         let apart = axes.option.map(|option| {
             let all: Vec<&str> = axes.apart.iter().map(String::as_str).chain([*first]).collect();
             format!(", or show them apart with {option} {}", all.join(","))

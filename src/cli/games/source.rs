@@ -36,7 +36,7 @@ pub(in super::super) struct Choice {
     #[command(flatten)]
     pub(in super::super) source: Source,
     /// Only games in which this column has this value, or one of several: `view_size=5`, `temperature=0,1`. `none` stands for
-    /// a missing value. May be given several times.
+    /// a missing value. A value with commas stands in double quotes: `suite="a, b"`. May be given several times.
     #[arg(long = "where", value_name = "COLUMN=VALUE,…")]
     conditions: Vec<Condition>,
     /// Columns of `agent_meta` that do not change how a model plays: its games may differ in them.
@@ -182,7 +182,7 @@ async fn of_server<R: Reader>(
     wanted: &Wanted,
     mut reader: R,
 ) -> anyhow::Result<R> {
-    let client = server.client()?;
+    let client = server.client().await?;
     let bar = progress_bar("{spinner} {bytes} {elapsed}");
     let mut lines = Lines::new(adding(&mut reader));
     let mut out = bar.wrap_write(&mut lines);

@@ -18,6 +18,8 @@ pub(super) enum Format {
     Markdown,
     /// With the rules of the package booktabs.
     Latex,
+    /// Numbers in full precision, row by row.
+    Json,
 }
 
 #[derive(Debug, clap::Args)]
@@ -25,6 +27,9 @@ pub(super) struct Showing {
     /// How the table is written.
     #[arg(long, value_enum, default_value = "table")]
     format: Format,
+    /// The same as --format json.
+    #[arg(long, conflicts_with = "format")]
+    json: bool,
     /// Write it into this file.
     #[arg(long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -98,12 +103,13 @@ impl Showing {
             None => terminal_size::terminal_size().map_or(u16::MAX, |(width, _)| width.0),
             Some(_) => u16::MAX,
         };
-        let text = written(self.format, sheets, notes, width);
+        let format = if self.json { Format::Json } else { self.format };
+        let text = written(format, sheets, notes, width);
         match &self.output {
             Some(path) => std::fs::write(path, text).with_context(|| path.display().to_string())?,
             None => super::output::text(&text),
         }
-        if self.format == Format::Csv {
+        if format == Format::Csv {
             // CSV has no place for sentences.
             for note in sheets.iter().flat_map(|sheet| &sheet.notes).chain(notes) {
                 note!("{note}");
@@ -114,20 +120,22 @@ impl Showing {
 }
 
 fn written(format: Format, sheets: &[Sheet], notes: &[String], width: u16) -> String {
-    if format == Format::Csv {
-        return text::csv(sheets);
+    match format {
+        Format::Csv => return text::csv(sheets),
+        Format::Json => return text::json(sheets, notes),
+        Format::Table | Format::Markdown | Format::Latex => {}
     }
     let sentence = |note: &String| match format {
         Format::Latex => format!("% {}\n", one_line(note)),
         Format::Markdown => format!("\n{}\n", text::escaped_markdown(note)),
-        Format::Table | Format::Csv => format!("{note}\n"),
+        Format::Table | Format::Csv | Format::Json => format!("{note}\n"),
     };
     let mut parts: Vec<String> = (sheets.iter())
         .map(|sheet| {
             let body = match format {
                 Format::Latex => latex(sheet),
                 Format::Markdown => markdown(sheet),
-                Format::Table | Format::Csv => terminal(sheet, width),
+                Format::Table | Format::Csv | Format::Json => terminal(sheet, width),
             };
             body + &sheet.notes.iter().map(sentence).collect::<String>()
         })

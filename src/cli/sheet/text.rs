@@ -1,8 +1,9 @@
 //! Cells and sheets as text.
 
+use serde_json::{Map, Value, json};
 use swarmbench_protocol::table::{text as guarded, write_csv};
 
-use super::{Cell, Column, Kind, Sheet, one_line};
+use super::{Cell, Column, Kind, Row, Sheet, one_line};
 
 /// A cell for people, its two parts with this between them.
 pub(super) fn plain(cell: &Cell, kind: Kind, between: char) -> String {
@@ -115,6 +116,34 @@ pub(super) fn latex(sheet: &Sheet) -> String {
     });
     let end = "\\bottomrule\n\\end{tabular}\n".to_owned();
     title.chain([top]).chain(rows).chain([end]).collect()
+}
+
+/// All sheets as one JSON object: `tables`, each with its `group`, `rows` and `notes`, and the `notes` on all.
+pub(super) fn json(sheets: &[Sheet], notes: &[String]) -> String {
+    let value = |cell: &Cell| match cell {
+        Cell::Empty => Value::Null,
+        Cell::Score { mean, deviation, games, .. } => {
+            json!({ "mean": mean, "deviation": deviation, "games": games })
+        }
+        Cell::Number(number) => json!(number),
+        Cell::Coefficient { r, .. } => json!(r),
+        Cell::Interval(low, high) => json!([low, high]),
+    };
+    let row = |sheet: &Sheet, row: &Row| {
+        let names = sheet.columns.iter().map(|column| column.name.clone());
+        let cells: Map<String, Value> = names.zip(row.cells.iter().map(value)).collect();
+        let heads: Map<String, Value> =
+            sheet.heads.iter().cloned().zip(row.heads.iter().map(|head| json!(head))).collect();
+        json!({ "row": heads, "cells": cells })
+    };
+    let table = |sheet: &Sheet| {
+        let group: Map<String, Value> =
+            sheet.group.iter().map(|(name, value)| (name.clone(), json!(value))).collect();
+        let rows: Vec<Value> = sheet.rows.iter().map(|of| row(sheet, of)).collect();
+        json!({ "group": group, "rows": rows, "notes": sheet.notes })
+    };
+    let tables: Vec<Value> = sheets.iter().map(table).collect();
+    format!("{:#}\n", json!({ "tables": tables, "notes": notes }))
 }
 
 /// Numbers in full precision. Sheets with the same columns are one table; others are set apart by an empty line.

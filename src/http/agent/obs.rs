@@ -5,7 +5,7 @@ use utoipa::IntoParams;
 
 use super::super::answer::json;
 use super::super::auth::Seat;
-use super::super::extract::wait;
+use super::super::extract::{flag, wait};
 use super::super::prelude::*;
 use super::look::{Look, observation};
 use crate::episode::Snapshot;
@@ -20,7 +20,7 @@ pub(in super::super) struct ObsParams {
     /// Seconds to wait at most, up to 60; the answer is then the current observation.
     wait: Option<f64>,
     /// Add the text for a language model.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "flag")]
     prompt: bool,
 }
 

@@ -12,6 +12,7 @@ use super::super::prelude::*;
 use super::Format;
 use swarmbench_boards::cross_play::pairs;
 use swarmbench_boards::page;
+use swarmbench_protocol::any_case;
 use swarmbench_protocol::board::CrossPlay;
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -19,8 +20,10 @@ use swarmbench_protocol::board::CrossPlay;
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct CrossPlayParams {
     /// A task's name; all tasks where it is left out.
+    #[serde(default, deserialize_with = "any_case::task")]
     task: Option<String>,
     /// `paper` or `reference`; both where it is left out.
+    #[serde(default, deserialize_with = "any_case::rules")]
     rules: Option<String>,
     /// `json` or `csv`; where it is left out, the header `Accept` decides.
     format: Option<String>,

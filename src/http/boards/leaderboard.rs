@@ -6,6 +6,7 @@ use swarmbench_analysis::{Definition, Metric};
 use utoipa::IntoParams;
 
 use super::super::accept::by_accept;
+use super::super::extract::optional_flag;
 use super::super::page::cursor_by;
 use super::super::prelude::*;
 use super::Format;
@@ -14,6 +15,7 @@ use crate::measure::method;
 use crate::store::metrics::stored_method;
 use swarmbench_boards::collection::Question;
 use swarmbench_boards::page::{self, read_cursor};
+use swarmbench_protocol::any_case;
 use swarmbench_protocol::board::Leaderboard;
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -23,18 +25,23 @@ pub(in super::super) struct BoardParams {
     /// The suite's name; `name@digest` where several have that name. `standard` where it is left out.
     suite: Option<String>,
     /// `paper` (where it is left out) or `reference`.
+    #[serde(default, deserialize_with = "any_case::rules")]
     rules: Option<String>,
     /// The only task to show.
+    #[serde(default, deserialize_with = "any_case::task")]
     task: Option<String>,
     /// By what rows are ranked: `total` (where it is left out), or the mean of this task.
     sort: Option<String>,
     /// Which run of a player makes its row: `best` (where it is left out), `last` or `mean`.
     pick: Option<String>,
     /// Whether the rows of the paper are shown; they are where it is left out.
+    #[serde(default, deserialize_with = "optional_flag")]
     reference: Option<bool>,
     /// Whether the rows of people are shown; they are where it is left out.
+    #[serde(default, deserialize_with = "optional_flag")]
     people: Option<bool>,
     /// Whether games that were read from files are shown, too; they are not where it is left out.
+    #[serde(default, deserialize_with = "optional_flag")]
     imported: Option<bool>,
     /// Metrics that are shown for each task, by their names and with commas between them; 16 at most.
     metrics: Option<String>,

@@ -8,6 +8,7 @@ use super::super::prelude::*;
 use crate::episode::Status;
 use crate::ids::EpisodeKey;
 use crate::store::episodes::Filter;
+use swarmbench_protocol::any_case;
 use swarmbench_protocol::episode::EpisodeList;
 
 list_params! {
@@ -15,6 +16,7 @@ list_params! {
         /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
         status,
         /// A task's name.
+        #[serde(default, deserialize_with = "any_case::task")]
         task,
         /// A model's name.
         model,

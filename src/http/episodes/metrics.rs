@@ -7,7 +7,7 @@ use serde::Deserialize;
 use swarmbench_analysis::Definition;
 use utoipa::IntoParams;
 
-use super::super::extract::one_of;
+use super::super::extract::{one_of, optional_flag};
 use super::super::prelude::*;
 use crate::fair::Party;
 use crate::measure::{self, SERIES_BYTES_OF_A_ROUND, measure, method};
@@ -26,6 +26,7 @@ pub(in super::super) struct MetricsParams {
     /// `paper` (where it is left out) or `toolkit`.
     pub(in super::super) definition: Option<String>,
     /// Whether the values of states are wanted beside those of the game.
+    #[serde(default, deserialize_with = "optional_flag")]
     series: Option<bool>,
     /// The first state of the series; 0, the layout, where it is left out.
     from: Option<u32>,

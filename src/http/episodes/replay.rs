@@ -8,6 +8,7 @@ use swarmbench_engine::World;
 use utoipa::IntoParams;
 
 use super::super::answer::{joined, json};
+use super::super::extract::optional_flag;
 use super::super::prelude::*;
 use super::super::replay_pages::{Game, PageKey, WrittenPage};
 use crate::episode::Snapshot;
@@ -35,6 +36,7 @@ pub(in super::super) struct ReplayParams {
     #[param(minimum = 1, maximum = 100)]
     rounds: Option<u32>,
     /// Whether what never moves is wanted; it is where this is left out.
+    #[serde(default, deserialize_with = "optional_flag")]
     ground: Option<bool>,
 }
 

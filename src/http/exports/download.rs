@@ -18,7 +18,7 @@ use tokio_util::sync::DropGuard;
 use utoipa::IntoParams;
 
 use super::super::accept::{self, Binary};
-use super::super::extract::one_of;
+use super::super::extract::{one_of, optional_flag};
 use super::super::prelude::*;
 use super::super::stream::{patiently, refused};
 use crate::budget::Reservation;
@@ -30,6 +30,7 @@ use crate::fair::{self, FairLimit, Party, Permit, Rank};
 use crate::ids::EpisodeId;
 use crate::store;
 use crate::store::episodes::{Filter, Readable};
+use swarmbench_protocol::any_case;
 
 /// Bytes that are sent on at once.
 const PIECE_BYTES: usize = 64 * 1024;
@@ -47,10 +48,12 @@ pub(in super::super) struct ExportParams {
     /// A run's id.
     run: Option<String>,
     /// A task's name.
+    #[serde(default, deserialize_with = "any_case::task")]
     task: Option<String>,
     /// The name of a model that held a seat; of acts those of its seats alone are exported.
     model: Option<String>,
     /// Whether the seats had several holders; all where it is left out.
+    #[serde(default, deserialize_with = "optional_flag")]
     mixed: Option<bool>,
     /// `waiting`, `running`, `finished`, `aborted` or `abandoned`; all that have ended where it is left out.
     status: Option<String>,

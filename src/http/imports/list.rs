@@ -7,12 +7,14 @@ use super::super::page::{ROWS_MAX, list_params};
 use super::super::prelude::*;
 use crate::ids::ImportKey;
 use crate::store::imports::ImportFilter;
+use swarmbench_protocol::any_case;
 use swarmbench_protocol::import::{ImportList, ImportSummary};
 
 list_params! {
     /// Which games to list.
     ImportParams {
         /// A task's name.
+        #[serde(default, deserialize_with = "any_case::task")]
         task,
         /// A model's name.
         model,

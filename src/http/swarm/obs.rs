@@ -13,7 +13,7 @@ use utoipa::IntoParams;
 use super::super::agent::look::{Look, observations};
 use super::super::answer::{json, with_field};
 use super::super::auth::Swarm;
-use super::super::extract::wait;
+use super::super::extract::{flag, wait};
 use super::super::prelude::*;
 use super::{Seated, Source};
 use crate::episode::{Snapshot, Status};
@@ -31,7 +31,7 @@ pub(in super::super) struct SwarmObsParams {
     #[param(minimum = 1, maximum = 1024)]
     limit: Option<usize>,
     /// Add the texts for a language model.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "flag")]
     prompt: bool,
 }
 

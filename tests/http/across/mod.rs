@@ -21,3 +21,4 @@ mod restart;
 mod sealed;
 mod shares;
 pub(crate) mod vectors;
+mod words;

@@ -80,7 +80,7 @@ struct AnswerLine {
 }
 
 #[derive(Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "a line with a model or an answer was expected")]
 enum Line {
     Answer(AnswerLine),
     Model(ModelLine),

@@ -56,9 +56,7 @@ impl Problems {
         let List(names) = asked?;
         let mut tasks = BTreeSet::new();
         for name in names {
-            let known =
-                TaskName::ALL.into_iter().find(|task| task.name().eq_ignore_ascii_case(name));
-            match known {
+            match TaskName::find(name) {
                 Some(task) => drop(tasks.insert(task)),
                 None if name.eq_ignore_ascii_case(ALL) => tasks.extend(TaskName::ALL),
                 None => {

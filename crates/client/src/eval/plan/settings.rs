@@ -1,7 +1,7 @@
 //! Settings that vary: the axes of an experiment, and their combinations.
 
 use serde_json::{Value, json};
-use swarmbench_engine::Settings;
+use swarmbench_engine::{RuleSet, Settings};
 use swarmbench_protocol::run::OwnSettings;
 use swarmbench_protocol::suite::Suite;
 
@@ -70,7 +70,7 @@ fn with(
         suite.settings = (&asked.over((&suite.settings).into())).into();
     };
     match axis {
-        "rules" => text().clone_into(&mut suite.rules),
+        "rules" => suite.rules = RuleSet::canonical(text().to_owned()),
         "map_size" => {
             let MapSize { width, height } = text().parse().expect("the size of a map");
             set(json!({ "width": width, "height": height }));

@@ -1,5 +1,7 @@
 //! The command line, run as its user runs it.
 
+mod commands;
+
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -72,11 +74,71 @@ fn errors_say_what_to_do_next() {
         (&["verify", "no-such-file.jsonl"], "no-such-file.jsonl"),
         (&["verify", "Cargo.toml"], "line 1: not a line of a journal"),
         (&["verify", "-", "--head", "12"], "64 hexadecimal digits"),
+        (&["play", "--task", "Transport", "--server", "127.0.0.1:1"], "http://127.0.0.1:8080"),
+        (&["healthcheck", "--server", "http://127.0.0.1:1/api/v1"], "without a path"),
+        (&["play", "--task", "transport", "--rules", "mine"], "the rule sets are paper, reference"),
+        (&["play", "--task", "transport", "--seed", "abc"], "must be a whole number"),
+        (
+            &["play", "--task", "transport", "--player-seed", "-1"],
+            "must be a whole number, 0 or more",
+        ),
+        (
+            &["eval", "--player", "default", "--noise", "-1", "--dry-run"],
+            "a probability from 0 to 1",
+        ),
+        (&["eval", "--player", "default", "--seeds", "-1"], "a seed is a number from 0 to"),
+        (&["demo", "--port", "-1"], "-1 is not in 0..=65535"),
+        (&["serve", "--addr", "8080"], "an address and a port, such as 127.0.0.1:8080"),
+        (
+            &["serve", "--addr", "127.0.0.1:0", "--db", "no-folder/x.db"],
+            "no folder no-folder: create it",
+        ),
     ] {
         let output = swarmbench(args);
         let said = text(&output.stderr);
         assert!(!output.status.success(), "{args:?}");
         assert!(said.contains(expected), "{args:?} said {said}");
+    }
+}
+
+#[tokio::test]
+async fn a_negative_seed_is_refused_with_the_range() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let server = Serving::start(&folder.path().join("seeds.db"), &[]);
+    let refused =
+        swarmbench(&["play", "--task", "foraging", "--seed", "-1", "--server", &server.base]);
+    let said = text(&refused.stderr);
+    assert!(said.contains("seed must be from 0 to 9007199254740991, is -1"), "{said}");
+}
+
+#[tokio::test]
+async fn a_database_of_another_program_is_refused_and_stays_as_it_is() {
+    use sqlx::{ConnectOptions, Connection};
+    let folder = tempfile::tempdir().expect("a folder");
+    let [other, letter] = ["other.db", "letter.db"].map(|name| folder.path().join(name));
+    let options = sqlx::sqlite::SqliteConnectOptions::new().filename(&other);
+    let mut made = options.create_if_missing(true).connect().await.expect("a database");
+    sqlx::query("CREATE TABLE recipes (name TEXT)").execute(&mut made).await.expect("a table");
+    made.close().await.expect("it is written");
+    std::fs::write(&letter, "Dear reader, this is a letter.").expect("a file");
+    for file in [&other, &letter] {
+        let was = std::fs::read(file).expect("a file");
+        let db = file.display().to_string();
+        for args in [
+            &["serve", "--addr", "127.0.0.1:0"][..],
+            &["key", "create", "--name", "alice"],
+            &["leaderboard"],
+            &["verify"],
+            &["table", "main"],
+        ] {
+            let output = swarmbench(&[args, &["--db", &db]].concat());
+            let said = text(&output.stderr);
+            assert!(
+                !output.status.success() && said.contains("not a database of this program"),
+                "{args:?}: {said}"
+            );
+        }
+        assert_eq!(std::fs::read(file).expect("a file"), was);
     }
 }
 

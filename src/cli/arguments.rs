@@ -1,0 +1,87 @@
+//! How the arguments of a command are read: negative numbers are values, and errors name what is expected.
+
+use std::error::Error as _;
+use std::net::AddrParseError;
+use std::num::{IntErrorKind, ParseFloatError, ParseIntError};
+
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{CommandFactory, FromArgMatches};
+
+use super::Cli;
+
+/// The command line, with all commands.
+pub(super) fn command() -> clap::Command {
+    with_negative_numbers(Cli::command())
+}
+
+/// Reads the arguments of this process. Ends it where they are wrong, and for `--help` and `--version`.
+pub(super) fn parse() -> Cli {
+    let matches = command().try_get_matches_from(std::env::args_os());
+    let cli = matches.and_then(|mut matches| Cli::from_arg_matches_mut(&mut matches));
+    cli.unwrap_or_else(|error| in_words(error).exit())
+}
+
+/// `-1` is a value and no option, so that a number out of range gets the error that names the range.
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    let command = command.mut_args(|argument| {
+        let takes_values = argument.get_action().takes_values();
+        if takes_values { argument.allow_negative_numbers(true) } else { argument }
+    });
+    command.mut_subcommands(with_negative_numbers)
+}
+
+/// The parsers of numbers and addresses do not say what they expect.
+fn in_words(error: clap::Error) -> clap::Error {
+    let text = |kind| match error.get(kind) {
+        Some(ContextValue::String(text)) => text.as_str(),
+        _ => "",
+    };
+    let (argument, value) = (text(ContextKind::InvalidArg), text(ContextKind::InvalidValue));
+    let Some(source) = error.source() else { return error };
+    let expected = if let Some(number) = source.downcast_ref::<ParseIntError>() {
+        match number.kind() {
+            IntErrorKind::PosOverflow | IntErrorKind::NegOverflow => "it is out of range",
+            _ if value.parse::<i128>().is_ok() => "must be a whole number, 0 or more",
+            _ => "must be a whole number",
+        }
+    } else if source.is::<ParseFloatError>() {
+        "must be a number"
+    } else if source.is::<AddrParseError>() {
+        "must be an address and a port, such as 127.0.0.1:8080 or 0.0.0.0:8080"
+    } else {
+        return error;
+    };
+    let message = format!(
+        "invalid value '{value}' for '{argument}': {expected}\n\nFor more information, try '--help'.\n"
+    );
+    clap::Error::raw(ErrorKind::ValueValidation, message)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_commands_are_well_formed() {
+        command().debug_assert();
+    }
+
+    #[test]
+    fn errors_name_what_is_expected() {
+        for (args, expected) in [
+            (
+                &["play", "--task", "foraging", "--seed", "x"][..],
+                "'--seed <SEED>': must be a whole number\n",
+            ),
+            (&["audit", "--limit", "-1"], "must be a whole number, 0 or more"),
+            (&["audit", "--limit", "99999999999999999999"], "it is out of range"),
+            (&["eval", "--noise", "much"], "must be a number"),
+        ] {
+            let args = [&["swarmbench"], args].concat();
+            let error = command().try_get_matches_from(args).expect_err("it is wrong");
+            let said = in_words(error).to_string();
+            assert!(said.contains(expected), "{said}");
+        }
+        assert!(command().try_get_matches_from(["swarmbench", "demo", "--seed", "-1"]).is_ok());
+    }
+}

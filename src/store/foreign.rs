@@ -1,0 +1,38 @@
+//! Databases of other programs: they are refused before anything is written into them.
+
+use std::path::Path;
+
+use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{ConnectOptions, Connection as _};
+
+/// What SQLite says of a file that is no database.
+const NOT_A_DATABASE: &str = "26";
+
+/// Whether a file is no database, or has tables and none of this program. A file that cannot be read is not judged here.
+pub(super) async fn is_foreign(path: &Path) -> bool {
+    let options =
+        SqliteConnectOptions::new().filename(path).read_only(true).disable_statement_logging();
+    let of_no_database = |error: &sqlx::Error| {
+        error
+            .as_database_error()
+            .is_some_and(|error| error.code().as_deref() == Some(NOT_A_DATABASE))
+    };
+    let mut connection = match options.connect().await {
+        Ok(connection) => connection,
+        Err(error) => return of_no_database(&error),
+    };
+    let tables: Result<Vec<String>, _> =
+        sqlx::query_scalar("SELECT name FROM sqlite_schema WHERE type = 'table'")
+            .fetch_all(&mut connection)
+            .await;
+    // Nothing was written.
+    drop(connection.close().await);
+    match tables {
+        Ok(tables) => {
+            let is_own =
+                |table: &String| ["_sqlx_migrations", "episodes"].contains(&table.as_str());
+            !tables.is_empty() && !tables.iter().any(is_own)
+        }
+        Err(error) => of_no_database(&error),
+    }
+}
