@@ -147,7 +147,7 @@ fn all_runs(
     let mut runs = Vec::new();
     for entry in models {
         for (suite, temperature, top_p) in &combinations {
-            let who = Who::Model(model(experiment, entry, &tasks, *temperature, *top_p));
+            let who = Who::Model(Box::new(model(experiment, entry, &tasks, *temperature, *top_p)));
             runs.push(planned(who, suite, &tasks, template));
         }
     }

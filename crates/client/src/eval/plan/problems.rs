@@ -168,9 +168,10 @@ impl Problems {
             ));
         }
         for run in runs {
-            if let Who::Model(ModelPlan { price: Some(price), name, .. }) = &run.who
-                && !price.is_sane()
+            if let Who::Model(model) = &run.who
+                && model.price.is_some_and(|price| !price.is_sane())
             {
+                let name = &model.name;
                 self.add(format!("the prices of {name} must be numbers of at least 0"));
             }
         }

@@ -82,7 +82,7 @@ impl PlayerPlan {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Who {
     /// A language model.
-    Model(ModelPlan),
+    Model(Box<ModelPlan>),
     /// Built-in players.
     Player(PlayerPlan),
 }
@@ -154,10 +154,10 @@ impl Planned {
     /// The part of the identity beside suite, sampling and template: for `agent_meta`.
     fn meta(&self) -> Map<String, Value> {
         let fields = match &self.who {
-            Who::Model(ModelPlan { name, model, max_tokens, extra, .. }) => vec![
-                ("model", (model != name).then(|| json!(model))),
-                ("max_tokens", max_tokens.map(|tokens| json!(tokens))),
-                ("extra", (!extra.is_empty()).then(|| json!(extra))),
+            Who::Model(plan) => vec![
+                ("model", (plan.model != plan.name).then(|| json!(plan.model))),
+                ("max_tokens", plan.max_tokens.map(|tokens| json!(tokens))),
+                ("extra", (!plan.extra.is_empty()).then(|| json!(plan.extra))),
                 ("replay", self.is_replay.then_some(json!(true))),
                 // The server's words may be others than those of an earlier version.
                 ("prompt_revision", Some(json!(swarmbench_prompt::REVISION))),
