@@ -82,6 +82,7 @@ pub use observe::{
 };
 pub use seed::{Seed, SeedError};
 pub use settings::Settings;
+pub use step::Scratch;
 pub use world::World;
 
 /// The revision of the rules that this engine plays; every journal names its own. A change of

@@ -101,10 +101,16 @@ fn region(config: &Config) -> Region {
 }
 
 impl Pursuit {
-    pub(super) fn update(&mut self, stage: &Stage<'_>, board: &mut Board, score: f64) -> f64 {
+    pub(super) fn update(
+        &mut self,
+        stage: &Stage<'_>,
+        board: &mut Board,
+        score: f64,
+        sums: &mut DangerSums,
+    ) -> f64 {
         let prey = board.body(self.prey).at;
         if is_caught(board, prey) {
-            self.respawn(board);
+            self.respawn(board, sums);
             return score + 1.0;
         }
         if let Some(goal) = flight(board, stage.config.rules, prey) {
@@ -115,10 +121,10 @@ impl Pursuit {
 
     /// Places a new prey on the first drawn of the least dangerous empty cells, of as many draws as
     /// the map has cells.
-    fn respawn(&mut self, board: &mut Board) {
+    fn respawn(&mut self, board: &mut Board, sums: &mut DangerSums) {
         board.lift(self.prey);
         let (height, width) = (board.grid().height(), board.grid().width());
-        let sums = DangerSums::new(board);
+        sums.count(board);
         let mut best: Option<(f64, Pos)> = None;
         let mut counted = 0;
         while counted < height * width {
@@ -213,7 +219,8 @@ pub fn danger(ground: &impl Ground, cell: Pos) -> f64 {
 
 /// Sums over all cells above and to the left, so that the danger of any cell costs the same few
 /// operations: a respawn asks for as many as the map has cells.
-struct DangerSums {
+#[derive(Debug, Default)]
+pub(super) struct DangerSums {
     height: i32,
     width: i32,
     /// `(height + 1) × (width + 1)` sums of agents and walls.
@@ -221,10 +228,13 @@ struct DangerSums {
 }
 
 impl DangerSums {
-    fn new(board: &Board) -> Self {
+    /// Sums up the board as it is now.
+    fn count(&mut self, board: &Board) {
         let (height, width) = (board.grid().height(), board.grid().width());
         let area = usize::try_from((height + 1) * (width + 1)).expect("a map has a positive size");
-        let mut table = Self { height, width, sums: vec![(0, 0); area] };
+        (self.height, self.width) = (height, width);
+        self.sums.clear();
+        self.sums.resize(area, (0, 0));
         for i in 0..height {
             let (mut agents, mut walls) = (0, 0);
             for j in 0..width {
@@ -233,12 +243,11 @@ impl DangerSums {
                     Some(Kind::Wall) => walls += 1,
                     Some(Kind::Nest | Kind::Food | Kind::Block | Kind::Prey) | None => {}
                 }
-                let above = table.sums[table.index(i, j + 1)];
-                let index = table.index(i + 1, j + 1);
-                table.sums[index] = (above.0 + agents, above.1 + walls);
+                let above = self.sums[self.index(i, j + 1)];
+                let index = self.index(i + 1, j + 1);
+                self.sums[index] = (above.0 + agents, above.1 + walls);
             }
         }
-        table
     }
 
     fn index(&self, i: i32, j: i32) -> usize {
