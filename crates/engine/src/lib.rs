@@ -54,6 +54,7 @@ pub mod tasks;
 
 mod act;
 mod body;
+mod canvas;
 mod check;
 mod config;
 mod digest;
@@ -70,6 +71,7 @@ mod world;
 
 pub use act::{Act, Action, AgentId};
 pub use body::{Board, Body, Kind};
+pub use canvas::Canvas;
 pub use check::{SettingError, SettingErrors, limits};
 pub use config::Config;
 pub use digest::Digest;

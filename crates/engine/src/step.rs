@@ -36,16 +36,25 @@ impl World {
         self.advance(acts, Solver::Flow, scratch).expect("the flow cannot fail");
     }
 
-    /// The same as [`World::step`] with a choice of the solver that finds who moves.
+    /// The same with a choice of the solver that finds who moves.
     ///
     /// # Errors
     /// See [`Solver::movers`]; the world is then as it was.
     ///
     /// # Panics
     /// As [`World::step`].
-    pub fn step_with(&mut self, acts: &[Act], solver: Solver) -> Result<(), SolverError> {
+    pub fn step_with(
+        &mut self,
+        acts: &[Act],
+        solver: Solver,
+        scratch: &mut Scratch,
+    ) -> Result<(), SolverError> {
+        if solver == Solver::Flow {
+            self.step_in(acts, scratch);
+            return Ok(());
+        }
         let mut next = self.clone();
-        next.advance(acts, solver, &mut Scratch::default())?;
+        next.advance(acts, solver, scratch)?;
         *self = next;
         Ok(())
     }

@@ -86,7 +86,7 @@ pub(crate) fn lay_out(config: &Config) -> (Board, Task) {
     spread(&mut plan.board, &mut rng, config.num_agents, plan.region);
     let task = match plan.task {
         Terrain::Transport { block } => Task::Transport(transport::Transport { block }),
-        Terrain::Pursuit { prey } => Task::Pursuit(pursuit::Pursuit { prey, rng }),
+        Terrain::Pursuit { prey } => Task::Pursuit(pursuit::Pursuit { prey, rng, caught: None }),
         Terrain::Synchronization(task) => Task::Synchronization(task),
         Terrain::Foraging => Task::Foraging(foraging::Foraging::new(config)),
         Terrain::Flocking => Task::Flocking(flocking::Flocking::new(config, &plan.board)),
