@@ -344,16 +344,16 @@ impl Batch {
         Ok(swarmbench_prompt::render(template, &sight, self.at(index)?.world.config())?)
     }
 
-    /// The messages that an agent has received with its current observation.
-    ///
-    /// # Errors
-    /// If there is no such environment or agent.
-    pub fn messages(&self, index: usize, agent: usize) -> Result<Vec<String>, BatchError> {
-        let world = &self.at(index)?.world;
-        let agent = self.agent(agent)?;
-        let heard =
-            world.heard().filter(|delivery| delivery.receiver == agent && world.is_alive(agent));
-        Ok(heard.map(|delivery| delivery.text.to_string()).collect())
+    /// All messages that agents have received with their current observations: environment, agent and text, in this
+    /// order.
+    pub fn heard(&self) -> impl Iterator<Item = (usize, AgentId, &Message)> {
+        let numbered = |part: &Part| part.first..;
+        let all = self.parts.iter().flat_map(move |part| numbered(part).zip(&part.environments));
+        all.flat_map(|(index, environment)| {
+            let world = &environment.world;
+            let living = world.heard().filter(|delivery| world.is_alive(delivery.receiver));
+            living.map(move |delivery| (index, delivery.receiver, delivery.text))
+        })
     }
 
     /// Calls `act` for each environment with its part of the frame.

@@ -14,7 +14,8 @@
 //! let mut arrays = Arrays::new(&batch.shape());
 //! batch.reset(&[], None, arrays.frame())?;
 //! let up = vec![0; 4 * 12];
-//! batch.step(Turn { actions: &up, messages: Vec::new() }, arrays.frame(), arrays.gains(), None)?;
+//! let (frame, gains) = arrays.parts();
+//! batch.step(Turn { actions: &up, messages: Vec::new() }, frame, gains, None)?;
 //! # Ok::<(), swarmbench_training::BatchError>(())
 //! ```
 //!
