@@ -38,7 +38,7 @@ class VecEnv:
     """Environments of the same settings, stepped together without the interpreter's lock.
 
     An environment with the seed of a hosted episode plays exactly that episode. `reset` and `step` return a dictionary
-    of arrays, all with the environments as their first axis (E environments, A agents, windows of H × W cells):
+    of arrays, all with the environments as their first axis (E environments, A agents, windows of H by W cells):
 
     | key | shape, type | |
     | --- | --- | --- |
@@ -54,7 +54,7 @@ class VecEnv:
     | `terminated`, `truncated` | (E,) bool | from `step`; nothing is ever truncated in process |
     | `agent_done` | (E, A) bool | from `step`: it has escaped, or the episode has ended |
     | `final_obs` | a dictionary | from `step` with `same_step`: the last observations, where `terminated` is set |
-    | `messages` | E × A lists of texts | with `messages=True` |
+    | `messages` | E lists of A lists of texts | with `messages=True` |
 
     Args:
         task: What is played.
@@ -171,8 +171,9 @@ class VecEnv:
         """Begins new episodes.
 
         Args:
-            seed: With a number, environment `i` plays the layout of `seed + i`; with one number for each environment, these
-                layouts. Later seeds of an environment follow from its own. Without any, seeds are drawn as before.
+            seed: With a number, environment `i` plays the layout of `seed + i`; with one number for each environment,
+                these layouts. Later seeds of an environment follow from its own. Without any, seeds are drawn as
+                before.
             mask: Which environments begin a new episode, one truth for each; all where it is left out.
         """
         seeds: list[int] | None = None
@@ -183,7 +184,9 @@ class VecEnv:
             else:
                 given = list(cast("Sequence[int]", seed))
                 if len(given) != self.num_envs:
-                    raise ValueError(f"seed must have one number for each of {self.num_envs} environments, has {len(given)}")
+                    raise ValueError(
+                        f"seed must have one number for each of {self.num_envs} environments, has {len(given)}"
+                    )
                 seeds = [_whole(f"seed[{index}]", one, 0, SEED_MAX) for index, one in enumerate(given)]
         only: list[bool] | None = None
         if mask is not None:
@@ -207,7 +210,9 @@ class VecEnv:
         chosen = np.asarray(actions)
         seats = (self.num_envs, self.num_agents)
         if chosen.dtype.kind not in "iu" or chosen.shape != seats:
-            raise ValueError(f"actions must be whole numbers of shape {seats}, are {chosen.dtype} of shape {chosen.shape}")
+            raise ValueError(
+                f"actions must be whole numbers of shape {seats}, are {chosen.dtype} of shape {chosen.shape}"
+            )
         self._native.step(np.ascontiguousarray(chosen, np.int64), self._words(messages))
         return self._told(None)
 
