@@ -15,6 +15,7 @@ mod lines;
 use crate::body::Board;
 use crate::grid::{BodyId, Direction};
 use components::Components;
+use contact::Contacts;
 
 /// How the moving bodies of a pass are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -66,6 +67,17 @@ impl Solver {
 pub(crate) struct Scratch {
     lines: lines::Scratch,
     moving: Vec<BodyId>,
+    graphs: Graphs,
+}
+
+/// Memory for contacts that are more than lines.
+#[derive(Debug, Default)]
+struct Graphs {
+    place: Vec<usize>,
+    contacts: Contacts,
+    components: Components,
+    connected: components::Scratch,
+    routing: flow::Routing,
 }
 
 /// Resolves one round of pushes on the board: `wishes[n]` is the direction in which agent `n`
@@ -83,13 +95,13 @@ pub(crate) fn resolve(
         if !wishes.contains(&Some(direction)) {
             continue;
         }
-        let Scratch { lines, moving } = scratch;
+        let Scratch { lines, moving, graphs } = scratch;
         moving.clear();
         let found =
             solver == Solver::Flow && lines::movers(board, wishes, direction, lines, moving);
         if !found {
             moving.clear();
-            search(board, wishes, direction, solver, moving)?;
+            search(board, wishes, direction, solver, graphs, moving)?;
         }
         board.shift(moving, direction);
     }
@@ -102,16 +114,23 @@ fn search(
     wishes: &[Option<Direction>],
     direction: Direction,
     solver: Solver,
+    graphs: &mut Graphs,
     moving: &mut Vec<BodyId>,
 ) -> Result<(), SolverError> {
-    let contacts = contact::find(board, wishes, direction);
+    let Graphs { place, contacts, components, connected, routing } = graphs;
+    contacts.find(board, wishes, direction, place);
     if contacts.bodies.is_empty() {
         return Ok(());
     }
-    let components = components::condense(board, wishes, direction, &contacts);
-    let moves = solver.movers(&components)?;
+    components.condense(board, wishes, direction, contacts, connected);
     let bodies = contacts.bodies.iter().zip(&components.of_body);
-    moving.extend(bodies.filter(|&(_, &node)| moves[node]).map(|(&body, _)| body));
+    if solver == Solver::Flow {
+        routing.find(components);
+        moving.extend(bodies.filter(|&(_, &node)| routing.moves(node)).map(|(&body, _)| body));
+    } else {
+        let moves = solver.movers(components)?;
+        moving.extend(bodies.filter(|&(_, &node)| moves[node]).map(|(&body, _)| body));
+    }
     Ok(())
 }
 
