@@ -254,6 +254,12 @@ impl Batch {
         Ok(serde_json::to_string(&sight).expect("a sight has string keys"))
     }
 
+    /// The whole map in the symbols of agents.
+    fn map(&self, index: usize) -> PyResult<Vec<Vec<String>>> {
+        let guard = self.lock()?;
+        get(&guard)?.environments.map(index).map_err(raised)
+    }
+
     /// Environment, agent and text of all messages that were received with the current observations.
     fn heard(&self) -> PyResult<Vec<(usize, u16, String)>> {
         let guard = self.lock()?;

@@ -344,6 +344,24 @@ impl Batch {
         Ok(swarmbench_prompt::render(template, &sight, self.at(index)?.world.config())?)
     }
 
+    /// The whole map, row by row, in the symbols that agents see: a number for each agent, after a `$` where its light is
+    /// on or it carries food.
+    ///
+    /// # Errors
+    /// If there is no such environment.
+    pub fn map(&self, index: usize) -> Result<Vec<Vec<String>>, BatchError> {
+        let seen = self.at(index)?.world.spectator_view();
+        let mut rows: Vec<Vec<String>> =
+            seen.grid.iter().map(|row| row.chars().map(String::from).collect()).collect();
+        for state in seen.agents.iter().filter(|state| state.alive) {
+            let marked = state.light_on.or(state.carrying_food) == Some(true);
+            let place = |at: i32| usize::try_from(at).expect("on the map");
+            let mark = if marked { "$" } else { "" };
+            rows[place(state.at.i)][place(state.at.j)] = format!("{mark}{}", state.agent.0);
+        }
+        Ok(rows)
+    }
+
     /// All messages that agents have received with their current observations: environment, agent and text, in this
     /// order.
     pub fn heard(&self) -> impl Iterator<Item = (usize, AgentId, &Message)> {

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._compat import Self
+from .checks import one_of, probability, task_name, whole
 from .wire import Sight, TaskName
 
 try:
@@ -114,30 +115,30 @@ class VecEnv:
         record: bool = True,
         prompt_template: str | None = None,
     ) -> None:
-        _one_of("observations", observations, ("planes", "symbols", "none"))
-        _one_of("rewards", rewards, ("team", "individual"))
-        _one_of("autoreset", autoreset, ("next_step", "same_step", "disabled"))
-        _one_of("mask", mask, ("alive", "moves"))
+        one_of("observations", observations, ("planes", "symbols", "none"))
+        one_of("rewards", rewards, ("team", "individual"))
+        one_of("autoreset", autoreset, ("next_step", "same_step", "disabled"))
+        one_of("mask", mask, ("alive", "moves"))
         if mask == "moves" and observations == "none":
             raise ValueError("mask='moves' reads windows, so it needs observations='planes' or 'symbols'")
-        num_envs = _whole("num_envs", num_envs, 1, 2**20)
-        own_seed = secrets.randbelow(SEED_MAX + 1) if seed is None else _whole("seed", seed, 0, SEED_MAX)
+        num_envs = whole("num_envs", num_envs, 1, 2**20)
+        own_seed = secrets.randbelow(SEED_MAX + 1) if seed is None else whole("seed", seed, 0, SEED_MAX)
         settings = {
-            name: _whole(name, value, -(2**63), 2**63 - 1)
+            name: whole(name, value, -(2**63), 2**63 - 1)
             for name, value in {
                 "num_agents": num_agents, "width": width, "height": height, "view_size": view_size,
                 "memory": memory, "max_round": max_round, "max_delay": max_delay,
             }.items()
         }  # fmt: skip
         self._native = _native.Batch(
-            task=task, rules=rules, control=control, noise=float(noise), **settings,
-            num_envs=num_envs, seed=own_seed, threads=_whole("threads", threads or 0, 0, 1024),
+            task=task_name(task), rules=rules, control=control, noise=probability("noise", noise), **settings,
+            num_envs=num_envs, seed=own_seed, threads=whole("threads", threads or 0, 0, 1024),
             observations=observations, rewards=rewards, autoreset=autoreset, mask=mask, record=bool(record),
         )  # fmt: skip
-        self.task: TaskName = task
+        self.task = task_name(task)
         self.autoreset = autoreset
         self.copy = copy
-        self.actions: tuple[str, ...] = (*ACTIONS, "SWITCH") if task == "Synchronization" else ACTIONS
+        self.actions: tuple[str, ...] = (*ACTIONS, "SWITCH") if self.task == "Synchronization" else ACTIONS
         self._talks = messages
         self._template = prompt_template
         self._journals = 0
@@ -179,15 +180,15 @@ class VecEnv:
         seeds: list[int] | None = None
         if seed is not None:
             if np.ndim(seed) == 0:
-                first = _whole("seed", seed, 0, SEED_MAX)
-                seeds = [_whole("seed", first + index, 0, SEED_MAX) for index in range(self.num_envs)]
+                first = whole("seed", seed, 0, SEED_MAX)
+                seeds = [whole("seed", first + index, 0, SEED_MAX) for index in range(self.num_envs)]
             else:
                 given = list(cast("Sequence[int]", seed))
                 if len(given) != self.num_envs:
                     raise ValueError(
                         f"seed must have one number for each of {self.num_envs} environments, has {len(given)}"
                     )
-                seeds = [_whole(f"seed[{index}]", one, 0, SEED_MAX) for index, one in enumerate(given)]
+                seeds = [whole(f"seed[{index}]", one, 0, SEED_MAX) for index, one in enumerate(given)]
         only: list[bool] | None = None
         if mask is not None:
             chosen = np.asarray(mask)
@@ -246,12 +247,16 @@ class VecEnv:
 
     def prompt(self, index: int, agent: int) -> str:
         """What an agent may know, as text for a language model: the prompt of the server."""
-        return cast("str", self._native.prompt(self._index(index), _whole("agent", agent, 0, 2**16), self._template))
+        return cast("str", self._native.prompt(self._index(index), whole("agent", agent, 0, 2**16), self._template))
 
     def sight(self, index: int, agent: int) -> Sight:
         """What an agent may know, as the server writes it. The id of the episode is empty."""
-        text = self._native.sight(self._index(index), _whole("agent", agent, 0, 2**16))
+        text = self._native.sight(self._index(index), whole("agent", agent, 0, 2**16))
         return cast("Sight", json.loads(text))
+
+    def map(self, index: int) -> list[list[str]]:
+        """The whole map of an environment, in the symbols that agents see: a number for each agent, with a mark."""
+        return cast("list[list[str]]", self._native.map(self._index(index)))
 
     def heard(self) -> list[list[list[str]]]:
         """The messages that were received with the current observations, by environment and agent."""
@@ -318,27 +323,14 @@ class VecEnv:
                     continue
                 if not isinstance(text, str):
                     raise TypeError(f"environment {index}, agent {agent}: a message is a text, not {text!r}")
-                words.append((index, agent, text, None if to is None else _whole("the receiver", to, 0, 2**16)))
+                words.append((index, agent, text, None if to is None else whole("the receiver", to, 0, 2**16)))
         return words
 
     def _index(self, index: int) -> int:
-        return _whole("the environment", index, 0, self.num_envs - 1)
+        return whole("the environment", index, 0, self.num_envs - 1)
 
 
 def _copied(part: Any) -> Any:
     if isinstance(part, dict):
         return {name: array.copy() for name, array in part.items()}
     return part.copy()
-
-
-def _one_of(name: str, value: object, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, is {value!r}")
-
-
-def _whole(name: str, value: object, least: int, most: int) -> int:
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
-        raise TypeError(f"{name} must be a whole number, is {value!r}")
-    if not least <= value <= most:
-        raise ValueError(f"{name} must be from {least} to {most}, is {value}")
-    return int(value)
