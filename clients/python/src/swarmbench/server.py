@@ -23,7 +23,8 @@ STOP_S_MAX = 15.0
 """Longer than the keeper gives the server."""
 
 HOW_TO_BUILD = (
-    "the program `swarmbench` was not found. Install a wheel that has it (bindings/python/build makes one), or build it in a checkout of the repository with `cargo build --release`, "
+    "the program `swarmbench` was not found. Install a wheel that has it (bindings/python/build makes one), or build it "
+    "in a checkout of the repository with `cargo build --release`, "
     "and name it: Server(binary='target/release/swarmbench'), or SWARMBENCH_BINARY in the environment, or put it on "
     "the PATH"
 )
@@ -37,8 +38,9 @@ class Server:
 
     Args:
         binary: The program. Where it is left out: `SWARMBENCH_BINARY`, then the program that came with this
-            installation (in its wheel), then `swarmbench` on the `PATH`, then `target/release` and `target/debug` of the checkout in which the working directory or this package is
-            (or what cargo has in their place, `CARGO_TARGET_DIR`).
+            installation (in its wheel), then `swarmbench` on the `PATH`, then `target/release` and `target/debug` of
+            the checkout in which the working directory or this package is (or what cargo has in their place,
+            `CARGO_TARGET_DIR`).
         db: The database, which is kept. Where it is left out it is a temporary one, removed at the end.
         arguments: More arguments of `swarmbench serve`.
     """
