@@ -23,8 +23,8 @@ STOP_S_MAX = 15.0
 """Longer than the keeper gives the server."""
 
 HOW_TO_BUILD = (
-    "the program `swarmbench` was not found. Install a wheel that has it (bindings/python/build makes one), or build it "
-    "in a checkout of the repository with `cargo build --release`, "
+    "the program `swarmbench` was not found. Install a wheel that has it (bindings/python/build makes one), or build "
+    "it in a checkout of the repository with `cargo build --release`, "
     "and name it: Server(binary='target/release/swarmbench'), or SWARMBENCH_BINARY in the environment, or put it on "
     "the PATH"
 )
