@@ -75,6 +75,11 @@ impl Body {
         Self { kind, at, shape: Shape::Cells(cells.into()), mass, fixed, gone: false }
     }
 
+    /// Whether it lies on a single cell.
+    pub(crate) const fn is_single(&self) -> bool {
+        matches!(self.shape, Shape::Cell)
+    }
+
     /// The cells on which it lies.
     pub fn cells(&self) -> impl Iterator<Item = Pos> + '_ {
         self.shape.cells().iter().map(|cell| self.at.plus(*cell))

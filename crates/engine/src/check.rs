@@ -7,6 +7,7 @@ use std::fmt;
 
 use crate::config::Config;
 use crate::names::{AnswerReader, Control, RuleSet, TaskName};
+use crate::seed::Seed;
 use crate::settings::Settings;
 use crate::tasks;
 
@@ -174,6 +175,17 @@ impl Config {
             answer_reader,
             settings: s.clone(),
         };
+        config.check_combinations()?;
+        Ok(config)
+    }
+
+    /// The same settings with the layout of another seed.
+    ///
+    /// # Errors
+    /// If the agents do not fit on that layout.
+    pub fn with_seed(&self, seed: Seed) -> Result<Self, SettingErrors> {
+        let settings = Settings { seed: seed.into(), ..self.settings.clone() };
+        let config = Self { seed, settings, ..self.clone() };
         config.check_combinations()?;
         Ok(config)
     }

@@ -54,6 +54,7 @@ pub mod tasks;
 
 mod act;
 mod body;
+mod canvas;
 mod check;
 mod config;
 mod digest;
@@ -70,6 +71,7 @@ mod world;
 
 pub use act::{Act, Action, AgentId};
 pub use body::{Board, Body, Kind};
+pub use canvas::Canvas;
 pub use check::{SettingError, SettingErrors, limits};
 pub use config::Config;
 pub use digest::Digest;
@@ -82,6 +84,7 @@ pub use observe::{
 };
 pub use seed::{Seed, SeedError};
 pub use settings::Settings;
+pub use step::Scratch;
 pub use world::World;
 
 /// The revision of the rules that this engine plays; every journal names its own. A change of

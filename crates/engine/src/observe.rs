@@ -237,6 +237,15 @@ impl World {
         }
     }
 
+    /// Where the last round caught a prey (Pursuit).
+    #[must_use]
+    pub const fn caught(&self) -> Option<Pos> {
+        match &self.task {
+            Task::Pursuit(task) => task.caught,
+            _ => None,
+        }
+    }
+
     /// About how much there is in an observation, in cells: those of all windows, and as many as the
     /// texts of messages are worth.
     #[must_use]

@@ -2,11 +2,21 @@
 
 use std::sync::Arc;
 
-use crate::act::{Act, AgentId};
+use crate::act::{Act, Action};
 use crate::grid::Direction;
 use crate::physics::{self, Solver, SolverError};
-use crate::tasks::Stage;
+use crate::tasks::{self, Stage};
 use crate::world::{Moment, World};
+
+/// Memory that rounds use again: with one of them, a round in which nobody talks and nothing is remembered allocates
+/// nothing. It has no state: any world may use it after any other.
+#[derive(Debug, Default)]
+pub struct Scratch {
+    wishes: Vec<Option<Direction>>,
+    had_gone: Vec<bool>,
+    physics: physics::Scratch,
+    tasks: tasks::Scratch,
+}
 
 impl World {
     /// Resolves one round: `acts[n]` is what agent `n` decided, "no action, no message" by default.
@@ -15,7 +25,15 @@ impl World {
     /// # Panics
     /// Where the episode is over, or `acts` does not have one entry for each agent.
     pub fn step(&mut self, acts: &[Act]) {
-        self.step_with(acts, Solver::Flow).expect("the flow cannot fail");
+        self.step_in(acts, &mut Scratch::default());
+    }
+
+    /// The same in memory that was used before.
+    ///
+    /// # Panics
+    /// As [`World::step`].
+    pub fn step_in(&mut self, acts: &[Act], scratch: &mut Scratch) {
+        self.advance(acts, Solver::Flow, scratch).expect("the flow cannot fail");
     }
 
     /// The same with a choice of the solver that finds who moves.
@@ -25,31 +43,64 @@ impl World {
     ///
     /// # Panics
     /// As [`World::step`].
-    pub fn step_with(&mut self, acts: &[Act], solver: Solver) -> Result<(), SolverError> {
+    pub fn step_with(
+        &mut self,
+        acts: &[Act],
+        solver: Solver,
+        scratch: &mut Scratch,
+    ) -> Result<(), SolverError> {
+        if solver == Solver::Flow {
+            self.step_in(acts, scratch);
+            return Ok(());
+        }
+        let mut next = self.clone();
+        next.advance(acts, solver, scratch)?;
+        *self = next;
+        Ok(())
+    }
+
+    /// Plays a round. After an error the world is of no further use.
+    fn advance(
+        &mut self,
+        acts: &[Act],
+        solver: Solver,
+        scratch: &mut Scratch,
+    ) -> Result<(), SolverError> {
         assert!(!self.is_over(), "an episode that is over has no more rounds");
         assert_eq!(acts.len(), self.board.agents().len(), "one act for each agent");
 
-        let acts = self.fix_acts(acts);
-        let mut board = self.board.clone();
-        physics::resolve(&mut board, &wishes(&acts), solver)?;
-        let before = std::mem::replace(&mut self.board, board);
-        self.mail.post(&self.config, &before, self.round, &acts);
-        let flags = self.task.flags().to_vec();
-        let stage = Stage { config: &self.config, round: self.round, before: &before, acts: &acts };
-        self.score = self.task.update(&stage, &mut self.board, self.score);
-        self.remember(Moment::new(self.round, before, &self.board, flags, acts));
+        let remembered = (self.config.memory > 0).then(|| self.seen_now(acts));
+        self.mail.post(&self.config, &self.board, self.round, acts);
+
+        let Scratch { wishes, had_gone, physics, tasks } = scratch;
+        let agents = self.board.agents();
+        wishes.clear();
+        wishes.extend(
+            agents
+                .iter()
+                .zip(acts)
+                .map(|(agent, act)| act.action.filter(|_| !agent.gone).and_then(Action::direction)),
+        );
+        had_gone.clear();
+        had_gone.extend(agents.iter().map(|agent| agent.gone));
+
+        physics::resolve(&mut self.board, wishes, solver, physics)?;
+        let stage = Stage { config: &self.config, round: self.round, had_gone, acts };
+        self.score = self.task.update(&stage, &mut self.board, self.score, tasks);
+        if let Some((board, flags, acts)) = remembered {
+            self.remember(Moment::new(self.round, board, &self.board, flags, acts));
+        }
         self.round += 1;
         self.mail.deliver(&self.config, &self.board, self.round);
         Ok(())
     }
 
-    /// Stage 1: what every agent does is fixed; those who have escaped do nothing.
-    fn fix_acts(&self, acts: &[Act]) -> Vec<Act> {
-        let agents = self.agents();
-        let fix = |(agent, act): (AgentId, &Act)| {
-            if self.is_alive(agent) { act.clone() } else { Act::default() }
-        };
-        agents.zip(acts).map(fix).collect()
+    /// What agents remember of the round: what they see now, and their acts; those who have escaped do nothing.
+    fn seen_now(&self, acts: &[Act]) -> (crate::body::Board, Vec<bool>, Vec<Act>) {
+        let agents = self.board.agents().iter().zip(acts);
+        let fixed =
+            agents.map(|(agent, act)| if agent.gone { Act::default() } else { act.clone() });
+        (self.board.clone(), self.task.flags().to_vec(), fixed.collect())
     }
 
     fn remember(&mut self, moment: Moment) {
@@ -58,9 +109,4 @@ impl World {
             self.past.push_front(Arc::new(moment));
         }
     }
-}
-
-/// In which direction each agent pushes.
-fn wishes(acts: &[Act]) -> Vec<Option<Direction>> {
-    acts.iter().map(|act| act.action.and_then(crate::act::Action::direction)).collect()
 }

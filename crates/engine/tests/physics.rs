@@ -10,7 +10,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use swarmbench_engine::physics::components::{Components, Node};
 use swarmbench_engine::physics::{Solver, flow, ilp};
-use swarmbench_engine::{Settings, TaskName};
+use swarmbench_engine::{Scratch, Settings, TaskName};
 
 /// A node as it may come from a board: agents that push, rest or push back, blocks, groups.
 fn node() -> impl Strategy<Value = Node> {
@@ -153,8 +153,10 @@ fn solvers_agree_on_crowded_boards() {
             while !by_flow.is_over() {
                 let acts = dice.acts(&by_flow);
                 let title = format!("{settings:?}, round {}", by_flow.round());
-                by_flow.step_with(&acts, Solver::Flow).expect("the flow cannot fail");
-                by_program.step_with(&acts, Solver::Ilp).expect(&title);
+                by_flow
+                    .step_with(&acts, Solver::Flow, &mut Scratch::default())
+                    .expect("the flow cannot fail");
+                by_program.step_with(&acts, Solver::Ilp, &mut Scratch::default()).expect(&title);
                 assert!(by_flow == by_program, "{title}: {:?}", by_flow.spectator_view().grid);
             }
         }

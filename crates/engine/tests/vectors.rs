@@ -5,7 +5,9 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 use swarmbench_engine::physics::Solver;
-use swarmbench_engine::{Act, Action, AgentId, Config, Message, Settings, TaskName, World};
+use swarmbench_engine::{
+    Act, Action, AgentId, Config, Message, Scratch, Settings, TaskName, World,
+};
 
 #[derive(Deserialize)]
 struct Game {
@@ -78,7 +80,7 @@ fn play(game: &Game, solver: Solver) {
             assert!(action.is_some(), "{title}: a known action");
             acts[agent.index()] = Act { action, message: Message::new(message), to: None };
         }
-        world.step_with(&acts, solver).expect("solved");
+        world.step_with(&acts, solver, &mut Scratch::default()).expect("solved");
         compare(&world, &round.after, &title);
     }
     assert_eq!(world.is_over(), game.done, "{title}: the end");

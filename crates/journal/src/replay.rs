@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::value::RawValue;
 use swarmbench_engine::physics::{Solver, SolverError};
-use swarmbench_engine::{Act, AgentId, Config, RULES_REVISION, World, answer};
+use swarmbench_engine::{Act, AgentId, Config, RULES_REVISION, Scratch, World, answer};
 
 use super::chain::Head;
 use super::record::{ActRecord, End, FORMAT, Opening, RawRecord, Record, Round, Seats, Source};
@@ -73,13 +73,14 @@ pub enum RoundFault {
 pub struct Replayer {
     world: Arc<World>,
     solver: Solver,
+    scratch: Scratch,
 }
 
 impl Replayer {
     /// Begins with a state.
     #[must_use]
-    pub const fn new(world: Arc<World>) -> Self {
-        Self { world, solver: Solver::Flow }
+    pub fn new(world: Arc<World>) -> Self {
+        Self { world, solver: Solver::Flow, scratch: Scratch::default() }
     }
 
     /// The state after the last round that was played.
@@ -122,7 +123,7 @@ impl Replayer {
         digest: Option<&str>,
     ) -> Result<(), RoundFault> {
         self.check(round)?;
-        Arc::make_mut(&mut self.world).step_with(acts, self.solver)?;
+        Arc::make_mut(&mut self.world).step_with(acts, self.solver, &mut self.scratch)?;
         let Some(recorded) = digest else { return Ok(()) };
         let played = self.world.digest().to_string();
         if recorded == played {
@@ -330,7 +331,7 @@ impl Player {
         let config = Arc::new(opening.config.engine().map_err(|error| error.to_string())?);
         let world = Arc::new(World::new(config));
         compare("the digest of the layout", &opening.digest, &world.digest().to_string())?;
-        let replayer = Replayer { world, solver };
+        let replayer = Replayer { world, solver, scratch: Scratch::default() };
         Ok(Self { opening, replayer, seats: None, end: None, tally: Tally::default() })
     }
 

@@ -27,6 +27,8 @@ from .server import Server
 if TYPE_CHECKING:
     from . import analysis
     from .environment import SwarmEnv, parallel_env
+    from .native import VecEnv
+    from .vector import vector_env
 
 __all__ = [
     "ApiError",
@@ -41,26 +43,39 @@ __all__ = [
     "SwarmEnv",
     "SwarmbenchError",
     "UnexpectedAnswerError",
+    "VecEnv",
     "analysis",
     "is_problem",
     "parallel_env",
     "run_async",
+    "vector_env",
     "wire",
 ]
 
 __version__ = version("swarmbench")
 
 
+_NEEDS_RL = {
+    "SwarmEnv": ".environment",
+    "VecEnv": ".native",
+    "parallel_env": ".environment",
+    "vector_env": ".vector",
+}
+"""What needs more than the client, and the module that it is in."""
+
+
 def __getattr__(name: str) -> Any:
     """Loads the environment and the analysis, and with them NumPy and others, only where they are used."""
     if name == "analysis":
         return import_module(".analysis", __name__)
-    if name in {"SwarmEnv", "parallel_env"}:
+    if name in _NEEDS_RL:
         try:
-            from . import environment  # noqa: PLC0415 - that is the purpose
+            module = import_module(_NEEDS_RL[name], __name__)
         except ModuleNotFoundError as error:
+            if error.name == "swarmbench._native":
+                raise
             raise ModuleNotFoundError(
                 f"swarmbench.{name} needs {error.name}: pip install 'swarmbench[rl]'", name=error.name
             ) from error
-        return getattr(environment, name)
+        return getattr(module, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import time
 import weakref
@@ -22,7 +23,8 @@ STOP_S_MAX = 15.0
 """Longer than the keeper gives the server."""
 
 HOW_TO_BUILD = (
-    "the program `swarmbench` was not found. Build it in a checkout of the repository with `cargo build --release`, "
+    "the program `swarmbench` was not found. Install a wheel that has it (bindings/python/build makes one), or build "
+    "it in a checkout of the repository with `cargo build --release`, "
     "and name it: Server(binary='target/release/swarmbench'), or SWARMBENCH_BINARY in the environment, or put it on "
     "the PATH"
 )
@@ -35,9 +37,10 @@ class Server:
     ends, also where it is killed. For Linux and macOS.
 
     Args:
-        binary: The program. Where it is left out: `SWARMBENCH_BINARY`, then `swarmbench` on the `PATH`, then
-            `target/release` and `target/debug` of the checkout in which the working directory or this package is
-            (or what cargo has in their place, `CARGO_TARGET_DIR`).
+        binary: The program. Where it is left out: `SWARMBENCH_BINARY`, then the program that came with this
+            installation (in its wheel), then `swarmbench` on the `PATH`, then `target/release` and `target/debug` of
+            the checkout in which the working directory or this package is (or what cargo has in their place,
+            `CARGO_TARGET_DIR`).
         db: The database, which is kept. Where it is left out it is a temporary one, removed at the end.
         arguments: More arguments of `swarmbench serve`.
     """
@@ -134,6 +137,9 @@ def find_binary(named: str | os.PathLike[str] | None = None) -> Path:
         if not path.is_file():
             raise ServerError(f"there is no program at {path}: {HOW_TO_BUILD}")
         return path.absolute()
+    own = Path(sysconfig.get_path("scripts")) / "swarmbench"
+    if own.is_file():
+        return own
     on_path = shutil.which("swarmbench")
     if on_path is not None:
         return Path(on_path)

@@ -2,7 +2,7 @@
 //! components of the contact graph become the nodes of an acyclic one.
 
 use petgraph::algo::TarjanScc;
-use petgraph::graph::DiGraph;
+use petgraph::graph::{DiGraph, NodeIndex};
 
 use super::{contact::Contacts, force};
 use crate::body::Board;
@@ -38,52 +38,77 @@ impl Node {
     }
 }
 
-/// Sums up bodies to nodes (rules: *Physics*, steps 3 and 4).
-pub(crate) fn condense(
-    board: &Board,
-    wishes: &[Option<Direction>],
-    direction: Direction,
-    contacts: &Contacts,
-) -> Components {
-    let count = contacts.bodies.len();
-    let (of_body, nodes) = strongly_connected(count, &contacts.points_at);
-    let mut result =
-        Components { nodes: vec![Node::default(); nodes], points_at: Vec::new(), of_body };
-    for (&body, &node) in contacts.bodies.iter().zip(&result.of_body) {
-        let node = &mut result.nodes[node];
-        node.force += force(wishes, body, direction);
-        node.mass += board.body(body).mass;
-        node.fixed |= board.body(body).fixed;
-    }
-    for node in &mut result.nodes {
-        if node.force < 0 {
-            node.mass -= node.force;
-            node.force = 0;
-        }
-    }
-    for &(v, u) in &contacts.points_at {
-        let edge = (result.of_body[v], result.of_body[u]);
-        if edge.0 != edge.1 {
-            result.points_at.push(edge);
-        }
-    }
-    result
+/// Memory for [`Components::condense`], used again by each pass.
+#[derive(Default)]
+pub(crate) struct Scratch {
+    graph: DiGraph<(), (), usize>,
+    search: TarjanScc<NodeIndex<usize>>,
 }
 
-/// The component of every vertex, and how many there are.
-fn strongly_connected(count: usize, edges: &[(usize, usize)]) -> (Vec<usize>, usize) {
-    let mut graph = DiGraph::<(), (), usize>::with_capacity(count, edges.len());
+impl std::fmt::Debug for Scratch {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Scratch").finish_non_exhaustive()
+    }
+}
+
+impl Components {
+    /// Sums up bodies to nodes (rules: *Physics*, steps 3 and 4).
+    pub(crate) fn condense(
+        &mut self,
+        board: &Board,
+        wishes: &[Option<Direction>],
+        direction: Direction,
+        contacts: &Contacts,
+        scratch: &mut Scratch,
+    ) {
+        let count = contacts.bodies.len();
+        let Self { nodes, points_at, of_body } = self;
+        let components = strongly_connected(count, &contacts.points_at, of_body, scratch);
+        nodes.clear();
+        nodes.resize(components, Node::default());
+        for (&body, &node) in contacts.bodies.iter().zip(&*of_body) {
+            let node = &mut nodes[node];
+            node.force += force(wishes, body, direction);
+            node.mass += board.body(body).mass;
+            node.fixed |= board.body(body).fixed;
+        }
+        for node in nodes {
+            if node.force < 0 {
+                node.mass -= node.force;
+                node.force = 0;
+            }
+        }
+        points_at.clear();
+        for &(v, u) in &contacts.points_at {
+            let edge = (of_body[v], of_body[u]);
+            if edge.0 != edge.1 {
+                points_at.push(edge);
+            }
+        }
+    }
+}
+
+/// Finds the component of every vertex; returns how many there are.
+fn strongly_connected(
+    count: usize,
+    edges: &[(usize, usize)],
+    of_vertex: &mut Vec<usize>,
+    scratch: &mut Scratch,
+) -> usize {
+    let Scratch { graph, search } = scratch;
+    graph.clear();
     for _ in 0..count {
         graph.add_node(());
     }
     graph.extend_with_edges(edges);
-    let mut of_vertex = vec![0; count];
+    of_vertex.clear();
+    of_vertex.resize(count, 0);
     let mut components = 0;
-    TarjanScc::new().run(&graph, |members| {
+    search.run(&*graph, |members| {
         for member in members {
             of_vertex[member.index()] = components;
         }
         components += 1;
     });
-    (of_vertex, components)
+    components
 }

@@ -19,22 +19,15 @@ use super::components::Components;
 /// The largest set of nodes that can move; by node, true where it moves.
 #[must_use]
 pub fn movers(components: &Components) -> Vec<bool> {
-    let mut routing = Routing::new(components);
-    let fixed = (0..components.nodes.len()).filter(|&node| components.nodes[node].fixed);
-    for node in fixed {
-        routing.drop_all_behind(node);
-    }
-    for node in 0..components.nodes.len() {
-        while !routing.dropped[node] && routing.balance[node] < 0 {
-            routing.feed(node);
-        }
-    }
+    let mut routing = Routing::default();
+    routing.find(components);
     routing.dropped.iter().map(|dropped| !dropped).collect()
 }
 
-/// The flow while it is being found.
-struct Routing<'a> {
-    edges: &'a [(usize, usize)],
+/// The flow while it is being found, with its memory kept for the next.
+#[derive(Debug, Default)]
+pub(crate) struct Routing {
+    edges: Vec<(usize, usize)>,
     /// Force that travels along each edge.
     flow: Vec<i32>,
     /// Edges by the node at which they end, and by the node from which they start.
@@ -50,22 +43,42 @@ struct Routing<'a> {
     queue: Vec<usize>,
 }
 
-impl<'a> Routing<'a> {
-    fn new(components: &'a Components) -> Self {
-        let count = components.nodes.len();
-        let edges = components.points_at.as_slice();
-        Self {
-            edges,
-            flow: vec![0; edges.len()],
-            into: Incidence::new(count, edges.iter().map(|edge| edge.1)),
-            out_of: Incidence::new(count, edges.iter().map(|edge| edge.0)),
-            balance: components.nodes.iter().map(|node| node.balance()).collect(),
-            dropped: vec![false; count],
-            seen_by: vec![0; count],
-            leaves_by: vec![0; count],
-            searches: 0,
-            queue: Vec::with_capacity(count),
+impl Routing {
+    /// Finds the largest set of nodes that can move.
+    pub(crate) fn find(&mut self, components: &Components) {
+        self.begin(components);
+        let fixed = (0..components.nodes.len()).filter(|&node| components.nodes[node].fixed);
+        for node in fixed {
+            self.drop_all_behind(node);
         }
+        for node in 0..components.nodes.len() {
+            while !self.dropped[node] && self.balance[node] < 0 {
+                self.feed(node);
+            }
+        }
+    }
+
+    /// Whether a node moves, of those that were asked about last.
+    pub(crate) fn moves(&self, node: usize) -> bool {
+        !self.dropped[node]
+    }
+
+    fn begin(&mut self, components: &Components) {
+        fn fill<T: Clone>(values: &mut Vec<T>, count: usize, value: T) {
+            values.clear();
+            values.resize(count, value);
+        }
+        let count = components.nodes.len();
+        self.edges.clone_from(&components.points_at);
+        fill(&mut self.flow, self.edges.len(), 0);
+        self.into.group(count, self.edges.iter().map(|edge| edge.1));
+        self.out_of.group(count, self.edges.iter().map(|edge| edge.0));
+        self.balance.clear();
+        self.balance.extend(components.nodes.iter().map(|node| node.balance()));
+        fill(&mut self.dropped, count, false);
+        fill(&mut self.seen_by, count, 0);
+        fill(&mut self.leaves_by, count, 0);
+        self.searches = 0;
     }
 
     /// Drops a node and everything that points at it through others.
@@ -158,27 +171,33 @@ impl<'a> Routing<'a> {
 }
 
 /// Edges grouped by one of their ends.
+#[derive(Debug, Default)]
 struct Incidence {
     starts: Vec<usize>,
     edges: Vec<usize>,
+    free: Vec<usize>,
 }
 
 impl Incidence {
-    fn new(nodes: usize, ends: impl Iterator<Item = usize> + Clone) -> Self {
-        let mut starts = vec![0; nodes + 1];
+    fn group(&mut self, nodes: usize, ends: impl Iterator<Item = usize> + Clone) {
+        let Self { starts, edges, free } = self;
+        starts.clear();
+        starts.resize(nodes + 1, 0);
+        let mut count = 0;
         for end in ends.clone() {
             starts[end + 1] += 1;
+            count += 1;
         }
         for node in 0..nodes {
             starts[node + 1] += starts[node];
         }
-        let mut free = starts.clone();
-        let mut edges = vec![0; starts[nodes]];
+        free.clone_from(starts);
+        edges.clear();
+        edges.resize(count, 0);
         for (edge, end) in ends.enumerate() {
             edges[free[end]] = edge;
             free[end] += 1;
         }
-        Self { starts, edges }
     }
 
     /// Where in [`Incidence::edges`] the edges of a node stand.

@@ -4,20 +4,23 @@
 //! ([`contact`]), which of them can only move together ([`components`]), and which of those do
 //! move, found by the exact flow ([`flow`]) or by the integer linear program that specifies it
 //! ([`ilp`]). The two are proven equal by tests; the flow is the default because it is faster.
+//! Mostly it has nothing to decide: where no wide body is pushed, contacts are lines ([`lines`]).
 
 pub mod components;
 pub mod contact;
 pub mod flow;
 pub mod ilp;
+mod lines;
 
 use crate::body::Board;
 use crate::grid::{BodyId, Direction};
 use components::Components;
+use contact::Contacts;
 
 /// How the moving bodies of a pass are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Solver {
-    /// By a maximum flow: exact and fast.
+    /// By a maximum flow: exact and fast. Contacts that are only lines need none.
     #[default]
     Flow,
     /// By the integer linear program of the paper: the specification, slower.
@@ -59,6 +62,24 @@ impl Solver {
     }
 }
 
+/// Memory that [`resolve`] uses again in each round.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {
+    lines: lines::Scratch,
+    moving: Vec<BodyId>,
+    graphs: Graphs,
+}
+
+/// Memory for contacts that are more than lines.
+#[derive(Debug, Default)]
+struct Graphs {
+    place: Vec<usize>,
+    contacts: Contacts,
+    components: Components,
+    connected: components::Scratch,
+    routing: flow::Routing,
+}
+
 /// Resolves one round of pushes on the board: `wishes[n]` is the direction in which agent `n`
 /// tries to move.
 ///
@@ -68,20 +89,47 @@ pub(crate) fn resolve(
     board: &mut Board,
     wishes: &[Option<Direction>],
     solver: Solver,
+    scratch: &mut Scratch,
 ) -> Result<(), SolverError> {
     for direction in Direction::ALL {
-        let contacts = contact::find(board, wishes, direction);
-        if contacts.bodies.is_empty() {
+        if !wishes.contains(&Some(direction)) {
             continue;
         }
-        let components = components::condense(board, wishes, direction, &contacts);
-        let moves = solver.movers(&components)?;
-        let moving: Vec<BodyId> = (contacts.bodies.iter())
-            .zip(&components.of_body)
-            .filter(|&(_, &node)| moves[node])
-            .map(|(&body, _)| body)
-            .collect();
-        board.shift(&moving, direction);
+        let Scratch { lines, moving, graphs } = scratch;
+        moving.clear();
+        let found =
+            solver == Solver::Flow && lines::movers(board, wishes, direction, lines, moving);
+        if !found {
+            moving.clear();
+            search(board, wishes, direction, solver, graphs, moving)?;
+        }
+        board.shift(moving, direction);
+    }
+    Ok(())
+}
+
+/// Adds to `moving` the bodies that a pass in `direction` moves, whatever their shapes.
+fn search(
+    board: &Board,
+    wishes: &[Option<Direction>],
+    direction: Direction,
+    solver: Solver,
+    graphs: &mut Graphs,
+    moving: &mut Vec<BodyId>,
+) -> Result<(), SolverError> {
+    let Graphs { place, contacts, components, connected, routing } = graphs;
+    contacts.find(board, wishes, direction, place);
+    if contacts.bodies.is_empty() {
+        return Ok(());
+    }
+    components.condense(board, wishes, direction, contacts, connected);
+    let bodies = contacts.bodies.iter().zip(&components.of_body);
+    if solver == Solver::Flow {
+        routing.find(components);
+        moving.extend(bodies.filter(|&(_, &node)| routing.moves(node)).map(|(&body, _)| body));
+    } else {
+        let moves = solver.movers(components)?;
+        moving.extend(bodies.filter(|&(_, &node)| moves[node]).map(|(&body, _)| body));
     }
     Ok(())
 }

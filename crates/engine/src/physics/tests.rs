@@ -4,7 +4,7 @@
 //! `>`, `<`, `^`, `v`: an agent that pushes this way; `o`: an agent that rests; `W`: the wall;
 //! `B`: a block of mass 5; `.`: nothing. Outside the drawing is free ground.
 
-use super::{Solver, resolve};
+use super::{Scratch, Solver, resolve};
 use crate::body::{Board, Body, Kind};
 use crate::grid::{Direction, Pos};
 
@@ -368,7 +368,7 @@ fn played(drawing: &[String], solver: Solver) -> Vec<String> {
             _ => None,
         })
         .collect();
-    resolve(&mut board, &wishes, solver).expect("solved");
+    resolve(&mut board, &wishes, solver, &mut Scratch::default()).expect("solved");
     let symbol = |at: Pos| match board.grid().get(at) {
         None => '.',
         Some(id) => match board.body(id).kind() {

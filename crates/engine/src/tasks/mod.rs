@@ -29,21 +29,34 @@ pub(crate) struct Stage<'a> {
     pub(crate) config: &'a Config,
     /// Rounds resolved before this one.
     pub(crate) round: u32,
-    /// The board from which the round was decided.
-    pub(crate) before: &'a Board,
+    /// By agent, whether it had left the map before the round.
+    pub(crate) had_gone: &'a [bool],
     /// What the agents decided, by agent.
     pub(crate) acts: &'a [Act],
 }
 
+/// Memory that the tasks' own stage uses again in each round.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {
+    danger: pursuit::DangerSums,
+    flocking: flocking::Scratch,
+}
+
 impl Task {
     /// The task's own update after the physics (rules: *A round*, stage 3). Returns the new score.
-    pub(crate) fn update(&mut self, stage: &Stage<'_>, board: &mut Board, score: f64) -> f64 {
+    pub(crate) fn update(
+        &mut self,
+        stage: &Stage<'_>,
+        board: &mut Board,
+        score: f64,
+        scratch: &mut Scratch,
+    ) -> f64 {
         match self {
             Self::Transport(task) => task.update(stage, board, score),
-            Self::Pursuit(task) => task.update(stage, board, score),
+            Self::Pursuit(task) => task.update(stage, board, score, &mut scratch.danger),
             Self::Synchronization(task) => task.update(stage, score),
             Self::Foraging(task) => task.update(board, score),
-            Self::Flocking(task) => task.update(stage, board, score),
+            Self::Flocking(task) => task.update(stage, board, score, &mut scratch.flocking),
         }
     }
 
@@ -73,7 +86,7 @@ pub(crate) fn lay_out(config: &Config) -> (Board, Task) {
     spread(&mut plan.board, &mut rng, config.num_agents, plan.region);
     let task = match plan.task {
         Terrain::Transport { block } => Task::Transport(transport::Transport { block }),
-        Terrain::Pursuit { prey } => Task::Pursuit(pursuit::Pursuit { prey, rng }),
+        Terrain::Pursuit { prey } => Task::Pursuit(pursuit::Pursuit { prey, rng, caught: None }),
         Terrain::Synchronization(task) => Task::Synchronization(task),
         Terrain::Foraging => Task::Foraging(foraging::Foraging::new(config)),
         Terrain::Flocking => Task::Flocking(flocking::Flocking::new(config, &plan.board)),

@@ -67,6 +67,8 @@ pub(crate) struct Pursuit {
     pub(crate) prey: BodyId,
     /// The layout's generator, which also places new preys.
     pub(crate) rng: LayoutRng,
+    /// Where the last round caught a prey. Decides nothing, so it is no part of the digest.
+    pub(crate) caught: Option<Pos>,
 }
 
 pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
@@ -101,10 +103,17 @@ fn region(config: &Config) -> Region {
 }
 
 impl Pursuit {
-    pub(super) fn update(&mut self, stage: &Stage<'_>, board: &mut Board, score: f64) -> f64 {
+    pub(super) fn update(
+        &mut self,
+        stage: &Stage<'_>,
+        board: &mut Board,
+        score: f64,
+        sums: &mut DangerSums,
+    ) -> f64 {
         let prey = board.body(self.prey).at;
-        if is_caught(board, prey) {
-            self.respawn(board);
+        self.caught = is_caught(board, prey).then_some(prey);
+        if self.caught.is_some() {
+            self.respawn(board, sums);
             return score + 1.0;
         }
         if let Some(goal) = flight(board, stage.config.rules, prey) {
@@ -115,10 +124,10 @@ impl Pursuit {
 
     /// Places a new prey on the first drawn of the least dangerous empty cells, of as many draws as
     /// the map has cells.
-    fn respawn(&mut self, board: &mut Board) {
+    fn respawn(&mut self, board: &mut Board, sums: &mut DangerSums) {
         board.lift(self.prey);
         let (height, width) = (board.grid().height(), board.grid().width());
-        let sums = DangerSums::new(board);
+        sums.count(board);
         let mut best: Option<(f64, Pos)> = None;
         let mut counted = 0;
         while counted < height * width {
@@ -143,6 +152,7 @@ impl Pursuit {
 /// The rules `paper`: the first sequence of two steps over empty cells whose end has the least
 /// danger.
 fn safest_of_all(ground: &impl Ground, from: Pos) -> Option<Pos> {
+    let nearby = Nearby::new(ground, from);
     let mut best: Option<(f64, Pos)> = None;
     for first in STEPS {
         let middle = from.toward(first);
@@ -152,7 +162,7 @@ fn safest_of_all(ground: &impl Ground, from: Pos) -> Option<Pos> {
         for second in STEPS {
             let end = middle.toward(second);
             if ground.is_free(end) {
-                let danger = danger(ground, end);
+                let danger = nearby.danger(end);
                 if best.is_none_or(|(least, _)| danger < least) {
                     best = Some((danger, end));
                 }
@@ -165,7 +175,8 @@ fn safest_of_all(ground: &impl Ground, from: Pos) -> Option<Pos> {
 /// The rules `reference`: the cell that lies one second step away from the start must be empty too,
 /// and the end must be less dangerous than the cell left of the prey.
 fn safer_than_left(ground: &impl Ground, from: Pos) -> Option<Pos> {
-    let mut least = danger(ground, from.toward(Direction::Left));
+    let nearby = Nearby::new(ground, from);
+    let mut least = nearby.danger(from.toward(Direction::Left));
     let mut best = None;
     for first in STEPS {
         let middle = from.toward(first);
@@ -173,7 +184,7 @@ fn safer_than_left(ground: &impl Ground, from: Pos) -> Option<Pos> {
             let end = middle.toward(second);
             let open = [middle, from.toward(second), end];
             if open.iter().all(|&cell| ground.is_free(cell)) {
-                let danger = danger(ground, end);
+                let danger = nearby.danger(end);
                 if danger < least {
                     least = danger;
                     best = Some(end);
@@ -211,9 +222,65 @@ pub fn danger(ground: &impl Ground, cell: Pos) -> f64 {
     weigh(agents, walls)
 }
 
+/// How many cells a prey moves in a round, at most.
+const STEPS_OF_A_ROUND: i32 = 2;
+
+/// Rows and columns that the danger of all cells depends on to which a prey can flee.
+const NEARBY: usize = 12;
+const _: () = assert!(WINDOW.0 + WINDOW.1 + 2 * STEPS_OF_A_ROUND == 12, "see above");
+
+/// Sums over the cells above and to the left, around a prey: the danger of each cell to which it can flee costs a few
+/// operations.
+struct Nearby {
+    size: Pos,
+    /// The cell of the first sum.
+    corner: Pos,
+    /// Agents and walls; there are less than 256 cells.
+    sums: [[(u8, u8); NEARBY + 1]; NEARBY + 1],
+}
+
+impl Nearby {
+    fn new(ground: &impl Ground, prey: Pos) -> Self {
+        let size = Pos::new(ground.height(), ground.width());
+        let first = |at: i32| at - STEPS_OF_A_ROUND - WINDOW.0;
+        let corner = Pos::new(first(prey.i), first(prey.j));
+        let mut sums = [[(0, 0); NEARBY + 1]; NEARBY + 1];
+        for (a, i) in (1..=NEARBY).zip(corner.i..) {
+            let (mut agents, mut walls) = (0, 0);
+            for (b, j) in (1..=NEARBY).zip(corner.j..) {
+                if (0..size.i).contains(&i) && (0..size.j).contains(&j) {
+                    match ground.kind_at(Pos::new(i, j)) {
+                        Some(Kind::Agent) => agents += 1,
+                        Some(Kind::Wall) => walls += 1,
+                        Some(Kind::Nest | Kind::Food | Kind::Block | Kind::Prey) | None => {}
+                    }
+                }
+                let above = sums[a - 1][b];
+                sums[a][b] = (above.0 + agents, above.1 + walls);
+            }
+        }
+        Self { size, corner, sums }
+    }
+
+    /// The danger of a cell to which the prey can flee: the same as [`danger`].
+    fn danger(&self, cell: Pos) -> f64 {
+        let (top, bottom) = window(cell.i, self.size.i);
+        let (left, right) = window(cell.j, self.size.j);
+        let place = |at: i32, first: i32| usize::try_from(at - first).expect("near the prey");
+        let (top, bottom) = (place(top, self.corner.i), place(bottom, self.corner.i));
+        let (left, right) = (place(left, self.corner.j), place(right, self.corner.j));
+        let count = |of: fn((u8, u8)) -> u8| {
+            let at = |a: usize, b: usize| i32::from(of(self.sums[a][b]));
+            at(bottom, right) - at(top, right) - at(bottom, left) + at(top, left)
+        };
+        weigh(count(|sums| sums.0), count(|sums| sums.1))
+    }
+}
+
 /// Sums over all cells above and to the left, so that the danger of any cell costs the same few
 /// operations: a respawn asks for as many as the map has cells.
-struct DangerSums {
+#[derive(Debug, Default)]
+pub(super) struct DangerSums {
     height: i32,
     width: i32,
     /// `(height + 1) × (width + 1)` sums of agents and walls.
@@ -221,10 +288,13 @@ struct DangerSums {
 }
 
 impl DangerSums {
-    fn new(board: &Board) -> Self {
+    /// Sums up the board as it is now.
+    fn count(&mut self, board: &Board) {
         let (height, width) = (board.grid().height(), board.grid().width());
         let area = usize::try_from((height + 1) * (width + 1)).expect("a map has a positive size");
-        let mut table = Self { height, width, sums: vec![(0, 0); area] };
+        (self.height, self.width) = (height, width);
+        self.sums.clear();
+        self.sums.resize(area, (0, 0));
         for i in 0..height {
             let (mut agents, mut walls) = (0, 0);
             for j in 0..width {
@@ -233,12 +303,11 @@ impl DangerSums {
                     Some(Kind::Wall) => walls += 1,
                     Some(Kind::Nest | Kind::Food | Kind::Block | Kind::Prey) | None => {}
                 }
-                let above = table.sums[table.index(i, j + 1)];
-                let index = table.index(i + 1, j + 1);
-                table.sums[index] = (above.0 + agents, above.1 + walls);
+                let above = self.sums[self.index(i, j + 1)];
+                let index = self.index(i + 1, j + 1);
+                self.sums[index] = (above.0 + agents, above.1 + walls);
             }
         }
-        table
     }
 
     fn index(&self, i: i32, j: i32) -> usize {

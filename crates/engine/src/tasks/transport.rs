@@ -138,8 +138,8 @@ impl Transport {
     #[expect(clippy::unused_self, reason = "every task has the same shape")]
     pub(super) fn update(&self, stage: &Stage<'_>, board: &Board, mut score: f64) -> f64 {
         let limit = stage.config.max_round;
-        let before = stage.before.agents();
-        let newly = board.agents().iter().zip(before).filter(|(now, then)| now.gone && !then.gone);
+        let agents = board.agents().iter().zip(stage.had_gone);
+        let newly = agents.filter(|&(agent, &had_gone)| agent.gone && !had_gone);
         for _ in newly {
             score += f64::from(limit - stage.round) / f64::from(limit);
         }

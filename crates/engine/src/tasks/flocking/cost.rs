@@ -24,63 +24,110 @@ use crate::grid::Pos;
 /// need a partner. Neither may be empty.
 #[must_use]
 pub fn distance(agents: &[Pos], target: &[Pos]) -> i32 {
-    // The roles can be exchanged: a translation of the one is the opposite one of the other.
-    let (few, many) = if agents.len() < target.len() { (agents, target) } else { (target, agents) };
-    let mut assignment = Assignment::new(many.len());
-    let mut best = i32::MAX;
-    for (bound, by) in translations(few, many) {
-        if bound >= best {
-            break;
-        }
-        if let Some(cost) = assignment.below(best, few, many, by) {
-            best = cost;
-        }
-    }
-    best
+    Search::default().least(agents, target, None).cost
 }
 
-/// All translations of `few` that bring one of them onto one of `many`, each once, by the lower
-/// bound on their cost.
-fn translations(few: &[Pos], many: &[Pos]) -> Vec<(i32, Pos)> {
-    let along = |coordinate: fn(&Pos) -> i32| {
-        Axis::new(few.iter().map(coordinate), many.iter().map(coordinate))
-    };
-    let (rows, columns) = (along(|cell| cell.i), along(|cell| cell.j));
-    let (falling, rising) = (along(|cell| cell.i + cell.j), along(|cell| cell.i - cell.j));
-    let mut seen = vec![false; rows.len() * columns.len()];
-    let mut found = Vec::with_capacity(seen.len().min(few.len() * many.len()));
-    for one in few {
-        for other in many {
-            let by = Pos::new(other.i - one.i, other.j - one.j);
-            let known = &mut seen[rows.index(by.i) * columns.len() + columns.index(by.j)];
-            if !*known {
-                *known = true;
-                let apart = rows.bound(by.i) + columns.bound(by.j);
-                let across = falling.bound(by.i + by.j).max(rising.bound(by.i - by.j));
-                found.push((apart.max(across), by));
+/// The outcome of a search.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Least {
+    pub(super) cost: i32,
+    /// A translation that has this cost: of the fewer onto the more.
+    pub(super) by: Pos,
+}
+
+/// A search, with its memory kept for the next.
+#[derive(Debug, Default)]
+pub(crate) struct Search {
+    rows: Axis,
+    columns: Axis,
+    falling: Axis,
+    rising: Axis,
+    seen: Vec<bool>,
+    candidates: Vec<(i32, Pos)>,
+    assignment: Assignment,
+}
+
+impl Search {
+    /// See [`distance`]. `near` is a translation that is tried first: where it is good, most others are settled by
+    /// their bounds. The cost does not depend on it.
+    pub(super) fn least(&mut self, agents: &[Pos], target: &[Pos], near: Option<Pos>) -> Least {
+        // The roles can be exchanged: a translation of the one is the opposite one of the other.
+        let (few, many) =
+            if agents.len() < target.len() { (agents, target) } else { (target, agents) };
+        self.assignment.begin(many.len());
+        let mut best = Least { cost: i32::MAX, by: Pos::new(0, 0) };
+        if let Some(by) = near
+            && let Some(cost) = self.assignment.below(best.cost, few, many, by)
+        {
+            best = Least { cost, by };
+        }
+        self.find_candidates(few, many, best.cost);
+        for &(bound, by) in &self.candidates {
+            if bound >= best.cost {
+                break;
+            }
+            if let Some(cost) = self.assignment.below(best.cost, few, many, by) {
+                best = Least { cost, by };
             }
         }
+        best
     }
-    found.sort_unstable_by_key(|&(bound, by)| (bound, by));
-    found
+
+    /// All translations of `few` that bring one of them onto one of `many` and whose lower bound is less than `limit`,
+    /// each once, by that bound.
+    fn find_candidates(&mut self, few: &[Pos], many: &[Pos], limit: i32) {
+        let Self { rows, columns, falling, rising, seen, candidates, .. } = self;
+        rows.set(few, many, |cell| cell.i);
+        columns.set(few, many, |cell| cell.j);
+        falling.set(few, many, |cell| cell.i + cell.j);
+        rising.set(few, many, |cell| cell.i - cell.j);
+        seen.clear();
+        seen.resize(rows.len() * columns.len(), false);
+        candidates.clear();
+        for one in few {
+            for other in many {
+                let by = Pos::new(other.i - one.i, other.j - one.j);
+                let known = &mut seen[rows.index(by.i) * columns.len() + columns.index(by.j)];
+                if std::mem::replace(known, true) {
+                    continue;
+                }
+                let apart = rows.bound(by.i) + columns.bound(by.j);
+                let across = falling.bound(by.i + by.j).max(rising.bound(by.i - by.j));
+                let bound = apart.max(across);
+                if bound < limit {
+                    candidates.push((bound, by));
+                }
+            }
+        }
+        candidates.sort_unstable_by_key(|&(bound, by)| (bound, by));
+    }
 }
 
 /// Lower bounds along one axis, for every translation along it.
+#[derive(Debug, Default)]
 struct Axis {
     first: i32,
     bounds: Vec<i32>,
+    few: Vec<i32>,
+    many: Vec<i32>,
+    costs: Vec<i32>,
 }
 
 impl Axis {
-    fn new(few: impl Iterator<Item = i32>, many: impl Iterator<Item = i32>) -> Self {
-        let (few, many) = (sorted(few), sorted(many));
-        let first = many[0] - few[few.len() - 1];
-        let last = many[many.len() - 1] - few[0];
-        let bounds = (first..=last).map(|by| matching(&few, &many, by)).collect();
-        Self { first, bounds }
+    fn set(&mut self, few: &[Pos], many: &[Pos], coordinate: fn(&Pos) -> i32) {
+        let Self { first, bounds, few: from, many: to, costs } = self;
+        for (values, cells) in [(&mut *from, few), (&mut *to, many)] {
+            values.clear();
+            values.extend(cells.iter().map(coordinate));
+            values.sort_unstable();
+        }
+        *first = to[0] - from[from.len() - 1];
+        let last = to[to.len() - 1] - from[0];
+        bounds.clear();
+        bounds.extend((*first..=last).map(|by| matching(from, to, by, costs)));
     }
 
-    fn len(&self) -> usize {
+    const fn len(&self) -> usize {
         self.bounds.len()
     }
 
@@ -93,22 +140,17 @@ impl Axis {
     }
 }
 
-fn sorted(values: impl Iterator<Item = i32>) -> Vec<i32> {
-    let mut values: Vec<i32> = values.collect();
-    values.sort_unstable();
-    values
-}
-
 /// The cheapest matching of all the `few` points, moved by `by`, to some of the `many`, on a line;
 /// both sorted. The best matching keeps the order, so with `spare` points more on one side, point k
 /// goes to one of the points k to k + spare.
-fn matching(few: &[i32], many: &[i32], by: i32) -> i32 {
+fn matching(few: &[i32], many: &[i32], by: i32, costs: &mut Vec<i32>) -> i32 {
     let spare = many.len() - few.len();
     if spare == 0 {
         return few.iter().zip(many).map(|(a, b)| (a + by - b).abs()).sum();
     }
     // `costs[s]`: the points so far are matched and at most s of the many were passed over.
-    let mut costs = vec![0; spare + 1];
+    costs.clear();
+    costs.resize(spare + 1, 0);
     for (k, a) in few.iter().enumerate() {
         let mut least = i32::MAX;
         for (s, cost) in costs.iter_mut().enumerate() {
@@ -121,6 +163,7 @@ fn matching(few: &[i32], many: &[i32], by: i32) -> i32 {
 
 /// The assignment problem of one translation, with its memory kept for the next. Rows are the
 /// `few`, made as many as the columns by rows that cost nothing anywhere; columns are the `many`.
+#[derive(Debug, Default)]
 struct Assignment {
     size: usize,
     cost: Vec<i32>,
@@ -130,22 +173,25 @@ struct Assignment {
     reach: Vec<i32>,
     from: Vec<usize>,
     open: Vec<usize>,
+    unmatched: Vec<usize>,
 }
 
 const NONE: usize = usize::MAX;
 
 impl Assignment {
-    fn new(size: usize) -> Self {
-        Self {
-            size,
-            cost: vec![0; size * size],
-            row_price: vec![0; size],
-            column_price: vec![0; size],
-            row_of: vec![NONE; size],
-            reach: vec![0; size],
-            from: vec![NONE; size],
-            open: vec![0; size],
+    /// Forgets all prices: what is found depends on nothing that was asked before.
+    fn begin(&mut self, size: usize) {
+        self.size = size;
+        for costs in [&mut self.cost, &mut self.row_price, &mut self.column_price, &mut self.reach]
+        {
+            costs.clear();
         }
+        self.cost.resize(size * size, 0);
+        self.row_price.resize(size, 0);
+        self.column_price.resize(size, 0);
+        self.reach.resize(size, 0);
+        self.row_of.resize(size, NONE);
+        self.from.resize(size, NONE);
     }
 
     /// The cost of the best assignment of `few`, moved by `by`, to `many` if it is less than `limit`.
@@ -154,8 +200,9 @@ impl Assignment {
         if value >= limit {
             return None;
         }
-        for row in self.match_at_once() {
-            value += self.match_row(row);
+        self.match_at_once();
+        for place in 0..self.unmatched.len() {
+            value += self.match_row(self.unmatched[place]);
             if value >= limit {
                 return None;
             }
@@ -183,20 +230,19 @@ impl Assignment {
         self.row_price.iter().sum::<i32>() + self.column_price.iter().sum::<i32>()
     }
 
-    /// Matches rows to free columns whose price fits as it is; returns the rows that find none.
-    fn match_at_once(&mut self) -> Vec<usize> {
+    /// Matches rows to free columns whose price fits as it is; the rows that find none are `unmatched`.
+    fn match_at_once(&mut self) {
         self.row_of.fill(NONE);
-        let mut unmatched = Vec::new();
+        self.unmatched.clear();
         for (row, price) in self.row_price.iter().enumerate() {
             let costs = &self.cost[row * self.size..(row + 1) * self.size];
             let fits = (costs.iter().zip(&self.column_price).zip(&self.row_of))
                 .position(|((cost, other), &taken)| cost - other == *price && taken == NONE);
             match fits {
                 Some(column) => self.row_of[column] = row,
-                None => unmatched.push(row),
+                None => self.unmatched.push(row),
             }
         }
-        unmatched
     }
 
     /// Matches one more row by a shortest augmenting path; returns by how much the optimum of the

@@ -2,6 +2,8 @@
 
 mod cost;
 
+use std::sync::Arc;
+
 use super::{Plan, Region, Stage, Terrain, place_ring};
 use crate::body::Board;
 use crate::config::Config;
@@ -9,6 +11,7 @@ use crate::grid::Pos;
 use crate::names::RuleSet;
 use crate::rng::LayoutRng;
 
+use cost::Search;
 pub use cost::distance;
 
 /// The seed of every layout under the rules `reference`.
@@ -17,11 +20,20 @@ const REFERENCE_SEED: u64 = 42;
 /// The state of Flocking beside the board (rules: *Flocking*).
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Flocking {
-    target: Vec<Pos>,
+    target: Arc<[Pos]>,
     /// The cost of the layout.
     initial: f64,
     /// The cost of the current placement.
     pub(crate) current: f64,
+    /// The translation that has this cost: a good one to try first in the next round.
+    near: Pos,
+}
+
+/// Memory that the cost uses again in each round.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {
+    agents: Vec<Pos>,
+    search: Search,
 }
 
 pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
@@ -45,27 +57,45 @@ pub fn target(agents: u16) -> Vec<Pos> {
 
 impl Flocking {
     pub(super) fn new(config: &Config, board: &Board) -> Self {
-        let target = target(config.num_agents);
-        let initial = cost_of(config, board, &target);
-        Self { target, initial, current: initial }
+        let target = target(config.num_agents).into();
+        let nowhere = Pos::new(0, 0);
+        let mut task = Self { target, initial: 0.0, current: 0.0, near: nowhere };
+        task.measure(config, board, None, &mut Scratch::default());
+        Self { initial: task.current, ..task }
     }
 
-    pub(super) fn update(&mut self, stage: &Stage<'_>, board: &Board, score: f64) -> f64 {
-        self.current = cost_of(stage.config, board, &self.target);
+    pub(super) fn update(
+        &mut self,
+        stage: &Stage<'_>,
+        board: &Board,
+        score: f64,
+        scratch: &mut Scratch,
+    ) -> f64 {
+        self.measure(stage.config, board, Some(self.near), scratch);
         score.max(self.initial - self.current)
+    }
+
+    /// Finds the cost of the current placement, in the units of the rule set.
+    fn measure(
+        &mut self,
+        config: &Config,
+        board: &Board,
+        near: Option<Pos>,
+        scratch: &mut Scratch,
+    ) {
+        let Scratch { agents, search } = scratch;
+        agents.clear();
+        agents.extend(board.agents().iter().map(|agent| agent.at));
+        let least = search.least(agents, &self.target, near);
+        self.near = least.by;
+        let steps = f64::from(least.cost);
+        self.current = match config.rules {
+            RuleSet::Paper => steps / 2.0,
+            RuleSet::Reference => steps,
+        };
     }
 
     pub(super) fn is_done(&self) -> bool {
         self.current == 0.0
-    }
-}
-
-/// The cost of the current placement, in the units of the rule set.
-fn cost_of(config: &Config, board: &Board, target: &[Pos]) -> f64 {
-    let agents: Vec<Pos> = board.agents().iter().map(|agent| agent.at).collect();
-    let steps = f64::from(distance(&agents, target));
-    match config.rules {
-        RuleSet::Paper => steps / 2.0,
-        RuleSet::Reference => steps,
     }
 }

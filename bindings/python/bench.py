@@ -1,0 +1,125 @@
+"""How many steps a second environments make in this process, beside the engine alone in the same sitting.
+
+    python bindings/python/bench.py [--seconds 1] [--turns 5] [--no-http]
+
+It needs the wheel of a release build (`bindings/python/build`). Everything is the standard setting with memory 0 and random
+actions; numbers are medians over the turns, in which all that is measured takes its turn.
+"""
+
+import argparse
+import os
+import statistics
+import time
+from collections.abc import Callable
+from typing import get_args
+
+import numpy as np
+
+import swarmbench
+from swarmbench import _native
+from swarmbench.native import VecEnv
+from swarmbench.wire import TaskName
+
+TASKS: tuple[TaskName, ...] = get_args(TaskName)
+ENVIRONMENTS = 1024
+AGENTS = 12
+
+Measure = Callable[[float], tuple[float, float]]
+
+
+def steps(task: TaskName, environments: int, threads: int, observations: str) -> Measure:
+    env = VecEnv(task, environments, seed=1, threads=threads, copy=False, observations=observations)  # type: ignore[arg-type]
+    env.reset()
+    random = np.random.default_rng(1)
+    turns = [random.integers(0, len(env.actions), (environments, AGENTS)) for _ in range(16)]
+    for turn in turns:
+        env.step(turn)
+
+    def measure(seconds: float) -> tuple[float, float]:
+        return timed(lambda place: env.step(turns[place % 16]), environments, seconds)
+
+    return measure
+
+
+def engine(task: TaskName) -> Measure:
+    def measure(seconds: float) -> tuple[float, float]:
+        return timed(lambda _: _native.play_engine(task, 256, 4), 4 * 256, seconds)
+
+    return measure
+
+
+def forks(task: TaskName) -> Measure:
+    env = VecEnv(task, 1025, seed=1, threads=1, copy=False, observations="none")
+    env.reset()
+    random = np.random.default_rng(1)
+    for _ in range(50):
+        env.step(random.integers(0, len(env.actions), (1025, AGENTS)))
+    targets = np.arange(1, 1025)
+
+    def measure(seconds: float) -> tuple[float, float]:
+        return timed(lambda _: env.fork(0, targets), 1024, seconds)
+
+    return measure
+
+
+def parallel(task: TaskName, backend: str) -> Measure:
+    env = swarmbench.parallel_env(task, seed=1, memory=0, backend=backend)
+    random = np.random.default_rng(1)
+    turns = random.integers(0, len(env.actions), (16, AGENTS)).tolist()
+    env.reset()
+
+    def step(place: int) -> None:
+        if not env.agents:
+            env.reset()
+        env.step(dict(zip(env.possible_agents, turns[place % 16], strict=True)))
+
+    def measure(seconds: float) -> tuple[float, float]:
+        return timed(step, 1, seconds)
+
+    return measure
+
+
+def timed(step: Callable[[int], object], each: int, seconds: float) -> tuple[float, float]:
+    """Steps a second by the clock, and by processor time."""
+    clock, used, count = time.perf_counter(), time.process_time(), 0
+    while time.perf_counter() - clock < seconds:
+        step(count)
+        count += 1
+    passed, used = time.perf_counter() - clock, time.process_time() - used
+    return count * each / passed, count * each / max(used, 1e-9)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Steps a second of environments in this process.")
+    parser.add_argument("--seconds", type=float, default=1.0, help="of each measurement")
+    parser.add_argument("--turns", type=int, default=5)
+    parser.add_argument("--no-http", action="store_true", help="do not start a server to compare with")
+    arguments = parser.parse_args()
+    columns: dict[str, Callable[[TaskName], Measure]] = {
+        "engine": engine,
+        "1 thread": lambda task: steps(task, ENVIRONMENTS, 1, "planes"),
+        "2 threads": lambda task: steps(task, ENVIRONMENTS, 2, "planes"),
+        "symbols": lambda task: steps(task, ENVIRONMENTS, 1, "symbols"),
+        "one environment": lambda task: steps(task, 1, 1, "planes"),
+        "parallel_env": lambda task: parallel(task, "native"),
+        "forks": forks,
+    }
+    if not arguments.no_http:
+        columns["over HTTP"] = lambda task: parallel(task, "http")
+    print(f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.1f}; environment steps a second by the clock")
+    print("| task | " + " | ".join(columns) + " | share of the engine (processor time) |")
+    print("| --- |" + " ---: |" * (len(columns) + 1))
+    for task in TASKS:
+        measures = {name: make(task) for name, make in columns.items()}
+        rates: dict[str, list[tuple[float, float]]] = {name: [] for name in columns}
+        for _ in range(arguments.turns):
+            for name, measure in measures.items():
+                rates[name].append(measure(arguments.seconds))
+        clock = {name: statistics.median(rate for rate, _ in found) for name, found in rates.items()}
+        used = {name: statistics.median(rate for _, rate in found) for name, found in rates.items()}
+        cells = " | ".join(f"{rate:,.0f}" for rate in clock.values())
+        print(f"| {task} | {cells} | {100 * used['1 thread'] / used['engine']:.0f} % |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,180 @@
+"""`parallel_env(backend="native")`: the same environment with the episode in this process."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium.utils import seeding
+
+from .checks import whole
+from .environment import SEED_MAX, SwarmEnv
+from .errors import SwarmbenchError
+from .native import VecEnv, Words
+from .wire import EpisodeRequest, Observation, SwarmAct
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_SETTINGS = (
+    "num_agents", "rules", "width", "height", "view_size", "memory", "max_round", "control", "noise", "max_delay",
+)  # fmt: skip
+
+
+class _Seen(dict[str, Observation]):
+    """What every agent may know now, made where it is read."""
+
+    def __init__(self, world: VecEnv) -> None:
+        super().__init__()
+        self._world = world
+
+    def __missing__(self, agent: str) -> Any:
+        return self._world.sight(0, int(agent.removeprefix("Agent_")))
+
+
+class NativeSwarmEnv(SwarmEnv):
+    """What `parallel_env(backend="native")` returns: `SwarmEnv` without a server.
+
+    Attributes:
+        world: The episode as the only one of a `VecEnv`, for its state, its journal and its digest.
+    """
+
+    def __init__(
+        self,
+        settings: EpisodeRequest,
+        *,
+        seed: int | None,
+        rewards: str,
+        observations: str,
+        messages: bool,
+        render_mode: str | None,
+    ) -> None:
+        super().__init__(
+            settings, seed=seed, server=None, token=None, rewards=rewards, observations=observations,
+            messages=messages, render_mode=render_mode,
+        )  # fmt: skip
+        self.world = self._make()
+        self.seen = _Seen(self.world)
+        self._places = {agent: place for place, agent in enumerate(self.possible_agents)}
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+        """Begins a new episode. There are no options."""
+        del options
+        if seed is not None:
+            seed = whole("seed", seed, 0, SEED_MAX)
+            self._generator, _ = seeding.np_random(seed)
+            self._next_seed = seed
+        if self._is_closed:
+            self.world, self._is_closed = self._make(), False
+            self.seen = _Seen(self.world)
+        drawn = int(self._generator.integers(SEED_MAX, endpoint=True)) if self._next_seed is None else self._next_seed
+        self._next_seed = None
+        told = self.world.reset(seed=[drawn])
+        self.seed = int(drawn)
+        self.agents = list(self.possible_agents)
+        observations, infos = self._read(self.agents)
+        if not told["alive"].any():
+            # A layout can be done before the first round; then there is nothing to do in it.
+            self.agents = []
+        return observations, infos
+
+    def step(
+        self, actions: dict[str, Any]
+    ) -> tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+        """Plays a round with an action for each agent in `agents`.
+
+        Raises:
+            SwarmbenchError: There is no episode, or it is over and there are actions.
+            ArgumentError: An action is missing, not in its space, or of an agent that has left. Nothing was played.
+        """
+        self._check_open()
+        self._check_agents(actions)
+        agents = self.agents
+        if not agents:
+            return {}, {}, {}, {}, {}
+        numbers = [-1] * len(self.possible_agents)
+        words: list[Words] = [None] * len(self.possible_agents)
+        for agent in agents:
+            place, action = self._places[agent], actions[agent]
+            # What policies return mostly; anything else is read with all checks.
+            if type(action) is int and not self._messages and 0 <= action < len(self.actions):
+                numbers[place] = action
+                continue
+            act: SwarmAct = {"episode": "", "agent": agent, "round": 0}
+            self._actions.read(agent, action, act)
+            numbers[place] = self.actions.index(act["action"] or "")
+            if "message" in act:
+                to = act.get("to")
+                words[place] = (act["message"] or "", None if to is None else self._places[to])
+        told = self.world.step(np.array([numbers]), [words] if self._messages else None)
+        earned, done = told["rewards"][0].tolist(), told["agent_done"][0].tolist()
+        gains = {agent: earned[self._places[agent]] for agent in agents}
+        terminations = {agent: done[self._places[agent]] for agent in agents}
+        observations, infos = self._read(agents)
+        self.agents = [agent for agent in agents if not terminations[agent]]
+        if self.render_mode == "human":
+            self.render()
+        return observations, gains, terminations, dict.fromkeys(agents, False), infos
+
+    def close(self) -> None:
+        """Gives the memory of the episode back. A later `reset` begins anew."""
+        self.agents = []
+        self.seed = None
+        self._is_closed = True
+        self.world.close()
+
+    def _make(self) -> VecEnv:
+        settings: dict[str, Any] = dict(self._settings)
+        return VecEnv(
+            settings["task"], 1, **{name: settings[name] for name in _SETTINGS}, seed=0, threads=1,
+            rewards="individual" if self._rewards == "individual" else "team", messages=self._messages,
+            observations="none" if self._observations == "text" else "planes", autoreset="disabled", copy=False,
+            prompt_template=settings["prompt_template"],
+        )  # fmt: skip
+
+    def _check_open(self) -> None:
+        if self.seed is None:
+            raise SwarmbenchError(
+                "the environment is closed: reset() begins a new episode"
+                if self._is_closed
+                else "there is no episode yet: call reset()"
+            )
+
+    def _map(self) -> list[list[str]]:
+        self._check_open()
+        return self.world.map(0)
+
+    def _read(self, agents: list[str]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+        """What these agents see, as a copy."""
+        world, buffers = self.world, self.world.buffers
+        count = len(self.possible_agents)
+        self._round, self.score = int(buffers["round"][0]), float(buffers["score"][0])
+        heard = world.heard()[0] if self._messages else None
+        parts: dict[str, NDArray[Any]] = {}
+        if self._observations != "text":
+            parts = {
+                "view": buffers["view"][0].copy(),
+                "agents": buffers["agents"][0].astype(np.int32),
+                "position": buffers["position"][0].copy(),
+                "round": np.full((count, 1), self._round, np.int32),
+                "score": np.full((count, 1), self.score, np.float32),
+            }
+            if world.flag is not None:
+                parts[world.flag] = buffers[world.flag][0].reshape(count, 1).copy()
+        on_map = (buffers["position"][0, :, 0] >= 0).tolist()
+        observations: dict[str, Any] = {}
+        infos: dict[str, dict[str, Any]] = {}
+        for agent in agents:
+            place = self._places[agent]
+            messages = [] if heard is None else heard[place]
+            if self._observations == "text":
+                observations[agent] = world.prompt(0, place)
+            else:
+                seen: dict[str, Any] = {name: part[place] for name, part in parts.items()}
+                if heard is not None:
+                    seen["messages"] = tuple(messages)
+                if self._observations == "both":
+                    seen["prompt"] = world.prompt(0, place)
+                observations[agent] = seen
+            infos[agent] = {"round": self._round, "score": self.score, "alive": on_map[place], "messages": messages}
+        return observations, infos

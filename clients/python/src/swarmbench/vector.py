@@ -1,0 +1,179 @@
+"""Many episodes as a Gymnasium `VectorEnv`. Importing this module registers `swarmbench/Foraging-v0` and the like."""
+
+from typing import Any, Literal, get_args
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from .cells import CHANNELS
+from .native import VecEnv
+from .wire import TaskName
+
+_MODES = {
+    "next_step": AutoresetMode.NEXT_STEP,
+    "same_step": AutoresetMode.SAME_STEP,
+    "disabled": AutoresetMode.DISABLED,
+}
+
+
+def vector_env(
+    task: TaskName = "Foraging",
+    num_envs: int = 1,
+    *,
+    agents: Literal["joint", "flat"] = "joint",
+    observations: Literal["planes", "symbols", "flat"] = "planes",
+    **options: Any,
+) -> "SwarmVectorEnv":
+    """Episodes as a Gymnasium `VectorEnv`.
+
+    Args:
+        task: What is played.
+        num_envs: How many episodes there are.
+        agents: `joint`: each episode is an environment whose action is one number for each agent, and whose reward is
+            that of the team. `flat`: each agent is an environment, so one policy plays all; there are `num_envs` times
+            `num_agents` of them, and `info["alive"]` says which may act.
+        observations: A dictionary of arrays with `planes` or `symbols` for the windows; or `flat`, a `Box` of floats in
+            which a learner finds all of it: planes, position, round and flag.
+        options: Further arguments of `VecEnv`, but `messages` and `copy`.
+    """
+    return SwarmVectorEnv(task, num_envs, agents=agents, observations=observations, **options)
+
+
+class SwarmVectorEnv(VectorEnv[Any, Any, Any]):
+    """What `vector_env` returns.
+
+    Attributes:
+        envs: The episodes, for their states, journals and forks.
+    """
+
+    def __init__(self, task: TaskName, num_envs: int, *, agents: str, observations: str, **options: Any) -> None:
+        if agents not in {"joint", "flat"}:
+            raise ValueError(f"agents must be 'joint' or 'flat', is {agents!r}")
+        if observations not in {"planes", "symbols", "flat"}:
+            raise ValueError(f"observations must be 'planes', 'symbols' or 'flat', is {observations!r}")
+        refused = sorted({"messages", "copy"} & options.keys())
+        if refused:
+            raise TypeError(f"{refused[0]} is no option of a vector environment: use VecEnv itself")
+        form: Any = "planes" if observations == "flat" else observations
+        self.worlds = VecEnv(task, num_envs, observations=form, copy=False, **options)
+        self._by_agent = agents == "flat"
+        self._flat = observations == "flat"
+        self.render_mode = None
+        self.spec = None
+        count = self.worlds.num_agents
+        self.num_envs = num_envs * count if self._by_agent else num_envs
+        self.metadata = {"autoreset_mode": _MODES[self.worlds.autoreset], "render_modes": []}
+        actions = len(self.worlds.actions)
+        self.single_action_space = (
+            spaces.Discrete(actions) if self._by_agent else spaces.MultiDiscrete(np.full(count, actions))
+        )
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.single_observation_space = self._space()
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begins new episodes: all, or those of the truths `options["reset_mask"]`."""
+        mask = (options or {}).get("reset_mask")
+        given: Any = seed
+        if isinstance(seed, list):
+            if None in seed:
+                raise ValueError("seed has a number for each environment, or is none at all")
+            given = seed[:: self.worlds.num_agents] if self._by_agent else seed
+        if mask is not None and self._by_agent:
+            mask = np.asarray(mask)[:: self.worlds.num_agents]
+        told = self.worlds.reset(seed=given, mask=mask)
+        return self._observed(told), self._info(told)
+
+    def step(
+        self, actions: NDArray[np.integer[Any]]
+    ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Plays a round in every episode."""
+        count = self.worlds.num_agents
+        chosen = np.asarray(actions)
+        if self._by_agent and chosen.shape == (self.num_envs,):
+            chosen = chosen.reshape(-1, count)
+        told = self.worlds.step(chosen)
+        info = self._info(told)
+        if "final_obs" in told:
+            ended = self._each(told["terminated"])
+            if ended.any():
+                info |= {"final_obs": self._observed(told["final_obs"]), "_final_obs": ended}
+        truncated = self._each(told["truncated"])
+        if self._by_agent:
+            rewards = told["rewards"].reshape(-1).astype(np.float64)
+        else:
+            rewards = told["team_reward"].astype(np.float64)
+        return self._observed(told), rewards, self._each(told["terminated"]), truncated, info
+
+    def close_extras(self, **_: Any) -> None:
+        """Gives the memory of all episodes back."""
+        self.worlds.close()
+
+    def _space(self) -> spaces.Space[Any]:
+        worlds = self.worlds
+        window, seats = worlds.window, () if self._by_agent else (worlds.num_agents,)
+        if self._flat:
+            length = len(CHANNELS) * window[0] * window[1] + 3 + (worlds.flag is not None)
+            return spaces.Box(-1.0, 1.0, (*seats, length), np.float32)
+        view = worlds.buffers["view"]
+        last = np.broadcast_to(np.array(worlds.size, np.int32) - 1, (*seats, 2)).copy()
+        parts: dict[str, spaces.Space[Any]] = {
+            "view": spaces.Box(0, 1 if view.ndim == 5 else len(CHANNELS) - 1, (*seats, *view.shape[2:]), np.uint8),
+            "agents": spaces.Box(-1, worlds.num_agents - 1, (*seats, *window), np.int16),
+            "position": spaces.Box(np.full((*seats, 2), -1, np.int32), last, dtype=np.int32),
+            "round": spaces.Box(0, worlds.max_round, (), np.int32),
+            "score": spaces.Box(0.0, np.inf, (), np.float32),
+        }
+        if worlds.flag is not None:
+            parts[worlds.flag] = spaces.Box(0, 1, seats, np.uint8)
+        return spaces.Dict(parts)
+
+    def _observed(self, told: dict[str, Any]) -> Any:
+        worlds = self.worlds
+        seats = (worlds.num_envs, worlds.num_agents)
+        if self._flat:
+            size = np.array(worlds.size, np.float32) - 1
+            parts = [
+                told["view"].reshape(*seats, -1).astype(np.float32),
+                np.where(told["alive"][..., None], told["position"] / size * 2 - 1, -1).astype(np.float32),
+                np.broadcast_to(told["round"][:, None, None] / np.float32(worlds.max_round), (*seats, 1)),
+            ]
+            if worlds.flag is not None:
+                parts.append(told[worlds.flag][..., None].astype(np.float32))
+            flat = np.concatenate(parts, axis=-1, dtype=np.float32)
+            return flat.reshape(self.num_envs, -1) if self._by_agent else flat
+        names = ["view", "agents", "position", *([worlds.flag] if worlds.flag is not None else [])]
+        observed = {name: told[name].copy() for name in names}
+        if self._by_agent:
+            observed = {name: part.reshape(self.num_envs, *part.shape[2:]) for name, part in observed.items()}
+        observed["round"], observed["score"] = self._each(told["round"]), self._each(told["score"])
+        return observed
+
+    def _each(self, by_episode: NDArray[Any]) -> NDArray[Any]:
+        """A value of episodes for each environment."""
+        return np.repeat(by_episode, self.worlds.num_agents) if self._by_agent else by_episode.copy()
+
+    def _info(self, told: dict[str, Any]) -> dict[str, Any]:
+        every = np.ones(self.num_envs, np.bool_)
+        info: dict[str, Any] = {}
+        for name in ("alive", "action_mask"):
+            part = told[name]
+            info[name] = (part.reshape(self.num_envs, *part.shape[2:]) if self._by_agent else part).copy()
+        info["seed"], info["score"] = self._each(told["seed"]), self._each(told["score"])
+        return info | {f"_{name}": every for name in list(info)}
+
+
+def _make(task: TaskName, num_envs: int = 1, **options: Any) -> SwarmVectorEnv:
+    return vector_env(task, num_envs, **options)
+
+
+for _task in get_args(TaskName):
+    _name = f"swarmbench/{_task}-v0"
+    if _name not in gymnasium.registry:
+        gymnasium.register(_name, vector_entry_point=f"{__name__}:_make", kwargs={"task": _task})

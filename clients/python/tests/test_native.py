@@ -1,0 +1,209 @@
+"""Environments in this process: the game of the server, as arrays."""
+
+import subprocess
+import threading
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+from swarmbench import Client, Server, wire
+from swarmbench.server import find_binary
+
+pytest.importorskip("swarmbench._native", reason="only wheels of bindings/python have the native module")
+
+import gymnasium
+from gymnasium.vector import AutoresetMode
+
+from swarmbench.cells import CHANNELS, encode_cells
+from swarmbench.native import VecEnv
+from swarmbench.vector import vector_env
+
+TASKS: tuple[wire.TaskName, ...] = get_args(wire.TaskName)
+
+
+def drawn(env: VecEnv, random: np.random.Generator) -> Any:
+    return random.integers(0, len(env.actions), (env.num_envs, env.num_agents))
+
+
+@pytest.mark.parametrize("settings", [
+    {}, {"rules": "reference", "noise": 0.3, "max_delay": 1}, {"control": "centralized", "view_size": 3},
+], ids=str)  # fmt: skip
+@pytest.mark.parametrize("task", TASKS)
+def test_it_plays_the_game_of_the_server(client: Client, task: wire.TaskName, settings: dict[str, Any]) -> None:
+    settings = {"num_agents": 5, "max_round": 8, "memory": 2, **settings}
+    env = VecEnv(task, 1, messages=True, seed=1, **settings)
+    told = env.reset(seed=[27])
+    episode = client.create_episode(task=task, seed=27, **settings)
+    swarm = client.with_token(episode["swarm_token"])
+    random = np.random.default_rng(3)
+    for round in range(8):
+        now = swarm.swarm_obs(wait=30, limit=100, prompt=True)
+        if now["finished"]:
+            assert told["alive"].sum() == 0
+            break
+        for seat in now["observations"]:
+            place = int(seat["agent"].removeprefix("Agent_"))
+            sight: dict[str, Any] = dict(env.sight(0, place))
+            shown: dict[str, Any] = dict(seat)
+            assert {**sight, "episode": seat["episode"]} == {name: shown[name] for name in sight}
+            assert env.prompt(0, place) == seat["prompt"]
+            assert told["messages"][0][place] == seat["messages"]
+            planes, numbers = encode_cells(seat["view"]["cells"] if seat["view"] else [])
+            assert np.array_equal(told["view"][0, place], planes)
+            assert np.array_equal(told["agents"][0, place], numbers)
+        acts = drawn(env, random)
+        texts = [[f"{round} {place}" if random.random() < 0.4 else None for place in range(5)]]
+        sent: list[wire.SwarmAct] = []
+        for seat in now["observations"]:
+            place = int(seat["agent"].removeprefix("Agent_"))
+            act: wire.SwarmAct = {
+                "episode": seat["episode"], "agent": seat["agent"], "round": round,
+                "action": env.actions[acts[0, place]],
+            }  # fmt: skip
+            text = texts[0][place]
+            if text is not None:
+                act["message"] = text
+            sent.append(act)
+        swarm.swarm_act(sent)
+        told = env.step(acts, texts)
+        state = client.state(episode["id"], round=round + 1)
+        assert told["score"][0] == np.float32(state["score"])
+    assert env.world_digest(0) in client.journal(episode["id"]).decode()
+
+
+def test_another_program_verifies_its_journal(tmp_path: Path) -> None:
+    env = VecEnv("Pursuit", 3, max_round=6, seed=4)
+    env.reset()
+    random = np.random.default_rng(1)
+    for _ in range(6):
+        env.step(drawn(env, random))
+    (tmp_path / "game.jsonl").write_bytes(env.journal(1))
+    verified = subprocess.run(
+        [find_binary(), "verify", tmp_path / "game.jsonl", "--solver", "both"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert verified.returncode == 0, verified.stderr
+    assert "consistent" in verified.stdout
+
+
+def test_arrays_are_the_same_ones_or_copies() -> None:
+    env = VecEnv("Foraging", 2, copy=False, seed=1)
+    told = env.reset()
+    again = env.step(np.zeros((2, 12), np.int8))
+    assert all(again[name] is told[name] is env.buffers[name] for name in told)
+    env = VecEnv("Foraging", 2, seed=1, autoreset="same_step")
+    told = env.reset()
+    again = env.step(np.zeros((2, 12), np.int8))
+    parts = {**told, "earned": again["rewards"], **again["final_obs"]}
+    for name, part in parts.items():
+        assert not any(np.shares_memory(part, own) for own in env.buffers.values() if isinstance(own, np.ndarray)), name
+
+
+def test_two_threads_step_two_batches() -> None:
+    envs = [VecEnv("Flocking", 200, seed=1, threads=1) for _ in range(2)]
+    digests: list[str] = ["", ""]
+
+    def play(place: int) -> None:
+        env, random = envs[place], np.random.default_rng(2)
+        env.reset()
+        for _ in range(30):
+            env.step(drawn(env, random))
+        digests[place] = env.world_digest(150)
+
+    threads = [threading.Thread(target=play, args=(place,)) for place in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert digests[0] == digests[1] != ""
+
+
+@pytest.mark.parametrize(("how", "says"), [
+    (lambda env: env.step(np.zeros((2, 11), np.int64)), r"shape \(2, 12\), are int64 of shape \(2, 11\)"),
+    (lambda env: env.step(np.zeros((2, 12))), "whole numbers of shape .2, 12., are float64"),
+    (lambda env: env.step(np.full((2, 12), 5)), "environment 0, agent 0: actions are 0 to 4, or -1 for none, not 5"),
+    (lambda env: env.step([[0] * 12, [*[0] * 11, -2]]), "environment 1, agent 11: .* not -2"),
+    (lambda env: env.step(np.zeros((2, 12), int), [[None] * 12] * 2), "messages=True"),
+    (lambda env: env.reset(seed=-1), "seed must be from 0 to 9007199254740991, is -1"),
+    (lambda env: env.reset(seed=2**53 - 1), "seed must be from 0 to 9007199254740991, is 9007199254740992"),
+    (lambda env: env.reset(seed=[1]), "one number for each of 2 environments, has 1"),
+    (lambda env: env.reset(seed="27"), "seed"),
+    (lambda env: env.reset(mask=[True]), "mask must be 2 truths"),
+    (lambda env: env.fork(2, 0), "the environment must be from 0 to 1, is 2"),
+    (lambda env: env.fork(0, [5]), "there is no environment 5"),
+    (lambda env: env.load(0, b"{}"), "not the bytes of a state"),
+    (lambda env: env.prompt(0, 12), "there is no agent 12"),
+])  # fmt: skip
+def test_what_is_wrong_is_named_and_changes_nothing(how: Any, says: str) -> None:
+    env = VecEnv("Foraging", 2, seed=1)
+    env.reset(seed=5)
+    before = [env.world_digest(index) for index in range(2)]
+    with pytest.raises((ValueError, TypeError), match=says):
+        how(env)
+    assert [env.world_digest(index) for index in range(2)] == before
+
+
+def test_what_cannot_be_made_is_named() -> None:
+    wrongs: list[tuple[dict[str, Any], str]] = [
+        ({"num_envs": 0}, "num_envs must be from 1"), ({"num_agents": 0}, "num_agents must be from 1 to 1024, is 0"),
+        ({"width": 4}, "width must be from 8 to 256, is 4"), ({"seed": -1}, "seed must be from 0"),
+        ({"observations": "text"}, "observations must be one of 'planes'"), ({"rules": "own"}, "rules"),
+        ({"threads": -1}, "threads"), ({"task": "Chess"}, "task"),
+    ]  # fmt: skip
+    for wrong, says in wrongs:
+        with pytest.raises((ValueError, TypeError), match=says):
+            VecEnv(**wrong)
+    env = VecEnv(num_envs=1)
+    env.close()
+    with pytest.raises(RuntimeError, match="the environments are closed"):
+        env.reset()
+    env = VecEnv(num_envs=1, record=False)
+    with pytest.raises(RuntimeError, match="record=True"):
+        env.state(0)
+
+
+@pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
+@pytest.mark.parametrize("agents", ["joint", "flat"])
+@pytest.mark.parametrize("observations", ["planes", "symbols", "flat"])
+def test_it_is_a_vector_environment(agents: Any, observations: Any, mode: Any) -> None:
+    env = vector_env(
+        "Transport", 3, agents=agents, observations=observations, autoreset=mode, max_round=5, num_agents=4, seed=3
+    )
+    assert env.metadata["autoreset_mode"] is AutoresetMode[mode.upper()]
+    seen, _ = env.reset(seed=27)
+    assert env.observation_space.contains(seen)
+    ends, over = 0, False
+    for _ in range(12):
+        if mode == "disabled" and over:
+            env.reset(options={"reset_mask": np.ones(env.num_envs, np.bool_)})
+        seen, rewards, terminated, truncated, info = env.step(env.action_space.sample())
+        assert env.observation_space.contains(seen)
+        assert rewards.shape == terminated.shape == truncated.shape == (env.num_envs,)
+        ends, over = ends + int(terminated.sum()), bool(terminated.all())
+        if mode == "same_step":
+            assert ("final_obs" in info) == terminated.any()
+            if terminated.any():
+                assert env.observation_space.contains(info["final_obs"])
+    assert ends >= 2 * env.num_envs
+    env.close()
+
+
+def test_it_is_registered() -> None:
+    env = gymnasium.make_vec("swarmbench/Pursuit-v0", num_envs=2, vectorization_mode="vector_entry_point")
+    seen, _ = env.reset(seed=1)
+    assert seen["view"].shape == (2, 12, len(CHANNELS), 5, 5)
+    env.close()
+
+
+def test_a_server_is_not_needed(server: Server) -> None:
+    """Everything else here starts one; the environments do not ask it."""
+    env = VecEnv("Synchronization", 2, num_agents=1, seed=1)
+    env.reset()
+    for _ in range(4):
+        env.step(np.full((2, 1), env.actions.index("SWITCH")))
+    assert env.buffers["score"].tolist() == [4.0, 4.0]
+    assert server.is_running

@@ -1,0 +1,48 @@
+//! Windows as numbers.
+
+use swarmbench_engine::{AgentId, Canvas, Seen};
+
+/// What a cell can show; the place of each is its plane, and its symbol. The order is that of [`Seen::code`].
+pub const CHANNELS: [&str; Seen::CODES] =
+    ["empty", "outside", "wall", "block", "prey", "nest", "food", "self", "agent", "marked agent"];
+
+/// Writes an agent's window as symbols, and the numbers of agents in it. An agent that has escaped sees the outside.
+pub(crate) fn write_symbols(
+    canvas: &Canvas,
+    agent: AgentId,
+    symbols: &mut [u8],
+    numbers: &mut [i16],
+) {
+    if !canvas.write_window(agent, symbols, numbers) {
+        symbols.fill(Seen::Outside.code());
+        numbers.fill(-1);
+    }
+}
+
+/// Symbols as a plane for each of [`CHANNELS`].
+pub(crate) fn write_planes(symbols: &[u8], planes: &mut [u8]) {
+    for (plane, channel) in planes.chunks_exact_mut(symbols.len()).zip(0_u8..) {
+        for (cell, &symbol) in plane.iter_mut().zip(symbols) {
+            *cell = u8::from(symbol == channel);
+        }
+    }
+}
+
+/// Takes the pushes out of a mask that cannot move anything, as far as the agent sees it: those against a wall, a nest
+/// or food right beside it. The first actions are up, down, left and right.
+pub(crate) fn hint(symbols: &[u8], width: usize, own: usize, mask: &mut [bool]) {
+    let height = symbols.len() / width;
+    let (row, column) = (own / width, own % width);
+    let beside = [
+        (row > 0).then(|| own - width),
+        (row + 1 < height).then(|| own + width),
+        (column > 0).then(|| own - 1),
+        (column + 1 < width).then(|| own + 1),
+    ];
+    let fixed = [Seen::Wall, Seen::Nest, Seen::Food].map(Seen::code);
+    for (allowed, cell) in mask.iter_mut().zip(beside) {
+        if cell.is_some_and(|cell| fixed.contains(&symbols[cell])) {
+            *allowed = false;
+        }
+    }
+}
