@@ -73,14 +73,14 @@ pub enum RoundFault {
 pub struct Replayer {
     world: Arc<World>,
     solver: Solver,
-    scratch: Scratch,
+    scratch: Box<Scratch>,
 }
 
 impl Replayer {
     /// Begins with a state.
     #[must_use]
     pub fn new(world: Arc<World>) -> Self {
-        Self { world, solver: Solver::Flow, scratch: Scratch::default() }
+        Self { world, solver: Solver::Flow, scratch: Box::default() }
     }
 
     /// The state after the last round that was played.
@@ -331,7 +331,7 @@ impl Player {
         let config = Arc::new(opening.config.engine().map_err(|error| error.to_string())?);
         let world = Arc::new(World::new(config));
         compare("the digest of the layout", &opening.digest, &world.digest().to_string())?;
-        let replayer = Replayer { world, solver, scratch: Scratch::default() };
+        let replayer = Replayer { world, solver, scratch: Box::default() };
         Ok(Self { opening, replayer, seats: None, end: None, tally: Tally::default() })
     }
 

@@ -212,6 +212,7 @@ impl Recording {
             },
             agent_meta: serde_json::Map::new(),
             prompt_template: prompt_template.to_owned(),
+            prompt_revision: swarmbench_prompt::REVISION,
             digest: world.digest().to_string(),
             run: None,
             salt: None,
