@@ -248,6 +248,8 @@ fn the_examples_are_those_of_the_paper() {
         ("memory", 5, 125),
         // Thirteen models with and without noise and delay.
         ("noise", 26, 650),
+        // One model in the standard setting, as the public toolkit asks.
+        ("parity", 1, 25),
         // One model; temperatures 0, 0.5, 1, 1.5 and top_p 0.3, 0.7, 0.95, 1, where both have 1.
         ("sampling", 7, 175),
         // One model; two sizes of the map by two numbers of agents, three seeds.

@@ -10,6 +10,7 @@ mod experiments;
 mod failing;
 mod models;
 mod players;
+mod prompts;
 mod resume;
 mod side_by_side;
 mod speed;

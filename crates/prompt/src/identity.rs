@@ -31,11 +31,22 @@ impl Identity {
         Self {
             template: template.map(digest_of_template),
             revision: is_revised.then_some(revision),
-            system: system.map(|message| match message {
-                Value::String(text) => digest_of_template(text),
-                by_task => digest_of_template(&by_task.to_string()),
-            }),
+            system: system.map(digest_of_system),
         }
+    }
+
+    /// What is declared before anything is played, with the present words.
+    #[must_use]
+    pub fn declared(template_digest: Option<String>, system: Option<&Value>) -> Self {
+        let system = system.map(digest_of_system);
+        Self { template: template_digest, revision: Some(REVISION), system }
+    }
+}
+
+fn digest_of_system(message: &Value) -> String {
+    match message {
+        Value::String(text) => digest_of_template(text),
+        by_task => digest_of_template(&by_task.to_string()),
     }
 }
 

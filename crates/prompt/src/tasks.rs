@@ -78,6 +78,7 @@ fn flocking(num_agents: u16) -> String {
 }
 
 /// The target shape of Flocking: rows of `A`, an agent, and `.`; no rows in other tasks.
+#[cfg(feature = "render")]
 pub(super) fn target(config: &Config) -> Vec<Vec<&'static str>> {
     if config.task() != TaskName::Flocking {
         return Vec::new();

@@ -289,6 +289,10 @@ pub struct EntrantSummary {
     pub top_p: Option<f64>,
     /// The digest of the prompt template; null for the built-in one.
     pub prompt_template: Option<String>,
+    /// The name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `prompt_template`. A declared system
+    /// message (`system_message` in `agent_meta`) adds `+system:` and the first digits of its SHA-256.
+    #[serde(default)]
+    pub prompt: String,
     /// `active`, `withdrawn` or `disqualified`.
     pub status: String,
     /// Why it withdrew or was disqualified.

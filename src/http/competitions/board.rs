@@ -253,6 +253,7 @@ impl Table for Shown<'_> {
             tasks,
             own(&last),
             own(&below),
+            own(&["prompt"]),
             failures,
             metrics,
         ]
@@ -265,6 +266,7 @@ impl Table for Shown<'_> {
             self.board.metrics.iter().map(move |metric| maybe(of.and_then(|of| *of.get(metric)?)))
         });
         let mut cells = cells(row, self.tasks);
+        cells.push(row.entrant.prompt.clone());
         cells.extend(row.failures.cells());
         cells.extend(of_metrics);
         cells

@@ -3,6 +3,7 @@
 mod act;
 mod failures;
 mod obs;
+mod readers;
 
 use serde_json::{Value, json};
 

@@ -2,6 +2,7 @@
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+use swarmbench_prompt::Identity;
 
 use super::EntrantStatus;
 
@@ -56,5 +57,11 @@ impl Declaration {
         let of_text =
             self.prompt_template.as_deref().map(swarmbench_protocol::suite::digest_of_template);
         of_text.or_else(|| self.template.clone())
+    }
+
+    /// Which prompt its games have.
+    #[must_use]
+    pub fn prompt(&self) -> Identity {
+        Identity::declared(self.template_digest(), self.agent_meta.get("system_message"))
     }
 }

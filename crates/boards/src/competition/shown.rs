@@ -93,6 +93,7 @@ impl From<&Entrant> for EntrantSummary {
             temperature: entrant.declaration.temperature,
             top_p: entrant.declaration.top_p,
             prompt_template: entrant.declaration.template_digest(),
+            prompt: entrant.declaration.prompt().to_string(),
             status: entrant.status.name().to_owned(),
             reason: entrant.reason.clone(),
             vouched: entrant.vouched,

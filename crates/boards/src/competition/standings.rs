@@ -9,7 +9,6 @@ use std::sync::Arc;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use swarmbench_engine::TaskName;
-use swarmbench_prompt::Identity;
 use swarmbench_protocol::board::RowDifference;
 use swarmbench_protocol::failure::Failures;
 
@@ -128,7 +127,7 @@ pub fn result(definition: &Definition, entrant: &Entrant, attempt: &Attempt) -> 
             model: declaration.model.clone(),
             temperature: declaration.temperature,
             top_p: declaration.top_p,
-            prompt: Identity { template: declaration.template_digest(), ..Identity::default() },
+            prompt: declaration.prompt(),
         },
         status: attempt.status.clone(),
         created_at: attempt.created_at,

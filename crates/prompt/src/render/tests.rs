@@ -3,6 +3,7 @@ use std::sync::Arc;
 use swarmbench_engine::{Act, Message, Settings, TaskName, World};
 
 use super::*;
+use crate::{BUILT_IN, Identity, REVISION, TOOLKIT, chosen};
 use swarmbench_protocol::status::Status;
 
 fn sight(settings: &Settings, rounds: u32, agent: u16) -> (Sight, Config) {
