@@ -84,14 +84,27 @@ fn diagnose<T: DeserializeOwned>(bytes: &[u8], error: &serde_json::Error) -> Api
     let mut json = serde_json::Deserializer::from_slice(bytes);
     let located = serde_path_to_error::deserialize::<_, T>(&mut json).err();
     let path = located.as_ref().map(serde_path_to_error::Error::path);
-    let field = path.filter(|path| path.iter().len() > 0).map(ToString::to_string);
-    match (field, problem.strip_prefix("missing field `").and_then(|p| p.strip_suffix('`'))) {
-        (Some(field), Some(missing)) => {
-            ApiError::field(&format!("{field}.{missing}"), "is missing")
+    let path = path.filter(|path| path.iter().len() > 0).map(ToString::to_string);
+    let missing = problem.strip_prefix("missing field `").and_then(|p| p.strip_suffix('`'));
+    let Some(path) = path else {
+        return match missing {
+            Some(missing) => ApiError::field(missing, "is missing"),
+            None => ApiError::new(Code::Invalid, plain(problem)),
+        };
+    };
+    // `field` is a field of the body; the place in it is told with the problem.
+    let end = path.find(['.', '[']).unwrap_or(path.len());
+    let (field, inside) = path.split_at(end);
+    let inside = inside.trim_start_matches('.');
+    match (missing, inside) {
+        (Some(missing), "") => ApiError::field(field, format!("must have `{missing}`")),
+        (Some(missing), inside) => {
+            ApiError::field(field, format!("must have `{missing}` in {inside}"))
         }
-        (Some(field), None) => ApiError::field(&field, plain(problem)),
-        (None, Some(missing)) => ApiError::field(missing, "is missing"),
-        (None, None) => ApiError::new(Code::Invalid, plain(problem)),
+        (None, "") => ApiError::field(field, plain(problem)),
+        (None, inside) => {
+            ApiError::field(field, format!("is wrong at {inside}: {}", plain(problem)))
+        }
     }
 }
 

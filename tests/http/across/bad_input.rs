@@ -397,7 +397,7 @@ mod routes {
     #[case("after=-1")]
     #[case("after=4294967296")]
     #[case("after=")]
-    #[case("prompt=yes")]
+    #[case("prompt=maybe")]
     #[case("token=seat_x")]
     #[case("after=1&after=2")]
     #[tokio::test]

@@ -148,9 +148,17 @@ async fn a_value_of_a_wrong_type_is_named_with_its_place_and_what_is_taken() {
             json!({ "suite": 5, "model": "m" }),
             "suite must be the name of a suite, or an object, is 5",
         ),
-        (runs, own("tasks", json!("Pursuit")), "suite.tasks must be a list, is \"Pursuit\""),
-        (runs, own("seeds", json!([1, "2"])), "suite.seeds[1] must be a whole number, is \"2\""),
-        (runs, json!({ "suite": { "name": "x" }, "model": "m" }), "suite.seeds is missing"),
+        (
+            runs,
+            own("tasks", json!("Pursuit")),
+            "suite is wrong at tasks: must be a list, is \"Pursuit\"",
+        ),
+        (
+            runs,
+            own("seeds", json!([1, "2"])),
+            "suite is wrong at seeds[1]: must be a whole number, is \"2\"",
+        ),
+        (runs, json!({ "suite": { "name": "x" }, "model": "m" }), "suite must have `seeds`"),
     ] {
         assert_eq!(refused(path, body.clone()).await, detail, "{body}");
     }
