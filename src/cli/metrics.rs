@@ -77,16 +77,16 @@ pub(super) async fn run(mut args: Args) -> anyhow::Result<()> {
         let game = of_journal(&args, journal).await;
         return show(&args, &game.with_context(|| format!("{}", path.display()))?);
     }
-    let client = args.server.clone().client().await?;
-    if args.game.starts_with("run_") {
-        return show_run(&args, &of_run(&args, &client).await?);
-    }
-    let is_known = ["ep_", "imp_"].iter().any(|prefix| args.game.starts_with(prefix));
+    let is_known = ["run_", "ep_", "imp_"].iter().any(|prefix| args.game.starts_with(prefix));
     if !is_known {
         bail!(
             "{} is no file, and no id of an episode (ep_…), a run (run_…) or an imported game (imp_…)",
             args.game
         );
+    }
+    let client = args.server.clone().client().await?;
+    if args.game.starts_with("run_") {
+        return show_run(&args, &of_run(&args, &client).await?);
     }
     show(&args, &of_server(&args, &client).await?)
 }

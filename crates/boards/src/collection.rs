@@ -432,7 +432,7 @@ mod tests {
                 "pick must be one of best, last, mean",
             ),
             (
-                Question { task: some("pursuit"), ..Question::default() },
+                Question { task: some("chess"), ..Question::default() },
                 "task must be one of Transport, Pursuit, Synchronization, Foraging, Flocking",
             ),
             (
