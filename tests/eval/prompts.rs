@@ -48,7 +48,10 @@ async fn anthropics_system_message_is_a_field_of_its_own() {
     })
     .await;
     let usual = ["--model", "m", "--api-base", endpoint.base(), "--api", "anthropic"];
-    bench.eval(&[&usual[..], &SMALL, &["--system", "Be brief."]].concat()).await.ends(0);
+    bench
+        .eval(&[&usual[..], &SMALL, &["--max-tokens", "64", "--system", "Be brief."]].concat())
+        .await
+        .ends(0);
     for seen in endpoint.seen() {
         assert_eq!(seen.body["system"], "Be brief.");
         assert_eq!(seen.body["messages"].as_array().map(Vec::len), Some(1));

@@ -171,7 +171,7 @@ async fn a_value_of_a_wrong_type_is_named_with_its_place_and_what_is_taken() {
         (json!(-1), "attempts must be a number of attempts, or a list of their windows, is -1"),
         (
             json!([{ "opens": "x" }]),
-            "attempts[0].opens is unknown; the fields are `opens_at` or `closes_at`",
+            "attempts is wrong at [0].opens: is unknown; the fields are `opens_at` or `closes_at`",
         ),
         (
             json!([{ "opens_at": "soon" }]),
