@@ -4,7 +4,7 @@
 //! ([`contact`]), which of them can only move together ([`components`]), and which of those do
 //! move, found by the exact flow ([`flow`]) or by the integer linear program that specifies it
 //! ([`ilp`]). The two are proven equal by tests; the flow is the default because it is faster.
-//! Mostly it has nothing to decide: where no wide body is pushed, contacts are lines ([`lines`]).
+//! Mostly it has nothing to decide: where no wide body is pushed, contacts are lines (`lines.rs`).
 
 pub mod components;
 pub mod contact;
