@@ -8,13 +8,14 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from swarmbench import Client, Server, wire
+from swarmbench import Client, Server, parallel_env, wire
 from swarmbench.server import find_binary
 
 pytest.importorskip("swarmbench._native", reason="only wheels of bindings/python have the native module")
 
 import gymnasium
 from gymnasium.vector import AutoresetMode
+from pettingzoo.test.parallel_test import parallel_api_test
 
 from swarmbench.cells import CHANNELS, encode_cells
 from swarmbench.native import VecEnv
@@ -128,12 +129,12 @@ def test_two_threads_step_two_batches() -> None:
     (lambda env: env.step(np.full((2, 12), 5)), "environment 0, agent 0: actions are 0 to 4, or -1 for none, not 5"),
     (lambda env: env.step([[0] * 12, [*[0] * 11, -2]]), "environment 1, agent 11: .* not -2"),
     (lambda env: env.step(np.zeros((2, 12), int), [[None] * 12] * 2), "messages=True"),
-    (lambda env: env.reset(seed=-1), "seed must be from 0 to 9007199254740991, is -1"),
-    (lambda env: env.reset(seed=2**53 - 1), "seed must be from 0 to 9007199254740991, is 9007199254740992"),
+    (lambda env: env.reset(seed=-1), "seed must be a whole number from 0 to 9007199254740991, is -1"),
+    (lambda env: env.reset(seed=2**53 - 1), "seed must be a whole number from 0 to 9007199254740991, is 9007"),
     (lambda env: env.reset(seed=[1]), "one number for each of 2 environments, has 1"),
     (lambda env: env.reset(seed="27"), "seed"),
     (lambda env: env.reset(mask=[True]), "mask must be 2 truths"),
-    (lambda env: env.fork(2, 0), "the environment must be from 0 to 1, is 2"),
+    (lambda env: env.fork(2, 0), "the environment must be a whole number from 0 to 1, is 2"),
     (lambda env: env.fork(0, [5]), "there is no environment 5"),
     (lambda env: env.load(0, b"{}"), "not the bytes of a state"),
     (lambda env: env.prompt(0, 12), "there is no agent 12"),
@@ -149,8 +150,9 @@ def test_what_is_wrong_is_named_and_changes_nothing(how: Any, says: str) -> None
 
 def test_what_cannot_be_made_is_named() -> None:
     wrongs: list[tuple[dict[str, Any], str]] = [
-        ({"num_envs": 0}, "num_envs must be from 1"), ({"num_agents": 0}, "num_agents must be from 1 to 1024, is 0"),
-        ({"width": 4}, "width must be from 8 to 256, is 4"), ({"seed": -1}, "seed must be from 0"),
+        ({"num_envs": 0}, "num_envs must be a whole number from 1"),
+        ({"num_agents": 0}, "num_agents must be from 1 to 1024, is 0"),
+        ({"width": 4}, "width must be from 8 to 256, is 4"), ({"seed": -1}, "seed must be a whole number from 0"),
         ({"observations": "text"}, "observations must be one of 'planes'"), ({"rules": "own"}, "rules"),
         ({"threads": -1}, "threads"), ({"task": "Chess"}, "task"),
     ]  # fmt: skip
@@ -164,6 +166,54 @@ def test_what_cannot_be_made_is_named() -> None:
     env = VecEnv(num_envs=1, record=False)
     with pytest.raises(RuntimeError, match="record=True"):
         env.state(0)
+
+
+@pytest.mark.parametrize("settings", [
+    {}, {"observations": "both", "messages": True, "noise": 0.5}, {"rewards": "individual", "rules": "reference"},
+    {"control": "centralized", "observations": "text"},
+], ids=str)  # fmt: skip
+@pytest.mark.parametrize("task", TASKS)
+def test_parallel_environments_are_the_same_on_a_server_and_here(
+    server: Server, task: wire.TaskName, settings: dict[str, Any]
+) -> None:
+    common: dict[str, Any] = {"seed": 27, "num_agents": 4, "max_round": 6, **settings}
+    there = parallel_env(task, server=server, **common)
+    here = parallel_env(task, backend="native", **common)
+    try:
+        for _ in range(2):
+            assert same(there.reset(), here.reset())
+            assert (there.seed, there.agents) == (here.seed, here.agents)
+            random = np.random.default_rng(5)
+            while there.agents:
+                actions: dict[str, Any] = {agent: int(random.integers(len(there.actions))) for agent in there.agents}
+                if "messages" in settings:
+                    actions = {
+                        agent: {"action": action, "message": f"I do {action}"} for agent, action in actions.items()
+                    }
+                assert same(there.step(actions), here.step(actions))
+                assert there.agents == here.agents
+                assert np.array_equal(there.state(), here.state())
+    finally:
+        there.close()
+        here.close()
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether both have the same parts, up to single precision."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(part, other[name]) for name, part in one.items())
+    if isinstance(one, tuple):
+        return len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, np.ndarray):
+        return one.dtype == other.dtype and np.array_equal(one, other)
+    if isinstance(one, float):
+        return bool(np.float32(one) == np.float32(other))
+    return bool(one == other)
+
+
+def test_it_passes_pettingzoos_own_test() -> None:
+    for task in TASKS:
+        parallel_api_test(parallel_env(task, backend="native", num_agents=4, max_round=10))
 
 
 @pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])

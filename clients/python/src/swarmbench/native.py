@@ -18,7 +18,7 @@ from .checks import one_of, probability, task_name, whole
 from .wire import Sight, TaskName
 
 try:
-    from . import _native  # type: ignore[attr-defined, unused-ignore] # only wheels of bindings/python have it
+    from . import _native
 except ImportError as error:
     raise ModuleNotFoundError(
         "this installation of swarmbench has no native module: it was installed from clients/python, or for a platform "
@@ -31,7 +31,7 @@ ACTIONS = ("UP", "DOWN", "LEFT", "RIGHT", "STAY")
 SEED_MAX = 2**53 - 1
 
 Arrays: TypeAlias = dict[str, Any]
-Words: TypeAlias = str | tuple[str, int] | None
+Words: TypeAlias = str | tuple[str, int | None] | None
 """What an agent says: a text, a text and the number of its only receiver (for a commander), or nothing."""
 
 
@@ -227,7 +227,7 @@ class VecEnv:
 
     def state(self, index: int) -> bytes:
         """The state of an environment: its settings, and all acts that led to it. Other programs can load it."""
-        return cast("bytes", self._native.state(self._index(index)))
+        return self._native.state(self._index(index))
 
     def load(self, index: int, state: bytes) -> Arrays:
         """Puts an environment into a state; its acts are played again."""
@@ -236,18 +236,18 @@ class VecEnv:
 
     def world_digest(self, index: int) -> str:
         """The SHA-256 of an environment's state, as journals have it."""
-        return cast("str", self._native.digest(self._index(index)))
+        return self._native.digest(self._index(index))
 
     def journal(self, index: int) -> bytes:
         """The journal of an environment's episode so far, which `swarmbench verify` reads."""
         self._journals += 1
         now = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
         episode = f"ep_{secrets.token_hex(16)}"
-        return cast("bytes", self._native.journal(self._index(index), episode, now))
+        return self._native.journal(self._index(index), episode, now)
 
     def prompt(self, index: int, agent: int) -> str:
         """What an agent may know, as text for a language model: the prompt of the server."""
-        return cast("str", self._native.prompt(self._index(index), whole("agent", agent, 0, 2**16), self._template))
+        return self._native.prompt(self._index(index), whole("agent", agent, 0, 2**16), self._template)
 
     def sight(self, index: int, agent: int) -> Sight:
         """What an agent may know, as the server writes it. The id of the episode is empty."""
@@ -256,7 +256,7 @@ class VecEnv:
 
     def map(self, index: int) -> list[list[str]]:
         """The whole map of an environment, in the symbols that agents see: a number for each agent, with a mark."""
-        return cast("list[list[str]]", self._native.map(self._index(index)))
+        return self._native.map(self._index(index))
 
     def heard(self) -> list[list[list[str]]]:
         """The messages that were received with the current observations, by environment and agent."""
