@@ -6,7 +6,7 @@ use comfy_table::{CellAlignment, ContentArrangement, Table};
 use swarmbench_engine::{AnswerReader, TaskName};
 
 use super::options::{ServerArgs, Source, open_database, rules};
-use super::output::{self, mean, rank, table, total};
+use super::output::{self, mean, rank, reasons, table, total};
 use crate::standings::Standings;
 use swarmbench_boards::collection::Question;
 use swarmbench_boards::cross_play::pairs;
@@ -167,6 +167,10 @@ fn show(board: &Leaderboard) {
         return;
     }
     out!("{}", rows(board, width));
+    let failing = board.items.iter().map(|row| (row.model.as_str(), &row.failures));
+    for reason in reasons(failing, width) {
+        out!("{reason}");
+    }
     out!("? this name is not vouched for   * a row of the paper");
     if board.items.iter().any(|row| !row.other_rules.is_empty()) {
         out!("≠ played by other rules than those of this board, at its scale");

@@ -12,6 +12,7 @@ use comfy_table::{Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use swarmbench_client::client::ClientError;
+use swarmbench_protocol::failure::Failures;
 
 /// Prints a line to the standard output.
 macro_rules! out {
@@ -164,4 +165,39 @@ pub(super) fn progress_bar(template: &str) -> ProgressBar {
 pub(super) fn set(bar: &ProgressBar, done: u64, all: u64) {
     bar.set_length(all);
     bar.set_position(done);
+}
+
+/// Rows whose reasons are shown below a board.
+const REASONS_MAX: usize = 10;
+
+/// Why answers did not count, of the first rows of a board that have any, in lines of at most so many columns.
+pub(super) fn reasons<'a>(
+    rows: impl Iterator<Item = (&'a str, &'a Failures)>,
+    width: u16,
+) -> Vec<String> {
+    let failing: Vec<_> = rows.filter(|(_, failures)| !failures.is_empty()).collect();
+    let shown = failing.iter().take(REASONS_MAX).map(|(name, failures)| {
+        wrapped(&format!("{name}: answers that did not count: {}", failures.words()), width.into())
+    });
+    let more = failing.len().saturating_sub(REASONS_MAX);
+    let rest = (more > 0).then(|| format!("and {more} more rows: --json has all"));
+    shown.chain(rest).collect()
+}
+
+/// A sentence in lines of at most so many columns, where no word is longer; further lines are indented.
+pub(super) fn wrapped(text: &str, width: usize) -> String {
+    let (mut lines, mut column) = (String::new(), 0);
+    for word in text.split(' ') {
+        let length = word.chars().count();
+        if column > 0 && column + 1 + length > width {
+            lines.push_str("\n  ");
+            column = 2;
+        } else if column > 0 {
+            lines.push(' ');
+            column += 1;
+        }
+        lines.push_str(word);
+        column += length;
+    }
+    lines
 }

@@ -3,7 +3,7 @@
 use comfy_table::Table;
 
 use crate::cli::leaderboard::below;
-use crate::cli::output::{cell, mean, rank, table, total};
+use crate::cli::output::{cell, mean, rank, reasons, table, total};
 use swarmbench_protocol::competition::{
     AttemptSummary, Competition, CompetitionBoard, EntrantSummary, InvitationCodes,
 };
@@ -144,6 +144,11 @@ pub(super) fn print_board(board: &CompetitionBoard) {
         shown.add_row(cells);
     }
     out!("{shown}");
+    let failing = board.items.iter().map(|row| (row.entrant.name.as_str(), &row.failures));
+    let width = terminal_size::terminal_size().map_or(u16::MAX, |(width, _)| width.0);
+    for reason in reasons(failing, width) {
+        out!("{reason}");
+    }
     if board.shows == "totals" {
         out!("The scores of each task are shown when the competition is closed.");
     }

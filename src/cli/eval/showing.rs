@@ -9,7 +9,7 @@ use serde_json::json;
 use swarmbench_engine::{Seed, TaskName};
 
 use super::super::leaderboard::{fit, short};
-use super::super::output::{self, table};
+use super::super::output::{self, table, wrapped};
 use super::Hosting;
 use super::estimate::{ESTIMATED, Estimate, estimate};
 use swarmbench_client::eval::experiment::Shape;
@@ -187,24 +187,6 @@ fn drawn(plan: &Plan, report: &Report, width: u16) -> comfy_table::Table {
 /// Why answers did not count, in lines of so many columns.
 fn reasons(report: &Report, width: u16) -> Vec<String> {
     report.reasons().iter().map(|reason| wrapped(reason, width.into())).collect()
-}
-
-/// A sentence in lines of at most so many columns, where no word is longer; further lines are indented.
-fn wrapped(text: &str, width: usize) -> String {
-    let (mut lines, mut column) = (String::new(), 0);
-    for word in text.split(' ') {
-        let length = word.chars().count();
-        if column > 0 && column + 1 + length > width {
-            lines.push_str("\n  ");
-            column = 2;
-        } else if column > 0 {
-            lines.push(' ');
-            column += 1;
-        }
-        lines.push_str(word);
-        column += length;
-    }
-    lines
 }
 
 /// A table of which the first column alone may be broken, and how many columns of a terminal it takes at least.
