@@ -175,7 +175,7 @@ async fn a_value_of_a_wrong_type_is_named_with_its_place_and_what_is_taken() {
         ),
         (
             json!([{ "opens_at": "soon" }]),
-            "attempts[0].opens_at must be a time such as 2027-03-01T12:00:00Z, is \"soon\"",
+            "attempts is wrong at [0].opens_at: must be a time such as 2027-03-01T12:00:00Z, is \"soon\"",
         ),
     ] {
         let body = json!({ "attempts": body });
