@@ -170,7 +170,7 @@ pub(super) fn set(bar: &ProgressBar, done: u64, all: u64) {
 /// Rows whose reasons are shown below a board.
 const REASONS_MAX: usize = 10;
 
-/// Why answers did not count, of the first rows of a board that have any, in lines of at most so many columns.
+/// Why answers did not count: the first rows of a board that have such answers, in lines of at most `width` columns.
 pub(super) fn reasons<'a>(
     rows: impl Iterator<Item = (&'a str, &'a Failures)>,
     width: u16,
@@ -184,7 +184,7 @@ pub(super) fn reasons<'a>(
     shown.chain(rest).collect()
 }
 
-/// A sentence in lines of at most so many columns, where no word is longer; further lines are indented.
+/// A sentence in lines of at most `width` columns; a longer word has a line of its own. Further lines are indented.
 pub(super) fn wrapped(text: &str, width: usize) -> String {
     let (mut lines, mut column) = (String::new(), 0);
     for word in text.split(' ') {

@@ -252,7 +252,7 @@ async fn one_that_is_refused_waits_alone() {
     assert_eq!(endpoint.seen().len(), 3);
 }
 
-/// So many refusals close the gate.
+/// The number of refusals that closes the gate.
 const MANY: usize = 11;
 
 #[tokio::test]

@@ -17,7 +17,7 @@ use crate::names::{AnswerReader, Control, TaskName};
 pub struct Answer {
     /// What the agent does; nothing at all where the answer is invalid.
     pub act: Act,
-    /// Why it does not count; none where it names an action, or is only a message.
+    /// Why it is invalid; `None` where it names an action, or is only a message.
     pub fault: Option<Fault>,
 }
 

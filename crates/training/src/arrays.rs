@@ -42,7 +42,7 @@ pub struct Gains<'a> {
     pub agent_done: &'a mut [bool],
 }
 
-/// Cuts each slice in two, the first part with so many elements for each of `count` environments.
+/// Cuts each slice in two; the first part has the elements of the first `count` environments.
 macro_rules! split {
     ($kind:ident, $from:expr, $count:expr, { $($field:ident: $each:expr),* $(,)? }) => {{
         $(let $field = $from.$field.split_at_mut($count * $each);)*

@@ -184,7 +184,7 @@ fn drawn(plan: &Plan, report: &Report, width: u16) -> comfy_table::Table {
     shown
 }
 
-/// Why answers did not count, in lines of so many columns.
+/// Why answers did not count, in lines of at most `width` columns.
 fn reasons(report: &Report, width: u16) -> Vec<String> {
     report.reasons().iter().map(|reason| wrapped(reason, width.into())).collect()
 }

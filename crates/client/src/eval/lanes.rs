@@ -1,4 +1,4 @@
-//! Plays the runs of a plan: those of different endpoints side by side, and at each endpoint so many models at once. The
+//! Plays the runs of a plan: those of different endpoints side by side, and at each endpoint a limited number of models at once. The
 //! runs of one player are played one after the other, in the order of the plan.
 
 use std::cell::{Cell, RefCell};

@@ -21,7 +21,7 @@ mod tests;
 /// How many of the last 32 requests may be refused before the gate closes: a third of them.
 const REFUSALS_MAX: u32 = 10;
 
-/// With so many refusals among the last 32 requests, no more may be in flight than before: an eighth of them.
+/// Refusals among the last 32 requests, an eighth of them, from which the limit of requests in flight no longer grows.
 const REFUSALS_TO_STAY: u32 = 4;
 
 /// See the module.

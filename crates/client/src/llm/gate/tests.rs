@@ -38,7 +38,7 @@ impl Clock for Simulated {
 enum Refuses {
     /// By chance, one in 2³² / this.
     Share(u32),
-    /// What comes faster than so many a second; so many may come at once after a pause.
+    /// Refuses what comes faster than this rate per second; after a pause a second's worth may come at once.
     Faster { a_second: f64, tokens: f64, at: Instant },
 }
 
