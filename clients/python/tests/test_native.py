@@ -1,5 +1,8 @@
 """Environments in this process: the game of the server, as arrays."""
 
+import json
+import os
+import pickle
 import subprocess
 import threading
 from pathlib import Path
@@ -8,7 +11,7 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from swarmbench import Client, Server, parallel_env, wire
+from swarmbench import Client, Server, SwarmbenchError, parallel_env, wire
 from swarmbench.server import find_binary
 
 pytest.importorskip("swarmbench._native", reason="only wheels of bindings/python have the native module")
@@ -18,7 +21,7 @@ from gymnasium.vector import AutoresetMode
 from pettingzoo.test.parallel_test import parallel_api_test
 
 from swarmbench.cells import CHANNELS, encode_cells
-from swarmbench.native import VecEnv
+from swarmbench.native import VecEnv, Words
 from swarmbench.vector import vector_env
 
 TASKS: tuple[wire.TaskName, ...] = get_args(wire.TaskName)
@@ -72,6 +75,38 @@ def test_it_plays_the_game_of_the_server(client: Client, task: wire.TaskName, se
         state = client.state(episode["id"], round=round + 1)
         assert told["score"][0] == np.float32(state["score"])
     assert env.world_digest(0) in client.journal(episode["id"]).decode()
+
+
+GOLDEN = sorted(
+    (Path(os.environ.get("SWARMBENCH_ROOT", Path(__file__).resolve().parents[3])) / "tests/golden/1").glob("*.jsonl")
+)
+ENGINE = (
+    "task", "rules", "control", "num_agents", "width", "height", "view_size", "memory", "max_round", "noise",
+    "max_delay",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("path", GOLDEN, ids=lambda path: path.stem)
+def test_recorded_games_are_played_to_the_same_states(path: Path) -> None:
+    opening, *records = [json.loads(line)["record"] for line in path.read_text().strip().split("\n")]
+    settings = {name: opening["config"][name] for name in ENGINE}
+    env = VecEnv(num_envs=1, messages=True, autoreset="disabled", **settings)
+    env.reset(seed=[opening["config"]["seed"]])
+    rounds = [record for record in records if record["kind"] == "round"]
+    for record in rounds:
+        actions = np.full((1, env.num_agents), -1)
+        words: list[Words] = [None] * env.num_agents
+        for act in record["acts"]:
+            place = int(act["agent"].removeprefix("Agent_"))
+            if act.get("action") in env.actions:
+                actions[0, place] = env.actions.index(act["action"])
+            if act.get("message"):
+                to = act.get("to")
+                words[place] = (act["message"], None if to is None else int(to.removeprefix("Agent_")))
+        told = env.step(actions, [words])
+        assert env.world_digest(0) == record["digest"]
+        assert told["score"][0] == np.float32(record["score"])
+    assert bool(env.buffers["terminated"][0]) == (bool(rounds) and records[-1].get("status") == "finished")
 
 
 def test_another_program_verifies_its_journal(tmp_path: Path) -> None:
@@ -170,7 +205,7 @@ def test_what_cannot_be_made_is_named() -> None:
 
 @pytest.mark.parametrize("settings", [
     {}, {"observations": "both", "messages": True, "noise": 0.5}, {"rewards": "individual", "rules": "reference"},
-    {"control": "centralized", "observations": "text"},
+    {"control": "centralized", "observations": "text"}, {"observations": "flat"},
 ], ids=str)  # fmt: skip
 @pytest.mark.parametrize("task", TASKS)
 def test_parallel_environments_are_the_same_on_a_server_and_here(
@@ -214,6 +249,41 @@ def same(one: Any, other: Any) -> bool:
 def test_it_passes_pettingzoos_own_test() -> None:
     for task in TASKS:
         parallel_api_test(parallel_env(task, backend="native", num_agents=4, max_round=10))
+
+
+def test_copies_begin_anew() -> None:
+    env = VecEnv("Pursuit", 2, max_round=7, seed=3, autoreset="disabled")
+    first = env.reset()
+    env.step(np.zeros((2, 12), np.int64))
+    again = pickle.loads(pickle.dumps(env))
+    assert (again.max_round, again.autoreset) == (7, "disabled")
+    assert np.array_equal(again.reset()["seed"], first["seed"])
+    single = parallel_env("Pursuit", backend="native", num_agents=3, seed=5)
+    single.reset()
+    other = pickle.loads(pickle.dumps(single))
+    assert other.agents == []
+    with pytest.raises(SwarmbenchError, match="reset"):
+        other.step({})
+    one, _ = single.reset(seed=9)
+    two, _ = other.reset(seed=9)
+    assert same(one, two)
+
+
+def test_supersuit_makes_vectors_of_it() -> None:
+    supersuit = pytest.importorskip("supersuit", reason=".ci/wheel installs it")
+    env = supersuit.black_death_v3(
+        parallel_env("Transport", backend="native", observations="flat", max_round=5, seed=1)
+    )
+    vectors = supersuit.concat_vec_envs_v1(
+        supersuit.pettingzoo_env_to_vec_env_v1(env), 2, num_cpus=0, base_class="gymnasium"
+    )
+    seen, _ = vectors.reset(seed=1)
+    random = np.random.default_rng(1)
+    for _ in range(7):
+        assert seen.shape == (24, *vectors.observation_space.shape[-1:])
+        seen, rewards, ended, _, _ = vectors.step(random.integers(0, 5, 24))
+        assert rewards.shape == ended.shape == (24,)
+    vectors.close()
 
 
 @pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])

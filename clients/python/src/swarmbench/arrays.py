@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from numpy.typing import NDArray
 
 from .cells import CHANNELS, encode_cells
 from .wire import Observation, State
@@ -39,6 +40,7 @@ class Layout:
     ) -> None:
         self.window = window
         self.messages = messages
+        self._farthest = np.array(size, np.float32) - 1
         self.flag = {"Synchronization": "light_on", "Foraging": "carrying_food"}.get(task)
         self._num_agents = num_agents
         self._size = size
@@ -60,6 +62,25 @@ class Layout:
             text = spaces.Text(MESSAGE_CHARS_RECEIVED_MAX, min_length=1, charset=PRINTABLE)
             parts["messages"] = spaces.Sequence(text)
         return parts
+
+    def flat_space(self) -> spaces.Box:
+        """The space of observations as vectors of numbers from -1 to 1."""
+        length = len(CHANNELS) * self.window[0] * self.window[1] + 3 + (self.flag is not None)
+        return spaces.Box(-1.0, 1.0, (length,), np.float32)
+
+    def flatten(self, parts: dict[str, Any]) -> NDArray[np.float32]:
+        """Observations as vectors: the planes row by row, position, round and flag.
+
+        Args:
+            parts: Arrays of the shapes of `space()`, for one agent or, with more dimensions before these, for many.
+        """
+        view = parts["view"]
+        place = np.maximum(parts["position"] / self._farthest * 2 - 1, -1)
+        past = parts["round"] / np.float32(self._max_round)
+        columns = [view.reshape(*view.shape[:-3], -1), place, past]
+        if self.flag is not None:
+            columns.append(parts[self.flag])
+        return np.concatenate(columns, axis=-1, dtype=np.float32, casting="same_kind")
 
     def encode(self, observation: Observation) -> dict[str, Any]:
         """An observation as arrays. An agent that has escaped is at (-1, -1) and sees nothing but the outside."""

@@ -44,7 +44,7 @@ def parallel_env(
     server: str | Server | Client | None = None,
     token: str | None = None,
     rewards: Literal["team", "individual"] = "team",
-    observations: Literal["array", "text", "both"] = "array",
+    observations: Literal["array", "flat", "text", "both"] = "array",
     messages: bool = False,
     render_mode: Literal["ansi", "human", "rgb_array"] | None = None,
     rules: Literal["paper", "reference"] = "paper",
@@ -77,7 +77,8 @@ def parallel_env(
             server of its own at the first `reset` and stops it with `close`.
         token: A key, where the server named by its address asks for one.
         rewards: `team`: the change of the score for everybody. `individual`: what the agents did themselves.
-        observations: `array`: a dictionary of arrays. `text`: the server's prompt. `both`: the arrays with `prompt`.
+        observations: `array`: a dictionary of arrays. `flat`: one vector with the planes, position, round and flag, for
+            ordinary learners. `text`: the server's prompt. `both`: the arrays with `prompt`.
         messages: Whether agents talk: an action then is `{"action": …, "message": …}`, and arrays come with `messages`.
         render_mode: What `render` makes of the whole map.
         rules: The rule set.
@@ -165,10 +166,12 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         render_mode: str | None,
     ) -> None:
         one_of("rewards", rewards, ("team", "individual"))
-        one_of("observations", observations, ("array", "text", "both"))
+        one_of("observations", observations, ("array", "flat", "text", "both"))
         one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         if not isinstance(messages, bool | np.bool_):
             raise ArgumentError(f"messages must be True or False, is {shown(messages)}")
+        if messages and observations == "flat":
+            raise ArgumentError("a flat observation is numbers only, so there are no messages in it: messages=False")
         if seed is not None:
             seed = whole("seed", seed, 0, SEED_MAX)
         self.render_mode = render_mode
@@ -320,6 +323,13 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy, also one in another process, has the same arguments and is before its first `reset`."""
+        return {
+            **self.__dict__, "agents": [], "seed": None, "episode": None, "score": 0.0, "seen": {}, "_seats": {},
+            "_cursor": None, "_round": 0, "_is_over": True, "_is_closed": False, "_resources": None, "_finalizer": None,
+        }  # fmt: skip
+
     # Spaces.
 
     def _observation_space(self) -> spaces.Space[Any]:
@@ -328,6 +338,8 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         prompt = spaces.Text(PROMPT_CHARS_MAX, min_length=0, charset=frozenset(characters))
         if self._observations == "text":
             return prompt
+        if self._observations == "flat":
+            return self._layout.flat_space()
         parts = self._layout.space()
         if self._observations == "both":
             parts["prompt"] = prompt
@@ -399,7 +411,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
     def _look(self) -> None:
         """Takes what every agent sees in the next round, or at the end."""
         swarm = self._playing()
-        wants_prompt = self._observations != "array" or None
+        wants_prompt = self._observations in {"text", "both"} or None
         fresh: dict[str, Observation] = {}
         while not fresh and not self._is_over:
             answer: SwarmObsResponse = swarm.swarm_obs(after=self._cursor, wait=WAIT_S, limit=1024, prompt=wants_prompt)
@@ -437,6 +449,8 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         if self._observations == "text":
             return sight.get("prompt")
         parts = self._layout.encode(sight)
+        if self._observations == "flat":
+            return self._layout.flatten(parts)
         if self._observations == "both":
             parts["prompt"] = sight.get("prompt")
         return parts

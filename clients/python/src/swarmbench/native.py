@@ -7,6 +7,7 @@ import json
 import secrets
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
+from functools import partial
 from types import TracebackType
 from typing import Any, Literal, TypeAlias, cast
 
@@ -115,6 +116,7 @@ class VecEnv:
         record: bool = True,
         prompt_template: str | None = None,
     ) -> None:
+        self._arguments = {name: value for name, value in locals().items() if name != "self"}
         one_of("observations", observations, ("planes", "symbols", "none"))
         one_of("rewards", rewards, ("team", "individual"))
         one_of("autoreset", autoreset, ("next_step", "same_step", "disabled"))
@@ -274,6 +276,10 @@ class VecEnv:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy, also one in another process, has the same arguments and is before its first `reset`."""
+        return partial(type(self), **self._arguments), ()
 
     def __repr__(self) -> str:
         return f"VecEnv({self.task!r}, num_envs={self.num_envs}, num_agents={self.num_agents})"

@@ -123,6 +123,10 @@ class NativeSwarmEnv(SwarmEnv):
         self._is_closed = True
         self.world.close()
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.seen = _Seen(self.world)
+
     def _make(self) -> VecEnv:
         settings: dict[str, Any] = dict(self._settings)
         return VecEnv(
@@ -161,6 +165,7 @@ class NativeSwarmEnv(SwarmEnv):
             }
             if world.flag is not None:
                 parts[world.flag] = buffers[world.flag][0].reshape(count, 1).copy()
+        rows = self._layout.flatten(parts) if self._observations == "flat" else None
         on_map = (buffers["position"][0, :, 0] >= 0).tolist()
         observations: dict[str, Any] = {}
         infos: dict[str, dict[str, Any]] = {}
@@ -169,6 +174,8 @@ class NativeSwarmEnv(SwarmEnv):
             messages = [] if heard is None else heard[place]
             if self._observations == "text":
                 observations[agent] = world.prompt(0, place)
+            elif rows is not None:
+                observations[agent] = rows[place]
             else:
                 seen: dict[str, Any] = {name: part[place] for name, part in parts.items()}
                 if heard is not None:

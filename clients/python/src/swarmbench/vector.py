@@ -9,6 +9,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from .arrays import Layout
 from .cells import CHANNELS
 from .native import VecEnv
 from .wire import TaskName
@@ -60,6 +61,9 @@ class SwarmVectorEnv(VectorEnv[Any, Any, Any]):
             raise TypeError(f"{refused[0]} is no option of a vector environment: use VecEnv itself")
         form: Any = "planes" if observations == "flat" else observations
         self.worlds = VecEnv(task, num_envs, observations=form, copy=False, **options)
+        self._layout = Layout(
+            self.worlds.task, self.worlds.window, self.worlds.size, self.worlds.num_agents, self.worlds.max_round, False
+        )
         self._by_agent = agents == "flat"
         self._flat = observations == "flat"
         self.render_mode = None
@@ -119,8 +123,8 @@ class SwarmVectorEnv(VectorEnv[Any, Any, Any]):
         worlds = self.worlds
         window, seats = worlds.window, () if self._by_agent else (worlds.num_agents,)
         if self._flat:
-            length = len(CHANNELS) * window[0] * window[1] + 3 + (worlds.flag is not None)
-            return spaces.Box(-1.0, 1.0, (*seats, length), np.float32)
+            row = self._layout.flat_space()
+            return spaces.Box(-1.0, 1.0, (*seats, *row.shape), np.float32)
         view = worlds.buffers["view"]
         last = np.broadcast_to(np.array(worlds.size, np.int32) - 1, (*seats, 2)).copy()
         parts: dict[str, spaces.Space[Any]] = {
@@ -138,15 +142,11 @@ class SwarmVectorEnv(VectorEnv[Any, Any, Any]):
         worlds = self.worlds
         seats = (worlds.num_envs, worlds.num_agents)
         if self._flat:
-            size = np.array(worlds.size, np.float32) - 1
-            parts = [
-                told["view"].reshape(*seats, -1).astype(np.float32),
-                np.where(told["alive"][..., None], told["position"] / size * 2 - 1, -1).astype(np.float32),
-                np.broadcast_to(told["round"][:, None, None] / np.float32(worlds.max_round), (*seats, 1)),
-            ]
+            rounds = np.broadcast_to(told["round"][:, None, None], (*seats, 1))
+            parts = {"view": told["view"], "position": told["position"], "round": rounds}
             if worlds.flag is not None:
-                parts.append(told[worlds.flag][..., None].astype(np.float32))
-            flat = np.concatenate(parts, axis=-1, dtype=np.float32)
+                parts[worlds.flag] = told[worlds.flag][..., None]
+            flat = self._layout.flatten(parts)
             return flat.reshape(self.num_envs, -1) if self._by_agent else flat
         names = ["view", "agents", "position", *([worlds.flag] if worlds.flag is not None else [])]
         observed = {name: told[name].copy() for name in names}
