@@ -8,9 +8,13 @@ actions; numbers are medians over the turns, in which all that is measured takes
 
 import argparse
 import os
+import resource
 import statistics
+import subprocess
+import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -79,6 +83,36 @@ def parallel(task: TaskName, backend: str) -> Measure:
     return measure
 
 
+def prompts(task: TaskName) -> Measure:
+    env = VecEnv(task, 1, seed=1, memory=5)
+    env.reset()
+    for _ in range(10):
+        env.step(np.zeros((1, AGENTS), np.int64))
+
+    def measure(seconds: float) -> tuple[float, float]:
+        return timed(lambda place: env.prompt(0, place % AGENTS), 1, seconds)
+
+    return measure
+
+
+def memory(task: TaskName) -> float:
+    """Bytes of an environment, of 10,000 that have played an episode, with their arrays; in a process of its own."""
+    program = f"import bench; bench.grown({task!r})"
+    told = subprocess.run([sys.executable, "-c", program], cwd=Path(__file__).parent, check=True, capture_output=True)
+    return float(told.stdout)
+
+
+def grown(task: TaskName) -> None:
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    env = VecEnv(task, 10_000, seed=1, threads=1, copy=False)
+    env.reset()
+    turn = np.random.default_rng(1).integers(0, len(env.actions), (10_000, AGENTS))
+    for _ in range(120):
+        env.step(turn)
+    unit = 1 if sys.platform == "darwin" else 1024
+    print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * unit / 10_000)
+
+
 def timed(step: Callable[[int], object], each: int, seconds: float) -> tuple[float, float]:
     """Steps a second by the clock, and by processor time."""
     clock, used, count = time.perf_counter(), time.process_time(), 0
@@ -103,12 +137,13 @@ def main() -> None:
         "one environment": lambda task: steps(task, 1, 1, "planes"),
         "parallel_env": lambda task: parallel(task, "native"),
         "forks": forks,
+        "prompts": prompts,
     }
     if not arguments.no_http:
         columns["over HTTP"] = lambda task: parallel(task, "http")
     print(f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.1f}; environment steps a second by the clock")
-    print("| task | " + " | ".join(columns) + " | share of the engine (processor time) |")
-    print("| --- |" + " ---: |" * (len(columns) + 1))
+    print("| task | " + " | ".join(columns) + " | share of the engine (processor time) | memory |")
+    print("| --- |" + " ---: |" * (len(columns) + 2))
     for task in TASKS:
         measures = {name: make(task) for name, make in columns.items()}
         rates: dict[str, list[tuple[float, float]]] = {name: [] for name in columns}
@@ -118,7 +153,10 @@ def main() -> None:
         clock = {name: statistics.median(rate for rate, _ in found) for name, found in rates.items()}
         used = {name: statistics.median(rate for _, rate in found) for name, found in rates.items()}
         cells = " | ".join(f"{rate:,.0f}" for rate in clock.values())
-        print(f"| {task} | {cells} | {100 * used['1 thread'] / used['engine']:.0f} % |", flush=True)
+        print(
+            f"| {task} | {cells} | {100 * used['1 thread'] / used['engine']:.0f} % | {memory(task) / 1000:.1f} kB |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":
