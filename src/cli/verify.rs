@@ -15,6 +15,7 @@ use crate::store::check::{Damage, check};
 use swarmbench_boards::competition::standings::Row;
 use swarmbench_boards::competition::verify::{self as competition, Expected};
 use swarmbench_journal::chain::Head;
+use swarmbench_journal::fork::verify_fork;
 use swarmbench_journal::replay::verify;
 
 #[derive(Debug, clap::Args)]
@@ -30,7 +31,7 @@ pub(super) struct Args {
     #[arg(required_unless_present = "db")]
     file: Option<PathBuf>,
     /// Check a whole database instead.
-    #[arg(long, conflicts_with_all = ["file", "competition", "head", "commitment", "solver"])]
+    #[arg(long, conflicts_with_all = ["file", "competition", "head", "commitment", "solver", "parent"])]
     db: Option<PathBuf>,
     /// The file is the export of a competition: check its commitment and that every game has the seed and the
     /// settings of its place in the plan, replay all games, and recompute the board.
@@ -40,6 +41,10 @@ pub(super) struct Args {
     /// export, as the organizer published it. Without it only consistency is checked, not the origin of the file.
     #[arg(long)]
     head: Option<String>,
+    /// The journal of the parent, where the file is the journal of a fork: check that the fork took over what its parent
+    /// played.
+    #[arg(long, value_name = "FILE", conflicts_with = "competition")]
+    parent: Option<PathBuf>,
     /// The commitment that was published before the competition was played, in hexadecimal.
     #[arg(long, requires = "competition")]
     commitment: Option<String>,
@@ -122,8 +127,7 @@ fn run_file(args: &Args, file: &Path) -> anyhow::Result<()> {
     let journal: Box<dyn BufRead> = if file.as_os_str() == "-" {
         Box::new(BufReader::new(std::io::stdin()))
     } else {
-        let opened = File::open(file);
-        Box::new(BufReader::new(opened.with_context(|| format!("{}", file.display()))?))
+        Box::new(open(file)?)
     };
     if file.extension().is_some_and(|end| end == "db") {
         bail!("{0} is a database: check it with `swarmbench verify --db {0}`", file.display());
@@ -132,7 +136,13 @@ fn run_file(args: &Args, file: &Path) -> anyhow::Result<()> {
         return run_competition(args, file, journal, head, solver);
     }
     let bar = progress_bar("{bar:30} round {pos} of {len}");
-    let report = verify(journal, head, solver, |round, of| set(&bar, round.into(), of.into()));
+    let played = |round: u32, of: u32| set(&bar, round.into(), of.into());
+    let report = match &args.parent {
+        None => verify(journal, head, solver, played).map_err(anyhow::Error::from),
+        Some(parent) => {
+            verify_fork(journal, open(parent)?, head, solver, played).map_err(anyhow::Error::from)
+        }
+    };
     bar.finish_and_clear();
     let report = report.with_context(|| format!("{} does not verify", file.display()))?;
     let config = &report.opening.config;
@@ -143,6 +153,7 @@ fn run_file(args: &Args, file: &Path) -> anyhow::Result<()> {
             "model": config.model, "rounds": report.rounds, "max_round": config.max_round, "score": report.score,
             "end": end.map(|end| json!({ "status": end.status, "reason": end.reason })),
             "seats": report.seats, "head": report.head.to_string(), "head_is_expected": head.is_some(),
+            "fork": report.opening.fork, "parent_is_compared": args.parent.is_some(),
         }));
     }
     let end = report.end.as_ref().map_or("none: it was still running".to_owned(), |end| {
@@ -168,12 +179,21 @@ fn run_file(args: &Args, file: &Path) -> anyhow::Result<()> {
         ("end", end),
         ("head", report.head.to_string()),
     ];
-    out!("{}", fields(rows.into_iter().chain(holders)));
+    let fork = report.opening.fork.as_ref().map(|fork| {
+        let compared = if args.parent.is_some() { "compared" } else { "not compared; pass its journal with --parent FILE" };
+        ("fork", format!("plays on from round {} of {} ({compared})", fork.round, fork.episode))
+    });
+    out!("{}", fields(rows.into_iter().chain(fork).chain(holders)));
     match head {
         Some(_) => out!("verified: this is the journal with that head"),
         None => out!("{CONSISTENT_JOURNAL}"),
     }
     Ok(())
+}
+
+fn open(file: &Path) -> anyhow::Result<BufReader<File>> {
+    let opened = File::open(file);
+    Ok(BufReader::new(opened.with_context(|| format!("{}", file.display()))?))
 }
 
 fn parse_hash(option: &str, text: Option<&str>) -> anyhow::Result<Option<Head>> {

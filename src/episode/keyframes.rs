@@ -7,6 +7,7 @@ use swarmbench_engine::World;
 use super::heavy::step_micros;
 
 /// States of an episode. When there are too many, or they are too large, every second one is dropped.
+#[derive(Clone)]
 pub(super) struct Keyframes {
     stride: u32,
     worlds: Vec<Arc<World>>,
@@ -30,6 +31,11 @@ impl Keyframes {
         let stride = u32::try_from(stride.clamp(1, Self::STRIDE_MAX)).expect("at most STRIDE_MAX");
         let bytes = layout.approximate_bytes();
         Self { stride, worlds: vec![layout], bytes }
+    }
+
+    /// The state before the first round.
+    pub(super) fn layout(&self) -> &World {
+        &self.worlds[0]
     }
 
     pub(super) fn offer(&mut self, world: &Arc<World>) {

@@ -2,11 +2,11 @@
 //!
 //! [`lockstep`] is the barrier as a pure machine; [`actor`] performs its effects, one task an episode.
 //! [`seating`] assigns seats to holders. [`registry`] creates, finds and evicts episodes; [`recovery`] makes a
-//! running episode of a journal; [`replay`] computes states of earlier rounds; [`heavy`] estimates work and moves
+//! running episode of a journal; [`past`] is what a fork takes over; [`replay`] computes states of earlier rounds; [`heavy`] estimates work and moves
 //! it off the async threads; [`quota`] limits what each owner uses, [`memory`] estimates the memory of an episode.
 //! Readers look at the published [`Snapshot`].
 //!
-//! Modules know each other in one direction: `registry`, `recovery`, `replay`, `actor`, and below it all others.
+//! Modules know each other in one direction: `registry`, `recovery`, `past`, `replay`, `actor`, and below it all others.
 
 pub mod actor;
 pub mod heavy;
@@ -14,6 +14,7 @@ pub mod in_flight;
 mod keyframes;
 pub mod lockstep;
 pub mod memory;
+pub mod past;
 pub mod quota;
 pub mod recovery;
 pub mod registry;

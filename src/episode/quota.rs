@@ -120,7 +120,7 @@ pub enum Full {
     BytesOfCompetition(u64),
     /// Too many bytes come at once.
     #[error(
-        "this {whose} sent more than {most} bytes of long acts a second; send this act again later, or with less text"
+        "this {whose} sent more than {most} bytes of long acts and forks a second; send this again later, or with less text"
     )]
     BytesPerSecond {
         whose: Whose,
@@ -277,6 +277,28 @@ impl Quotas {
         if bytes > ACT_BYTES_ALWAYS {
             usage.write(&self.caps, party, bytes, now);
         }
+    }
+
+    /// Counts the bytes of `count` forks that a party makes at once, if they may be written now: `bytes` each.
+    pub fn take_forks(
+        &self,
+        party: Party,
+        (bytes, count): (u64, u64),
+        now: Timestamp,
+    ) -> Result<(), Full> {
+        let caps = &self.caps;
+        let all = bytes.saturating_mul(count);
+        let mut usage = self.usage();
+        usage.check_bytes(caps, party, all)?;
+        usage.check_rate(caps, party, now)?;
+        usage.add_bytes(party, all);
+        usage.write(caps, party, all, now);
+        Ok(())
+    }
+
+    /// Gives back the bytes of forks that were not made.
+    pub fn release_forks(&self, party: Party, (bytes, count): (u64, u64)) {
+        self.usage().release_bytes(party, bytes.saturating_mul(count));
     }
 
     /// Gives back bytes that were counted for acts which were not recorded.

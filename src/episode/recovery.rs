@@ -42,6 +42,7 @@ pub(super) async fn recover(
         keyframes: Keyframes::new(Arc::clone(&layout)),
         bank_spent: vec![Duration::ZERO; spec.config.num_agents().into()],
         bytes: 0,
+        first_round: spec.first_round(),
         tally: Tally::default(),
     };
     let rounds = Rounds {
@@ -54,7 +55,7 @@ pub(super) async fn recover(
     };
     let (world, mut history) = rounds.play(host, layout, history, History::see).await?;
     let open = journal.round_acts(stored.episode, stored.rounds).await?;
-    history.count(&open);
+    history.count(&open, stored.rounds);
     let outcome = match &stored.end {
         None => None,
         Some(end) => {
@@ -129,19 +130,23 @@ struct History {
     keyframes: Keyframes,
     bank_spent: Vec<Duration>,
     bytes: u64,
+    first_round: u32,
+    /// What the acts of its own rounds were.
     tally: Tally,
 }
 
 impl History {
-    fn count(&mut self, acts: &RoundActs) {
+    fn count(&mut self, acts: &RoundActs, round: u32) {
         for (_, act) in acts {
             self.bytes += act.bytes;
-            self.tally.add(&act.record);
+            if round >= self.first_round {
+                self.tally.add(&act.record);
+            }
         }
     }
 
     fn see(&mut self, acts: &RoundActs, world: &Arc<World>) {
-        self.count(acts);
+        self.count(acts, world.round() - 1);
         for (agent, act) in acts {
             self.bank_spent[agent.index()] += Duration::from_millis(act.record.bank_spent_ms);
         }

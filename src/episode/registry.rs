@@ -1,40 +1,33 @@
 //! All episodes of a server: creates them, finds them, recovers them from the journal on first use,
 //! and evicts idle ones.
 
+mod creation;
+
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicI64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
+use std::sync::atomic::AtomicI64;
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use futures::future::select;
 use futures::{StreamExt, stream};
 use jiff::Timestamp;
-use swarmbench_engine::World;
 use tokio::sync::{OnceCell, mpsc, oneshot};
-use tracing::Instrument as _;
 
-use super::actor::{EpisodeInit, Handle, Host, Running, Spawn, Times, seated, spawn};
-use super::heavy::{is_heavy, off_thread, step_micros};
-use super::keyframes::Keyframes;
-use super::lockstep::{Lockstep, ResumeState};
+use super::actor::{Handle, Host, Spawn, Times, spawn};
+use super::heavy::step_micros;
 use super::memory;
 use super::quota::{Full, Purpose, Quotas};
-use super::recovery::{RecoveryError, clocks, described, recover, recovered_for};
-use super::seating::Seating;
+use super::recovery::{RecoveryError, described, recover, recovered_for};
 use super::slot::Slot;
 use super::spec::Spec;
 use crate::budget::{Budget, NoMemory, Reservation, SMALL_BYTES};
 use crate::fair::{self, FairLimit, Group, Party, Rank, Shares};
 use crate::ids::{EpisodeId, EpisodeKey, RunKey};
-use crate::keys::OwnerKey;
-use crate::store::entries::{ClaimRow, Entry, Holder, OpeningRow, SeatingRow, TokenRow};
 use crate::store::port::{EpisodeStore, StoredEpisode, Unfinished};
 use crate::store::{Stopped, StoreError};
-use crate::work::{Cancelled, WorkError, Workers};
+use crate::work::Workers;
+pub use creation::{CreateError, Creation, FORK_PIECE_ROWS_MAX};
 use swarmbench_clock::{Clock, after};
-use swarmbench_journal::Tally;
-use swarmbench_journal::chain::Head;
-use swarmbench_journal::record::RawRecord;
 
 /// An episode that takes longer to play again, in microseconds, comes back after all others, and the server
 /// is ready without it.
@@ -68,20 +61,6 @@ fn recoveries() -> FairLimit {
     FairLimit::new("take_ups_max", Shares::halved(RECOVERIES_MAX, usize::MAX), Duration::MAX)
 }
 
-/// What belongs to a new episode beside its description.
-pub struct Creation {
-    pub id: EpisodeId,
-    /// Whose it is: the key with which it is created, if any, and the party that shares the limits.
-    pub party: Party,
-    pub purpose: Purpose,
-    /// The run to which it belongs, and which game of the run's plan it is.
-    pub run: Option<(RunKey, u32)>,
-    pub spec: Spec,
-    pub tokens: Vec<TokenRow>,
-    /// The key by which a repeated creation finds it, and the hash of the body.
-    pub idempotency: Option<(String, [u8; 32])>,
-}
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Location {
     Memory,
@@ -89,25 +68,6 @@ pub enum Location {
     Unfinished,
     /// In the journal, if anywhere: its recovery is cancelled when no caller waits for it.
     Journal,
-}
-
-/// Why an episode was not created.
-#[derive(Clone, Debug, thiserror::Error)]
-pub enum CreateError {
-    /// There are as many as there may be.
-    #[error(transparent)]
-    Full(#[from] Full),
-    #[error(transparent)]
-    NoMemory(#[from] NoMemory),
-    /// The time in which its rounds may begin is over.
-    #[error("no round may begin after {0}")]
-    Closed(Timestamp),
-    /// Its map is large, and too much heavy work waits.
-    #[error(transparent)]
-    Work(#[from] WorkError),
-    /// It could not be stored.
-    #[error(transparent)]
-    Journal(#[from] StoreError),
 }
 
 /// Why an episode was neither found in memory nor recovered.
@@ -288,169 +248,6 @@ impl Registry {
     /// Whether a new episode is admitted now.
     pub fn check_room(&self, party: Party, purpose: Purpose) -> Result<(), Full> {
         self.host.quotas.check(party, purpose)
-    }
-
-    /// Creates an episode; it is durable when this returns.
-    pub async fn create(&self, creation: Creation) -> Result<Handle, CreateError> {
-        // In a task of its own: the caller may be dropped half-way, and the creation has to complete.
-        let (done, created) = oneshot::channel();
-        let registry = self.clone();
-        let creating = async move { drop(done.send(registry.create_now(creation).await)) };
-        let creating = fair::inherit(creating);
-        (self.host.spawn)(Box::pin(creating.in_current_span()));
-        let stopping = || Err(StoreError::Stopped(Stopped::Server).into());
-        created.await.unwrap_or_else(|_| stopping())
-    }
-
-    async fn create_now(&self, creation: Creation) -> Result<Handle, CreateError> {
-        let key = EpisodeKey(self.next_key.fetch_add(1, Ordering::Relaxed));
-        self.host.quotas.admit(key, creation.party, creation.purpose)?;
-        let id = creation.id.clone();
-        let now = self.host.clock.now();
-        // A request that finds the episode once it is durable waits here until its actor runs: an
-        // episode never has two.
-        let cell = {
-            let mut slots = self.slots();
-            Arc::clone(&slots.entry(id).or_insert_with(|| Slot::empty(now)).handle)
-        };
-        let place = creation.id.clone();
-        let created = cell.get_or_try_init(|| self.open(key, creation)).await.cloned();
-        drop(cell);
-        if created.is_err() {
-            self.host.quotas.release(key);
-            let mut slots = self.slots();
-            if slots.get(&place).is_some_and(|slot| !slot.handle.initialized() && !slot.is_held()) {
-                slots.remove(&place);
-            }
-        }
-        created
-    }
-
-    /// Keeps the opening of an episode and starts its actor.
-    async fn open(&self, key: EpisodeKey, creation: Creation) -> Result<Handle, CreateError> {
-        let Creation { id, party, purpose, run, spec, tokens, idempotency } = creation;
-        let owner = party.owner();
-        let config = Arc::clone(&spec.config);
-        let bytes = memory::expected(&config, 0, spec.hosted_max());
-        // What an organizer creates may take more than a share.
-        let group = (purpose != Purpose::Organizer).then_some(party.group);
-        let room = self.room_of(bytes, group)?;
-        let heavy = is_heavy(&config);
-        let lay_out = move |_: &Cancelled<'_>| World::new(config);
-        let share = (party, Rank::Normal);
-        let world = off_thread(&self.host.workers, "layout", share, heavy, lay_out).await?;
-        let world = Arc::new(world);
-        let (now, running) = (self.host.clock.wall(), self.host.clock.now());
-        if let Some(closes_at) = spec.closes_at.filter(|at| *at <= now) {
-            return Err(CreateError::Closed(closes_at));
-        }
-        let record = RawRecord::write(&spec.opening(&id, now, &world));
-        let mut head = Head::START.link(record.as_str().as_bytes());
-        let waiting = spec.begins_waiting();
-        let (seating, entries) = self.seat(key, owner, &spec, now).await?;
-        let row = OpeningRow {
-            episode: key,
-            id: id.clone(),
-            owner,
-            run,
-            record,
-            head,
-            task: spec.config.task().name(),
-            model: spec.model.clone(),
-            visibility: spec.visibility.name(),
-            waiting,
-            clocked: spec.advances_by_itself(),
-            at: now,
-            idempotency,
-            tokens,
-        };
-        let mut entries: Vec<Entry> =
-            [Entry::Open(Box::new(row))].into_iter().chain(entries).collect();
-        if let Some(seating) = seating.as_ref().filter(|_| !waiting) {
-            let record;
-            (record, head) = seated(seating, head);
-            entries.push(Entry::Seat(SeatingRow { episode: key, record, head }));
-        }
-        self.host.journal.keep(entries).await?;
-        let agents = usize::from(spec.config.num_agents());
-        let resume = ResumeState {
-            waiting,
-            outcome: None,
-            round: 0,
-            alive: vec![true; agents],
-            bank_spent: vec![Duration::ZERO; agents],
-            recorded: Vec::new(),
-            last_act_at: running,
-        };
-        tracing::info!(episode = %id, task = spec.config.task().name(), model = %spec.model, "created");
-        let spec = Arc::new(spec);
-        let episode = Running {
-            id,
-            key,
-            owner,
-            run: run.map(|(run, _)| run),
-            party,
-            spec: Arc::clone(&spec),
-            created_at: now,
-            hosted: OnceLock::new(),
-            keyframes: Mutex::new(Keyframes::new(Arc::clone(&world))),
-            ends_at: AtomicI64::default(),
-            times: Arc::new(Times::new(running)),
-        };
-        let init = EpisodeInit {
-            episode,
-            lockstep: Lockstep::new(clocks(&spec), resume, self.host.clock.now()),
-            newest_at: now,
-            world,
-            head,
-            bytes: 0,
-            tally: Tally::default(),
-            seating,
-        };
-        metrics::counter!("swarmbench_episodes_created_total").increment(1);
-        let handle = spawn(self.host.clone(), init, room);
-        if !waiting && handle.snapshot().world.is_over() {
-            // The layout has solved the task; the creator has to see that. Where the
-            // end cannot be stored, the actor ends, and the next request gets the error.
-            drop(handle.follow().wait_for(|snapshot| snapshot.status.is_over()).await);
-        }
-        Ok(handle)
-    }
-
-    /// The seating of a new episode, and the entry for its creator.
-    async fn seat(
-        &self,
-        episode: EpisodeKey,
-        owner: Option<OwnerKey>,
-        spec: &Spec,
-        now: Timestamp,
-    ) -> Result<(Option<Seating>, Option<Entry>), StoreError> {
-        if !spec.is_seated() {
-            return Ok((None, None));
-        }
-        let key = match owner {
-            Some(owner) => self.host.journal.key_id(owner).await?,
-            None => None,
-        };
-        let holder = Holder {
-            number: 0,
-            owner,
-            key,
-            model: spec.model.clone(),
-            agent_meta: spec.agent_meta.clone(),
-            player: spec.player.clone(),
-            at: now,
-        };
-        let own = spec.agents().filter(|agent| !spec.open_seats.contains(agent));
-        let agents = if spec.is_mixed() { own.collect() } else { Vec::new() };
-        let seating = Seating::new(
-            spec,
-            self.host.clock.running_at(now),
-            vec![(holder.clone(), agents.clone())],
-        );
-        let tokens = Vec::new();
-        let row = ClaimRow { episode, holder, agents, tokens, idempotency: None };
-        Ok((seating, Some(Entry::Claim(Box::new(row)))))
     }
 
     /// Where an episode is; there may be none of that id.

@@ -189,6 +189,7 @@ mod tests {
             custom_template: false,
             run: None,
             salt: None,
+            fork: None,
             closes_at: None,
             open_seats: open.map(AgentId).collect(),
             fill_after: Some(Duration::from_secs(5)),

@@ -8,7 +8,7 @@ use swarmbench_engine::{AgentId, Config, RULES_REVISION, World};
 
 use crate::ids::EpisodeId;
 use swarmbench_clock::millis;
-use swarmbench_journal::record::{self, FORMAT, Opening, RecordedConfig};
+use swarmbench_journal::record::{self, FORMAT, Fork, Opening, RecordedConfig};
 pub use swarmbench_protocol::status::Visibility;
 
 /// A checked description of an episode.
@@ -37,6 +37,8 @@ pub struct Spec {
     pub run: Option<String>,
     /// Random digits in the opening of a sealed episode.
     pub salt: Option<String>,
+    /// From which state of another episode it continues.
+    pub fork: Option<Fork>,
     /// From then on no new round begins.
     pub closes_at: Option<Timestamp>,
     pub open_seats: Vec<AgentId>,
@@ -49,9 +51,14 @@ pub struct Spec {
 }
 
 impl Spec {
-    /// Whether boards count the episode: it belongs to a run, or several holders play it.
+    /// Whether boards count the episode: it belongs to a run, or several holders play it, and it is no fork.
     pub fn counts(&self) -> bool {
-        self.run.is_some() || self.is_mixed()
+        (self.run.is_some() || self.is_mixed()) && self.fork.is_none()
+    }
+
+    /// The first round that is decided in the episode itself; a fork took over those before.
+    pub fn first_round(&self) -> u32 {
+        self.fork.as_ref().map_or(0, |fork| fork.round)
     }
 
     pub fn agents(&self) -> impl Iterator<Item = AgentId> + use<> {
@@ -134,6 +141,7 @@ impl Spec {
             digest: world.digest().to_string(),
             run: self.run.clone(),
             salt: self.salt.clone(),
+            fork: self.fork.clone(),
         }))
     }
 
@@ -145,6 +153,7 @@ impl Spec {
         Ok(Self {
             run: opening.run.clone(),
             salt: opening.salt.clone(),
+            fork: opening.fork.clone(),
             prompt_revision: opening.prompt_revision,
             ..Self::of(&opening.config, &opening.agent_meta, &opening.prompt_template)?
         })
@@ -171,6 +180,7 @@ impl Spec {
             custom_template: config.custom_template,
             run: None,
             salt: None,
+            fork: None,
             closes_at: config.closes_at,
             open_seats: config.open_seats.iter().map(|&agent| AgentId(agent)).collect(),
             fill_after: config.fill_after_ms.map(Duration::from_millis),

@@ -3,7 +3,7 @@
 use crate::dataset::replay::IMPORT_CELLS_MAX;
 use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
 use crate::episode::quota::Caps;
-use crate::episode::registry::RECOVERIES_MAX;
+use crate::episode::registry::{FORK_PIECE_ROWS_MAX, RECOVERIES_MAX};
 use crate::fair::PARTIES_REMEMBERED_MAX;
 use crate::host::DISK_FREE_BYTES_ENOUGH;
 use crate::hosted::HOSTED_ROUNDS_MAX;
@@ -103,6 +103,14 @@ limits! {
         run_parallel_max: u32 = 64,
         /// Games of one run that are open at a time if its creator does not set `parallel`.
         run_parallel_default: u32 = 4,
+        /// Rounds that a fork may take over.
+        fork_rounds_max: u32 = 10_000,
+        /// Forks that one request makes.
+        fork_count_max: u32 = 64,
+        /// Seats of the forks that one request makes.
+        fork_seats_max: u64 = 4096,
+        /// Acts that the forks of one request take over together.
+        fork_acts_max: u64 = 262_144,
         /// Bytes that the acts of one episode may take in the journal; small acts are taken beyond it.
         journal_bytes_per_episode_max: u64 = 64 * 1024 * 1024,
         /// Bytes that the acts of all episodes of a key may take in the journal.
@@ -181,6 +189,7 @@ limits! {
     }
     fixed {
         disk_free_bytes_enough = DISK_FREE_BYTES_ENOUGH,
+        fork_piece_rows_max = FORK_PIECE_ROWS_MAX,
         seat_acts_waiting_max = SEAT_ACTS_WAITING_MAX,
         heavy_jobs_max = JOBS_WAITING_MAX,
         heavy_jobs_per_group_max = JOBS_WAITING_PER_GROUP_MAX,

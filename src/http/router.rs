@@ -36,6 +36,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(swarm::act::post_swarm_act))
         .routes(routes!(episodes::create::create_episode, episodes::list::list_episodes))
         .routes(routes!(episodes::show::show_episode, episodes::abort::abort_episode))
+        .routes(routes!(episodes::fork::fork_episode))
         .routes(routes!(episodes::start::start_episode))
         .routes(routes!(episodes::state::show_state))
         .routes(routes!(episodes::events::stream_events))

@@ -9,7 +9,7 @@ use swarmbench_engine::physics::Solver;
 use super::rows::FromRow;
 use crate::ids::EpisodeKey;
 use swarmbench_journal::chain::Head;
-use swarmbench_journal::record::{RawRecord, first_lines, round_record};
+use swarmbench_journal::record::{RawRecord, next_line, round_record};
 use swarmbench_journal::replay::{Report, verify};
 
 /// Lines of a journal that are read ahead of their replay.
@@ -19,6 +19,8 @@ const AHEAD: usize = 4;
 pub(super) struct StoredJournal {
     pub(super) episode: EpisodeKey,
     pub(super) opening: RawRecord,
+    /// The first round of its own; the record of seats comes before it.
+    pub(super) first_round: u32,
     pub(super) seating: Option<RawRecord>,
     pub(super) rounds: u32,
     /// The end and the head of the whole, where it has ended.
@@ -59,14 +61,21 @@ async fn send_lines(
     stored: &StoredJournal,
     lines: &tokio::sync::mpsc::Sender<Vec<u8>>,
 ) -> Result<(), sqlx::Error> {
-    let first = first_lines(&stored.opening, stored.seating.as_ref());
-    let mut is_received = lines.send(first.into()).await.is_ok();
-    for round in 0..stored.rounds {
+    let (opening, mut head) = next_line(&stored.opening, Head::START);
+    let mut is_received = lines.send(opening.into()).await.is_ok();
+    for round in 0..=stored.rounds {
+        if let Some(seating) = stored.seating.as_ref().filter(|_| round == stored.first_round) {
+            let (line, _) = next_line(seating, head);
+            is_received = lines.send(line.into()).await.is_ok();
+        }
         if !is_received {
             return Ok(());
         }
-        let line = round_line(database, stored.episode, round).await?;
-        is_received = lines.send(line.into()).await.is_ok();
+        if round < stored.rounds {
+            let line;
+            (line, head) = round_line(database, stored.episode, round).await?;
+            is_received = lines.send(line.into()).await.is_ok();
+        }
     }
     if let Some((ending, head)) = &stored.ending {
         _ = lines.send(ending.line(*head).into()).await;
@@ -78,7 +87,7 @@ async fn round_line(
     database: &mut SqliteConnection,
     episode: EpisodeKey,
     round: u32,
-) -> Result<String, sqlx::Error> {
+) -> Result<(String, Head), sqlx::Error> {
     let query = "SELECT record FROM acts WHERE episode = ? AND round = ? ORDER BY agent";
     let acts = sqlx::query(query).bind(episode.0).bind(round).fetch_all(&mut *database).await?;
     let acts = acts.iter().map(RawRecord::from_row).collect::<Result<Vec<_>, _>>()?;
@@ -87,7 +96,7 @@ async fn round_line(
     let (digest, score, head): ([u8; 32], f64, Head) = FromRow::from_row(&row)?;
     let digest = data_encoding::HEXLOWER.encode(&digest);
     let record = round_record(round, acts.iter(), &digest, score);
-    Ok(record.line(head))
+    Ok((record.line(head), head))
 }
 
 /// Lines that come from somewhere else, as a file.

@@ -211,10 +211,13 @@ async fn schema(
     Ok(lost.map_or(Ok(()), |(name, _)| Err(format!("{name} is not as the migrations make it"))))
 }
 
+/// Episodes, and forks of which a server is writing the rounds.
+const EPISODES_AND_FORKING: &str = "(SELECT key FROM episodes UNION ALL SELECT episode AS key FROM forking)";
+
 /// Columns that name a row of another table: the table, the column, and the key of the other.
-const REFERENCES: [(&str, &str, &str, &str); 21] = [
-    ("acts", "episode", "episodes", "key"),
-    ("rounds", "episode", "episodes", "key"),
+const REFERENCES: [(&str, &str, &str, &str); 22] = [
+    ("acts", "episode", EPISODES_AND_FORKING, "key"),
+    ("rounds", "episode", EPISODES_AND_FORKING, "key"),
     ("tokens", "episode", "episodes", "key"),
     ("tokens", "run", "runs", "key"),
     ("seats", "episode", "episodes", "key"),
@@ -225,6 +228,7 @@ const REFERENCES: [(&str, &str, &str, &str); 21] = [
     ("results", "episode", "episodes", "key"),
     ("episodes", "owner", "keys", "number"),
     ("episodes", "run", "runs", "key"),
+    ("episodes", "fork_of", "episodes", "key"),
     ("runs", "owner", "keys", "number"),
     ("runs", "entry", "entries", "key"),
     ("entries", "competition", "competitions", "key"),
@@ -244,14 +248,17 @@ async fn references(database: &mut SqliteConnection, checked: &mut Checked) {
         let count = sqlx::query_scalar::<_, i64>(sqlx::AssertSqlSafe(query));
         let result = count.fetch_one(&mut *database).await.map(|count| match count {
             0 => Ok(()),
-            _ => Err(format!("{count} rows have a {column} that is not in {other}")),
+            _ => {
+                let other = if other == EPISODES_AND_FORKING { "episodes" } else { other };
+                Err(format!("{count} rows have a {column} that is not in {other}"))
+            }
         });
         checked.note_result(&format!("the table {table}"), result);
     }
 }
 
 /// What holds for every row of a table. Each statement gives the names of the rows for which it does not hold.
-const STATEMENTS: [(&str, &str); 13] = [
+const STATEMENTS: [(&str, &str); 14] = [
     (
         "its status does not fit its times",
         "SELECT id FROM episodes WHERE CASE
@@ -268,6 +275,10 @@ const STATEMENTS: [(&str, &str); 13] = [
         "its place in a run is not known",
         "SELECT id FROM episodes WHERE (run IS NULL) <> (slot IS NULL)
          UNION ALL SELECT id FROM runs WHERE (entry IS NULL) <> (attempt IS NULL)",
+    ),
+    (
+        "it is a fork of no episode, or of no round",
+        "SELECT id FROM episodes WHERE (fork_of IS NULL) <> (fork_round IS NULL) OR fork_of >= key",
     ),
     (
         "a name for its creation has no hash, or the other way round",
@@ -526,17 +537,24 @@ async fn episode(
     key: EpisodeKey,
 ) -> Result<Result<u32, String>, sqlx::Error> {
     let query = "SELECT opening, seating, ending, head, id, task, model, visibility, status, reason, clocked, created_at,
-                        (SELECT id FROM runs WHERE runs.key = episodes.run) AS run
+                        coalesce(fork_round, 0) AS first_round,
+                        (SELECT id FROM runs WHERE runs.key = episodes.run) AS run,
+                        (SELECT id FROM episodes parent WHERE parent.key = episodes.fork_of) AS fork_of
                  FROM episodes WHERE key = ?";
     let row = sqlx::query(query).bind(key.0).fetch_one(&mut *database).await?;
     let raw = |column| get::<Option<RawRecord>>(&row, column);
     let Some(opening) = raw("opening")? else { return Ok(Err("it has no opening".to_owned())) };
     let (seating, ending) = (raw("seating")?, raw("ending")?);
     let stored_head = get(&row, "head")?;
+    let first_round: u32 = get(&row, "first_round")?;
     if ending.is_none() {
-        let first = [Some(&opening), seating.as_ref()].into_iter().flatten();
-        let linked = first.fold(Head::START, |head, raw| head.link(raw.as_str().as_bytes()));
-        if linked != stored_head {
+        let link = |head: Head, raw: &RawRecord| head.link(raw.as_str().as_bytes());
+        let before = match first_round.checked_sub(1) {
+            None => Some(link(Head::START, &opening)),
+            Some(last) => head_after(database, key, last).await?,
+        };
+        let linked = before.map(|head| seating.as_ref().map_or(head, |raw| link(head, raw)));
+        if linked != Some(stored_head) {
             return Ok(Err("its opening was changed: the hash differs".to_owned()));
         }
     }
@@ -545,7 +563,7 @@ async fn episode(
         Err(problem) => return Ok(Err(problem)),
     };
     let ending = ending.map(|ending| (ending, stored_head));
-    let stored = StoredJournal { episode: key, opening, seating, rounds, ending };
+    let stored = StoredJournal { episode: key, opening, first_round, seating, rounds, ending };
     let report = match play_again(database, &stored).await? {
         Ok(report) => report,
         Err(problem) => return Ok(Err(problem)),
@@ -594,6 +612,17 @@ async fn metrics(
 const NO_METRICS: &str =
     "its metrics are not those of its journal (`swarmbench board rebuild` computes them again):";
 
+/// The head of the chain after a round.
+async fn head_after(
+    database: &mut SqliteConnection,
+    key: EpisodeKey,
+    round: u32,
+) -> Result<Option<Head>, sqlx::Error> {
+    let query = sqlx::query("SELECT head FROM rounds WHERE episode = ? AND round = ?");
+    let row = query.bind(key.0).bind(round).fetch_optional(database).await?;
+    row.map(|row| get(&row, 0)).transpose()
+}
+
 /// How many rounds there are, where none is missing.
 async fn rounds(
     database: &mut SqliteConnection,
@@ -619,11 +648,15 @@ fn columns(
         ("visibility", Some(config.visibility.as_str())),
         ("reason", end.map(|end| end.reason.as_str())),
         ("run", opening.run.as_deref()),
+        ("fork_of", opening.fork.as_ref().map(|fork| fork.episode.as_str())),
     ];
     for (column, value) in expected {
         if row.try_get::<Option<&str>, _>(column)? != value {
             return Ok(Err(format!("its {column} is not the one in its journal")));
         }
+    }
+    if row.try_get::<u32, _>("first_round")? != opening.first_round() {
+        return Ok(Err("it is a fork of another round than its journal tells".to_owned()));
     }
     if let Some(end) = end
         && row.try_get::<&str, _>("status")? != end.status

@@ -15,6 +15,8 @@ use swarmbench_protocol::import::ImportConfig;
 #[derive(Clone, Debug)]
 pub enum Entry {
     Open(Box<OpeningRow>),
+    /// The acts and rounds of these forks come in this commit and in later ones; an [`Entry::Open`] each comes with the last.
+    BeginForks(Vec<EpisodeKey>),
     Start {
         episode: EpisodeKey,
         at: Timestamp,
@@ -134,6 +136,7 @@ impl Entry {
                 .map(|round| round.state.len() + round.acts.as_ref().map_or(0, Vec::len))
                 .sum(),
             Self::Measured { metrics: Some(row), .. } => row.measured.len(),
+            Self::BeginForks(episodes) => episodes.len() * size_of::<EpisodeKey>(),
             Self::AddInvitations { codes, .. } => codes.len() * size_of::<(TokenHash, String)>(),
             _ => 0,
         };
@@ -229,7 +232,10 @@ pub struct OpeningRow {
     pub owner: Option<OwnerKey>,
     /// The run to which it belongs, and which game of the run's plan it is.
     pub run: Option<(RunKey, u32)>,
+    /// The parent of a fork, and how many rounds of it were taken over.
+    pub fork: Option<(EpisodeKey, u32)>,
     pub record: RawRecord,
+    /// The head of the chain before the first round of its own.
     pub head: Head,
     /// What lists filter by.
     pub task: &'static str,

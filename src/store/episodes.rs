@@ -23,6 +23,10 @@ pub struct Filter {
     /// Whether the seats had several holders.
     pub mixed: Option<bool>,
     pub run: Option<RunKey>,
+    /// The public id of the episode of which they are forks.
+    pub fork_of: Option<String>,
+    /// Whether they are forks of any episode.
+    pub forks: Option<bool>,
     /// Which of them the caller may read.
     pub readable: Readable,
 }
@@ -69,9 +73,10 @@ const END: &str = "
 /// Asks for episodes; the caller adds a condition.
 fn select(detail: Detail) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(
-        "SELECT e.key AS episode, e.id, e.owner, e.run, e.revealed, e.opening, e.seating, e.status, e.reason, e.created_at, e.ended_at,
+        "SELECT e.key AS episode, e.id, e.owner, e.run, e.revealed, e.opening,
+                coalesce(e.fork_round, 0) AS first_round, e.seating, e.status, e.reason, e.created_at, e.ended_at,
                 CASE WHEN e.voided_at IS NULL THEN NULL ELSE coalesce(e.void_reason, '') END AS void_reason,
-                CASE WHEN e.ended_at IS NULL THEN coalesce(r.head, e.head) ELSE e.head END AS head,
+                CASE WHEN e.ended_at IS NULL AND r.round >= coalesce(e.fork_round, 0) THEN r.head ELSE e.head END AS head,
                 coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score, ",
     );
     match detail {
@@ -163,6 +168,13 @@ impl Store {
         }
         if let Some(run) = filter.run {
             query.push(" AND e.run = ").push_bind(run.0);
+        }
+        if let Some(parent) = &filter.fork_of {
+            query.push(" AND e.fork_of = (SELECT key FROM episodes WHERE id = ");
+            query.push_bind(parent).push(")");
+        }
+        if let Some(forks) = filter.forks {
+            query.push(" AND (e.fork_of IS NOT NULL) = ").push_bind(forks);
         }
         let public = "(e.visibility = 'public' OR (e.ended_at IS NOT NULL
                         AND (e.visibility <> 'sealed' OR e.revealed)))";
@@ -268,7 +280,7 @@ impl Store {
 
 from_row! {
     StoredEpisode {
-        episode, id, owner, run, revealed, opening, seating, status, reason, end, head, rounds, score, created_at,
+        episode, id, owner, run, revealed, opening, first_round, seating, status, reason, end, head, rounds, score, created_at,
         newest_at, last_act_at, ended_at, void_reason,
     }
 }

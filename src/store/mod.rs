@@ -15,6 +15,7 @@ mod error;
 pub mod exports;
 mod files;
 mod foreign;
+mod forks;
 pub mod imports;
 pub mod keys;
 pub mod metrics;
@@ -226,6 +227,7 @@ async fn open_exclusively(path: &Path, create: bool) -> Result<OpenedDatabase, O
         .await
         .map_err(|source| OpenError::Migrate { path: path.to_owned(), source })?;
     competitions::add_missing_looks(&mut connection).await.map_err(failed)?;
+    forks::delete_incomplete(&mut connection).await.map_err(failed)?;
     let files = Files::of(path, &lock)
         .map_err(|source| OpenError::Lock { path: path.to_owned(), source })?;
     files.check()?;

@@ -36,6 +36,8 @@ pub struct StoredEpisode {
     /// Whether it was sealed and is open to all now.
     pub revealed: bool,
     pub opening: RawRecord,
+    /// The first round that was decided in the episode itself; a fork took over those before.
+    pub first_round: u32,
     /// The record of who holds which seat, if there is one.
     pub seating: Option<RawRecord>,
     /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.

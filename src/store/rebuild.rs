@@ -157,13 +157,14 @@ pub(super) async fn measured(
     episode: EpisodeKey,
     id: String,
 ) -> Result<MetricsRow, RebuildError> {
-    let row = sqlx::query("SELECT opening, seating FROM episodes WHERE key = ?")
+    let row = sqlx::query("SELECT opening, seating, coalesce(fork_round, 0) AS first_round FROM episodes WHERE key = ?")
         .bind(episode.0)
         .fetch_one(&mut *database)
         .await?;
     let (opening, seating) = (get(&row, "opening")?, get(&row, "seating")?);
     let (rounds, _) = standing(database, episode).await?.unwrap_or_default();
-    let stored = StoredJournal { episode, opening, seating, rounds, ending: None };
+    let first_round = get(&row, "first_round")?;
+    let stored = StoredJournal { episode, opening, first_round, seating, rounds, ending: None };
     let read = |journal| {
         let options = Options::all(false);
         let embedder: Arc<dyn Embedder> = Arc::new(Hash1::new());
@@ -229,7 +230,9 @@ async fn one(
     }
     if replay {
         let ending = Some((ending, head));
-        let stored = StoredJournal { episode, opening, seating, rounds: end.rounds, ending };
+        // No fork counts.
+        let (first_round, rounds) = (0, end.rounds);
+        let stored = StoredJournal { episode, opening, first_round, seating, rounds, ending };
         play_again(database, &stored).await?.map_err(broken)?;
     }
     let tally = tally(database, episode).await?.map_err(broken)?;

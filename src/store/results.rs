@@ -120,6 +120,7 @@ impl Changes {
                 | Entry::AddCompetition(_)
                 | Entry::AddEntrant(_) => {}
                 Entry::Start { .. }
+                | Entry::BeginForks(_)
                 | Entry::Act(_)
                 | Entry::Round(_)
                 | Entry::End(_)
@@ -262,20 +263,22 @@ impl Store {
         if let Some(tally) = self.fetch_optional(query.bind(episode.0)).await? {
             return Ok(tally);
         }
-        // A game that boards do not count has no row of its own.
+        // A game that boards do not count has no row of its own. Of a fork only the rounds of its own are counted.
         let query = sqlx::query(
-            "SELECT count(*) FILTER (WHERE source = 'player') AS acts,
+            "WITH first AS (SELECT coalesce(fork_round, 0) AS round FROM episodes WHERE key = ?1)
+             SELECT count(*) FILTER (WHERE source = 'player') AS acts,
                     count(*) FILTER (WHERE source = 'player' AND NOT valid) AS invalid,
                     count(*) FILTER (WHERE source = 'clock') AS clock_outs,
                     CAST(total(prompt_tokens) AS INTEGER) AS prompt_tokens,
                     CAST(total(completion_tokens) AS INTEGER) AS completion_tokens,
                     (SELECT json_group_object(kind, times) FROM
                         (SELECT record ->> 'failure' AS kind, count(*) AS times FROM acts
-                         WHERE episode = ?1 AND kind IS NOT NULL GROUP BY kind)) AS failures
+                         WHERE episode = ?1 AND round >= (SELECT round FROM first) AND kind IS NOT NULL
+                         GROUP BY kind)) AS failures
              FROM (SELECT record ->> 'source' AS source, record ->> 'valid' AS valid,
                           record ->> '$.usage.prompt_tokens' AS prompt_tokens,
                           record ->> '$.usage.completion_tokens' AS completion_tokens
-                   FROM acts WHERE episode = ?1)",
+                   FROM acts WHERE episode = ?1 AND round >= (SELECT round FROM first))",
         );
         self.fetch_one(query.bind(episode.0)).await
     }

@@ -447,6 +447,7 @@ async fn write(
     for entry in entries {
         match entry {
             Entry::Open(row) => open(connection, row).await?,
+            Entry::BeginForks(episodes) => super::forks::begin(connection, episodes).await?,
             Entry::Start { episode, at } => start(connection, *episode, *at).await?,
             Entry::Act(row) => acts.push(row),
             Entry::Round(row) => rounds.push(row),
@@ -511,8 +512,9 @@ async fn write(
 async fn open(connection: &mut SqliteConnection, row: &OpeningRow) -> Result<(), sqlx::Error> {
     sqlx::query(
         "INSERT INTO episodes (key, id, owner, run, slot, opening, task, model, visibility, status,
-                               clocked, head, created_at, idempotency_key, idempotency_body)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                               clocked, head, created_at, idempotency_key, idempotency_body,
+                               fork_of, fork_round)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(row.episode.0)
     .bind(row.id.as_str())
@@ -529,8 +531,13 @@ async fn open(connection: &mut SqliteConnection, row: &OpeningRow) -> Result<(),
     .bind(row.at.as_millisecond())
     .bind(row.idempotency.as_ref().map(|(key, _)| key))
     .bind(row.idempotency.as_ref().map(|(_, body)| &body[..]))
+    .bind(row.fork.map(|(parent, _)| parent.0))
+    .bind(row.fork.map(|(_, round)| round))
     .execute(&mut *connection)
     .await?;
+    if row.fork.is_some() {
+        super::forks::complete(connection, row.episode).await?;
+    }
     insert_tokens(connection, row.episode, &row.tokens).await
 }
 

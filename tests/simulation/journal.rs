@@ -313,6 +313,7 @@ impl State {
             run: row.run.map(|(run, _)| run),
             revealed: false,
             opening: row.record.clone(),
+            first_round: row.fork.map_or(0, |(_, round)| round),
             seating: self.seating(key).map(|row| row.record.clone()),
             status: status.to_owned(),
             reason: end.map(|end| end.reason.to_owned()),

@@ -22,6 +22,7 @@ pub(crate) fn spec(config: Config) -> Spec {
         custom_template: false,
         run: None,
         salt: None,
+        fork: None,
         closes_at: None,
         open_seats: Vec::new(),
         fill_after: None,

@@ -7,6 +7,7 @@
 //! A crate of its own because a server writes journals, and programs without a server read, check and analyse them.
 
 pub mod chain;
+pub mod fork;
 pub mod record;
 pub mod replay;
 mod tally;

@@ -108,6 +108,21 @@ pub struct Opening {
     /// match.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub salt: Option<String>,
+    /// From which state of another episode it continues, if it is a fork.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fork: Option<Fork>,
+}
+
+/// The state of another episode from which a fork continues. The journal of the fork has all rounds before it, too.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fork {
+    /// The public id of the other episode, its parent.
+    pub episode: String,
+    /// How many rounds of the parent were taken over; also the first round of the fork's own.
+    pub round: u32,
+    /// The head of the parent's chain before that round, in hexadecimal.
+    pub head: String,
 }
 
 /// The revision of prompts in journals that name none.
@@ -123,10 +138,17 @@ pub const fn is_first_prompt_revision(revision: &u32) -> bool {
 }
 
 impl Opening {
-    /// Whether boards count the episode: it belongs to a run, or several holders play it.
+    /// Whether boards count the episode: it belongs to a run, or several holders play it, and it is no fork.
     #[must_use]
     pub fn counts(&self) -> bool {
-        self.run.is_some() || !self.config.open_seats.is_empty()
+        let is_listed = self.run.is_some() || !self.config.open_seats.is_empty();
+        is_listed && self.fork.is_none()
+    }
+
+    /// The first round that was decided in the episode itself: all before it were taken over from its parent.
+    #[must_use]
+    pub fn first_round(&self) -> u32 {
+        self.fork.as_ref().map_or(0, |fork| fork.round)
     }
 }
 
@@ -383,6 +405,21 @@ impl Decision {
 }
 
 impl ActRecord {
+    /// As a fork takes it over: what it did and said in the game, and nothing of who decided it.
+    #[must_use]
+    pub fn taken_over(self) -> Self {
+        Self { response: None, usage: None, reasoning: None, bank_spent_ms: 0, ..self }
+    }
+
+    /// Whether it is as a fork takes it over.
+    #[must_use]
+    pub const fn is_taken_over(&self) -> bool {
+        self.response.is_none()
+            && self.usage.is_none()
+            && self.reasoning.is_none()
+            && self.bank_spent_ms == 0
+    }
+
     /// The act for the engine, if the names in it are known.
     #[must_use]
     pub fn act(&self, config: &Config) -> Option<Act> {
@@ -411,15 +448,11 @@ impl ActRecord {
     }
 }
 
-/// The lines of a journal file before its first round.
+/// The line of a journal file for the next record of a chain, and the head after it.
 #[must_use]
-pub fn first_lines(opening: &RawRecord, seating: Option<&RawRecord>) -> String {
-    let mut head = Head::START;
-    let lines = [Some(opening), seating].into_iter().flatten().map(|record| {
-        head = head.link(record.as_str().as_bytes());
-        record.line(head)
-    });
-    lines.collect()
+pub fn next_line(record: &RawRecord, head: Head) -> (String, Head) {
+    let head = head.link(record.as_str().as_bytes());
+    (record.line(head), head)
 }
 
 /// A record that is written around the bytes of its acts: the same as writing a [`Record`].

@@ -148,7 +148,7 @@ pub struct Report {
     pub end: Option<End>,
     /// The head of the chain.
     pub head: Head,
-    /// What all its acts were, those of a round that was not resolved too.
+    /// What all its acts were, those of a round that was not resolved too; of a fork, those of its own rounds.
     pub tally: Tally,
 }
 
@@ -244,6 +244,18 @@ impl Verifier {
         checked.map_err(|problem| Fault::Line { line: *lines, at, problem })
     }
 
+    /// The head of the chain after the last line.
+    #[must_use]
+    pub const fn head(&self) -> Head {
+        self.head
+    }
+
+    /// The opening; `None` before it.
+    #[must_use]
+    pub fn opening(&self) -> Option<&Opening> {
+        self.played.as_ref().map(|player| &player.opening)
+    }
+
     /// The state after the last line that was right; `None` before the opening.
     #[must_use]
     pub fn world(&self) -> Option<&World> {
@@ -259,13 +271,19 @@ impl Verifier {
         let Some(player) = played else {
             return Err(Fault::Whole("the journal is empty".to_owned()));
         };
+        let (rounds, first) = (player.world().round(), player.opening.first_round());
+        if rounds < first {
+            return Err(Fault::Whole(format!(
+                "it continues another episode from round {first}, and has only {rounds} of the rounds before"
+            )));
+        }
         if let Some(expected) = expected.filter(|&expected| expected != head) {
             return Err(Fault::Whole(format!(
                 "its head is {head}, not {expected}: it is consistent, but not the journal you asked for"
             )));
         }
         Ok(Report {
-            rounds: player.world().round(),
+            rounds,
             score: player.world().score(),
             opening: player.opening,
             seats: player.seats,
@@ -328,6 +346,9 @@ impl Player {
                 opening.rules_revision
             ));
         }
+        if let Some(fork) = opening.fork.as_ref().filter(|fork| Head::parse(&fork.head).is_none()) {
+            return Err(format!("{:?} is not the head of a chain", fork.head));
+        }
         let config = Arc::new(opening.config.engine().map_err(|error| error.to_string())?);
         let world = Arc::new(World::new(config));
         compare("the digest of the layout", &opening.digest, &world.digest().to_string())?;
@@ -346,8 +367,10 @@ impl Player {
     }
 
     fn seat(&mut self, seats: Seats) -> Result<(), String> {
-        if self.seats.is_some() || self.end.is_some() || self.world().round() > 0 {
-            return Err("the record of seats comes once, before the first round".to_owned());
+        let is_before_first = self.world().round() == self.opening.first_round();
+        if self.seats.is_some() || self.end.is_some() || !is_before_first {
+            let what = "the record of seats comes once, before the first round of the episode's own";
+            return Err(what.to_owned());
         }
         if !self.is_seated() {
             return Err("the creator holds all seats of this episode".to_owned());
@@ -390,7 +413,8 @@ impl Player {
         if self.end.is_some() {
             return Err("a round after the end".to_owned());
         }
-        if self.is_seated() && self.seats.is_none() {
+        let is_own = round.round >= self.opening.first_round();
+        if is_own && self.is_seated() && self.seats.is_none() {
             return Err("a round comes before the record of seats".to_owned());
         }
         self.replayer.check(round.round).map_err(|fault| fault.to_string())?;
@@ -408,7 +432,11 @@ impl Player {
         for record in &round.acts {
             let (agent, act) = checked_act(record, &config)?;
             acts[agent.index()] = act;
-            self.tally.add(record);
+            if is_own {
+                self.tally.add(record);
+            } else if !record.is_taken_over() {
+                return Err(format!("the act of {agent} was taken over, and yet it has more than the act"));
+            }
         }
         let played = self.replayer.play(round.round, &acts, Some(&round.digest));
         played.map_err(|fault| fault.to_string())?;
@@ -419,6 +447,10 @@ impl Player {
         if self.end.is_some() {
             return Err("a second end".to_owned());
         }
+        let first = self.opening.first_round();
+        if self.world().round() < first {
+            return Err(format!("it ends before round {first}, from which it continues another episode"));
+        }
         compare("the number of rounds", &end.rounds, &self.world().round())?;
         compare("the final score", &end.score, &self.world().score())?;
         // A layout may have solved the task; that counts once the episode is started.
@@ -427,7 +459,7 @@ impl Player {
         } else {
             self.opening.config.start == "manual"
         };
-        let never_started = self.world().round() == 0 && may_wait;
+        let never_started = self.world().round() == first && may_wait;
         let (done, over) = (self.world().is_done(), self.world().is_over());
         let fits = match (end.status.as_str(), end.reason.as_str()) {
             ("finished", "task_done") => done,

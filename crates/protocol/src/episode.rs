@@ -120,6 +120,77 @@ game_settings! {
     }
 }
 
+/// From where a fork plays on, and how. What is left out is as for a new episode, but for the visibility and the prompt
+/// template, which are those of the parent. The settings of the simulation are the parent's and cannot be named.
+#[serde_with::skip_serializing_none]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({"round": 12, "model": "my-model"})))]
+pub struct ForkRequest {
+    /// How many rounds are taken over: from 0 to those that were resolved; also the first round to be played.
+    #[serialize_always]
+    #[cfg_attr(feature = "openapi", schema(required, minimum = 0, maximum = 10_000))]
+    pub round: Option<i64>,
+    /// How many forks of the same state are made.
+    #[cfg_attr(feature = "openapi", schema(default = 1, minimum = 1, maximum = 64))]
+    pub count: Option<i64>,
+    /// A round's clock in seconds; none by default. Banks are full, whatever was used before the fork.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.05, maximum = 86_400))]
+    pub round_deadline_s: Option<f64>,
+    /// What a seat may overspend in all rounds together, in seconds.
+    #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 604_800))]
+    pub bank_s: Option<f64>,
+    /// `now` or `manual`.
+    #[cfg_attr(feature = "openapi", schema(default = "now"))]
+    pub start: Option<String>,
+    /// Seconds without any act after which the episode ends as abandoned.
+    #[cfg_attr(feature = "openapi", schema(default = 86_400, minimum = 1, maximum = 31_536_000))]
+    pub idle_timeout_s: Option<f64>,
+    /// `public` or `owner`: who reads state, events and resolved rounds before the end; the parent's by default.
+    pub visibility: Option<String>,
+    /// Who plays; at most 200 characters.
+    #[cfg_attr(feature = "openapi", schema(default = "unnamed"))]
+    pub model: Option<String>,
+    /// What else is known of who plays; at most 16 KiB of JSON.
+    pub agent_meta: Option<Map<String, Value>>,
+    /// A prompt template of the fork's own; at most 32 KiB. The parent's by default.
+    pub prompt_template: Option<String>,
+    /// How many seats are open to claims, those of the last agents; the creator gets no tokens for them.
+    #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 1024))]
+    pub open_seats: Option<i64>,
+    /// Seconds after which built-in players take the unclaimed seats; never by default.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 604_800))]
+    pub fill_after_s: Option<f64>,
+    /// The built-in player that takes unclaimed seats; `default` is the task's own.
+    #[cfg_attr(feature = "openapi", schema(default = "default"))]
+    pub fill_with: Option<String>,
+    /// The built-in player that the server hosts on the creator's seats, which then have no tokens; `default` is the
+    /// task's own.
+    pub player: Option<String>,
+}
+
+/// Where an episode continues another one.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Fork {
+    /// The id of the other episode, its parent.
+    pub episode: String,
+    /// How many rounds of the parent were taken over.
+    pub round: u32,
+    /// The head of the parent's chain before that round; null while the caller may not know the seed.
+    pub head: Option<String>,
+}
+
+/// New forks of an episode.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct CreatedForks {
+    /// Where they continue their parent.
+    pub fork: Fork,
+    /// The forks: as many as were asked for.
+    pub episodes: Vec<CreatedEpisode>,
+}
+
 /// A new episode, with tokens that are shown this once.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -172,6 +243,9 @@ pub struct EpisodeSummary {
     pub result: Option<EpisodeResult>,
     /// Why it was voided, if it was.
     pub void_reason: Option<String>,
+    /// Where it continues another episode, if it is a fork.
+    #[serde(default)]
+    pub fork: Option<Fork>,
     /// All its settings.
     pub config: EpisodeConfig,
 }

@@ -216,6 +216,7 @@ impl Recording {
             digest: world.digest().to_string(),
             run: None,
             salt: None,
+            fork: None,
         })));
         let mut scratch = Scratch::default();
         for (round, acts) in self.rounds(config) {

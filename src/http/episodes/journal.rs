@@ -11,7 +11,8 @@ use super::super::stream::Parts;
 use crate::store::port::{StoredEpisode, StoredRound};
 use crate::store::records::ActReader;
 use crate::store::{Store, StoreError};
-use swarmbench_journal::record::{End, Frame, first_lines};
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::{End, Frame, RawRecord, next_line};
 
 /// Rounds that are read at once, without their acts.
 const ROUNDS: u32 = 256;
@@ -54,6 +55,8 @@ pub(in super::super) struct JournalReader {
     store: Store,
     stored: StoredEpisode,
     at: Position,
+    /// Of the chain after the last line.
+    head: Head,
     acts: ActReader,
     /// Rounds that were read and not written yet.
     rounds: VecDeque<StoredRound>,
@@ -83,23 +86,40 @@ impl JournalReader {
         // Acts of the open round belong to the end.
         let end = stored.rounds.saturating_add(u32::from(stored.ended_at.is_some()));
         let acts = ActReader::new(store.clone(), stored.episode, end);
-        Self { store, stored, at: Position::Opening, acts, rounds: VecDeque::new() }
+        let (at, head) = (Position::Opening, Head::START);
+        Self { store, stored, at, head, acts, rounds: VecDeque::new() }
     }
 
     /// Writes one more piece: a beginning of a line, an act, or an end of a line. False where nothing is left.
     async fn write(&mut self, out: &mut String, bytes_max: usize) -> Result<bool, StoreError> {
         self.at = match std::mem::replace(&mut self.at, Position::Done) {
             Position::Opening => {
-                out.push_str(&first_lines(&self.stored.opening, self.stored.seating.as_ref()));
+                self.add(out, &self.stored.opening.clone());
                 Position::Before(0)
             }
-            Position::Before(round) if round < self.stored.rounds => self.begin(round, out).await?,
-            Position::Before(_) => Position::End,
+            Position::Before(round) => self.before(round, out).await?,
             Position::In(line) => self.resume_line(line, out, bytes_max).await?,
             Position::End => self.end(out, bytes_max).await?,
             Position::Done => return Ok(false),
         };
         Ok(true)
+    }
+
+    /// Adds the line of a whole record.
+    fn add(&mut self, out: &mut String, record: &RawRecord) {
+        let line;
+        (line, self.head) = next_line(record, self.head);
+        out.push_str(&line);
+    }
+
+    /// Writes the next line, or its beginning: who holds which seat, a round, or neither.
+    async fn before(&mut self, round: u32, out: &mut String) -> Result<Position, StoreError> {
+        if round == self.stored.first_round
+            && let Some(seating) = self.stored.seating.take()
+        {
+            self.add(out, &seating);
+        }
+        if round < self.stored.rounds { self.begin(round, out).await } else { Ok(Position::End) }
     }
 
     async fn begin(&mut self, round: u32, out: &mut String) -> Result<Position, StoreError> {
@@ -109,6 +129,7 @@ impl JournalReader {
         }
         let stored = self.rounds.pop_front().filter(|stored| stored.round == round);
         let stored = stored.ok_or_else(|| self.broken(&format!("round {round} is missing")))?;
+        self.head = stored.head;
         let digest = data_encoding::HEXLOWER.encode(&stored.digest);
         let Frame { before, after } = Frame::of_round(round, &digest, stored.score, stored.head);
         out.push_str(&before);

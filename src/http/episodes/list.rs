@@ -22,6 +22,8 @@ list_params! {
         model,
         /// A run's id.
         run,
+        /// The id of an episode: its forks.
+        fork_of,
     }
 }
 
@@ -57,6 +59,7 @@ pub(in super::super) async fn list_episodes(
         task: params.task,
         model: params.model,
         run,
+        fork_of: params.fork_of,
         readable: caller.readable(&app.access),
         ..Filter::default()
     };

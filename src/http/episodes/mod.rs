@@ -3,7 +3,10 @@
 pub(super) mod abort;
 pub(super) mod agent;
 pub(super) mod create;
+mod created;
+mod describe;
 pub(super) mod events;
+pub(super) mod fork;
 pub(super) mod journal;
 pub(super) mod list;
 pub(super) mod metrics;
@@ -25,9 +28,9 @@ use crate::episode::actor::Handle;
 use crate::episode::spec::{Spec, Visibility};
 use crate::ids::EpisodeId;
 use crate::store::port::StoredEpisode;
-use swarmbench_journal::record::Record;
+use swarmbench_journal::record::{Fork, Record};
 use swarmbench_protocol::Seconds;
-use swarmbench_protocol::episode::{EpisodeConfig, EpisodeResult, EpisodeSummary};
+use swarmbench_protocol::episode::{self as shown, EpisodeConfig, EpisodeResult, EpisodeSummary};
 
 impl App {
     /// An episode of which the caller may read everything but the seed.
@@ -169,9 +172,16 @@ impl App {
             ended_at: stored.ended_at.map(Into::into),
             result,
             void_reason: stored.void_reason.clone(),
+            fork: spec.fork.as_ref().map(|fork| shown_fork(fork, may_know_seed)),
             config: config(&spec, may_know_seed),
         })
     }
+}
+
+/// Where an episode continues its parent, as it is shown. The seed could be found with the head, by trying.
+fn shown_fork(fork: &Fork, with_head: bool) -> shown::Fork {
+    let Fork { episode, round, head } = fork.clone();
+    shown::Fork { episode, round, head: with_head.then_some(head) }
 }
 
 /// Whether the caller may see what was decided, of an episode of which it may read the states: while a game of several

@@ -198,6 +198,15 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
                 () => None,
             }
         }
+        "fork_episode" => match kind {
+            Kind::None => Some(401),
+            // It is for attempts in competitions.
+            Entrant => Some(403),
+            _ if !kind.is_key() => Some(403),
+            _ if !knows() => Some(404),
+            _ if !(stage.ended || (oversees() && !stage.mixed)) => Some(403),
+            _ => None,
+        },
         "read_journal" | "show_agent_round" | "show_verification" => match () {
             () if !knows() => Some(404),
             () if !reads() || !(stage.ended || oversees()) => Some(403),
@@ -477,6 +486,7 @@ impl World {
             }
             "create_episode" => call.json(&request("owner")),
             "create_claim" => call.json(&json!({})),
+            "fork_episode" => call.json(&json!({ "round": 0 })),
             "create_key" => call.json(&json!({ "name": "somebody" })),
             "create_competition" => call.json(&crate::cup::request()),
             "create_codes" => call.json(&json!({ "labels": ["somebody"] })),

@@ -154,7 +154,10 @@ async fn ask_all(app: &TestApp, who: &str, token: Option<&str>, ids: &[String]) 
                 };
                 for query in queries {
                     let method: Method = method.to_uppercase().parse().expect("a method");
-                    let body = json!({ "reason": "x", "labels": ["x"], "seed": 1 });
+                    let body = match id {
+                        "fork_episode" => json!({ "round": 1 }),
+                        _ => json!({ "reason": "x", "labels": ["x"], "seed": 1 }),
+                    };
                     let mut call = app.call(method.clone(), &format!("{path}{query}"));
                     if method != Method::GET && method != Method::DELETE {
                         call = call.json(&body);

@@ -4,6 +4,7 @@ mod abort;
 mod agent;
 mod create;
 mod events;
+mod fork;
 mod journal;
 mod list;
 mod metrics;

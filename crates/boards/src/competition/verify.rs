@@ -440,6 +440,9 @@ impl Checker {
                 opening.run, published.run
             ));
         }
+        if let Some(fork) = &opening.fork {
+            return Err(format!("it is a fork of {}, and forks do not count", fork.episode));
+        }
         if opening.config.seed != planned.seed {
             return Err(format!(
                 "its seed is {}, but the sealed seed of its place is {}",

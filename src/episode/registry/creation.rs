@@ -1,0 +1,414 @@
+//! New episodes: from their layout, or from a round of another episode.
+
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::{Arc, Mutex, OnceLock};
+use std::time::Duration;
+
+use jiff::Timestamp;
+use swarmbench_engine::World;
+use tokio::sync::oneshot;
+use tracing::Instrument as _;
+
+use super::super::actor::{EpisodeInit, Handle, Running, Times, seated, spawn};
+use super::super::heavy::{is_heavy, off_thread};
+use super::super::lockstep::{Lockstep, ResumeState};
+use super::super::memory;
+use super::super::past::Past;
+use super::super::quota::{Full, Purpose};
+use super::super::recovery::clocks;
+use super::super::seating::Seating;
+use super::super::slot::Slot;
+use super::super::spec::Spec;
+use super::Registry;
+use crate::budget::{NoMemory, Reservation};
+use crate::fair::{self, Party, Rank};
+use crate::ids::{EpisodeId, EpisodeKey, RunKey};
+use crate::keys::OwnerKey;
+use crate::store::entries::{
+    ActRow, ClaimRow, Entry, Holder, OpeningRow, RoundRow, SeatingRow, TokenRow,
+};
+use crate::store::{Stopped, StoreError};
+use crate::work::{Cancelled, WorkError};
+use swarmbench_journal::Tally;
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::RawRecord;
+
+/// Rows of forks that are written in one commit: acts of others wait no longer than that takes.
+pub const FORK_PIECE_ROWS_MAX: usize = 4096;
+
+/// What belongs to a new episode beside its description.
+pub struct Creation {
+    pub id: EpisodeId,
+    /// Whose it is: the key with which it is created, if any, and the party that shares the limits.
+    pub party: Party,
+    pub purpose: Purpose,
+    /// The run to which it belongs, and which game of the run's plan it is.
+    pub run: Option<(RunKey, u32)>,
+    pub spec: Spec,
+    pub tokens: Vec<TokenRow>,
+    /// The key by which a repeated creation finds it, and the hash of the body.
+    pub idempotency: Option<(String, [u8; 32])>,
+}
+
+/// Why an episode was not created.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum CreateError {
+    /// There are as many as there may be.
+    #[error(transparent)]
+    Full(#[from] Full),
+    #[error(transparent)]
+    NoMemory(#[from] NoMemory),
+    /// The time in which its rounds may begin is over.
+    #[error("no round may begin after {0}")]
+    Closed(Timestamp),
+    /// Its map is large, and too much heavy work waits.
+    #[error(transparent)]
+    Work(#[from] WorkError),
+    /// It could not be stored.
+    #[error(transparent)]
+    Journal(#[from] StoreError),
+}
+
+/// Episodes that begin with the same state.
+struct NewEpisodes {
+    creations: Vec<Creation>,
+    /// The parent of forks; `None` for an episode that begins with its layout.
+    fork_of: Option<EpisodeKey>,
+    past: Past,
+    /// The memory that each takes.
+    rooms: Vec<Reservation>,
+}
+
+/// A new episode, and the entries that make it durable, but for the rounds that it took over.
+struct Prepared {
+    init: EpisodeInit,
+    /// The head of its chain after each round that it took over.
+    heads: Vec<Head>,
+    entries: Vec<Entry>,
+    room: Reservation,
+}
+
+impl Registry {
+    /// Creates an episode; it is durable when this returns.
+    pub async fn create(&self, creation: Creation) -> Result<Handle, CreateError> {
+        let registry = self.clone();
+        let created = self.detached(async move {
+            let first = registry.next_key.fetch_add(1, Ordering::Relaxed);
+            let opened = registry.open_new(EpisodeKey(first), creation).await;
+            registry.release_unless_opened(first, 1, opened)
+        });
+        Ok(created.await?.swap_remove(0))
+    }
+
+    /// Creates forks of an episode that continue from the end of `past`, all or none; they are durable when this returns.
+    /// They get numbers that follow one another, in their order.
+    pub async fn fork(
+        &self,
+        creations: Vec<Creation>,
+        fork_of: EpisodeKey,
+        past: Past,
+    ) -> Result<Vec<Handle>, CreateError> {
+        let registry = self.clone();
+        self.detached(async move {
+            let count = creations.len();
+            let first = registry.next_key.fetch_add(number(count), Ordering::Relaxed);
+            let opened = registry.open_forks(first, creations, fork_of, past).await;
+            registry.release_unless_opened(first, count, opened)
+        })
+        .await
+    }
+
+    /// In a task of its own: the caller may be dropped half-way, and a creation has to complete.
+    async fn detached(
+        &self,
+        creating: impl Future<Output = Result<Vec<Handle>, CreateError>> + Send + 'static,
+    ) -> Result<Vec<Handle>, CreateError> {
+        let (done, created) = oneshot::channel();
+        let creating = fair::inherit(async move { drop(done.send(creating.await)) });
+        (self.host.spawn)(Box::pin(creating.in_current_span()));
+        let stopping = || Err(StoreError::Stopped(Stopped::Server).into());
+        created.await.unwrap_or_else(|_| stopping())
+    }
+
+    fn release_unless_opened(
+        &self,
+        first: i64,
+        count: usize,
+        opened: Result<Vec<Handle>, CreateError>,
+    ) -> Result<Vec<Handle>, CreateError> {
+        if opened.is_err() {
+            (first..first + number(count)).for_each(|key| self.host.quotas.release(EpisodeKey(key)));
+        }
+        opened
+    }
+
+    /// Admits a new episode in round `round`; returns the memory that it takes.
+    fn admit(
+        &self,
+        key: EpisodeKey,
+        creation: &Creation,
+        round: u32,
+    ) -> Result<Reservation, CreateError> {
+        let Creation { party, purpose, spec, .. } = creation;
+        self.host.quotas.admit(key, *party, *purpose)?;
+        let bytes = memory::expected(&spec.config, round, spec.hosted_max());
+        // What an organizer creates may take more than a share.
+        let group = (*purpose != Purpose::Organizer).then_some(party.group);
+        Ok(self.room_of(bytes, group)?)
+    }
+
+    async fn open_new(
+        &self,
+        key: EpisodeKey,
+        creation: Creation,
+    ) -> Result<Vec<Handle>, CreateError> {
+        let room = self.admit(key, &creation, 0)?;
+        let config = Arc::clone(&creation.spec.config);
+        let heavy = is_heavy(&config);
+        let lay_out = move |_: &Cancelled<'_>| World::new(config);
+        let share = (creation.party, Rank::Normal);
+        let world = off_thread(&self.host.workers, "layout", share, heavy, lay_out).await?;
+        let past = Past::none(Arc::new(world));
+        let new =
+            NewEpisodes { creations: vec![creation], fork_of: None, past, rooms: vec![room] };
+        let handles = self.open(key.0, new).await?;
+        for handle in &handles {
+            let snapshot = handle.snapshot();
+            if !handle.spec.begins_waiting() && snapshot.world.is_over() {
+                // The layout has solved the task; the creator has to see that. Where the
+                // end cannot be stored, the actor ends, and the next request gets the error.
+                drop(handle.follow().wait_for(|snapshot| snapshot.status.is_over()).await);
+            }
+        }
+        Ok(handles)
+    }
+
+    async fn open_forks(
+        &self,
+        first: i64,
+        creations: Vec<Creation>,
+        fork_of: EpisodeKey,
+        past: Past,
+    ) -> Result<Vec<Handle>, CreateError> {
+        let round = past.world.round();
+        let rooms: Result<Vec<_>, _> = (first..)
+            .zip(&creations)
+            .map(|(key, creation)| self.admit(EpisodeKey(key), creation, round))
+            .collect();
+        let rooms = rooms?;
+        let Some(party) = creations.first().map(|creation| creation.party) else {
+            return Ok(Vec::new());
+        };
+        let bytes = (past.bytes, creations.len() as u64);
+        self.host.quotas.take_forks(party, bytes, self.host.clock.now())?;
+        let new = NewEpisodes { creations, fork_of: Some(fork_of), past, rooms };
+        let opened = self.open(first, new).await;
+        if opened.is_err() {
+            self.host.quotas.release_forks(party, bytes);
+        }
+        opened
+    }
+
+    /// Keeps new episodes, all or none, and starts their actors.
+    async fn open(&self, first: i64, new: NewEpisodes) -> Result<Vec<Handle>, CreateError> {
+        let NewEpisodes { creations, fork_of, past, rooms } = new;
+        let past = Arc::new(past);
+        let mut prepared = Vec::with_capacity(creations.len());
+        for ((key, creation), room) in (first..).zip(creations).zip(rooms) {
+            prepared.push(self.prepare(EpisodeKey(key), creation, fork_of, &past, room).await?);
+        }
+        self.keep(&mut prepared, &past).await?;
+        let mut handles = Vec::with_capacity(prepared.len());
+        for one in prepared {
+            handles.push(self.start(one).await);
+        }
+        Ok(handles)
+    }
+
+    async fn prepare(
+        &self,
+        key: EpisodeKey,
+        creation: Creation,
+        fork_of: Option<EpisodeKey>,
+        past: &Arc<Past>,
+        room: Reservation,
+    ) -> Result<Prepared, CreateError> {
+        let Creation { id, party, purpose: _, run, spec, tokens, idempotency } = creation;
+        let (now, running) = (self.host.clock.wall(), self.host.clock.now());
+        if let Some(closes_at) = spec.closes_at.filter(|at| *at <= now) {
+            return Err(CreateError::Closed(closes_at));
+        }
+        let owner = party.owner();
+        let record = RawRecord::write(&spec.opening(&id, now, past.keyframes.layout()));
+        let opened = Head::START.link(record.as_str().as_bytes());
+        let heads = self.heads(opened, past, party).await?;
+        let mut head = heads.last().copied().unwrap_or(opened);
+        let waiting = spec.begins_waiting();
+        let (seating, claim) = self.seat(key, owner, &spec, now).await?;
+        let row = OpeningRow {
+            episode: key,
+            id: id.clone(),
+            owner,
+            run,
+            fork: fork_of.map(|parent| (parent, past.world.round())),
+            record,
+            head,
+            task: spec.config.task().name(),
+            model: spec.model.clone(),
+            visibility: spec.visibility.name(),
+            waiting,
+            clocked: spec.advances_by_itself(),
+            at: now,
+            idempotency,
+            tokens,
+        };
+        let mut entries: Vec<Entry> =
+            [Entry::Open(Box::new(row))].into_iter().chain(claim).collect();
+        if let Some(seating) = seating.as_ref().filter(|_| !waiting) {
+            let record;
+            (record, head) = seated(seating, head);
+            entries.push(Entry::Seat(SeatingRow { episode: key, record, head }));
+        }
+        let agents = usize::from(spec.config.num_agents());
+        let world = Arc::clone(&past.world);
+        let resume = ResumeState {
+            waiting,
+            outcome: None,
+            round: world.round(),
+            alive: world.agents().map(|agent| world.is_alive(agent)).collect(),
+            // Also in a fork: its clocks are its own.
+            bank_spent: vec![Duration::ZERO; agents],
+            recorded: Vec::new(),
+            last_act_at: running,
+        };
+        let spec = Arc::new(spec);
+        let episode = Running {
+            id,
+            key,
+            owner,
+            run: run.map(|(run, _)| run),
+            party,
+            spec: Arc::clone(&spec),
+            created_at: now,
+            hosted: OnceLock::new(),
+            keyframes: Mutex::new(past.keyframes.clone()),
+            ends_at: AtomicI64::default(),
+            times: Arc::new(Times::new(running)),
+        };
+        let init = EpisodeInit {
+            episode,
+            lockstep: Lockstep::new(clocks(&spec), resume, running),
+            newest_at: now,
+            world,
+            head,
+            bytes: past.bytes,
+            tally: Tally::default(),
+            seating,
+        };
+        Ok(Prepared { init, heads, entries, room })
+    }
+
+    /// The head of a chain that begins with `opened` after each round that is taken over.
+    async fn heads(
+        &self,
+        opened: Head,
+        past: &Arc<Past>,
+        party: Party,
+    ) -> Result<Vec<Head>, WorkError> {
+        if past.rounds.is_empty() {
+            return Ok(Vec::new());
+        }
+        let rounds = Arc::clone(past);
+        let link = move |_: &Cancelled<'_>| {
+            let mut head = opened;
+            let next = rounds.rounds.iter().map(|round| {
+                head = head.link(round.record.as_str().as_bytes());
+                head
+            });
+            next.collect()
+        };
+        off_thread(&self.host.workers, "fork", (party, Rank::Normal), true, link).await
+    }
+
+    /// Keeps new episodes, all or none. Where they took over many rounds, these are written in several commits, and the
+    /// episodes exist with the last of them.
+    async fn keep(&self, prepared: &mut [Prepared], past: &Past) -> Result<(), StoreError> {
+        let rows = prepared.len() * past.rows();
+        let mut entries = Vec::with_capacity(FORK_PIECE_ROWS_MAX.min(rows) + 2);
+        if rows > FORK_PIECE_ROWS_MAX {
+            entries.push(Entry::BeginForks(prepared.iter().map(|one| one.init.episode.key).collect()));
+        }
+        for one in prepared.iter() {
+            let (episode, at) = (one.init.episode.key, one.init.newest_at);
+            for ((round, taken), head) in (0..).zip(&past.rounds).zip(&one.heads) {
+                if entries.len() >= FORK_PIECE_ROWS_MAX {
+                    self.host.journal.keep(std::mem::take(&mut entries)).await?;
+                }
+                entries.extend(taken.acts.iter().map(|act| {
+                    let (agent, waiting_for) = (act.agent, act.waiting_for);
+                    let record = act.record.clone();
+                    Entry::Act(ActRow { episode, round, agent, waiting_for, at, record })
+                }));
+                let (digest, score, head) = (taken.digest, taken.score, *head);
+                entries.push(Entry::Round(RoundRow { episode, round, digest, score, head, at }));
+            }
+        }
+        entries.extend(prepared.iter_mut().flat_map(|one| std::mem::take(&mut one.entries)));
+        self.host.journal.keep(entries).await
+    }
+
+    /// Starts the actor of an episode that is durable now. Where a request has found it already, it was recovered: an
+    /// episode never has two actors.
+    async fn start(&self, prepared: Prepared) -> Handle {
+        let Prepared { init, room, .. } = prepared;
+        let Running { id, spec, .. } = &init.episode;
+        tracing::info!(episode = %id, task = spec.config.task().name(), model = %spec.model, "created");
+        metrics::counter!("swarmbench_episodes_created_total").increment(1);
+        let now = self.host.clock.now();
+        let cell = {
+            let mut slots = self.slots();
+            Arc::clone(&slots.entry(id.clone()).or_insert_with(|| Slot::empty(now)).handle)
+        };
+        cell.get_or_init(|| async { spawn(self.host.clone(), init, room) }).await.clone()
+    }
+
+    /// The seating of a new episode, and the entry for its creator.
+    async fn seat(
+        &self,
+        episode: EpisodeKey,
+        owner: Option<OwnerKey>,
+        spec: &Spec,
+        now: Timestamp,
+    ) -> Result<(Option<Seating>, Option<Entry>), StoreError> {
+        if !spec.is_seated() {
+            return Ok((None, None));
+        }
+        let key = match owner {
+            Some(owner) => self.host.journal.key_id(owner).await?,
+            None => None,
+        };
+        let holder = Holder {
+            number: 0,
+            owner,
+            key,
+            model: spec.model.clone(),
+            agent_meta: spec.agent_meta.clone(),
+            player: spec.player.clone(),
+            at: now,
+        };
+        let own = spec.agents().filter(|agent| !spec.open_seats.contains(agent));
+        let agents = if spec.is_mixed() { own.collect() } else { Vec::new() };
+        let seating = Seating::new(
+            spec,
+            self.host.clock.running_at(now),
+            vec![(holder.clone(), agents.clone())],
+        );
+        let tokens = Vec::new();
+        let row = ClaimRow { episode, holder, agents, tokens, idempotency: None };
+        Ok((seating, Some(Entry::Claim(Box::new(row)))))
+    }
+}
+
+fn number(count: usize) -> i64 {
+    i64::try_from(count).expect("a few episodes")
+}
