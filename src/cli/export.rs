@@ -65,6 +65,10 @@ pub(super) struct Args {
     /// No episodes whose seats had several holders.
     #[arg(long)]
     no_mixed: bool,
+    /// Forks, too: games that play on from a round of another game. Without it they are left out, but for one that --episode
+    /// names.
+    #[arg(long)]
+    forks: bool,
     /// Only episodes with this status: waiting, running, finished, aborted or abandoned. Default: all that have
     /// ended.
     #[arg(long, value_parser = status)]
@@ -75,7 +79,7 @@ pub(super) struct Args {
     #[command(flatten)]
     embedder: EmbedderArgs,
     /// Imported games instead of episodes of this server.
-    #[arg(long, conflicts_with_all = ["run", "no_mixed", "status", "episode", "format"])]
+    #[arg(long, conflicts_with_all = ["run", "no_mixed", "forks", "status", "episode", "format"])]
     imported: bool,
     /// Print as JSON what was written.
     #[arg(long)]
@@ -135,6 +139,7 @@ impl Args {
             ("task", self.task()),
             ("model", self.model.clone()),
             ("mixed", self.no_mixed.then(|| false.to_string())),
+            ("forks", self.forks.then(|| true.to_string())),
             ("status", self.status()),
             ("episode", self.episode.clone()),
         ];
@@ -143,7 +148,7 @@ impl Args {
 
     /// Without a filter an export may be empty: nothing was mistyped.
     fn has_filter(&self) -> bool {
-        !self.query().is_empty()
+        self.query().iter().any(|(name, _)| *name != "forks")
     }
 
     fn task(&self) -> Option<String> {
@@ -162,6 +167,7 @@ impl Args {
         }
         filters.extend(self.query().into_iter().map(|(name, value)| match name {
             "mixed" => "--no-mixed".to_owned(),
+            "forks" => "--forks".to_owned(),
             name => format!("--{name} {value}"),
         }));
         models.no_match(&filters, self.model.as_deref())
@@ -342,6 +348,7 @@ fn selection(args: &Args, store: &Store) -> anyhow::Result<Selection> {
         task: args.task(),
         played_by: args.model.clone(),
         mixed: args.no_mixed.then_some(false),
+        forks: Filter::of_forks(args.forks, args.episode.is_some()),
         run,
         readable: Readable::All,
         ..Filter::default()

@@ -173,6 +173,8 @@ const OF_EPISODES: &[Column] = &[
     ("embedder", Kind::Text),
     ("prompt", Kind::Text),
     ("answer_reader", Kind::Text),
+    ("fork_of", Kind::Text),
+    ("fork_round", Kind::Whole),
 ];
 
 const OF_ACTS: &[Column] = &[
@@ -371,6 +373,8 @@ pub fn episode(header: &Header, stored: &StoredEpisode, outcome: &Outcome) -> Ve
     cells.extend(tally.failures.iter().map(|(_, count)| count.into()));
     cells.extend([METRICS_REVISION.into(), embedder.into()]);
     cells.extend([header.prompt().to_string().into(), (&config.answer_reader).into()]);
+    let fork = opening.fork.as_ref();
+    cells.extend([fork.map(|fork| &fork.episode).into(), fork.map(|fork| fork.round).into()]);
     for metric in Metric::ALL {
         let (value, rounds) = measured.value(Definition::Paper, metric);
         cells.extend([value.into(), rounds.into()]);

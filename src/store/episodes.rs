@@ -31,6 +31,14 @@ pub struct Filter {
     pub readable: Readable,
 }
 
+impl Filter {
+    /// What is exported of forks: nothing, as games that begin in the same way are no independent games. All where they are
+    /// asked for, or one episode is named.
+    pub fn of_forks(wanted: bool, is_named: bool) -> Option<bool> {
+        if wanted || is_named { None } else { Some(false) }
+    }
+}
+
 /// Which episodes somebody may read.
 #[derive(Clone, Debug, Default)]
 pub enum Readable {

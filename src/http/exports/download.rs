@@ -57,6 +57,9 @@ pub(in super::super) struct ExportParams {
     mixed: Option<bool>,
     /// `waiting`, `running`, `finished`, `aborted` or `abandoned`; all that have ended where it is left out.
     status: Option<String>,
+    /// Whether forks are exported, too; without it they are left out, but for one that `episode` names.
+    #[serde(default, deserialize_with = "optional_flag")]
+    forks: Option<bool>,
     /// An episode's id.
     episode: Option<String>,
 }
@@ -213,6 +216,7 @@ async fn selection(
         task: params.task,
         played_by: params.model,
         mixed: params.mixed,
+        forks: Filter::of_forks(params.forks.unwrap_or(false), params.episode.is_some()),
         run,
         readable,
         ..Filter::default()
