@@ -180,7 +180,11 @@ fn run_file(args: &Args, file: &Path) -> anyhow::Result<()> {
         ("head", report.head.to_string()),
     ];
     let fork = report.opening.fork.as_ref().map(|fork| {
-        let compared = if args.parent.is_some() { "compared" } else { "not compared; pass its journal with --parent FILE" };
+        let compared = if args.parent.is_some() {
+            "compared"
+        } else {
+            "not compared; pass its journal with --parent FILE"
+        };
         ("fork", format!("plays on from round {} of {} ({compared})", fork.round, fork.episode))
     });
     out!("{}", fields(rows.into_iter().chain(fork).chain(holders)));

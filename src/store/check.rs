@@ -212,7 +212,8 @@ async fn schema(
 }
 
 /// Episodes, and forks of which a server is writing the rounds.
-const EPISODES_AND_FORKING: &str = "(SELECT key FROM episodes UNION ALL SELECT episode AS key FROM forking)";
+const EPISODES_AND_FORKING: &str =
+    "(SELECT key FROM episodes UNION ALL SELECT episode AS key FROM forking)";
 
 /// Columns that name a row of another table: the table, the column, and the key of the other.
 const REFERENCES: [(&str, &str, &str, &str); 22] = [

@@ -35,8 +35,9 @@ pub(super) async fn complete(
 pub(super) async fn delete_incomplete(
     connection: &mut SqliteConnection,
 ) -> Result<(), sqlx::Error> {
-    let any: Option<i64> =
-        sqlx::query_scalar("SELECT episode FROM forking LIMIT 1").fetch_optional(&mut *connection).await?;
+    let any: Option<i64> = sqlx::query_scalar("SELECT episode FROM forking LIMIT 1")
+        .fetch_optional(&mut *connection)
+        .await?;
     if any.is_none() {
         return Ok(());
     }

@@ -86,7 +86,10 @@ fn belong_together(fork: &Played, parent: &Played) -> Result<(), String> {
         return Err(format!("{} is no fork: its opening names no parent", own.episode));
     };
     if *episode != other.episode {
-        return Err(format!("its parent is {episode}, and the other journal is that of {}", other.episode));
+        return Err(format!(
+            "its parent is {episode}, and the other journal is that of {}",
+            other.episode
+        ));
     }
     let rounds = parent.report.rounds;
     if rounds < *round {
@@ -94,13 +97,15 @@ fn belong_together(fork: &Played, parent: &Played) -> Result<(), String> {
             "it continues its parent from round {round}, and the parent's journal has {rounds} rounds; get it again"
         ));
     }
-    let settings = |config: &super::record::RecordedConfig| config.engine().map(|config| config.settings());
+    let settings =
+        |config: &super::record::RecordedConfig| config.engine().map(|config| config.settings());
     if settings(&own.config).ok() != settings(&other.config).ok() {
         return Err("the settings of the simulation are not those of its parent".to_owned());
     }
     let of_both = fork.steps.iter().zip(&parent.steps).take(*round as usize + 1);
     if let Some(place) = of_both.clone().position(|(own, other)| own != other) {
-        let what = place.checked_sub(1).map_or("the layout".to_owned(), |round| format!("round {round}"));
+        let what =
+            place.checked_sub(1).map_or("the layout".to_owned(), |round| format!("round {round}"));
         return Err(format!("{what} is not that of its parent"));
     }
     let named = |&(played, after): &(u32, Head)| played == *round && after.to_string() == *head;

@@ -369,7 +369,8 @@ impl Player {
     fn seat(&mut self, seats: Seats) -> Result<(), String> {
         let is_before_first = self.world().round() == self.opening.first_round();
         if self.seats.is_some() || self.end.is_some() || !is_before_first {
-            let what = "the record of seats comes once, before the first round of the episode's own";
+            let what =
+                "the record of seats comes once, before the first round of the episode's own";
             return Err(what.to_owned());
         }
         if !self.is_seated() {
@@ -435,7 +436,9 @@ impl Player {
             if is_own {
                 self.tally.add(record);
             } else if !record.is_taken_over() {
-                return Err(format!("the act of {agent} was taken over, and yet it has more than the act"));
+                return Err(format!(
+                    "the act of {agent} was taken over, and yet it has more than the act"
+                ));
             }
         }
         let played = self.replayer.play(round.round, &acts, Some(&round.digest));
@@ -449,7 +452,9 @@ impl Player {
         }
         let first = self.opening.first_round();
         if self.world().round() < first {
-            return Err(format!("it ends before round {first}, from which it continues another episode"));
+            return Err(format!(
+                "it ends before round {first}, from which it continues another episode"
+            ));
         }
         compare("the number of rounds", &end.rounds, &self.world().round())?;
         compare("the final score", &end.score, &self.world().score())?;

@@ -161,8 +161,12 @@ fn of_database<R: Reader>(db: &Path, wanted: &Wanted, mut reader: R) -> anyhow::
     let runtime = tokio::runtime::Handle::current();
     let store = runtime.block_on(Store::open_to_read(db))?;
     let bar = progress_bar("{bar:30} {pos} of {len} games, {elapsed}");
-    let filter =
-        Filter { readable: Readable::All, task: task.clone(), forks: Filter::of_forks(false, false), ..Filter::default() };
+    let filter = Filter {
+        readable: Readable::All,
+        task: task.clone(),
+        forks: Filter::of_forks(false, false),
+        ..Filter::default()
+    };
     let selection = Selection { filter, episode: None };
     let is_wanted = |stored: &StoredEpisode| {
         episodes.as_ref().is_none_or(|episodes| episodes.contains(stored.id.as_str()))

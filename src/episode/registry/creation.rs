@@ -137,7 +137,8 @@ impl Registry {
         opened: Result<Vec<Handle>, CreateError>,
     ) -> Result<Vec<Handle>, CreateError> {
         if opened.is_err() {
-            (first..first + number(count)).for_each(|key| self.host.quotas.release(EpisodeKey(key)));
+            (first..first + number(count))
+                .for_each(|key| self.host.quotas.release(EpisodeKey(key)));
         }
         opened
     }
@@ -169,8 +170,7 @@ impl Registry {
         let share = (creation.party, Rank::Normal);
         let world = off_thread(&self.host.workers, "layout", share, heavy, lay_out).await?;
         let past = Past::none(Arc::new(world));
-        let new =
-            NewEpisodes { creations: vec![creation], fork_of: None, past, rooms: vec![room] };
+        let new = NewEpisodes { creations: vec![creation], fork_of: None, past, rooms: vec![room] };
         let handles = self.open(key.0, new).await?;
         for handle in &handles {
             let snapshot = handle.snapshot();
@@ -336,7 +336,8 @@ impl Registry {
         let rows = prepared.len() * past.rows();
         let mut entries = Vec::with_capacity(FORK_PIECE_ROWS_MAX.min(rows) + 2);
         if rows > FORK_PIECE_ROWS_MAX {
-            entries.push(Entry::BeginForks(prepared.iter().map(|one| one.init.episode.key).collect()));
+            entries
+                .push(Entry::BeginForks(prepared.iter().map(|one| one.init.episode.key).collect()));
         }
         for one in prepared.iter() {
             let (episode, at) = (one.init.episode.key, one.init.newest_at);

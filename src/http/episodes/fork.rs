@@ -139,16 +139,20 @@ impl Plan {
                 if resolved < stored.rounds {
                     format!("must be from 0 to fork_rounds_max, {resolved}, is {asked}")
                 } else {
-                    format!("must be from 0 to the rounds that were resolved, {resolved}, is {asked}")
+                    format!(
+                        "must be from 0 to the rounds that were resolved, {resolved}, is {asked}"
+                    )
                 },
             ),
             Some(_) => {}
         }
         let asked = request.count.unwrap_or(1);
-        let count = u32::try_from(asked).ok().filter(|count| (1..=limits.fork_count_max).contains(count));
+        let count =
+            u32::try_from(asked).ok().filter(|count| (1..=limits.fork_count_max).contains(count));
         if count.is_none() {
             let most = limits.fork_count_max;
-            problems.refuse("count", format!("must be from 1 to fork_count_max, {most}, is {asked}"));
+            problems
+                .refuse("count", format!("must be from 1 to fork_count_max, {most}, is {asked}"));
         }
         let agents = u64::from(parent.config.num_agents());
         let (seats, acts) = (
@@ -161,7 +165,9 @@ impl Plan {
         ] {
             if is > most {
                 let what = if name == "fork_seats_max" { "seats" } else { "acts" };
-                let problem = format!("together the forks would have {is} {what}, more than {name}, {most}; make fewer at once");
+                let problem = format!(
+                    "together the forks would have {is} {what}, more than {name}, {most}; make fewer at once"
+                );
                 problems.refuse("count", problem);
             }
         }
@@ -212,7 +218,10 @@ impl Plan {
         let past = Past::read(app.registry.host(), &self.parent, config, self.round).await?;
         drop(permit);
         if past.is_over() {
-            let problem = format!("the game is over after {} rounds; play on from an earlier one", self.round);
+            let problem = format!(
+                "the game is over after {} rounds; play on from an earlier one",
+                self.round
+            );
             let mut problems = Problems::default();
             problems.refuse("round", problem);
             return problems.none_or(None);
@@ -254,7 +263,8 @@ impl Plan {
             None => link(Head::START, &parent.opening),
             Some(last) => {
                 let rows = app.store.resolved(parent.episode, last, *round).await?;
-                let missing = || StoreError::broken(format!("round {last} of {} is missing", parent.id));
+                let missing =
+                    || StoreError::broken(format!("round {last} of {} is missing", parent.id));
                 rows.first().ok_or_else(missing)?.head
             }
         };

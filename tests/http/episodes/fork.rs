@@ -24,7 +24,8 @@ async fn fork(app: &TestApp, parent: &Episode, body: Value) -> Vec<Episode> {
 
 /// An act whose answer, reasons and costs nobody else may learn.
 fn answer(round: u64, agent: usize) -> Value {
-    let action = ["SWITCH", "UP", "LEFT", "STAY"][(agent + usize::try_from(round).expect("small")) % 4];
+    let action =
+        ["SWITCH", "UP", "LEFT", "STAY"][(agent + usize::try_from(round).expect("small")) % 4];
     json!({
         "round": round,
         "response": format!("CANARY-ANSWER of {agent}\nACTION: {action}\nMSG: {agent} in {round}"),
@@ -55,7 +56,8 @@ fn digests(journal: &str) -> Vec<String> {
 }
 
 fn compared(fork: &str, parent: &str) -> Report {
-    verify_fork(fork.as_bytes(), parent.as_bytes(), None, Solver::Flow, |_, _| ()).expect("it belongs")
+    verify_fork(fork.as_bytes(), parent.as_bytes(), None, Solver::Flow, |_, _| ())
+        .expect("it belongs")
 }
 
 #[tokio::test]
@@ -68,12 +70,18 @@ async fn the_same_acts_lead_to_the_same_states() {
     let whole = app.journal(&parent).await;
     for round in [0, 1, 5, 8] {
         let made = call(&app, &parent, &json!({ "round": round, "model": "again" })).ok().await;
-        assert_eq!((&made["fork"]["episode"], &made["fork"]["round"]), (&json!(parent.id), &json!(round)));
+        assert_eq!(
+            (&made["fork"]["episode"], &made["fork"]["round"]),
+            (&json!(parent.id), &json!(round))
+        );
         let fork = Episode::of(&made["episodes"][0]);
         let shown = app.show(&fork).await;
         assert_eq!((&shown["round"], &shown["status"]), (&json!(round), &json!("running")));
         assert_eq!(shown["fork"], made["fork"]);
-        assert_eq!(app.state(&fork).await, app.get(&parent.path(&format!("/state?round={round}"))).ok().await);
+        assert_eq!(
+            app.state(&fork).await,
+            app.get(&parent.path(&format!("/state?round={round}"))).ok().await
+        );
         play(&app, &fork, round..9).await;
         let journal = app.journal(&fork).await;
         assert_eq!(digests(&journal), digests(&whole));
@@ -95,7 +103,10 @@ async fn other_acts_lead_elsewhere_and_observations_go_on() {
     same["episode"] = seen["episode"].clone();
     assert_eq!(same, seen, "memory and messages included");
     let prompt = |token: &str| app.get("/obs?prompt=true").token(token);
-    assert_eq!(prompt(fork.seat(1)).ok().await["prompt"], prompt(parent.seat(1)).ok().await["prompt"]);
+    assert_eq!(
+        prompt(fork.seat(1)).ok().await["prompt"],
+        prompt(parent.seat(1)).ok().await["prompt"]
+    );
     app.all_act(&fork, "SWITCH").await;
     app.all_act(&parent, "STAY").await;
     assert_ne!(app.state(&fork).await, app.state(&parent).await);
@@ -113,7 +124,8 @@ async fn answers_reasons_and_costs_are_not_taken_over() {
     let parent = answered(&app, request(3, 6), 4).await;
     let hidden = app.journal(&parent).await;
     assert!(SECRETS.iter().all(|secret| hidden.contains(secret)), "there is something to hide");
-    let invalid = json!({ "round": 4, "response": "CANARY-ANSWER, and no action", "failure": null });
+    let invalid =
+        json!({ "round": 4, "response": "CANARY-ANSWER, and no action", "failure": null });
     app.act(parent.seat(0), &invalid).await;
     app.all_act(&parent, "SWITCH").await;
     let fork = fork(&app, &parent, json!({ "round": 5 })).await.remove(0);
@@ -121,7 +133,8 @@ async fn answers_reasons_and_costs_are_not_taken_over() {
     let journal = app.journal(&fork).await;
     let replay = app.get(&fork.path("/replay")).ok().await.to_string();
     let act = app.get(&fork.path("/rounds/4/agents/Agent_0")).ok().await;
-    let exported = app.get(&format!("/api/v1/exports/acts.jsonl?episode={}", fork.id)).send().await.text();
+    let exported =
+        app.get(&format!("/api/v1/exports/acts.jsonl?episode={}", fork.id)).send().await.text();
     for secret in SECRETS {
         for text in [&journal, &replay, &act.to_string(), &exported] {
             assert!(!text.contains(secret), "{secret} in {text}");
@@ -162,9 +175,11 @@ async fn a_group_has_one_state_and_tokens_of_its_own() {
 #[tokio::test]
 async fn a_repeat_gives_the_same_forks_with_new_tokens() {
     let app = TestApp::start().await;
-    let (parent, other) = (answered(&app, request(2, 6), 2).await, answered(&app, request(2, 6), 2).await);
+    let (parent, other) =
+        (answered(&app, request(2, 6), 2).await, answered(&app, request(2, 6), 2).await);
     let body = json!({ "round": 1, "count": 3 });
-    let once = |parent: &Episode, body: &Value| call(&app, parent, body).header("Idempotency-Key", "k");
+    let once =
+        |parent: &Episode, body: &Value| call(&app, parent, body).header("Idempotency-Key", "k");
     let first = once(&parent, &body).ok().await;
     let second = once(&parent, &body).ok().await;
     let of = |made: &Value| list(&made["episodes"]).iter().map(Episode::of).collect::<Vec<_>>();
@@ -217,7 +232,10 @@ async fn a_game_that_is_over_has_nothing_after_its_last_round() {
     let parent = answered(&app, request(2, 3), 3).await;
     let problem = call(&app, &parent, &json!({ "round": 3 })).problem(422, "invalid").await;
     assert_eq!(fields(&problem), ["round"]);
-    assert!(problem["detail"].as_str().is_some_and(|text| text.contains("earlier one")), "{problem}");
+    assert!(
+        problem["detail"].as_str().is_some_and(|text| text.contains("earlier one")),
+        "{problem}"
+    );
     // One that was aborted is not over by the rules.
     let aborted = answered(&app, request(2, 6), 3).await;
     app.delete(&aborted.path("")).token(&aborted.swarm).ok().await;
@@ -252,7 +270,8 @@ async fn limits_are_named() {
 async fn forks_are_under_the_quota_of_episodes() {
     let app = TestApp::builder().limits(|limits| limits.episodes_unfinished_max = 4).start().await;
     let parent = answered(&app, request(2, 9), 2).await;
-    let problem = call(&app, &parent, &json!({ "round": 1, "count": 4 })).problem(503, "overloaded").await;
+    let problem =
+        call(&app, &parent, &json!({ "round": 1, "count": 4 })).problem(503, "overloaded").await;
     assert_eq!(problem["limit"]["name"], "episodes_unfinished_max");
     assert_eq!(app.count("SELECT count(*) FROM episodes").await, 1, "none of four is made");
     fork(&app, &parent, json!({ "round": 1, "count": 3 })).await;
@@ -261,14 +280,16 @@ async fn forks_are_under_the_quota_of_episodes() {
 
 #[tokio::test]
 async fn forks_are_under_the_quota_of_bytes() {
-    let builder = TestApp::builder().keys().limits(|limits| limits.journal_bytes_per_key_max = 5_000);
+    let builder =
+        TestApp::builder().keys().limits(|limits| limits.journal_bytes_per_key_max = 5_000);
     let app = builder.start().await;
     let (key, _) = app.key(json!({ "name": "owner" })).await;
     let parent = app.create_with(&key, request(2, 40)).await;
     for _ in 0..10 {
         app.all_act(&parent, "SWITCH").await;
     }
-    let call = |count: u32| call(&app, &parent, &json!({ "round": 10, "count": count })).token(&key);
+    let call =
+        |count: u32| call(&app, &parent, &json!({ "round": 10, "count": count })).token(&key);
     let problem = call(4).problem(403, "forbidden").await;
     assert_eq!(problem["limit"], json!({ "name": "journal_bytes_per_key_max", "value": 5_000 }));
     call(1).ok().await;
@@ -297,10 +318,12 @@ async fn who_may_read_the_journal_may_fork() {
     let (owner, _) = app.key(json!({ "name": "owner" })).await;
     let (member, _) = app.key(json!({ "name": "member" })).await;
     for visibility in ["public", "owner"] {
-        let parent = app.create_with(&owner, with(request(2, 3), "visibility", json!(visibility))).await;
+        let parent =
+            app.create_with(&owner, with(request(2, 3), "visibility", json!(visibility))).await;
         app.all_act(&parent, "SWITCH").await;
         let fork = |token: &str| call(&app, &parent, &json!({ "round": 1 })).token(token);
-        let (status, code) = if visibility == "public" { (403, "forbidden") } else { (404, "not_found") };
+        let (status, code) =
+            if visibility == "public" { (403, "forbidden") } else { (404, "not_found") };
         fork(&member).problem(status, code).await;
         fork(&parent.swarm).problem(403, "forbidden").await;
         fork(parent.seat(0)).problem(403, "forbidden").await;
@@ -313,7 +336,10 @@ async fn who_may_read_the_journal_may_fork() {
         finish(&app, &parent).await;
         let made = Episode::of(&fork(&member).ok().await["episodes"][0]);
         // It is the member's now.
-        app.delete(&made.path("")).token(&owner).problem(if visibility == "public" { 403 } else { 404 }, code).await;
+        app.delete(&made.path(""))
+            .token(&owner)
+            .problem(if visibility == "public" { 403 } else { 404 }, code)
+            .await;
         app.delete(&made.path("")).token(&member).ok().await;
     }
 }
@@ -368,13 +394,16 @@ async fn sealed_games_are_forked_after_the_reveal_only() {
     let blue = cup.enter(&app, "blue").await;
     let attempt = cup.start(&app, &blue).await;
     attempt.play(&app, 2).await;
-    let all = list(&app.get("/api/v1/episodes?limit=1000").token(&app.organizer).ok().await["items"]);
+    let all =
+        list(&app.get("/api/v1/episodes?limit=1000").token(&app.organizer).ok().await["items"]);
     let path = format!("/api/v1/episodes/{}/fork", all[0]["id"].as_str().expect("an id"));
     let fork = |token: &str| app.post(&path).token(token).json(&json!({ "round": 1 }));
     let (member, _) = app.key(json!({ "name": "member" })).await;
-    for (token, status, code) in
-        [(&app.organizer, 403, "forbidden"), (&member, 404, "not_found"), (&blue.key, 403, "forbidden")]
-    {
+    for (token, status, code) in [
+        (&app.organizer, 403, "forbidden"),
+        (&member, 404, "not_found"),
+        (&blue.key, 403, "forbidden"),
+    ] {
         fork(token).problem(status, code).await;
     }
     pass_minutes(&app, 60).await;
@@ -416,12 +445,19 @@ async fn forks_count_nowhere() {
     assert!(report.seats.is_some_and(|seats| seats.holders.len() == 2));
     assert_eq!(app.count("SELECT count(*) FROM results").await, results);
     assert_eq!(app.get("/api/v1/leaderboard?suite=s").ok().await, board);
-    assert_eq!(app.get(&format!("/api/v1/runs/{}", run["id"].as_str().expect("an id"))).ok().await, shown);
+    assert_eq!(
+        app.get(&format!("/api/v1/runs/{}", run["id"].as_str().expect("an id"))).ok().await,
+        shown
+    );
     assert_eq!(list(&app.get("/api/v1/cross-play").ok().await["items"]).len(), 0);
     let rows = app.get("/api/v1/exports/episodes.jsonl").send().await.text();
-    let rows: Vec<Value> = rows.lines().map(|row| serde_json::from_str(row).expect("JSON")).collect();
+    let rows: Vec<Value> =
+        rows.lines().map(|row| serde_json::from_str(row).expect("JSON")).collect();
     let row = rows.iter().find(|row| row["episode"] == json!(one.id)).expect("its row");
-    assert_eq!((&row["fork_of"], &row["fork_round"], &row["acts"]), (&json!(parent.id), &json!(1), &json!(2)));
+    assert_eq!(
+        (&row["fork_of"], &row["fork_round"], &row["acts"]),
+        (&json!(parent.id), &json!(1), &json!(2))
+    );
 }
 
 /// All kinds of players on the seats of forks, over a restart and a fork of a fork.
@@ -429,14 +465,20 @@ async fn forks_count_nowhere() {
 async fn a_fork_is_recovered_and_forked_again() {
     let mut app = TestApp::start().await;
     let parent = answered(&app, with(request(3, 8), "seed", json!(4)), 3).await;
-    let running = fork(&app, &parent, json!({ "round": 2, "bank_s": 5, "round_deadline_s": 500 })).await.remove(0);
+    let running = fork(&app, &parent, json!({ "round": 2, "bank_s": 5, "round_deadline_s": 500 }))
+        .await
+        .remove(0);
     let hosted = fork(&app, &parent, json!({ "round": 3, "player": "default" })).await.remove(0);
-    let waiting = fork(&app, &parent, json!({ "round": 3, "player": "random", "start": "manual" })).await.remove(0);
+    let waiting = fork(&app, &parent, json!({ "round": 3, "player": "random", "start": "manual" }))
+        .await
+        .remove(0);
     let open = fork(&app, &parent, json!({ "round": 1, "open_seats": 2 })).await.remove(0);
     app.all_act(&running, "UP").await;
-    let before = [app.journal(&running).await, app.journal(&waiting).await, app.journal(&open).await];
+    let before =
+        [app.journal(&running).await, app.journal(&waiting).await, app.journal(&open).await];
     app.restart().await;
-    let after = [app.journal(&running).await, app.journal(&waiting).await, app.journal(&open).await];
+    let after =
+        [app.journal(&running).await, app.journal(&waiting).await, app.journal(&open).await];
     assert_eq!(after, before);
     let again = fork(&app, &running, json!({ "round": 3, "count": 2 })).await.remove(1);
     let early = fork(&app, &running, json!({ "round": 1 })).await.remove(0);
@@ -517,7 +559,10 @@ async fn replays_metrics_and_scores_of_a_fork_have_all_rounds() {
         assert_eq!(own, of_parent, "{rest}");
     }
     let states = |replay: Value| replay["states"].clone();
-    assert_eq!(states(get(&fork, "/replay").ok().await), states(get(&parent, "/replay").ok().await));
+    assert_eq!(
+        states(get(&fork, "/replay").ok().await),
+        states(get(&parent, "/replay").ok().await)
+    );
     let verification = get(&fork, "/verification").ok().await;
     assert_eq!(verification["ok"], true, "{verification}");
     let answer: Answer = app.get("/api/v1/exports/rounds.jsonl").send().await;
