@@ -24,7 +24,7 @@ PAGES = {
 QUERIES = {"/api/v1/leaderboard": wire.LeaderboardQuery, "/api/v1/cross-play": wire.CrossPlayQuery}
 # What is sent. Everything else is answered.
 SENT = {"EpisodeRequest", "ClaimRequest", "RunRequest", "OwnSuite", "OwnSettings", "ActRequest", "SwarmActRequest"}
-SENT |= {"SwarmAct", "Usage"}
+SENT |= {"SwarmAct", "Usage", "ForkRequest"}
 RECORDS = {
     name: shape
     for name, shape in vars(wire).items()

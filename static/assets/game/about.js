@@ -21,6 +21,7 @@ export function Facts({ game: { head, summary, kind } }) {
     ["Task", head.task],
     ["Model", html`<${Text} value=${summary.model} />`],
     ["Run", kind !== "file" && summary.run && html`<a href=${route`/runs/${summary.run}`}><${Text} value=${summary.run} /></a>`],
+    ["Plays on from", kind !== "file" && summary.fork && html`<${Parent} fork=${summary.fork} />`],
     ["Run", summary.run_id && html`<${Text} value=${summary.run_id} />`],
     ["Seed", config.seed ?? summary.seed ?? (isLive(head) ? "shown after the end" : null)],
     ["Rules", head.rules],
@@ -42,6 +43,9 @@ export function Facts({ game: { head, summary, kind } }) {
       ${facts.filter(([, value]) => value !== null && value !== undefined && value !== false && value !== "").map(([name, value]) => html`<dt>${name}</dt><dd>${value}</dd>`)}
     </dl>`;
 }
+
+/** The round of another game from which this one plays on. @param {{fork: {episode: string, round: number}}} props */
+export const Parent = ({ fork }) => html`<a href=${`${route`/episodes/${fork.episode}`}#r=${fork.round}`}>round ${fork.round} of another game</a>`;
 
 /** Who holds which seat, where several may. @param {{game: Shown}} props */
 export function Seats({ game }) {

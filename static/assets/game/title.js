@@ -4,6 +4,7 @@ import { route } from "../api.js";
 import { short } from "../parts/chart.js";
 import { isLive } from "../parts/game.js";
 import { Text, visible } from "../parts/text.js";
+import { Parent } from "./about.js";
 import { standing } from "./marks.js";
 
 /** @import { Game } from "../parts/game.js" */
@@ -32,6 +33,7 @@ export function Notices({ game: { head, summary, isLost, kind, first, last } }) 
   const isPart = kind === "file" && (first > 0 || last < (summary.result?.rounds ?? head.rounds));
   return html`
     ${isPart && html`<div class="notice"><p>This file has the rounds ${first} to ${last} of the game.</p></div>`}
+    ${kind !== "file" && summary.fork && html`<div class="notice"><p>This game plays on from <${Parent} fork=${summary.fork} />. It counts on no board.</p></div>`}
     ${summary.void_reason &&
     html`<div class="problem"><h2>This game was voided</h2><p>It counts nowhere. The reason: <${Text} value=${summary.void_reason} /></p></div>`}
     ${head.status === "waiting" &&

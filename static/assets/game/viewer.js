@@ -20,10 +20,10 @@ import { Scrubber } from "./scrubber.js";
 const ANNOUNCE_MS = 500;
 
 /**
- * @param {{game: Game, onLink?: (link: string) => void, onCompare?: (round: number) => void, children?: unknown}} props
+ * @param {{game: Game, onLink?: (link: string) => void, onCompare?: (round: number) => void, onFork?: (round: number) => void, children?: unknown}} props
  *   children come after what one watches
  */
-export function Viewer({ game, onLink, onCompare, children }) {
+export function Viewer({ game, onLink, onCompare, onFork, children }) {
   const count = useChanges(game);
   const [place, move] = usePlace();
   const [shows, setShows] = useState({ messages: true, windows: false, table: false, large: false });
@@ -114,6 +114,7 @@ export function Viewer({ game, onLink, onCompare, children }) {
       <button type="button" aria-pressed=${shows.large} onClick=${() => toggle("large")}>Large map</button>
       ${onLink && html`<button type="button" onClick=${link}>Copy a link to this moment</button>`}
       ${onCompare && html`<button type="button" onClick=${() => onCompare(round)}>Compare with another game</button>`}
+      ${onFork && html`<button type="button" onClick=${() => onFork(round)}>Play on from round ${round}</button>`}
     </div>
     ${shows.windows && html`<h2>All windows</h2><${AllWindows} ...${common} />`}
     ${shows.table && html`<${AgentTable} ...${common} />`}

@@ -7,6 +7,7 @@ import { useLoaded } from "../parts/load.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Actions, Facts, Seats, Verify } from "../game/about.js";
 import { copy } from "../game/save.js";
+import { Forked, useFork } from "../play/fork.js";
 import { Notices, Title, titleOf } from "../game/title.js";
 import { Viewer } from "../game/viewer.js";
 
@@ -57,15 +58,16 @@ function ServedGame({ game, embedded }) {
   }, [game]);
 
   const saveLink = async (/** @type {string} */ moment) => setLink({ moment, isCopied: await copy(moment) });
+  const fork = useFork(game.head.id);
   const compare = (/** @type {number} */ round) => location.assign(`${withQuery("/compare", { a: game.head.id })}#r=${round}`);
   return html`<div class="watch">
     <${Title} game=${game} />
     <${Notices} game=${game} />
     ${problem && html`<${ProblemNote} problem=${problem} what="This game" />`}
-    <${Viewer} game=${game} onLink=${embedded ? undefined : saveLink} onCompare=${embedded || game.kind === "imports" ? undefined : compare}>
+    <${Viewer} game=${game} onLink=${embedded ? undefined : saveLink} onCompare=${embedded || game.kind === "imports" ? undefined : compare} onFork=${embedded || game.kind === "imports" ? undefined : fork.play}>
       ${embedded
         ? html`<p><a href=${route`/episodes/${game.head.id}`} target="_blank" rel="noopener">The whole page of this game</a></p>`
-        : html`<${LinkNote} link=${link} /><${Actions} game=${game} /><${Verify} game=${game} /><${Seats} game=${game} /><${Facts} game=${game} />`}
+        : html`<${LinkNote} link=${link} /><${Forked} fork=${fork.fork} problem=${fork.problem} /><${Actions} game=${game} /><${Verify} game=${game} /><${Seats} game=${game} /><${Facts} game=${game} />`}
     <//>
   </div>`;
 }

@@ -232,6 +232,13 @@ async fn without_keys(app: &TestApp, facts: &mut Facts) {
         app.act(episode.seat(2), &refused).await;
         facts.running.push(created);
     }
+    let parent = Episode::of(&facts.running[1]);
+    let forks = json!({ "round": 1, "count": 2, "model": "forked" });
+    let forks = app.post(&parent.path("/fork")).json(&forks).ok().await;
+    for created in list(&forks["episodes"]) {
+        app.all_act(&Episode::of(&created), "STAY").await;
+        facts.running.push(created);
+    }
     let waiting = json!({
         "task": "Transport", "seed": 33, "num_agents": 3, "max_round": 2, "start": "manual",
         "agent_meta": { "temperature": 0.7, "note": "ünïcode 🐜" },
@@ -298,6 +305,8 @@ async fn with_keys(app: &TestApp, facts: &mut Facts) {
     });
     let created = create_named(app, facts, episodes, &member, private, &["id", "config"]).await;
     app.all_act(&Episode::of(&created), "STAY").await;
+    let path = Episode::of(&created).path("/fork");
+    create_named(app, facts, &path, &member, json!({ "round": 1 }), &["fork"]).await;
     let voided = app
         .create_with(
             &member,

@@ -112,6 +112,13 @@ class Operations:
         return call("POST", "/api/v1/episodes", body=settings, headers=_once(idempotency_key))
 
     @Operation
+    def fork(
+        self, id: str, *, idempotency_key: str | None = None, **settings: Unpack[wire.ForkRequest]
+    ) -> Call[wire.CreatedForks]:
+        """Makes one or `count` new episodes that play on from an episode's state before `round`."""
+        return call("POST", EPISODE + "/fork", id, body=settings, headers=_once(idempotency_key))
+
+    @Operation
     def episode(self, id: str) -> Call[wire.EpisodeSummary]:
         """An episode."""
         return call("GET", EPISODE, id)
@@ -124,11 +131,13 @@ class Operations:
         task: wire.TaskName | None = None,
         model: str | None = None,
         run: str | None = None,
+        fork_of: str | None = None,
         limit: int | None = None,
         cursor: str | None = None,
     ) -> Call[wire.Page[wire.EpisodeSummary]]:
         """A page of episodes, newest first."""
-        query = {"status": status, "task": task, "model": model, "run": run, "limit": limit, "cursor": cursor}
+        query = {"status": status, "task": task, "model": model, "run": run, "fork_of": fork_of}
+        query |= {"limit": limit, "cursor": cursor}
         return call("GET", "/api/v1/episodes", query=query)
 
     @Operation

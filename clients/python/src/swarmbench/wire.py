@@ -321,6 +321,41 @@ class CreatedEpisode(TypedDict):
     swarm_token: str
 
 
+class ForkRequest(TypedDict):
+    """From where forks play on, and how. The settings of the simulation are the parent's (docs/protocol.md)."""
+
+    round: int
+    count: NotRequired[int | None]
+    round_deadline_s: NotRequired[float | None]
+    bank_s: NotRequired[float | None]
+    start: NotRequired[Literal["now", "manual"] | None]
+    idle_timeout_s: NotRequired[float | None]
+    visibility: NotRequired[Literal["public", "owner"] | None]
+    model: NotRequired[str | None]
+    agent_meta: NotRequired[Mapping[str, Any] | None]
+    prompt_template: NotRequired[str | None]
+    open_seats: NotRequired[int | None]
+    fill_after_s: NotRequired[float | None]
+    fill_with: NotRequired[str | None]
+    player: NotRequired[str | None]
+
+
+class Fork(TypedDict):
+    """Where an episode continues another one, its parent."""
+
+    episode: str
+    round: int
+    head: str | None
+    """Null where the caller may not know the seed yet."""
+
+
+class CreatedForks(TypedDict):
+    """New forks of an episode with their tokens, which are shown this once."""
+
+    fork: Fork
+    episodes: list[CreatedEpisode]
+
+
 class EpisodeSummary(TypedDict):
     """An episode."""
 
@@ -336,6 +371,7 @@ class EpisodeSummary(TypedDict):
     config: EpisodeConfig
     result: EpisodeResult | None
     void_reason: str | None
+    fork: Fork | None
 
 
 class ClaimRequest(TypedDict, total=False):

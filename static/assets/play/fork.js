@@ -1,0 +1,42 @@
+// Plays on from a round of a game that somebody watches: a new game that begins with that state.
+import { html, useEffect, useRef, useState } from "../ui.js";
+import { visit } from "../app.js";
+import { remember, request, route } from "../api.js";
+import { Secret } from "../parts/copy.js";
+import { HUMAN, Refused, onceKey, playerName } from "./player.js";
+
+/** @typedef {{id: string, round: number, token: string}} Fork */
+
+/** Makes one fork at a time of a game. @param {string} id */
+export function useFork(id) {
+  const [state, setState] = useState(/** @type {{isBusy?: boolean, fork?: Fork, problem?: Error}} */ ({}));
+  /** @param {number} round */
+  const play = async (round) => {
+    if (state.isBusy) return;
+    setState({ isBusy: true });
+    try {
+      const body = { round, model: playerName(), agent_meta: { ...HUMAN, seats: "all" } };
+      const made = await request(route`/api/v1/episodes/${id}/fork`, { method: "POST", body, idempotencyKey: onceKey() });
+      const [{ id: fork, swarm_token: token }] = made.episodes;
+      remember(`creator:${fork}`, token);
+      remember(`token:${fork}`, token);
+      setState({ fork: { id: fork, round, token } });
+    } catch (problem) {
+      setState({ problem: /** @type {Error} */ (problem) });
+    }
+  };
+  return { ...state, play };
+}
+
+/** The game that was made, or why it was not. @param {{fork?: Fork, problem?: Error}} props */
+export function Forked({ fork, problem }) {
+  const shown = useRef(/** @type {HTMLElement | null} */ (null));
+  useEffect(() => shown.current?.focus(), [fork, problem]);
+  if (problem) return html`<div ref=${shown} tabindex="-1"><${Refused} problem=${problem} what="The new game" /></div>`;
+  if (!fork) return null;
+  return html`<section class="notice" ref=${shown} tabindex="-1" aria-label="A new game">
+    <p><strong>A new game begins with round ${fork.round} of this one.</strong> What you do there changes nothing here, and it counts on no board.</p>
+    <p class="buttons"><button type="button" class="primary" onClick=${() => visit(route`/play/${fork.id}`)}>Play all agents here</button> <a href=${route`/episodes/${fork.id}`}>Watch it</a></p>
+    <${Secret} value=${fork.token} label="Token of all its agents"><p class="muted">For a program that plays it.</p><//>
+  </section>`;
+}
