@@ -106,6 +106,32 @@ visit("a link to this moment is copied", async ({ page, context }, { data, progr
   assert.match(await copied(), new RegExp(`^${program.url}/episodes/${data.game}#.*r=7`));
 });
 
+visit("somebody plays on from a round", async ({ page }, { data }) => {
+  await open(page, `/episodes/${data.game}#r=12`);
+  await roundIs(page, 12);
+  await button(page, "Play on from round 12").click();
+  const made = page.getByRole("region", { name: "A new game" });
+  await made.getByText("begins with round 12 of this one").waitFor();
+  assert.match(await made.getByRole("code").innerText(), /^swarm_/);
+  await made.getByRole("link", { name: "Watch it" }).click();
+  await page.getByText("plays on from round 12 of another game").waitFor();
+  await roundIs(page, 12);
+  await page.getByRole("main").getByRole("link", { name: "round 12 of another game" }).first().click();
+  await page.waitForURL(new RegExp(`/episodes/${data.game}#r=12`));
+  await roundIs(page, 12);
+  await button(page, "Play on from round 12").click();
+  await made.getByRole("button", { name: "Play all agents here" }).click();
+  await page.waitForURL(/\/play\/ep_/);
+  await page.getByText(/round 12/i).first().waitFor();
+});
+
+visit("after the last round of a game nothing can be played", async ({ page }, { data }) => {
+  await open(page, `/episodes/${data.game}#r=${ROUNDS}`);
+  await roundIs(page, ROUNDS);
+  await button(page, `Play on from round ${ROUNDS}`).click();
+  await page.getByText("play on from an earlier one").waitFor();
+});
+
 visit("the table says what the map shows", async ({ page }, { data }) => {
   await open(page, `/episodes/${data.game}#r=7`);
   await button(page, "Table of agents").click();

@@ -10,6 +10,7 @@ mod clients;
 mod dice;
 #[cfg(target_os = "linux")]
 mod disk;
+mod forks;
 mod kills;
 mod ledger;
 mod plan;

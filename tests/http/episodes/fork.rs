@@ -422,11 +422,9 @@ async fn forks_count_nowhere() {
     let app = TestApp::start().await;
     let suite = json!({ "name": "s", "tasks": ["Synchronization"], "seeds": [1], "settings": { "num_agents": 2, "max_round": 2 } });
     let run = app.post("/api/v1/runs").json(&json!({ "suite": suite, "model": "m" })).ok().await;
-    let parent = Episode {
-        id: run["games"][0]["episode"].as_str().expect("an id").to_owned(),
-        swarm: run["swarm_token"].as_str().expect("a token").to_owned(),
-        ..app.create(request(1, 1)).await
-    };
+    let mut parent = app.create(request(1, 1)).await;
+    run["games"][0]["episode"].as_str().expect("an id").clone_into(&mut parent.id);
+    run["swarm_token"].as_str().expect("a token").clone_into(&mut parent.swarm);
     app.all_act(&parent, "SWITCH").await;
     app.all_act(&parent, "SWITCH").await;
     let board = app.get("/api/v1/leaderboard?suite=s").ok().await;
@@ -495,8 +493,8 @@ async fn a_fork_is_recovered_and_forked_again() {
         compared(&app.journal(&again).await, &app.journal(episode).await);
     }
     let claim = app.post(&open.path("/claims")).json(&json!({ "seats": 2 })).ok().await;
-    let swarm = claim["swarm_token"].as_str().expect("a token").to_owned();
-    let others = Episode { swarm, ..open.clone() };
+    let mut others = open.clone();
+    claim["swarm_token"].as_str().expect("a token").clone_into(&mut others.swarm);
     while app.show(&open).await["status"] == "running" {
         app.all_act(&open, "SWITCH").await;
         app.all_act(&others, "SWITCH").await;
