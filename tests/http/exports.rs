@@ -379,6 +379,7 @@ fn check_row(row: &Map<String, Value>, summary: &Value) {
             "id" => "episode",
             "round" => "rounds",
             "result" => "reason",
+            "fork" => "fork_of",
             "start" => "start_mode",
             other => other,
         };
