@@ -107,6 +107,11 @@ impl Origin {
         Self { party: Party::current(), rank: Rank::current() }
     }
 
+    /// Runs a future for that party and with that rank.
+    pub async fn scope<F: Future>(self, future: F) -> F::Output {
+        self.rank.scope(self.party.scope(future)).await
+    }
+
     /// Runs `work` for that party and with that rank.
     pub fn enter<T>(self, work: impl FnOnce() -> T) -> T {
         RANK.sync_scope(self.rank, || CURRENT.sync_scope(Cell::new(self.party), work))

@@ -48,6 +48,8 @@ pub fn start_logs(format: LogFormat) {
 pub fn start_logs_of(format: LogFormat, usual: &str) {
     use tracing_subscriber::{EnvFilter, fmt};
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(usual));
+    // It logs whole messages, and so what agents see.
+    let filter = filter.add_directive("rmcp=off".parse().expect("a directive"));
     let colors = std::io::stderr().is_terminal();
     let builder = fmt()
         .with_env_filter(filter)

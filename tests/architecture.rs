@@ -41,6 +41,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("rustix", &["host", "store", "work"]),
     ("parquet", &["dataset"]),
     ("indicatif", &["cli"]),
+    // Its one home is `crates/mcp`.
+    ("rmcp", &[]),
 ];
 
 fn root() -> PathBuf {

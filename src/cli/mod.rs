@@ -24,6 +24,7 @@ mod key;
 mod leaderboard;
 mod loadtest;
 mod man;
+mod mcp;
 mod metrics;
 mod no_match;
 mod openapi;
@@ -73,6 +74,8 @@ enum Command {
     Clock(clock::Args),
     /// Create an episode, or a run of a whole suite, on a server and play it with built-in players.
     Play(play::Args),
+    /// Let an assistant play a seat: a server of tools (MCP) over standard input and output.
+    Mcp(mcp::Args),
     /// Evaluate language models or built-in players: tasks by seeds by settings, resumed where it stopped.
     Eval(Box<eval::Args>),
     /// Replay a journal file, a competition or a whole database, and check every hash, digest, act and score.
@@ -124,6 +127,7 @@ pub fn main() -> ExitCode {
         Command::Audit(args) => with_runtime(audit::run(args)),
         Command::Clock(args) => with_runtime(clock::run(args)),
         Command::Play(args) => with_runtime(play::run(args)),
+        Command::Mcp(args) => with_runtime(mcp::run(args)),
         Command::Verify(args) => with_runtime(verify::run(args)),
         Command::Leaderboard(args) => with_runtime(leaderboard::run(args)),
         Command::CrossPlay(args) => with_runtime(leaderboard::run_cross_play(args)),

@@ -29,6 +29,10 @@ pub(super) struct Args {
     /// A trusted proxy, by address or network (10.0.0.0/8): its X-Forwarded-For header is believed.
     #[arg(long, env = "SWARMBENCH_TRUSTED_PROXY", value_delimiter = ',', value_name = "NETWORK", value_parser = network)]
     trusted_proxy: Vec<IpNet>,
+    /// A name by which clients reach this server, such as swarm.example.org: /mcp answers to these names, to addresses and
+    /// to localhost only.
+    #[arg(long, env = "SWARMBENCH_HOST", value_delimiter = ',', value_name = "NAME", value_parser = host)]
+    host: Vec<String>,
     /// Rate limit: requests per second from one address, on average; 0 for no limit. This machine itself is not limited.
     #[arg(long, env = "SWARMBENCH_ADDRESS_REQUESTS_PER_S", default_value_t = Limits::default().address_requests_per_s_max)]
     address_requests_per_s: u32,
@@ -67,6 +71,16 @@ fn network(text: &str) -> Result<IpNet, String> {
         .map_err(|_| "an address such as 127.0.0.1 or a network such as 10.0.0.0/8".to_owned())
 }
 
+fn host(text: &str) -> Result<String, String> {
+    let is_name = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | '_');
+    if text.is_empty() || !text.chars().all(is_name) {
+        return Err(
+            "a name such as swarm.example.org, without http:// and without a port".to_owned()
+        );
+    }
+    Ok(text.to_ascii_lowercase())
+}
+
 /// Reads a number of bytes: 6GiB, 512MiB, 1000000.
 fn bytes(text: &str) -> Result<usize, String> {
     let units = [("KiB", 1 << 10), ("MiB", 1 << 20), ("GiB", 1 << 30), ("TiB", 1 << 40)];
@@ -94,8 +108,12 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         ..Limits::default()
     };
     let limits = fit_memory(limits, args.memory_max);
-    let access =
-        Access { open: args.open, private: args.private, trusted_proxies: args.trusted_proxy };
+    let access = Access {
+        open: args.open,
+        private: args.private,
+        trusted_proxies: args.trusted_proxy,
+        hosts: args.host,
+    };
     let pages = args.pages.map_or_else(Source::default, Source::Folder);
     let parts = Parts { limits: fit_open_files(limits), access, pages, ..Parts::default() };
     let server = Server::open(&args.db, parts).await?;

@@ -53,6 +53,8 @@ pub struct Access {
     pub private: bool,
     /// The proxies whose `X-Forwarded-For` is believed.
     pub trusted_proxies: Vec<IpNet>,
+    /// The names by which clients reach `/mcp`, beside addresses and localhost; in lower case.
+    pub hosts: Vec<String>,
 }
 
 /// What a server is put together from.

@@ -68,6 +68,13 @@ pub(super) struct Arrived {
     _counted: Counted,
 }
 
+impl Arrived {
+    /// The bytes alone, which are counted no more.
+    pub(super) fn into_bytes(self) -> Bytes {
+        self.bytes
+    }
+}
+
 impl AsRef<[u8]> for Arrived {
     fn as_ref(&self) -> &[u8] {
         &self.bytes

@@ -78,7 +78,7 @@ fn forwarded(headers: &HeaderMap, is_trusted: impl Fn(&IpAddr) -> bool) -> Optio
 }
 
 /// The host that the request asks for, with its port.
-fn host<'a>(headers: &'a HeaderMap, uri: &'a Uri) -> Option<&'a str> {
+pub(super) fn host<'a>(headers: &'a HeaderMap, uri: &'a Uri) -> Option<&'a str> {
     match uri.authority() {
         Some(authority) => Some(authority.as_str()),
         None => headers.get(header::HOST).and_then(|host| host.to_str().ok()),
@@ -87,15 +87,16 @@ fn host<'a>(headers: &'a HeaderMap, uri: &'a Uri) -> Option<&'a str> {
 
 /// Whether `host` or `host:port` names this machine for itself.
 fn names_loopback(host: Option<&str>) -> bool {
-    let Some(host) = host else { return false };
+    host.and_then(name_of).is_some_and(is_loopback)
+}
+
+/// The name in `host` or `host:port`; none where the port is no port.
+pub(super) fn name_of(host: &str) -> Option<&str> {
     let (name, port) = match host.rsplit_once(':') {
         Some((name, port)) if !host.ends_with(']') => (name, Some(port)),
         _ => (host, None),
     };
-    if port.is_some_and(|port| port.parse::<u16>().is_err()) {
-        return false;
-    }
-    is_loopback(name)
+    port.is_none_or(|port| port.parse::<u16>().is_ok()).then_some(name)
 }
 
 /// What counts as one address: a host has a whole /64 of IPv6 to choose from.

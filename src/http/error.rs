@@ -230,12 +230,20 @@ impl ApiError {
     }
 }
 
-impl IntoResponse for ApiError {
-    fn into_response(self) -> Response {
+impl ApiError {
+    /// The problem that is sent. Faults of the server are counted.
+    pub fn sent(&self) -> Problem {
         let problem = self.problem();
         if problem.status >= 500 {
             metrics::counter!("swarmbench_errors_total", "code" => self.code.name()).increment(1);
         }
+        problem
+    }
+}
+
+impl IntoResponse for ApiError {
+    fn into_response(self) -> Response {
+        let problem = self.sent();
         let status = StatusCode::from_u16(problem.status).expect("the table has valid statuses");
         let body = serde_json::to_vec(&problem).expect("a problem has string keys");
         let mut response = (status, body).into_response();

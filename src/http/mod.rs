@@ -29,6 +29,7 @@ mod imports;
 mod in_flight;
 mod keys;
 pub mod limits;
+mod mcp;
 pub mod openapi;
 mod page;
 mod pages;

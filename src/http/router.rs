@@ -24,7 +24,7 @@ use utoipa_axum::routes;
 use super::error::{ApiError, Code};
 use super::{
     App, admit, agent, audit, boards, claims, clock, competitions, description, docs, episodes,
-    exports, host, imports, keys, pages, runs, stream, swarm,
+    exports, host, imports, keys, mcp, pages, runs, stream, swarm,
 };
 
 /// All routes that the OpenAPI document describes.
@@ -106,6 +106,7 @@ pub fn router(app: App) -> Router {
         .layer(CatchPanicLayer::custom(panicked));
     router
         .merge(docs::routes(document))
+        .merge(mcp::routes())
         .merge(pages::routes())
         .fallback(no_route)
         .method_not_allowed_fallback(no_method)

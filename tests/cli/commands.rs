@@ -44,7 +44,7 @@ use Shows::{Facts, List, Other};
 /// The arguments of a command, made anew for each time it is run.
 type Arguments = fn(&Site) -> Vec<String>;
 
-const CASES: [(&str, Shows, Arguments); 49] = [
+const CASES: [(&str, Shows, Arguments); 50] = [
     ("demo", Facts, |site| words("--exit --db", [site.new_file("demo.db")])),
     ("serve", Other("runs until it is stopped"), |_| words("--addr no-address", [])),
     ("key create", Facts, |site| words("--name somebody --server", [site.base()])),
@@ -75,6 +75,7 @@ const CASES: [(&str, Shows, Arguments); 49] = [
     ("clock confirm", Facts, |_| Vec::new()),
     ("play", Facts, |_| words("--task foraging --seed 1 --max-round 2", [])),
     ("play", Facts, |_| words("--suite quick", [])),
+    ("mcp", Other("speaks with an assistant"), |_| Vec::new()),
     ("eval", Facts, |_| words("--player default --task foraging --max-round 2 --again", [])),
     ("eval", Facts, |_| words("--player default --dry-run", [])),
     ("verify", Facts, |_| words("", [journal()])),

@@ -1,6 +1,7 @@
 //! The command line, run as its user runs it.
 
 mod commands;
+mod mcp;
 
 use std::fs::File;
 use std::path::{Path, PathBuf};

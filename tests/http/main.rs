@@ -31,6 +31,7 @@ mod host;
 mod imports;
 mod keys;
 mod limits;
+mod mcp;
 mod openapi;
 mod pages;
 mod room;

@@ -10,7 +10,9 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use swarmbench_boards::collection::Question;
-use swarmbench_protocol::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmObsResponse};
+use swarmbench_protocol::act::{
+    ActRequest, Receipt, SwarmAct, SwarmActRequest, SwarmActResponse, SwarmObsResponse,
+};
 use swarmbench_protocol::board::{CrossPlay, Leaderboard};
 use swarmbench_protocol::episode::{CreatedEpisode, EpisodeRequest, EpisodeSummary};
 use swarmbench_protocol::key::{CreatedKey, KeyList, KeyRequest, KeySummary};
@@ -238,6 +240,32 @@ impl Client {
     pub async fn replace_run_token(&self, id: &str) -> Result<RunToken, ClientError> {
         let path = format!("/api/v1/runs/{id}/token");
         self.ask(Method::POST, &path, |call| self.signed(call)).await
+    }
+
+    /// The current observation of a seat, as it was written, with the text for a language model where `prompt` is set.
+    /// With `after` it comes once the round is past that one, the episode is over, or `wait` has passed. It is not
+    /// retried: whoever waits for it decides how long that may take.
+    pub async fn obs(
+        &self,
+        token: &str,
+        after: Option<u32>,
+        wait: Duration,
+        prompt: bool,
+    ) -> Result<Vec<u8>, ClientError> {
+        let wait = after.map(|_| wait.as_secs_f64());
+        let fill = |call: RequestBuilder| {
+            call.bearer_auth(token)
+                .query(&[("after", after)])
+                .query(&[("wait", wait)])
+                .query(&[("prompt", prompt)])
+        };
+        let (url, status, body) = self.answer(Method::GET, "/obs", fill).await?;
+        if status.is_success() { Ok(body) } else { Err(refused(url, status, &body)) }
+    }
+
+    /// Acts for a seat. It is not retried either; the same act again gets the same receipt.
+    pub async fn act(&self, token: &str, act: &ActRequest) -> Result<Receipt, ClientError> {
+        self.once(Method::POST, "/act", |call| call.bearer_auth(token).json(act)).await
     }
 
     /// The observations that wait for an act and were opened since `after`, at most `limit` of them; with the texts for

@@ -51,17 +51,13 @@ pub(in super::super) async fn post_act(
     Json(request, body): Json<ActRequest>,
 ) -> Result<Response, ApiError> {
     let patience = wait(&app, params.wait)?;
-    app.check_backlog()?;
-    let Seat { handle, agent } = seat;
-    let submission = submission(request, &handle.spec.config, agent)?;
-    let mut outcomes = handle.submit(vec![(agent, submission)]).await;
+    let receipt = submit(&app, &seat, request).await?;
     // It may be large, and the wait long.
     drop(body);
-    let given = outcomes.pop().ok_or_else(|| ApiError::new(Code::Internal, "no outcome"))??;
-    let receipt = receipt(&handle.id, agent, given);
     if params.wait.is_none() {
         return Ok(JsonBody(receipt).into_response());
     }
+    let Seat { handle, agent } = seat;
     let round = receipt.round;
     // The act is durable: its receipt is sent even if the limit of waiting requests is reached.
     let waited = app.waits.until(&handle, patience, |snapshot| is_past(snapshot, round)).await;
@@ -74,6 +70,20 @@ pub(in super::super) async fn post_act(
     // Also if no thread is free to write the next observation.
     let next = next.unwrap_or_else(|_| b"null".to_vec());
     Ok(json(with_field(&receipt, "obs", &next)))
+}
+
+/// Has a seat act; the receipt comes once the act is durable.
+pub(in super::super) async fn submit(
+    app: &App,
+    seat: &Seat,
+    request: ActRequest,
+) -> Result<Receipt, ApiError> {
+    app.check_backlog()?;
+    let Seat { handle, agent } = seat;
+    let submission = submission(request, &handle.spec.config, *agent)?;
+    let mut outcomes = handle.submit(vec![(*agent, submission)]).await;
+    let given = outcomes.pop().ok_or_else(|| ApiError::new(Code::Internal, "no outcome"))??;
+    Ok(receipt(&handle.id, *agent, given))
 }
 
 impl App {

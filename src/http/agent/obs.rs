@@ -1,5 +1,7 @@
 //! `GET /obs`: the current observation of the token's agent.
 
+use std::time::Duration;
+
 use serde::Deserialize;
 use utoipa::IntoParams;
 
@@ -46,15 +48,26 @@ pub(in super::super) async fn get_obs(
     Params(params): Params<ObsParams>,
 ) -> Result<Response, ApiError> {
     let wait = wait(&app, params.wait)?;
-    let snapshot = match params.after {
+    Ok(json(see(&app, &seat, params.after, wait, params.prompt).await?))
+}
+
+/// What a seat observes, once the round is past `after` or `wait` has passed.
+pub(in super::super) async fn see(
+    app: &App,
+    seat: &Seat,
+    after: Option<u32>,
+    wait: Duration,
+    prompt: bool,
+) -> Result<Vec<u8>, ApiError> {
+    let snapshot = match after {
         Some(after) => {
             let wanted = |snapshot: &Snapshot| is_past(snapshot, after);
             app.waits.until(&seat.handle, wait, wanted).await?
         }
         None => seat.handle.snapshot(),
     };
-    let look = Look::now(&app, &seat.handle, &snapshot, seat.agent);
-    Ok(json(observation(&app, look, params.prompt).await?))
+    let look = Look::now(app, &seat.handle, &snapshot, seat.agent);
+    observation(app, look, prompt).await
 }
 
 /// Whether there is more to see than in round `round`.

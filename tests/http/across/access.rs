@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use reqwest::Method;
 use serde_json::{Value, json};
 
+use crate::app::mcp::{result, tool_call};
 use crate::app::{Answer, DOCUMENT, Episode, TestApp};
 use crate::cup::{Attempt, Cup};
 
@@ -481,6 +482,11 @@ impl World {
         }
         call = match operation {
             "post_act" => call.json(&json!({ "round": 0, "action": "STAY" })),
+            "the tool look" => call.json(&tool_call("look", &json!({}))),
+            "the tool act" => {
+                let act = json!({ "round": 0, "action": "STAY", "wait_s": 0 });
+                call.json(&tool_call("act", &act))
+            }
             "post_swarm_act" => {
                 call.json(&json!({ "acts": [episode.act(&json!("Agent_2"), 0, "STAY")] }))
             }
@@ -539,6 +545,33 @@ async fn check_all(private: bool, mixed: bool, stages: &[(&'static str, bool)]) 
         }
     }
     assert!(refused > 100, "{refused}");
+}
+
+/// The tools of `/mcp` are refused to whom `/obs` and `/act` are.
+async fn check_tools(private: bool, mixed: bool, stages: &[(&'static str, bool)]) {
+    let world = World::new(private).await;
+    for (visibility, ended) in stages.iter().copied() {
+        let stage = Stage { visibility, ended, private, mixed };
+        for (tool, operation) in [("the tool look", "get_obs"), ("the tool act", "post_act")] {
+            for kind in KINDS.into_iter().filter(|kind| !(mixed && *kind == Run)) {
+                let result = result(&world.ask(&Method::POST, "/mcp", tool, kind, stage).await);
+                let status = result["structuredContent"]["status"].as_u64();
+                if let Some(expected) = refusal(operation, kind, stage) {
+                    assert_eq!(status, Some(expected.into()), "{tool} with {kind:?} in {stage:?}");
+                } else {
+                    let good = result["isError"] == false || status == Some(409);
+                    assert!(good, "{tool} with {kind:?} in {stage:?}: {result}");
+                }
+            }
+        }
+    }
+}
+
+#[tokio::test]
+async fn tools_of_mcp() {
+    check_tools(false, false, &[("owner", false), ("public", false), ("owner", true)]).await;
+    check_tools(false, true, &[("owner", false)]).await;
+    check_tools(true, false, &[("public", false), ("owner", true)]).await;
 }
 
 #[tokio::test]

@@ -14,6 +14,7 @@ use serde::Deserialize;
 use serde_json::value::RawValue;
 use serde_json::{Value, json};
 
+use crate::app::mcp::observed;
 use crate::app::{Episode, TestApp, list};
 use crate::dice::Dice;
 use crate::oracle::{self, Blind, Body, Game, PlannedAct, State};
@@ -179,6 +180,12 @@ impl Played {
         self.anonymous(&call.send().await.text())
     }
 
+    /// What one agent gets by the tool of its seat.
+    async fn look_by_tool(&self, app: &TestApp, agent: usize) -> Value {
+        let looked = app.tool(&self.seats[agent], "look", json!({})).await;
+        serde_json::from_str(&self.anonymous(&looked.to_string())).expect("JSON")
+    }
+
     /// The same text for both episodes, but for what differs.
     fn anonymous(&self, text: &str) -> String {
         text.replace(&self.episode.id, "ep_")
@@ -290,6 +297,14 @@ async fn compare_round(
     for (played, sent) in [(one, mine), (other, theirs)] {
         assert_eq!(played.obs(app, agent).await, sent[agent], "SWARMBENCH_PRIVACY_SEED={seed}");
     }
+    // And over `/mcp`.
+    let [looked, others] =
+        [one.look_by_tool(app, agent).await, other.look_by_tool(app, agent).await];
+    for (looked, sent) in [(&looked, mine), (&others, theirs)] {
+        let seen: Value = serde_json::from_str(&sent[agent]).expect("JSON");
+        assert_eq!(observed(looked), seen, "SWARMBENCH_PRIVACY_SEED={seed}");
+    }
+    assert_eq!(looked == others, mine[agent] == theirs[agent], "SWARMBENCH_PRIVACY_SEED={seed}");
     // A receipt says what the agent did itself, and for how many of the living the round still waited.
     let round = one.game.planned.len() - 1;
     let [alive, theirs] = [one, other].map(|played| played.alive(round));

@@ -10,6 +10,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use reqwest::Method;
 use serde_json::{Value, json};
 
+use crate::app::mcp::tool_call;
 use crate::app::{DOCUMENT, TestApp, list};
 use crate::cup::{Attempt, Cup, server};
 
@@ -175,6 +176,15 @@ async fn ask_all(app: &TestApp, who: &str, token: Option<&str>, ids: &[String]) 
                 }
             }
         }
+    }
+    for (tool, arguments) in
+        [("look", json!({})), ("act", json!({ "round": 0, "action": "STAY", "wait_s": 0 }))]
+    {
+        let call = app.mcp(&tool_call(tool, &arguments));
+        let call = if let Some(token) = token { call.token(token) } else { call };
+        let text = call.send().await.text();
+        let call = format!("the tool {tool}");
+        said.push(Said { who: who.to_owned(), call, text, is_own_look: false });
     }
     said
 }

@@ -2,6 +2,7 @@
 
 mod call;
 mod episode;
+pub(crate) mod mcp;
 pub(crate) mod program;
 pub(crate) mod raw;
 

@@ -1,0 +1,179 @@
+//! Arguments of tools, read strictly: an error names all that is wrong with them at once.
+
+use std::time::Duration;
+
+use serde_json::{Map, Value};
+use swarmbench_protocol::act::ActRequest;
+
+use crate::{MCP_ACT_WAIT_S_DEFAULT, MCP_WAIT_S_MAX};
+
+/// Characters of a wrong value that an error shows.
+const SHOWN_CHARS_MAX: usize = 40;
+
+/// Names of unknown arguments that an error shows.
+const UNKNOWN_MAX: usize = 10;
+
+/// Takes arguments by their names, and notes what is wrong.
+struct Reader {
+    arguments: Map<String, Value>,
+    known: Vec<&'static str>,
+    problems: Vec<String>,
+}
+
+/// The arguments of `look`: how long it waits.
+pub(crate) fn look(arguments: Map<String, Value>) -> Result<Duration, String> {
+    let mut reader = Reader::new(arguments);
+    let wait = reader.wait(0);
+    reader.finish(wait)
+}
+
+/// The arguments of `act`, and how long it waits for the next round.
+pub(crate) fn act(arguments: Map<String, Value>) -> Result<(ActRequest, Duration), String> {
+    let mut reader = Reader::new(arguments);
+    let request = ActRequest {
+        round: reader.round(),
+        action: reader.text("action"),
+        message: reader.text("message"),
+        // Models write an empty text for what they leave out.
+        to: reader.text("to").filter(|to| !to.is_empty()),
+        ..ActRequest::default()
+    };
+    if request.action.is_none() {
+        reader.miss("action");
+    }
+    let wait = reader.wait(MCP_ACT_WAIT_S_DEFAULT);
+    reader.finish((request, wait))
+}
+
+impl Reader {
+    const fn new(arguments: Map<String, Value>) -> Self {
+        Self { arguments, known: Vec::new(), problems: Vec::new() }
+    }
+
+    /// The value of an argument; null counts as left out.
+    fn take(&mut self, name: &'static str) -> Option<Value> {
+        self.known.push(name);
+        self.arguments.remove(name).filter(|value| !value.is_null())
+    }
+
+    fn refuse(&mut self, name: &str, expected: &str, value: &Value) {
+        let shown: String = value.to_string().chars().take(SHOWN_CHARS_MAX).collect();
+        self.problems.push(format!("{name} must be {expected}, is {shown}"));
+    }
+
+    /// Notes that an argument is missing, unless it is there and was refused.
+    fn miss(&mut self, name: &str) {
+        let start = format!("{name} ");
+        if !self.problems.iter().any(|problem| problem.starts_with(&start)) {
+            self.problems.push(format!("{name} is missing"));
+        }
+    }
+
+    fn text(&mut self, name: &'static str) -> Option<String> {
+        match self.take(name)? {
+            Value::String(text) => Some(text),
+            other => {
+                self.refuse(name, "a text", &other);
+                None
+            }
+        }
+    }
+
+    fn round(&mut self) -> u32 {
+        let Some(value) = self.take("round") else {
+            self.miss("round");
+            return 0;
+        };
+        let round = value.as_u64().and_then(|round| u32::try_from(round).ok());
+        round.unwrap_or_else(|| {
+            self.refuse("round", "a whole number, the round that `look` showed", &value);
+            0
+        })
+    }
+
+    fn wait(&mut self, usual: u32) -> Duration {
+        let most = f64::from(MCP_WAIT_S_MAX);
+        let Some(value) = self.take("wait_s") else { return Duration::from_secs(usual.into()) };
+        let seconds = value.as_f64().filter(|seconds| (0.0..=most).contains(seconds));
+        if seconds.is_none() {
+            let expected = format!("from 0 to {MCP_WAIT_S_MAX} seconds (mcp_wait_s_max)");
+            self.refuse("wait_s", &expected, &value);
+        }
+        seconds.map_or(Duration::ZERO, Duration::from_secs_f64)
+    }
+
+    fn finish<T>(mut self, read: T) -> Result<T, String> {
+        for name in self.arguments.keys().take(UNKNOWN_MAX) {
+            let shown: String = name.chars().take(SHOWN_CHARS_MAX).collect();
+            let known = self.known.join(", ");
+            self.problems.push(format!("{shown} is unknown; the arguments are {known}"));
+        }
+        if self.problems.is_empty() { Ok(read) } else { Err(self.problems.join("; ")) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn object(value: Value) -> Map<String, Value> {
+        let Value::Object(object) = value else { panic!("an object") };
+        object
+    }
+
+    #[test]
+    fn good_arguments_are_taken() {
+        let (request, wait) = act(object(json!({
+            "round": 3, "action": "UP", "message": "hi", "to": "Agent_2", "wait_s": 1.5
+        })))
+        .expect("good");
+        assert_eq!((request.round, request.action.as_deref()), (3, Some("UP")));
+        assert_eq!(
+            (request.message.as_deref(), request.to.as_deref()),
+            (Some("hi"), Some("Agent_2"))
+        );
+        assert_eq!(wait, Duration::from_millis(1500));
+        let (request, wait) =
+            act(object(json!({ "round": 0, "action": "STAY", "to": "", "message": null })))
+                .expect("good");
+        assert_eq!((request.message, request.to), (None, None));
+        assert_eq!(wait, Duration::from_secs(MCP_ACT_WAIT_S_DEFAULT.into()));
+        assert_eq!(look(Map::new()), Ok(Duration::ZERO));
+        assert_eq!(look(object(json!({ "wait_s": 45 }))), Ok(Duration::from_secs(45)));
+    }
+
+    #[test]
+    fn an_error_names_all_that_is_wrong() {
+        for (arguments, expected) in [
+            (json!({}), "round is missing; action is missing"),
+            (
+                json!({ "round": "3", "action": "UP" }),
+                "round must be a whole number, the round that `look` showed, is \"3\"",
+            ),
+            (json!({ "round": -1, "action": "UP" }), "is -1"),
+            (json!({ "round": 1.5, "action": "UP" }), "is 1.5"),
+            (json!({ "round": 1, "action": 7 }), "action must be a text, is 7"),
+            (
+                json!({ "round": 1, "action": "UP", "wait_s": 46 }),
+                "wait_s must be from 0 to 45 seconds (mcp_wait_s_max), is 46",
+            ),
+            (json!({ "round": 1, "action": "UP", "wait_s": "long" }), "is \"long\""),
+            (
+                json!({ "round": 1, "action": "UP", "response": "x" }),
+                "response is unknown; the arguments are round, action, message, to, wait_s",
+            ),
+        ] {
+            let said = act(object(arguments)).expect_err("it is wrong");
+            assert!(said.contains(expected), "{said}");
+        }
+        let said = act(object(json!({ "round": 1, "action": 7 }))).expect_err("it is wrong");
+        assert!(!said.contains("missing"), "{said}");
+        let said = look(object(json!({ "round": 1, "wait_s": -1 }))).expect_err("it is wrong");
+        assert!(
+            said.contains("is -1") && said.contains("round is unknown; the arguments are wait_s"),
+            "{said}"
+        );
+    }
+}

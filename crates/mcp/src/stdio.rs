@@ -1,0 +1,40 @@
+//! A client that started this program and talks to it over standard input and output.
+
+use rmcp::service::{ServerInitializeError, ServiceExt};
+use tokio_util::sync::CancellationToken;
+
+use crate::Seat;
+use crate::player::Player;
+
+/// Why the conversation with a client ended before its end.
+#[derive(Debug, thiserror::Error)]
+pub enum StdioError {
+    /// What came is no beginning of a conversation.
+    #[error(
+        "the standard input is no client of the Model Context Protocol: {0}; an assistant starts this command itself"
+    )]
+    Start(String),
+    /// It broke off.
+    #[error("the conversation broke off: {0}")]
+    BrokeOff(String),
+}
+
+/// Serves one client over standard input and output until it closes them.
+///
+/// # Errors
+///
+/// What comes is not of the protocol, or the conversation breaks off.
+pub async fn serve<S: Seat>(seat: S) -> Result<(), StdioError> {
+    let player = Player::new(seat, CancellationToken::new());
+    let streams = (tokio::io::stdin(), tokio::io::stdout());
+    let service = match player.serve(streams).await {
+        Ok(service) => service,
+        // It wanted nothing.
+        Err(ServerInitializeError::ConnectionClosed(_)) => return Ok(()),
+        Err(error) => return Err(StdioError::Start(error.to_string())),
+    };
+    match service.waiting().await {
+        Ok(_) => Ok(()),
+        Err(error) => Err(StdioError::BrokeOff(error.to_string())),
+    }
+}

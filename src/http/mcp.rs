@@ -1,0 +1,110 @@
+//! `/mcp`: the tools of a seat for language models, over the Model Context Protocol.
+//!
+//! What they show and do is what `GET /obs?prompt=true` and `POST /act` show and do, by the same code, for the same
+//! tokens and within the same limits. The document of the routes does not describe them: clients of the protocol ask
+//! for the list of tools.
+
+use std::net::IpAddr;
+use std::time::Duration;
+
+use axum::Router;
+use axum::body::Body;
+use axum::extract::{FromRequestParts as _, Request};
+use axum::http::header;
+use axum::http::request::Parts;
+use axum::routing::post;
+use swarmbench_mcp::{Refusal, Seat};
+use swarmbench_protocol::act::{ActRequest, Receipt};
+use swarmbench_protocol::loopback::is_loopback;
+
+use super::agent::act::submit;
+use super::agent::obs::see;
+use super::app::Access;
+use super::auth;
+use super::client::{host, name_of};
+use super::prelude::*;
+use crate::fair::Origin;
+
+pub(super) fn routes() -> Router<App> {
+    Router::new().route("/mcp", post(post_mcp))
+}
+
+async fn post_mcp(State(app): State<App>, request: Request) -> Result<Response, ApiError> {
+    let (mut parts, body) = request.into_parts();
+    check_names(&app.access, &parts)?;
+    let seat = ServerSeat { app: app.clone(), parts: parts.clone(), origin: Origin::current() };
+    let request = Request::from_parts(parts.clone(), body);
+    let most = app.limits.body_bytes_max;
+    let body = app.json_body(request, most, "body_bytes_max").await?;
+    // The seat has the token; the library does not need it.
+    parts.headers.remove(header::AUTHORIZATION);
+    let request = Request::from_parts(parts, body.into_bytes());
+    Ok(swarmbench_mcp::answer(seat, request).await.map(Body::from))
+}
+
+/// Refuses requests that a page of another site may have sent through a browser. Such a page reaches a server of this
+/// machine or of its network under a name of its own (`Host`), or is of another origin (`Origin`). Addresses cannot be
+/// borrowed in that way.
+fn check_names(access: &Access, parts: &Parts) -> Result<(), ApiError> {
+    let host = host(&parts.headers, &parts.uri);
+    let origin = parts.headers.get(header::ORIGIN).map(|origin| {
+        let origin = origin.to_str().unwrap_or_default();
+        origin.split_once("://").map_or(origin, |(_, host)| host)
+    });
+    for (field, name) in [("Host", host), ("Origin", origin)] {
+        let Some(name) = name else { continue };
+        if !name_of(name).is_some_and(|name| is_expected(access, name)) {
+            let shown: String = name.chars().take(100).collect();
+            let detail = format!(
+                "the header `{field}` names {shown:?}: /mcp answers to addresses, to localhost, and to the names that \
+                 the server was started with (`swarmbench serve --host NAME`)"
+            );
+            return Err(ApiError::new(Code::Forbidden, detail));
+        }
+    }
+    Ok(())
+}
+
+fn is_expected(access: &Access, name: &str) -> bool {
+    let bare = name.strip_prefix('[').and_then(|name| name.strip_suffix(']')).unwrap_or(name);
+    is_loopback(name)
+        || bare.parse::<IpAddr>().is_ok()
+        || access.hosts.iter().any(|host| host.eq_ignore_ascii_case(name))
+}
+
+/// The seat of the token that came with a request. The token is looked up when a tool is called: listing tools needs
+/// none, and a refusal is a result that the model can read.
+struct ServerSeat {
+    app: App,
+    parts: Parts,
+    /// Tools run in tasks of their own, for the party and with the rank of the request.
+    origin: Origin,
+}
+
+impl ServerSeat {
+    async fn find(&self) -> Result<auth::Seat, ApiError> {
+        auth::Seat::from_request_parts(&mut self.parts.clone(), &self.app).await
+    }
+}
+
+impl Seat for ServerSeat {
+    async fn obs(
+        &self,
+        after: Option<u32>,
+        wait: Duration,
+        prompt: bool,
+    ) -> Result<Vec<u8>, Refusal> {
+        let seen = async { see(&self.app, &self.find().await?, after, wait, prompt).await };
+        Box::pin(self.origin.scope(seen)).await.map_err(refusal)
+    }
+
+    async fn act(&self, act: ActRequest) -> Result<Receipt, Refusal> {
+        let receipt = async { submit(&self.app, &self.find().await?, act).await };
+        Box::pin(self.origin.scope(receipt)).await.map_err(refusal)
+    }
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "the shape that is called with an error")]
+fn refusal(error: ApiError) -> Refusal {
+    Refusal::Problem(Box::new(error.sent()))
+}
