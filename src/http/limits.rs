@@ -10,6 +10,7 @@ use crate::hosted::HOSTED_ROUNDS_MAX;
 use crate::replay::{AGENT_ROUNDS_MAX, PAGE_BYTES_MAX, ROUNDS_MAX};
 use crate::store::{READERS_MAX, READERS_WAITING_MAX, READERS_WAITING_PER_GROUP_MAX};
 use crate::work::{JOBS_WAITING_MAX, JOBS_WAITING_PER_GROUP_MAX};
+use swarmbench_mcp::{MCP_STRUCTURED_BYTES_MAX, MCP_WAIT_S_MAX};
 
 /// Requests that wait for a permit of a stream, of each kind.
 pub(super) const STREAMS_WAITING_MAX: usize = 16_384;
@@ -191,6 +192,8 @@ limits! {
         disk_free_bytes_enough = DISK_FREE_BYTES_ENOUGH,
         fork_piece_rows_max = FORK_PIECE_ROWS_MAX,
         seat_acts_waiting_max = SEAT_ACTS_WAITING_MAX,
+        mcp_wait_s_max = MCP_WAIT_S_MAX,
+        mcp_structured_bytes_max = MCP_STRUCTURED_BYTES_MAX,
         heavy_jobs_max = JOBS_WAITING_MAX,
         heavy_jobs_per_group_max = JOBS_WAITING_PER_GROUP_MAX,
         hosted_rounds_max = HOSTED_ROUNDS_MAX,
