@@ -9,7 +9,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use futures::future::{Either, select};
-use sha2::{Digest, Sha256};
 use swarmbench_engine::{Action, AgentId, TaskName, World};
 pub use swarmbench_players::DEFAULT_PLAYER;
 use swarmbench_players::{Player, Seat, find};
@@ -178,7 +177,8 @@ impl Players {
         let made = hosted.iter().map(|(agent, name)| {
             let built_in = find(name, spec.config.task());
             let built_in = built_in.map_err(|error| HostedError::Unknown(error.to_string()))?;
-            Ok((*agent, built_in.make(&seat(spec, *agent))))
+            let salt = spec.salt.as_deref().unwrap_or_default();
+            Ok((*agent, built_in.make(&Seat::hosted(&spec.config, *agent, salt.as_bytes()))))
         });
         let seats = made.collect::<Result<_, HostedError>>()?;
         Ok(Self { seats, shown: 0 })
@@ -215,17 +215,4 @@ fn decision(world: &World, agent: AgentId, player: &mut dyn Player) -> Submissio
     // A player without a decision stays.
     act.action.get_or_insert(Action::Stay);
     Submission { round: world.round(), decision: Decision::of_player(act) }
-}
-
-/// What a player may know of its seat before the game. Its seed follows from the episode's, so that the same episode is
-/// played the same way again, but does not reveal it.
-fn seat(spec: &Spec, agent: AgentId) -> Seat {
-    let mut hash = Sha256::new();
-    hash.update("the player of a seat");
-    hash.update(spec.config.settings().seed.to_be_bytes());
-    hash.update(agent.0.to_be_bytes());
-    hash.update(spec.salt.as_deref().unwrap_or_default());
-    let hash: [u8; 32] = hash.finalize().into();
-    let seed = u64::from_be_bytes(*hash.first_chunk().expect("a hash has 32 bytes"));
-    Seat { seed, ..Seat::of(&spec.config, agent, 0) }
 }

@@ -6,12 +6,14 @@ use numpy::{PyReadonlyArray1, PyReadonlyArrayDyn};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
-use swarmbench_engine::{AgentId, Message, Seed, Settings};
+use swarmbench_engine::{Act, Action, AgentId, Message, Seed, Settings};
+use swarmbench_protocol::failure::Failure;
 use swarmbench_training::{
     Autoreset, Batch as Environments, BatchError, Mask, Observations, Options, Rewards, Said, Turn,
 };
 
 use crate::arrays::{Buffers, Earned};
+use crate::partners::Partners;
 
 /// The code of an act without an action.
 const NO_ACTION: u8 = u8::MAX;
@@ -31,6 +33,15 @@ pub(crate) struct Batch {
     inner: Mutex<Option<Open>>,
 }
 
+/// The place of an action among those of the task or -1 for none, a message, and a commander's receiver.
+type Told = (i64, Option<String>, Option<u16>);
+
+/// The same of an answer, and why it does not count.
+type Read = (i64, Option<String>, Option<u16>, Option<&'static str>);
+
+/// The same of an agent.
+type Decided = (u16, i64, Option<String>, Option<u16>);
+
 /// A message as it comes from Python: environment, agent, text, and a commander's receiver.
 type Words = (usize, usize, String, Option<usize>);
 
@@ -41,7 +52,7 @@ impl Batch {
     #[expect(clippy::too_many_arguments, reason = "they are keyword arguments")]
     #[pyo3(signature = (
         *, task, rules, control, num_agents, width, height, view_size, memory, max_round, noise, max_delay,
-        num_envs, seed, threads, observations, rewards, autoreset, mask, record
+        num_envs, seed, threads, observations, rewards, autoreset, mask, record, answer_reader
     ))]
     fn new(
         py: Python<'_>,
@@ -64,6 +75,7 @@ impl Batch {
         autoreset: &str,
         mask: &str,
         record: bool,
+        answer_reader: String,
     ) -> PyResult<Self> {
         let settings = Settings {
             task,
@@ -78,7 +90,7 @@ impl Batch {
             max_round,
             noise,
             max_delay,
-            ..Settings::default()
+            answer_reader,
         };
         let options = Options {
             environments: num_envs,
@@ -242,10 +254,42 @@ impl Batch {
         Ok(PyBytes::new(py, journal.as_bytes()))
     }
 
-    fn prompt(&self, index: usize, agent: usize, template: Option<&str>) -> PyResult<String> {
+    fn prompt(&self, index: usize, agent: usize, template: Option<String>) -> PyResult<String> {
         let guard = self.lock()?;
-        let template = template.unwrap_or(swarmbench_prompt::BUILT_IN);
+        let template = swarmbench_prompt::chosen(template);
+        let template = template.as_deref().unwrap_or(swarmbench_prompt::BUILT_IN);
         get(&guard)?.environments.prompt(index, agent, template).map_err(raised)
+    }
+
+    /// What an answer of a language model means: action, message and receiver, or why it does not count.
+    fn read_answer(&self, agent: usize, text: &str) -> PyResult<Read> {
+        let guard = self.lock()?;
+        let environments = &get(&guard)?.environments;
+        let answer = environments.read_answer(agent, text).map_err(raised)?;
+        let (action, message, to) = told(environments, answer.act);
+        Ok((action, message, to, answer.fault.map(|fault| Failure::of(None, fault).name())))
+    }
+
+    /// Built-in players for agents of an environment whose episode has just begun.
+    fn partners(&self, index: usize, names: Vec<(usize, String)>) -> PyResult<Partners> {
+        let guard = self.lock()?;
+        let made = get(&guard)?.environments.partners(index, &names).map_err(raised)?;
+        Ok(Partners(Mutex::new(made)))
+    }
+
+    /// What the partners on the map do in this round: agent, action, message and receiver.
+    fn decide(&self, py: Python<'_>, index: usize, partners: &Partners) -> PyResult<Vec<Decided>> {
+        let guard = self.lock()?;
+        let environments = &get(&guard)?.environments;
+        let decided = py.detach(|| {
+            let mut partners = partners.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            environments.decide(index, &mut partners)
+        });
+        let decided = decided.map_err(raised)?.into_iter().map(|(agent, act)| {
+            let (action, message, to) = told(environments, act);
+            (agent.0, action, message, to)
+        });
+        Ok(decided.collect())
     }
 
     /// The observation as the server writes it, as JSON.
@@ -288,6 +332,13 @@ impl Batch {
             )),
         }
     }
+}
+
+fn told(environments: &Environments, act: Act) -> Told {
+    let actions = Action::of_task(environments.config().task());
+    let place = act.action.and_then(|action| actions.iter().position(|known| *known == action));
+    let number = place.and_then(|place| i64::try_from(place).ok()).unwrap_or(-1);
+    (number, act.message.map(|message| message.to_string()), act.to.map(|to| to.0))
 }
 
 fn get<'a>(guard: &'a MutexGuard<'_, Option<Open>>) -> PyResult<&'a Open> {

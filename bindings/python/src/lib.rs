@@ -4,6 +4,7 @@
 
 mod arrays;
 mod batch;
+mod partners;
 
 use std::sync::Arc;
 
@@ -17,6 +18,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("CHANNELS", swarmbench_training::CHANNELS)?;
     module.add("RULES_REVISION", swarmbench_engine::RULES_REVISION)?;
     module.add_function(wrap_pyfunction!(play_engine, module)?)?;
+    module.add_class::<partners::Partners>()?;
     module.add_class::<batch::Batch>()
 }
 

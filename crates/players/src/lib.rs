@@ -45,6 +45,7 @@ mod talk;
 mod transport;
 mod walk;
 
+use sha2::{Digest as _, Sha256};
 use swarmbench_engine::{Act, AgentId, Config, Observation, RuleSet, TaskName};
 
 /// A player for one seat. Deterministic: its decisions depend only on its [`Seat`] and its observations.
@@ -87,6 +88,21 @@ impl Seat {
             rules: config.rules(),
             seed: Self::seed_of(agent, seed),
         }
+    }
+
+    /// The seat of a player that a server hosts, or a training has as a partner. Its seed follows from the episode's, so
+    /// that the same episode is played the same way again, but does not reveal it. `salt` is what the seed of a sealed
+    /// episode is hidden with; empty for others.
+    #[must_use]
+    pub fn hosted(config: &Config, agent: AgentId, salt: &[u8]) -> Self {
+        let mut hash = Sha256::new();
+        hash.update("the player of a seat");
+        hash.update(config.settings().seed.to_be_bytes());
+        hash.update(agent.0.to_be_bytes());
+        hash.update(salt);
+        let hash: [u8; 32] = hash.finalize().into();
+        let seed = u64::from_be_bytes(*hash.first_chunk().expect("a hash has 32 bytes"));
+        Self { seed, ..Self::of(config, agent, 0) }
     }
 
     /// The seed of one agent's player, made of the whole swarm's.

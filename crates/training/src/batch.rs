@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use swarmbench_engine::{AgentId, Config, Digest, Message, Seed, SettingErrors, Settings};
+use swarmbench_engine::{AgentId, Config, Digest, Message, Seed, SettingErrors, Settings, World};
 use swarmbench_protocol::observation::Sight;
 use swarmbench_protocol::status::Status;
 
@@ -74,6 +74,12 @@ pub enum BatchError {
     /// Acts were not recorded.
     #[error("acts are not recorded: make the environments with record=True")]
     NotRecorded,
+    /// Built-in players cannot play what they were asked to.
+    #[error("these partners cannot play here: {0}")]
+    Partners(&'static str),
+    /// There is no built-in player of that name.
+    #[error(transparent)]
+    Player(#[from] swarmbench_players::UnknownPlayer),
     /// A state cannot be loaded.
     #[error(transparent)]
     State(#[from] StateError),
@@ -441,10 +447,14 @@ impl Batch {
         Ok(())
     }
 
-    fn agent(&self, agent: usize) -> Result<AgentId, BatchError> {
+    pub(crate) fn agent(&self, agent: usize) -> Result<AgentId, BatchError> {
         let count = self.plan.shape.agents;
         let number = u16::try_from(agent).ok().filter(|_| agent < count);
         number.map(AgentId).ok_or(BatchError::NoAgent { agent, count })
+    }
+
+    pub(crate) fn world(&self, index: usize) -> Result<&World, BatchError> {
+        Ok(&self.at(index)?.world)
     }
 
     fn recorded(&self, index: usize) -> Result<&Environment, BatchError> {

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from . import analysis
     from .environment import SwarmEnv, parallel_env
     from .native import VecEnv
+    from .text import TextEpisode, Turn
     from .vector import vector_env
 
 __all__ = [
@@ -42,6 +43,8 @@ __all__ = [
     "ServerError",
     "SwarmEnv",
     "SwarmbenchError",
+    "TextEpisode",
+    "Turn",
     "UnexpectedAnswerError",
     "VecEnv",
     "analysis",
@@ -57,6 +60,8 @@ __version__ = version("swarmbench")
 
 _NEEDS_RL = {
     "SwarmEnv": ".environment",
+    "TextEpisode": ".text",
+    "Turn": ".text",
     "VecEnv": ".native",
     "parallel_env": ".environment",
     "vector_env": ".vector",

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
 from functools import partial
 from types import TracebackType
-from typing import Any, Literal, TypeAlias, cast
+from typing import Any, Literal, NamedTuple, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +32,26 @@ ACTIONS = ("UP", "DOWN", "LEFT", "RIGHT", "STAY")
 SEED_MAX = 2**53 - 1
 
 Arrays: TypeAlias = dict[str, Any]
+Partners: TypeAlias = _native.Partners
+"""Built-in players of one episode."""
 Words: TypeAlias = str | tuple[str, int | None] | None
 """What an agent says: a text, a text and the number of its only receiver (for a commander), or nothing."""
+
+
+class Answer(NamedTuple):
+    """What an answer of a language model means, or what a built-in player decides.
+
+    Attributes:
+        action: Its place in `VecEnv.actions`, or -1 for none.
+        message: What the agent says.
+        to: The only receiver of a commander's message.
+        fault: Why the answer does not count: `empty`, `no_marker`, or `unknown_action`.
+    """
+
+    action: int
+    message: str | None
+    to: int | None
+    fault: str | None
 
 
 class VecEnv:
@@ -83,7 +101,8 @@ class VecEnv:
             that it sees beside itself; a hint, as these are allowed, and change nothing.
         copy: Whether `reset` and `step` return copies. Without, they return the arrays into which the next call writes.
         record: Whether acts are recorded, so that there are states and journals: a byte for each act.
-        prompt_template: A template for `prompt` instead of the built-in one.
+        prompt_template: A template for `prompt` instead of the built-in one: its text, or the name `toolkit`.
+        answer_reader: How `read_answer` reads.
 
     Attributes:
         buffers: The arrays into which every call writes.
@@ -115,12 +134,14 @@ class VecEnv:
         copy: bool = True,
         record: bool = True,
         prompt_template: str | None = None,
+        answer_reader: Literal["last-marker", "first-marker"] = "last-marker",
     ) -> None:
         self._arguments = {name: value for name, value in locals().items() if name != "self"}
         one_of("observations", observations, ("planes", "symbols", "none"))
         one_of("rewards", rewards, ("team", "individual"))
         one_of("autoreset", autoreset, ("next_step", "same_step", "disabled"))
         one_of("mask", mask, ("alive", "moves"))
+        one_of("answer_reader", answer_reader, ("last-marker", "first-marker"))
         if mask == "moves" and observations == "none":
             raise ValueError("mask='moves' reads windows, so it needs observations='planes' or 'symbols'")
         num_envs = whole("num_envs", num_envs, 1, 2**20)
@@ -136,6 +157,7 @@ class VecEnv:
             task=task_name(task), rules=rules, control=control, noise=probability("noise", noise), **settings,
             num_envs=num_envs, seed=own_seed, threads=whole("threads", threads or 0, 0, 1024),
             observations=observations, rewards=rewards, autoreset=autoreset, mask=mask, record=bool(record),
+            answer_reader=answer_reader,
         )  # fmt: skip
         self.task = task_name(task)
         self.autoreset = autoreset
@@ -247,9 +269,26 @@ class VecEnv:
         episode = f"ep_{secrets.token_hex(16)}"
         return self._native.journal(self._index(index), episode, now)
 
-    def prompt(self, index: int, agent: int) -> str:
-        """What an agent may know, as text for a language model: the prompt of the server."""
-        return self._native.prompt(self._index(index), whole("agent", agent, 0, 2**16), self._template)
+    def prompt(self, index: int, agent: int, template: str | None = None) -> str:
+        """What an agent may know, as text for a language model: the prompt of the server, or of another template."""
+        return self._native.prompt(self._index(index), whole("agent", agent, 0, 2**16), template or self._template)
+
+    def read_answer(self, agent: int, text: str) -> Answer:
+        """Reads what a language model answers for an agent, by the rules of the server."""
+        return Answer(*self._native.read_answer(whole("agent", agent, 0, 2**16), text))
+
+    def partners(self, index: int, players: Mapping[int, str]) -> Partners:
+        """Makes built-in players, by name, for agents of an environment whose episode has just begun.
+
+        They decide as the players that the server hosts. `default` is the best player of the task.
+        """
+        names = [(whole("agent", agent, 0, 2**16), name) for agent, name in players.items()]
+        return self._native.partners(self._index(index), names)
+
+    def decide(self, index: int, partners: Partners) -> dict[int, Answer]:
+        """What the partners do in this round, by agent. They are asked once in each round of the episode."""
+        decided = self._native.decide(self._index(index), partners)
+        return {agent: Answer(action, message, to, None) for agent, action, message, to in decided}
 
     def sight(self, index: int, agent: int) -> Sight:
         """What an agent may know, as the server writes it. The id of the episode is empty."""

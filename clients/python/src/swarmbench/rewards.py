@@ -8,6 +8,17 @@ Cell = tuple[int, int]
 Sights = Mapping[str, Observation]
 
 
+def full_score(task: str, num_agents: int = 12, max_round: int = 100) -> float:
+    """The score that counts as 1 where rewards are shares: about what the best built-in player makes.
+
+    Pursuit and Synchronization: a point in every round. Foraging: a delivery of each agent in 30 rounds. Flocking and
+    Transport: a point for each agent.
+    """
+    if task in {"Pursuit", "Synchronization"}:
+        return float(max_round)
+    return num_agents * max_round / 30 if task == "Foraging" else float(num_agents)
+
+
 def team(before: Sights, after: Sights) -> dict[str, float]:
     """The change of the score for everybody."""
     gained = _score(after) - _score(before)

@@ -1,0 +1,232 @@
+"""Swarms for verifiers and prime-rl: a taskset, an environment, and a harness that asks without a program of its own.
+
+It needs Python 3.11 and `pip install 'swarmbench[verifiers]'`. verifiers finds it by the package that exports it:
+`vf-eval swarmbench-verifiers -n 3 --env.taskset.game Pursuit` (docs/play/frameworks.md).
+"""
+
+import asyncio
+from collections.abc import Iterator
+from contextlib import AsyncExitStack
+from itertools import count
+from pathlib import Path
+from typing import Literal
+
+import httpx
+from pydantic import BaseModel, Field
+
+from .text import TextEpisode, Turn
+
+try:
+    import verifiers.v1 as vf
+    from verifiers.v1.dialects.chat import message_to_wire
+    from verifiers.v1.task import task_key
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        f"swarmbench.verifiers needs {error.name}: pip install 'swarmbench[verifiers]', with Python 3.11 or newer",
+        name=error.name,
+    ) from error
+
+TIMEOUT_S = 600.0
+"""How long a model may take for an answer."""
+
+TRANSPORT_FAILED = 97
+"""The exit code by which verifiers tells a broken connection to a model from a failed program."""
+
+Game = Literal["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"]
+
+
+class Settings(BaseModel, frozen=True):
+    """The settings of games, each with the server's default."""
+
+    num_agents: int = 12
+    rules: Literal["paper", "reference"] = "paper"
+    width: int = 10
+    height: int = 10
+    view_size: int = 5
+    memory: int = 5
+    max_round: int = 100
+    control: Literal["decentralized", "centralized"] = "decentralized"
+    noise: float = 0.0
+    max_delay: int = 0
+
+
+class SwarmData(vf.TaskData):
+    """A game: a task, the seed of its layout, and its settings."""
+
+    game: Game
+    seed: int
+    settings: Settings
+
+
+class SwarmTask(vf.Task[SwarmData]):
+    """A game to be played. It is scored by the environment."""
+
+    @property
+    def key(self) -> str:
+        """The same game has the same key in every run."""
+        return str(task_key(self.data.model_dump(mode="json", include={"game", "seed", "settings"})))
+
+
+class SwarmTasksetConfig(vf.TasksetConfig):
+    """Which games are played."""
+
+    game: Game | Literal["all"] = "all"
+    """The task, or all five in turn."""
+    first_seed: int = Field(0, ge=0)
+    """The seed of the first layout; 27, 42, 57, 72 and 87 are those of the paper."""
+    num_seeds: int | None = Field(None, ge=1)
+    """How many seeds there are; without end where it is left out."""
+    settings: Settings = Settings()
+
+
+class SwarmTaskset(vf.Taskset[SwarmTask, SwarmTasksetConfig]):
+    """Games of one task or of all, seed by seed."""
+
+    INFINITE = True
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the games come to an end."""
+        return self.config.num_seeds is not None if self._bounded is None else self._bounded
+
+    def load(self) -> Iterator[SwarmTask]:
+        """The games."""
+        config = self.config
+        games: tuple[Game, ...] = ("Transport", "Pursuit", "Synchronization", "Foraging", "Flocking")
+        if config.game != "all":
+            games = (config.game,)
+        last = config.num_seeds
+        for seed in count(config.first_seed) if last is None else range(config.first_seed, config.first_seed + last):
+            for game in games:
+                data = SwarmData(name=f"{game}#{seed}", game=game, seed=seed, settings=config.settings)
+                yield SwarmTask(data, config.task)
+
+
+class SwarmHarnessConfig(vf.HarnessConfig):
+    """How a seat asks its model."""
+
+    history: int | None = Field(0, ge=0)
+    """How many earlier rounds of the conversation the model is sent with a prompt; all with `None`. A prompt has what
+    its agent remembers, so 0 is enough, and is the paper's setting."""
+
+
+class SwarmHarness(vf.Harness[SwarmHarnessConfig]):
+    """Asks the model once a round, from this process: without tools, and without a program to be installed."""
+
+    APPENDS_SYSTEM_PROMPT = True
+    SUPPORTS_RESUME = True
+    EXECUTES_CODE = False
+    NEEDS_CONTAINER = False
+
+    async def launch(
+        self,
+        ctx: vf.ModelContext,
+        trace: vf.Trace,
+        runtime: vf.Runtime,
+        endpoint: str,
+        secret: str,
+        mcp_urls: dict[str, str],
+        data: vf.TaskData,
+    ) -> vf.ProgramResult:
+        """Sends the last messages of a conversation, and leaves the answer to the trace."""
+        del trace, runtime, mcp_urls
+        system, prompt = self.resolve_prompt(data)
+        messages = (
+            [{"role": "user", "content": prompt}]
+            if isinstance(prompt, str)
+            else [message_to_wire(message) for message in prompt or []]
+        )
+        if self.config.history is not None:
+            messages = messages[-1 - 2 * self.config.history :]
+        if system is not None:
+            messages.insert(0, {"role": "system", "content": system})
+        try:
+            async with httpx.AsyncClient(timeout=TIMEOUT_S) as client:
+                answer = await client.post(
+                    f"{endpoint.rstrip('/')}/chat/completions",
+                    headers={"Authorization": f"Bearer {secret}"},
+                    json={"model": ctx.model, "messages": messages},
+                )
+        except httpx.TransportError as error:
+            return vf.ProgramResult(exit_code=TRANSPORT_FAILED, stdout="", stderr=repr(error))
+        failed = answer.status_code >= 400
+        return vf.ProgramResult(exit_code=int(failed), stdout="", stderr=answer.text[:2000] if failed else "")
+
+
+class SwarmEnvConfig(vf.EnvConfig):
+    """Who plays a game, and what it earns."""
+
+    # Without a harness it has that of its taskset, which is `SwarmHarness`.
+    agent: vf.AgentConfig = vf.AgentConfig(runtime=vf.SubprocessConfig())
+    """All seats that a model plays."""
+    max_concurrent_agents: int | None = Field(None, ge=1)
+    """How many seats of a game are asked at the same time; all of them where it is left out."""
+    mode: Literal["seats", "one_seat"] = "seats"
+    """`seats`: a model plays every agent, each with a conversation and a trace of its own. `one_seat`: it plays one,
+    and built-in players play the others."""
+    seat: int = Field(0, ge=0)
+    """With `one_seat`, the agent that the model plays."""
+    partners: str = "default"
+    """With `one_seat`, the built-in player of the others."""
+    rewards: Literal["team", "individual"] = "team"
+    """`team`: every trace gets the whole swarm's score. `individual`: what its own agent did."""
+    scale: Literal["share", "score"] = "share"
+    """`share`: rewards are divided by `swarmbench.rewards.full_score`. `score`: they are points."""
+    answer_reader: Literal["last-marker", "first-marker"] = "last-marker"
+    journals: Path | None = None
+    """A folder for the journals of all games, which `swarmbench verify` reads."""
+
+
+class SwarmEnv(vf.Env[SwarmEnvConfig]):
+    """A game as an episode: all seats are asked together, and a round is resolved when all have answered."""
+
+    async def run(self, task: SwarmTask, agents: vf.Agents) -> None:
+        """Plays the game of a task to its end."""
+        config, game = self.config, task.data
+        episode = TextEpisode(
+            game.game, config.mode, seat=config.seat, partners=config.partners if config.mode == "one_seat" else None,
+            rewards=config.rewards, answer_reader=config.answer_reader, **game.settings.model_dump(),
+        )  # fmt: skip
+        try:
+            await self._play(episode, episode.reset(game.seed), task, agents)
+        finally:
+            episode.close()
+
+    async def _play(self, episode: TextEpisode, turn: Turn, task: SwarmTask, agents: vf.Agents) -> None:
+        seat_task = vf.Task(vf.TaskData(idx=task.data.idx, name=task.data.name, system_prompt=task.data.system_prompt))
+        async with AsyncExitStack() as stack:
+            seats = {
+                agent: await stack.enter_async_context(agents.agent.interaction(seat_task)) for agent in turn.asked
+            }
+            traces = {agent: seat.trace for agent, seat in seats.items()}
+            while not turn.done:
+                asked = [agent for agent in turn.asked if agent in seats]
+                segments = await asyncio.gather(*(seats[agent].turn(turn.prompts[agent]) for agent in asked))
+                answers: dict[int, str | None] = {}
+                for agent, segment in zip(asked, segments, strict=True):
+                    if segment.terminated:
+                        # It is asked no more: its model failed, or has used up what it may. The others play on.
+                        del seats[agent]
+                    else:
+                        answers[agent] = segment.last_reply
+                turn = episode.step(answers if episode.mode == "seats" else answers.get(turn.asked[0]))
+            self._record(episode, traces)
+
+    def _record(self, episode: TextEpisode, traces: dict[int, vf.Trace]) -> None:
+        config, world = self.config, episode.world
+        unit = episode.full_score if config.scale == "share" else 1.0
+        file: str | None = None
+        if config.journals is not None:
+            config.journals.mkdir(parents=True, exist_ok=True)
+            path = config.journals / f"{world.task}-{episode.seed}-{next(iter(traces.values())).id}.jsonl"
+            path.write_bytes(episode.journal())
+            file = str(path)
+        for agent, trace in traces.items():
+            trace.record_reward(config.rewards, episode.earned[agent] / unit)
+            trace.record_metric("score", episode.turn.score)
+            trace.record_metric("invalid_answers", episode.invalid_answers[agent])
+            trace.record_metric("messages_heard", episode.heard[agent])
+            trace.info["swarmbench"] = {
+                "task": world.task, "seed": episode.seed, "agent": f"Agent_{agent}", "rounds": episode.turn.round,
+                "digest": world.world_digest(0), "journal": file,
+            }  # fmt: skip

@@ -1,0 +1,211 @@
+"""Small stand-ins for the frameworks, with the parts of them that the adapters use.
+
+`.ci/frameworks` tests the adapters against the real packages. These are for everywhere else, and are used only where
+the real package is not installed.
+"""
+
+import sys
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from types import ModuleType, SimpleNamespace
+from typing import Any, Generic, TypeVar
+
+from pydantic import BaseModel, ConfigDict
+
+A = TypeVar("A")
+B = TypeVar("B")
+C = TypeVar("C")
+
+
+def install(package: str, modules: dict[str, dict[str, Any]]) -> None:
+    """Makes modules importable, unless the package is installed."""
+    if package in sys.modules or find_spec(package) is not None:
+        return
+    for name, members in {package: {}, **modules}.items():
+        module = ModuleType(name)
+        module.__path__ = []
+        vars(module).update(members)
+        sys.modules[name] = module
+
+
+# verifiers
+
+
+class TaskData(BaseModel):
+    model_config = ConfigDict(frozen=True)
+    idx: int | None = None
+    name: str | None = None
+    prompt: Any = None
+    system_prompt: str | None = None
+
+
+class Task(Generic[A]):
+    def __init__(self, data: A, config: Any = None) -> None:
+        self.data, self.config = data, config
+
+
+class TasksetConfig(BaseModel):
+    id: str = ""
+    task: Any = None
+
+
+class Taskset(Generic[A, B]):
+    _bounded: bool | None = None
+
+    def __init__(self, config: Any) -> None:
+        self.config = config
+
+    def load(self) -> Iterator[Any]:
+        raise NotImplementedError
+
+    def __iter__(self) -> Iterator[Any]:
+        return self.load()
+
+
+class HarnessConfig(BaseModel):
+    id: str = ""
+
+
+class Harness(Generic[A]):
+    def __init__(self, config: Any) -> None:
+        self.config = config
+
+    def resolve_prompt(self, data: Any) -> tuple[str | None, Any]:
+        return data.system_prompt, data.prompt
+
+
+class SubprocessConfig(BaseModel):
+    type: str = "subprocess"
+
+
+class AgentConfig(BaseModel):
+    harness: Any = None
+    runtime: Any = None
+
+
+class EnvConfig(BaseModel):
+    taskset: Any = None
+
+
+class Env(Generic[A]):
+    def __init__(self, config: Any) -> None:
+        self.config = config
+
+
+@dataclass
+class ProgramResult:
+    exit_code: int
+    stdout: str
+    stderr: str
+
+
+@dataclass
+class Trace:
+    """What is recorded of a seat."""
+
+    id: str
+    rewards: dict[str, float] = field(default_factory=dict)
+    metrics: dict[str, float] = field(default_factory=dict)
+    info: dict[str, Any] = field(default_factory=dict)
+    prompts: list[str] = field(default_factory=list)
+
+    def record_reward(self, name: str, value: float, weight: float = 1.0) -> None:
+        self.rewards[name] = value * weight
+
+    def record_metric(self, name: str, value: float) -> None:
+        self.metrics[name] = float(value)
+
+
+class Agents:
+    """The role `agent`, played by a function from a seat and its prompt to an answer; `None` ends its conversation."""
+
+    def __init__(self, play: Callable[[int, str], str | None]) -> None:
+        self.traces: list[Trace] = []
+        self._play = play
+        self.agent = self
+
+    @asynccontextmanager
+    async def interaction(self, task: Any) -> AsyncIterator[Any]:
+        assert task.data.prompt is None
+        seat = len(self.traces)
+        trace = Trace(f"trace{seat}")
+        self.traces.append(trace)
+
+        async def turn(prompt: str) -> Any:
+            trace.prompts.append(prompt)
+            reply = self._play(seat, prompt)
+            return SimpleNamespace(last_reply=reply or "", terminated=reply is None)
+
+        yield SimpleNamespace(trace=trace, turn=turn)
+
+
+def verifiers() -> None:
+    names = (
+        TaskData, Task, TasksetConfig, Taskset, HarnessConfig, Harness, SubprocessConfig, AgentConfig, EnvConfig, Env,
+        ProgramResult, Trace, Agents,
+    )  # fmt: skip
+    install("verifiers", {
+        "verifiers.v1": {**{one.__name__: one for one in names}, "ModelContext": object, "Runtime": object},
+        "verifiers.v1.dialects": {}, "verifiers.v1.dialects.chat": {"message_to_wire": dict},
+        "verifiers.v1.task": {"task_key": lambda data: repr(sorted(data.items()))},
+    })  # fmt: skip
+    sys.modules["verifiers"].v1 = sys.modules["verifiers.v1"]  # type: ignore[attr-defined]
+
+
+# OpenEnv
+
+
+class Action(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    metadata: dict[str, Any] = {}
+
+
+class Observation(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    done: bool = False
+    reward: float | None = None
+    metadata: dict[str, Any] = {}
+
+
+class State(BaseModel):
+    model_config = ConfigDict(extra="allow")
+    episode_id: str | None = None
+    step_count: int = 0
+
+
+class EnvironmentMetadata(BaseModel):
+    name: str
+    description: str
+    version: str | None = None
+
+
+class Environment(Generic[A, B, C]):
+    SUPPORTS_CONCURRENT_SESSIONS = False
+
+
+class EnvClient(Generic[A, B, C]):
+    pass
+
+
+@dataclass
+class StepResult(Generic[A]):
+    observation: A
+    reward: float | None = None
+    done: bool = False
+    metadata: Any = None
+
+
+def openenv() -> None:
+    def create_app(factory: Any, action: Any, observation: Any, **named: Any) -> Any:
+        return SimpleNamespace(factory=factory, action=action, observation=observation, **named)
+
+    install("openenv", {
+        "openenv.core": {"EnvClient": EnvClient}, "openenv.core.client_types": {"StepResult": StepResult},
+        "openenv.core.env_server": {}, "openenv.core.env_server.http_server": {"create_app": create_app},
+        "openenv.core.env_server.interfaces": {"Environment": Environment},
+        "openenv.core.env_server.types": {
+            "Action": Action, "EnvironmentMetadata": EnvironmentMetadata, "Observation": Observation, "State": State,
+        },
+    })  # fmt: skip

@@ -1,0 +1,5 @@
+"""The client of a session."""
+
+from swarmbench.openenv import SwarmClient
+
+__all__ = ["SwarmClient"]

@@ -1,0 +1,5 @@
+"""The shapes of actions, observations and states."""
+
+from swarmbench.openenv import SwarmAction, SwarmObservation, SwarmState
+
+__all__ = ["SwarmAction", "SwarmObservation", "SwarmState"]

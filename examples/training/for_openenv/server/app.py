@@ -1,0 +1,11 @@
+"""The application: `uvicorn server.app:app`. SWARMBENCH_TASK and SWARMBENCH_MODE choose what is played."""
+
+import os
+
+from swarmbench.openenv import app as make_app
+from swarmbench.openenv import main
+
+app = make_app(task=os.environ.get("SWARMBENCH_TASK", "Foraging"), mode=os.environ.get("SWARMBENCH_MODE", "one_seat"))
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,5 @@
+"""The environment."""
+
+from swarmbench.openenv import SwarmEnvironment
+
+__all__ = ["SwarmEnvironment"]
