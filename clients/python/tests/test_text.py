@@ -164,11 +164,11 @@ def test_who_escapes_is_asked_no_more_and_earns_on() -> None:
 def test_what_is_no_answer_costs_the_act_only() -> None:
     episode = TextEpisode("Pursuit", num_agents=4, max_round=3)
     turn = episode.reset(3)
-    turn = episode.step({0: None, 1: "", 2: "x" * 1_000_000})
+    turn = episode.step({0: None, 1: "", 2: "x\ud800" * 500_000})
     assert turn.invalid == {0: "empty", 1: "empty", 2: "no_marker", 3: "empty"}
     assert turn.round == 1
     turn = episode.step({})
-    turn = episode.step(dict.fromkeys(turn.asked, "ACTION: UP"))
+    turn = episode.step(dict.fromkeys(turn.asked, "ACTION: UP\nMSG: \udfff"))
     assert turn.done
     assert episode.invalid_answers == [2, 2, 2, 2]
 

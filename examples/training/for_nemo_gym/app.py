@@ -20,7 +20,7 @@ except ModuleNotFoundError:
     GymnasiumServer, extract_text, NeMoGymResponse = object, None, Any
 
 SESSIONS_MAX = 4_096
-"""Episodes that are played at the same time: about 20 kB each."""
+"""Episodes that are played at the same time: 24 kB each at the start, 160 kB after 100 rounds of agents that talk."""
 
 
 class SwarmGym(GymnasiumServer):

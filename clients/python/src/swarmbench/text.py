@@ -281,7 +281,9 @@ class TextEpisode:
             return ""
         if not isinstance(answer, str):
             raise ArgumentError(f"an answer is a text, or None; this is {shown(answer)}")
-        return answer[-self._chars_max :] if self._keeps_end else answer[: self._chars_max]
+        kept = answer[-self._chars_max :] if self._keeps_end else answer[: self._chars_max]
+        # Half a character, as a decoder of tokens may leave it, is no text to the native module.
+        return kept.encode(errors="replace").decode()
 
     def _answer(self, agent: int, text: str) -> Answer:
         return self.world.read_answer(agent, text) if text else _NO_ANSWER

@@ -1,6 +1,7 @@
 """The adapter for OpenEnv: `openenv validate` of the package and of a running server, and sessions at the same time."""
 
 import asyncio
+import re
 import subprocess
 import sys
 import time
@@ -15,6 +16,7 @@ from swarmbench import TextEpisode
 from swarmbench.openenv import SwarmAction, SwarmClient
 
 PACKAGE = Path(__file__).resolve().parents[4] / "examples" / "training" / "for_openenv"
+PAGE = PACKAGE.parents[2] / "docs" / "play" / "frameworks.md"
 PORT = 18_765
 SESSIONS = 24
 
@@ -84,6 +86,8 @@ def main() -> None:
         validate("--url", address)
     with served("swarmbench.openenv", "--max-round", "10", "--port", str(PORT)) as address:
         asyncio.run(play_all(address))
+        (block,) = re.findall(r"^```py\n(.*?)^```", PAGE.read_text(), re.DOTALL | re.MULTILINE)
+        exec(compile(block.replace(":8000", f":{PORT}"), str(PAGE), "exec"), {})
         splits = urllib.request.urlopen(f"{address}/swarmbench/splits").read()
         print(splits.decode())
 

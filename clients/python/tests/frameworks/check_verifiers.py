@@ -60,6 +60,8 @@ def main() -> None:
                 assert told["agent"] == f"Agent_{place}"
                 assert trace["rewards"]["team"]["score"] == game.earned[place] / full_score("Foraging", AGENTS, ROUNDS)
                 assert trace["metrics"]["invalid_answers"] == game.invalid_answers[place] > 0
+                # Without a history each round is a branch of its own.
+                assert len([node for node in trace["nodes"] if node.get("parent") is None]) == ROUNDS
                 assert trace["metrics"]["messages_heard"] == game.heard[place]
         # A prompt has what its agent remembers, so a model is sent nothing else.
         assert {len(request["messages"]) for request in requests} == {1}
