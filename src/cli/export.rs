@@ -34,6 +34,7 @@ use crate::store::episodes::{Filter, Readable};
     swarmbench export games.zip --server http://127.0.0.1:8080\n  \
     swarmbench export tables --format parquet --server http://127.0.0.1:8080"
 )]
+#[expect(clippy::struct_excessive_bools, reason = "each is an option of its own")]
 pub(super) struct Args {
     /// The folder to create, or the archive if the name ends in .zip; it must not exist.
     to: PathBuf,

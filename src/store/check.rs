@@ -247,12 +247,12 @@ async fn references(database: &mut SqliteConnection, checked: &mut Checked) {
             "SELECT count(*) FROM {table} WHERE {column} IS NOT NULL AND {column} NOT IN (SELECT {key} FROM {other})"
         );
         let count = sqlx::query_scalar::<_, i64>(sqlx::AssertSqlSafe(query));
-        let result = count.fetch_one(&mut *database).await.map(|count| match count {
-            0 => Ok(()),
-            _ => {
-                let other = if other == EPISODES_AND_FORKING { "episodes" } else { other };
-                Err(format!("{count} rows have a {column} that is not in {other}"))
+        let result = count.fetch_one(&mut *database).await.map(|count| {
+            if count == 0 {
+                return Ok(());
             }
+            let other = if other == EPISODES_AND_FORKING { "episodes" } else { other };
+            Err(format!("{count} rows have a {column} that is not in {other}"))
         });
         checked.note_result(&format!("the table {table}"), result);
     }

@@ -140,6 +140,18 @@ def test_episodes(checked: Checked) -> None:
         assert set(sight["actions"]) <= set(get_args(wire.ActionName))
 
 
+def test_forks(checked: Checked) -> None:
+    parent = checked.create_episode(**SMALL)["id"]
+    made = checked.fork(parent, round=0, count=2, model="forked", idempotency_key=f"f{id(checked)}")
+    again = checked.fork(parent, round=0, count=2, model="forked", idempotency_key=f"f{id(checked)}")
+    ids = [episode["id"] for episode in made["episodes"]]
+    assert ids == [episode["id"] for episode in again["episodes"]]
+    assert {episode["id"] for episode in checked.every("episodes", fork_of=parent)} == set(ids)
+    assert checked.episode(ids[0])["fork"] == made["fork"]
+    assert made["fork"]["episode"] == parent
+    assert checked.with_token(again["episodes"][1]["swarm_token"]).swarm_obs(limit=9)["observations"]
+
+
 def test_seats_of_several_holders(checked: Checked) -> None:
     created = checked.create_episode(**SMALL, open_seats=1)
     assert checked.seats(created["id"])["open"] == 1

@@ -16,7 +16,7 @@ from pettingzoo.test.seed_test import parallel_seed_test, seed_test
 from pettingzoo.test.state_test import state_test
 from pettingzoo.utils.conversions import parallel_to_aec
 
-from swarmbench import Client, Server, ServerError, SwarmbenchError, SwarmEnv, parallel_env, wire
+from swarmbench import ArgumentError, Client, Server, ServerError, SwarmbenchError, SwarmEnv, parallel_env, wire
 from swarmbench.arrays import CHANNELS
 
 TASKS: tuple[wire.TaskName, ...] = get_args(wire.TaskName)
@@ -54,6 +54,25 @@ advice = pytest.mark.filterwarnings(
 @pytest.mark.parametrize("task", TASKS)
 def test_it_is_a_parallel_environment(make: Make, task: wire.TaskName, settings: dict[str, Any]) -> None:
     parallel_api_test(make(task, num_agents=settings.pop("num_agents", 4), **settings))
+
+
+def test_forks_play_on_from_the_same_state(make: Make) -> None:
+    env = make("Synchronization", seed=27, num_agents=3)
+    with pytest.raises(SwarmbenchError, match="reset"):
+        env.fork()
+    env.reset()
+    env.step(dict.fromkeys(env.agents, 5))
+    one, two = env.fork(2)
+    with one, two:
+        assert len({env.episode, one.episode, two.episode}) == 3
+        assert data_equivalence(env.step(dict.fromkeys(env.agents, 5)), one.step(dict.fromkeys(one.agents, 5)))
+        two.step(dict.fromkeys(two.agents, 0))
+        assert data_equivalence(env.state(), one.state())
+        assert not data_equivalence(env.state(), two.state())
+        assert two.reset()[1].keys() == env.reset()[1].keys()
+        assert two.seed == env.seed
+    with pytest.raises(ArgumentError, match="count"):
+        env.fork(65)
 
 
 @advice

@@ -11,7 +11,7 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from swarmbench import Client, Server, SwarmbenchError, parallel_env, wire
+from swarmbench import Client, Server, SwarmbenchError, SwarmEnv, parallel_env, wire
 from swarmbench.server import find_binary
 
 pytest.importorskip("swarmbench._native", reason="only wheels of bindings/python have the native module")
@@ -231,6 +231,46 @@ def test_parallel_environments_are_the_same_on_a_server_and_here(
     finally:
         there.close()
         here.close()
+
+
+@pytest.mark.parametrize("settings", [
+    {}, {"observations": "both", "messages": True, "noise": 0.5, "max_delay": 2}, {"rewards": "individual"},
+], ids=str)  # fmt: skip
+def test_forks_are_the_same_on_a_server_and_here(server: Server, settings: dict[str, Any]) -> None:
+    common: dict[str, Any] = {"seed": 27, "num_agents": 3, "max_round": 8, **settings}
+    envs = [parallel_env("Foraging", server=server, **common), parallel_env("Foraging", backend="native", **common)]
+
+    def acts(env: SwarmEnv, action: int) -> dict[str, Any]:
+        said = {"action": action, "message": f"I do {action}"} if "messages" in settings else action
+        return dict.fromkeys(env.agents, said)
+
+    try:
+        for env in envs[:2]:
+            env.reset()
+            for action in range(3):
+                env.step(acts(env, action))
+            envs.extend(env.fork(2))
+        there, here, *forks = envs
+        for action in (3, 0, 1):
+            told = there.step(acts(there, action))
+            for env in (here, forks[0], forks[2]):
+                assert same(env.step(acts(env, action)), told)
+                assert (env.score, env.agents) == (there.score, there.agents)
+            other = forks[1].step(acts(forks[1], 2))
+            assert same(forks[3].step(acts(forks[3], 2)), other)
+            assert not same(other, told)
+        # Later episodes have the seeds that those of the first have.
+        seeds = [env.reset() and env.seed for env in envs]
+        assert len(set(seeds)) == 1
+        while here.agents:
+            here.step(acts(here, 0))
+        with pytest.raises(SwarmbenchError, match="over"):
+            here.fork()
+    finally:
+        for env in envs:
+            env.close()
+    with pytest.raises(SwarmbenchError, match="closed"):
+        here.fork()
 
 
 def same(one: Any, other: Any) -> bool:

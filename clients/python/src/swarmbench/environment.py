@@ -1,5 +1,6 @@
 """An episode as a PettingZoo `ParallelEnv`."""
 
+import copy
 import time
 import weakref
 from collections.abc import Mapping
@@ -21,9 +22,10 @@ from .client import Client
 from .errors import TEMPORARY_STATUS, ApiError, ArgumentError, SwarmbenchError, is_problem
 from .resources import Resources, check_server
 from .server import Server
-from .wire import EpisodeRequest, Observation, SwarmAct, SwarmObsResponse, TaskName
+from .wire import CreatedEpisode, EpisodeRequest, Observation, SwarmAct, SwarmObsResponse, TaskName
 
 SEED_MAX = 2**53 - 1
+FORKS_MAX = 64
 NUM_AGENTS_MAX = 1024
 WAIT_S = 30.0
 """How long one request waits for the next round. All acts are in then, so it is open at once."""
@@ -278,6 +280,21 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
             self.render()
         return observations, gains, terminations, truncations, infos
 
+    def fork(self, count: int = 1) -> list[Self]:
+        """Makes environments that play on from the state of this one, each with an episode of its own.
+
+        The same actions lead to the same states in all of them, and their later episodes have the seeds that this one's
+        have. Over HTTP they play on the server of this environment: where that is its own, close them first.
+
+        Raises:
+            SwarmbenchError: There is no episode, or it is over.
+        """
+        count = whole("count", count, 1, FORKS_MAX)
+        self._check_playing()
+        if not self.agents:
+            raise SwarmbenchError("the episode is over, so nothing is left to play: fork it earlier")
+        return self._forks(count)
+
     def render(self) -> str | NDArray[np.uint8] | None:
         """The whole map as it is now: as text (`ansi`), printed (`human`), or as pixels (`rgb_array`)."""
         if self.render_mode is None:
@@ -366,6 +383,30 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
                 else "there is no episode yet: call reset()"
             )
         return swarm
+
+    def _check_playing(self) -> None:
+        self._playing()
+
+    def _forks(self, count: int) -> list[Self]:
+        client, settings = self._open().client, self._settings
+        made = client.fork(
+            self.episode or "", round=self._round, count=count, model=settings.get("model"),
+            agent_meta=settings.get("agent_meta"), visibility=settings.get("visibility"),
+        )  # fmt: skip
+        return [self._forked(client, created) for created in made["episodes"]]
+
+    def _forked(self, client: Client, created: CreatedEpisode) -> Self:
+        env = type(self)(
+            self._settings, seed=None, server=client, token=None, rewards=self._rewards,
+            observations=self._observations, messages=self._messages, render_mode=self.render_mode,
+        )  # fmt: skip
+        env._generator, env._next_seed = copy.deepcopy(self._generator), self._next_seed
+        env.seed, env.episode = self.seed, created["id"]
+        env._seats = {seat["agent"]: seat["token"] for seat in created["seats"]}
+        env._open().begin(created)
+        env.agents = list(self.agents)
+        env._look(env._playing())
+        return env
 
     def _check_agents(self, actions: Any) -> None:
         """Whether there are actions of the agents that are in the game, and of no other."""

@@ -1,10 +1,12 @@
 """`parallel_env(backend="native")`: the same environment with the episode in this process."""
 
+import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium.utils import seeding
 
+from ._compat import Self
 from .checks import whole
 from .environment import SEED_MAX, SwarmEnv
 from .errors import SwarmbenchError
@@ -143,6 +145,19 @@ class NativeSwarmEnv(SwarmEnv):
                 if self._is_closed
                 else "there is no episode yet: call reset()"
             )
+
+    def _check_playing(self) -> None:
+        self._check_open()
+
+    def _forks(self, count: int) -> list[Self]:
+        state = self.world.state(0)
+        forks = [copy.deepcopy(self) for _ in range(count)]
+        for env in forks:
+            # A copy is before its first reset.
+            env.world.load(0, state)
+            env.seed, env.agents = self.seed, list(self.agents)
+            env._round, env.score = self._round, self.score
+        return forks
 
     def _map(self) -> list[list[str]]:
         self._check_open()
