@@ -284,7 +284,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         """Makes environments that play on from the state of this one, each with an episode of its own.
 
         The same actions lead to the same states in all of them, and their later episodes have the seeds that this one's
-        have. Over HTTP they play on the server of this environment: where that is its own, close them first.
+        have. Over HTTP they play on the server of this environment, and end with it where it is the environment's own.
 
         Raises:
             SwarmbenchError: There is no episode, or it is over.
@@ -388,20 +388,20 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         self._playing()
 
     def _forks(self, count: int) -> list[Self]:
-        client, settings = self._open().client, self._settings
-        made = client.fork(
+        resources, settings = self._open(), self._settings
+        made = resources.client.fork(
             self.episode or "", round=self._round, count=count, model=settings.get("model"),
             agent_meta=settings.get("agent_meta"), visibility=settings.get("visibility"),
         )  # fmt: skip
-        return [self._forked(client, created) for created in made["episodes"]]
+        return [self._forked(resources.server, created) for created in made["episodes"]]
 
-    def _forked(self, client: Client, created: CreatedEpisode) -> Self:
+    def _forked(self, server: str | Server | Client | None, created: CreatedEpisode) -> Self:
         env = type(self)(
-            self._settings, seed=None, server=client, token=None, rewards=self._rewards,
+            self._settings, seed=None, server=server, token=self._token, rewards=self._rewards,
             observations=self._observations, messages=self._messages, render_mode=self.render_mode,
         )  # fmt: skip
         env._generator, env._next_seed = copy.deepcopy(self._generator), self._next_seed
-        env.seed, env.episode = self.seed, created["id"]
+        env.seed, env.episode, env._is_over = self.seed, created["id"], False
         env._seats = {seat["agent"]: seat["token"] for seat in created["seats"]}
         env._open().begin(created)
         env.agents = list(self.agents)

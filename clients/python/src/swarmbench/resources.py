@@ -42,6 +42,11 @@ class Resources:
         else:
             self.client = Client(server, token)
 
+    @property
+    def server(self) -> str | Server | Client | None:
+        """Where another environment plays on the same server."""
+        return self._own_server or self._given
+
     def begin(self, created: CreatedEpisode) -> None:
         """Takes the tokens of an episode."""
         self.swarm = self.client.with_token(created["swarm_token"])
