@@ -400,13 +400,21 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
             self._settings, seed=None, server=server, token=self._token, rewards=self._rewards,
             observations=self._observations, messages=self._messages, render_mode=self.render_mode,
         )  # fmt: skip
-        env._generator, env._next_seed = copy.deepcopy(self._generator), self._next_seed
-        env.seed, env.episode, env._is_over = self.seed, created["id"], False
-        env._seats = {seat["agent"]: seat["token"] for seat in created["seats"]}
-        env._open().begin(created)
-        env.agents = list(self.agents)
-        env._look(env._playing())
+        vars(env).update(
+            seed=self.seed,
+            agents=list(self.agents),
+            _generator=copy.deepcopy(self._generator),
+            _next_seed=self._next_seed,
+        )
+        env._play_on(created)  # noqa: SLF001 - it is of this class
         return env
+
+    def _play_on(self, created: CreatedEpisode) -> None:
+        """Takes an episode in the middle."""
+        self.episode, self._is_over = created["id"], False
+        self._seats = {seat["agent"]: seat["token"] for seat in created["seats"]}
+        self._open().begin(created)
+        self._look(self._playing())
 
     def _check_agents(self, actions: Any) -> None:
         """Whether there are actions of the agents that are in the game, and of no other."""

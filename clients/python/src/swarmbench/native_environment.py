@@ -155,8 +155,7 @@ class NativeSwarmEnv(SwarmEnv):
         for env in forks:
             # A copy is before its first reset.
             env.world.load(0, state)
-            env.seed, env.agents = self.seed, list(self.agents)
-            env._round, env.score = self._round, self.score
+            vars(env).update(seed=self.seed, agents=list(self.agents), score=self.score, _round=self._round)
         return forks
 
     def _map(self) -> list[list[str]]:

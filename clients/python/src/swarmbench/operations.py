@@ -136,8 +136,10 @@ class Operations:
         cursor: str | None = None,
     ) -> Call[wire.Page[wire.EpisodeSummary]]:
         """A page of episodes, newest first."""
-        query = {"status": status, "task": task, "model": model, "run": run, "fork_of": fork_of}
-        query |= {"limit": limit, "cursor": cursor}
+        query = {
+            "status": status, "task": task, "model": model, "run": run, "fork_of": fork_of, "limit": limit,
+            "cursor": cursor,
+        }  # fmt: skip
         return call("GET", "/api/v1/episodes", query=query)
 
     @Operation
