@@ -60,8 +60,7 @@ async fn forks_are_there_whole_or_not_at_all() {
     let (mut acknowledged, mut refused) = (BTreeMap::new(), 0);
     for kill in 0..KILLS {
         let life = Dice::of(seed, &format!("kill {kill}")).time(LIFE);
-        let mut asked = std::pin::pin!(post(&address, &path, &body));
-        match tokio::time::timeout(life, &mut asked).await {
+        match tokio::time::timeout(life, post(&address, &path, &body)).await {
             Ok(made) => {
                 let made = made.expect("it is running");
                 let ids = made["episodes"].as_array().expect("a list").iter();

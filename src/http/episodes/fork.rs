@@ -219,7 +219,7 @@ impl Plan {
         drop(permit);
         if past.is_over() {
             let problem = format!(
-                "the game is over after {} rounds; play on from an earlier one",
+                "must be less than {}: the game is over then; play on from an earlier one",
                 self.round
             );
             let mut problems = Problems::default();
