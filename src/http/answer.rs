@@ -27,7 +27,11 @@ pub(super) fn json(body: Vec<u8>) -> Response {
 
 /// An object as JSON, with one more field whose value is written out already.
 pub(super) fn with_field(object: &impl Serialize, name: &str, value: &[u8]) -> Vec<u8> {
-    let mut body = serde_json::to_vec(object).expect("string keys");
+    add_field(serde_json::to_vec(object).expect("string keys"), name, value)
+}
+
+/// The same where the object is written out, too.
+pub(super) fn add_field(mut body: Vec<u8>, name: &str, value: &[u8]) -> Vec<u8> {
     let end = body.pop();
     debug_assert!(end == Some(b'}') && body.len() > 1, "an object with fields");
     body.reserve(name.len() + value.len() + 8);

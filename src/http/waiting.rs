@@ -60,16 +60,27 @@ impl Waits {
         if wait.is_zero() || wanted(&now) {
             return Ok(now);
         }
-        let _waiting = self.start()?;
         let mut published = handle.follow();
-        let mut seen = None;
-        let up = self.clock.sleep_until(after(self.clock.now(), wait));
-        let found = published.wait_for(|snapshot| wanted(snapshot));
-        tokio::select! {
-            snapshot = found => seen = snapshot.ok().map(|snapshot| Arc::clone(&snapshot)),
-            () = up => {}
-            () = self.stop.cancelled() => {}
-        }
+        let found = async {
+            let snapshot = published.wait_for(|snapshot| wanted(snapshot)).await;
+            snapshot.ok().map(|snapshot| Arc::clone(&snapshot))
+        };
+        let seen = self.hold(wait, found).await?.flatten();
         Ok(seen.unwrap_or_else(|| handle.snapshot()))
+    }
+
+    /// Waits for `done`; none where the time is up, or the server stops, before that.
+    pub(super) async fn hold<T>(
+        &self,
+        wait: Duration,
+        done: impl Future<Output = T>,
+    ) -> Result<Option<T>, ApiError> {
+        let _waiting = self.start()?;
+        let up = self.clock.sleep_until(after(self.clock.now(), wait));
+        tokio::select! {
+            value = done => Ok(Some(value)),
+            () = up => Ok(None),
+            () = self.stop.cancelled() => Ok(None),
+        }
     }
 }

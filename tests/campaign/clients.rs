@@ -419,7 +419,7 @@ impl Clients {
         let answer = self
             .ask(|http, base| http.post(format!("{base}/swarm/act")).bearer_auth(token).json(&body))
             .await;
-        let SwarmActResponse { receipts } = answer.ok();
+        let SwarmActResponse { receipts, .. } = answer.ok();
         assert_eq!(receipts.len(), body.acts.len());
         (answer, receipts)
     }

@@ -118,6 +118,27 @@ def test_a_swarm_plays_all_seats(checked: Checked) -> None:
     assert [ApiError(problem).code for problem in refused if is_problem(problem)] == ["round_ahead"]
 
 
+def test_a_step_is_one_call(checked: Checked) -> None:
+    created = checked.create_episode(**{**SMALL, "prompt_template": "{% if round == 1 %}{{ none.at.all }}{% endif %}go"})
+    swarm = checked.with_token(created["swarm_token"])
+
+    def acts(round: int) -> list[dict[str, Any]]:
+        return [
+            {"episode": created["id"], "agent": seat["agent"], "round": round, "action": "STAY"}
+            for seat in created["seats"]
+        ]
+
+    answer = swarm.swarm_act(acts(0), wait=10, prompt=True)
+    assert answer["problem"]["code"] == "template_failed"
+    assert answer["observations"] == []
+    answer = swarm.swarm_act(acts(0), wait=10)
+    assert [(seen["agent"], seen["round"]) for seen in answer["observations"]] == [("Agent_0", 1), ("Agent_1", 1)]
+    assert not answer["finished"]
+    answer = swarm.swarm_act(acts(1), wait=10, prompt=True)
+    assert [seen["prompt"] for seen in answer["observations"]] == ["go", "go"]
+    assert answer["finished"]
+
+
 def test_episodes(checked: Checked) -> None:
     created = checked.create_episode(**SMALL, model="listed", start="manual", idempotency_key=f"k{id(checked)}")
     again = checked.create_episode(**SMALL, model="listed", start="manual", idempotency_key=f"k{id(checked)}")

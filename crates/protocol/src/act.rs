@@ -154,12 +154,23 @@ pub enum SwarmReceipt {
     Problem(Problem),
 }
 
-/// The results of several acts.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+/// The results of several acts and, if requested, what their seats see next.
+#[serde_with::skip_serializing_none]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SwarmActResponse {
     /// In the order of the acts.
     pub receipts: Vec<SwarmReceipt>,
+    /// With `wait`: the next observation of each seat whose act counts, in the order of the acts. Those that cannot be seen
+    /// yet are left out.
+    #[cfg_attr(feature = "openapi", schema(value_type = Vec<Observation>, required = false))]
+    pub observations: Option<Vec<Observation>>,
+    /// With `wait`: whether all episodes of the token have ended.
+    #[cfg_attr(feature = "openapi", schema(value_type = bool, required = false))]
+    pub finished: Option<bool>,
+    /// With `wait`: why the request did not wait, or has no observations; left out where nothing failed.
+    #[cfg_attr(feature = "openapi", schema(value_type = Problem, required = false))]
+    pub problem: Option<Problem>,
 }
 
 /// The observations that wait for an act.

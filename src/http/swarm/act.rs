@@ -10,24 +10,39 @@ use serde::de::{IgnoredAny, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
 use swarmbench_engine::AgentId;
+use utoipa::IntoParams;
 
 use super::super::agent::act::{receipt, submission};
 use super::super::auth::Swarm;
-use super::super::extract::read;
+use super::super::extract::{flag, read, wait};
 use super::super::prelude::*;
+use super::next::Acted;
 use super::{Seated, Source};
 use crate::episode::lockstep::Submission;
 use swarmbench_protocol::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmReceipt};
 
-/// Act for several seats.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in super::super) struct SwarmActParams {
+    /// Seconds to wait, up to 60, until every episode that was acted in shows its next round or is over; the next
+    /// observations of the seats are added.
+    wait: Option<f64>,
+    /// With `wait`: add the texts for a language model.
+    #[serde(default, deserialize_with = "flag")]
+    prompt: bool,
+}
+
+/// Act for several seats, and see what they see next.
 ///
 /// Each act is taken or refused for itself; the receipts come in the same order, once all that was
-/// taken is durable.
+/// taken is durable. With `wait` one request is a whole step.
 #[utoipa::path(
     post,
     path = "/swarm/act",
     operation_id = "post_swarm_act",
     tag = "swarm",
+    params(SwarmActParams),
     request_body(content = SwarmActRequest, description = "At most 8 MiB, 1,024 acts of at most 256 KiB each"),
     security(("swarm" = [])),
     responses(
@@ -38,9 +53,15 @@ use swarmbench_protocol::act::{SwarmAct, SwarmActRequest, SwarmActResponse, Swar
 pub(in super::super) async fn post_swarm_act(
     State(app): State<App>,
     swarm: Swarm,
-    _: Params<Nothing>,
+    Params(params): Params<SwarmActParams>,
     request: Request,
 ) -> Result<Response, ApiError> {
+    let patience = params.wait.map(|seconds| wait(&app, Some(seconds))).transpose()?;
+    if params.prompt && patience.is_none() {
+        let detail =
+            "prompt is for the observations that come with wait: add wait, or leave it out";
+        return Err(ApiError::new(Code::Malformed, detail));
+    }
     let limit = app.limits.swarm_body_bytes_max;
     let body = app.json_body(request, limit, "swarm_body_bytes_max").await?;
     app.check_backlog()?;
@@ -52,6 +73,7 @@ pub(in super::super) async fn post_swarm_act(
     }
     let mut source = Source::of(&app, swarm).await?;
     let mut receipts = Vec::with_capacity(acts.len());
+    let mut acted = Acted::default();
     let mut acts = acts.into_iter().peekable();
     while acts.peek().is_some() {
         let mut bytes = 0;
@@ -61,32 +83,48 @@ pub(in super::super) async fn post_swarm_act(
             Some(act)
         })
         .collect();
-        receipts.extend(submit_all(&app, &mut source, &piece).await?);
+        let first = receipts.len();
+        receipts.extend(submit_all(&app, &mut source, &piece, first, &mut acted).await?);
     }
+    // It may be large, and the wait long.
     drop(body);
-    Ok(axum::Json(SwarmActResponse { receipts }).into_response())
+    let answer = SwarmActResponse { receipts, ..SwarmActResponse::default() };
+    Ok(match patience {
+        Some(patience) => acted.answer(&app, &source, patience, params.prompt, answer).await,
+        None => axum::Json(answer).into_response(),
+    })
 }
 
 /// Bytes of acts that are on their way to the journal at once: acts of others are written between the pieces of a large
 /// body.
 const PIECE_BYTES: usize = 512 * 1024;
 
-/// Sends acts and waits until they are durable.
+/// Sends acts, waits until they are durable, and notes who has acted. The first of them is at place `first` in the body.
 async fn submit_all(
     app: &App,
     source: &mut Source,
     acts: &[Box<RawValue>],
+    first: usize,
+    acted: &mut Acted,
 ) -> Result<Vec<SwarmReceipt>, ApiError> {
     let mut receipts: Vec<Option<SwarmReceipt>> = vec![None; acts.len()];
+    let mut refused: Vec<&RawValue> = Vec::new();
     let mut groups: BTreeMap<String, Result<Group, ApiError>> = BTreeMap::new();
     for (place, act) in acts.iter().enumerate() {
         if let Err(error) = take(app, source, &mut groups, place, act).await {
             receipts[place] = Some(SwarmReceipt::Problem(error.problem()));
+            refused.push(act);
         }
     }
     // Episodes do not wait for each other.
-    for (place, receipt) in join_all(groups.into_values().flatten().map(submit)).await.concat() {
-        receipts[place] = Some(receipt);
+    for (seated, outcomes) in join_all(groups.into_values().flatten().map(submit)).await {
+        for Outcome { place, agent, receipt } in outcomes {
+            acted.note(&seated, agent, &receipt, first + place);
+            receipts[place] = Some(receipt);
+        }
+    }
+    for act in refused {
+        acted.note_refused(act);
     }
     let receipts = receipts.into_iter().collect::<Option<Vec<_>>>();
     receipts.ok_or_else(|| ApiError::new(Code::Internal, "an act has no outcome"))
@@ -182,17 +220,29 @@ async fn take(
     Ok(())
 }
 
+/// The outcome of an act, which is at `place` in its piece.
+struct Outcome {
+    place: usize,
+    agent: AgentId,
+    receipt: SwarmReceipt,
+}
+
 /// Sends the acts of one episode and waits for their outcomes.
-async fn submit(group: Group) -> Vec<(usize, SwarmReceipt)> {
-    let Group { seated: Seated { handle, .. }, places, submissions } = group;
+async fn submit(group: Group) -> (Seated, Vec<Outcome>) {
+    let Group { seated, places, submissions } = group;
     if submissions.is_empty() {
-        return Vec::new();
+        return (seated, Vec::new());
     }
     let agents: Vec<AgentId> = submissions.iter().map(|(agent, _)| *agent).collect();
-    let outcomes = handle.submit(submissions).await.into_iter().zip(agents);
-    let receipts = outcomes.map(|(outcome, agent)| match outcome {
-        Ok(given) => SwarmReceipt::Receipt(receipt(&handle.id, agent, given)),
-        Err(error) => SwarmReceipt::Problem(ApiError::from(error).problem()),
+    let Seated { handle, .. } = &seated;
+    let outcomes = handle.submit(submissions).await.into_iter().zip(agents).zip(places);
+    let outcomes = outcomes.map(|((outcome, agent), place)| {
+        let receipt = match outcome {
+            Ok(given) => SwarmReceipt::Receipt(receipt(&handle.id, agent, given)),
+            Err(error) => SwarmReceipt::Problem(ApiError::from(error).problem()),
+        };
+        Outcome { place, agent, receipt }
     });
-    places.into_iter().zip(receipts).collect()
+    let outcomes = outcomes.collect();
+    (seated, outcomes)
 }

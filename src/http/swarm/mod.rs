@@ -1,6 +1,7 @@
 //! Many seats in one call: of one episode, or of all episodes of a run.
 
 pub(super) mod act;
+mod next;
 pub(super) mod obs;
 
 use std::collections::HashSet;
@@ -86,6 +87,14 @@ impl Source {
             *handle = app.episode(&handle.id.clone()).await?;
         }
         Ok(())
+    }
+
+    /// Whether its episode, or its run with all games, is over.
+    fn is_over(&self) -> bool {
+        match self {
+            Self::Episode(Seated { handle, .. }) => handle.snapshot().status.is_over(),
+            Self::Run { open_games, .. } => open_games.borrow().is_over,
+        }
     }
 
     /// The seats in one episode, also after its end. None if the token has no seat there.

@@ -2,6 +2,7 @@
 
 mod act;
 mod obs;
+mod step;
 
 use serde_json::Value;
 

@@ -1,12 +1,13 @@
 """Observations as arrays of fixed shapes, and the spaces that contain them."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from .cells import CHANNELS, encode_cells
+from .cells import CHANNELS, encode_cells, encode_maps
 from .wire import Observation, State
 
 __all__ = ["CHANNELS", "MESSAGE_CHARS_MAX", "PRINTABLE", "PROMPT_CHARS_MAX", "Layout", "encode_cells", "symbols_of"]
@@ -82,24 +83,26 @@ class Layout:
             columns.append(parts[self.flag])
         return np.concatenate(columns, axis=-1, dtype=np.float32, casting="same_kind")
 
-    def encode(self, observation: Observation) -> dict[str, Any]:
-        """An observation as arrays. An agent that has escaped is at (-1, -1) and sees nothing but the outside."""
-        view, position = observation["view"], observation["position"]
-        rows = [["*"] * self.window[1]] * self.window[0] if view is None else view["cells"]
-        channels, agents = encode_cells(rows)
+    def encode(self, observations: Sequence[Observation]) -> dict[str, Any]:
+        """Observations, at least one, as arrays whose first axis they are.
+
+        An agent that has escaped is at (-1, -1) and sees nothing but the outside.
+        """
+        outside = [["*"] * self.window[1]] * self.window[0]
+        views = [view["cells"] if (view := seen["view"]) else outside for seen in observations]
+        places = [(at["i"], at["j"]) if (at := seen["position"]) else (-1, -1) for seen in observations]
+        channels, agents = encode_maps(views)
         parts: dict[str, Any] = {
             "view": channels,
             "agents": agents,
-            "position": np.array((-1, -1) if position is None else (position["i"], position["j"]), np.int32),
-            "round": np.array([observation["round"]], np.int32),
-            "score": np.array([observation["score"]], np.float32),
+            "position": np.array(places, np.int32),
+            "round": np.array([[seen["round"]] for seen in observations], np.int32),
+            "score": np.array([[seen["score"]] for seen in observations], np.float32),
         }
-        if self.flag == "light_on":
-            parts[self.flag] = np.array([bool(observation.get("light_on"))], np.uint8)
-        elif self.flag == "carrying_food":
-            parts[self.flag] = np.array([bool(observation.get("carrying_food"))], np.uint8)
+        if self.flag is not None:
+            parts[self.flag] = np.array([[bool(seen.get(self.flag))] for seen in observations], np.uint8)
         if self.messages:
-            parts["messages"] = tuple(observation["messages"])
+            parts["messages"] = [tuple(seen["messages"]) for seen in observations]
         return parts
 
 

@@ -1,5 +1,8 @@
 """Cells as agents see them, as zeros and ones."""
 
+from collections.abc import Sequence
+from itertools import chain
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,24 +10,38 @@ CHANNELS = ("empty", "outside", "wall", "block", "prey", "nest", "food", "self",
 """What the first axis of `view` means. Exactly one channel of each cell is 1."""
 
 _SYMBOLS = {".": 0, "*": 1, "W": 2, "B": 3, "P": 4, "N": 5, "F": 6, "Y": 7}
-_ROWS = np.eye(len(CHANNELS), dtype=np.uint8)
+_CHANNEL_BITS = 4
+_EACH_CHANNEL = np.arange(len(CHANNELS), dtype=np.int32)[:, None, None]
 
 
-class _Cells(dict[str, tuple[int, int]]):
-    """Channel and agent's number of every symbol; those of agents are added as they are met."""
+class _Codes(dict[str, int]):
+    """A number for every symbol: its channel, and in higher bits 1 more than the agent's number.
 
-    def __missing__(self, symbol: str) -> tuple[int, int]:
+    Those of agents are added as they are met.
+    """
+
+    def __missing__(self, symbol: str) -> int:
         number = symbol.removeprefix("$")
         if not number.isdecimal():
             raise ValueError(f"the cell {symbol!r} is of a newer server")
-        self[symbol] = (CHANNELS.index("marked agent" if symbol.startswith("$") else "agent"), int(number))
+        channel = CHANNELS.index("marked agent" if symbol.startswith("$") else "agent")
+        self[symbol] = (int(number) + 1 << _CHANNEL_BITS) | channel
         return self[symbol]
 
 
-_CELLS = _Cells({symbol: (channel, -1) for symbol, channel in _SYMBOLS.items()})
+_CODES = _Codes(_SYMBOLS)
+
+
+def encode_maps(maps: Sequence[list[list[str]]]) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
+    """Several maps of one size, at least one, as `encode_cells` makes them of one, with the maps as first axis."""
+    symbols = chain.from_iterable(chain.from_iterable(maps))
+    codes = np.array([_CODES[symbol] for symbol in symbols], np.int32)
+    codes = codes.reshape(len(maps), len(maps[0]), -1)
+    planes = (codes & ((1 << _CHANNEL_BITS) - 1))[:, None] == _EACH_CHANNEL
+    return planes.view(np.uint8), (codes >> _CHANNEL_BITS) - 1
 
 
 def encode_cells(rows: list[list[str]]) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
     """Rows of symbols as zeros and ones (channel, row, column), and the agents' numbers, -1 where there is none."""
-    pairs = np.array([[_CELLS[symbol] for symbol in row] for row in rows], np.int32)
-    return np.ascontiguousarray(np.moveaxis(_ROWS[pairs[:, :, 0]], -1, 0)), np.ascontiguousarray(pairs[:, :, 1])
+    planes, agents = encode_maps([rows])
+    return planes[0], agents[0]

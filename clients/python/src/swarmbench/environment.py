@@ -3,7 +3,7 @@
 import copy
 import time
 import weakref
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import TracebackType
 from typing import Any, Literal
 
@@ -22,7 +22,7 @@ from .client import Client
 from .errors import TEMPORARY_STATUS, ApiError, ArgumentError, SwarmbenchError, is_problem
 from .resources import Resources, check_server
 from .server import Server
-from .wire import CreatedEpisode, EpisodeRequest, Observation, SwarmAct, SwarmObsResponse, TaskName
+from .wire import CreatedEpisode, EpisodeRequest, Observation, SwarmAct, TaskName
 
 SEED_MAX = 2**53 - 1
 FORKS_MAX = 64
@@ -183,6 +183,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         self._finalizer: weakref.finalize[Any, Any] | None = None
         self._is_closed = False
         self._rewards, self._observations, self._messages = rewards, observations, messages
+        self._wants_prompt = observations in {"text", "both"} or None
 
         task, num_agents = settings["task"], int(settings["num_agents"] or 0)
         self._actions = Actions(task, num_agents, bool(messages), settings["control"] or "")
@@ -205,7 +206,6 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         self.score = 0.0
         self.seen: dict[str, Observation] = {}
         self._seats: dict[str, str] = {}
-        self._cursor: str | None = None
         self._round = 0
         self._is_over = True
 
@@ -237,10 +237,9 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         self.seed, self.episode, self.score = int(drawn), created["id"], 0.0
         self._seats = {seat["agent"]: seat["token"] for seat in created["seats"]}
         resources.begin(created)
-        self._cursor, self._is_over = None, created["status"] != "running"
         self.agents = list(self.possible_agents)
         self.seen = {}
-        self._look()
+        self._look(self._playing())
         observations, infos = self._told(self.agents)
         if self._is_over:
             # A layout can be done before the first round; then there is nothing to do in it.
@@ -261,8 +260,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         if not agents:
             return {}, {}, {}, {}, {}
         before = {agent: self.seen[agent] for agent in agents}
-        self._send(swarm, [self._act(agent, before[agent]["round"], actions[agent]) for agent in agents])
-        self._look()
+        self._play(swarm, [self._act(agent, before[agent]["round"], actions[agent]) for agent in agents])
         after = {agent: self.seen[agent] for agent in agents}
 
         if self._rewards == "team":
@@ -438,41 +436,55 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         self._actions.read(agent, action, act)
         return act
 
-    def _send(self, swarm: Client, acts: list[SwarmAct]) -> None:
-        """Sends acts until all are taken. Those that the server had no place for are sent again."""
-        for attempt in range(swarm.retry.times + 1):
-            receipts = swarm.swarm_act(acts)["receipts"]
-            answered = zip(acts, receipts, strict=True)
-            refused = [(act, ApiError(receipt)) for act, receipt in answered if is_problem(receipt)]
-            lasting = [error for _, error in refused if error.status not in TEMPORARY_STATUS]
+    def _play(self, swarm: Client, acts: list[SwarmAct]) -> None:
+        """Sends acts, and takes what their agents see next. Usually that is one request.
+
+        Acts that the server had no place for, and those whose agents' next observations have not come, are sent again:
+        the same act again is none, and brings the observation.
+        """
+        fresh: dict[str, Observation] = {}
+        failures = 0
+        while acts:
+            answer = swarm.swarm_act(acts, wait=WAIT_S, prompt=self._wants_prompt)
+            fresh |= {sight["agent"]: sight for sight in answer["observations"]}
+            problems = [receipt for receipt in answer["receipts"] if is_problem(receipt)]
+            problems += [answer["problem"]] if "problem" in answer else []
+            errors = [ApiError(problem) for problem in problems]
+            lasting = [error for error in errors if error.status not in TEMPORARY_STATUS]
             if any(error.code == "episode_over" for error in lasting):
-                # Somebody ended the episode; the next look says how.
+                # Somebody ended the episode.
+                self._look(swarm)
                 return
             if lasting:
                 raise lasting[0]
-            if not refused:
-                return
-            if attempt == swarm.retry.times:
-                raise refused[0][1]
-            acts = [act for act, _ in refused]
-            time.sleep(max(error.retry_after_s or swarm.retry.first_pause_s for _, error in refused))
+            acts = [act for act in acts if act["agent"] not in fresh]
+            if errors and acts:
+                if failures == swarm.retry.times:
+                    raise errors[0]
+                failures += 1
+                time.sleep(max(error.retry_after_s or swarm.retry.first_pause_s for error in errors))
+        self._take(fresh)
 
-    def _look(self) -> None:
-        """Takes what every agent sees in the next round, or at the end."""
-        swarm = self._playing()
-        wants_prompt = self._observations in {"text", "both"} or None
+    def _look(self, swarm: Client) -> None:
+        """Takes what every agent sees in the open round, or at the end."""
         fresh: dict[str, Observation] = {}
-        while not fresh and not self._is_over:
-            answer: SwarmObsResponse = swarm.swarm_obs(after=self._cursor, wait=WAIT_S, limit=1024, prompt=wants_prompt)
-            self._cursor = answer["cursor"]
-            self._is_over = answer["finished"]
+        finished = False
+        while not fresh and not finished:
+            answer = swarm.swarm_obs(wait=WAIT_S, limit=1024, prompt=self._wants_prompt)
+            finished = answer["finished"]
             fresh = {sight["agent"]: sight for sight in answer["observations"]}
-        # An agent that has escaped waits for nothing any more, and nobody does once the episode has ended.
+        # Nobody waits for anything once the episode has ended; and an answer has no place for all that is very long.
         for agent in self.agents:
             if agent not in fresh:
-                fresh[agent] = swarm.with_token(self._seats[agent]).obs(prompt=wants_prompt)
+                fresh[agent] = swarm.with_token(self._seats[agent]).obs(prompt=self._wants_prompt)
+        self._take(fresh)
+
+    def _take(self, fresh: dict[str, Observation]) -> None:
+        """Takes the newest observations of all agents that are in the game."""
         self.seen.update(fresh)
-        self.score, self._round = fresh[self.agents[0]]["score"], fresh[self.agents[0]]["round"]
+        newest = fresh[self.agents[0]]
+        self.score, self._round = newest["score"], newest["round"]
+        self._is_over = newest["status"] not in {"waiting", "running"}
         if self._is_over and self._resources is not None:
             self._resources.ended()
 
@@ -482,24 +494,26 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
     # What is told of it.
 
     def _told(self, agents: list[str]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-        observations = {agent: self._encode(self.seen[agent]) for agent in agents}
+        seen = [self.seen[agent] for agent in agents]
+        observations = dict(zip(agents, self._encode(seen), strict=True))
         infos = {
             agent: {
-                "round": self.seen[agent]["round"],
-                "score": self.seen[agent]["score"],
-                "alive": self.seen[agent]["alive"],
-                "messages": self.seen[agent]["messages"],
+                "round": sight["round"],
+                "score": sight["score"],
+                "alive": sight["alive"],
+                "messages": sight["messages"],
             }
-            for agent in agents
+            for agent, sight in zip(agents, seen, strict=True)
         }
         return observations, infos
 
-    def _encode(self, sight: Observation) -> Any:
+    def _encode(self, seen: list[Observation]) -> Iterable[Any]:
+        """These observations in the shape that was asked for."""
         if self._observations == "text":
-            return sight.get("prompt")
-        parts = self._layout.encode(sight)
+            return [sight.get("prompt") for sight in seen]
+        parts = self._layout.encode(seen)
         if self._observations == "flat":
             return self._layout.flatten(parts)
         if self._observations == "both":
-            parts["prompt"] = sight.get("prompt")
-        return parts
+            parts["prompt"] = [sight.get("prompt") for sight in seen]
+        return [dict(zip(parts, row, strict=True)) for row in zip(*parts.values(), strict=True)]

@@ -96,11 +96,17 @@ class Operations:
         return call("GET", "/swarm/obs", query={"after": after, "wait": wait, "limit": limit, "prompt": prompt})
 
     @Operation
-    def swarm_act(self, acts: Sequence[wire.SwarmAct]) -> Call[wire.SwarmActResponse]:
-        """Acts for several seats. Each is taken or refused for itself: see `swarmbench.is_problem`."""
+    def swarm_act(
+        self, acts: Sequence[wire.SwarmAct], *, wait: float | None = None, prompt: bool | None = None
+    ) -> Call[wire.SwarmActResponse]:
+        """Acts for several seats. Each is taken or refused for itself: see `swarmbench.is_problem`.
+
+        With `wait` (seconds) the answer comes when the next round is open in every episode acted in, with the next
+        `observations` of these seats; one that cannot be seen yet is not among them.
+        """
         if isinstance(acts, Mapping | str) or not isinstance(acts, Iterable):
             raise ArgumentError(f"acts are a list of acts, each a dictionary, and not of {type(acts).__name__}")
-        return call("POST", "/swarm/act", body={"acts": list(acts)})
+        return call("POST", "/swarm/act", query={"wait": wait, "prompt": prompt}, body={"acts": list(acts)})
 
     # Episodes.
 

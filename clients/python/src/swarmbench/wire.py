@@ -234,9 +234,15 @@ class Problem(TypedDict):
 
 
 class SwarmActResponse(TypedDict):
-    """One receipt or problem for each act, in their order. `swarmbench.is_problem` tells them apart."""
+    """One receipt or problem for each act, in their order. `swarmbench.is_problem` tells them apart.
+
+    The rest comes with `wait`: what the seats see next, and a `problem` only where something failed.
+    """
 
     receipts: list[Receipt | Problem]
+    observations: NotRequired[list[Observation]]
+    finished: NotRequired[bool]
+    problem: NotRequired[Problem]
 
 
 # Episodes.

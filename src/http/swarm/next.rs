@@ -1,0 +1,162 @@
+//! What seats see after their acts: the rest of the answer of `POST /swarm/act?wait=`.
+
+use std::borrow::Cow;
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+use futures::future::join_all;
+use serde::Deserialize;
+use serde_json::value::RawValue;
+use swarmbench_engine::AgentId;
+
+use super::super::agent::look::{Look, observations};
+use super::super::agent::obs::is_past;
+use super::super::answer::{add_field, json};
+use super::super::prelude::*;
+use super::{Seated, Source};
+use crate::episode::Snapshot;
+use crate::episode::spec::Visibility;
+use swarmbench_protocol::act::{SwarmActResponse, SwarmReceipt};
+
+/// Bytes of an answer beside its receipts and its observations.
+const REST_BYTES_MAX: usize = 256;
+
+/// The episodes that a request acted in, by their ids.
+#[derive(Default)]
+pub(super) struct Acted(BTreeMap<String, Episode>);
+
+/// An episode that was acted in.
+struct Episode {
+    seated: Seated,
+    /// The seats whose acts count.
+    counted: BTreeMap<AgentId, Counted>,
+    /// The seats that sent an act which was refused.
+    refused: BTreeSet<AgentId>,
+}
+
+/// What counts of a seat's acts.
+struct Counted {
+    /// The place of the first of them in the request.
+    place: usize,
+    /// The latest round that they answer.
+    round: u32,
+}
+
+impl Acted {
+    /// Notes the outcome of an act, which was at `place` in the request.
+    pub(super) fn note(
+        &mut self,
+        seated: &Seated,
+        agent: AgentId,
+        receipt: &SwarmReceipt,
+        place: usize,
+    ) {
+        let id = seated.handle.id.to_string();
+        let episode = self.0.entry(id).or_insert_with(|| Episode {
+            seated: Seated { handle: seated.handle.clone(), seats: seated.seats.clone() },
+            counted: BTreeMap::new(),
+            refused: BTreeSet::new(),
+        });
+        match receipt {
+            SwarmReceipt::Receipt(receipt) => {
+                let first = Counted { place, round: receipt.round };
+                let counted = episode.counted.entry(agent).or_insert(first);
+                counted.round = counted.round.max(receipt.round);
+            }
+            SwarmReceipt::Problem(_) => {
+                episode.refused.insert(agent);
+            }
+        }
+    }
+
+    /// Notes an act that was refused before it reached its episode, if it names a seat of one that was acted in.
+    pub(super) fn note_refused(&mut self, act: &RawValue) {
+        /// Whose act it is; the rest of it may be anything.
+        #[derive(Deserialize)]
+        struct Name<'a> {
+            #[serde(borrow)]
+            episode: Cow<'a, str>,
+            #[serde(borrow)]
+            agent: Cow<'a, str>,
+        }
+        let Ok(Name { episode, agent }) = serde_json::from_str(act.get()) else { return };
+        let Some(episode) = self.0.get_mut(&*episode) else { return };
+        let num_agents = episode.seated.handle.spec.config.num_agents();
+        episode.refused.extend(AgentId::parse(&agent).filter(|agent| agent.0 < num_agents));
+    }
+
+    /// The whole answer: `answer` has the receipts. They are sent in any case, as the acts are durable.
+    pub(super) async fn answer(
+        self,
+        app: &App,
+        source: &Source,
+        patience: Duration,
+        with_prompt: bool,
+        mut answer: SwarmActResponse,
+    ) -> Response {
+        answer.problem = self.settle(app, patience).await.err().map(|error| error.problem());
+        let looks = self.looks(app);
+        answer.finished = Some(source.is_over());
+        let body = serde_json::to_vec(&answer).expect("string keys");
+        let bytes_max = app.limits.answer_bytes_max.saturating_sub(body.len() + REST_BYTES_MAX);
+        json(match observations(app, looks, with_prompt, bytes_max).await {
+            Ok((seen, _)) => add_field(body, "observations", &seen),
+            Err(error) => {
+                answer.problem = Some(error.problem());
+                answer.observations = Some(Vec::new());
+                serde_json::to_vec(&answer).expect("string keys")
+            }
+        })
+    }
+
+    /// Waits until all of these episodes are settled, the time is up or the server stops.
+    async fn settle(&self, app: &App, patience: Duration) -> Result<(), ApiError> {
+        let open = self.0.values().filter(|episode| !episode.is_settled_now());
+        let open: Vec<_> = open.map(Episode::settled).collect();
+        if !open.is_empty() && !patience.is_zero() {
+            app.waits.hold(patience, join_all(open)).await?;
+        }
+        Ok(())
+    }
+
+    /// What the seats see next, as far as it can be seen yet, in the order of their acts.
+    fn looks(&self, app: &App) -> Vec<Look> {
+        let mut looks = Vec::new();
+        for Episode { seated, counted, .. } in self.0.values() {
+            let handle = &seated.handle;
+            let snapshot = handle.snapshot();
+            // How a sealed game ended is told when its competition is over.
+            if snapshot.status.is_over() && handle.spec.visibility == Visibility::Sealed {
+                continue;
+            }
+            let seen = counted.iter().filter(|(_, counted)| is_past(&snapshot, counted.round));
+            looks.extend(seen.map(|(agent, counted)| {
+                (counted.place, Look::now(app, handle, &snapshot, *agent))
+            }));
+        }
+        looks.sort_by_key(|(place, _)| *place);
+        looks.into_iter().map(|(_, look)| look).collect()
+    }
+}
+
+impl Episode {
+    /// Whether there is nothing to wait for: the round that was answered is over, or it waits for a seat whose act was
+    /// refused, so that a better one has to come first.
+    fn is_settled(&self, snapshot: &Snapshot) -> bool {
+        let Some(round) = self.counted.values().map(|counted| counted.round).max() else {
+            return true;
+        };
+        let waits_for = |agent: &AgentId| self.seated.holds(*agent) && snapshot.waits_for(*agent);
+        is_past(snapshot, round) || self.refused.iter().any(waits_for)
+    }
+
+    fn is_settled_now(&self) -> bool {
+        self.is_settled(&self.seated.handle.snapshot())
+    }
+
+    /// Completes when it is settled, or its actor has ended by a fault.
+    async fn settled(&self) {
+        let mut published = self.seated.handle.follow();
+        drop(published.wait_for(|snapshot| self.is_settled(snapshot)).await);
+    }
+}
