@@ -119,7 +119,9 @@ def test_a_swarm_plays_all_seats(checked: Checked) -> None:
 
 
 def test_a_step_is_one_call(checked: Checked) -> None:
-    created = checked.create_episode(**{**SMALL, "prompt_template": "{% if round == 1 %}{{ none.at.all }}{% endif %}go"})
+    created = checked.create_episode(
+        **{**SMALL, "prompt_template": "{% if round == 1 %}{{ none.at.all }}{% endif %}go"}
+    )
     swarm = checked.with_token(created["swarm_token"])
 
     def acts(round: int) -> list[dict[str, Any]]:

@@ -26,6 +26,7 @@ class Actions:
 
     def __init__(self, task: str, num_agents: int, messages: bool, control: str) -> None:
         self.names = (*MOVES, "SWITCH") if task == "Synchronization" else MOVES
+        self._numbers = ", ".join(f"{number} {name}" for number, name in enumerate(self.names))
         self._num_agents = num_agents
         self._messages = messages
         self._commander = "Agent_0" if control == "centralized" else None
@@ -75,8 +76,8 @@ class Actions:
     def _name(self, agent: str, action: Any) -> str:
         if isinstance(action, Mapping):
             raise ArgumentError(f"without messages=True an action is a number; that of {agent} is {shown(action)}")
-        names = ", ".join(f"{number} {name}" for number, name in enumerate(self.names))
-        return self.names[whole(f"the action of {agent} ({names})", _scalar(action), 0, len(self.names) - 1)]
+        last = len(self.names) - 1
+        return self.names[whole(f"the action of {agent} ({self._numbers})", _scalar(action), 0, last)]
 
 
 def _scalar(value: Any) -> Any:

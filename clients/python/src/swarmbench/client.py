@@ -16,6 +16,7 @@ from typing import Any, ParamSpec, TypeVar
 import httpx
 
 from ._compat import Self
+from .connections import Connections
 from .errors import ArgumentError, ConnectionFailedError, SwarmbenchError
 from .exchange import TIMEOUT_S, Call, Event, EventStream, Flow, NoReply, Pause, Reply, Retry, call, converse
 from .operations import EPISODE, RUN, Operations
@@ -29,6 +30,8 @@ T = TypeVar("T")
 
 CONNECT_S_MAX = 10.0
 """How long a connection may take to be made, if `timeout` is not shorter."""
+
+_HEADERS = {"user-agent": f"swarmbench-python/{version('swarmbench')}"}
 
 EVENTS_SILENT_S_MAX = 45.0
 """Three times the 15 seconds after which the server says something on a stream of events."""
@@ -50,7 +53,7 @@ class _Base(Operations):
     def _options(self) -> dict[str, Any]:
         url = httpx.URL(self.server)
         return {
-            "headers": {"user-agent": f"swarmbench-python/{version('swarmbench')}"},
+            "headers": _HEADERS,
             # A proxy of the environment cannot reach this machine's own addresses.
             "trust_env": not _is_loopback(url.host),
             # Without TLS there is no need to read all certificates of the host, which takes a while. This context knows
@@ -129,12 +132,13 @@ class Client(_Base):
     ) -> None:
         super().__init__(server, token, retry, timeout)
         self._owns_http = http is None
+        self._connections = self._own_connections() if http is None else None
         self._http = http or httpx.Client(**self._options())
 
     def with_token(self, token: str) -> "Client":
         """A client for another token over the same connections, which stay with this one."""
         other = Client(self.server, token, retry=self.retry, timeout=self.timeout, http=self._http)
-        other._has_answered = self._has_answered
+        other._has_answered, other._connections = self._has_answered, self._connections
         return other
 
     def send(self, request: Call[T]) -> T:
@@ -222,10 +226,21 @@ class Client(_Base):
     def _reply(self, request: Call[Any]) -> Reply | NoReply:
         self._check_open(self._http)
         try:
+            if self._connections is not None:
+                reply = self._connections.request(**self._arguments(request))
+                self._has_answered = True
+                return reply
             answer = self._http.request(**self._arguments(request))
         except FAILURES as error:
             return self._no_reply(error)
         return self._reply_of(answer, answer.content)
+
+    def _own_connections(self) -> Connections | None:
+        """Faster connections for all but streams, to a server on this machine."""
+        url = httpx.URL(self.server)
+        if url.scheme != "http" or not _is_loopback(url.host):
+            return None
+        return Connections(url.host, url.port or 80, _HEADERS)
 
     @staticmethod
     def _drive(flow: Flow[T], reply_to: Callable[[Call[Any]], Reply | NoReply]) -> T:
@@ -246,6 +261,8 @@ class Client(_Base):
         """Closes its connections."""
         if self._owns_http:
             self._http.close()
+            if self._connections is not None:
+                self._connections.close()
 
     def __enter__(self) -> Self:
         return self
