@@ -24,7 +24,6 @@ BESIDE = {
     "Pursuit": {"best rule": 9.15, "best model": 9.60},
     "Synchronization": {"best rule": 0.35, "best model": 12.60, "humans": 41.95},
     "Flocking": {"best rule": 4.68, "best model": 9.40, "humans": 11.70},
-    "Transport": {"best rule": 0.00, "best model": 0.71, "humans": 4.61},
 }
 """What the paper reports in the same setting (docs/evaluate/baselines.md)."""
 

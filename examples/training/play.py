@@ -22,6 +22,9 @@ from ppo import AGENTS, HELD_OUT, ROUNDS, SHOW_S, SIDE, WINDOW, Policy, Senses
 import swarmbench
 from swarmbench.arrays import Layout
 
+PARALLEL = 16
+"""How many games are open at once."""
+
 
 class Swarm:
     """A policy and the games that it plays.
@@ -90,11 +93,17 @@ def play(client: swarmbench.Client, run: Any, swarms: dict[str, Swarm]) -> None:
         acts: list[Any] = [
             act
             for episode, sights in games.items()
-            for act in swarms[sights[0]["task"]["name"]].acts(episode, seeds[episode], sights)
+            for act in _decided(swarms.get(sights[0]["task"]["name"]), episode, seeds[episode], sights)
         ]
         refused = [answer for answer in seats.swarm_act(acts)["receipts"] if swarmbench.is_problem(answer)]
         if refused:
             raise SystemExit(f"the server refused an act: {refused[0]}")
+
+
+def _decided(swarm: Swarm | None, episode: str, seed: int, sights: list[Any]) -> list[dict[str, Any]]:
+    if swarm:
+        return swarm.acts(episode, seed, sights)
+    return [{**{name: sight[name] for name in ("episode", "agent", "round")}, "action": "STAY"} for sight in sights]
 
 
 def show(client: swarmbench.Client, suite: str, tasks: list[Any]) -> None:
@@ -108,7 +117,7 @@ def show(client: swarmbench.Client, suite: str, tasks: list[Any]) -> None:
             games, deviation = told["games"] or 0, told["deviation"] or 0.0
             half = f" ± {1.96 * deviation / math.sqrt(games - 1):.2f}" if games > 1 else ""
             source = "the paper" if row["reference"] else f"{games} games"
-            print(f"  {row['model'][:30]:30} {told['mean']:6.2f}{half:8}  {source}")
+            print(f"  {row['model'][:34]:34} {told['mean']:6.2f}{half:8}  {source}")
 
 
 def seeds(text: str) -> range:
@@ -129,12 +138,15 @@ def main() -> None:
     )
     parser.add_argument("policies", type=Path, nargs="+", metavar="policy.pt", help="one for each task")
     parser.add_argument("--seeds", type=seeds, default="0..50", help="of the games")
-    parser.add_argument("--suite", help="a built-in suite instead; it needs a policy for each of its tasks")
+    parser.add_argument("--suite", help="a built-in suite instead; agents without a policy stay")
     parser.add_argument("--model", default="ppo", help="the name on the board")
     parser.add_argument("--beside", default="random,default", help="built-in players that the server plays there, too")
     parser.add_argument("--server", help="the address of a server, with its key in SWARMBENCH_KEY")
     parser.add_argument("--db", type=Path, default=Path("learned.db"), help="where a server is started for it")
     given = parser.parse_args()
+    for file in given.policies:
+        if not file.is_file():
+            parser.error(f"there is no file {file}: ppo.py writes one")
     swarms = {swarm.task: swarm for swarm in map(Swarm, given.policies)}
     if len(swarms) != len(given.policies):
         parser.error("there are several policies for one task")
@@ -148,18 +160,17 @@ def main() -> None:
         if suite is None:
             name = f"{' '.join(swarms)} {given.seeds.start}..{given.seeds.stop}"
             suite = {"name": name, "tasks": list(swarms), "seeds": list(given.seeds)}
-        else:
-            tasks = next((one["tasks"] for one in client.suites()["items"] if one["name"] == suite), None)
-            if tasks is None:
-                parser.error(f"--suite: there is no built-in suite {suite!r}")
-            if missing := [task for task in tasks if task not in swarms]:
-                parser.error(f"--suite: {suite} needs a policy for {', '.join(missing)}, too")
+        hosted = [
+            client.create_run(suite=suite, model=f"built-in/{player}", player=player, parallel=PARALLEL)
+            for player in given.beside.split(",")
+            if player
+        ]
         learned = {task: swarm.learned for task, swarm in swarms.items()}
-        run = client.create_run(suite=suite, model=given.model, parallel=8, agent_meta={"policies": learned})
+        run = client.create_run(suite=suite, model=given.model, parallel=PARALLEL, agent_meta={"policies": learned})
         play(client, run, swarms)
-        for player in filter(None, given.beside.split(",")):
-            hosted = client.create_run(suite=suite, model=f"built-in/{player}", player=player, parallel=8)
-            for _ in client.run_events(hosted["id"]):
+        for other in hosted:
+            print(f"the server plays {other['model']}", file=sys.stderr)
+            for _ in client.run_events(other["id"]):
                 pass
         told = client.run(run["id"])
         show(client, f"{told['suite']['name']}@{told['suite']['digest']}", list(swarms))
@@ -168,4 +179,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except swarmbench.SwarmbenchError as error:
+        raise SystemExit(f"error: {error}") from None

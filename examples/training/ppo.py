@@ -68,7 +68,6 @@ PLANS = {
     "Synchronization": Plan(("wall", "agent", "marked agent"), (), "team", gamma=0.9),
     "Pursuit": Plan(("wall", "prey", "agent"), ("prey",), "individual", gamma=0.98),
     "Flocking": Plan(("wall", "agent"), (), "team", gamma=0.97),
-    "Transport": Plan(("outside", "wall", "block", "agent"), ("outside", "block"), "individual", gamma=0.98),
 }
 
 
@@ -90,8 +89,8 @@ class Senses:
         self._maps = np.zeros((seats, len(self._remembered) + 1, side, side), np.uint8)
         windows = np.lib.stride_tricks.sliding_window_view(self._maps, (WINDOW, WINDOW), axis=(2, 3), writeable=True)
         self._around = windows.transpose(0, 2, 3, 1, 4, 5)
-        # The outer cells of the map are the same in every game, except for the gap in Transport.
-        edge = margin + ("outside" not in plan.remembered)
+        # Without the wall around the map, which is always the same.
+        edge = margin + 1
         self._kept = self._maps[:, :, edge:-edge, edge:-edge]
         self.size = len(self._seen) * WINDOW**2 + 2 * SIDE + AGENTS + 2 + PARTS
         if plan.remembered:
@@ -181,14 +180,6 @@ def hint(task: str, gamma: float, before: Arrays, after: Arrays) -> Any:
         # An agent that is beside the prey.
         beside = np.any([_beside(after["view"], "prey", way) for way in WAYS], axis=0)
         return np.float32(0.02) * (beside & goes_on)
-    if task == "Transport":
-        # An agent that has gone a step with the block ahead of it, which it has pushed with others, then.
-        step = after["position"] - before["position"]
-        pushed = np.zeros(goes_on.shape, np.bool_)
-        for way in WAYS:
-            ahead = _beside(before["view"], "block", way) & _beside(after["view"], "block", way)
-            pushed |= ahead & (step == way).all(2)
-        return np.float32(0.2) * (pushed & goes_on)
     return np.zeros_like(after["rewards"])
 
 
@@ -213,7 +204,7 @@ class Rollout:
         threads: How many threads step the games.
 
     Attributes:
-        scores: Those of the last games that have ended.
+        scores: Those of the last games that the policy has played from their beginning to their end.
     """
 
     def __init__(self, task: str, games: int, rounds: int, seed: int, threads: int) -> None:
@@ -230,8 +221,6 @@ class Rollout:
         )
         self.senses = Senses(task, games * AGENTS)
         self._seats = np.arange(games * AGENTS)
-        # What a hint needs of the round before.
-        self._needed = [self.env.flag] if self.env.flag else ["view", "position"] if task == "Transport" else []
         self._no_flag = np.zeros((games, AGENTS), np.uint8)
         shape = (rounds, games * AGENTS)
         self.seen = torch.zeros(*shape, self.senses.size, dtype=torch.uint8)
@@ -239,6 +228,8 @@ class Rollout:
         self.chances, self.values, self.rewards = torch.zeros(3, *shape)
         self.alive, self.ends = torch.zeros(2, *shape, dtype=torch.bool)
         self.scores: deque[float] = deque(maxlen=2 * games)
+        # Games that began at random do not tell how good the policy is.
+        self._whole = np.zeros(games, np.bool_)
         self.ended = 0
         self.env_s = 0.0
         self._now = self.env.reset()
@@ -273,6 +264,7 @@ class Rollout:
     @torch.no_grad()
     def play(self, policy: Policy) -> Tensor:
         """Plays the next rounds. Returns the values of what the agents see then."""
+        flag = self.env.flag
         for place in range(self.rounds):
             seen = self.look()
             logs, values = policy(seen)
@@ -280,7 +272,7 @@ class Rollout:
             self.seen[place], self.values[place], self.actions[place] = seen, values, actions.squeeze(-1)
             self.chances[place] = logs.gather(1, actions).squeeze(-1)
             self.alive[place] = torch.from_numpy(self._now["alive"].reshape(-1))
-            before = {name: self._now[name].copy() for name in self._needed}
+            before = {flag: self._now[flag].copy()} if flag else {}
             begun = time.perf_counter()
             now = self._now = self.env.step(actions.numpy().reshape(self.games, AGENTS))
             self.env_s += time.perf_counter() - begun
@@ -288,7 +280,8 @@ class Rollout:
             self.rewards[place] = torch.from_numpy(rewards.reshape(-1))
             self.ends[place] = torch.from_numpy(now["agent_done"].reshape(-1))
             if (over := now["terminated"]).any():
-                self.scores.extend(now["final_obs"]["score"][over].tolist())
+                self.scores.extend(now["final_obs"]["score"][over & self._whole].tolist())
+                self._whole |= over
                 self.ended += int(over.sum())
                 self.senses.forget(np.repeat(over, AGENTS))
                 self._hold_out()
