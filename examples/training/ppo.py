@@ -429,7 +429,7 @@ def main() -> None:
         "--time", choices=("clock", "processor"), default="clock",
         help="minutes of the clock, or of each processor, where the machine does other things as well",
     )  # fmt: skip
-    parser.add_argument("--threads", type=int, default=2, help="for the games and for the policy")
+    parser.add_argument("--threads", type=int, default=1, help="for the games and for the policy")
     parser.add_argument("--seed", type=int, default=1, help="from which all else is drawn")
     parser.add_argument("--resume", action="store_true", help="continue with the policy in --out")
     learning = parser.add_argument_group("how it learns")
