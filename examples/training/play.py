@@ -138,12 +138,16 @@ def main() -> None:
     )
     parser.add_argument("policies", type=Path, nargs="+", metavar="policy.pt", help="one for each task")
     parser.add_argument("--seeds", type=seeds, default="0..50", help="of the games")
-    parser.add_argument("--suite", help="a built-in suite instead; agents without a policy stay")
+    parser.add_argument(
+        "--suite", default=argparse.SUPPRESS, help="a built-in suite instead; agents without a policy stay"
+    )
     parser.add_argument("--model", default="ppo", help="the name on the board")
     parser.add_argument("--beside", default="random,default", help="built-in players that the server plays there, too")
-    parser.add_argument("--server", help="the address of a server, with its key in SWARMBENCH_KEY")
+    parser.add_argument(
+        "--server", default=argparse.SUPPRESS, help="the address of a server, with its key in SWARMBENCH_KEY"
+    )
     parser.add_argument("--db", type=Path, default=Path("learned.db"), help="where a server is started for it")
-    given = parser.parse_args()
+    given = parser.parse_args(namespace=argparse.Namespace(suite=None, server=None))
     for file in given.policies:
         if not file.is_file():
             parser.error(f"there is no file {file}: ppo.py writes one")

@@ -423,7 +423,9 @@ def main() -> None:
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     parser.add_argument("--task", choices=PLANS, default="Foraging")
-    parser.add_argument("--out", type=Path, help="where the policy and its curve are written (default: runs/TASK)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("runs/TASK"), help="where the policy and its curve are written"
+    )
     parser.add_argument("--minutes", type=float, default=10.0, help="for how long it learns")
     parser.add_argument(
         "--time", choices=("clock", "processor"), default="clock",
@@ -445,7 +447,7 @@ def main() -> None:
     for name in ("minutes", "threads", "games", "rounds", "epochs", "batch", "rate"):
         if getattr(given, name) <= 0:
             parser.error(f"--{name} must be more than 0, is {getattr(given, name)}")
-    given.out = given.out or Path("runs") / given.task
+    given.out = Path(str(given.out).replace("TASK", given.task))
     if given.resume and not (given.out / "policy.pt").exists():
         parser.error(f"--resume: {given.out} has no policy.pt")
     given.out.mkdir(parents=True, exist_ok=True)
