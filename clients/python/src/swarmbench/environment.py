@@ -342,7 +342,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         """A copy, also one in another process, has the same arguments and is before its first `reset`."""
         return {
             **self.__dict__, "agents": [], "seed": None, "episode": None, "score": 0.0, "seen": {}, "_seats": {},
-            "_cursor": None, "_round": 0, "_is_over": True, "_is_closed": False, "_resources": None, "_finalizer": None,
+            "_round": 0, "_is_over": True, "_is_closed": False, "_resources": None, "_finalizer": None,
         }  # fmt: skip
 
     # Spaces.
