@@ -291,7 +291,6 @@ impl Made {
             fill_after: None,
             fill_with: None,
             player: None,
-            fork: None,
         };
         let id = EpisodeId::new(now, &SeededEntropy::new(self.episodes.unsigned_abs()));
         let record = RawRecord::write(&spec.opening(&id, now, &world));
@@ -322,7 +321,6 @@ impl Made {
             at: now,
             idempotency: None,
             tokens: Vec::new(),
-            fork: None,
         };
         let ending = EndRow {
             episode,
