@@ -120,6 +120,11 @@ pub enum StartError {
 pub struct Server(App);
 
 impl Server {
+    /// Cancelled when a commit fails: from then on nothing is acknowledged.
+    pub fn failed(&self) -> CancellationToken {
+        self.0.store.writer().failed().clone()
+    }
+
     pub async fn open(database: &Path, parts: Parts) -> Result<Self, StartError> {
         telemetry::metrics();
         let store = Store::open(database).await?;

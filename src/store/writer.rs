@@ -23,6 +23,7 @@ use sqlx::sqlite::SqliteConnection;
 use sqlx::{Connection, QueryBuilder, Sqlite};
 use tokio::sync::{Mutex, mpsc};
 use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
 
 use super::files::Files;
 use super::results::Changes;
@@ -64,7 +65,7 @@ type Outcome = Result<(), StoreError>;
 /// The state of the writer, shared with readers.
 #[derive(Debug, Default)]
 pub struct WriterState {
-    failed: AtomicBool,
+    failed: CancellationToken,
     locked_out: AtomicBool,
     backlog_jobs: AtomicUsize,
     backlog_bytes: AtomicUsize,
@@ -76,7 +77,12 @@ pub struct WriterState {
 impl WriterState {
     /// Whether a commit failed: nothing is stored any more.
     pub fn has_failed(&self) -> bool {
-        self.failed.load(Ordering::Acquire)
+        self.failed.is_cancelled()
+    }
+
+    /// Cancelled when a commit fails.
+    pub fn failed(&self) -> &CancellationToken {
+        &self.failed
     }
 
     /// Whether another program has held the lock of the database for a while: nothing can be written.
@@ -134,7 +140,8 @@ impl WriterState {
     }
 
     fn fail(&self, error: &dyn std::fmt::Display) {
-        if !self.failed.swap(true, Ordering::AcqRel) {
+        if !self.has_failed() {
+            self.failed.cancel();
             metrics::counter!("swarmbench_commit_failures_total").increment(1);
             tracing::error!(%error, "a commit failed: nothing is acknowledged until a restart");
         }
@@ -145,7 +152,7 @@ impl WriterState {
 pub(super) struct Writer {
     queue: mpsc::UnboundedSender<Job>,
     state: Arc<WriterState>,
-    stop: tokio_util::sync::CancellationToken,
+    stop: CancellationToken,
     task: Arc<Mutex<Option<JoinHandle<()>>>>,
 }
 
@@ -153,7 +160,7 @@ impl Writer {
     pub(super) fn spawn(connection: SqliteConnection, files: Files) -> Self {
         let (queue, jobs) = mpsc::unbounded_channel();
         let state = Arc::new(WriterState::default());
-        let stop = tokio_util::sync::CancellationToken::new();
+        let stop = CancellationToken::new();
         let task = tokio::spawn(run(connection, files, jobs, Arc::clone(&state), stop.clone()));
         Self { queue, state, stop, task: Arc::new(Mutex::new(Some(task))) }
     }
@@ -161,7 +168,7 @@ impl Writer {
     /// A writer that refuses everything.
     pub(super) fn none() -> Self {
         let (queue, _) = mpsc::unbounded_channel();
-        let (state, stop) = (Arc::default(), tokio_util::sync::CancellationToken::new());
+        let (state, stop) = (Arc::default(), CancellationToken::new());
         Self { queue, state, stop, task: Arc::default() }
     }
 
@@ -194,7 +201,7 @@ async fn run(
     files: Files,
     mut queue: mpsc::UnboundedReceiver<Job>,
     state: Arc<WriterState>,
-    stop: tokio_util::sync::CancellationToken,
+    stop: CancellationToken,
 ) {
     let busy_timeout = format!("PRAGMA busy_timeout = {}", BUSY_TIMEOUT.as_millis());
     if let Err(error) =

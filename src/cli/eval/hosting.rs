@@ -6,6 +6,7 @@ use anyhow::{Context, bail};
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
 
 use crate::server::{Parts, Server, StartError};
 use crate::store::OpenError;
@@ -55,11 +56,15 @@ impl Hosting {
     }
 
     /// A client of the server, and the server where it is one of its own.
-    pub(super) async fn open(&self) -> anyhow::Result<(Client, Option<Hosted>)> {
+    /// `stop` is cancelled when that server can acknowledge nothing any more.
+    pub(super) async fn open(
+        &self,
+        stop: &CancellationToken,
+    ) -> anyhow::Result<(Client, Option<Hosted>)> {
         let (base, hosted) = if let Some(server) = self.joined() {
             (server, None)
         } else {
-            let hosted = Hosted::open(self.database()).await?;
+            let hosted = Hosted::open(self.database(), stop.clone()).await?;
             (hosted.base.clone(), Some(hosted))
         };
         let client = Client::new(&base)?;
@@ -85,12 +90,13 @@ impl Hosting {
 pub(super) struct Hosted {
     base: String,
     has_keys: bool,
+    failed: CancellationToken,
     stop: oneshot::Sender<()>,
     serving: JoinHandle<Result<(), StartError>>,
 }
 
 impl Hosted {
-    async fn open(db: PathBuf) -> anyhow::Result<Self> {
+    async fn open(db: PathBuf, stop_playing: CancellationToken) -> anyhow::Result<Self> {
         // Nobody else reads the log of this server, and a full disk is reported nowhere else.
         start_logs_of(LogFormat::Text, "swarmbench::store=error");
         let server = match Server::open(&db, Parts::default()).await {
@@ -103,20 +109,31 @@ impl Hosted {
             opened => opened?,
         };
         let has_keys = server.has_keys();
+        let failed = server.failed();
         let listener = TcpListener::bind(("127.0.0.1", 0)).await.context("no port is free")?;
         let base = format!("http://{}", listener.local_addr()?);
+        // To wait for this server would be in vain: it ends with this command.
+        let failing = failed.clone().cancelled_owned();
+        tokio::spawn(async move {
+            failing.await;
+            stop_playing.cancel();
+        });
         let (stop, stopped) = oneshot::channel::<()>();
         let serving = tokio::spawn(server.run(listener, async {
             // The other end is dropped when it is done.
             drop(stopped.await);
         }));
         note!("{} is served at {base} meanwhile: watch the games there", db.display());
-        Ok(Self { base, has_keys, stop, serving })
+        Ok(Self { base, has_keys, failed, stop, serving })
     }
 
     /// Stops it.
     pub(super) async fn close(self) -> anyhow::Result<()> {
         drop(self.stop);
-        Ok(self.serving.await??)
+        self.serving.await??;
+        if self.failed.is_cancelled() {
+            bail!("a commit failed, so nothing more could be kept");
+        }
+        Ok(())
     }
 }

@@ -229,7 +229,7 @@ pub(super) async fn run(mut args: Args) -> anyhow::Result<ExitCode> {
     let stop = CancellationToken::new();
     let models = args.asking.models(&experiment, &plan, &stop)?;
     stop_when_asked(stop.clone(), models.clone());
-    let (client, hosted) = args.hosting.open().await?;
+    let (client, hosted) = args.hosting.open(&stop).await?;
     let parallel = experiment.parallel.unwrap_or(PARALLEL);
     let stop_share = experiment.stop_share.unwrap_or(STOP_SHARE);
     let conductor =
