@@ -103,14 +103,21 @@ def memory(task: TaskName) -> float:
 
 
 def grown(task: TaskName) -> None:
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before = resident()
     env = VecEnv(task, 10_000, seed=1, threads=1, copy=False)
     env.reset()
     turn = np.random.default_rng(1).integers(0, len(env.actions), (10_000, AGENTS))
     for _ in range(120):
         env.step(turn)
-    unit = 1 if sys.platform == "darwin" else 1024
-    print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * unit / 10_000)
+    print((resident() - before) / 10_000)
+
+
+def resident() -> int:
+    """Bytes of this process in memory."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+    except FileNotFoundError:  # macOS, which knows the most that there were
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def timed(step: Callable[[int], object], each: int, seconds: float) -> tuple[float, float]:

@@ -82,6 +82,8 @@ export function Viewer({ game, onLink, onCompare, onFork, children }) {
   if (!state) return problem ? html`<${ProblemNote} problem=${problem} />` : html`<p class="muted" role="status">Loading …</p>`;
   const common = { head: game.head, state, next, agent, onChoose: choose };
   const summary = sentence(state, next);
+  // After the last round of a game that was played to its end nothing can be played.
+  const isOver = game.head.status === "finished" && round >= game.head.rounds;
   return html`
     ${problem && html`<${ProblemNote} problem=${problem} />`}
     <div class=${shows.large ? "stage large" : "stage"} aria-busy=${state.round !== round}>
@@ -114,7 +116,7 @@ export function Viewer({ game, onLink, onCompare, onFork, children }) {
       <button type="button" aria-pressed=${shows.large} onClick=${() => toggle("large")}>Large map</button>
       ${onLink && html`<button type="button" onClick=${link}>Copy a link to this moment</button>`}
       ${onCompare && html`<button type="button" onClick=${() => onCompare(round)}>Compare with another game</button>`}
-      ${onFork && html`<button type="button" onClick=${() => onFork(round)}>Play on from round ${round}</button>`}
+      ${onFork && !isOver && html`<button type="button" onClick=${() => onFork(round)}>Play on from round ${round}</button>`}
     </div>
     ${shows.windows && html`<h2>All windows</h2><${AllWindows} ...${common} />`}
     ${shows.table && html`<${AgentTable} ...${common} />`}
