@@ -116,7 +116,7 @@ class SwarmEnvironment(Environment[SwarmAction, SwarmObservation, SwarmState]):
         return self._shown(self._episode, turn, reward=None)
 
     def step(self, action: SwarmAction, timeout_s: float | None = None) -> SwarmObservation:
-        """Takes an answer. One that is none costs the act, and the episode goes on."""
+        """Takes an answer. One that is none costs the act, and the episode continues."""
         del timeout_s  # A step waits for nobody.
         if self._episode is None:
             raise ArgumentError("there is no episode yet: reset first")
@@ -203,7 +203,7 @@ class SwarmClient(EnvClient[SwarmAction, SwarmObservation, SwarmState]):
 def app(max_concurrent_envs: int = 256, **settings: Any) -> Any:
     """The application that a server such as uvicorn runs; `settings` are those of `SwarmEnvironment`."""
     factory = functools.partial(SwarmEnvironment, **settings)
-    # A mistake in the settings is told now, and not in the first session.
+    # A mistake in the settings is reported now, not in the first session.
     first = factory()
     first.reset()
     first.close()
