@@ -31,7 +31,7 @@ _NOT_NAMED = Answer(-1, None, None, "not_named")
 _JOINT_HEAD = """\
 You lead {{ num_agents }} agents that share a world. In every round you choose an act for each of them.
 
-Said about the task at the beginning:
+What every agent knows about the task:
 {{ task.description }}
 
 Round: {{ round }} (of {{ max_round }}). The team's score is {{ score }}.
