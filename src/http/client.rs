@@ -90,7 +90,7 @@ fn names_loopback(host: Option<&str>) -> bool {
     host.and_then(name_of).is_some_and(is_loopback)
 }
 
-/// The name in `host` or `host:port`; none where the port is no port.
+/// The name in `host` or `host:port`; `None` where the port is invalid.
 pub(super) fn name_of(host: &str) -> Option<&str> {
     let (name, port) = match host.rsplit_once(':') {
         Some((name, port)) if !host.ends_with(']') => (name, Some(port)),

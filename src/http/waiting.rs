@@ -69,7 +69,7 @@ impl Waits {
         Ok(seen.unwrap_or_else(|| handle.snapshot()))
     }
 
-    /// Waits for `done`; none where the time is up, or the server stops, before that.
+    /// Waits for `done`; `None` after the timeout, or when the server stops.
     pub(super) async fn hold<T>(
         &self,
         wait: Duration,

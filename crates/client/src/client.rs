@@ -244,7 +244,7 @@ impl Client {
 
     /// The current observation of a seat, as it was written, with the text for a language model where `prompt` is set.
     /// With `after` it comes once the round is past that one, the episode is over, or `wait` has passed. It is not
-    /// retried: whoever waits for it decides how long that may take.
+    /// retried: the caller sets the timeout.
     pub async fn obs(
         &self,
         token: &str,

@@ -42,7 +42,7 @@ impl Seen {
         std::str::from_utf8(&self.body).unwrap_or_default()
     }
 
-    /// The whole observation as JSON; none where it is large.
+    /// The whole observation as JSON; `None` where it is too large.
     pub(crate) fn json(&self) -> Option<Value> {
         if self.body.len() > MCP_STRUCTURED_BYTES_MAX {
             return None;

@@ -222,19 +222,15 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
     ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         """Begins a new episode, and aborts the one that is not at its end. There are no options."""
         del options
-        if seed is not None:
-            seed = whole("seed", seed, 0, SEED_MAX)
-            self._generator, _ = seeding.np_random(seed)
-            self._next_seed = seed
+        self._reseed(seed)
         resources = self._open()
         resources.abort()
         self.agents, self._is_over = [], True
-        drawn = int(self._generator.integers(SEED_MAX, endpoint=True)) if self._next_seed is None else self._next_seed
-        self._next_seed = None
+        drawn = self._draw()
         settings = self._settings.copy()
-        settings["seed"] = int(drawn)
+        settings["seed"] = drawn
         created = resources.client.create_episode(**settings)
-        self.seed, self.episode, self.score = int(drawn), created["id"], 0.0
+        self.seed, self.episode, self.score = drawn, created["id"], 0.0
         self._seats = {seat["agent"]: seat["token"] for seat in created["seats"]}
         resources.begin(created)
         self.agents = list(self.possible_agents)
@@ -344,6 +340,19 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
             **self.__dict__, "agents": [], "seed": None, "episode": None, "score": 0.0, "seen": {}, "_seats": {},
             "_round": 0, "_is_over": True, "_is_closed": False, "_resources": None, "_finalizer": None,
         }  # fmt: skip
+
+    # Seeds.
+
+    def _reseed(self, seed: int | None) -> None:
+        """Makes `seed`, where there is one, the next to be played, and those after it follow from it."""
+        if seed is not None:
+            self._next_seed = whole("seed", seed, 0, SEED_MAX)
+            self._generator, _ = seeding.np_random(self._next_seed)
+
+    def _draw(self) -> int:
+        """The seed of the next episode."""
+        drawn, self._next_seed = self._next_seed, None
+        return int(self._generator.integers(SEED_MAX, endpoint=True)) if drawn is None else drawn
 
     # Spaces.
 

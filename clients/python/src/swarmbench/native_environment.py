@@ -4,11 +4,9 @@ import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from gymnasium.utils import seeding
 
 from ._compat import Self
-from .checks import whole
-from .environment import SEED_MAX, SwarmEnv
+from .environment import SwarmEnv
 from .errors import SwarmbenchError
 from .native import VecEnv, Words
 from .wire import EpisodeRequest, Observation, SwarmAct
@@ -62,17 +60,13 @@ class NativeSwarmEnv(SwarmEnv):
     ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         """Begins a new episode. There are no options."""
         del options
-        if seed is not None:
-            seed = whole("seed", seed, 0, SEED_MAX)
-            self._generator, _ = seeding.np_random(seed)
-            self._next_seed = seed
+        self._reseed(seed)
         if self._is_closed:
             self.world, self._is_closed = self._make(), False
             self.seen = _Seen(self.world)
-        drawn = int(self._generator.integers(SEED_MAX, endpoint=True)) if self._next_seed is None else self._next_seed
-        self._next_seed = None
+        drawn = self._draw()
         told = self.world.reset(seed=[drawn])
-        self.seed = int(drawn)
+        self.seed = drawn
         self.agents = list(self.possible_agents)
         observations, infos = self._read(self.agents)
         if not told["alive"].any():
