@@ -33,7 +33,7 @@ WAYS = ((-1, 0), (1, 0), (0, -1), (0, 1))
 """Up, down, left and right, in rows and columns."""
 
 PARTS = 20
-"""The number of equal parts of the game; the policy knows in which of them a round is, and whether the round is even."""
+"""The number of equal parts of the game. The policy knows the part of a round, and whether the round is even."""
 
 SAVE_S = 60.0
 """After how many seconds the policy is saved again."""
