@@ -1,0 +1,84 @@
+//! Runs this program under valgrind, and reads what callgrind has counted.
+//!
+//! A library such as gungraun was considered: it starts a process for each benchmark (here each would start a server under
+//! valgrind again), follows one thread (SQLite has a thread of its own), and keeps its numbers in the build folder.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use crate::counts::Counts;
+
+/// Tells this program that it runs under valgrind.
+pub(crate) const COUNTED: &str = "--counted";
+
+/// Counts all benchmarks. Keeps their profiles in a folder, if there is one.
+pub(crate) fn count(profiles: Option<&Path>) -> Result<Counts, String> {
+    let folder = tempfile::tempdir().map_err(|error| format!("no temporary folder: {error}"))?;
+    let dumps = folder.path().join("dump");
+    let program = std::env::current_exe().map_err(|error| format!("no program: {error}"))?;
+    let output = Command::new("valgrind")
+        .args(["--quiet", "--tool=callgrind", "--dump-before=*count_boundary*"])
+        .arg(format!("--callgrind-out-file={}", dumps.display()))
+        .arg(program)
+        .arg(COUNTED)
+        // The environment lies on the stack, so its size moves what comes after it.
+        .env_clear()
+        .env("PATH", "/usr/bin:/bin")
+        .env("TMPDIR", folder.path())
+        .output()
+        .map_err(|error| {
+            format!("valgrind cannot be started ({error}). On Debian: apt-get install valgrind")
+        })?;
+    let text = String::from_utf8_lossy(&output.stdout);
+    if !output.status.success() {
+        let error = String::from_utf8_lossy(&output.stderr);
+        return Err(format!("the benchmarks failed under valgrind: {}\n{error}", output.status));
+    }
+    let mut lines = text.lines();
+    let machine = lines.next().ok_or("the benchmarks printed nothing")?.to_owned();
+    // In the order in which they were counted: name, instructions, times.
+    let mut sums: Vec<(String, u64, u64)> = Vec::new();
+    for (index, line) in lines.enumerate() {
+        let parts = line.split_once(' ');
+        let parts = parts.and_then(|(name, times)| Some((name, times.parse::<u64>().ok()?)));
+        let (name, times) = parts.ok_or(format!("{line:?} is not a benchmark and a number"))?;
+        // Each section has two boundaries; its count is what is written at the second.
+        let dump = folder.path().join(format!("dump.{}", 2 * index + 2));
+        let instructions = total(&dump)?;
+        if let Some(sum) = sums.iter_mut().find(|sum| sum.0 == name) {
+            sum.1 += instructions;
+            sum.2 += times;
+        } else {
+            sums.push((name.to_owned(), instructions, times));
+            if let Some(profiles) = profiles {
+                let kept = profiles.join(format!("{name}.callgrind"));
+                fs::create_dir_all(profiles)
+                    .and_then(|()| fs::copy(&dump, &kept))
+                    .map_err(|error| format!("{} cannot be written: {error}", kept.display()))?;
+            }
+        }
+    }
+    let instructions = sums.into_iter().map(|(name, sum, times)| (name, sum / times)).collect();
+    Ok(Counts { rust: rust()?, machine, instructions })
+}
+
+/// The version of the compiler.
+fn rust() -> Result<String, String> {
+    let output = Command::new("rustc").arg("--version").output();
+    let output = output.map_err(|error| format!("rustc cannot be started: {error}"))?;
+    let text = String::from_utf8_lossy(&output.stdout);
+    // rustc 1.95.0 (59807616e 2026-04-14)
+    let version = text.split_whitespace().nth(1);
+    version.map(str::to_owned).ok_or(format!("{text:?} is not the version of a compiler"))
+}
+
+/// The instructions of a profile, of all functions and threads.
+fn total(profile: &Path) -> Result<u64, String> {
+    let text = fs::read_to_string(profile);
+    let text = text.map_err(|error| format!("{} cannot be read: {error}", profile.display()))?;
+    let total = text.lines().rev().find_map(|line| line.strip_prefix("totals:"));
+    total
+        .and_then(|total| total.trim().parse().ok())
+        .ok_or(format!("{} has no total", profile.display()))
+}

@@ -1,0 +1,166 @@
+//! The committed counts, and their comparison with those of now. No file and no process: text in, text out.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use serde::Deserialize;
+
+/// Counts, and what they belong to.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Counts {
+    /// The version of the compiler.
+    pub(crate) rust: String,
+    /// The kind of processor, as valgrind shows it to programs.
+    pub(crate) machine: String,
+    /// Instructions of one run of each benchmark.
+    pub(crate) instructions: BTreeMap<String, u64>,
+}
+
+/// By how many per cent a count may differ. Ten counts of one program differ by less than 1 %; the rest is for changes
+/// that have nothing to do with a benchmark, but move its code.
+pub(crate) const TOLERANCE_PERCENT: f64 = 3.0;
+
+/// The command that writes new numbers.
+const ACCEPT: &str = ".ci/instructions --accept";
+
+impl Counts {
+    /// Reads the file of counts.
+    pub(crate) fn read(text: &str) -> Result<Self, String> {
+        toml::from_str(text).map_err(|error| {
+            format!("the committed counts cannot be read; `{ACCEPT}` writes them anew: {error}")
+        })
+    }
+
+    /// Compares these, which are committed, with those of now.
+    pub(crate) fn compare(self, now: &Self) -> Comparison {
+        let mut lines = Vec::new();
+        for (benchmark, &instructions) in &now.instructions {
+            let before = self.instructions.get(benchmark).copied();
+            lines.push(Line { benchmark: benchmark.clone(), before, now: Some(instructions) });
+        }
+        for (benchmark, &instructions) in &self.instructions {
+            if !now.instructions.contains_key(benchmark) {
+                let benchmark = benchmark.clone();
+                lines.push(Line { benchmark, before: Some(instructions), now: None });
+            }
+        }
+        let mut differences = Vec::new();
+        for (what, before, now) in
+            [("Rust", self.rust, &now.rust), ("a processor", self.machine, &now.machine)]
+        {
+            if before != *now {
+                differences.push(format!("{what} {before}, and here is {now}"));
+            }
+        }
+        Comparison { lines, differences }
+    }
+}
+
+/// The file.
+impl fmt::Display for Counts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "# Instructions of one run of each benchmark: docs/develop/performance.md.")?;
+        writeln!(f, "# `{ACCEPT}` writes this file.")?;
+        writeln!(f, "rust = {:?}\nmachine = {:?}\n\n[instructions]", self.rust, self.machine)?;
+        for (benchmark, instructions) in &self.instructions {
+            writeln!(f, "{benchmark} = {}", grouped(*instructions, '_'))?;
+        }
+        Ok(())
+    }
+}
+
+/// A benchmark before and now; a new one has no number before, one that was removed has none now.
+#[derive(Debug)]
+struct Line {
+    benchmark: String,
+    before: Option<u64>,
+    now: Option<u64>,
+}
+
+impl Line {
+    /// What is wrong with it, and what to do.
+    fn complaint(&self) -> Option<String> {
+        let Self { benchmark, before, now } = self;
+        match (*before, *now) {
+            (Some(before), Some(now)) => {
+                let percent = percent(before, now);
+                let (before, shown) = (grouped(before, ','), grouped(now, ','));
+                let change = format!("{before} instructions before, {shown} now ({percent:+.1} %)");
+                if percent > TOLERANCE_PERCENT {
+                    Some(format!(
+                        "{benchmark} is slower: {change}. Make it as fast as it was, or accept it with `{ACCEPT}` and \
+                         write the reason into the commit."
+                    ))
+                } else if percent < -TOLERANCE_PERCENT {
+                    Some(format!(
+                        "{benchmark} is faster: {change}. Run `{ACCEPT}` and commit the better number, so that it is \
+                         guarded."
+                    ))
+                } else {
+                    None
+                }
+            }
+            (None, _) => Some(format!("{benchmark} has no committed number: run `{ACCEPT}`.")),
+            (Some(_), None) => Some(format!(
+                "{benchmark} has a committed number and is not counted: run `{ACCEPT}`."
+            )),
+        }
+    }
+}
+
+/// The outcome.
+#[derive(Debug)]
+pub(crate) struct Comparison {
+    lines: Vec<Line>,
+    /// Why the committed counts say little here.
+    differences: Vec<String>,
+}
+
+impl Comparison {
+    /// Whether nothing has to be done. Counts of another compiler or processor are shown only.
+    pub(crate) fn passes(&self) -> bool {
+        !self.differences.is_empty() || self.lines.iter().all(|line| line.complaint().is_none())
+    }
+}
+
+impl fmt::Display for Comparison {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{:<22} {:>12} {:>12} {:>8}", "benchmark", "committed", "now", "")?;
+        let shown =
+            |count: Option<u64>| count.map_or_else(|| "-".to_owned(), |count| grouped(count, ','));
+        for Line { benchmark, before, now } in &self.lines {
+            let change =
+                before.zip(*now).map(|(before, now)| format!("{:+.2} %", percent(before, now)));
+            let change = change.unwrap_or_default();
+            writeln!(f, "{benchmark:<22} {:>12} {:>12} {change:>8}", shown(*before), shown(*now))?;
+        }
+        let complaints = self.lines.iter().filter_map(Line::complaint);
+        if self.differences.is_empty() {
+            return complaints.into_iter().try_for_each(|complaint| write!(f, "\n{complaint}"));
+        }
+        for difference in &self.differences {
+            write!(f, "\nThe committed counts belong to {difference}.")?;
+        }
+        write!(f, "\nSo they are compared for information only.")
+    }
+}
+
+/// By how many per cent a number differs from the one before.
+#[expect(clippy::cast_precision_loss, reason = "no count comes near 2⁵³")]
+pub(crate) fn percent(before: u64, now: u64) -> f64 {
+    (now as f64 / before.max(1) as f64 - 1.0) * 100.0
+}
+
+/// A number with its digits in groups of three.
+fn grouped(number: u64, separator: char) -> String {
+    let digits = number.to_string();
+    let mut grouped = String::new();
+    for (place, digit) in digits.chars().enumerate() {
+        if place > 0 && (digits.len() - place).is_multiple_of(3) {
+            grouped.push(separator);
+        }
+        grouped.push(digit);
+    }
+    grouped
+}
