@@ -1,5 +1,6 @@
 //! A round, as a short list of stages (rules: *A round*).
 
+use std::cell::RefCell;
 use std::sync::Arc;
 
 use crate::act::{Act, Action};
@@ -18,6 +19,11 @@ pub struct Scratch {
     tasks: tasks::Scratch,
 }
 
+thread_local! {
+    /// What [`World::step`] uses again and again.
+    static SCRATCH: RefCell<Scratch> = RefCell::default();
+}
+
 impl World {
     /// Resolves one round: `acts[n]` is what agent `n` decided, "no action, no message" by default.
     /// What an escaped agent decides is ignored.
@@ -25,7 +31,7 @@ impl World {
     /// # Panics
     /// Where the episode is over, or `acts` does not have one entry for each agent.
     pub fn step(&mut self, acts: &[Act]) {
-        self.step_in(acts, &mut Scratch::default());
+        SCRATCH.with_borrow_mut(|scratch| self.step_in(acts, scratch));
     }
 
     /// The same in memory that was used before.

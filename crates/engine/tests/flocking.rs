@@ -1,9 +1,13 @@
 //! The cost of a flock is exact: it is what a search through all translations finds.
 
+#[path = "common/mod.rs"]
+mod common;
+
+use common::{Dice, world};
 use proptest::collection::vec;
 use proptest::prelude::*;
-use swarmbench_engine::Pos;
 use swarmbench_engine::tasks::flocking::{distance, target};
+use swarmbench_engine::{Pos, Settings, TaskName};
 
 /// The least cost over all translations, each by `assignment`.
 fn search(agents: &[Pos], target: &[Pos], assignment: fn(&[Vec<i32>]) -> i32) -> i32 {
@@ -154,6 +158,32 @@ fn a_formed_target_costs_nothing_and_a_step_away_from_it_one() {
             assert_eq!(distance(&placed, &target), steps);
             let corner = placed.pop().expect("not empty");
             placed.push(corner.plus(Pos::new(1, 0)));
+        }
+    }
+}
+
+/// What a round finds, beginning with what the one before found, is what a search finds that begins with nothing.
+#[test]
+fn the_cost_of_a_round_is_that_of_its_placement() {
+    for (num_agents, size, rounds) in [(12, 10, 600), (13, 9, 300), (3, 8, 100), (31, 14, 100)] {
+        for seed in 0..4 {
+            let mut world = world(&Settings {
+                num_agents,
+                width: size,
+                height: size,
+                max_round: rounds,
+                ..Settings::standard(TaskName::Flocking, seed)
+            });
+            let target = target(u16::try_from(num_agents).expect("few"));
+            let mut dice = Dice(seed);
+            while !world.is_over() {
+                let acts = dice.acts(&world);
+                world.step(&acts);
+                let agents: Vec<Pos> = world.agent_states().map(|agent| agent.at).collect();
+                let expected = f64::from(distance(&agents, &target)) / 2.0;
+                let found = world.landmarks().distance;
+                assert_eq!(found, Some(expected), "{num_agents} agents, seed {seed}, {agents:?}");
+            }
         }
     }
 }

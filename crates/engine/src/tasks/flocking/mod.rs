@@ -1,6 +1,10 @@
 //! Flocking: form the outline of a square, anywhere on the map.
 
+mod assignment;
+mod cells;
 mod cost;
+mod field;
+mod lines;
 
 use std::sync::Arc;
 
@@ -11,8 +15,9 @@ use crate::grid::Pos;
 use crate::names::RuleSet;
 use crate::rng::LayoutRng;
 
-use cost::Search;
+use cells::Shape;
 pub use cost::distance;
+use cost::{Known, Search};
 
 /// The seed of every layout under the rules `reference`.
 const REFERENCE_SEED: u64 = 42;
@@ -20,13 +25,13 @@ const REFERENCE_SEED: u64 = 42;
 /// The state of Flocking beside the board (rules: *Flocking*).
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Flocking {
-    target: Arc<[Pos]>,
+    target: Arc<Shape>,
     /// The cost of the layout.
     initial: f64,
     /// The cost of the current placement.
     pub(crate) current: f64,
-    /// The translation that has this cost: a good one to try first in the next round.
-    near: Pos,
+    /// How this cost was found: a good start for the next round.
+    known: Known,
 }
 
 /// Memory that the cost uses again in each round.
@@ -57,10 +62,9 @@ pub fn target(agents: u16) -> Vec<Pos> {
 
 impl Flocking {
     pub(super) fn new(config: &Config, board: &Board) -> Self {
-        let target = target(config.num_agents).into();
-        let nowhere = Pos::new(0, 0);
-        let mut task = Self { target, initial: 0.0, current: 0.0, near: nowhere };
-        task.measure(config, board, None, &mut Scratch::default());
+        let target = Arc::new(Shape::new(&target(config.num_agents)));
+        let mut task = Self { target, initial: 0.0, current: 0.0, known: Known::default() };
+        task.measure(config, board, &mut Scratch::default());
         Self { initial: task.current, ..task }
     }
 
@@ -71,24 +75,16 @@ impl Flocking {
         score: f64,
         scratch: &mut Scratch,
     ) -> f64 {
-        self.measure(stage.config, board, Some(self.near), scratch);
+        self.measure(stage.config, board, scratch);
         score.max(self.initial - self.current)
     }
 
     /// Finds the cost of the current placement, in the units of the rule set.
-    fn measure(
-        &mut self,
-        config: &Config,
-        board: &Board,
-        near: Option<Pos>,
-        scratch: &mut Scratch,
-    ) {
+    fn measure(&mut self, config: &Config, board: &Board, scratch: &mut Scratch) {
         let Scratch { agents, search } = scratch;
         agents.clear();
         agents.extend(board.agents().iter().map(|agent| agent.at));
-        let least = search.least(agents, &self.target, near);
-        self.near = least.by;
-        let steps = f64::from(least.cost);
+        let steps = f64::from(search.least(&self.target, agents, &mut self.known));
         self.current = match config.rules {
             RuleSet::Paper => steps / 2.0,
             RuleSet::Reference => steps,

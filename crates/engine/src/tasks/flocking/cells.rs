@@ -1,0 +1,79 @@
+//! Cells as small numbers, and what of a shape does not change from search to search.
+
+use crate::grid::Pos;
+
+/// Rows, or columns, over which cells may spread: sums of distances and prices then fit 16 bits.
+const SPREAD_MAX: i32 = 512;
+
+/// A translation, or a cell: rows and columns.
+pub(super) type Step = (i16, i16);
+
+/// Cells by row and column from the corner of the rectangle that they fill.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Cells {
+    pub(super) corner: (i32, i32),
+    pub(super) all: Vec<Step>,
+    /// The last row and the last column.
+    pub(super) last: Step,
+}
+
+impl Cells {
+    pub(super) fn set(&mut self, cells: &[Pos]) {
+        let first = |corner: (i32, i32), cell: &Pos| (corner.0.min(cell.i), corner.1.min(cell.j));
+        self.corner = cells.iter().fold((i32::MAX, i32::MAX), first);
+        let from = |at: i32, first: i32| {
+            let apart = at - first;
+            assert!(apart < SPREAD_MAX, "cells of a flock lie less than {SPREAD_MAX} apart");
+            i16::try_from(apart).expect("a small number")
+        };
+        self.all.clear();
+        for cell in cells {
+            self.all.push((from(cell.i, self.corner.0), from(cell.j, self.corner.1)));
+        }
+        let last = |last: Step, cell: &Step| (last.0.max(cell.0), last.1.max(cell.1));
+        self.last = self.all.iter().fold((0, 0), last);
+    }
+}
+
+/// Cells beside each other in a row, or below each other in a column.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Run {
+    pub(super) first: Step,
+    pub(super) length: i16,
+    pub(super) is_column: bool,
+}
+
+/// The cells that are moved as one.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Shape {
+    pub(super) cells: Cells,
+    /// The same cells in few pieces.
+    pub(super) runs: Vec<Run>,
+}
+
+impl Shape {
+    pub(super) fn new(of: &[Pos]) -> Self {
+        let mut cells = Cells::default();
+        cells.set(of);
+        let mut rest = cells.all.clone();
+        rest.sort_unstable();
+        let mut runs = Vec::new();
+        while let Some(&first) = rest.first() {
+            let length = |step: Step| {
+                let at = |n: i16| (first.0 + n * step.0, first.1 + n * step.1);
+                (1..i16::MAX).find(|&n| !rest.contains(&at(n))).expect("cells are few")
+            };
+            let (across, down) = (length((0, 1)), length((1, 0)));
+            let is_column = down > across;
+            let length = across.max(down);
+            // The first of the rest has nothing above it or before it, so a run begins with it.
+            rest.retain(|cell| {
+                let (i, j) = (cell.0 - first.0, cell.1 - first.1);
+                let (along, beside) = if is_column { (i, j) } else { (j, i) };
+                beside != 0 || along < 0 || along >= length
+            });
+            runs.push(Run { first, length, is_column });
+        }
+        Self { cells, runs }
+    }
+}
