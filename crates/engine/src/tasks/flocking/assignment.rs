@@ -74,6 +74,8 @@ pub(super) struct Assignment {
     /// The greatest number for columns to which a shortest path is known.
     settled: Lanes,
     path: Vec<u16>,
+    /// How often a row was compared with all columns.
+    pub(super) looks: usize,
 }
 
 impl Assignment {
@@ -153,6 +155,7 @@ impl Assignment {
     /// to begin with.
     fn set_prices(&mut self, by: Step) -> i32 {
         let mut sum = 0;
+        self.looks += self.rows.len();
         let prices = &mut self.row_price;
         for (price, row) in prices.iter_mut().zip(&self.rows) {
             let (i, j) = (i16x8::splat(row.0 + by.0), i16x8::splat(row.1 + by.1));
@@ -276,6 +279,7 @@ impl Assignment {
     /// Looks from a row, `base` and its price away, at all columns; returns the least reach of those that are not
     /// settled.
     fn relax(&mut self, row: u16, via: u16, base: i16, by: Step) -> i16 {
+        self.looks += 1;
         let base = i16x8::splat(base);
         let via = i16x8::splat(via.cast_signed());
         let mut least = i16x8::splat(i16::MAX);

@@ -49,7 +49,12 @@ pub(super) struct Shape {
     pub(super) cells: Cells,
     /// The same cells in few pieces.
     pub(super) runs: Vec<Run>,
+    /// The places of the cells along each of [`ALONG`], sorted.
+    pub(super) along: [Vec<i32>; 4],
 }
+
+/// Rows, columns and both diagonals: of a cell, its place along each.
+pub(super) const ALONG: [fn(i32, i32) -> i32; 4] = [|i, _| i, |_, j| j, |i, j| i + j, |i, j| i - j];
 
 impl Shape {
     pub(super) fn new(of: &[Pos]) -> Self {
@@ -74,6 +79,12 @@ impl Shape {
             });
             runs.push(Run { first, length, is_column });
         }
-        Self { cells, runs }
+        let along = ALONG.map(|along| {
+            let places = cells.all.iter().map(|&(i, j)| along(i.into(), j.into()));
+            let mut places: Vec<i32> = places.collect();
+            places.sort_unstable();
+            places
+        });
+        Self { cells, runs, along }
     }
 }

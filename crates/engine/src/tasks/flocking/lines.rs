@@ -2,8 +2,6 @@
 
 use wide::i32x8;
 
-use super::cells::Step;
-
 /// Translations that are looked at together.
 const LANES: usize = 8;
 
@@ -12,23 +10,22 @@ const LANES: usize = 8;
 pub(super) struct Line {
     first: i32,
     bounds: Vec<i32>,
-    few: Vec<i32>,
     many: Vec<i32>,
     costs: Vec<i32x8>,
 }
 
 impl Line {
-    /// Finds the cheapest matching of all the `few`, moved by each translation, to some of the `many`.
+    /// Finds the cheapest matching of all the `few`, moved by each translation, to some of the `many`;
+    /// the few are sorted.
     ///
     /// The best matching keeps the order, so with `spare` points more on one side, point k goes to one of the points
     /// k to k + spare.
-    pub(super) fn set(&mut self, few: &[Step], many: &[Step], along: fn(i32, i32) -> i32) {
-        let Self { first, bounds, few: from, many: to, costs } = self;
-        for (values, cells) in [(&mut *from, few), (&mut *to, many)] {
-            values.clear();
-            values.extend(cells.iter().map(|&(i, j)| along(i.into(), j.into())));
-            values.sort_unstable();
-        }
+    pub(super) fn set(&mut self, few: &[i32], many: impl Iterator<Item = i32>) {
+        let Self { first, bounds, many: to, costs } = self;
+        let from = few;
+        to.clear();
+        to.extend(many);
+        to.sort_unstable();
         let spare = to.len() - from.len();
         *first = to[0] - from[from.len() - 1];
         let last = to[to.len() - 1] - from[0];
