@@ -12,7 +12,8 @@ use swarmbench_engine::tasks::flocking::{distance, target};
 const LAYOUTS: usize = 8;
 
 /// Agents, and rows and columns of the map.
-const SIZES: [(usize, usize); 5] = [(12, 10), (30, 16), (100, 28), (256, 46), (256, 100)];
+const SIZES: [(usize, usize); 6] =
+    [(12, 10), (30, 16), (100, 28), (256, 46), (256, 100), (256, 256)];
 
 /// Different cells, as `draw` gives them.
 fn cells(count: usize, mut draw: impl FnMut() -> (usize, usize)) -> Vec<Pos> {
@@ -52,7 +53,7 @@ fn crowds(count: usize, size: usize, dice: &mut Dice) -> Vec<Pos> {
     })
 }
 
-/// Along a diagonal: the hardest that was found.
+/// Along a diagonal.
 fn diagonal(count: usize, size: usize, dice: &mut Dice) -> Vec<Pos> {
     cells(count, || {
         let i = 1 + dice.below(size - 2);
@@ -68,6 +69,18 @@ fn nearly_formed(count: usize, size: usize, dice: &mut Dice) -> Vec<Pos> {
         Some(at) => (at.i.unsigned_abs() as usize, at.j.unsigned_abs() as usize),
         None => (1 + dice.below(size - 2), 1 + dice.below(size - 2)),
     })
+}
+
+/// The layout that takes the most effort of those that `examples/hard_flocks.rs` has found.
+fn hardest() -> Vec<Pos> {
+    let cell = |line: &str| {
+        let (i, j) = line.split_once(' ')?;
+        Some(Pos::new(i.parse().ok()?, j.parse().ok()?))
+    };
+    include_str!("layouts/hard_256_256.txt")
+        .lines()
+        .map(|line| cell(line).expect("a row and a column"))
+        .collect()
 }
 
 type Layout = fn(usize, usize, &mut Dice) -> Vec<Pos>;
@@ -96,5 +109,12 @@ fn main() {
         }
         group.finish();
     }
+    let (layout, target) = (hardest(), target(256));
+    let mut group = criterion.benchmark_group("distance/hardest");
+    group.sample_size(10);
+    group.bench_function(BenchmarkId::new("256", "256x256"), |bencher| {
+        bencher.iter(|| distance(&layout, &target));
+    });
+    group.finish();
     criterion.final_summary();
 }

@@ -1,5 +1,6 @@
 //! Rounds a second in the standard setting, by task: every agent acts at random, and one in eight
-//! says something. `play` is a round and its digest, `play_and_observe` also all observations.
+//! says something. `play` is a round and its digest, `play_and_observe` also all observations with what agents
+//! remember, `play_and_write` also all present windows, written into buffers that are used again.
 
 #[path = "../tests/common/mod.rs"]
 mod common;
@@ -8,21 +9,21 @@ use std::hint::black_box;
 
 use common::{Dice, world};
 use criterion::{BatchSize, Criterion, Throughput};
-use swarmbench_engine::{Act, Settings, TaskName, World};
+use swarmbench_engine::{Act, Canvas, Scratch, Settings, TaskName, World};
 
 /// As many rounds as the standard setting has.
 const ROUNDS: u64 = 100;
 
-type Game = fn(&mut World, &[Vec<Act>]);
+type Game = fn(&mut World, &[Vec<Act>], &mut Desk);
 
-fn play(world: &mut World, rounds: &[Vec<Act>]) {
+fn play(world: &mut World, rounds: &[Vec<Act>], _: &mut Desk) {
     for acts in rounds {
         world.step(acts);
         black_box(world.digest());
     }
 }
 
-fn play_and_observe(world: &mut World, rounds: &[Vec<Act>]) {
+fn play_and_observe(world: &mut World, rounds: &[Vec<Act>], _: &mut Desk) {
     for acts in rounds {
         for agent in world.agents() {
             black_box(world.observe(agent));
@@ -32,9 +33,45 @@ fn play_and_observe(world: &mut World, rounds: &[Vec<Act>]) {
     }
 }
 
+fn play_and_write(world: &mut World, rounds: &[Vec<Act>], desk: &mut Desk) {
+    for acts in rounds {
+        desk.write(world);
+        world.step_in(acts, &mut desk.scratch);
+        black_box(world.digest());
+    }
+}
+
+/// Memory that is used again: what all agents see, and that of rounds.
+#[derive(Default)]
+struct Desk {
+    canvas: Canvas,
+    codes: Vec<u8>,
+    numbers: Vec<i16>,
+    scratch: Scratch,
+}
+
+impl Desk {
+    fn write(&mut self, world: &World) {
+        let cells = world.config().window();
+        let all = cells * usize::from(world.config().num_agents());
+        self.codes.resize(all, 0);
+        self.numbers.resize(all, 0);
+        self.canvas.draw(world);
+        let windows = self.codes.chunks_exact_mut(cells).zip(self.numbers.chunks_exact_mut(cells));
+        for (agent, (codes, numbers)) in world.agents().zip(windows) {
+            black_box(self.canvas.write_window(agent, codes, numbers));
+        }
+    }
+}
+
 fn main() {
     let mut criterion = Criterion::default().configure_from_args();
-    let games: [(&str, Game); 2] = [("play", play), ("play_and_observe", play_and_observe)];
+    let games: [(&str, Game); 3] = [
+        ("play", play),
+        ("play_and_observe", play_and_observe),
+        ("play_and_write", play_and_write),
+    ];
+    let mut desk = Desk::default();
     for (name, game) in games {
         let mut group = criterion.benchmark_group(name);
         group.throughput(Throughput::Elements(ROUNDS));
@@ -44,7 +81,7 @@ fn main() {
             let rounds: Vec<_> = (0..ROUNDS).map(|_| dice.acts(&start)).collect();
             group.bench_function(task.name(), |bencher| {
                 let start = || start.clone();
-                let rounds = |world: &mut World| game(world, &rounds);
+                let rounds = |world: &mut World| game(world, &rounds, &mut desk);
                 bencher.iter_batched_ref(start, rounds, BatchSize::SmallInput);
             });
         }
