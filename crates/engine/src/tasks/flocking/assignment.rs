@@ -248,8 +248,9 @@ impl Assignment {
         self.path.clear();
         let (mut at, mut via, mut length) = (row, NONE, 0);
         let last = loop {
-            length = self.relax(at, via, length - self.row_price[usize::from(at)], by);
-            let column = self.nearest(length);
+            let free;
+            (length, free) = self.relax(at, via, length - self.row_price[usize::from(at)], by);
+            let column = self.nearest(length, free == length);
             at = self.row_of[usize::from(column)];
             if at == NONE {
                 break column;
@@ -277,18 +278,24 @@ impl Assignment {
     }
 
     /// Looks from a row, `base` and its price away, at all columns; returns the least reach of those that are not
-    /// settled.
-    fn relax(&mut self, row: u16, via: u16, base: i16, by: Step) -> i16 {
+    /// settled, and of those that are free.
+    fn relax(&mut self, row: u16, via: u16, base: i16, by: Step) -> (i16, i16) {
         self.looks += 1;
         let base = i16x8::splat(base);
         let via = i16x8::splat(via.cast_signed());
         let mut least = i16x8::splat(i16::MAX);
-        let mut look = |new: i16x8, reach: &mut i16x8, from: &mut i16x8, settled: &i16x8| {
+        let (mut free, most) = (least, least);
+        let mut look = |new: i16x8,
+                        reach: &mut i16x8,
+                        from: &mut i16x8,
+                        (settled, is_free): (&i16x8, &i16x8)| {
             *from = new.simd_lt(*reach).select(via, *from);
             *reach = new.min(*reach);
             least = least.min(reach.max(*settled));
+            free = free.min(reach.max(!*is_free & most));
         };
-        let columns = self.reach.0.iter_mut().zip(&mut self.from.0).zip(&self.settled.0);
+        let states = self.settled.0.iter().zip(&self.is_free.0);
+        let columns = self.reach.0.iter_mut().zip(&mut self.from.0).zip(states);
         let columns = columns.zip(&self.column_price.0);
         if let Some(cell) = self.rows.get(usize::from(row)) {
             let (i, j) = (i16x8::splat(cell.0 + by.0), i16x8::splat(cell.1 + by.1));
@@ -302,29 +309,21 @@ impl Assignment {
                 look(base - *price, reach, from, settled);
             }
         }
-        least.reduce_min()
+        (least.reduce_min(), free.reduce_min())
     }
 
-    /// A column that is not settled and has this reach; a free one if there is one.
-    fn nearest(&self, length: i16) -> u16 {
+    /// The first column that is not settled and has this reach, or the first that is free.
+    fn nearest(&self, length: i16, is_free: bool) -> u16 {
         let length = i16x8::splat(length);
-        let mut found = NONE;
+        let any = i16x8::splat(if is_free { 0 } else { -1 });
         let columns = self.reach.0.iter().zip(&self.settled.0).zip(&self.is_free.0);
-        for (place, ((reach, settled), is_free)) in (0..).step_by(LANES).zip(columns) {
-            let fits = reach.max(*settled).simd_eq(length);
-            let bits = fits.to_bitmask();
-            if bits == 0 {
-                continue;
-            }
-            let free = (fits & *is_free).to_bitmask();
-            if free != 0 {
-                return first_of(place, free);
-            }
-            if found == NONE {
-                found = first_of(place, bits);
+        for (place, ((reach, settled), free)) in (0..).step_by(LANES).zip(columns) {
+            let fits = (reach.max(*settled).simd_eq(length) & (*free | any)).to_bitmask();
+            if fits != 0 {
+                return first_of(place, fits);
             }
         }
-        found
+        NONE
     }
 }
 
