@@ -240,7 +240,13 @@ async fn boards(database: &Path) {
     for _ in 0..BOARDS {
         store.keep(made.run()).await.expect("it is kept");
         counting!("first-board", 1, ask(&mut connection, &read).await);
-        counting!("board", 1, ask(&mut connection, &read).await);
+        // What the first one has left to be tidied up is not counted.
+        ask(&mut connection, &read).await;
+        counting!("board", BOARDS, {
+            for _ in 0..BOARDS {
+                ask(&mut connection, &read).await;
+            }
+        });
     }
     stop.cancel();
     store.close().await;
