@@ -29,6 +29,7 @@ pub mod competitions;
 pub mod dataset;
 pub mod episode;
 pub mod fair;
+pub mod fill;
 pub mod host;
 pub mod hosted;
 pub mod http;

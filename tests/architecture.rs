@@ -26,6 +26,7 @@ const ORDER: &[&str] = &[
     "competitions",
     "standings",
     "dataset",
+    "fill",
     "http",
     "server",
     "cli",

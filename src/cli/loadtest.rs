@@ -19,7 +19,7 @@ use swarmbench_loadtest::connection::{Answers, Target};
 use swarmbench_loadtest::games::SEATS;
 use swarmbench_loadtest::latencies::Spread;
 use swarmbench_loadtest::metrics::Metrics;
-use swarmbench_loadtest::{Progress, acts, bare_handler, obs, play, polls, slow};
+use swarmbench_loadtest::{Progress, acts, bare_handler, obs, play, polls, reads, slow};
 
 /// Open files besides connections: the terminal, the runtime, the database of the bare writer.
 const FILES_RESERVED: u64 = 100;
@@ -61,6 +61,12 @@ pub(super) struct Args {
     /// play: rounds of each episode; default: 4 to 100, fewer for more episodes.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     rounds: Option<u32>,
+    /// reads: requests of each kind.
+    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..))]
+    reads: u32,
+    /// reads: concurrent clients.
+    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    readers: u16,
     /// polls: requests that wait at once.
     #[arg(long, default_value_t = 10_000, value_parser = clap::value_parser!(u16).range(1..))]
     polls: u16,
@@ -89,6 +95,8 @@ enum Scenario {
     Acts,
     /// A grid of games, played to the end.
     Play,
+    /// Boards, lists and look-ups of what the server has already.
+    Reads,
     /// Many long polls.
     Polls,
     /// Slow clients next to honest ones.
@@ -114,6 +122,8 @@ struct Report {
     acts: Vec<acts::Comparison>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     play: Vec<play::Line>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reads: Option<reads::Report>,
     #[serde(skip_serializing_if = "Option::is_none")]
     polls: Option<polls::Report>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -226,11 +236,15 @@ async fn measure(
     }
     if named(Scenario::Play) {
         for &episodes in &args.episodes {
-            let episodes = scaled("play", episodes.into(), connections_max);
+            let episodes = usize::from(episodes);
             let rounds = args.rounds.unwrap_or_else(|| play::rounds(episodes));
             let line = play::run(target, episodes, rounds, connections_max, progress).await?;
             report.play.push(line);
         }
+    }
+    if named(Scenario::Reads) {
+        let (requests, clients) = (args.reads as usize, usize::from(args.readers));
+        report.reads = Some(reads::run(target, requests, clients, progress).await?);
     }
     if named(Scenario::Polls) {
         let seats = usize::from(args.seats);
@@ -252,6 +266,7 @@ fn answers(report: &Report) -> impl Iterator<Item = &Answers> {
     (report.obs.iter().map(|obs| &obs.answers))
         .chain(report.acts.iter().map(|acts| &acts.answers))
         .chain(report.play.iter().map(|line| &line.answers))
+        .chain(report.reads.iter().map(|reads| &reads.answers))
         .chain(report.polls.iter().map(|polls| &polls.answers))
         .chain(report.slow.iter().map(|slow| &slow.answers))
 }
@@ -269,6 +284,9 @@ fn show(report: &Report) {
     }
     if !report.play.is_empty() {
         show_play(&report.play);
+    }
+    if let Some(reads) = &report.reads {
+        show_reads(reads);
     }
     if let Some(polls) = &report.polls {
         show_polls(polls);
@@ -387,9 +405,26 @@ fn show_play(lines: &[play::Line]) {
     out!("{shown}");
     out!(
         "by /act: a connection for each seat, which acts and then waits at /obs; by /swarm/act: one for each \
-         episode, which looks at /swarm/obs and acts for all seats (ack: of all 12 acts), and of some episodes one seat \
+         episode, or for several if there are more than connections, which looks at /swarm/obs and acts for all seats (ack: of all 12 acts), and of some episodes one seat \
          that waits at /obs. wake: from the receipt of a round's last act until a waiting seat has its observation"
     );
+}
+
+/// Shows how long reads take.
+pub(super) fn show_reads(reads: &reads::Report) {
+    let mut shown = numbers(&["read", "different", "first ms", "p50 ms", "p99 ms", "max ms"]);
+    for line in &reads.lines {
+        shown.add_row([
+            line.read.to_owned(),
+            line.different.to_string(),
+            millis(line.first_ms),
+            millis(line.latency.p50_ms),
+            millis(line.latency.p99_ms),
+            millis(line.latency.max_ms),
+        ]);
+    }
+    out!("\n{} reads of each kind by {} clients at once", reads.requests, reads.clients);
+    out!("{shown}");
 }
 
 fn show_polls(polls: &polls::Report) {

@@ -7,6 +7,7 @@ mod arguments;
 mod audit;
 mod backup;
 mod board;
+mod capacity;
 mod clock;
 mod competition;
 mod completions;
@@ -105,6 +106,9 @@ enum Command {
     Import(import::Args),
     /// Load test your own server, and compare it with minimal programs on the same machine.
     Loadtest(Box<loadtest::Args>),
+    /// Make a large database, and measure the server on it.
+    #[command(subcommand)]
+    Capacity(capacity::Command),
     /// Print the OpenAPI document of the server.
     Openapi(openapi::Args),
     /// Fail if a server does not answer.
@@ -141,6 +145,7 @@ pub fn main() -> ExitCode {
         Command::Figure(args) => with_runtime(figure::run(*args)),
         Command::Import(args) => with_runtime(import::run(args)),
         Command::Loadtest(args) => with_runtime(loadtest::run(*args)),
+        Command::Capacity(command) => with_runtime(capacity::run(command)),
         Command::Openapi(args) => openapi::run(&args),
         Command::Healthcheck(args) => with_runtime(healthcheck::run(args)),
         Command::Completions(args) => completions::run(&args, arguments::command()),

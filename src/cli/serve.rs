@@ -42,6 +42,9 @@ pub(super) struct Args {
     /// Rate limit: entries in competitions per hour from one address without an invitation; 0 for no limit. This machine itself is not limited.
     #[arg(long, env = "SWARMBENCH_ENTRIES_PER_ADDRESS_H", default_value_t = Limits::default().entries_per_address_h_max)]
     entries_per_address_h: u32,
+    /// Unfinished episodes of the whole server at a time.
+    #[arg(long, env = "SWARMBENCH_EPISODES_MAX", default_value_t = Limits::default().episodes_unfinished_max)]
+    episodes_max: usize,
     /// Unfinished episodes that one key may have at a time.
     #[arg(long, env = "SWARMBENCH_EPISODES_PER_KEY", default_value_t = Limits::default().episodes_per_key_max)]
     episodes_per_key: usize,
@@ -102,6 +105,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         address_requests_per_s_max: args.address_requests_per_s,
         key_requests_per_s_max: args.key_requests_per_s,
         entries_per_address_h_max: args.entries_per_address_h,
+        episodes_unfinished_max: args.episodes_max,
         episodes_per_key_max: args.episodes_per_key,
         journal_bytes_per_key_max: args.journal_bytes_per_key,
         disk_free_percent_min: args.disk_free_percent_min,

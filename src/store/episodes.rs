@@ -32,6 +32,23 @@ pub struct Filter {
 }
 
 impl Filter {
+    /// Which of status, task and model chooses the index, if any: that of the fewest episodes, as far as can be known. SQLite
+    /// would take one of many and read all its episodes to find a few.
+    fn leads(&self) -> Option<&'static str> {
+        let is_unfinished = matches!(self.status.as_deref(), Some("waiting" | "running"));
+        if self.run.is_some() || self.fork_of.is_some() {
+            None
+        } else if is_unfinished {
+            Some("status")
+        } else if self.model.is_some() {
+            Some("model")
+        } else if self.task.is_some() {
+            Some("task")
+        } else {
+            Some("status")
+        }
+    }
+
     /// What is exported of forks: nothing, as games that begin in the same way are no independent games. All where they are
     /// asked for, or one episode is named.
     pub fn of_forks(wanted: bool, is_named: bool) -> Option<bool> {
@@ -161,11 +178,14 @@ impl Store {
     ) -> Result<Vec<StoredEpisode>, StoreError> {
         let mut query = select(Detail::Summary);
         query.push("e.key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
+        let leads = filter.leads();
         for (column, value) in
             [("status", &filter.status), ("task", &filter.task), ("model", &filter.model)]
         {
             if let Some(value) = value {
-                query.push(" AND e.").push(column).push(" = ").push_bind(value);
+                // With the sign SQLite takes no index for it.
+                query.push(if leads == Some(column) { " AND e." } else { " AND +e." });
+                query.push(column).push(" = ").push_bind(value);
             }
         }
         if let Some(model) = &filter.played_by {
@@ -256,14 +276,15 @@ impl Store {
         self.fetch_all(query).await
     }
 
-    /// How many bytes the acts of all episodes of each competition take that is not open to all yet.
+    /// How many bytes the acts of all episodes of each competition take that is not open to all yet. The joins are in this
+    /// order, from the few competitions on: SQLite would begin with all episodes.
     pub async fn bytes_by_competition(&self) -> Result<Vec<(CompetitionKey, u64)>, StoreError> {
         let query = sqlx::query(
             "SELECT competition, coalesce(sum(bytes), 0) FROM (
                  SELECT n.competition, coalesce(e.bytes, (
                             SELECT sum(octet_length(a.record)) FROM acts a WHERE a.episode = e.key)) AS bytes
-                 FROM competitions c JOIN entries n ON n.competition = c.key
-                 JOIN runs r ON r.entry = n.key JOIN episodes e ON e.run = r.key
+                 FROM competitions c CROSS JOIN entries n ON n.competition = c.key
+                 CROSS JOIN runs r ON r.entry = n.key CROSS JOIN episodes e ON e.run = r.key
                  WHERE c.revealed_at IS NULL)
              GROUP BY competition",
         );

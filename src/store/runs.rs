@@ -100,7 +100,8 @@ const SELECT: &str = "
     SELECT r.key, r.id, r.owner, r.definition, r.digest, r.status, r.entry, r.attempt, r.voided_at,
            r.void_reason, r.created_at, r.ended_at,
            (SELECT n.competition FROM entries n WHERE n.key = r.entry) AS competition,
-           EXISTS (SELECT 1 FROM episodes e WHERE e.run = r.key AND e.revealed) AS revealed
+           coalesce((SELECT c.revealed_at IS NOT NULL FROM entries n JOIN competitions c ON c.key = n.competition
+                     WHERE n.key = r.entry), 0) AS revealed
     FROM runs r WHERE ";
 
 impl Store {

@@ -1,5 +1,6 @@
 //! The command line, run as its user runs it.
 
+mod capacity;
 mod commands;
 mod mcp;
 
@@ -229,6 +230,7 @@ fn help_teaches() {
         "verify",
         "backup",
         "loadtest",
+        "capacity",
         "openapi",
         "healthcheck",
     ] {

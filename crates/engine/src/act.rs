@@ -16,8 +16,10 @@ impl AgentId {
     #[must_use]
     pub fn parse(name: &str) -> Option<Self> {
         let digits = name.strip_prefix("Agent_")?;
-        let number = digits.parse().ok()?;
-        (Self(number).to_string() == name).then_some(Self(number))
+        // A number has one way of writing: no sign, and no zeros before it.
+        let is_plain = digits.bytes().all(|digit| digit.is_ascii_digit());
+        let is_short = digits == "0" || !digits.starts_with('0');
+        if is_plain && is_short { digits.parse().ok().map(Self) } else { None }
     }
 
     /// The place of the agent in lists by agent.

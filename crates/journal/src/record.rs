@@ -78,6 +78,38 @@ pub enum Record {
     End(End),
 }
 
+/// The first bytes of the record of a round, as it is written.
+const ROUND_BEGINS: &str = "{\"kind\":\"round\",";
+
+/// The record of a round with its kind. Unlike [`Record`], which keeps all fields until it has found the kind, it is read
+/// in one pass.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct KnownRound {
+    #[serde(rename = "kind")]
+    _kind: serde::de::IgnoredAny,
+    round: u32,
+    acts: Vec<ActRecord>,
+    digest: String,
+    score: f64,
+}
+
+impl Record {
+    /// Reads a record.
+    ///
+    /// # Errors
+    /// If the text is none.
+    pub fn parse(text: &str) -> Result<Self, serde_json::Error> {
+        if text.starts_with(ROUND_BEGINS)
+            && let Ok(known) = serde_json::from_str(text)
+        {
+            let KnownRound { round, acts, digest, score, .. } = known;
+            return Ok(Self::Round(Round { round, acts, digest, score }));
+        }
+        serde_json::from_str(text)
+    }
+}
+
 /// What an episode is.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

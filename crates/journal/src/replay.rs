@@ -11,7 +11,7 @@ use swarmbench_engine::physics::{Solver, SolverError};
 use swarmbench_engine::{Act, AgentId, Config, RULES_REVISION, Scratch, World, answer};
 
 use super::chain::Head;
-use super::record::{ActRecord, End, FORMAT, Opening, RawRecord, Record, Round, Seats, Source};
+use super::record::{ActRecord, End, FORMAT, Opening, Record, Round, Seats, Source};
 use crate::Tally;
 use swarmbench_protocol::failure::Failure;
 
@@ -219,7 +219,9 @@ impl Verifier {
         self.lines += 1;
         let Self { solver, head, lines, played } = self;
         let mut at = String::new();
-        let checked = check_line(line, head).and_then(|record: Record| match record {
+        let parsed =
+            check_bytes(line, head).and_then(|record| Record::parse(record).map_err(not_a_record));
+        let checked = parsed.and_then(|record| match record {
             Record::Opening(opening) if played.is_none() => {
                 see(played.insert(Player::new(*opening, *solver)?).world(), &[]);
                 Ok(())
@@ -294,36 +296,70 @@ impl Verifier {
     }
 }
 
-/// A line of a journal file.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Line<'a> {
-    hash: &'a str,
-    #[serde(borrow)]
-    record: &'a RawValue,
-}
+/// What comes before and after the hash of a line, and after its record; see `RawRecord::line`.
+const BEFORE_HASH: &[u8] = b"{\"hash\":\"";
+const BEFORE_RECORD: &[u8] = b"\",\"record\":";
+const AFTER_RECORD: &[u8] = b"}\n";
+
+/// Hexadecimal digits of a hash.
+const HASH_DIGITS: usize = 64;
 
 /// Checks the bytes of a line against the chain; `head` moves on to the line's own.
 ///
 /// # Errors
 /// If it is no line of the format, or its hash does not continue the chain.
 pub fn check_line<T: DeserializeOwned>(line: &[u8], head: &mut Head) -> Result<T, String> {
-    let text = std::str::from_utf8(line).map_err(|error| format!("not UTF-8: {error}"))?;
-    let parsed: Line<'_> =
-        serde_json::from_str(text).map_err(|error| format!("not a line of a journal: {error}"))?;
-    let raw = RawRecord::from_stored(parsed.record.get().to_owned()).map_err(|e| e.to_string())?;
-    let linked = head.link(raw.as_str().as_bytes());
-    if parsed.hash != linked.to_string() {
+    serde_json::from_str(check_bytes(line, head)?).map_err(not_a_record)
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "it is passed to map_err")]
+fn not_a_record(error: serde_json::Error) -> String {
+    format!("not a record: {error}")
+}
+
+/// The record of a line; that it is one JSON object is checked where it is read.
+fn check_bytes<'a>(line: &'a [u8], head: &mut Head) -> Result<&'a str, String> {
+    let (hash, record) = parts(line).ok_or_else(|| wrong_form(line))?;
+    let linked = head.link(record);
+    let mut expected = [0; HASH_DIGITS];
+    data_encoding::HEXLOWER.encode_mut(&linked.0, &mut expected);
+    if hash != expected {
         return Err(format!(
             "changed: the record hashes to {linked}, the line says {}",
-            parsed.hash.chars().take(64).collect::<String>()
+            String::from_utf8_lossy(hash)
         ));
     }
-    if raw.line(linked) != text {
-        return Err("changed: there are bytes that no journal has around its records".to_owned());
-    }
     *head = linked;
-    raw.read().map_err(|error| format!("not a record: {error}"))
+    std::str::from_utf8(record).map_err(|error| format!("not UTF-8: {error}"))
+}
+
+/// The hash and the record of a line that has the bytes of the format around them.
+fn parts(line: &[u8]) -> Option<(&[u8], &[u8])> {
+    let (hash, rest) = line.strip_prefix(BEFORE_HASH)?.split_at_checked(HASH_DIGITS)?;
+    let record = rest.strip_prefix(BEFORE_RECORD)?.strip_suffix(AFTER_RECORD)?;
+    let is_object = record.starts_with(b"{") && record.ends_with(b"}");
+    is_object.then_some((hash, record))
+}
+
+/// What is wrong with a line that has not the form of the format.
+fn wrong_form(line: &[u8]) -> String {
+    /// A line, whatever bytes are around its parts.
+    #[derive(Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Line<'a> {
+        #[serde(rename = "hash")]
+        _hash: &'a str,
+        #[serde(borrow, rename = "record")]
+        _record: &'a RawValue,
+    }
+    let text = match std::str::from_utf8(line) {
+        Ok(text) => text,
+        Err(error) => return format!("not UTF-8: {error}"),
+    };
+    match serde_json::from_str::<Line<'_>>(text) {
+        Ok(_) => "changed: there are bytes that no journal has around its records".to_owned(),
+        Err(error) => format!("not a line of a journal: {error}"),
+    }
 }
 
 /// An episode as it is played again.
@@ -420,9 +456,10 @@ impl Player {
         }
         self.replayer.check(round.round).map_err(|fault| fault.to_string())?;
         let config = Arc::clone(self.world().config());
-        let living: Vec<String> = living(self.world()).map(|agent| agent.to_string()).collect();
-        let acting: Vec<&String> = round.acts.iter().map(|act| &act.agent).collect();
-        if acting != living.iter().collect::<Vec<_>>() {
+        let named = round.acts.iter().map(|act| AgentId::parse(&act.agent));
+        if !named.eq(living(self.world()).map(Some)) {
+            let living: Vec<String> = living(self.world()).map(|agent| agent.to_string()).collect();
+            let acting: Vec<&String> = round.acts.iter().map(|act| &act.agent).collect();
             return Err(format!(
                 "acts of {} do not come from exactly the living agents {}",
                 short(&acting),

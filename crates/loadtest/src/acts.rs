@@ -76,7 +76,7 @@ pub async fn run(
                 Player::by_seats(target, game, open.by_ref())
             } else {
                 let connection = open.next().expect("there is one for every episode");
-                Player::by_swarm(target, game, connection, None)
+                Player::by_swarm(target, std::slice::from_ref(game), connection, None)
             };
             (player, 0)
         })

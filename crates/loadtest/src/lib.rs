@@ -3,6 +3,7 @@
 //! A crate of its own because it must not share code with what it measures, except for the shapes of the wire.
 //!
 //! - [`play`]: a grid of games, small to large. [`polls`]: many requests that wait. [`slow`]: slow clients.
+//! - [`reads`]: boards, lists and look-ups on a server with many episodes.
 //! - [`obs`] against [`bare_handler`], [`acts`] against [`bare_commit`]: the server beside the best that its
 //!   libraries could do, measured in turns.
 //! - [`connection`]: a client at low cost. [`games`]: episodes to play. [`latencies`], [`metrics`],
@@ -18,6 +19,7 @@ pub mod metrics;
 pub mod obs;
 pub mod play;
 pub mod polls;
+pub mod reads;
 pub mod rounds;
 pub mod slow;
 

@@ -74,7 +74,8 @@ pub async fn run(
     let count = connections.div_ceil(SEATS);
     let games = games::create(target, &tally, count, SEATS, ROUNDS + 1, progress).await;
     for game in &games {
-        let mut player = Player::by_swarm(target, game, Connection::new(target), None);
+        let mut player =
+            Player::by_swarm(target, std::slice::from_ref(game), Connection::new(target), None);
         for round in 0..ROUNDS {
             player.round(&score, round, false).await;
         }

@@ -53,7 +53,8 @@ pub fn rounds(episodes: usize) -> u32 {
     u32::try_from(rounds.clamp(4, 100)).unwrap_or(100)
 }
 
-/// Plays `count` episodes at once for `rounds` rounds each, with `connections_max` connections at most.
+/// Plays `count` episodes at once for `rounds` rounds each, with `connections_max` connections at most. If there are more
+/// episodes than connections, some share one, which plays a round of each in turn.
 ///
 /// # Errors
 /// Where the connections cannot be opened.
@@ -65,38 +66,40 @@ pub async fn run(
     progress: &Progress,
 ) -> Result<Line, LoadError> {
     let score = Arc::new(Score::default());
-    let count_max = count.min(connections_max);
-    let games = games::create(target, &score.tally, count_max, SEATS, rounds, progress).await;
+    let games = games::create(target, &score.tally, count, SEATS, rounds, progress).await;
     let by_seats = games.len() * SEATS <= connections_max;
-    let watched = connections_max.saturating_sub(games.len()).min(WATCHED_MAX).min(games.len());
-    let connections = if by_seats { games.len() * SEATS } else { games.len() + watched };
+    let shared = games.len().div_ceil(connections_max.max(1)).max(1);
+    let acting = games.len().div_ceil(shared);
+    let watched = connections_max.saturating_sub(acting).min(WATCHED_MAX).min(acting);
+    let connections = if by_seats { games.len() * SEATS } else { acting + watched };
     let mut open = games::connect(target, connections, progress).await?.into_iter();
     let mut tasks = JoinSet::new();
     let all = games.len() as u64 * u64::from(rounds);
     let started = Instant::now();
-    for (place, game) in games.iter().enumerate() {
-        let mut player = if by_seats {
-            Player::by_seats(target, game, open.by_ref())
-        } else {
-            let connection = open.next().expect("there is one for every episode");
-            let watcher = if place < watched { open.next() } else { None };
-            Player::by_swarm(target, game, connection, watcher)
+    for (place, games) in games.chunks(shared).enumerate() {
+        let mut player = match games {
+            [game] if by_seats => Player::by_seats(target, game, open.by_ref()),
+            _ => {
+                let connection = open.next().expect("there is one for every chunk");
+                let watcher = if place < watched { open.next() } else { None };
+                Player::by_swarm(target, games, connection, watcher)
+            }
         };
-        let (score, progress) = (Arc::clone(&score), Arc::clone(progress));
+        let (score, progress, played) = (Arc::clone(&score), Arc::clone(progress), games.len());
         tasks.spawn(async move {
             for round in 0..rounds {
                 if !player.round(&score, round, true).await {
-                    return false;
+                    return 0;
                 }
                 progress("playing rounds", score.rounds.load(Ordering::Relaxed), all);
             }
-            true
+            played
         });
     }
-    let ended = tasks.join_all().await.into_iter().filter(|&ended| ended).count();
+    let ended = tasks.join_all().await.into_iter().sum();
     let elapsed = started.elapsed();
     Ok(Line {
-        episodes: count_max,
+        episodes: count,
         by: if by_seats { "/act" } else { "/swarm/act" },
         rounds,
         ended,

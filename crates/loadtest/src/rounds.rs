@@ -39,30 +39,35 @@ impl Player {
         )
     }
 
-    /// Plays with one connection for all seats. One seat waits for every round at `watcher`, if there is one.
+    /// Plays with one connection for all seats of some games, one game after the other. One seat of the first game waits
+    /// for every round at `watcher`, if there is one.
     #[must_use]
     pub fn by_swarm(
         target: &Target,
-        game: &Game,
+        games: &[Game],
         connection: Connection,
         watcher: Option<Connection>,
     ) -> Self {
-        let acting = Acting::new(target, game, connection);
-        let seat = game.seats.first().cloned().unwrap_or_default();
+        let acting = Acting::of(target, games, connection);
+        let seat = games.iter().flat_map(|game| &game.seats).next().cloned().unwrap_or_default();
         let watcher = watcher.map(|connection| Seat::new(target, connection, seat));
         Self::Swarm(Box::new(Swarm { acting, watcher }))
     }
 
-    /// Plays one round, with observations if `looks` is set, and counts it. False if a request failed.
+    /// Plays one round of each game, with observations if `looks` is set, and counts it. False if a request failed.
     pub async fn round(&mut self, score: &Score, round: u32, looks: bool) -> bool {
         let tally = &score.tally;
-        let (acts, times) = match self {
-            Self::Seats(seats) => (seats.len(), by_seats(seats, tally, round, looks).await),
-            Self::Swarm(swarm) => (swarm.acting.agents, swarm.round(tally, round, looks).await),
+        let (acts, rounds, times) = match self {
+            Self::Seats(seats) => (seats.len(), 1, by_seats(seats, tally, round, looks).await),
+            Self::Swarm(swarm) => {
+                let games = &swarm.acting.games;
+                let (acts, rounds) = (games.iter().map(|game| game.agents).sum(), games.len());
+                (acts, rounds, swarm.round(tally, round, looks).await)
+            }
         };
         let Some(times) = times else { return false };
         score.acts.fetch_add(acts as u64, Ordering::Relaxed);
-        score.rounds.fetch_add(1, Ordering::Relaxed);
+        score.rounds.fetch_add(rounds as u64, Ordering::Relaxed);
         score.acknowledged.record(times.acknowledged);
         score.woken.record(times.woken);
         true
@@ -187,18 +192,24 @@ fn woken(last: Instant, begun: Instant, ended: Instant) -> Option<Duration> {
     (begun <= last).then(|| ended.saturating_duration_since(last))
 }
 
-/// All seats of an episode at one connection, and possibly a seat that waits at another.
+/// All seats of some episodes at one connection, and possibly a seat that waits at another.
 #[derive(Debug)]
 pub struct Swarm {
     acting: Acting,
     watcher: Option<Seat>,
 }
 
-/// All seats of an episode at one connection.
+/// All seats of some episodes at one connection.
 #[derive(Debug)]
 pub struct Acting {
     connection: Connection,
     target: Target,
+    games: Vec<Held>,
+}
+
+/// An episode of which all seats are played.
+#[derive(Clone, Debug)]
+struct Held {
     id: String,
     token: String,
     agents: usize,
@@ -234,16 +245,24 @@ impl Swarm {
             }
         };
         let playing = async {
-            if looks {
-                acting.look(tally, round).await?;
+            let mut times = Vec::with_capacity(acting.games.len());
+            for place in 0..acting.games.len() {
+                if looks {
+                    acting.look(tally, place, round).await?;
+                }
+                times.push(acting.act_in(tally, place, round).await?);
             }
-            acting.act(tally, round).await
+            Some(times)
         };
         let (waited, acted) = tokio::join!(watching, playing);
-        let (sent, acknowledged) = acted?;
-        let woken = waited?.and_then(|(begun, ended)| woken(acknowledged, begun, ended));
+        let acted = acted?;
+        let first = acted.first().map(|(_, acknowledged)| *acknowledged);
+        let woken = waited?.zip(first).and_then(|((begun, ended), at)| woken(at, begun, ended));
         Some(RoundTimes {
-            acknowledged: vec![acknowledged - sent],
+            acknowledged: acted
+                .into_iter()
+                .map(|(sent, acknowledged)| acknowledged - sent)
+                .collect(),
             woken: woken.into_iter().collect(),
         })
     }
@@ -252,19 +271,32 @@ impl Swarm {
 impl Acting {
     /// All seats of an episode at a connection.
     pub fn new(target: &Target, game: &Game, connection: Connection) -> Self {
-        Self {
-            connection,
-            target: target.clone(),
+        Self::of(target, std::slice::from_ref(game), connection)
+    }
+
+    fn of(target: &Target, games: &[Game], connection: Connection) -> Self {
+        let held = |game: &Game| Held {
             id: game.id.clone(),
             token: game.swarm_token.clone(),
             agents: game.seats.len(),
-        }
+        };
+        Self { connection, target: target.clone(), games: games.iter().map(held).collect() }
     }
 
-    /// Acts for all seats; returns when the acts were sent and when the receipts were received.
+    /// Acts for all seats of the first episode; returns when the acts were sent and when the receipts were received.
     pub async fn act(&mut self, tally: &Tally, round: u32) -> Option<(Instant, Instant)> {
-        let json = acts(&self.id, self.agents, round);
-        let act = request(&self.target, "POST", "/swarm/act", Some(&self.token), Some(&json));
+        self.act_in(tally, 0, round).await
+    }
+
+    async fn act_in(
+        &mut self,
+        tally: &Tally,
+        place: usize,
+        round: u32,
+    ) -> Option<(Instant, Instant)> {
+        let Held { id, token, agents } = self.games.get(place)?;
+        let json = acts(id, *agents, round);
+        let act = request(&self.target, "POST", "/swarm/act", Some(token), Some(&json));
         let times = timed(&mut self.connection, tally, &act).await?;
         let receipts: Receipts = self.connection.read_json(tally)?;
         if let Some(code) = receipts.receipts.iter().find_map(|receipt| receipt.code.as_ref()) {
@@ -274,17 +306,18 @@ impl Acting {
         Some(times)
     }
 
-    /// Observes for all seats, all of which must have this round open.
-    async fn look(&mut self, tally: &Tally, round: u32) -> Option<()> {
-        let path = format!("/swarm/obs?wait=30&limit={}", self.agents);
-        let look = request(&self.target, "GET", &path, Some(&self.token), None);
+    /// Observes for all seats of an episode, all of which must have this round open.
+    async fn look(&mut self, tally: &Tally, place: usize, round: u32) -> Option<()> {
+        let Held { token, agents, .. } = self.games.get(place)?;
+        let path = format!("/swarm/obs?wait=30&limit={agents}");
+        let look = request(&self.target, "GET", &path, Some(token), None);
         if !self.connection.call(tally, &look).await {
             return None;
         }
         let look: Look = self.connection.read_json(tally)?;
         let open = look.observations.iter().filter(|seen| seen.round == round).count();
-        if open != self.agents {
-            tally.error(|| format!("{open} of {} seats wait in round {round}", self.agents));
+        if open != *agents {
+            tally.error(|| format!("{open} of {agents} seats wait in round {round}"));
             return None;
         }
         Some(())

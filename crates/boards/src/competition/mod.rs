@@ -11,6 +11,7 @@ pub mod definition;
 pub mod entrant;
 pub mod export;
 pub mod phase;
+mod replays;
 pub mod sealed;
 pub mod shown;
 pub mod standings;

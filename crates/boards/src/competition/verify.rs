@@ -5,8 +5,9 @@
 //! What a file alone cannot show is that it is the one that was published: compare its commitment with the one of
 //! the day on which the competition was announced, and its head with that of others.
 
-use std::collections::HashSet;
-use std::io::{BufRead, Read};
+use std::collections::{HashMap, HashSet, VecDeque};
+use std::io::BufRead;
+use std::sync::Arc;
 
 use jiff::Timestamp;
 use serde_json::Value;
@@ -16,6 +17,7 @@ use swarmbench_engine::physics::Solver;
 use super::definition::{Definition, Window};
 use super::entrant::Entrant;
 use super::export::{self, FORMAT, Line};
+use super::replays::{Replays, Waiting};
 use super::sealed::{SALT_BYTES, SEED_BYTES, Sealed};
 use super::standings::{Attempt, Row, standings};
 use crate::run::Definition as Run;
@@ -75,7 +77,8 @@ pub struct Expected {
     pub head: Option<Head>,
 }
 
-/// Checks the file of a competition; `progress` is called with how many lines were read.
+/// Checks the file of a competition; `progress` is called with how many lines were read. Journals are replayed by as many
+/// threads as the machine has processors.
 ///
 /// # Errors
 /// The first fault, with its line.
@@ -85,8 +88,16 @@ pub fn verify(
     solver: Solver,
     progress: impl FnMut(usize),
 ) -> Result<Report, Fault> {
-    let mut reader =
+    let reader =
         Reader { file, head: Head::START, number: 0, place: "the beginning".to_owned(), progress };
+    Replays::run(solver, |replays| read(reader, expected, replays))
+}
+
+fn read<R: BufRead, P: FnMut(usize)>(
+    mut reader: Reader<R, P>,
+    expected: Expected,
+    replays: &Replays,
+) -> Result<Report, Fault> {
     let competition = match reader.next()? {
         Some(Line::Competition(competition)) => *competition,
         Some(_) => return Err(reader.wrong("the first record is not a competition")),
@@ -94,31 +105,13 @@ pub fn verify(
     };
     "the competition".clone_into(&mut reader.place);
     let sealed = check_competition(&competition, expected).map_err(|what| reader.wrong(what))?;
-    let mut checker = Checker {
-        sealed,
-        competition,
-        entrants: Vec::new(),
-        attempts: Vec::new(),
-        episodes: 0,
-        rounds: 0,
-    };
-    let rows = loop {
-        match reader.next()? {
-            Some(Line::Entrant(entrant)) => {
-                reader.place = format!("the entrant {}", entrant.id);
-                checker.entrant(entrant).map_err(|what| reader.wrong(what))?;
-            }
-            Some(Line::Attempt(attempt)) => checker.attempt(&mut reader, &attempt, solver)?,
-            Some(Line::Board(board)) => {
-                "the board".clone_into(&mut reader.place);
-                break checker.board(board.rows).map_err(|what| reader.wrong(what))?;
-            }
-            Some(Line::Competition(_) | Line::Episode(_) | Line::End(_)) => {
-                return Err(reader.wrong("this record does not belong here"));
-            }
-            None => return Err(reader.wrong("the file ends here: the board is missing")),
-        }
-    };
+    let mut checker = Checker::new(competition, sealed, replays);
+    let read = checker.rest(&mut reader);
+    // What is wrong with a game that was read before comes first.
+    checker.settle(0)?;
+    let rows = read?;
+    "the board".clone_into(&mut reader.place);
+    let rows = checker.board(rows).map_err(|what| reader.wrong(what))?;
     "the end".clone_into(&mut reader.place);
     match reader.next()? {
         Some(Line::End(end)) if end.episodes == checker.episodes => {}
@@ -170,65 +163,46 @@ impl<R: BufRead, P: FnMut(usize)> Reader<R, P> {
         Fault::Line { line: self.number, place: self.place.clone(), problem: problem.into() }
     }
 
-    /// Replays the journal that follows, of `lines` lines.
-    fn journal(&mut self, lines: usize, head: Head, solver: Solver) -> Result<Played, Fault> {
-        let mut section = Section { file: &mut self.file, left: lines };
-        let played = replay::verify(&mut section, Some(head), solver, |_, _| {});
-        let left = section.left;
-        let first = self.number;
-        self.number += lines - left;
+    /// Begins to replay the journal that follows, of `lines` lines. One that is large is replayed before this returns.
+    fn journal(
+        &mut self,
+        lines: usize,
+        head: Head,
+        replays: &Replays,
+    ) -> Result<(Place, Waiting), Fault> {
+        let place = Place { before: self.number, lines, what: self.place.clone() };
+        let waiting = replays.begin(&mut self.file, lines, head)?;
+        self.number += lines - waiting.left;
         (self.progress)(self.number);
-        let played = played.map_err(|fault| match fault {
+        Ok((place, waiting))
+    }
+}
+
+/// Where the journal of a game is in the file.
+struct Place {
+    /// The number of the line before it.
+    before: usize,
+    lines: usize,
+    what: String,
+}
+
+impl Place {
+    fn wrong(&self, left: usize, problem: impl Into<String>) -> Fault {
+        let line = self.before + self.lines - left;
+        Fault::Line { line, place: self.what.clone(), problem: problem.into() }
+    }
+
+    /// The fault of a file of which the journal is a part.
+    fn fault(&self, left: usize, fault: replay::Fault) -> Fault {
+        match fault {
             replay::Fault::Io(error) => Fault::Io(error),
             replay::Fault::Line { line, at, problem } => Fault::Line {
-                line: first + line,
-                place: format!("{}, its journal{at}", self.place),
+                line: self.before + line,
+                place: format!("{}, its journal{at}", self.what),
                 problem,
             },
-            replay::Fault::Whole(problem) => self.wrong(problem),
-        })?;
-        if left > 0 {
-            return Err(self.wrong(format!("the file ends here: {left} lines are missing")));
+            replay::Fault::Whole(problem) => self.wrong(left, problem),
         }
-        Ok(played)
-    }
-}
-
-/// A number of lines of a file.
-struct Section<'a, R> {
-    file: &'a mut R,
-    left: usize,
-}
-
-impl<R: BufRead> BufRead for Section<'_, R> {
-    fn fill_buf(&mut self) -> std::io::Result<&[u8]> {
-        if self.left == 0 {
-            return Ok(&[]);
-        }
-        let bytes = self.file.fill_buf()?;
-        let ends = bytes.iter().enumerate().filter(|(_, byte)| **byte == b'\n');
-        let end = ends.map(|(place, _)| place + 1).nth(self.left - 1).unwrap_or(bytes.len());
-        Ok(&bytes[..end])
-    }
-
-    fn consume(&mut self, count: usize) {
-        // `fill_buf` has shown these bytes before, so they are still there.
-        let ends = self
-            .file
-            .fill_buf()
-            .map_or(0, |bytes| bytes.iter().take(count).filter(|byte| **byte == b'\n').count());
-        self.left = self.left.saturating_sub(ends);
-        self.file.consume(count);
-    }
-}
-
-impl<R: BufRead> Read for Section<'_, R> {
-    fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
-        let bytes = self.fill_buf()?;
-        let count = bytes.len().min(into.len());
-        into[..count].copy_from_slice(&bytes[..count]);
-        self.consume(count);
-        Ok(count)
     }
 }
 
@@ -283,25 +257,83 @@ fn check_competition(
 }
 
 /// What was read so far.
-struct Checker {
+struct Checker<'a> {
     competition: export::Competition,
     sealed: Sealed,
     entrants: Vec<Entrant>,
+    /// The place of each entrant, by its id.
+    entrant_of: HashMap<String, usize>,
     attempts: Vec<Attempt>,
+    /// The runs of all attempts, and the attempts of each entrant that were not voided.
+    runs: HashSet<String>,
+    played: HashSet<(usize, u32)>,
     episodes: usize,
     rounds: u64,
+    replays: &'a Replays,
+    /// Games that are being replayed, in the order of the file.
+    pending: VecDeque<Pending>,
 }
 
-impl Checker {
+/// A game that is being replayed, and what it is checked by.
+struct Pending {
+    waiting: Waiting,
+    place: Place,
+    published: Arc<export::Attempt>,
+    /// The places of its attempt, and of the game in that.
+    attempt: usize,
+    game: usize,
+    run: Arc<Run>,
+    window: Window,
+    planned: Planned,
+}
+
+impl<'a> Checker<'a> {
+    fn new(competition: export::Competition, sealed: Sealed, replays: &'a Replays) -> Self {
+        Self {
+            competition,
+            sealed,
+            entrants: Vec::new(),
+            entrant_of: HashMap::new(),
+            attempts: Vec::new(),
+            runs: HashSet::new(),
+            played: HashSet::new(),
+            episodes: 0,
+            rounds: 0,
+            replays,
+            pending: VecDeque::new(),
+        }
+    }
+
     fn definition(&self) -> &Definition {
         &self.competition.definition
+    }
+
+    /// Reads entrants and attempts up to the board, and returns that.
+    fn rest<R: BufRead, P: FnMut(usize)>(
+        &mut self,
+        reader: &mut Reader<R, P>,
+    ) -> Result<Vec<Row>, Fault> {
+        loop {
+            match reader.next()? {
+                Some(Line::Entrant(entrant)) => {
+                    reader.place = format!("the entrant {}", entrant.id);
+                    self.entrant(entrant).map_err(|what| reader.wrong(what))?;
+                }
+                Some(Line::Attempt(attempt)) => self.attempt(reader, &Arc::new(attempt))?,
+                Some(Line::Board(board)) => return Ok(board.rows),
+                Some(Line::Competition(_) | Line::Episode(_) | Line::End(_)) => {
+                    return Err(reader.wrong("this record does not belong here"));
+                }
+                None => return Err(reader.wrong("the file ends here: the board is missing")),
+            }
+        }
     }
 
     fn entrant(&mut self, entrant: Entrant) -> Result<(), String> {
         if !self.attempts.is_empty() {
             return Err("entrants come before all attempts".to_owned());
         }
-        if self.entrants.iter().any(|known| known.id == entrant.id) {
+        if self.entrant_of.insert(entrant.id.clone(), self.entrants.len()).is_some() {
             return Err("it is there twice".to_owned());
         }
         self.entrants.push(entrant);
@@ -311,19 +343,20 @@ impl Checker {
     fn attempt<R: BufRead, P: FnMut(usize)>(
         &mut self,
         reader: &mut Reader<R, P>,
-        published: &export::Attempt,
-        solver: Solver,
+        published: &Arc<export::Attempt>,
     ) -> Result<(), Fault> {
         let place = format!("attempt {} of {}", published.attempt, published.entrant);
         reader.place.clone_from(&place);
         let (window, run) = self.place(published).map_err(|what| reader.wrong(what))?;
+        let run = Arc::new(run);
         let plan = run.suite.plan();
         self.status(published, plan.len()).map_err(|what| reader.wrong(what))?;
         let slots = plan.iter().map(|game| Slot {
             task: TaskName::parse(&game.task).expect("the definition was checked"),
             seed: game.seed,
         });
-        let mut attempt = Attempt {
+        let number = self.attempts.len();
+        self.attempts.push(Attempt {
             entrant: published.entrant.clone(),
             number: published.attempt,
             run: published.run.clone(),
@@ -334,29 +367,29 @@ impl Checker {
             ended_at: published.ended_at,
             plan: slots.collect(),
             games: Vec::new(),
-        };
-        for game in &published.games {
+        });
+        let mut played = HashSet::new();
+        for (place_in_attempt, game) in published.games.iter().enumerate() {
             let planned = plan.get(game.slot as usize);
             let planned = planned.ok_or_else(|| reader.wrong("it has a game too many"))?;
+            let attempt = &mut self.attempts[number];
             let slot = attempt.plan[game.slot as usize];
+            // What was played is not known yet.
+            let unknown = Game {
+                slot,
+                score: 0.0,
+                answers: 0,
+                invalid: 0,
+                failures: Failures::EMPTY,
+                timeouts: 0,
+                voided: game.voided.is_some(),
+            };
+            attempt.games.push(unknown);
             if game.voided.is_some() {
-                let none = Game {
-                    slot,
-                    score: 0.0,
-                    answers: 0,
-                    invalid: 0,
-                    failures: Failures::EMPTY,
-                    timeouts: 0,
-                    voided: true,
-                };
-                attempt.games.push(none);
                 continue;
             }
-            if attempt.games.iter().any(|other| other.slot == slot && !other.voided) {
+            if !played.insert(game.slot) {
                 return Err(reader.wrong(format!("its game {} is there twice", game.slot)));
-            }
-            if attempt.voided {
-                continue;
             }
             let Some(Line::Episode(header)) = reader.next()? else {
                 return Err(reader.wrong(format!("episode {} is missing", game.episode)));
@@ -366,23 +399,52 @@ impl Checker {
                 return Err(reader.wrong(format!("episode {} is in its place", header.episode)));
             }
             let head = Head::parse(&header.head).ok_or_else(|| reader.wrong("its head is none"))?;
-            let played = reader.journal(header.lines, head, solver)?;
-            let check = GameCheck { published, game, run: &run, window, planned };
-            Self::check_game(&check, &played).map_err(|what| reader.wrong(what))?;
-            self.episodes += 1;
-            self.rounds += u64::from(played.rounds);
-            attempt.games.push(Game {
-                slot,
-                score: played.score,
-                answers: played.tally.acts,
-                invalid: played.tally.invalid,
-                failures: played.tally.failures,
-                timeouts: played.tally.timeouts,
-                voided: false,
+            let (place, waiting) = reader.journal(header.lines, head, self.replays)?;
+            self.pending.push_back(Pending {
+                waiting,
+                place,
+                published: Arc::clone(published),
+                game: place_in_attempt,
+                attempt: number,
+                run: Arc::clone(&run),
+                window,
+                planned: planned.clone(),
             });
+            self.settle(self.replays.pending_max())?;
         }
         reader.place = place;
-        self.attempts.push(attempt);
+        Ok(())
+    }
+
+    /// Takes what was replayed, in the order of the file, until at most `most` games are pending.
+    fn settle(&mut self, most: usize) -> Result<(), Fault> {
+        while self.pending.len() > most
+            && let Some(pending) = self.pending.pop_front()
+        {
+            self.settle_one(pending)?;
+        }
+        Ok(())
+    }
+
+    fn settle_one(&mut self, pending: Pending) -> Result<(), Fault> {
+        let Pending { waiting, place, published, attempt, game, run, window, planned } = pending;
+        let left = waiting.left;
+        let played = waiting.played().map_err(|fault| place.fault(left, fault))?;
+        if left > 0 {
+            let problem = format!("the file ends here: {left} lines are missing");
+            return Err(place.wrong(left, problem));
+        }
+        let known = &mut self.attempts[attempt].games[game];
+        let game = &published.games[game];
+        let check = GameCheck { published: &published, game, run: &run, window, planned: &planned };
+        Self::check_game(&check, &played).map_err(|what| place.wrong(0, what))?;
+        self.episodes += 1;
+        self.rounds += u64::from(played.rounds);
+        known.score = played.score;
+        known.answers = played.tally.acts;
+        known.invalid = played.tally.invalid;
+        known.failures = played.tally.failures;
+        known.timeouts = played.tally.timeouts;
         Ok(())
     }
 
@@ -405,25 +467,22 @@ impl Checker {
     }
 
     /// When an attempt may be played, and what.
-    fn place(&self, published: &export::Attempt) -> Result<(Window, Run), String> {
-        let definition = self.definition();
-        let entrant = self.entrants.iter().find(|entrant| entrant.id == published.entrant);
-        let entrant = entrant.ok_or("there is no such entrant")?;
+    fn place(&mut self, published: &export::Attempt) -> Result<(Window, Run), String> {
+        let definition = &self.competition.definition;
+        let number = *self.entrant_of.get(&published.entrant).ok_or("there is no such entrant")?;
         let window = definition.window(published.attempt);
         let window = window.ok_or("the competition has fewer attempts")?;
-        let same = |other: &&Attempt| {
-            other.entrant == published.entrant && other.number == published.attempt && !other.voided
-        };
-        if published.voided.is_none() && self.attempts.iter().any(|other| same(&other)) {
+        if published.voided.is_none() && !self.played.insert((number, published.attempt)) {
             return Err("it was played twice".to_owned());
         }
-        if self.attempts.iter().any(|other| other.run == published.run) {
+        if !self.runs.insert(published.run.clone()) {
             return Err(format!("its run {} is there twice", published.run));
         }
         check_time("it was started", published.created_at, window)?;
         let seeds = self.sealed.of_attempt(published.attempt, definition.seeds);
         let id = &self.competition.id;
-        let run = definition.run(id, &entrant.declaration, published.attempt, seeds);
+        let declaration = &self.entrants[number].declaration;
+        let run = definition.run(id, declaration, published.attempt, seeds);
         Ok((window, run.ok_or("the competition has fewer attempts")?))
     }
 
@@ -514,29 +573,4 @@ fn differs<T: serde::Serialize>(what: &str, published: &T, expected: &T) -> Resu
         }
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use std::io::Cursor;
-
-    use super::*;
-
-    #[test]
-    fn a_section_ends_after_its_lines_for_any_size_of_the_buffer() {
-        let text = "a\nbb\nccc\ndddd\n";
-        for buffer in 1..20 {
-            for lines in 0..6 {
-                let mut file = std::io::BufReader::with_capacity(buffer, Cursor::new(text));
-                let mut section = Section { file: &mut file, left: lines };
-                let mut read = String::new();
-                section.read_to_string(&mut read).expect("text");
-                let expected: String = text.split_inclusive('\n').take(lines).collect();
-                assert_eq!(read, expected);
-                let mut rest = String::new();
-                file.read_to_string(&mut rest).expect("text");
-                assert_eq!(format!("{read}{rest}"), text);
-            }
-        }
-    }
 }

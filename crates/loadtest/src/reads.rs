@@ -1,0 +1,224 @@
+//! How long boards, lists and look-ups take on a server that has many episodes.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+use tokio::task::JoinSet;
+
+use super::connection::{Answers, Connection, Tally, Target, request};
+use super::latencies::{Latencies, Spread};
+use super::{LoadError, Progress};
+
+/// Episodes, runs and cursors that are known before the measurement, so that requests differ.
+const SAMPLES_MAX: usize = 1000;
+
+/// Suites whose boards are read.
+const SUITES_MAX: usize = 4;
+
+/// Pages that are followed to get cursors.
+const PAGES: usize = 20;
+
+/// One kind of request.
+#[derive(Clone, Debug, Serialize)]
+pub struct Line {
+    /// What is read.
+    pub read: &'static str,
+    /// An example.
+    pub path: String,
+    /// Different requests of this kind, which are asked in turn.
+    pub different: usize,
+    /// The first answer, in milliseconds: nothing is cached yet.
+    pub first_ms: f64,
+    /// All answers.
+    pub latency: Spread,
+}
+
+/// What was measured.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// Requests of each kind, and how many at once.
+    pub requests: usize,
+    /// Concurrent clients.
+    pub clients: usize,
+    /// One line a kind.
+    pub lines: Vec<Line>,
+    /// Outcomes of all requests.
+    pub answers: Answers,
+}
+
+/// A list, as far as it is read.
+#[derive(Deserialize)]
+struct Page {
+    items: Vec<Item>,
+    next_cursor: Option<String>,
+}
+
+#[derive(Clone, Deserialize)]
+struct Item {
+    #[serde(default)]
+    id: Option<String>,
+    #[serde(default)]
+    model: Option<String>,
+    #[serde(default)]
+    task: Option<String>,
+    #[serde(default)]
+    suite: Option<Suite>,
+}
+
+#[derive(Clone, Deserialize)]
+struct Suite {
+    name: String,
+}
+
+/// Items of a list, and the cursors of its pages.
+#[derive(Default)]
+struct Listed {
+    items: Vec<Item>,
+    cursors: Vec<String>,
+}
+
+impl Listed {
+    fn ids(&self) -> Vec<&str> {
+        self.items.iter().filter_map(|item| item.id.as_deref()).take(SAMPLES_MAX).collect()
+    }
+
+    /// The different values of a field.
+    fn all(&self, field: impl Fn(&Item) -> Option<&String>) -> Vec<&str> {
+        let mut all: Vec<&str> =
+            self.items.iter().filter_map(|item| field(item)).map(String::as_str).collect();
+        all.sort_unstable();
+        all.dedup();
+        all.truncate(SAMPLES_MAX);
+        all
+    }
+}
+
+/// Reads what a server has, `requests` times of each kind by `clients` at once.
+///
+/// # Errors
+/// Where the server has no finished episode to read.
+pub async fn run(
+    target: &Target,
+    requests: usize,
+    clients: usize,
+    progress: &Progress,
+) -> Result<Report, LoadError> {
+    let tally = Arc::new(Tally::default());
+    let episodes = listed(target, &tally, "/api/v1/episodes?status=finished&limit=200").await;
+    if episodes.items.is_empty() {
+        let samples = tally.answers().samples;
+        let why = samples.first().map_or("the server has no finished episode", String::as_str);
+        return Err(LoadError::of("nothing to read")(&why));
+    }
+    let runs = listed(target, &tally, "/api/v1/runs?limit=50").await;
+    let cups = listed(target, &tally, "/api/v1/competitions?limit=50").await;
+    let mut lines = Vec::new();
+    for (read, paths) in kinds(&episodes, &runs, &cups) {
+        if !paths.is_empty() {
+            progress(read, 0, requests as u64);
+            lines.push(line(target, &tally, read, paths, (requests, clients)).await);
+        }
+    }
+    Ok(Report { requests, clients, lines, answers: tally.answers() })
+}
+
+/// The kinds of requests, with different ones of each.
+fn kinds(episodes: &Listed, runs: &Listed, cups: &Listed) -> Vec<(&'static str, Vec<String>)> {
+    let each = |values: Vec<&str>, path: &dyn Fn(&str) -> String| {
+        values.into_iter().map(path).collect::<Vec<_>>()
+    };
+    let models = episodes.all(|item| item.model.as_ref());
+    let tasks = episodes.all(|item| item.task.as_ref());
+    let mut suites = runs.all(|item| item.suite.as_ref().map(|suite| &suite.name));
+    suites.truncate(SUITES_MAX);
+    let boards = suites.iter().flat_map(|suite| {
+        let of = move |more: &str| format!("/api/v1/leaderboard?suite={suite}{more}");
+        let sorted = tasks.iter().map(move |task| of(&format!("&sort={task}")));
+        let by_task = tasks.iter().map(move |task| of(&format!("&task={task}")));
+        ["", "&pick=mean", "&pick=last"].map(of).into_iter().chain(sorted).chain(by_task)
+    });
+    let model_and_task = models.iter().zip(tasks.iter().cycle());
+    vec![
+        ("leaderboard", boards.collect()),
+        ("list of episodes", vec!["/api/v1/episodes".to_owned()]),
+        (
+            "its further pages",
+            each(episodes.cursors.iter().map(String::as_str).collect(), &|cursor| {
+                format!("/api/v1/episodes?status=finished&cursor={cursor}")
+            }),
+        ),
+        ("list by task", each(tasks.clone(), &|task| format!("/api/v1/episodes?task={task}"))),
+        ("list by model", each(models.clone(), &|model| format!("/api/v1/episodes?model={model}"))),
+        (
+            "by model, task and status",
+            model_and_task
+                .map(|(model, task)| {
+                    format!("/api/v1/episodes?status=finished&model={model}&task={task}")
+                })
+                .collect(),
+        ),
+        ("list of unfinished", vec!["/api/v1/episodes?status=running".to_owned()]),
+        ("list of runs", vec!["/api/v1/runs".to_owned()]),
+        ("games of a run", each(runs.ids(), &|run| format!("/api/v1/episodes?run={run}"))),
+        ("an episode", each(episodes.ids(), &|id| format!("/api/v1/episodes/{id}"))),
+        ("its journal", each(episodes.ids(), &|id| format!("/api/v1/episodes/{id}/journal"))),
+        ("a run", each(runs.ids(), &|id| format!("/api/v1/runs/{id}"))),
+        ("a competition", each(cups.ids(), &|id| format!("/api/v1/competitions/{id}"))),
+        ("its board", each(cups.ids(), &|id| format!("/api/v1/competitions/{id}/board"))),
+        ("its entrants", each(cups.ids(), &|id| format!("/api/v1/competitions/{id}/entrants"))),
+    ]
+}
+
+/// The first pages of a list.
+async fn listed(target: &Target, tally: &Tally, path: &str) -> Listed {
+    let mut connection = Connection::new(target);
+    let mut listed = Listed::default();
+    for _ in 0..PAGES {
+        let cursor =
+            listed.cursors.last().map_or(String::new(), |cursor| format!("&cursor={cursor}"));
+        let call = request(target, "GET", &format!("{path}{cursor}"), target.key(), None);
+        if !connection.call(tally, &call).await {
+            break;
+        }
+        let Some(page) = connection.read_json::<Page>(tally) else { break };
+        listed.items.extend(page.items);
+        let Some(next) = page.next_cursor else { break };
+        listed.cursors.push(next);
+    }
+    listed
+}
+
+async fn line(
+    target: &Target,
+    tally: &Arc<Tally>,
+    read: &'static str,
+    paths: Vec<String>,
+    (requests, clients): (usize, usize),
+) -> Line {
+    let calls: Arc<Vec<_>> = Arc::new(
+        paths.iter().map(|path| request(target, "GET", path, target.key(), None)).collect(),
+    );
+    let mut connection = Connection::new(target);
+    let started = Instant::now();
+    connection.call(tally, &calls[0]).await;
+    let first_ms = started.elapsed().as_secs_f64() * 1e3;
+    let latencies = Arc::new(Latencies::default());
+    let mut tasks = JoinSet::new();
+    for client in 0..clients {
+        let (calls, tally, latencies) =
+            (Arc::clone(&calls), Arc::clone(tally), Arc::clone(&latencies));
+        let mut connection = Connection::new(target);
+        tasks.spawn(async move {
+            for number in (client..requests).step_by(clients) {
+                let started = Instant::now();
+                if connection.call(&tally, &calls[number % calls.len()]).await {
+                    latencies.record([started.elapsed()]);
+                }
+            }
+        });
+    }
+    tasks.join_all().await;
+    let path = paths.into_iter().next().unwrap_or_default();
+    Line { read, path, different: calls.len(), first_ms, latency: latencies.spread() }
+}

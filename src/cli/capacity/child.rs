@@ -1,0 +1,110 @@
+//! This program, run once more as a process of its own, with its time and its memory.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+
+use crate::host;
+
+/// The pause between two looks at the memory of a process.
+const LOOK_AGAIN: Duration = Duration::from_millis(50);
+
+/// A process that runs.
+pub(super) struct Child {
+    child: Killed,
+    started: Instant,
+    output: JoinHandle<std::io::Result<Vec<u8>>>,
+    memory: JoinHandle<Option<u64>>,
+}
+
+/// A process that is killed where nobody waits for it any more.
+struct Killed(std::process::Child);
+
+impl Drop for Killed {
+    fn drop(&mut self) {
+        // Both are errors of one that has ended.
+        drop(self.0.kill());
+        drop(self.0.wait());
+    }
+}
+
+/// A process that has ended well.
+pub(super) struct Finished {
+    pub(super) seconds: f64,
+    /// What it wrote to its standard output.
+    pub(super) output: Vec<u8>,
+    /// The most memory that it had, if the host tells it.
+    pub(super) memory_bytes: Option<u64>,
+}
+
+impl Child {
+    /// Starts this program with these arguments. Its standard output goes into the file, if one is named.
+    pub(super) fn start(args: &[&str], into: Option<&Path>) -> anyhow::Result<Self> {
+        let program = std::env::current_exe()?;
+        let stdout = match into {
+            Some(file) => File::create(file).with_context(|| file.display().to_string())?.into(),
+            None => Stdio::piped(),
+        };
+        let mut command = Command::new(program);
+        command.args(args).stdin(Stdio::null()).stdout(stdout);
+        // Options of this command are not theirs.
+        for (name, _) in std::env::vars_os() {
+            if name.as_encoded_bytes().starts_with(b"SWARMBENCH_") {
+                command.env_remove(name);
+            }
+        }
+        command.env("RUST_LOG", "warn");
+        let mut child = Killed(command.spawn()?);
+        let started = Instant::now();
+        let stdout = child.0.stdout.take();
+        let output = thread::spawn(move || {
+            let mut read = Vec::new();
+            stdout.map_or(Ok(0), |mut stdout| stdout.read_to_end(&mut read))?;
+            Ok(read)
+        });
+        let id = child.0.id();
+        let memory = thread::spawn(move || {
+            let mut most = None;
+            // Until the process has ended.
+            while let Some(now) = host::peak_memory_bytes(id) {
+                most = Some(now);
+                thread::sleep(LOOK_AGAIN);
+            }
+            most
+        });
+        Ok(Self { child, started, output, memory })
+    }
+
+    /// How it ended, if it has.
+    pub(super) fn ended(&mut self) -> anyhow::Result<Option<String>> {
+        Ok(self.child.0.try_wait()?.map(|status| status.to_string()))
+    }
+
+    /// Waits for its end, which has to be a success.
+    pub(super) async fn finished(self) -> anyhow::Result<Finished> {
+        tokio::task::spawn_blocking(move || self.wait()).await?
+    }
+
+    fn wait(mut self) -> anyhow::Result<Finished> {
+        let status = self.child.0.wait()?;
+        let seconds = self.started.elapsed().as_secs_f64();
+        if !status.success() {
+            bail!("a part of the measurement failed: {status}");
+        }
+        let panicked = |_| anyhow::anyhow!("a thread of the measurement panicked");
+        let output = self.output.join().map_err(panicked)??;
+        let memory_bytes = self.memory.join().map_err(panicked)?;
+        Ok(Finished { seconds, output, memory_bytes })
+    }
+
+    /// Asks it to stop, and waits for its end.
+    pub(super) async fn stop(self) -> anyhow::Result<Finished> {
+        host::ask_to_stop(self.child.0.id())?;
+        self.finished().await
+    }
+}

@@ -1,0 +1,71 @@
+//! `swarmbench capacity fill`
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context, bail};
+use indicatif::{HumanBytes, HumanCount};
+
+use crate::cli::output::{self, fields, progress_bar, set};
+use crate::fill::{Fill, Filled, fill};
+
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "The games are played by drawn acts, and written as the server writes them: every journal can be \
+    verified, and boards, lists and competitions have rows. The same options and seed make the same games.\n\nExamples:\n  \
+    swarmbench capacity fill --db big.db\n  \
+    swarmbench capacity fill --db small.db --episodes 2000 --agents 12 --rounds 100"
+)]
+pub(in crate::cli) struct Args {
+    /// The database to make; it must not exist.
+    #[arg(long)]
+    db: PathBuf,
+    /// Episodes; a few more are made, so that all runs are complete.
+    #[arg(long, default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
+    episodes: u64,
+    /// More episodes that wait for their first act.
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=10_000_000))]
+    unfinished: u64,
+    /// Agents of each.
+    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u16).range(2..=16))]
+    agents: u16,
+    /// Rounds of each, at most.
+    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    rounds: u32,
+    /// Games, names and tokens follow from it.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// As JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+    let Args { db, episodes, unfinished, agents, rounds, seed, json } = args;
+    let wanted = Fill { episodes, unfinished, agents, rounds, seed };
+    if db.exists() {
+        bail!("{} exists: name a file that does not", db.display());
+    }
+    let bar = progress_bar("{bar:30} game {human_pos} of {human_len}, {eta} left");
+    let started = Instant::now();
+    let filled = fill(&db, wanted, |done, of| set(&bar, done, of)).await;
+    bar.finish_and_clear();
+    let Filled { episodes, runs, competitions, organizer } = filled?;
+    let seconds = started.elapsed().as_secs_f64();
+    let bytes = std::fs::metadata(&db).with_context(|| format!("{}", db.display()))?.len();
+    if json {
+        return output::json(&serde_json::json!({
+            "database": db, "episodes": episodes, "runs": runs, "competitions": competitions, "bytes": bytes,
+            "seconds": seconds, "organizer": organizer.reveal(),
+        }));
+    }
+    let rows = [
+        ("database", format!("{}, {}", db.display(), HumanBytes(bytes))),
+        ("games", format!("{}, of {} runs", HumanCount(episodes), HumanCount(runs))),
+        ("competitions", competitions.join(", ")),
+        ("made in", format!("{seconds:.0} s")),
+        ("an organizer's key", organizer.reveal().to_owned()),
+    ];
+    out!("{}", fields(rows));
+    Ok(())
+}

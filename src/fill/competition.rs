@@ -1,0 +1,154 @@
+//! A competition that is over, with its entrants.
+
+use std::time::Duration;
+
+use jiff::Timestamp;
+use swarmbench_boards::competition::definition::Definition as Announced;
+use swarmbench_boards::competition::definition::{Admission, BoardRule, Counts, Window};
+use swarmbench_boards::competition::entrant::Declaration;
+use swarmbench_boards::competition::sealed::Sealed;
+use swarmbench_clock::after;
+
+use super::{FillError, Filling, REST, SPAN, settings};
+use crate::competitions::{self, new_entrant_id, new_id};
+use crate::ids::{CompetitionKey, EntryKey};
+use crate::keys::{Key, KeyRow, OwnerKey, Role};
+use crate::run::definition::Definition;
+use crate::store::StoreError;
+use crate::store::competitions::Declared;
+use crate::store::entries::{CompetitionRow, EntrantRow, Entry, Secret};
+use swarmbench_engine::TaskName;
+
+/// Sealed seeds of an attempt; every task is played once on each.
+const SEEDS: u32 = 20;
+
+/// The fewest entrants: a board of one tells nothing.
+const ENTRANTS_MIN: u64 = 2;
+
+/// A competition as it was announced, and who takes part.
+pub(super) struct Competition {
+    pub(super) key: CompetitionKey,
+    pub(super) id: String,
+    definition: Announced,
+    sealed: Sealed,
+    entrants: Vec<(EntryKey, OwnerKey, Declaration)>,
+}
+
+impl Competition {
+    /// Writes a competition with as many entrants as play about `games` games, without their attempts.
+    pub(super) async fn create(
+        filling: &Filling,
+        number: u64,
+        games: u64,
+    ) -> Result<Self, FillError> {
+        let entropy = filling.entropy(b'c', number);
+        let at = filling.since;
+        let opens_at = at;
+        let closes_at = after(at, SPAN + REST / 2);
+        let definition = Announced {
+            name: format!("Cup {}", number + 1),
+            description: "Small games by drawn acts.".to_owned(),
+            tasks: TaskName::ALL.map(|task| task.name().to_owned()).to_vec(),
+            seeds: SEEDS,
+            rules: "paper".to_owned(),
+            settings: swarmbench_protocol::suite::SuiteSettings {
+                round_deadline_ms: Some(60_000),
+                ..settings(filling.fill)
+            },
+            idle_timeout_ms: millis(Duration::from_hours(24)),
+            opens_at,
+            closes_at,
+            entry: Admission::Anybody,
+            attempts: vec![Window { opens_at, closes_at }],
+            parallel: 5,
+            counts: Counts::Best,
+            board: BoardRule::Public,
+            board_freezes_at: None,
+            entries_per_key: 1,
+        };
+        let problems = definition.problems_when_new(at);
+        if let Some((field, problem)) = problems.first() {
+            return Err(FillError::Settings(format!("{field} {problem}")));
+        }
+        let sealed = Sealed::draw(definition.sealed_seeds(), &entropy);
+        let id = new_id(at, &entropy);
+        let row = CompetitionRow {
+            id: id.clone(),
+            definition: serde_json::to_string(&definition).expect("string keys"),
+            salt: Secret(sealed.salt.to_vec()),
+            seeds: Secret(sealed.seeds.concat()),
+            commitment: sealed.commitment(),
+            opens_at,
+            closes_at,
+            at,
+        };
+        let store = &filling.store;
+        store.keep(vec![Entry::AddCompetition(Box::new(row))]).await?;
+        let missing = || StoreError::Missing("the competition is not there".into());
+        let key = competitions::find(store, &id).await?.ok_or_else(missing)?.key;
+        let count = (games / definition.games() as u64).max(ENTRANTS_MIN);
+        let mut entries = Vec::new();
+        for entrant in 0..count {
+            let name = format!("Team {}", entrant + 1);
+            let (key_of, token) =
+                Key::new(Role::Entrant, &name, None, at, &entropy).map_err(FillError::Settings)?;
+            let declaration = Declaration {
+                model: format!("model-{entrant}"),
+                temperature: Some(1.0),
+                top_p: None,
+                agent_meta: serde_json::Map::new(),
+                prompt_template: None,
+                template: None,
+            };
+            let owner = key_of.id.clone();
+            entries.push(Entry::AddKey(Box::new(KeyRow { key: key_of, hash: token.hash() })));
+            entries.push(Entry::AddEntrant(Box::new(EntrantRow {
+                id: new_entrant_id(at, &entropy),
+                competition: key,
+                owner,
+                name,
+                model: declaration.model.clone(),
+                declaration: serde_json::to_string(&declaration).expect("string keys"),
+                template: None,
+                vouched: false,
+                invitation: None,
+                at,
+            })));
+        }
+        store.keep(entries).await?;
+        let stored = competitions::entrants(store, key, None, Declared::Whole).await?;
+        let entrants = stored.into_iter().map(|one| (one.key, one.owner, one.entrant.declaration));
+        Ok(Self { key, id, definition, sealed, entrants: entrants.collect() })
+    }
+
+    pub(super) fn entrants(&self) -> usize {
+        self.entrants.len()
+    }
+
+    /// Games of an attempt.
+    pub(super) fn games(&self) -> u64 {
+        self.definition.games() as u64
+    }
+
+    pub(super) fn closes_at(&self) -> Timestamp {
+        self.definition.closes_at
+    }
+
+    /// An entrant's number, and whose it is.
+    pub(super) fn entry(&self, entrant: usize) -> (EntryKey, OwnerKey) {
+        let (entry, owner, _) = &self.entrants[entrant];
+        (*entry, *owner)
+    }
+
+    /// The only attempt of an entrant.
+    pub(super) fn run(&self, entrant: usize) -> Result<Definition, String> {
+        let (_, _, declaration) = &self.entrants[entrant];
+        let seeds = self.sealed.of_attempt(1, self.definition.seeds);
+        let run = self.definition.run(&self.id, declaration, 1, seeds);
+        run.ok_or_else(|| "there is no attempt".to_owned())
+    }
+}
+
+fn millis(duration: Duration) -> u64 {
+    swarmbench_clock::millis(duration)
+}

@@ -1,0 +1,401 @@
+//! Fills a new database with games that were played here: what a server becomes after years of use, in minutes. Every
+//! journal is a real one, and all rows are written by the store's own writer.
+//!
+//! [`game`] plays one game; [`competition`] makes a competition with all its games.
+
+mod competition;
+mod game;
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use futures::{StreamExt, TryStreamExt, stream};
+use jiff::Timestamp;
+use serde_json::Map;
+use swarmbench_clock::{Clock, Entropy, SeededEntropy, SystemClock, after};
+use swarmbench_protocol::status::Visibility;
+use swarmbench_protocol::suite::{Suite, SuiteSettings};
+
+use crate::episode::spec::Spec;
+use crate::ids::{EpisodeKey, RunKey, Token};
+use crate::keys::{Key, KeyRow, OwnerKey, Role};
+use crate::run::definition::{self, Definition};
+use crate::run::new_id;
+use crate::store::entries::{Entry, RunRow};
+use crate::store::{OpenError, Store, StoreError};
+use competition::Competition;
+use game::NewGame;
+
+/// Games of a run.
+const RUN_GAMES: u64 = 20;
+
+/// One game in so many belongs to no run, and has tokens of its own.
+const SINGLE_ONE_IN: u64 = 5;
+
+/// Episodes for which there is one competition; a smaller database has one, too.
+const EPISODES_PER_COMPETITION: u64 = 100_000;
+
+/// One game in so many belongs to a competition.
+const COMPETITION_ONE_IN: u64 = 10;
+
+/// Keys by which episodes are created, and different models.
+const OWNERS: u64 = 100;
+const MODELS: u64 = 1000;
+
+/// The time over which the games are spread.
+const SPAN: Duration = Duration::from_hours(90 * 24);
+
+/// The longest idle timeout: an episode that nobody plays stays unfinished.
+const IDLE_TIMEOUT_MS: u64 = 31_536_000_000;
+
+/// The time between the last game and now.
+const REST: Duration = Duration::from_hours(24);
+
+/// Pieces that are made, or wait for the disk, at a time: the memory that is used is theirs.
+const PIECES_AT_ONCE: usize = 4;
+
+/// Single episodes of a piece.
+const PIECE_EPISODES: u64 = 100;
+
+/// What a database is filled with.
+#[derive(Clone, Copy, Debug)]
+pub struct Fill {
+    /// How many episodes that have ended.
+    pub episodes: u64,
+    /// How many more that wait for their first act.
+    pub unfinished: u64,
+    /// Agents of each.
+    pub agents: u16,
+    /// Rounds of each, at most: some tasks end earlier.
+    pub rounds: u32,
+    /// All games, names and tokens follow from it.
+    pub seed: u64,
+}
+
+/// What was made.
+#[derive(Debug)]
+pub struct Filled {
+    pub episodes: u64,
+    pub runs: u64,
+    /// The ids of its competitions.
+    pub competitions: Vec<String>,
+    /// The key of an organizer.
+    pub organizer: Token,
+}
+
+#[derive(Debug, thiserror::Error)]
+pub enum FillError {
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// What was asked for cannot be played.
+    #[error("such games cannot be played: {0}")]
+    Settings(String),
+}
+
+/// Fills a new database; `progress` gets how many episodes of how many are durable.
+pub async fn fill(
+    path: &Path,
+    fill: Fill,
+    progress: impl FnMut(u64, u64),
+) -> Result<Filled, FillError> {
+    let store = Store::open(path).await?;
+    let filled = Filling::new(store.clone(), fill).all(progress).await;
+    store.close().await;
+    filled
+}
+
+/// Some runs or episodes whose entries are written together.
+enum Piece {
+    /// A run of a suite, with all its games.
+    Run { run: RunKey, first: EpisodeKey },
+    /// Episodes of their own, to their end or before their first act.
+    Singles { first: EpisodeKey, count: u64, ended: bool },
+    /// An attempt in a competition, with all its games.
+    Attempt { competition: Arc<Competition>, entrant: usize, run: RunKey, first: EpisodeKey },
+}
+
+struct Filling {
+    store: Store,
+    fill: Fill,
+    /// When the first game was played.
+    since: Timestamp,
+    suites: Vec<Suite>,
+}
+
+impl Filling {
+    fn new(store: Store, fill: Fill) -> Self {
+        let now = SystemClock.wall();
+        let back = |by| now.checked_sub(by).unwrap_or(Timestamp::UNIX_EPOCH);
+        let since = Timestamp::from_millisecond(back(SPAN + REST).as_millisecond()).unwrap_or(now);
+        let suites = ["small", "small-late"].map(|name| suite(name, fill)).to_vec();
+        Self { store, fill, since, suites }
+    }
+
+    async fn all(self, mut progress: impl FnMut(u64, u64)) -> Result<Filled, FillError> {
+        let organizer = self.add_keys().await?;
+        let (pieces, made) = self.pieces().await?;
+        let filling = Arc::new(self);
+        let made_pieces = stream::iter(pieces).map(|piece| {
+            let filling = Arc::clone(&filling);
+            async move {
+                let games = piece.games();
+                let made = Arc::clone(&filling);
+                let entries = tokio::task::spawn_blocking(move || made.entries(piece)).await;
+                let entries = entries.map_err(|error| FillError::Settings(error.to_string()))?;
+                filling.store.keep(entries.map_err(FillError::Settings)?).await?;
+                Ok::<_, FillError>(games)
+            }
+        });
+        let mut kept = made_pieces.buffered(PIECES_AT_ONCE);
+        let (mut episodes, of) = (0, made.episodes);
+        while let Some(games) = kept.try_next().await? {
+            episodes += games;
+            progress(episodes, of);
+        }
+        for competition in &made.competitions {
+            let at = competition.closes_at();
+            filling.store.keep(vec![Entry::Reveal { competition: competition.key, at }]).await?;
+        }
+        let competitions = made.competitions.iter().map(|cup| cup.id.clone()).collect();
+        Ok(Filled { episodes, runs: made.runs, competitions, organizer })
+    }
+
+    /// Adds an organizer and the owners of episodes; the organizer's token.
+    async fn add_keys(&self) -> Result<Token, FillError> {
+        let entropy = self.entropy(b'k', 0);
+        let key = |role, name: &str| {
+            let made = Key::new(role, name, None, self.since, &entropy);
+            made.map(|(key, token)| {
+                (Entry::AddKey(Box::new(KeyRow { key, hash: token.hash() })), token)
+            })
+        };
+        let (entry, organizer) = key(Role::Organizer, "organizer").map_err(FillError::Settings)?;
+        let mut entries = vec![entry];
+        for owner in 0..OWNERS {
+            entries
+                .push(key(Role::Member, &format!("owner {owner}")).map_err(FillError::Settings)?.0);
+        }
+        self.store.keep(entries).await?;
+        Ok(organizer)
+    }
+
+    /// What is written, in this order; competitions are written already, without attempts.
+    async fn pieces(&self) -> Result<(Vec<Piece>, Made), FillError> {
+        let of = self.fill.episodes;
+        let count = of.div_ceil(EPISODES_PER_COMPETITION);
+        let each = of / COMPETITION_ONE_IN / count;
+        let mut made = Made { episodes: 0, runs: 0, competitions: Vec::new() };
+        let mut pieces = Vec::new();
+        for number in 0..count {
+            let cup = Competition::create(self, number, each).await?;
+            made.competitions.push(Arc::new(cup));
+        }
+        let mut cups = made.competitions.clone().into_iter();
+        while made.episodes < of {
+            // Competitions begin evenly between the others.
+            let begun = (count - cups.len() as u64) * EPISODES_PER_COMPETITION.min(of / count);
+            if made.episodes >= begun
+                && let Some(competition) = cups.next()
+            {
+                for entrant in 0..competition.entrants() {
+                    let (run, first) = made.next_run(competition.games());
+                    let competition = Arc::clone(&competition);
+                    pieces.push(Piece::Attempt { competition, entrant, run, first });
+                }
+            }
+            let (run, first) = made.next_run(RUN_GAMES);
+            pieces.push(Piece::Run { run, first });
+            if made.runs.is_multiple_of(PIECE_EPISODES / RUN_GAMES * (SINGLE_ONE_IN - 1)) {
+                let first = made.next(PIECE_EPISODES);
+                pieces.push(Piece::Singles { first, count: PIECE_EPISODES, ended: true });
+            }
+        }
+        let mut left = self.fill.unfinished;
+        while left > 0 {
+            let count = left.min(PIECE_EPISODES);
+            pieces.push(Piece::Singles { first: made.next(count), count, ended: false });
+            left -= count;
+        }
+        Ok((pieces, made))
+    }
+
+    /// When an episode is created: they are evenly spread.
+    fn at(&self, episode: EpisodeKey) -> Timestamp {
+        let millis = u128::from(episode.0.unsigned_abs()) * SPAN.as_millis();
+        let all = self.fill.episodes + self.fill.unfinished;
+        let millis = millis / u128::from(all.max(1));
+        let at = after(self.since, Duration::from_millis(u64::try_from(millis).unwrap_or(0)));
+        // The database keeps milliseconds.
+        Timestamp::from_millisecond(at.as_millisecond()).unwrap_or(at)
+    }
+
+    /// Random bytes for one thing of a kind.
+    fn entropy(&self, kind: u8, number: u64) -> SeededEntropy {
+        let mut seed = [0; 8];
+        // Two sequences never meet: what follows from a count is spread by a hash.
+        SeededEntropy::new(self.fill.seed ^ (u64::from(kind) << 56) ^ number).fill(&mut seed);
+        SeededEntropy::new(u64::from_le_bytes(seed))
+    }
+
+    fn entries(&self, piece: Piece) -> Result<Vec<Entry>, String> {
+        match piece {
+            Piece::Run { run, first } => {
+                let number = run.0.unsigned_abs();
+                let suite = &self.suites[usize::try_from(number).unwrap_or(0) % self.suites.len()];
+                let definition = definition(suite.clone(), format!("model-{}", number % MODELS));
+                self.run(run, first, &definition, None, Some(owner(number)))
+            }
+            Piece::Attempt { competition, entrant, run, first } => {
+                let definition = competition.run(entrant)?;
+                let (entry, owner) = competition.entry(entrant);
+                self.run(run, first, &definition, Some((entry, 1)), Some(owner))
+            }
+            Piece::Singles { first, count, ended } => {
+                let mut entries = Vec::new();
+                for episode in (first.0..).take(usize::try_from(count).unwrap_or(0)) {
+                    entries.extend(self.single(EpisodeKey(episode), ended)?);
+                }
+                Ok(entries)
+            }
+        }
+    }
+
+    /// A run that has ended, with all its games.
+    fn run(
+        &self,
+        run: RunKey,
+        first: EpisodeKey,
+        definition: &Definition,
+        attempt: Option<(crate::ids::EntryKey, u32)>,
+        owner: Option<OwnerKey>,
+    ) -> Result<Vec<Entry>, String> {
+        let entropy = self.entropy(b'r', run.0.unsigned_abs());
+        let at = self.at(first);
+        let id = new_id(at, &entropy);
+        let visibility =
+            Visibility::parse(&definition.visibility).ok_or("an unknown visibility")?;
+        let row = RunRow {
+            run,
+            id: id.clone(),
+            owner,
+            suite: definition.suite.name.clone(),
+            digest: definition.suite.digest(),
+            definition: serde_json::to_string(definition).expect("string keys"),
+            model: definition.model.clone(),
+            visibility: visibility.name(),
+            attempt,
+            at,
+            idempotency: None,
+            token: Some(Token::new(crate::ids::TokenKind::Swarm, &entropy).hash()),
+        };
+        let mut entries = vec![Entry::OpenRun(Box::new(row))];
+        let mut end = at;
+        for (episode, game) in (first.0..).zip(definition.suite.plan()) {
+            let episode = EpisodeKey(episode);
+            let salt = (visibility == Visibility::Sealed).then(|| {
+                let mut bytes = [0; 16];
+                entropy.fill(&mut bytes);
+                data_encoding::HEXLOWER.encode(&bytes)
+            });
+            let spec = definition::spec(definition, &id, &game, salt)?;
+            let new =
+                NewGame { episode, owner, run: Some((run, game.slot)), spec, at: self.at(episode) };
+            entries.extend(new.play(&self.entropy(b'e', episode.0.unsigned_abs())));
+            if let Some(Entry::End(row)) = entries.last() {
+                end = end.max(row.at);
+            }
+        }
+        entries.push(Entry::EndRun { run, status: "finished", at: end });
+        Ok(entries)
+    }
+
+    fn single(&self, episode: EpisodeKey, ended: bool) -> Result<Vec<Entry>, String> {
+        let number = episode.0.unsigned_abs();
+        let suite = &self.suites[0];
+        let mut game = suite.plan().swap_remove(usize::try_from(number % RUN_GAMES).unwrap_or(0));
+        game.seed = number.try_into().map_err(|_| "a seed that is too large".to_owned())?;
+        let definition = definition(suite.clone(), format!("model-{}", number % MODELS));
+        let spec = Spec { run: None, ..definition::spec(&definition, "", &game, None)? };
+        let new =
+            NewGame { episode, owner: Some(owner(number)), run: None, spec, at: self.at(episode) };
+        let entropy = self.entropy(b'e', number);
+        Ok(if ended { new.play(&entropy) } else { new.open(&entropy) })
+    }
+}
+
+impl Piece {
+    fn games(&self) -> u64 {
+        match self {
+            Self::Run { .. } => RUN_GAMES,
+            Self::Singles { count, .. } => *count,
+            Self::Attempt { competition, .. } => competition.games(),
+        }
+    }
+}
+
+/// What was numbered so far.
+struct Made {
+    episodes: u64,
+    runs: u64,
+    competitions: Vec<Arc<Competition>>,
+}
+
+impl Made {
+    /// The numbers of the next run and of its first game.
+    fn next_run(&mut self, games: u64) -> (RunKey, EpisodeKey) {
+        self.runs += 1;
+        (RunKey(self.runs.cast_signed()), self.next(games))
+    }
+
+    /// The number of the first of the next episodes.
+    fn next(&mut self, episodes: u64) -> EpisodeKey {
+        let first = self.episodes + 1;
+        self.episodes += episodes;
+        EpisodeKey(first.cast_signed())
+    }
+}
+
+/// The key that created something; the first of all is the organizer's.
+fn owner(number: u64) -> OwnerKey {
+    OwnerKey((2 + number % OWNERS).cast_signed())
+}
+
+/// A suite of small games.
+fn suite(name: &str, fill: Fill) -> Suite {
+    let built_in = Suite::built_in("quick", "paper").expect("it is built in");
+    Suite {
+        name: name.to_owned(),
+        seeds: [27, 42, 57, 72].map(swarmbench_engine::Seed::from).to_vec(),
+        settings: settings(fill),
+        ..built_in
+    }
+}
+
+/// The settings of small games.
+fn settings(fill: Fill) -> SuiteSettings {
+    SuiteSettings {
+        num_agents: fill.agents.into(),
+        max_round: fill.rounds.into(),
+        ..SuiteSettings::default()
+    }
+}
+
+fn definition(suite: Suite, model: String) -> Definition {
+    Definition {
+        suite,
+        model,
+        temperature: Some(1.0),
+        top_p: Some(1.0),
+        meta: Map::new(),
+        prompt_template: None,
+        prompt_revision: swarmbench_prompt::REVISION,
+        player: None,
+        parallel: 4,
+        visibility: Visibility::Public.name().to_owned(),
+        idle_timeout_ms: IDLE_TIMEOUT_MS,
+        closes_at: None,
+    }
+}
