@@ -6,6 +6,7 @@
 //! - [`cli`]: the commands. [`server`]: starts and stops everything below.
 //! - [`http`]: routes and connections; the only place that names axum.
 //! - [`dataset`]: the public toolkit's data format. [`standings`]: the boards of a database.
+//! - [`fill`]: large databases to measure a server on.
 //! - [`competitions`]: runs on seeds that are secret until the end. [`run`]: suites of games for one model.
 //! - [`hosted`]: built-in players that the server plays. [`episode`]: the barrier, the actor that steps the engine, and
 //!   the snapshots that readers share.

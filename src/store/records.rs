@@ -37,7 +37,7 @@ pub type ActPlace = (u32, AgentId);
 /// Some acts of an episode, in their order.
 #[derive(Debug, Default)]
 pub struct ActsPart {
-    /// The round of each, and the bytes of its record.
+    /// The round of each, and the bytes of its record; or those of several of the same round.
     pub acts: Vec<(u32, String)>,
     /// Where the next part begins, if there is one.
     pub next: Option<ActPlace>,
@@ -51,16 +51,24 @@ pub struct ActReader {
     read: VecDeque<(u32, String)>,
     /// The first act that was not read, if there is one.
     unread: Option<ActPlace>,
+    /// Whether the acts of a round come together, with commas between them.
+    is_joined: bool,
 }
 
 impl ActReader {
     /// Reads the acts of the rounds before `end`.
     pub fn new(store: Store, episode: EpisodeKey, end: u32) -> Self {
         let unread = Some((0, AgentId(0)));
-        Self { store, episode, end, read: VecDeque::new(), unread }
+        Self { store, episode, end, read: VecDeque::new(), unread, is_joined: false }
     }
 
-    /// The record of the next act, if that is one of round `round`. At most about `bytes_max` bytes are read at
+    /// Reads the same acts; those of a round come together where a part has room for them, with commas between them. A
+    /// row of the database costs more than the act in it.
+    pub fn joined(store: Store, episode: EpisodeKey, end: u32) -> Self {
+        Self { is_joined: true, ..Self::new(store, episode, end) }
+    }
+
+    /// The record of the next act, or the records of the next acts, if they are of round `round`. At most about `bytes_max` bytes are read at
     /// once.
     pub async fn next_of(
         &mut self,
@@ -68,7 +76,12 @@ impl ActReader {
         bytes_max: usize,
     ) -> Result<Option<String>, StoreError> {
         if let Some(from) = self.unread.filter(|_| self.read.is_empty()) {
-            let part = self.store.acts_part(self.episode, from, self.end, bytes_max).await?;
+            let (store, episode, end) = (&self.store, self.episode, self.end);
+            let part = if self.is_joined {
+                store.rounds_part(episode, from, end, bytes_max).await?
+            } else {
+                store.acts_part(episode, from, end, bytes_max).await?
+            };
             self.read = part.acts.into();
             self.unread = part.next;
         }
@@ -94,6 +107,45 @@ impl Store {
              ORDER BY round, agent",
         );
         let query = query.bind(episode.0).bind(from.0).bind(from.1.0).bind(last.0).bind(last.1.0);
+        Ok(ActsPart { acts: self.fetch_all(query).await?, next })
+    }
+
+    /// The same in whole rounds, of which the acts are joined by commas; a part without room for the next whole round is one
+    /// of acts.
+    async fn rounds_part(
+        &self,
+        episode: EpisodeKey,
+        from: ActPlace,
+        end: u32,
+        bytes_max: usize,
+    ) -> Result<ActsPart, StoreError> {
+        let query = sqlx::query(
+            "SELECT round, count(*), sum(octet_length(record)) FROM (
+                 SELECT round, record FROM acts WHERE episode = ? AND (round, agent) >= (?, ?) AND round < ?
+                 ORDER BY round, agent LIMIT ?)
+             GROUP BY round ORDER BY round",
+        );
+        let query = query.bind(episode.0).bind(from.0).bind(from.1.0).bind(end);
+        let rounds: Vec<(u32, u32, u64)> = self.fetch_all(query.bind(ACTS_OF_A_PART_MAX)).await?;
+        let acts: u32 = rounds.iter().map(|(_, count, _)| count).sum();
+        let is_cut = acts == ACTS_OF_A_PART_MAX;
+        // Of the last one there may be more acts.
+        let whole = rounds.len() - usize::from(is_cut);
+        let mut sum = 0;
+        let fitting = rounds[..whole].iter().take_while(|(_, _, bytes)| {
+            sum += bytes;
+            sum <= bytes_max as u64
+        });
+        let fitting = fitting.count();
+        let Some(&(last, ..)) = rounds[..fitting].last() else {
+            return self.acts_part(episode, from, end, bytes_max).await;
+        };
+        let query = sqlx::query(
+            "SELECT round, group_concat(record, ',' ORDER BY agent) FROM acts
+             WHERE episode = ? AND (round, agent) >= (?, ?) AND round <= ? GROUP BY round ORDER BY round",
+        );
+        let query = query.bind(episode.0).bind(from.0).bind(from.1.0).bind(last);
+        let next = (is_cut || fitting < rounds.len()).then_some((last + 1, AgentId(0)));
         Ok(ActsPart { acts: self.fetch_all(query).await?, next })
     }
 

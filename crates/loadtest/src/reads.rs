@@ -68,6 +68,8 @@ struct Item {
 
 #[derive(Clone, Deserialize)]
 struct Suite {
+    /// Suites of competitions have none.
+    #[serde(default)]
     name: String,
 }
 
@@ -85,8 +87,7 @@ impl Listed {
 
     /// The different values of a field.
     fn all(&self, field: impl Fn(&Item) -> Option<&String>) -> Vec<&str> {
-        let mut all: Vec<&str> =
-            self.items.iter().filter_map(|item| field(item)).map(String::as_str).collect();
+        let mut all: Vec<&str> = self.items.iter().filter_map(field).map(String::as_str).collect();
         all.sort_unstable();
         all.dedup();
         all.truncate(SAMPLES_MAX);
@@ -130,7 +131,8 @@ fn kinds(episodes: &Listed, runs: &Listed, cups: &Listed) -> Vec<(&'static str, 
     };
     let models = episodes.all(|item| item.model.as_ref());
     let tasks = episodes.all(|item| item.task.as_ref());
-    let mut suites = runs.all(|item| item.suite.as_ref().map(|suite| &suite.name));
+    let mut suites = runs
+        .all(|item| item.suite.as_ref().map(|suite| &suite.name).filter(|name| !name.is_empty()));
     suites.truncate(SUITES_MAX);
     let boards = suites.iter().flat_map(|suite| {
         let of = move |more: &str| format!("/api/v1/leaderboard?suite={suite}{more}");
@@ -162,8 +164,8 @@ fn kinds(episodes: &Listed, runs: &Listed, cups: &Listed) -> Vec<(&'static str, 
         ("list of runs", vec!["/api/v1/runs".to_owned()]),
         ("games of a run", each(runs.ids(), &|run| format!("/api/v1/episodes?run={run}"))),
         ("an episode", each(episodes.ids(), &|id| format!("/api/v1/episodes/{id}"))),
-        ("its journal", each(episodes.ids(), &|id| format!("/api/v1/episodes/{id}/journal"))),
         ("a run", each(runs.ids(), &|id| format!("/api/v1/runs/{id}"))),
+        ("its scores", each(episodes.ids(), &|id| format!("/api/v1/episodes/{id}/scores"))),
         ("a competition", each(cups.ids(), &|id| format!("/api/v1/competitions/{id}"))),
         ("its board", each(cups.ids(), &|id| format!("/api/v1/competitions/{id}/board"))),
         ("its entrants", each(cups.ids(), &|id| format!("/api/v1/competitions/{id}/entrants"))),

@@ -16,7 +16,7 @@ const LOOK_AGAIN: Duration = Duration::from_millis(50);
 
 /// A process that runs.
 pub(super) struct Child {
-    child: Killed,
+    process: Killed,
     started: Instant,
     output: JoinHandle<std::io::Result<Vec<u8>>>,
     memory: JoinHandle<Option<u64>>,
@@ -77,12 +77,12 @@ impl Child {
             }
             most
         });
-        Ok(Self { child, started, output, memory })
+        Ok(Self { process: child, started, output, memory })
     }
 
     /// How it ended, if it has.
     pub(super) fn ended(&mut self) -> anyhow::Result<Option<String>> {
-        Ok(self.child.0.try_wait()?.map(|status| status.to_string()))
+        Ok(self.process.0.try_wait()?.map(|status| status.to_string()))
     }
 
     /// Waits for its end, which has to be a success.
@@ -91,7 +91,7 @@ impl Child {
     }
 
     fn wait(mut self) -> anyhow::Result<Finished> {
-        let status = self.child.0.wait()?;
+        let status = self.process.0.wait()?;
         let seconds = self.started.elapsed().as_secs_f64();
         if !status.success() {
             bail!("a part of the measurement failed: {status}");
@@ -104,7 +104,7 @@ impl Child {
 
     /// Asks it to stop, and waits for its end.
     pub(super) async fn stop(self) -> anyhow::Result<Finished> {
-        host::ask_to_stop(self.child.0.id())?;
+        host::ask_to_stop(self.process.0.id())?;
         self.finished().await
     }
 }

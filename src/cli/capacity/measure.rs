@@ -97,6 +97,9 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let first_board_ms = milliseconds(before);
     let silent: Progress = Arc::new(|_, _, _| ());
     let reads = reads::run(&server.target, reads as usize, readers.into(), &silent).await?;
+    if let Some(error) = reads.answers.samples.first() {
+        bail!("{} reads were answered with errors: {error}", reads.answers.errors);
+    }
     let competition = competition(&server, &dir).await?;
     let server_memory_bytes = server.stop().await?.memory_bytes;
     let rebuild = rebuild(&db).await?;

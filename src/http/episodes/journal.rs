@@ -85,7 +85,7 @@ impl JournalReader {
     pub(in super::super) fn new(store: Store, stored: StoredEpisode) -> Self {
         // Acts of the open round belong to the end.
         let end = stored.rounds.saturating_add(u32::from(stored.ended_at.is_some()));
-        let acts = ActReader::new(store.clone(), stored.episode, end);
+        let acts = ActReader::joined(store.clone(), stored.episode, end);
         let (at, head) = (Position::Opening, Head::START);
         Self { store, stored, at, head, acts, rounds: VecDeque::new() }
     }
@@ -136,7 +136,7 @@ impl JournalReader {
         Ok(Position::In(OpenLine { round, after, has_acts: false, left: None }))
     }
 
-    /// Writes the next act of a line, or its end.
+    /// Writes the next acts of a line, or its end.
     async fn resume_line(
         &mut self,
         mut line: OpenLine,
