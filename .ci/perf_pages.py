@@ -23,7 +23,11 @@ TASKS = ["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"]
 # Goals of the engine, by what is measured.
 ROUND_GOALS = {"play": 100_000, "play_and_observe": 30_000}
 FLOCK_GOALS = {"12, 10 × 10": 5e4, "30, 16 × 16": 1e6, "100, 28 × 28": 5e7, "256, 100 × 100": 1e9}
-ROUND_NAMES = {"play": "round and digest", "play_and_observe": "with all observations"}
+ROUND_NAMES = {
+    "play": "round and digest",
+    "play_and_observe": "with all observations",
+    "play_and_write": "with all present windows written",
+}
 
 
 def output(*command: str) -> str:
@@ -208,7 +212,8 @@ def slow(report: dict) -> str:
 def rounds(rows: list[dict]) -> str:
     """Rounds a second: a line a task, a column for each way of playing."""
     speeds = {(row["group"], row["function"]): 1e9 / row["ns"] for row in rows}
-    ways = [*ROUND_NAMES, *sorted({way for way, _ in speeds} - set(ROUND_NAMES))]
+    found = {way for way, _ in speeds}
+    ways = [*(way for way in ROUND_NAMES if way in found), *sorted(found - set(ROUND_NAMES))]
     cell: Callable[[float | None], str] = lambda speed: "" if speed is None else count(round(speed, -3))
     lines = [[task, *(cell(speeds.get((way, task))) for way in ways)] for task in TASKS]
     medians = [statistics.median(speed for (of, _), speed in speeds.items() if of == way) for way in ways]
@@ -229,13 +234,21 @@ def by_size(rows: list[dict], prefix: str, order: Sequence[str], corner: str, go
         name = f"{agents:,}, {side} × {side}"
         goal = [time(goals.get(name))] if goals else []
         lines.append([name, *(time(times.get(((agents, side), group))) for group in groups), *goal])
-    if prefix == "growth":
+    if prefix.startswith("growth"):
         sizes = sorted({size for size, _ in times})
         least, most = sizes[0], next(size for size in sizes if size[0] == sizes[-1][0])
         name = f"{least[0]:,} → {most[0]:,} agents (× {most[0] / least[0]:.0f})"
         factors = [(times.get((least, group)), times.get((most, group))) for group in groups]
         lines.append([name, *(f"× {after / before:.0f}" if before and after else "" for before, after in factors)])
     return table([corner, *groups, *(["goal (random)"] if goals else [])], lines)
+
+
+def growth(rows: list[dict]) -> str:
+    text = by_size(rows, "growth", TASKS, "agents, map", {})
+    if any(row["group"].startswith("growth_windows/") for row in rows):
+        text += "\nThe same with all present windows written into buffers, in the place of the observations:\n\n"
+        text += by_size(rows, "growth_windows", TASKS, "agents, map", {})
+    return text
 
 
 def chart(reports: dict) -> str:
@@ -273,7 +286,7 @@ def pages(folder: Path) -> str:
         (benchmarks, "rounds", "rounds", lambda: rounds(reports["rounds"])),
         (benchmarks, "flocking", "flocking", lambda: by_size(reports["flocking"], "distance",
          ["random", "corner", "crowds", "diagonal", "nearly formed"], "agents, map", FLOCK_GOALS)),
-        (benchmarks, "growth", "growth", lambda: by_size(reports["growth"], "growth", TASKS, "agents, map", {})),
+        (benchmarks, "growth", "growth", lambda: growth(reports["growth"])),
     ]
     for page, name, measured, make in made:
         if measured in reports:
