@@ -57,14 +57,14 @@ pub fn player(name: &str, task: TaskName) -> Result<String, String> {
 /// Plays the server's seats of the episodes it receives, until it is asked to stop.
 pub async fn run(
     mut episodes: mpsc::UnboundedReceiver<Handle>,
-    host: Host,
+    host: Arc<Host>,
     stop: CancellationToken,
 ) {
     let permits = permits();
     while let Either::Left((Some(handle), _)) =
         select(Box::pin(episodes.recv()), Box::pin(stop.cancelled())).await
     {
-        let (host, stop, permits) = (host.clone(), stop.clone(), permits.clone());
+        let (host, stop, permits) = (Arc::clone(&host), stop.clone(), permits.clone());
         tokio::spawn(async move {
             let id = handle.id.clone();
             let party = handle.party;
@@ -118,7 +118,11 @@ impl HostedError {
 }
 
 /// Plays the server's seats of one episode to its end.
-pub async fn play(handle: Handle, host: &Host, permits: &FairLimit) -> Result<(), HostedError> {
+pub async fn play(
+    handle: Handle,
+    host: &Arc<Host>,
+    permits: &FairLimit,
+) -> Result<(), HostedError> {
     let mut published = handle.follow();
     let mut players: Option<Players> = None;
     loop {

@@ -1,5 +1,7 @@
 //! Ids that are shown, and tokens that are shown once.
 
+use std::sync::Arc;
+
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};
 
@@ -27,18 +29,18 @@ row_keys! {
     ImportKey;
 }
 
-/// The public id of an episode: `ep_` and 32 hexadecimal digits that grow with time.
+/// The public id of an episode: `ep_` and 32 hexadecimal digits that grow with time. Cloning shares it.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct EpisodeId(String);
+pub struct EpisodeId(Arc<str>);
 
 impl EpisodeId {
     pub fn new(now: Timestamp, entropy: &dyn Entropy) -> Self {
-        Self(dated_id("ep_", now, entropy))
+        Self(dated_id("ep_", now, entropy).into())
     }
 
     /// An id as it was stored or sent; it may not exist.
     pub fn from_text(text: String) -> Self {
-        Self(text)
+        Self(text.into())
     }
     pub fn as_str(&self) -> &str {
         &self.0
@@ -94,6 +96,13 @@ pub struct Token(String);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TokenHash(pub [u8; 32]);
 
+impl TokenHash {
+    /// The hash of a token in clear; the text may be anything.
+    pub fn of(text: &str) -> Self {
+        Self(Sha256::digest(text).into())
+    }
+}
+
 const RANDOM_BYTES: usize = 24;
 
 impl Token {
@@ -127,7 +136,7 @@ impl Token {
         &self.0
     }
     pub fn hash(&self) -> TokenHash {
-        TokenHash(Sha256::digest(&self.0).into())
+        TokenHash::of(&self.0)
     }
 }
 

@@ -21,7 +21,7 @@ use crate::fair::Party;
 use crate::host::{Disk, HostDisk, memory_bytes, raise_open_files};
 use crate::hosted;
 use crate::http::limits::Limits;
-use crate::http::{Access, App, Foundation, Source, router, serve::serve};
+use crate::http::{Access, App, Foundation, Front, Source, serve::serve};
 use crate::measure;
 use crate::run::RunError;
 use crate::run::manager::{self, Runs};
@@ -207,7 +207,7 @@ impl Server {
         let Self(app) = self;
         let stop = app.stop.clone();
         if let Some(hosted) = app.registry.take_hosted() {
-            let playing = hosted::run(hosted, app.registry.host().clone(), stop.clone());
+            let playing = hosted::run(hosted, Arc::clone(app.registry.host()), stop.clone());
             app.workers.spawn_in_background(Box::pin(playing)).unwrap_or_else(|playing| {
                 drop(tokio::spawn(playing));
             });
@@ -221,7 +221,7 @@ impl Server {
         services.spawn(sweep(app.clone()));
         let trusted_proxies = app.access.trusted_proxies.clone();
         let serving =
-            serve(listener, router(app.clone()), app.limits, trusted_proxies, stop.clone());
+            serve(listener, Front::new(app.clone()), app.limits, trusted_proxies, stop.clone());
         let serving = tokio::spawn(serving);
         shutdown.await;
         tracing::info!("stopping");

@@ -3,6 +3,7 @@
 use std::io::IsTerminal;
 use std::sync::OnceLock;
 
+use metrics::{Counter, Histogram, counter, histogram};
 use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 use metrics_process::Collector;
 use tokio::task::JoinHandle;
@@ -80,6 +81,36 @@ pub fn metrics() -> &'static PrometheusHandle {
         drop(metrics::set_global_recorder(recorder));
         describe();
         handle
+    })
+}
+
+/// Metrics that change with every act or look. They are looked up once, as that costs more than the change.
+pub struct Frequent {
+    pub acts_valid: Counter,
+    pub acts_invalid: Counter,
+    pub acts_of_clock: Counter,
+    pub cells_async: Histogram,
+    pub cells_worker: Histogram,
+    pub commits: Counter,
+    pub commit_entries: Counter,
+    pub commit_seconds: Histogram,
+}
+
+/// See [`Frequent`].
+pub fn frequent() -> &'static Frequent {
+    static FREQUENT: OnceLock<Frequent> = OnceLock::new();
+    FREQUENT.get_or_init(|| {
+        metrics();
+        Frequent {
+            acts_valid: counter!("swarmbench_acts_total", "kind" => "valid"),
+            acts_invalid: counter!("swarmbench_acts_total", "kind" => "invalid"),
+            acts_of_clock: counter!("swarmbench_acts_total", "kind" => "clock"),
+            cells_async: histogram!("swarmbench_look_cells", "thread" => "async"),
+            cells_worker: histogram!("swarmbench_look_cells", "thread" => "worker"),
+            commits: counter!("swarmbench_commits_total"),
+            commit_entries: counter!("swarmbench_commit_entries_total"),
+            commit_seconds: histogram!("swarmbench_commit_seconds"),
+        }
     })
 }
 

@@ -36,7 +36,6 @@ const ORDER: &[&str] = &[
 /// Libraries that only some modules may name.
 const ONLY_IN: &[(&str, &[&str])] = &[
     ("axum", &["http"]),
-    ("tower_http", &["http"]),
     ("hyper", &["http"]),
     ("sqlx", &["store", "migrations"]),
     ("rustix", &["host", "store", "work"]),

@@ -4,7 +4,6 @@
 //! needs delays nobody but itself, only a limited number of its acts wait at once, from their arrival until they
 //! are answered; the others are not affected.
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -23,18 +22,15 @@ impl InFlightLimit {
         Arc::new(Self((0..agents).map(|_| AtomicU32::new(0)).collect()))
     }
 
-    /// Takes a permit for each act of a call. Returns the permits, and the agents that get none as too
-    /// many of their acts wait already.
+    /// Takes a permit for each act of a call. Returns the permits, and in order the agents that get none as too many of
+    /// their acts wait already.
     pub(super) fn take(
         self: &Arc<Self>,
         acts: impl Iterator<Item = AgentId>,
-    ) -> (InFlightPermits, BTreeSet<AgentId>) {
-        let mut counts: BTreeMap<AgentId, u32> = BTreeMap::new();
-        for agent in acts {
-            *counts.entry(agent).or_default() += 1;
-        }
-        let mut refused = BTreeSet::new();
-        counts.retain(|agent, count| {
+    ) -> (InFlightPermits, Vec<AgentId>) {
+        let mut counts = counted(acts);
+        let mut refused = Vec::new();
+        counts.retain(|(agent, count)| {
             let fits = |waiting: u32| {
                 let all = waiting.saturating_add(*count);
                 (waiting == 0 || all <= SEAT_ACTS_WAITING_MAX).then_some(all)
@@ -42,7 +38,7 @@ impl InFlightLimit {
             let waiting = &self.0[agent.index()];
             let taken = waiting.fetch_update(Ordering::AcqRel, Ordering::Acquire, fits).is_ok();
             if !taken {
-                refused.insert(*agent);
+                refused.push(*agent);
             }
             taken
         });
@@ -50,21 +46,34 @@ impl InFlightLimit {
     }
 }
 
+/// How often each agent is among some, in their order.
+fn counted(agents: impl Iterator<Item = AgentId>) -> Vec<(AgentId, u32)> {
+    let mut agents: Vec<AgentId> = agents.collect();
+    agents.sort_unstable();
+    let same = agents.chunk_by(|one, next| one == next);
+    same.map(|same| (same[0], u32::try_from(same.len()).unwrap_or(u32::MAX))).collect()
+}
+
 /// The permits of some acts, returned when this is dropped.
 #[derive(Debug)]
 pub(super) struct InFlightPermits {
     limit: Arc<InFlightLimit>,
-    counts: BTreeMap<AgentId, u32>,
+    /// In order of the agents.
+    counts: Vec<(AgentId, u32)>,
 }
 
 impl InFlightPermits {
+    /// The permits of these acts, as far as there are any, for themselves.
     pub(super) fn split(&mut self, acts: impl Iterator<Item = AgentId>) -> Self {
-        let mut counts: BTreeMap<AgentId, u32> = BTreeMap::new();
-        for agent in acts {
-            if let Some(left) = self.counts.get_mut(&agent).filter(|left| **left > 0) {
-                *left -= 1;
-                *counts.entry(agent).or_default() += 1;
-            }
+        let mut counts = counted(acts);
+        for (agent, count) in &mut counts {
+            let place = self.counts.binary_search_by_key(agent, |(agent, _)| *agent);
+            let left = place.map(|place| &mut self.counts[place].1);
+            *count = left.map_or(0, |left| {
+                let taken = (*count).min(*left);
+                *left -= taken;
+                taken
+            });
         }
         Self { limit: Arc::clone(&self.limit), counts }
     }
@@ -95,11 +104,11 @@ mod tests {
         let (all, refused) = limit.take(times(ONE, SEAT_ACTS_WAITING_MAX));
         assert!(refused.is_empty());
         let (more, refused) = limit.take([ONE, OTHER].into_iter());
-        assert_eq!(refused, BTreeSet::from([ONE]));
+        assert_eq!(refused, [ONE]);
         drop(all);
         // The other's permit is still held, and counts for itself alone.
         let (_, refused) = limit.take(times(ONE, 1).chain(times(OTHER, SEAT_ACTS_WAITING_MAX)));
-        assert_eq!(refused, BTreeSet::from([OTHER]));
+        assert_eq!(refused, [OTHER]);
         drop(more);
         assert!(limit.take(times(OTHER, SEAT_ACTS_WAITING_MAX)).1.is_empty());
     }
@@ -109,7 +118,7 @@ mod tests {
         let limit = InFlightLimit::new(2);
         let (mut all, refused) = limit.take(times(ONE, 1024).chain(times(OTHER, 3)));
         assert!(refused.is_empty());
-        assert_eq!(limit.take(times(ONE, 1)).1, BTreeSet::from([ONE]));
+        assert_eq!(limit.take(times(ONE, 1)).1, [ONE]);
         let part = all.split(times(ONE, 1020).chain(times(OTHER, 9)));
         drop(all);
         let counts =

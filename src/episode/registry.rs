@@ -89,7 +89,7 @@ impl From<StoreError> for FindError {
 /// All episodes of a server. Cloning shares them.
 #[derive(Clone)]
 pub struct Registry {
-    host: Host,
+    host: Arc<Host>,
     slots: Arc<Mutex<HashMap<EpisodeId, Slot>>>,
     next_key: Arc<AtomicI64>,
     /// Until when the search for idle episodes of a group, or of all, pauses: there were too few.
@@ -112,7 +112,7 @@ impl Registry {
         let (notify_ended, ended) = mpsc::unbounded_channel();
         let (notify_hosted, hosted) = mpsc::unbounded_channel();
         Self {
-            host: Host {
+            host: Arc::new(Host {
                 journal,
                 clock,
                 spawn,
@@ -122,7 +122,7 @@ impl Registry {
                 replays: Arc::default(),
                 ended: notify_ended,
                 hosted: notify_hosted,
-            },
+            }),
             slots: Arc::default(),
             next_key: Arc::new(AtomicI64::new(last_key + 1)),
             none_idle_until: Arc::default(),
@@ -135,7 +135,7 @@ impl Registry {
     /// With a budget of memory; without one there is no bound.
     #[must_use]
     pub fn with_budget(mut self, budget: Arc<Budget>) -> Self {
-        self.host.budget = budget;
+        Arc::make_mut(&mut self.host).budget = budget;
         self
     }
 
@@ -228,7 +228,7 @@ impl Registry {
     }
 
     /// What all actors share: states of earlier rounds are recomputed with it.
-    pub const fn host(&self) -> &Host {
+    pub const fn host(&self) -> &Arc<Host> {
         &self.host
     }
 
@@ -257,6 +257,16 @@ impl Registry {
             Some(slot) if slot.ends_at.is_some() => Location::Unfinished,
             Some(_) | None => Location::Journal,
         }
+    }
+
+    /// Finds an episode that is in memory, and whose actor has not ended by a fault.
+    pub fn find_in_memory(&self, id: &EpisodeId) -> Option<Handle> {
+        let now = self.host.clock.now();
+        let mut slots = self.slots();
+        let slot = slots.get_mut(id)?;
+        let handle = slot.handle.get().filter(|handle| !handle.is_dead()).cloned()?;
+        slot.used_at = now;
+        Some(handle)
     }
 
     /// Finds an episode, and recovers it from the journal if it is not in memory.
@@ -332,7 +342,7 @@ impl Registry {
         self.host.journal.recovered(stored.episode);
         let times = self.times(&stored);
         let init = recover(&self.host, stored, spec, party, times).await;
-        let handle = spawn(self.host.clone(), init.map_err(FindError::from)?, room);
+        let handle = spawn(Arc::clone(&self.host), init.map_err(FindError::from)?, room);
         // The caller may be dropped before it is found: then the sweep still has to see it, and
         // what its actor handed over still has to be awaited.
         if let Some(slot) = self.slots().get_mut(id) {

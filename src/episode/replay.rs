@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use futures::try_join;
 use swarmbench_engine::{Digest, World};
 
 use super::actor::{Handle, Host};
@@ -70,9 +71,10 @@ impl Rounds<'_> {
             let from = replayer.world().round();
             let to = end.min(from + at_once);
             let _memory = host.budget.take(acts_bytes(replayer.world().config(), to - from), None);
-            let acts = host.journal.acts(key, from, to).await?;
-            let rounds =
-                if checked { Some(host.journal.rounds(key, from, to).await?) } else { None };
+            let rounds = async {
+                if checked { host.journal.rounds(key, from, to).await.map(Some) } else { Ok(None) }
+            };
+            let (acts, rounds) = try_join!(host.journal.acts(key, from, to), rounds)?;
             let piece = Piece { to, acts, rounds };
             let play = move |cancelled: &Cancelled<'_>| {
                 let result =
@@ -132,7 +134,7 @@ impl Piece {
 /// The state after `round` rounds: from a keyframe before it, or from `near` where that is nearer, and the
 /// stored acts.
 pub async fn state_at(
-    host: &Host,
+    host: &Arc<Host>,
     handle: &Handle,
     round: u32,
     near: Option<&Arc<World>>,
@@ -148,7 +150,7 @@ pub async fn state_at(
         return Ok(world);
     }
     let replay = host.replays.of(key, || {
-        let (host, handle, from) = (host.clone(), handle.clone(), Arc::clone(from));
+        let (host, handle, from) = (Arc::clone(host), handle.clone(), Arc::clone(from));
         Box::pin(async move {
             let work = ("replay", Party::current());
             let (id, checked) = (&handle.id, false);

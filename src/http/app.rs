@@ -167,6 +167,13 @@ impl App {
 
     /// The episode with this id. The request waits while an unfinished one is recovered, up to a limit.
     pub(super) async fn episode(&self, id: &EpisodeId) -> Result<Handle, ApiError> {
+        match self.registry.find_in_memory(id) {
+            Some(handle) => Ok(handle),
+            None => Box::pin(self.recovered(id)).await,
+        }
+    }
+
+    async fn recovered(&self, id: &EpisodeId) -> Result<Handle, ApiError> {
         let find = self.registry.find(id);
         let found = match self.registry.location(id) {
             Location::Memory => find.await,

@@ -15,7 +15,7 @@ use crate::episode::actor::Handle;
 use crate::episode::quota::Purpose;
 use crate::episode::spec::Visibility;
 use crate::fair::{Group, Party};
-use crate::ids::{EpisodeId, RunKey, Token};
+use crate::ids::{EpisodeId, RunKey};
 use crate::keys::{Key, OwnerKey, Role};
 use crate::store::entries::{AuditRow, Entry};
 use crate::store::episodes::Readable;
@@ -66,8 +66,7 @@ impl FromRequestParts<App> for Caller {
         };
         let token = bearer(value.to_str().map_err(|_| unknown())?)
             .map_err(|problem| ApiError::new(Code::Unauthorized, problem))?;
-        let token = Token::parse(token).ok_or_else(unknown)?;
-        let grant = app.tokens.grant(&token).await?.ok_or_else(unknown)?;
+        let grant = app.tokens.grant(token).await?.ok_or_else(unknown)?;
         app.tokens.party(&grant).await?.into_iter().for_each(Party::refine);
         match grant {
             Grant::Seat { episode, owner, agent } => {

@@ -14,6 +14,7 @@ use axum::body::Body;
 use axum::extract::Request;
 use axum::http::{HeaderMap, header};
 use bytes::{Bytes, BytesMut};
+use futures::FutureExt;
 use http_body_util::{BodyExt, LengthLimitError, Limited};
 use hyper::body::Body as _;
 use tokio::time::Instant;
@@ -172,8 +173,15 @@ impl Bodies {
         let mut counted = Counted::new(self, Party::current().group);
         let started = Instant::now();
         loop {
-            let late = started + patience(&self.limits, bytes.len());
-            match tokio::time::timeout_at(late, body.frame()).await {
+            // Most bodies have arrived with their heads, and need no timer.
+            let frame = match body.frame().now_or_never() {
+                Some(frame) => Ok(frame),
+                None => {
+                    let late = started + patience(&self.limits, bytes.len());
+                    tokio::time::timeout_at(late, body.frame()).await
+                }
+            };
+            match frame {
                 Ok(Some(Ok(frame))) => {
                     bytes.extend(frame.into_data());
                     counted.grow_to(bytes.len())?;

@@ -36,7 +36,7 @@ impl Client {
     /// Reads the client off a connection and its headers.
     pub(super) fn of(peer: IpAddr, headers: &HeaderMap, uri: &Uri, trusted: &[IpNet]) -> Self {
         let address = address(peer, headers, trusted);
-        let is_forwarded = FORWARDED.iter().any(|name| headers.contains_key(name));
+        let is_forwarded = headers.keys().any(|name| FORWARDED.contains(name));
         let is_local = address.is_loopback()
             && !is_forwarded
             && names_loopback(host(headers, uri))

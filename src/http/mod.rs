@@ -22,6 +22,7 @@ pub mod error;
 mod exports;
 mod extract;
 mod feed;
+mod front;
 mod heavy;
 mod host;
 mod idempotency;
@@ -48,8 +49,8 @@ mod tokens;
 mod waiting;
 
 pub use app::{Access, App, Foundation};
+pub use front::Front;
 pub use pages::Source;
-pub use router::router;
 
 /// What most handlers need.
 mod prelude {

@@ -2,15 +2,16 @@
 //! for those above it.
 
 use std::collections::HashMap;
+use std::convert::Infallible;
 use std::io::ErrorKind;
 use std::net::{IpAddr, Ipv6Addr};
 use std::pin::pin;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use axum::Router;
-use axum::http::{HeaderMap, HeaderName};
-use axum::response::IntoResponse;
+use axum::body::Body;
+use axum::http::{HeaderMap, HeaderValue, header};
+use axum::response::{IntoResponse, Response};
 use hyper::Request;
 use hyper::body::Incoming;
 use hyper::service::service_fn;
@@ -20,11 +21,10 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
-use tower::{ServiceBuilder, ServiceExt};
-use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
 
 use super::client::{Peer, address, network};
 use super::error::{ApiError, Code};
+use super::front::{Answered, Front, REQUEST_ID};
 use super::limits::Limits;
 use super::room::{Holder, Holders};
 use super::timers::{ConnectionTimers, TimedBody, TimedStream, Timeouts};
@@ -49,12 +49,12 @@ const ACCEPTS_TAKE: Duration = Duration::from_millis(2);
 /// Serves until `stop` is cancelled, then lets open requests end.
 pub async fn serve(
     listener: TcpListener,
-    router: Router,
+    front: Front,
     limits: Limits,
     trusted_proxies: Vec<IpNet>,
     stop: CancellationToken,
 ) {
-    let limit = Arc::new(ConnectionLimit::new(&limits, trusted_proxies));
+    let limit = Arc::new(ConnectionLimit::new(&limits, trusted_proxies, stop.clone()));
     let timeouts = Timeouts::from(&limits);
     let refusals = Arc::new(Semaphore::new(REFUSALS_MAX));
     let connections = TaskTracker::new();
@@ -83,8 +83,12 @@ pub async fn serve(
         let timers = ConnectionTimers::new(timeouts);
         match limit.take(peer, &timers) {
             Ok(permit) => {
-                let (router, ending) = (router.clone(), ending.clone());
-                connections.spawn(connection(stream, peer, router, timers, ending, Some(permit)));
+                let (front, ending) = (front.clone(), ending.clone());
+                let answer = move |request| {
+                    let front = front.clone();
+                    async move { front.answer(request, peer).await }
+                };
+                connections.spawn(connection(stream, peer, answer, timers, ending, Some(permit)));
                 if limit.has_many_evicted() {
                     // They are closed before the next one is accepted.
                     tokio::task::yield_now().await;
@@ -97,8 +101,12 @@ pub async fn serve(
                     let timeouts =
                         Timeouts { head: REFUSAL, idle: REFUSAL, write: REFUSAL, ..timeouts };
                     let timers = ConnectionTimers::new(timeouts);
-                    let refused =
-                        connection(stream, peer, full.router(), timers, ending.clone(), None);
+                    let front = front.clone();
+                    let answer = move |request: Request<Body>| {
+                        let response = full.response(front.id_of(&request));
+                        std::future::ready(Answered { response, context: None })
+                    };
+                    let refused = connection(stream, peer, answer, timers, ending.clone(), None);
                     connections.spawn(async move {
                         refused.await;
                         drop(permit);
@@ -134,10 +142,11 @@ struct Ending {
     cut: CancellationToken,
 }
 
-async fn connection(
+/// Serves a connection: `answer` answers its requests.
+async fn connection<A: Future<Output = Answered>>(
     stream: TcpStream,
     peer: Peer,
-    router: Router,
+    answer: impl Fn(Request<Body>) -> A,
     timers: ConnectionTimers,
     ending: Ending,
     permit: Option<ConnectionPermit>,
@@ -145,26 +154,28 @@ async fn connection(
     // Small answers must not wait for more to send; where that cannot be set they are only late.
     drop(stream.set_nodelay(true));
     let stream = TokioIo::new(TimedStream { stream, timers: timers.clone() });
-    let service = service_fn(|mut request: Request<Incoming>| {
+    let service = service_fn(|request: Request<Incoming>| {
         let pending = timers.pending();
         if let Some(permit) = &permit {
             permit.asked_by(peer, request.headers());
         }
-        request.extensions_mut().insert(peer);
-        let answer = router.clone().oneshot(request);
+        let answer = answer(request.map(Body::new));
         async move {
-            let answer = answer.await;
-            answer.map(|mut answer| {
-                let request = answer.extensions_mut().remove();
-                answer.map(|body| TimedBody { body, _pending: pending, request })
-            })
+            let Answered { response, context: request } = answer.await;
+            Ok::<_, Infallible>(response.map(|body| TimedBody { body, _pending: pending, request }))
         }
     });
     let served = hyper::server::conn::http1::Builder::new()
         .header_read_timeout(None)
         .max_buf_size(64 * 1024)
         .serve_connection(stream, service);
+    // One token for both: every token is asked whenever there is something to read.
+    let end = match &permit {
+        Some(permit) => permit.end.clone(),
+        None => ending.stop.child_token(),
+    };
     let (mut served, mut timeout) = (pin!(served), pin!(timers.timed_out()));
+    let mut end = pin!(end.cancelled());
     let mut stopping = false;
     loop {
         tokio::select! {
@@ -181,24 +192,16 @@ async fn connection(
                     .increment(1);
                 break;
             }
-            () = evicted(permit.as_ref()) => {
-                metrics::counter!("swarmbench_connections_cut_total", "reason" => "room").increment(1);
-                break;
-            }
-            () = ending.stop.cancelled(), if !stopping => {
+            () = end.as_mut(), if !stopping => {
+                if !ending.stop.is_cancelled() {
+                    metrics::counter!("swarmbench_connections_cut_total", "reason" => "room").increment(1);
+                    break;
+                }
                 stopping = true;
                 served.as_mut().graceful_shutdown();
             }
             () = ending.cut.cancelled(), if stopping => break,
         }
-    }
-}
-
-/// Completes when the connection has to make room for another one.
-async fn evicted(permit: Option<&ConnectionPermit>) {
-    match permit {
-        Some(permit) => permit.evicted.cancelled().await,
-        None => std::future::pending().await,
     }
 }
 
@@ -209,6 +212,7 @@ struct ConnectionLimit {
     reserved: usize,
     most_per_address: usize,
     trusted_proxies: Vec<IpNet>,
+    stop: CancellationToken,
     open: Mutex<Connections>,
 }
 
@@ -228,7 +232,7 @@ struct Connections {
 struct Connection {
     network: IpAddr,
     timers: ConnectionTimers,
-    evicted: CancellationToken,
+    end: CancellationToken,
 }
 
 impl Connections {
@@ -248,8 +252,8 @@ impl Connections {
             return false;
         }
         let evicted = self.holders.evict(most, newcomer, |connection| connection.timers.usage());
-        let Some(Connection { network, evicted, .. }) = evicted else { return false };
-        evicted.cancel();
+        let Some(Connection { network, end, .. }) = evicted else { return false };
+        end.cancel();
         self.evictions += 1;
         self.release(network);
         true
@@ -257,12 +261,13 @@ impl Connections {
 }
 
 impl ConnectionLimit {
-    fn new(limits: &Limits, trusted_proxies: Vec<IpNet>) -> Self {
+    fn new(limits: &Limits, trusted_proxies: Vec<IpNet>, stop: CancellationToken) -> Self {
         Self {
             most: limits.connections_max,
             reserved: limits.connections_max * limits.connections_reserved_percent as usize / 100,
             most_per_address: limits.connections_per_address_max,
             trusted_proxies,
+            stop,
             open: Mutex::default(),
         }
     }
@@ -302,12 +307,12 @@ impl ConnectionLimit {
         *open.by_network.entry(network).or_default() += 1;
         let number = open.accepted;
         open.accepted += 1;
-        let evicted = CancellationToken::new();
-        let connection = Connection { network, timers: timers.clone(), evicted: evicted.clone() };
+        let end = self.stop.child_token();
+        let connection = Connection { network, timers: timers.clone(), end: end.clone() };
         open.holders.add(holder, number, connection);
         metrics::gauge!("swarmbench_connections").increment(1.0);
         let holder = Mutex::new(holder);
-        Ok(ConnectionPermit { limit: Arc::clone(self), network, number, holder, evicted })
+        Ok(ConnectionPermit { limit: Arc::clone(self), network, number, holder, end })
     }
 }
 
@@ -317,8 +322,8 @@ struct ConnectionPermit {
     network: IpAddr,
     number: u64,
     holder: Mutex<Holder>,
-    /// Cancelled when the connection is to be closed for another one.
-    evicted: CancellationToken,
+    /// Cancelled when the connection is to be closed for another one, or the server stops.
+    end: CancellationToken,
 }
 
 impl ConnectionPermit {
@@ -358,8 +363,8 @@ struct Full {
 }
 
 impl Full {
-    /// Answers every request with that.
-    fn router(&self) -> Router {
+    /// The answer to a request over a connection that is one too many.
+    fn response(&self, id: HeaderValue) -> Response {
         let detail = match self.limit {
             "connections_max" => {
                 "the server has its maximum number of connections; try again later"
@@ -368,14 +373,11 @@ impl Full {
         };
         let error = ApiError::limit(Code::Overloaded, self.limit, self.most, detail)
             .retry_after(RETRY_AFTER);
-        let answer = move || async move {
-            ([(axum::http::header::CONNECTION, "close")], error.clone()).into_response()
-        };
-        let request_id = HeaderName::from_static("x-request-id");
-        let layers = ServiceBuilder::new()
-            .layer(SetRequestIdLayer::new(request_id.clone(), MakeRequestUuid))
-            .layer(PropagateRequestIdLayer::new(request_id));
-        Router::new().fallback(answer).layer(layers)
+        let mut response = error.into_response();
+        let headers = response.headers_mut();
+        headers.insert(header::CONNECTION, HeaderValue::from_static("close"));
+        headers.insert(REQUEST_ID, id);
+        response
     }
 }
 
@@ -391,7 +393,11 @@ mod tests {
             connections_per_address_max: most_per_address,
             ..Limits::default()
         };
-        Arc::new(ConnectionLimit::new(&limits, vec![PROXY.parse().expect("a net")]))
+        Arc::new(ConnectionLimit::new(
+            &limits,
+            vec![PROXY.parse().expect("a net")],
+            CancellationToken::new(),
+        ))
     }
 
     fn peer(address: &str) -> Peer {
@@ -440,7 +446,7 @@ mod tests {
         assert_eq!(reason(take(&limit, "127.0.0.1")), "server");
         let _other = take(&limit, "192.0.2.1").expect("it has none yet");
         let _room = take(&limit, "192.0.2.2").expect("this host has more than its share");
-        assert!(connection[0].as_ref().is_ok_and(|first| first.evicted.is_cancelled()));
+        assert!(connection[0].as_ref().is_ok_and(|first| first.end.is_cancelled()));
     }
 
     #[test]
@@ -462,9 +468,8 @@ mod tests {
         for permit in &greedy {
             asked_by(permit, "192.0.2.1");
         }
-        let evicted = |of: &[ConnectionPermit]| {
-            of.iter().filter(|permit| permit.evicted.is_cancelled()).count()
-        };
+        let evicted =
+            |of: &[ConnectionPermit]| of.iter().filter(|permit| permit.end.is_cancelled()).count();
         let honest = [(); 2].map(|()| take(&limit, "203.0.113.1").expect("there is room"));
         assert_eq!(evicted(&greedy), 2);
         for permit in &honest {

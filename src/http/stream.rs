@@ -9,9 +9,6 @@ use std::time::Duration;
 
 use axum::BoxError;
 use axum::body::{Body, HttpBody, to_bytes};
-use axum::extract::{Request, State};
-use axum::http::Method;
-use axum::middleware::Next;
 use axum::response::Response;
 use bytes::Bytes;
 use futures::stream;
@@ -200,12 +197,10 @@ impl Streams {
 
 /// Reserves the memory of a large answer until it is sent. Where none is free, the answer to a `GET` is refused.
 pub(super) async fn reserve(
-    State(registry): State<Registry>,
-    request: Request,
-    next: Next,
+    registry: &Registry,
+    is_get: bool,
+    response: Response,
 ) -> Result<Response, ApiError> {
-    let is_get = request.method() == Method::GET;
-    let response = next.run(request).await;
     // An answer without an exact size is sent in parts that reserve their own memory.
     let Some(bytes) = response.body().size_hint().exact() else { return Ok(response) };
     let bytes = usize::try_from(bytes).unwrap_or(usize::MAX);

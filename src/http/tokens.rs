@@ -28,14 +28,22 @@ impl Tokens {
         Self { store, grants, entered, revocations: AtomicU64::new(0) }
     }
 
-    /// The rights of a token, if it is known.
-    pub(super) async fn grant(&self, token: &Token) -> Result<Option<Grant>, ApiError> {
-        let hash = token.hash();
+    /// The rights of the token that was sent, if it is known.
+    pub(super) async fn grant(&self, sent: &str) -> Result<Option<Grant>, ApiError> {
+        let hash = TokenHash::of(sent);
         if let Some(grant) = self.grants.get(&hash) {
             return Ok(Some(grant));
         }
+        match Token::parse(sent) {
+            Some(token) => Box::pin(self.read(token.kind(), hash)).await,
+            None => Ok(None),
+        }
+    }
+
+    /// Reads the rights of a token that is not cached.
+    async fn read(&self, kind: TokenKind, hash: TokenHash) -> Result<Option<Grant>, ApiError> {
         let revocations = self.revocations.load(Ordering::Acquire);
-        let grant = match token.kind() {
+        let grant = match kind {
             TokenKind::Seat | TokenKind::Swarm => self.store.find_token(hash).await?,
             TokenKind::Key => self.store.find_key(hash).await?.map(Grant::Key),
             TokenKind::Invitation => None,
@@ -61,7 +69,7 @@ impl Tokens {
             Grant::Seat { owner, .. } | Grant::Swarm { owner, .. } => (None, *owner),
             Grant::Run { owner, competition, .. } => (*competition, *owner),
             Grant::Key(key) => match key.number.filter(|_| key.role == Role::Entrant) {
-                Some(owner) => (self.competition_of(owner).await?, Some(owner)),
+                Some(owner) => (Box::pin(self.competition_of(owner)).await?, Some(owner)),
                 None => (None, key.number),
             },
         };

@@ -257,6 +257,18 @@ impl FromRow for (AgentId, StoredAct) {
     }
 }
 
+/// Reads a line with an act: its agent, how many seats the round waited for, the bytes of its record, and the record
+/// itself, of which texts may be left out.
+fn act_of_line(line: &str) -> Option<(AgentId, StoredAct)> {
+    let mut parts = line.splitn(4, ' ');
+    let mut number = || parts.next()?.parse::<u64>().ok();
+    let (agent, waiting_for, bytes) = (number()?, number()?, number()?);
+    let mut record: ActRecord = serde_json::from_str(parts.next()?).ok()?;
+    (record.response, record.reasoning) = (None, None);
+    let waiting_for = waiting_for.try_into().ok()?;
+    Some((AgentId(agent.try_into().ok()?), StoredAct { record, bytes, waiting_for }))
+}
+
 impl EpisodeStore for Store {
     fn append(&self, entries: Vec<Entry>, committed: Committed) {
         Self::append(self, entries, committed);
@@ -294,30 +306,28 @@ impl EpisodeStore for Store {
 
     fn acts(&self, episode: EpisodeKey, from: u32, to: u32) -> Reply<'_, Vec<(u32, RoundActs)>> {
         async move {
-            let rows = sqlx::query(
-                "SELECT round, agent, waiting_for, octet_length(record) AS bytes,
-               CASE WHEN octet_length(record) > ?
-                 THEN json_remove(record, '$.response', '$.reasoning') ELSE record END AS record
-             FROM acts WHERE episode = ? AND round >= ? AND round < ? ORDER BY round, agent",
-            )
-            .bind(WHOLE_BYTES_MAX)
-            .bind(episode.0)
-            .bind(from)
-            .bind(to)
-            .fetch_all(&mut *self.read().await?)
-            .await?;
-            let mut rounds: Vec<(u32, RoundActs)> = Vec::new();
-            for (number, row) in rows.iter().enumerate() {
-                if number > 0 && number.is_multiple_of(ACTS_OF_A_PIECE) {
+            // One row a round: a row costs more than the acts in it. Records have no line breaks.
+            let query = sqlx::query(
+                "SELECT round, group_concat(
+                     agent || ' ' || waiting_for || ' ' || octet_length(record) || ' ' ||
+                     CASE WHEN octet_length(record) > ?
+                     THEN json_remove(record, '$.response', '$.reasoning') ELSE record END, char(10))
+                 FROM acts WHERE episode = ? AND round >= ? AND round < ? GROUP BY round ORDER BY round",
+            );
+            let query = query.bind(WHOLE_BYTES_MAX).bind(episode.0).bind(from).bind(to);
+            let read: Vec<(u32, String)> = self.fetch_all(query).await?;
+            let (mut rounds, mut unpaused) = (Vec::with_capacity(read.len()), 0);
+            for (round, lines) in read {
+                if unpaused > ACTS_OF_A_PIECE {
+                    unpaused = 0;
                     tokio::task::yield_now().await;
                 }
-                let round = get(row, "round")?;
-                let (agent, mut act) = <(AgentId, StoredAct)>::from_row(row)?;
-                (act.record.response, act.record.reasoning) = (None, None);
-                match rounds.last_mut() {
-                    Some((last, acts)) if *last == round => acts.push((agent, act)),
-                    _ => rounds.push((round, vec![(agent, act)])),
-                }
+                let acts = lines.lines().map(act_of_line).collect::<Option<RoundActs>>();
+                let broken = || StoreError::broken(format!("an act of round {round} cannot be read"));
+                let mut acts = acts.ok_or_else(broken)?;
+                acts.sort_unstable_by_key(|(agent, _)| *agent);
+                unpaused += acts.len();
+                rounds.push((round, acts));
             }
             Ok(rounds)
         }

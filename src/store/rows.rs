@@ -1,5 +1,7 @@
 //! Rows of queries as values, and the queries of readers.
 
+use std::sync::OnceLock;
+
 use jiff::Timestamp;
 use serde_json::{Map, Value};
 use sqlx::error::BoxDynError;
@@ -156,4 +158,35 @@ pub(super) fn chunks<T>(rows: &[T]) -> impl Iterator<Item = &[T]> {
         rest = after;
         Some(chunk)
     })
+}
+
+/// Statements that insert rows of the journal, whose texts are made once.
+pub(super) struct Insert {
+    /// The table and its columns.
+    into: &'static str,
+    /// The places of the values of a row.
+    row: &'static str,
+    /// By the number of rows, as [`CHUNKS`] has them.
+    statements: [OnceLock<String>; CHUNKS.len()],
+}
+
+impl Insert {
+    pub(super) const fn new(into: &'static str, row: &'static str) -> Self {
+        Self { into, row, statements: [const { OnceLock::new() }; CHUNKS.len()] }
+    }
+
+    /// Rows in pieces, with the statement of each.
+    pub(super) fn statements<'r, T>(
+        &'static self,
+        rows: &'r [T],
+    ) -> impl Iterator<Item = (&'r [T], &'static str)> {
+        chunks(rows).map(|rows| (rows, self.statement(rows.len())))
+    }
+
+    fn statement(&'static self, rows: usize) -> &'static str {
+        let size = CHUNKS.iter().position(|&size| size == rows).expect("chunks have these sizes");
+        self.statements[size].get_or_init(|| {
+            format!("INSERT INTO {} VALUES {}", self.into, vec![self.row; rows].join(", "))
+        })
+    }
 }

@@ -27,12 +27,13 @@ use tokio_util::sync::CancellationToken;
 
 use super::files::Files;
 use super::results::Changes;
-use super::rows::chunks;
+use super::rows::{Insert, chunks};
 use super::{Stopped, StoreError};
 use crate::ids::EpisodeKey;
 use crate::keys::KeyRow;
 use crate::store::entries::{ActRow, EndRow, Entry, OpeningRow, RoundRow, TokenRow};
 use crate::store::port::Committed;
+use crate::telemetry;
 
 /// Jobs that one transaction takes at most, so that the first does not wait for ever.
 const GROUP_MAX: usize = 1024;
@@ -438,9 +439,10 @@ async fn commit(
     if let Err(fatal) = execute(connection, "COMMIT").await {
         return Err(roll_back(connection, fatal).await);
     }
-    metrics::counter!("swarmbench_commits_total").increment(1);
-    metrics::histogram!("swarmbench_commit_seconds").record(started.elapsed());
-    metrics::counter!("swarmbench_commit_entries_total").increment(entries as u64);
+    let frequent = telemetry::frequent();
+    frequent.commits.increment(1);
+    frequent.commit_seconds.record(started.elapsed());
+    frequent.commit_entries.increment(entries as u64);
     Ok(())
 }
 
@@ -654,19 +656,20 @@ async fn insert_acts(
     connection: &mut SqliteConnection,
     acts: &[&ActRow],
 ) -> Result<(), sqlx::Error> {
-    for chunk in chunks(acts) {
-        let mut insert = QueryBuilder::<Sqlite>::new(
-            "INSERT INTO acts (episode, round, agent, waiting_for, at, record) ",
-        );
-        insert.push_values(chunk, |mut row, act| {
-            row.push_bind(act.episode.0)
-                .push_bind(act.round)
-                .push_bind(act.agent.0)
-                .push_bind(act.waiting_for)
-                .push_bind(act.at.as_millisecond())
-                .push_bind(act.record.as_str());
-        });
-        insert.build().execute(&mut *connection).await?;
+    static INSERT: Insert =
+        Insert::new("acts (episode, round, agent, waiting_for, at, record)", "(?, ?, ?, ?, ?, ?)");
+    for (rows, statement) in INSERT.statements(acts) {
+        let mut query = sqlx::query(statement);
+        for act in rows {
+            query = query
+                .bind(act.episode.0)
+                .bind(act.round)
+                .bind(act.agent.0)
+                .bind(act.waiting_for)
+                .bind(act.at.as_millisecond())
+                .bind(act.record.as_str());
+        }
+        query.execute(&mut *connection).await?;
     }
     Ok(())
 }
@@ -675,19 +678,20 @@ async fn insert_rounds(
     connection: &mut SqliteConnection,
     rounds: &[&RoundRow],
 ) -> Result<(), sqlx::Error> {
-    for chunk in chunks(rounds) {
-        let mut insert = QueryBuilder::<Sqlite>::new(
-            "INSERT INTO rounds (episode, round, digest, score, head, at) ",
-        );
-        insert.push_values(chunk, |mut row, round| {
-            row.push_bind(round.episode.0)
-                .push_bind(round.round)
-                .push_bind(&round.digest[..])
-                .push_bind(round.score)
-                .push_bind(&round.head.0[..])
-                .push_bind(round.at.as_millisecond());
-        });
-        insert.build().execute(&mut *connection).await?;
+    static INSERT: Insert =
+        Insert::new("rounds (episode, round, digest, score, head, at)", "(?, ?, ?, ?, ?, ?)");
+    for (rows, statement) in INSERT.statements(rounds) {
+        let mut query = sqlx::query(statement);
+        for round in rows {
+            query = query
+                .bind(round.episode.0)
+                .bind(round.round)
+                .bind(&round.digest[..])
+                .bind(round.score)
+                .bind(&round.head.0[..])
+                .bind(round.at.as_millisecond());
+        }
+        query.execute(&mut *connection).await?;
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use jiff::Timestamp;
+use metrics::Counter;
 use swarmbench_engine::AgentId;
 use tokio::sync::watch;
 
@@ -10,12 +11,42 @@ use super::super::snapshot::Snapshot;
 use super::super::spec::Visibility;
 use super::handle::Running;
 use super::host::Host;
+use crate::telemetry;
+use swarmbench_journal::record::{Decision, Source};
+
+/// An act, as it is counted.
+#[derive(Clone, Copy)]
+pub(super) enum ActKind {
+    Valid,
+    Invalid,
+    /// The clock of the seat expired.
+    Clock,
+}
+
+impl ActKind {
+    pub(super) fn of(decision: &Decision) -> Self {
+        match (decision.source, decision.valid) {
+            (Source::Clock, _) => Self::Clock,
+            (Source::Player, true) => Self::Valid,
+            (Source::Player, false) => Self::Invalid,
+        }
+    }
+
+    fn counter(self) -> &'static Counter {
+        let frequent = telemetry::frequent();
+        match self {
+            Self::Valid => &frequent.acts_valid,
+            Self::Invalid => &frequent.acts_invalid,
+            Self::Clock => &frequent.acts_of_clock,
+        }
+    }
+}
 
 /// What is published and counted once a commit is durable.
 pub(super) struct AfterCommit {
     /// The state for which the acts were sent.
     pub(super) open: Arc<Snapshot>,
-    pub(super) acted: Vec<(AgentId, &'static str)>,
+    pub(super) acted: Vec<(AgentId, ActKind)>,
     /// The state after them, if a round or the episode ended.
     pub(super) next: Option<Arc<Snapshot>>,
     pub(super) last_act_at: Timestamp,
@@ -27,7 +58,7 @@ impl AfterCommit {
     pub(super) fn publish(self, host: &Host, publish: &watch::Sender<Arc<Snapshot>>) {
         for (agent, kind) in self.acted {
             self.open.set_acted(agent);
-            metrics::counter!("swarmbench_acts_total", "kind" => kind).increment(1);
+            kind.counter().increment(1);
         }
         self.episode.times.note_act(self.last_act_at);
         let Some(next) = self.next else { return };

@@ -8,7 +8,7 @@ use swarmbench_engine::{AgentId, World};
 use tokio::sync::{Semaphore, mpsc, oneshot, watch};
 use tokio_util::sync::CancellationToken;
 
-use super::super::in_flight::InFlightLimit;
+use super::super::in_flight::{InFlightLimit, InFlightPermits};
 use super::super::keyframes::Keyframes;
 use super::super::lockstep::{RecordedAct, Submission};
 use super::super::snapshot::Snapshot;
@@ -98,7 +98,7 @@ impl Handle {
         let mut outcomes: Outcomes = acts.iter().map(|_| Err(ActError::Busy)).collect();
         let (mut permits, refused) = self.0.in_flight.take(acts.iter().map(|(agent, _)| *agent));
         let (now, past): (Vec<Sent>, Vec<Sent>) = (acts.into_iter().enumerate())
-            .filter(|(_, (agent, _))| !refused.contains(agent))
+            .filter(|(_, (agent, _))| refused.binary_search(agent).is_err())
             .map(|(place, (agent, submission))| Sent {
                 place,
                 agent,
@@ -110,6 +110,20 @@ impl Handle {
         // What may decide a round does not wait for anything.
         let late =
             self.send_batch(at, Batch { acts: now, permits: permits_of_now }, &mut outcomes).await;
+        if !past.is_empty() || !late.is_empty() {
+            Box::pin(self.submit_past(at, (past, late), permits, &mut outcomes)).await;
+        }
+        outcomes
+    }
+
+    /// Acts for rounds that were over before they were sent, and for those that were over when they came.
+    async fn submit_past(
+        &self,
+        at: Timestamp,
+        (past, late): (Vec<Sent>, Vec<Sent>),
+        permits: InFlightPermits,
+        outcomes: &mut Outcomes,
+    ) {
         if !late.is_empty()
             && let Err(error) = self.0.journal.keep(Vec::new()).await
         {
@@ -117,7 +131,7 @@ impl Handle {
             for sent in &late {
                 outcomes[sent.place] = Err(error.clone().into());
             }
-            return outcomes;
+            return;
         }
         let mut batch = Batch { acts: Vec::new(), permits };
         for mut sent in past.into_iter().chain(late) {
@@ -129,8 +143,7 @@ impl Handle {
                 Err(error) => outcomes[sent.place] = Err(error.into()),
             }
         }
-        self.send_batch(at, batch, &mut outcomes).await;
-        outcomes
+        self.send_batch(at, batch, outcomes).await;
     }
 
     /// Hands acts to the actor and notes their outcomes; returns those that came too late for that.

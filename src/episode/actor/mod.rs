@@ -9,8 +9,10 @@ mod commit;
 mod handle;
 mod host;
 mod mailbox;
+mod timer;
 mod times;
 
+use std::pin::pin;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Weak};
 use std::time::Duration;
@@ -36,7 +38,7 @@ use crate::store::entries::{
     ActRow, ClaimRow, EndRow, Entry, Holder, RoundRow, SeatingRow, TokenRow,
 };
 use crate::work::Cancelled;
-use commit::AfterCommit;
+use commit::{ActKind, AfterCommit};
 use handle::{COMMANDS_WAITING_MAX, Inner, gone};
 pub use handle::{Handle, Running};
 pub use host::{Host, Spawn};
@@ -46,6 +48,7 @@ use swarmbench_clock::{Clock, after};
 use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{End, RawRecord, Source, end_record, round_record};
+use timer::Timer;
 pub(super) use times::Times;
 
 /// Bytes of text that are written to a round's record, and hashed, in a microsecond.
@@ -73,7 +76,7 @@ pub(super) struct EpisodeInit {
 }
 
 /// Starts the actor of an episode.
-pub(super) fn spawn(host: Host, init: EpisodeInit, memory: Reservation) -> Handle {
+pub(super) fn spawn(host: Arc<Host>, init: EpisodeInit, memory: Reservation) -> Handle {
     let EpisodeInit { episode, world, head, mut lockstep, newest_at, bytes, tally, seating } = init;
     note_time_of_day(&mut lockstep, &episode.spec, &*host.clock);
     let (mailbox, messages) = mpsc::unbounded_channel();
@@ -147,7 +150,7 @@ fn note_time_of_day(lockstep: &mut Lockstep, spec: &Spec, clock: &dyn Clock) {
 }
 
 struct Actor {
-    host: Host,
+    host: Arc<Host>,
     episode: Arc<Running>,
     world: Arc<World>,
     head: Head,
@@ -174,28 +177,22 @@ struct Actor {
 impl Actor {
     async fn run(mut self, mut messages: mpsc::UnboundedReceiver<Envelope>) {
         let mut published = self.publish.subscribe();
-        let failed = self.failed.clone();
+        let mut failed = pin!(self.failed.clone().cancelled_owned());
+        let mut timer = Timer::default();
+        self.note_time_of_day();
         self.resume().await;
         loop {
-            note_time_of_day(&mut self.lockstep, &self.episode.spec, &*self.host.clock);
-            let wake = self.wakes_at();
-            let clock = Arc::clone(&self.host.clock);
-            let tick = async {
-                match wake {
-                    Some(at) => clock.sleep_until(at).await,
-                    None => std::future::pending().await,
-                }
-            };
+            timer.set(self.wakes_at(), &*self.host.clock);
             tokio::select! {
                 biased;
-                () = failed.cancelled() => return,
+                () = &mut failed => return,
                 message = messages.recv() => match message {
                     Some((at, message)) => self.take(at, message).await,
                     None => return,
                 },
                 // A round was opened: its clock runs.
                 _ = published.changed() => self.note_opening(),
-                () = tick => {
+                () = timer.expired() => {
                     let now = self.host.clock.now();
                     self.note_opening();
                     let effects = self.tick(now);
@@ -226,6 +223,7 @@ impl Actor {
 
     /// What is due now: clocks run out, open seats are filled.
     fn tick(&mut self, now: Timestamp) -> Vec<Effect> {
+        self.note_time_of_day();
         let mut effects = self.apply(now, Event::Tick);
         if self.lockstep.status() == Status::Waiting
             && let Some((holder, agents)) =
@@ -260,9 +258,13 @@ impl Actor {
         }
     }
 
+    /// Passes the time of day to the barrier: before every message, timer and step, as some of them rest on it.
+    fn note_time_of_day(&mut self) {
+        note_time_of_day(&mut self.lockstep, &self.episode.spec, &*self.host.clock);
+    }
+
     /// Passes an event with its time to the barrier.
     fn apply(&mut self, at: Timestamp, event: Event) -> Vec<Effect> {
-        note_time_of_day(&mut self.lockstep, &self.episode.spec, &*self.host.clock);
         let effects = self.lockstep.apply(at, event);
         self.note_end();
         effects
@@ -298,6 +300,7 @@ impl Actor {
     }
 
     async fn take(&mut self, at: Timestamp, message: Message) {
+        self.note_time_of_day();
         match message {
             Message::Submit { batch, reply } => self.submit(at, batch, reply).await,
             Message::Start { reply } => {
@@ -467,7 +470,7 @@ impl Actor {
                     entries.push(Entry::Start { episode: self.episode.key, at });
                 }
                 Effect::KeepAct { agent, recorded } => {
-                    acted.push((agent, kind(&recorded)));
+                    acted.push((agent, ActKind::of(&recorded.decision)));
                     entries.push(self.act_entry(at, agent, recorded));
                 }
                 Effect::Resolve => {
@@ -499,7 +502,7 @@ impl Actor {
             last_act_at: self.lockstep.last_act_at(),
             episode: Arc::clone(&self.episode),
         };
-        let (host, publish) = (self.host.clone(), self.publish.clone());
+        let (host, publish) = (Arc::clone(&self.host), self.publish.clone());
         let (key, bytes) = (self.episode.key, self.bytes - bytes_before);
         let failed = self.failed.clone();
         let is_barrier = entries.is_empty();
@@ -594,6 +597,7 @@ impl Actor {
             self.world.is_over().then_some(Ending::RoundsPlayed)
         };
         let alive = self.world.agents().map(|agent| self.world.is_alive(agent)).collect();
+        self.note_time_of_day();
         for effect in self.apply(now, Event::Resolved { alive, ending }) {
             // The next round is published with the other entries of this commit.
             if let Effect::End(ending) = effect {
@@ -646,12 +650,4 @@ pub(super) fn seated(seating: &Seating, head: Head) -> (RawRecord, Head) {
     let record = RawRecord::write(&seating.record());
     let head = head.link(record.as_str().as_bytes());
     (record, head)
-}
-
-fn kind(recorded: &RecordedAct) -> &'static str {
-    match (recorded.decision.source, recorded.decision.valid) {
-        (Source::Clock, _) => "clock",
-        (Source::Player, true) => "valid",
-        (Source::Player, false) => "invalid",
-    }
 }

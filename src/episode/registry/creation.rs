@@ -370,7 +370,7 @@ impl Registry {
             let mut slots = self.slots();
             Arc::clone(&slots.entry(id.clone()).or_insert_with(|| Slot::empty(now)).handle)
         };
-        cell.get_or_init(|| async { spawn(self.host.clone(), init, room) }).await.clone()
+        cell.get_or_init(|| async { spawn(Arc::clone(&self.host), init, room) }).await.clone()
     }
 
     /// The seating of a new episode, and the entry for its creator.

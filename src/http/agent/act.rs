@@ -1,5 +1,7 @@
 //! `POST /act`: what the token's agent does in a round.
 
+use std::time::Duration;
+
 use axum::Json as JsonBody;
 use axum::response::IntoResponse;
 use serde::Deserialize;
@@ -57,19 +59,20 @@ pub(in super::super) async fn post_act(
     if params.wait.is_none() {
         return Ok(JsonBody(receipt).into_response());
     }
+    let next = Box::pin(next_observation(&app, &seat, receipt.round, patience)).await;
+    Ok(json(with_field(&receipt, "obs", &next)))
+}
+
+/// What a seat sees once the round is past `round`; `null` if that is not in time. Its act is durable: the receipt is sent
+/// even if the limit of waiting requests is reached, or no thread is free to write the observation.
+async fn next_observation(app: &App, seat: &Seat, round: u32, patience: Duration) -> Vec<u8> {
     let Seat { handle, agent } = seat;
-    let round = receipt.round;
-    // The act is durable: its receipt is sent even if the limit of waiting requests is reached.
-    let waited = app.waits.until(&handle, patience, |snapshot| is_past(snapshot, round)).await;
+    let waited = app.waits.until(handle, patience, |snapshot| is_past(snapshot, round)).await;
     let next = match waited.ok().filter(|snapshot| is_past(snapshot, round)) {
-        Some(snapshot) => {
-            observation(&app, Look::now(&app, &handle, &snapshot, agent), false).await
-        }
+        Some(snapshot) => observation(app, Look::now(app, handle, &snapshot, *agent), false).await,
         None => Ok(b"null".to_vec()),
     };
-    // Also if no thread is free to write the next observation.
-    let next = next.unwrap_or_else(|_| b"null".to_vec());
-    Ok(json(with_field(&receipt, "obs", &next)))
+    next.unwrap_or_else(|_| b"null".to_vec())
 }
 
 /// Has a seat act; the receipt comes once the act is durable.

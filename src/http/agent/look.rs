@@ -10,6 +10,7 @@ use super::super::sights::Key;
 use crate::episode::Snapshot;
 use crate::episode::actor::Handle;
 use crate::fair::Permit;
+use crate::telemetry;
 use swarmbench_clock::{millis, until};
 use swarmbench_prompt::tasks;
 use swarmbench_protocol::episode::EpisodeResult;
@@ -109,6 +110,8 @@ impl Look {
     /// Adds the whole observation to a body.
     fn add_to(&self, body: &mut Vec<u8>, written: &Written, app: &App) {
         let moment = serde_json::to_vec(&self.moment(app)).expect("string keys");
+        let prompt_bytes = written.prompt.as_ref().map_or(0, Vec::len);
+        body.reserve(written.sight.len() + moment.len() + prompt_bytes + 16);
         // Objects are joined to one: `{…`, `,…` and `}`.
         body.extend_from_slice(&written.sight[..written.sight.len() - 1]);
         body.push(b',');
@@ -194,7 +197,7 @@ pub(in super::super) async fn observations(
 /// A permit for a large answer; what is written in one piece needs none.
 async fn permit(app: &App, looks: &[Look], with_prompt: bool) -> Result<Option<Permit>, ApiError> {
     let cells: usize = looks.iter().map(|look| look.cells(with_prompt)).sum();
-    Ok(if cells > PIECE_CELLS_MAX { Some(app.heavy.large_answer().await?) } else { None })
+    Ok(if cells > PIECE_CELLS_MAX { Some(Box::pin(app.heavy.large_answer()).await?) } else { None })
 }
 
 /// Writes what seats see for one request: one piece here, all others elsewhere.
@@ -227,18 +230,17 @@ impl<'a> Pen<'a> {
             work()
         } else {
             *elsewhere += cells;
-            self.app.heavy.render(work).await?
+            Box::pin(self.app.heavy.render(work)).await?
         }
     }
 }
 
 impl Drop for Pen<'_> {
     fn drop(&mut self) {
-        for (thread, cells) in ["async", "worker"].into_iter().zip(self.cells) {
-            if cells > 0 {
-                metrics::histogram!("swarmbench_look_cells", "thread" => thread)
-                    .record(u32::try_from(cells).unwrap_or(u32::MAX));
-            }
+        let frequent = telemetry::frequent();
+        let of = [&frequent.cells_async, &frequent.cells_worker];
+        for (histogram, cells) in of.into_iter().zip(self.cells).filter(|(_, cells)| *cells > 0) {
+            histogram.record(u32::try_from(cells).unwrap_or(u32::MAX));
         }
     }
 }

@@ -62,7 +62,7 @@ pub(in super::super) async fn see(
     let snapshot = match after {
         Some(after) => {
             let wanted = |snapshot: &Snapshot| is_past(snapshot, after);
-            app.waits.until(&seat.handle, wait, wanted).await?
+            Box::pin(app.waits.until(&seat.handle, wait, wanted)).await?
         }
         None => seat.handle.snapshot(),
     };

@@ -1,0 +1,317 @@
+//! What every request passes before its handler, and every answer after it, in one place: the request's id and its log
+//! lines, its client and the limits of one client, its rank, the metrics, and what all answers have.
+//!
+//! The routes by which games are played are called from here, without the router: a game needs thousands of such
+//! requests, and the router would cost more than most of them. All other routes are the router's.
+
+use std::any::Any;
+use std::panic::AssertUnwindSafe;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use axum::Router;
+use axum::extract::{FromRequest, FromRequestParts, MatchedPath, Request};
+use axum::http::header::X_CONTENT_TYPE_OPTIONS;
+use axum::http::{HeaderName, HeaderValue, Method, StatusCode};
+use axum::response::{IntoResponse, Response};
+use futures::FutureExt;
+use metrics::{Counter, Histogram};
+use tower::Service;
+use tracing::{Instrument, Level, Span};
+
+use super::admit::{self, check_host};
+use super::auth::{Seat, Swarm};
+use super::body::is_light;
+use super::client::{Client, Peer};
+use super::error::{ApiError, Code};
+use super::in_flight::RequestContext;
+use super::prelude::*;
+use super::{agent, router, stream, swarm};
+use crate::fair::{Origin, Rank};
+
+pub(super) const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+const NOSNIFF: HeaderValue = HeaderValue::from_static("nosniff");
+
+/// The whole service. Cloning shares it.
+#[derive(Clone)]
+pub struct Front(Arc<Inner>);
+
+struct Inner {
+    app: App,
+    router: Router,
+    /// The requests so far. They are named by the run of the server and their number in it: a random name would ask the
+    /// host for randomness with every request.
+    requests: AtomicU64,
+    plays: [Meter; Play::ALL.len()],
+}
+
+/// An answer, and what accompanies it until it is sent.
+pub(super) struct Answered {
+    pub(super) response: Response,
+    /// `None` if the request was refused before it was counted.
+    pub(super) context: Option<RequestContext>,
+}
+
+impl Front {
+    pub fn new(app: App) -> Self {
+        let router = router::router(app.clone());
+        let plays = Play::ALL.map(|play| Meter::new(play.route(), play.method()));
+        Self(Arc::new(Inner { app, router, requests: AtomicU64::new(0), plays }))
+    }
+
+    /// Answers a request that came over a connection of `peer`.
+    pub(super) async fn answer(&self, request: Request, peer: Peer) -> Answered {
+        let started = Instant::now();
+        let name = RequestName::of(&request, self.id_of(&request));
+        let play = Play::of(&request);
+        // Those who play write lines at the level debug only, except where the server fails.
+        let span = match play {
+            Some(_) if !tracing::enabled!(Level::DEBUG) => Span::none(),
+            _ => name.span(),
+        };
+        let mut context = None;
+        let admitted = self.admit(request, peer, play, &mut context);
+        let answered = AssertUnwindSafe(admitted).catch_unwind().instrument(span.clone()).await;
+        let mut response = match answered {
+            Ok(Ok(response)) => response,
+            Ok(Err(error)) => error.into_response(),
+            Err(panic) => name.within(&span, || panicked(&*panic)),
+        };
+        self.measure(&name, &span, play, &mut response, started.elapsed());
+        let headers = response.headers_mut();
+        headers.entry(X_CONTENT_TYPE_OPTIONS).or_insert(NOSNIFF);
+        headers.insert(REQUEST_ID, name.id);
+        Answered { response, context }
+    }
+
+    /// The id that came with a request, or else a new one.
+    pub(super) fn id_of(&self, request: &Request) -> HeaderValue {
+        let Inner { app, requests, .. } = &*self.0;
+        request.headers().get(REQUEST_ID).cloned().unwrap_or_else(|| {
+            let number = requests.fetch_add(1, Ordering::Relaxed);
+            HeaderValue::try_from(format!("{:016x}-{number}", app.boot)).expect("digits")
+        })
+    }
+
+    /// Finds out the client of a request, counts the request, and gives it its rank.
+    async fn admit(
+        &self,
+        mut request: Request,
+        Peer(peer): Peer,
+        play: Option<Play>,
+        context: &mut Option<RequestContext>,
+    ) -> Result<Response, ApiError> {
+        let Inner { app, .. } = &*self.0;
+        let trusted = &app.access.trusted_proxies;
+        let client = Client::of(peer, request.headers(), request.uri(), trusted);
+        app.rates.check_address(client.address)?;
+        let in_flight = app.in_flight.take(client.address)?;
+        if play.is_none() {
+            request.extensions_mut().insert(client);
+        }
+        let rank = admit::rank(request.method(), request.uri().path());
+        let may_run_here = rank == Rank::Urgent && is_light(&request);
+        let front = self.clone();
+        // Large futures are boxed: each layer would move them, which costs more than the rest of it.
+        let answered =
+            Box::pin(async move { (front.route(request, play).await, Origin::current()) });
+        let answered = rank.scope(client.party().scope(answered));
+        let (response, origin) =
+            if may_run_here { answered.await } else { app.workers.in_background(answered).await? };
+        // It counts until its body is sent, and is made for the same party to its end.
+        *context = Some(RequestContext { origin, _in_flight: in_flight });
+        response
+    }
+
+    async fn route(self, request: Request, play: Option<Play>) -> Result<Response, ApiError> {
+        let Inner { app, router, .. } = &*self.0;
+        check_host(&request)?;
+        let is_get = request.method() == Method::GET;
+        let response = match play {
+            Some(play) => play.call(app, request).await?,
+            None => match router.clone().call(request).await {
+                Ok(response) => response,
+                Err(never) => match never {},
+            },
+        };
+        stream::reserve(&app.registry, is_get, response).await
+    }
+
+    /// Counts and times a request by its route, and logs it.
+    fn measure(
+        &self,
+        name: &RequestName,
+        span: &Span,
+        play: Option<Play>,
+        response: &mut Response,
+        taken: Duration,
+    ) {
+        let status = response.status();
+        let path = response.extensions_mut().remove::<MatchedPath>();
+        match play {
+            Some(play) => self.0.plays[play as usize].note(status, taken),
+            // Only what there is gets a name in the metrics: clients could think of any number of others.
+            None if status == StatusCode::METHOD_NOT_ALLOWED => {}
+            None => {
+                if let Some(path) = &path {
+                    Meter::new(path.as_str(), known(&name.method)).note(status, taken);
+                }
+            }
+        }
+        let taken_us = micros(taken);
+        // That the server is not ready is an answer to a question, and no news.
+        let is_readiness = path.is_some_and(|path| path.as_str() == "/readyz");
+        if status.is_server_error() && !is_readiness {
+            let warn = || tracing::warn!(status = status.as_u16(), taken_us, "answered");
+            name.within(span, warn);
+        } else {
+            let _entered = span.enter();
+            tracing::debug!(status = status.as_u16(), taken_us, "answered");
+        }
+    }
+}
+
+/// What the log lines of a request say of it; never its headers or its query, which may hold tokens.
+struct RequestName {
+    id: HeaderValue,
+    method: Method,
+    uri: axum::http::Uri,
+}
+
+impl RequestName {
+    fn of(request: &Request, id: HeaderValue) -> Self {
+        Self { id, method: request.method().clone(), uri: request.uri().clone() }
+    }
+
+    fn span(&self) -> Span {
+        let id = self.id.to_str().unwrap_or_default();
+        tracing::info_span!("request", id, method = %self.method, path = self.uri.path())
+    }
+
+    /// Runs what writes log lines within the span of the request; it is made where it was not needed before.
+    fn within<T>(&self, span: &Span, log: impl FnOnce() -> T) -> T {
+        if span.is_none() { self.span().in_scope(log) } else { span.in_scope(log) }
+    }
+}
+
+/// The routes by which games are played.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Play {
+    Look,
+    Act,
+    SwarmLook,
+    SwarmAct,
+}
+
+impl Play {
+    const ALL: [Self; 4] = [Self::Look, Self::Act, Self::SwarmLook, Self::SwarmAct];
+
+    fn of(request: &Request) -> Option<Self> {
+        let (method, path) = (request.method(), request.uri().path());
+        Self::ALL.into_iter().find(|play| play.route() == path && play.method() == method)
+    }
+
+    const fn route(self) -> &'static str {
+        match self {
+            Self::Look => "/obs",
+            Self::Act => "/act",
+            Self::SwarmLook => "/swarm/obs",
+            Self::SwarmAct => "/swarm/act",
+        }
+    }
+
+    const fn method(self) -> &'static str {
+        match self {
+            Self::Look | Self::SwarmLook => "GET",
+            Self::Act | Self::SwarmAct => "POST",
+        }
+    }
+
+    async fn call(self, app: &App, request: Request) -> Result<Response, ApiError> {
+        let state = State(app.clone());
+        let (mut parts, body) = request.into_parts();
+        match self {
+            Self::Look => {
+                let seat = Seat::from_request_parts(&mut parts, app).await?;
+                let params = Params::from_request_parts(&mut parts, app).await?;
+                Box::pin(agent::obs::get_obs(state, seat, params)).await
+            }
+            Self::Act => {
+                let seat = Seat::from_request_parts(&mut parts, app).await?;
+                let params = Params::from_request_parts(&mut parts, app).await?;
+                let body = Json::from_request(Request::from_parts(parts, body), app).await?;
+                Box::pin(agent::act::post_act(state, seat, params, body)).await
+            }
+            Self::SwarmLook => {
+                let swarm = Swarm::from_request_parts(&mut parts, app).await?;
+                let params = Params::from_request_parts(&mut parts, app).await?;
+                Box::pin(swarm::obs::get_swarm_obs(state, swarm, params)).await
+            }
+            Self::SwarmAct => {
+                let swarm = Swarm::from_request_parts(&mut parts, app).await?;
+                let params = Params::from_request_parts(&mut parts, app).await?;
+                let request = Request::from_parts(parts, body);
+                Box::pin(swarm::act::post_swarm_act(state, swarm, params, request)).await
+            }
+        }
+    }
+}
+
+/// The metrics of a route.
+struct Meter {
+    route: String,
+    method: &'static str,
+    seconds: Histogram,
+    ok: Counter,
+}
+
+impl Meter {
+    fn new(route: &str, method: &'static str) -> Self {
+        let route = route.to_owned();
+        let seconds =
+            metrics::histogram!("swarmbench_http_request_seconds", "route" => route.clone());
+        let ok = Self::requests(&route, method, StatusCode::OK);
+        Self { route, method, seconds, ok }
+    }
+
+    fn requests(route: &str, method: &'static str, status: StatusCode) -> Counter {
+        metrics::counter!(
+            "swarmbench_http_requests_total",
+            "route" => route.to_owned(), "method" => method, "status" => status.as_u16().to_string()
+        )
+    }
+
+    fn note(&self, status: StatusCode, taken: Duration) {
+        self.seconds.record(taken);
+        if status == StatusCode::OK {
+            self.ok.increment(1);
+        } else {
+            Self::requests(&self.route, self.method, status).increment(1);
+        }
+    }
+}
+
+/// The name of a method that some route has.
+fn known(method: &Method) -> &'static str {
+    let all = [
+        (Method::GET, "GET"),
+        (Method::POST, "POST"),
+        (Method::PATCH, "PATCH"),
+        (Method::DELETE, "DELETE"),
+    ];
+    let found = all.into_iter().find(|(known, _)| known == method);
+    found.map_or("other", |(_, name)| name)
+}
+
+fn micros(taken: Duration) -> u64 {
+    u64::try_from(taken.as_micros()).unwrap_or(u64::MAX)
+}
+
+fn panicked(panic: &(dyn Any + Send)) -> Response {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("unknown");
+    tracing::error!(panic = text, "a handler panicked");
+    let error = ApiError::new(Code::Internal, "the server has a fault; it was logged");
+    (StatusCode::INTERNAL_SERVER_ERROR, error).into_response()
+}
