@@ -9,7 +9,7 @@ use swarmbench::episode::quota::Quotas;
 use swarmbench::episode::registry::Registry;
 use swarmbench::host::{Disk, ManualDisk};
 use swarmbench::http::limits::Limits;
-use swarmbench::http::{Access, App, Foundation, Source, router, serve::serve};
+use swarmbench::http::{Access, App, Foundation, Front, Source, serve::serve};
 use swarmbench::run::manager::{self, Runs};
 use swarmbench::store::Store;
 use swarmbench::telemetry;
@@ -59,6 +59,6 @@ pub(crate) async fn start(
     });
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
     let address = listener.local_addr().expect("an address");
-    tokio::spawn(serve(listener, router(app), limits, Vec::new(), stop.clone()));
+    tokio::spawn(serve(listener, Front::new(app), limits, Vec::new(), stop.clone()));
     (address, stop)
 }

@@ -20,6 +20,16 @@ pub(super) fn with_tokens(status: StatusCode, body: impl Serialize) -> Response 
     response
 }
 
+/// Bytes for which an answer makes room before it is written.
+const USUAL_BYTES: usize = 512;
+
+/// A small answer.
+pub(super) fn small(body: &impl Serialize) -> Response {
+    let mut bytes = Vec::with_capacity(USUAL_BYTES);
+    serde_json::to_writer(&mut bytes, body).expect("string keys");
+    json(bytes)
+}
+
 /// An answer whose body is written out already.
 pub(super) fn json(body: Vec<u8>) -> Response {
     ([(header::CONTENT_TYPE, "application/json")], body).into_response()

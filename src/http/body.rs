@@ -174,12 +174,11 @@ impl Bodies {
         let started = Instant::now();
         loop {
             // Most bodies have arrived with their heads, and need no timer.
-            let frame = match body.frame().now_or_never() {
-                Some(frame) => Ok(frame),
-                None => {
-                    let late = started + patience(&self.limits, bytes.len());
-                    tokio::time::timeout_at(late, body.frame()).await
-                }
+            let frame = if let Some(frame) = body.frame().now_or_never() {
+                Ok(frame)
+            } else {
+                let late = started + patience(&self.limits, bytes.len());
+                tokio::time::timeout_at(late, body.frame()).await
             };
             match frame {
                 Ok(Some(Ok(frame))) => {

@@ -383,6 +383,8 @@ impl Full {
 
 #[cfg(test)]
 mod tests {
+    use axum::http::HeaderName;
+
     use super::*;
 
     const PROXY: &str = "203.0.113.1/32";

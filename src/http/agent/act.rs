@@ -2,13 +2,11 @@
 
 use std::time::Duration;
 
-use axum::Json as JsonBody;
-use axum::response::IntoResponse;
 use serde::Deserialize;
 use swarmbench_engine::{Act, Action, AgentId, Config, Control, Message, answer};
 use utoipa::IntoParams;
 
-use super::super::answer::{json, with_field};
+use super::super::answer::{json, small, with_field};
 use super::super::auth::Seat;
 use super::super::extract::wait;
 use super::super::prelude::*;
@@ -57,7 +55,7 @@ pub(in super::super) async fn post_act(
     // It may be large, and the wait long.
     drop(body);
     if params.wait.is_none() {
-        return Ok(JsonBody(receipt).into_response());
+        return Ok(small(&receipt));
     }
     let next = Box::pin(next_observation(&app, &seat, receipt.round, patience)).await;
     Ok(json(with_field(&receipt, "obs", &next)))
