@@ -219,6 +219,7 @@ async fn open_exclusively(path: &Path, create: bool) -> Result<OpenedDatabase, O
         .journal_mode(SqliteJournalMode::Wal)
         .synchronous(SqliteSynchronous::Full)
         .busy_timeout(Duration::from_secs(10))
+        .statement_cache_capacity(rows::STATEMENTS_KEPT)
         .disable_statement_logging();
     let mut connection = options.connect().await.map_err(failed)?;
     check_version(&mut connection).await.map_err(failed)??;

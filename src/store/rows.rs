@@ -146,8 +146,14 @@ impl Store {
     }
 }
 
-/// Rows that one statement inserts: a few sizes, so that few statements need to be prepared.
-const CHUNKS: [usize; 3] = [256, 16, 1];
+/// Rows that one statement inserts. Every statement is a way to the thread of the database and back, so that the acts of a
+/// round of up to 16 seats are one, and others few; and there are few sizes, so that all statements stay prepared.
+const CHUNKS: [usize; 20] =
+    [256, 128, 64, 32, 16, 15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1];
+
+/// Prepared statements that a connection which writes keeps: all sizes of the tables into which rows are inserted in pieces,
+/// and the others.
+pub(super) const STATEMENTS_KEPT: usize = 256;
 
 /// Cuts rows into pieces of few different lengths.
 pub(super) fn chunks<T>(rows: &[T]) -> impl Iterator<Item = &[T]> {
