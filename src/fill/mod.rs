@@ -1,7 +1,7 @@
 //! Fills a new database with games that were played here: what a server becomes after years of use, in minutes. Every
 //! journal is a real one, and all rows are written by the store's own writer.
 //!
-//! [`game`] plays one game; [`competition`] makes a competition with all its games.
+//! `game` plays one game; `competition` makes a competition with all its games.
 
 mod competition;
 mod game;
