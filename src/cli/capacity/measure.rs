@@ -132,7 +132,7 @@ struct Server {
 impl Server {
     /// Starts a server; it is ready when this returns.
     async fn start(db: &Path) -> anyhow::Result<Self> {
-        // Nobody takes the port between this and the server, which says so if somebody does.
+        // Another program may take the port before the server does; the server says so then.
         let port = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?.local_addr()?.port();
         let address = format!("127.0.0.1:{port}");
         let child = Child::start(&["serve", "--addr", &address, "--db", &text(db)], None)?;

@@ -5,8 +5,8 @@ use jiff::Timestamp;
 use futures::future::BoxFuture;
 use swarmbench_clock::Clock;
 
-/// Expires at the moment for which it was set, or at an earlier one for which it was set before. So a moment that moves
-/// on with every act costs nothing.
+/// Expires at the moment for which it was set, or at an earlier one for which it was set before. So it costs nothing that
+/// every act sets it to a later moment.
 #[derive(Default)]
 pub(super) struct Timer(Option<(Timestamp, BoxFuture<'static, ()>)>);
 
