@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 use serde::{Deserialize, Serialize};
 use tokio::task::JoinSet;
 
@@ -85,13 +86,15 @@ impl Listed {
         self.items.iter().filter_map(|item| item.id.as_deref()).take(SAMPLES_MAX).collect()
     }
 
-    /// The different values of a field.
-    fn all(&self, field: impl Fn(&Item) -> Option<&String>) -> Vec<&str> {
+    /// The different values of a field, as they are written in a query.
+    fn all(&self, field: impl Fn(&Item) -> Option<&String>) -> Vec<String> {
         let mut all: Vec<&str> = self.items.iter().filter_map(field).map(String::as_str).collect();
         all.sort_unstable();
         all.dedup();
         all.truncate(SAMPLES_MAX);
-        all
+        all.into_iter()
+            .map(|value| utf8_percent_encode(value, NON_ALPHANUMERIC).to_string())
+            .collect()
     }
 }
 
@@ -136,9 +139,8 @@ fn kinds(episodes: &Listed, runs: &Listed, cups: &Listed) -> Vec<(&'static str, 
     suites.truncate(SUITES_MAX);
     let boards = suites.iter().flat_map(|suite| {
         let of = move |more: &str| format!("/api/v1/leaderboard?suite={suite}{more}");
-        let sorted = tasks.iter().map(move |task| of(&format!("&sort={task}")));
-        let by_task = tasks.iter().map(move |task| of(&format!("&task={task}")));
-        ["", "&pick=mean", "&pick=last"].map(of).into_iter().chain(sorted).chain(by_task)
+        // Not by task: a suite may have only some of them.
+        ["", "&pick=mean", "&pick=last"].map(of)
     });
     let model_and_task = models.iter().zip(tasks.iter().cycle());
     vec![
@@ -146,12 +148,12 @@ fn kinds(episodes: &Listed, runs: &Listed, cups: &Listed) -> Vec<(&'static str, 
         ("list of episodes", vec!["/api/v1/episodes".to_owned()]),
         (
             "its further pages",
-            each(episodes.cursors.iter().map(String::as_str).collect(), &|cursor| {
+            each(strs(&episodes.cursors), &|cursor| {
                 format!("/api/v1/episodes?status=finished&cursor={cursor}")
             }),
         ),
-        ("list by task", each(tasks.clone(), &|task| format!("/api/v1/episodes?task={task}"))),
-        ("list by model", each(models.clone(), &|model| format!("/api/v1/episodes?model={model}"))),
+        ("list by task", each(strs(&tasks), &|task| format!("/api/v1/episodes?task={task}"))),
+        ("list by model", each(strs(&models), &|model| format!("/api/v1/episodes?model={model}"))),
         (
             "by model, task and status",
             model_and_task
@@ -170,6 +172,10 @@ fn kinds(episodes: &Listed, runs: &Listed, cups: &Listed) -> Vec<(&'static str, 
         ("its board", each(cups.ids(), &|id| format!("/api/v1/competitions/{id}/board"))),
         ("its entrants", each(cups.ids(), &|id| format!("/api/v1/competitions/{id}/entrants"))),
     ]
+}
+
+fn strs(values: &[String]) -> Vec<&str> {
+    values.iter().map(String::as_str).collect()
 }
 
 /// The first pages of a list.
