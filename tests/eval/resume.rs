@@ -151,7 +151,8 @@ async fn another_definition_is_another_run() {
     // How much is done at once is no difference.
     let more = ["--temperature", "1", "--requests", "2", "--budget", "1000000", "--timeout", "60"];
     bench.eval(&args(&other, &more)).await.ends(0).says(&["resumes"]);
-    assert_eq!(other.seen().len(), ALL + ALL - 4);
+    // One more may have been asked before the signal came.
+    assert_eq!(other.seen().len(), ALL + ALL - endpoint.seen().len());
 }
 
 /// A full disk is reported, and the same command resumes once there is space. Here no file may become large.
