@@ -7,8 +7,10 @@ use super::cells::{Cells, Step};
 /// Columns that are looked at together.
 const LANES: usize = 8;
 
-/// What stands for a column after the last: no cost brings a row to it.
-const FAR: i16 = -8192;
+/// Twice the price of a column to which no row should come: one after the last, or one to which the shortest path is
+/// known. Cells lie at most 1022 rows and columns apart and, since matched pairs fit their prices, all prices within
+/// 1022; so the shortest path to a free column is below 4096, and the way to such a column longer.
+const FAR: i16 = -16_384;
 
 /// What stands for no row and for no column.
 const NONE: u16 = u16::MAX;
@@ -33,7 +35,7 @@ impl Lanes {
     }
 
     /// All numbers, those of the lanes that belong to no column at the end.
-    pub(super) fn iter(&self) -> impl Iterator<Item = i16> {
+    fn iter(&self) -> impl Iterator<Item = i16> {
         self.0.iter().flat_map(|lanes| lanes.to_array())
     }
 
@@ -53,27 +55,35 @@ pub(super) struct Start {
     columns: Vec<u16>,
 }
 
+/// A column to which the shortest path is known.
+#[derive(Clone, Copy, Debug)]
+struct Settled {
+    column: u16,
+    length: i16,
+    /// As in `column_price`, where it is replaced during the search.
+    price: i16,
+}
+
 /// The problem with its memory. Rows are the `few`, made as many as the columns by rows that cost nothing anywhere;
 /// columns are the `many`.
 #[derive(Debug, Default)]
 pub(super) struct Assignment {
     rows: Vec<Step>,
     size: usize,
+    /// Twice the place of each column.
     column_i: Lanes,
     column_j: Lanes,
+    /// Twice the price of each column, and one less as soon as it has a row: a path that is just as long but ends in a
+    /// free column is then the shorter one.
     column_price: Lanes,
     row_price: Vec<i16>,
     /// By row the column with which it was matched last.
     column_of: Vec<u16>,
     row_of: Vec<u16>,
-    /// All bits of a column that has no row.
-    is_free: Lanes,
     unmatched: Vec<u16>,
+    /// By column, twice the length of the shortest path so far (and one more, see `column_price`).
     reach: Lanes,
-    from: Lanes,
-    /// The greatest number for columns to which a shortest path is known.
-    settled: Lanes,
-    path: Vec<u16>,
+    path: Vec<Settled>,
     /// How often a row was compared with all columns.
     pub(super) looks: usize,
 }
@@ -85,8 +95,8 @@ impl Assignment {
         self.size = many.all.len();
         self.rows.clear();
         self.rows.extend_from_slice(&few.all);
-        self.column_i.set(many.all.iter().map(|cell| cell.0), 0);
-        self.column_j.set(many.all.iter().map(|cell| cell.1), 0);
+        self.column_i.set(many.all.iter().map(|cell| 2 * cell.0), 0);
+        self.column_j.set(many.all.iter().map(|cell| 2 * cell.1), 0);
         let zeros = || std::iter::repeat_n(0, many.all.len());
         self.column_price.set(zeros(), FAR);
         self.column_of.clear();
@@ -94,11 +104,7 @@ impl Assignment {
         if start.columns.len() == self.size {
             self.restore(start);
         }
-        for lanes in [&mut self.is_free, &mut self.reach, &mut self.from] {
-            lanes.set(zeros(), 0);
-        }
-        self.settled.set(zeros(), i16::MAX);
-        self.path.clear();
+        self.reach.set(zeros(), 0);
         self.row_price.clear();
         self.row_price.resize(self.size, 0);
         self.row_of.clear();
@@ -106,8 +112,8 @@ impl Assignment {
     }
 
     /// The prices of the columns as they are now; the greatest is 0.
-    pub(super) const fn prices(&self) -> &Lanes {
-        &self.column_price
+    pub(super) fn prices(&self) -> impl Iterator<Item = i16> {
+        self.column_price.iter().take(self.size).map(|double| double / 2)
     }
 
     /// Notes the prices and pairs as they are now.
@@ -141,10 +147,13 @@ impl Assignment {
         Some(value)
     }
 
-    /// Only differences between the columns' prices matter; this keeps the numbers small.
+    /// Only differences between the columns' prices matter; this keeps the numbers small. Leaves all columns free.
     fn shift_prices(&mut self) {
-        let highest =
-            self.column_price.0.iter().fold(i16x8::splat(FAR), |high, lanes| high.max(*lanes));
+        let (one, mut highest) = (i16x8::splat(1), i16x8::splat(FAR));
+        for lanes in &mut self.column_price.0 {
+            *lanes = (*lanes + one) & !one;
+            highest = highest.max(*lanes);
+        }
         let highest = i16x8::splat(highest.reduce_max());
         for lanes in &mut self.column_price.0 {
             *lanes = (*lanes - highest).max(i16x8::splat(FAR));
@@ -158,42 +167,40 @@ impl Assignment {
         self.looks += self.rows.len();
         let prices = &mut self.row_price;
         for (price, row) in prices.iter_mut().zip(&self.rows) {
-            let (i, j) = (i16x8::splat(row.0 + by.0), i16x8::splat(row.1 + by.1));
+            let (i, j) = place(*row, by);
             let mut least = i16x8::splat(i16::MAX);
             for ((column_i, column_j), column_price) in
                 self.column_i.0.iter().zip(&self.column_j.0).zip(&self.column_price.0)
             {
-                let reduced = (i - *column_i).abs() + (j - *column_j).abs() - *column_price;
-                least = least.min(reduced);
+                least = least.min(apart(i, *column_i) + apart(j, *column_j) - *column_price);
             }
-            *price = least.reduce_min();
+            *price = least.reduce_min() / 2;
             sum += i32::from(*price);
         }
         // The highest price of a column is 0.
         prices[self.rows.len()..].fill(0);
-        sum + self.column_price.iter().take(self.size).map(i32::from).sum::<i32>()
+        sum + self.prices().map(i32::from).sum::<i32>()
     }
 
     /// What is left of a cost after the prices of its row and its column.
     fn reduced(&self, row: usize, column: usize, by: Step) -> i16 {
         let cost = self.rows.get(row).map_or(0, |cell| {
             let (i, j) = (self.column_i.at(column), self.column_j.at(column));
-            (cell.0 + by.0 - i).abs() + (cell.1 + by.1 - j).abs()
+            (2 * (cell.0 + by.0) - i).abs() + (2 * (cell.1 + by.1) - j).abs()
         });
-        cost - self.column_price.at(column) - self.row_price[row]
+        (cost - self.column_price.at(column)) / 2 - self.row_price[row]
     }
 
     /// Matches rows to free columns whose price fits as it is, if possible to the same as last time; the rows that
     /// find none are `unmatched`.
     fn match_at_once(&mut self, by: Step) {
         self.row_of.fill(NONE);
-        self.is_free.set(std::iter::repeat_n(-1, self.size), 0);
         self.unmatched.clear();
         for (row, number) in (0..self.size).zip(0..) {
             let column = usize::from(self.column_of[row]);
             if column < self.size && self.reduced(row, column, by) == 0 {
                 self.row_of[column] = number;
-                *self.is_free.at_mut(column) = 0;
+                *self.column_price.at_mut(column) -= 1;
             } else {
                 self.column_of[row] = NONE;
             }
@@ -206,7 +213,7 @@ impl Assignment {
                 Some(column) => {
                     self.column_of[row] = column;
                     self.row_of[usize::from(column)] = number;
-                    *self.is_free.at_mut(column.into()) = 0;
+                    *self.column_price.at_mut(column.into()) -= 1;
                 }
                 None => self.unmatched.push(number),
             }
@@ -215,7 +222,6 @@ impl Assignment {
 
     /// A free column whose price fits a row.
     fn free_column(&self, row: usize, by: Step) -> Option<u16> {
-        let price = i16x8::splat(self.row_price[row]);
         let Some(cell) = self.rows.get(row) else {
             return (0..)
                 .zip(&self.row_of)
@@ -223,16 +229,14 @@ impl Assignment {
                 .map(|(column, _)| column)
                 .find(|&column| self.reduced(row, usize::from(column), by) == 0);
         };
-        let (i, j) = (i16x8::splat(cell.0 + by.0), i16x8::splat(cell.1 + by.1));
-        for (place, (((column_i, column_j), column_price), is_free)) in (0..).step_by(LANES).zip(
-            (self.column_i.0.iter().zip(&self.column_j.0))
-                .zip(&self.column_price.0)
-                .zip(&self.is_free.0),
-        ) {
-            let reduced = (i - *column_i).abs() + (j - *column_j).abs() - *column_price;
-            let fits = (reduced.simd_eq(price) & *is_free).to_bitmask();
+        let price = i16x8::splat(2 * self.row_price[row]);
+        let (i, j) = place(*cell, by);
+        let columns = self.column_i.0.iter().zip(&self.column_j.0).zip(&self.column_price.0);
+        for (first, ((column_i, column_j), column_price)) in (0..).step_by(LANES).zip(columns) {
+            let reduced = apart(i, *column_i) + apart(j, *column_j) - *column_price;
+            let fits = reduced.simd_eq(price).to_bitmask();
             if fits != 0 {
-                return Some(first_of(place, fits));
+                return Some(first_of(first, fits));
             }
         }
         None
@@ -242,89 +246,105 @@ impl Assignment {
     /// far, and with it the dual value, grows.
     fn match_row(&mut self, row: u16, by: Step) -> i16 {
         self.reach.fill(i16::MAX);
-        for &column in &self.path {
-            *self.settled.at_mut(column.into()) = 0;
-        }
         self.path.clear();
-        let (mut at, mut via, mut length) = (row, NONE, 0);
+        let (mut at, mut length) = (row, 0);
         let last = loop {
-            let free;
-            (length, free) = self.relax(at, via, length - self.row_price[usize::from(at)], by);
-            let column = self.nearest(length, free == length);
-            at = self.row_of[usize::from(column)];
-            if at == NONE {
+            let least = self.relax(at, 2 * (length - self.row_price[usize::from(at)]), by);
+            let column = self.first_at(least);
+            length = least / 2;
+            if least % 2 == 0 {
                 break column;
             }
-            *self.settled.at_mut(column.into()) = i16::MAX;
-            self.path.push(column);
-            via = column;
+            let price = std::mem::replace(self.column_price.at_mut(column.into()), FAR);
+            *self.reach.at_mut(column.into()) = i16::MAX;
+            self.path.push(Settled { column, length, price });
+            at = self.row_of[usize::from(column)];
         };
         self.row_price[usize::from(row)] += length;
-        for &column in &self.path {
-            let slack = length - self.reach.at(column.into());
-            *self.column_price.at_mut(column.into()) -= slack;
-            self.row_price[usize::from(self.row_of[usize::from(column)])] += slack;
+        for settled in &self.path {
+            let slack = length - settled.length;
+            *self.column_price.at_mut(settled.column.into()) = settled.price - 2 * slack;
+            self.row_price[usize::from(self.row_of[usize::from(settled.column)])] += slack;
         }
-        *self.is_free.at_mut(last.into()) = 0;
-        let mut column = last;
-        while column != NONE {
-            let before = self.from.at(column.into()).cast_unsigned();
-            let row = if before == NONE { row } else { self.row_of[usize::from(before)] };
-            self.row_of[usize::from(column)] = row;
-            self.column_of[usize::from(row)] = column;
-            column = before;
-        }
+        self.augment(row, last, by);
+        *self.column_price.at_mut(last.into()) -= 1;
         length
     }
 
-    /// Looks from a row, `base` and its price away, at all columns; returns the least reach of those that are not
-    /// settled, and of those that are free.
-    fn relax(&mut self, row: u16, via: u16, base: i16, by: Step) -> (i16, i16) {
-        self.looks += 1;
-        let base = i16x8::splat(base);
-        let via = i16x8::splat(via.cast_signed());
-        let mut least = i16x8::splat(i16::MAX);
-        let (mut free, most) = (least, least);
-        let mut look = |new: i16x8,
-                        reach: &mut i16x8,
-                        from: &mut i16x8,
-                        (settled, is_free): (&i16x8, &i16x8)| {
-            *from = new.simd_lt(*reach).select(via, *from);
-            *reach = new.min(*reach);
-            least = least.min(reach.max(*settled));
-            free = free.min(reach.max(!*is_free & most));
-        };
-        let states = self.settled.0.iter().zip(&self.is_free.0);
-        let columns = self.reach.0.iter_mut().zip(&mut self.from.0).zip(states);
-        let columns = columns.zip(&self.column_price.0);
-        if let Some(cell) = self.rows.get(usize::from(row)) {
-            let (i, j) = (i16x8::splat(cell.0 + by.0), i16x8::splat(cell.1 + by.1));
-            let places = self.column_i.0.iter().zip(&self.column_j.0);
-            for ((((reach, from), settled), price), (column_i, column_j)) in columns.zip(places) {
-                let cost = (i - *column_i).abs() + (j - *column_j).abs();
-                look(base + cost - *price, reach, from, settled);
-            }
-        } else {
-            for (((reach, from), settled), price) in columns {
-                look(base - *price, reach, from, settled);
-            }
+    /// Matches along the shortest path from a row to a free column. It is found again from its end: each column was
+    /// reached from the first row that fits it now.
+    fn augment(&mut self, row: u16, last: u16, by: Step) {
+        let (mut column, mut before) = (last, self.path.len());
+        while self.reduced(row.into(), column.into(), by) != 0 {
+            let fits = |settled: &Settled| {
+                let row = self.row_of[usize::from(settled.column)];
+                self.reduced(row.into(), column.into(), by) == 0
+            };
+            before = self.path[..before].iter().position(fits).expect("it was reached");
+            let via = self.path[before].column;
+            self.pair(self.row_of[usize::from(via)], column);
+            column = via;
         }
-        (least.reduce_min(), free.reduce_min())
+        self.pair(row, column);
     }
 
-    /// The first column that is not settled and has this reach, or the first that is free.
-    fn nearest(&self, length: i16, is_free: bool) -> u16 {
-        let length = i16x8::splat(length);
-        let any = i16x8::splat(if is_free { 0 } else { -1 });
-        let columns = self.reach.0.iter().zip(&self.settled.0).zip(&self.is_free.0);
-        for (place, ((reach, settled), free)) in (0..).step_by(LANES).zip(columns) {
-            let fits = (reach.max(*settled).simd_eq(length) & (*free | any)).to_bitmask();
-            if fits != 0 {
-                return first_of(place, fits);
+    fn pair(&mut self, row: u16, column: u16) {
+        self.row_of[usize::from(column)] = row;
+        self.column_of[usize::from(row)] = column;
+    }
+
+    /// Looks from a row, `base` and its price away, at all columns; returns the least reach.
+    fn relax(&mut self, row: u16, base: i16, by: Step) -> i16 {
+        self.looks += 1;
+        let base = i16x8::splat(base);
+        let mut least = i16x8::splat(i16::MAX);
+        let mut look = |new: i16x8, reach: &mut i16x8| {
+            *reach = new.min(*reach);
+            least = least.min(*reach);
+        };
+        let columns = self.reach.0.iter_mut().zip(&self.column_price.0);
+        if let Some(cell) = self.rows.get(usize::from(row)) {
+            let (i, j) = place(*cell, by);
+            let places = self.column_i.0.iter().zip(&self.column_j.0);
+            for ((reach, price), (column_i, column_j)) in columns.zip(places) {
+                look(base - *price + (apart(i, *column_i) + apart(j, *column_j)), reach);
+            }
+        } else {
+            for (reach, price) in columns {
+                look(base - *price, reach);
             }
         }
-        NONE
+        least.reduce_min()
     }
+
+    /// The first column that has this reach.
+    fn first_at(&self, reach: i16) -> u16 {
+        const TOGETHER: usize = 4;
+        let wanted = i16x8::splat(reach);
+        let groups = (0..).step_by(TOGETHER * LANES).zip(self.reach.0.chunks(TOGETHER));
+        for (first, group) in groups {
+            let any = group.iter().fold(i16x8::ZERO, |any, lanes| any | lanes.simd_eq(wanted));
+            if any.to_bitmask() == 0 {
+                continue;
+            }
+            for (first, lanes) in (first..).step_by(LANES).zip(group) {
+                let fits = lanes.simd_eq(wanted).to_bitmask();
+                if fits != 0 {
+                    return first_of(first, fits);
+                }
+            }
+        }
+        unreachable!("some column has the least reach")
+    }
+}
+
+/// Twice the place of a row.
+fn place(cell: Step, by: Step) -> (i16x8, i16x8) {
+    (i16x8::splat(2 * (cell.0 + by.0)), i16x8::splat(2 * (cell.1 + by.1)))
+}
+
+fn apart(a: i16x8, b: i16x8) -> i16x8 {
+    (a - b).max(b - a)
 }
 
 /// The column of the first bit, where the lanes begin with the column `place`.

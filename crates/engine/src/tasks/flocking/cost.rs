@@ -10,12 +10,13 @@
 //!    also costs at least what each of the two diagonals costs, since |Δi| + |Δj| is the greater of
 //!    |Δi + Δj| and |Δi − Δj|. See `lines.rs`.
 //! 2. The prices with which an assignment ends bound the cost of every other translation, too, and
-//!    those of its neighbours closely. See `field.rs`.
+//!    those of its neighbours closely; most others hardly. See `field.rs`.
 //! 3. The assignment itself is found from below, by shortest augmenting paths; its dual value never
 //!    exceeds the cost, and it is given up as soon as that reaches the best cost known. It begins
 //!    with the prices that bound this translation best. See `assignment.rs`.
 //!
-//! The translation with the least bound is tried next, until no bound is below the best cost known.
+//! Of the translations that bring some cells together (see `meetings.rs`), the one with the least bound is tried next,
+//! until no bound is below the best cost known.
 //! From round to round agents move by a cell: the best translation of the last round, its prices and
 //! its pairs are tried first.
 
@@ -23,6 +24,7 @@ use super::assignment::{Assignment, Start};
 use super::cells::{ALONG, Cells, Shape, Step};
 use super::field::Field;
 use super::lines::Line;
+use super::meetings::Meetings;
 use crate::grid::Pos;
 
 /// The least total of rows and columns by which agents and target cells, matched one to one, are
@@ -60,6 +62,11 @@ pub(super) struct Known {
 /// With so few translations left, each is tried without bounding it again.
 const FEW: usize = 2;
 
+/// Prices found for one translation say little about those that are further away, in rows or in columns. Only the first
+/// prices of a search are tried on all translations.
+const NEAR: u16 = 8;
+const FIRST: usize = 8;
+
 /// Prices that are kept during a search; the oldest make room.
 const STARTS_MAX: usize = 1024;
 
@@ -68,7 +75,8 @@ const STARTS_MAX: usize = 1024;
 struct Candidate {
     bound: i32,
     by: Step,
-    /// The prices that gave the bound.
+    /// The best bound by prices, and which prices these are.
+    by_prices: i32,
     start: usize,
 }
 
@@ -76,7 +84,7 @@ struct Candidate {
 #[derive(Debug, Default)]
 pub(crate) struct Search {
     many: Cells,
-    occupied: Vec<bool>,
+    meetings: Meetings,
     /// Rows, columns and both diagonals.
     lines: [Line; 4],
     candidates: Vec<Candidate>,
@@ -89,12 +97,13 @@ impl Search {
     /// See [`distance`]. `known` is from an earlier search of the same number of cells, and is replaced. The cost does
     /// not depend on it.
     pub(super) fn least(&mut self, few: &Shape, many: &[Pos], known: &mut Known) -> i32 {
-        self.set(many);
+        self.many.set(many);
+        self.meetings.set(&few.cells, &self.many);
         let corner =
             (self.many.corner.0 - few.cells.corner.0, self.many.corner.1 - few.cells.corner.1);
         self.assignment.begin(&few.cells, &self.many, &known.start);
         let mut best = i32::MAX;
-        let near = known.by.and_then(|by| self.near(few, (by.0 - corner.0, by.1 - corner.1)));
+        let near = known.by.and_then(|by| self.meetings.near((by.0 - corner.0, by.1 - corner.1)));
         let mut found = |assignment: &Assignment, by: Step| {
             known.by = Some((corner.0 + i32::from(by.0), corner.1 + i32::from(by.1)));
             assignment.save(&mut known.start);
@@ -107,14 +116,11 @@ impl Search {
         }
         self.find_candidates(few, best);
         let mut tries = 0;
-        if near.is_some() {
-            self.tighten(few, best, tries);
+        if let Some(by) = near {
+            self.tighten(few, best, tries, by);
             tries += 1;
         }
         while let Some(candidate) = self.take_least() {
-            if !brings_some_onto(&self.occupied, self.many.last, few, candidate.by) {
-                continue;
-            }
             if let Some(start) = self.starts.get(candidate.start) {
                 self.assignment.restore(start);
             }
@@ -123,34 +129,15 @@ impl Search {
                 found(&self.assignment, candidate.by);
             }
             self.candidates.retain(|candidate| candidate.bound < best);
-            self.tighten(few, best, tries);
+            self.tighten(few, best, tries, candidate.by);
             tries += 1;
         }
         best
     }
 
-    fn set(&mut self, many: &[Pos]) {
-        self.many.set(many);
-        let width = usize::from(self.many.last.1.unsigned_abs()) + 1;
-        let height = usize::from(self.many.last.0.unsigned_abs()) + 1;
-        self.occupied.clear();
-        self.occupied.resize(height * width, false);
-        for &(i, j) in &self.many.all {
-            let (i, j) = (usize::from(i.unsigned_abs()), usize::from(j.unsigned_abs()));
-            self.occupied[i * width + j] = true;
-        }
-    }
-
-    /// The translation if it brings some of the few onto some of the many.
-    fn near(&self, few: &Shape, by: (i32, i32)) -> Option<Step> {
-        let by = (i16::try_from(by.0).ok()?, i16::try_from(by.1).ok()?);
-        brings_some_onto(&self.occupied, self.many.last, few, by).then_some(by)
-    }
-
-    /// All translations whose lower bound from lines is less than `limit`, among them some that bring none
-    /// of the few onto one of the many.
+    /// All translations whose lower bound from lines is less than `limit`.
     fn find_candidates(&mut self, few: &Shape, limit: i32) {
-        let Self { many, lines, candidates, .. } = self;
+        let Self { many, meetings, lines, candidates, .. } = self;
         let set = |line: &mut Line, number: usize| {
             let along = ALONG[number];
             let places = many.all.iter().map(|&(i, j)| along(i.into(), j.into()));
@@ -167,9 +154,12 @@ impl Search {
         let step = |by: i32| i16::try_from(by).expect("a small number");
         for (i, down) in rows.bounds().filter(|(_, down)| down + least < limit) {
             let columns = columns.bounds().filter(|(_, across)| down + across < limit);
-            candidates.extend(columns.map(|(j, across)| Candidate {
-                bound: down + across,
-                by: (step(i), step(j)),
+            let all = columns.map(|(j, across)| (down + across, (step(i), step(j))));
+            let all = all.filter(|&(_, by)| meetings.has(by));
+            candidates.extend(all.map(|(bound, by)| Candidate {
+                bound,
+                by,
+                by_prices: i32::MIN,
                 start: usize::MAX,
             }));
         }
@@ -195,25 +185,31 @@ impl Search {
         Some(self.candidates.swap_remove(place))
     }
 
-    /// Bounds all candidates by the prices of the assignment as they are now; leaves those that are still less than
-    /// `limit`.
-    fn tighten(&mut self, few: &Shape, limit: i32, tries: usize) {
+    /// Bounds candidates by the prices of the assignment as they are now, which were found for the translation `at`;
+    /// leaves those that are still less than `limit`.
+    fn tighten(&mut self, few: &Shape, limit: i32, tries: usize, at: Step) {
         let Self { many, candidates, field, starts, assignment, .. } = self;
         if candidates.len() <= FEW {
             return;
         }
-        let ends = candidates.iter().fold(
-            ((i16::MAX, i16::MAX), (i16::MIN, i16::MIN)),
-            |(first, last), &Candidate { by, .. }| {
-                ((first.0.min(by.0), first.1.min(by.1)), (last.0.max(by.0), last.1.max(by.1)))
-            },
-        );
+        let is_near =
+            |by: Step| tries < FIRST || by.0.abs_diff(at.0).max(by.1.abs_diff(at.1)) <= NEAR;
+        let near = candidates.iter().map(|candidate| candidate.by).filter(|&by| is_near(by));
+        let ends = near.fold(None, |ends, by| {
+            let (first, last): (Step, Step) = ends.unwrap_or((by, by));
+            Some(((first.0.min(by.0), first.1.min(by.1)), (last.0.max(by.0), last.1.max(by.1))))
+        });
+        let Some(ends) = ends else { return };
         field.draw(few, many, assignment.prices(), ends);
         let place = tries % STARTS_MAX;
         candidates.retain_mut(|candidate| {
+            if !is_near(candidate.by) {
+                return true;
+            }
             let bound = field.bound(few, candidate.by);
-            if bound > candidate.bound {
-                (candidate.bound, candidate.start) = (bound, place);
+            candidate.bound = candidate.bound.max(bound);
+            if bound > candidate.by_prices {
+                (candidate.by_prices, candidate.start) = (bound, place);
             }
             candidate.bound < limit
         });
@@ -222,13 +218,4 @@ impl Search {
         }
         assignment.save(&mut starts[place]);
     }
-}
-
-fn brings_some_onto(occupied: &[bool], last: Step, few: &Shape, by: Step) -> bool {
-    let width = usize::from(last.1.unsigned_abs()) + 1;
-    few.cells.all.iter().any(|cell| {
-        let (i, j) = (cell.0 + by.0, cell.1 + by.1);
-        let is_inside = (0..=last.0).contains(&i) && (0..=last.1).contains(&j);
-        is_inside && occupied[usize::from(i.unsigned_abs()) * width + usize::from(j.unsigned_abs())]
-    })
 }

@@ -5,8 +5,12 @@
 //! than the cost of that translation. ψ is drawn on the map as a transform of distances, four passes over it. Sums along
 //! rows and columns of it then give the sum over a run of cells by two look-ups, and an outline is four runs.
 
-use super::assignment::Lanes;
+use wide::{i16x8, i32x8};
+
 use super::cells::{Cells, Run, Shape, Step};
+
+/// Rows, and columns, that are worked on together: a block of cells that is turned over.
+const BLOCK: usize = 8;
 
 /// More than any value.
 const FAR: i16 = 16_000;
@@ -19,8 +23,11 @@ pub(super) struct Field {
     /// Cells of a row, with at least one after the last that matters.
     stride: usize,
     values: Vec<i16>,
-    /// By cell, the sum of its value and those after it in its row.
-    across: Vec<i32>,
+    /// Eight rows of the values by column.
+    columns: Vec<i16x8>,
+    /// By cell, the sum of its value and those after it in its row. Eight rows lie beside each other: by column eight
+    /// sums, those of the rows.
+    across: Vec<i32x8>,
     /// By cell, the sum of the values above it in its column.
     down: Vec<i32>,
     /// The part of the bound that does not depend on the translation.
@@ -33,27 +40,28 @@ impl Field {
         &mut self,
         few: &Shape,
         many: &Cells,
-        prices: &Lanes,
+        prices: impl Iterator<Item = i16>,
         (first, last): (Step, Step),
     ) {
         let length = |first: i16, last: i16| usize::from((last - first).unsigned_abs()) + 1;
         let (top, left) = first;
         let (bottom, right) = (last.0 + few.cells.last.0, last.1 + few.cells.last.1);
         let height = length(top, bottom);
-        let stride = (length(left, right) + 1).next_multiple_of(8);
+        let stride = (length(left, right) + 1).next_multiple_of(BLOCK);
         (self.top, self.left, self.stride) = (top, left, stride);
         let spare = many.all.len() - few.cells.all.len();
         let (mut sum, mut highest) = (0, i16::MIN);
         self.values.clear();
-        self.values.resize(height * stride, FAR);
-        for (&(i, j), price) in many.all.iter().zip(prices.iter()) {
+        self.values.resize(height.next_multiple_of(BLOCK) * stride, FAR);
+        for (&(i, j), price) in many.all.iter().zip(prices) {
             sum += i32::from(price);
             highest = highest.max(price);
             // What lies outside is as far from every cell inside as the cell of the edge that is nearest to it, and more.
             let (near_i, near_j) = (i.clamp(top, bottom), j.clamp(left, right));
             let value = (i - near_i).abs() + (j - near_j).abs() - price;
-            let place = self.place((near_i, near_j));
-            self.values[place] = self.values[place].min(value);
+            let (row, column) = self.row_and_column((near_i, near_j));
+            let nearest = &mut self.values[row * stride + column];
+            *nearest = value.min(*nearest);
         }
         self.base = sum - i32::try_from(spare).expect("few") * i32::from(highest);
         self.spread_down();
@@ -64,20 +72,23 @@ impl Field {
     /// The least cost that the prices allow for a translation.
     pub(super) fn bound(&self, few: &Shape, by: Step) -> i32 {
         let sum = |run: &Run| {
-            let at = self.place((by.0 + run.first.0, by.1 + run.first.1));
+            let (row, column) = self.row_and_column((by.0 + run.first.0, by.1 + run.first.1));
             let length = usize::from(run.length.unsigned_abs());
             if run.is_column {
+                let at = row * self.stride + column;
                 self.down[at + length * self.stride] - self.down[at]
             } else {
-                self.across[at] - self.across[at + length]
+                let at = row / BLOCK * self.stride + column;
+                let sum = |at: usize| self.across[at].as_array()[row % BLOCK];
+                sum(at) - sum(at + length)
             }
         };
         self.base + few.runs.iter().map(sum).sum::<i32>()
     }
 
-    fn place(&self, (i, j): Step) -> usize {
+    fn row_and_column(&self, (i, j): Step) -> (usize, usize) {
         let inside = |at: i16| usize::from(at.unsigned_abs());
-        inside(i - self.top) * self.stride + inside(j - self.left)
+        (inside(i - self.top), inside(j - self.left))
     }
 
     /// Values may differ by at most 1 from row to row.
@@ -98,22 +109,34 @@ impl Field {
         }
     }
 
-    /// The same from column to column; sums up rows on the way back.
+    /// The same from column to column, eight rows at once; sums up rows on the way back.
     fn spread_across(&mut self) {
-        self.across.resize(self.values.len(), 0);
-        let sums = self.across.chunks_exact_mut(self.stride);
-        for (row, sums) in self.values.chunks_exact_mut(self.stride).zip(sums) {
-            let mut most = FAR;
-            for value in &mut *row {
-                most = (*value).min(most + 1);
-                *value = most;
+        let Self { stride, values, columns, across, .. } = self;
+        across.resize(values.len() / BLOCK, i32x8::ZERO);
+        let one = i16x8::splat(1);
+        for (rows, sums) in
+            values.chunks_exact_mut(BLOCK * *stride).zip(across.chunks_exact_mut(*stride))
+        {
+            columns.clear();
+            let mut most = i16x8::splat(FAR);
+            for first in (0..*stride).step_by(BLOCK) {
+                for column in turned(rows, *stride, first) {
+                    most = column.min(most + one);
+                    columns.push(most);
+                }
             }
-            let (mut most, mut total) = (FAR, 0);
-            for (value, sum) in row.iter_mut().zip(sums).rev() {
-                most = (*value).min(most + 1);
-                *value = most;
-                total += i32::from(most);
+            let (mut most, mut total) = (i16x8::splat(FAR), i32x8::ZERO);
+            for (column, sum) in columns.iter_mut().zip(sums).rev() {
+                most = (*column).min(most + one);
+                *column = most;
+                total += i32x8::from_i16x8(most);
                 *sum = total;
+            }
+            for (block, first) in columns.as_chunks::<BLOCK>().0.iter().zip((0..).step_by(BLOCK)) {
+                let block = i16x8::transpose(*block);
+                for (row, values) in rows.chunks_exact_mut(*stride).zip(&block) {
+                    row[first..first + BLOCK].copy_from_slice(values.as_array());
+                }
             }
         }
     }
@@ -122,7 +145,7 @@ impl Field {
         let stride = self.stride;
         self.down.resize((height + 1) * stride, 0);
         self.down[..stride].fill(0);
-        for (row, values) in self.values.chunks_exact(stride).enumerate() {
+        for (row, values) in self.values.chunks_exact(stride).take(height).enumerate() {
             let (above, below) = self.down.split_at_mut((row + 1) * stride);
             let sums = below[..stride].iter_mut().zip(&above[row * stride..]);
             for ((below, above), value) in sums.zip(values) {
@@ -130,4 +153,13 @@ impl Field {
             }
         }
     }
+}
+
+/// Eight columns of eight rows.
+fn turned(rows: &[i16], stride: usize, first: usize) -> [i16x8; BLOCK] {
+    let row = |row: usize| {
+        let at = row * stride + first;
+        i16x8::from(rows[at..at + BLOCK].as_chunks().0[0])
+    };
+    i16x8::transpose(std::array::from_fn(row))
 }

@@ -5,6 +5,7 @@ mod cells;
 mod cost;
 mod field;
 mod lines;
+mod meetings;
 
 use std::sync::Arc;
 
