@@ -195,6 +195,12 @@ impl Board {
         size_of_val(&*self.bodies) + self.grid.bytes_beside(&other.grid)
     }
 
+    /// Makes `other`, an earlier state of the same board, a clone of this one, in its memory.
+    pub(crate) fn replace(&mut self, other: &mut Self) {
+        other.bodies.clone_from(&self.bodies);
+        self.grid.replace(&mut other.grid);
+    }
+
     /// About how much memory it takes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(&*self.bodies) + self.grid.bytes()

@@ -99,7 +99,34 @@ pub struct Grid {
     height: i32,
     width: i32,
     pieces: Vec<Arc<[u16]>>,
+    spare: Spare,
 }
+
+/// Pieces of boards that are forgotten: those that change next are copied into them. They are no part of the map.
+#[derive(Debug, Default)]
+struct Spare(Vec<Arc<[u16]>>);
+
+impl Spare {
+    /// A piece as long as this one, if there is one.
+    fn take(&mut self, length: usize) -> Option<Arc<[u16]>> {
+        let place = self.0.iter().position(|piece| piece.len() == length)?;
+        Some(self.0.swap_remove(place))
+    }
+}
+
+impl Clone for Spare {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
+impl PartialEq for Spare {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl Eq for Spare {}
 
 /// Cells of a piece of a grid; the last piece may have fewer.
 const PIECE_CELLS: usize = 1024;
@@ -112,7 +139,7 @@ impl Grid {
     pub(crate) fn new(height: i32, width: i32) -> Self {
         let area = usize::try_from(height * width).expect("a map has a positive size");
         let pieces = vec![EMPTY; area].chunks(PIECE_CELLS).map(Arc::from).collect();
-        Self { height, width, pieces }
+        Self { height, width, pieces, spare: Spare::default() }
     }
 
     /// The number of rows.
@@ -156,8 +183,29 @@ impl Grid {
             let value = body.map_or(EMPTY, |id| id.0);
             // A piece that others share is copied where it changes only.
             if self.cell(at) != value {
-                let piece = Arc::make_mut(&mut self.pieces[index / PIECE_CELLS]);
-                piece[index % PIECE_CELLS] = value;
+                let piece = &mut self.pieces[index / PIECE_CELLS];
+                if Arc::get_mut(piece).is_none()
+                    && let Some(mut copy) = self.spare.take(piece.len())
+                {
+                    Arc::make_mut(&mut copy).copy_from_slice(piece);
+                    *piece = copy;
+                }
+                Arc::make_mut(piece)[index % PIECE_CELLS] = value;
+            }
+        }
+    }
+
+    /// Makes `other`, an earlier state of the same map, a clone of this one. Its pieces that nobody else has are kept
+    /// for changes to come. As a change takes a new piece only where none is kept, all boards of an episode and what is
+    /// kept have at most as many pieces as those boards would have if they shared none.
+    pub(crate) fn replace(&mut self, other: &mut Self) {
+        for (piece, other) in self.pieces.iter().zip(&mut other.pieces) {
+            if Arc::ptr_eq(piece, other) {
+                continue;
+            }
+            let mut before = std::mem::replace(other, Arc::clone(piece));
+            if Arc::get_mut(&mut before).is_some() {
+                self.spare.0.push(before);
             }
         }
     }
@@ -174,7 +222,8 @@ impl Grid {
 
     /// Bytes of all its cells.
     pub(crate) fn bytes(&self) -> usize {
-        let cells: usize = self.pieces.iter().map(|piece| size_of_val(&**piece)).sum();
+        let pieces = self.pieces.iter().chain(&self.spare.0);
+        let cells: usize = pieces.map(|piece| size_of_val(&**piece)).sum();
         cells + size_of_val(&*self.pieces)
     }
 

@@ -9,8 +9,8 @@ use crate::physics::{self, Solver, SolverError};
 use crate::tasks::{self, Stage};
 use crate::world::{Moment, World};
 
-/// Memory that rounds use again: with one of them, a round in which nobody talks and nothing is remembered allocates
-/// nothing. It has no state: any world may use it after any other.
+/// Memory that rounds use again: with one of them, a round in which nobody talks allocates nothing, once as many
+/// rounds were played as agents remember. It has no state: any world may use it after any other.
 #[derive(Debug, Default)]
 pub struct Scratch {
     wishes: Vec<Option<Direction>>,
@@ -75,7 +75,7 @@ impl World {
         assert!(!self.is_over(), "an episode that is over has no more rounds");
         assert_eq!(acts.len(), self.board.agents().len(), "one act for each agent");
 
-        let remembered = (self.config.memory > 0).then(|| self.seen_now(acts));
+        let remembered = (self.config.memory > 0).then(|| self.remember(acts));
         self.mail.post(&self.config, &self.board, self.round, acts);
 
         let Scratch { wishes, had_gone, physics, tasks } = scratch;
@@ -93,26 +93,42 @@ impl World {
         physics::resolve(&mut self.board, wishes, solver, physics)?;
         let stage = Stage { config: &self.config, round: self.round, had_gone, acts };
         self.score = self.task.update(&stage, &mut self.board, self.score, tasks);
-        if let Some((board, flags, acts)) = remembered {
-            self.remember(Moment::new(self.round, board, &self.board, flags, acts));
+        if let Some(mut moment) = remembered {
+            if let Some(moment) = Arc::get_mut(&mut moment) {
+                moment.settle(&self.board);
+            }
+            self.past.push_front(moment);
         }
         self.round += 1;
         self.mail.deliver(&self.config, &self.board, self.round);
         Ok(())
     }
 
-    /// What agents remember of the round: what they see now, and their acts; those who have escaped do nothing.
-    fn seen_now(&self, acts: &[Act]) -> (crate::body::Board, Vec<bool>, Vec<Act>) {
+    /// What agents will remember of the round: what they see now, and their acts; those who have escaped do nothing. It
+    /// takes the place of the oldest that is remembered, and its memory unless a clone of the world remembers it, too.
+    fn remember(&mut self, acts: &[Act]) -> Arc<Moment> {
         let agents = self.board.agents().iter().zip(acts);
         let fixed =
             agents.map(|(agent, act)| if agent.gone { Act::default() } else { act.clone() });
-        (self.board.clone(), self.task.flags().to_vec(), fixed.collect())
-    }
-
-    fn remember(&mut self, moment: Moment) {
-        self.past.truncate(self.config.memory.saturating_sub(1));
-        if self.config.memory > 0 {
-            self.past.push_front(Arc::new(moment));
+        let oldest =
+            self.past.len().checked_sub(self.config.memory).and_then(|_| self.past.pop_back());
+        if let Some(mut oldest) = oldest
+            && let Some(moment) = Arc::get_mut(&mut oldest)
+        {
+            moment.round = self.round;
+            moment.flags.clear();
+            moment.flags.extend_from_slice(self.task.flags());
+            moment.acts.clear();
+            moment.acts.extend(fixed);
+            self.board.replace(&mut moment.board);
+            return oldest;
         }
+        Arc::new(Moment {
+            round: self.round,
+            flags: self.task.flags().to_vec(),
+            acts: fixed.collect(),
+            board: self.board.clone(),
+            bytes: 0,
+        })
     }
 }

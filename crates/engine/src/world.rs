@@ -39,22 +39,15 @@ pub(crate) struct Moment {
 }
 
 impl Moment {
-    /// Remembers a round: the board before it, and the one after it.
-    pub(crate) fn new(
-        round: u32,
-        board: Board,
-        after: &Board,
-        flags: Vec<bool>,
-        acts: Vec<Act>,
-    ) -> Self {
+    /// Notes the board after the round, with which it shares memory.
+    pub(crate) fn settle(&mut self, after: &Board) {
         let texts: usize =
-            acts.iter().filter_map(|act| act.message.as_ref()).map(Message::bytes).sum();
-        let bytes = size_of::<Self>()
-            + board.bytes_beside(after)
-            + size_of_val(&*flags)
-            + size_of_val(&*acts)
+            self.acts.iter().filter_map(|act| act.message.as_ref()).map(Message::bytes).sum();
+        self.bytes = size_of::<Self>()
+            + self.board.bytes_beside(after)
+            + size_of_val(&*self.flags)
+            + size_of_val(&*self.acts)
             + texts;
-        Self { round, board, flags, acts, bytes }
     }
 }
 

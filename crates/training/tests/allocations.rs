@@ -8,8 +8,8 @@ const ENVIRONMENTS: usize = 8;
 
 #[test]
 fn steps_allocate_nothing() {
-    for task in TaskName::ALL {
-        let settings = Settings { memory: 0, max_round: 1000, ..Settings::standard(task, 0) };
+    for (task, memory) in TaskName::ALL.into_iter().flat_map(|task| [(task, 0), (task, 5)]) {
+        let settings = Settings { memory, max_round: 1000, ..Settings::standard(task, 0) };
         let options = Options {
             environments: ENVIRONMENTS,
             seed: 1,
@@ -37,6 +37,6 @@ fn steps_allocate_nothing() {
         };
         play(700);
         let counted = measure(|| play(200));
-        assert_eq!(counted.count_total, 0, "{task:?}: {counted:?}");
+        assert_eq!(counted.count_total, 0, "{task:?}, memory {memory}: {counted:?}");
     }
 }
