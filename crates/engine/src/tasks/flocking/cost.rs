@@ -65,7 +65,7 @@ const FEW: usize = 2;
 /// Prices found for one translation say little about those that are further away, in rows or in columns. Only the first
 /// prices of a search are tried on all translations.
 const NEAR: u16 = 8;
-const FIRST: usize = 8;
+const FIRST: usize = 32;
 
 /// Prices that are kept during a search; the oldest make room.
 const STARTS_MAX: usize = 1024;
