@@ -20,6 +20,7 @@ use crate::episode::actor::Host;
 use crate::episode::replay::Rounds;
 use crate::episode::replays::RecoveryError;
 use crate::fair::Party;
+use crate::ids::EpisodeKey;
 use crate::store::Store;
 use crate::store::entries::Entry;
 use crate::store::metrics::{Measured, MetricsRow, Unmeasured, stored_method};
@@ -155,26 +156,42 @@ pub async fn run(store: &Store, host: &Host, clock: &dyn Clock) {
     }
 }
 
-/// Measures the first games of the queue. False where it is empty.
+/// Measures the first games of the queue, and keeps their metrics in one commit. False where it is empty.
 async fn measure_queued(store: &Store, host: &Host) -> Result<bool, RecoveryError> {
     let queued = store.unmeasured(QUEUED_AT_ONCE).await?;
-    for Unmeasured { number, episode } in &queued {
-        let row = match store.summary_of(*episode).await? {
-            Some(stored) => match measured(host, &stored).await {
-                Ok(row) => Some(Box::new(row)),
-                // The queue of heavy work is full: later.
-                Err(error @ (RecoveryError::Work(_) | RecoveryError::Journal(_))) => {
-                    return Err(error);
-                }
-                Err(error @ RecoveryError::Broken { .. }) => {
-                    tracing::error!(%error, "a game is not measured");
-                    None
-                }
-            },
-            None => None,
-        };
-        store.keep(vec![Entry::Measured { number: Some(*number), metrics: row }]).await?;
-        metrics::counter!("swarmbench_games_measured_total").increment(1);
+    let mut entries = Vec::with_capacity(queued.len());
+    let mut stopped = None;
+    for Unmeasured { number, episode } in queued {
+        match measured_if_stored(store, host, episode).await {
+            Ok(metrics) => entries.push(Entry::Measured { number: Some(number), metrics }),
+            // The queue of heavy work is full, or the journal cannot be read: later.
+            Err(error) => {
+                stopped = Some(error);
+                break;
+            }
+        }
     }
-    Ok(!queued.is_empty())
+    let count = entries.len();
+    if count > 0 {
+        store.keep(entries).await?;
+        metrics::counter!("swarmbench_games_measured_total").increment(count as u64);
+    }
+    stopped.map_or(Ok(count > 0), Err)
+}
+
+/// The metrics of an episode; `None` where it is not stored any more, or its journal is broken.
+async fn measured_if_stored(
+    store: &Store,
+    host: &Host,
+    episode: EpisodeKey,
+) -> Result<Option<Box<MetricsRow>>, RecoveryError> {
+    let Some(stored) = store.summary_of(episode).await? else { return Ok(None) };
+    match measured(host, &stored).await {
+        Ok(row) => Ok(Some(Box::new(row))),
+        Err(error @ RecoveryError::Broken { .. }) => {
+            tracing::error!(%error, "a game is not measured");
+            Ok(None)
+        }
+        Err(error) => Err(error),
+    }
 }

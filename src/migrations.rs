@@ -5,7 +5,7 @@ use sqlx::SqlSafeStr as _;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 
 /// Version, description and text of each file in `migrations`.
-const FILES: [(i64, &str, &str); 9] = [
+const FILES: [(i64, &str, &str); 10] = [
     (1, "journal", include_str!("../migrations/0001_journal.sql")),
     (2, "keys", include_str!("../migrations/0002_keys.sql")),
     (3, "runs", include_str!("../migrations/0003_runs.sql")),
@@ -15,6 +15,7 @@ const FILES: [(i64, &str, &str); 9] = [
     (7, "metrics", include_str!("../migrations/0007_metrics.sql")),
     (8, "failures", include_str!("../migrations/0008_failures.sql")),
     (9, "forks", include_str!("../migrations/0009_forks.sql")),
+    (10, "templates", include_str!("../migrations/0010_templates.sql")),
 ];
 
 /// All migrations, oldest first.

@@ -26,7 +26,7 @@ use swarmbench::store::port::{
 use swarmbench::work::Workers;
 use swarmbench_clock::ManualClock;
 use swarmbench_engine::{Act, Action, AgentId, Config, Settings, TaskName};
-use swarmbench_journal::record::{ActRecord, Decision, RawRecord, Usage};
+use swarmbench_journal::record::{ActRecord, Decision, RawRecord, Source, Usage};
 use tempfile::TempDir;
 
 /// Longer than anything takes, so that a test that hangs fails.
@@ -293,7 +293,8 @@ async fn a_replay_reads_no_texts() {
     let row = |record: &ActRecord, agent| {
         let record = RawRecord::write(record);
         let at = "2026-03-01T12:00:00Z".parse().expect("a time");
-        Entry::Act(ActRow { episode: EpisodeKey(1), round: 4, agent, waiting_for: 0, at, record })
+        let (episode, round, source) = (EpisodeKey(1), 4, Source::Player);
+        Entry::Act(ActRow { episode, round, agent, waiting_for: 0, source, at, record })
     };
     let rows = vec![row(&long, AgentId(0)), row(&short, AgentId(1))];
     bench.journal.keep(rows).await.expect("kept");

@@ -14,7 +14,7 @@ use swarmbench::store::entries::{ActRow, Entry};
 use swarmbench::work::Workers;
 use swarmbench_clock::{Clock, ManualClock};
 use swarmbench_engine::{Act, Action, AgentId, Message, Settings, TaskName};
-use swarmbench_journal::record::{Decision, RawRecord};
+use swarmbench_journal::record::{Decision, RawRecord, Source};
 use swarmbench_loadtest::connection::{Connection, Target, request};
 use swarmbench_protocol::episode::CreatedEpisode;
 use tokio_util::sync::CancellationToken;
@@ -111,6 +111,7 @@ async fn commits(database: &Path) {
                     round: u32::try_from(next / SEATS).expect("a small number"),
                     agent,
                     waiting_for: 0,
+                    source: Source::Player,
                     at: clock.now(),
                     record: RawRecord::write(&decision.record(agent, 0)),
                 };

@@ -22,6 +22,7 @@ pub mod replay;
 pub mod replays;
 pub mod seating;
 mod slot;
+mod slots;
 mod snapshot;
 pub mod spec;
 mod status;

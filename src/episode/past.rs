@@ -12,7 +12,7 @@ use super::replays::RecoveryError;
 use crate::fair::{Party, Rank};
 use crate::store::port::{RoundActs, StoredEpisode};
 use crate::work::Cancelled;
-use swarmbench_journal::record::{RawRecord, round_record};
+use swarmbench_journal::record::{RawRecord, Source, round_record};
 
 /// About how long writing the records of a round takes, in microseconds.
 const WRITE_MICROS: u64 = 20;
@@ -39,6 +39,7 @@ pub(super) struct PastRound {
 pub(super) struct PastAct {
     pub(super) agent: AgentId,
     pub(super) waiting_for: u32,
+    pub(super) source: Source,
     pub(super) record: RawRecord,
 }
 
@@ -88,6 +89,7 @@ impl Past {
             .map(|(agent, act)| PastAct {
                 agent: *agent,
                 waiting_for: act.waiting_for,
+                source: act.record.source,
                 record: RawRecord::write(&act.record.clone().taken_over()),
             })
             .collect();

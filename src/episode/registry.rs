@@ -19,6 +19,7 @@ use super::memory;
 use super::quota::{Full, Purpose, Quotas};
 use super::recovery::{RecoveryError, described, recover, recovered_for};
 use super::slot::Slot;
+use super::slots::Slots;
 use super::spec::Spec;
 use crate::budget::{Budget, NoMemory, Reservation, SMALL_BYTES};
 use crate::fair::{self, FairLimit, Group, Party, Rank, Shares};
@@ -90,7 +91,7 @@ impl From<StoreError> for FindError {
 #[derive(Clone)]
 pub struct Registry {
     host: Arc<Host>,
-    slots: Arc<Mutex<HashMap<EpisodeId, Slot>>>,
+    slots: Arc<Mutex<Slots>>,
     next_key: Arc<AtomicI64>,
     /// Until when the search for idle episodes of a group, or of all, pauses: there were too few.
     none_idle_until: Arc<Mutex<HashMap<Option<Group>, Timestamp>>>,
@@ -182,7 +183,7 @@ impl Registry {
         let idle = |slot: &Slot| {
             slot.handle.get().is_some_and(is_of_group) && slot.is_idle(now, IDLE_STAYS)
         };
-        let idle = slots.iter().filter(|(_, slot)| idle(slot));
+        let idle = slots.awake().filter(|(_, slot)| idle(slot));
         let mut idle: Vec<_> = idle.map(|(id, slot)| (slot.used_at, id.clone())).collect();
         idle.sort_unstable();
         let mut evicted = 0;
@@ -238,10 +239,10 @@ impl Registry {
     }
 
     pub fn in_memory(&self) -> usize {
-        self.slots().values().filter(|slot| slot.handle.initialized()).count()
+        self.slots().awake().filter(|(_, slot)| slot.handle.initialized()).count()
     }
 
-    fn slots(&self) -> MutexGuard<'_, HashMap<EpisodeId, Slot>> {
+    fn slots(&self) -> MutexGuard<'_, Slots> {
         self.slots.lock().expect("nothing panics while it holds this")
     }
 
@@ -272,7 +273,7 @@ impl Registry {
     /// Finds an episode, and recovers it from the journal if it is not in memory.
     pub async fn find(&self, id: &EpisodeId) -> Result<Option<Handle>, FindError> {
         let now = self.host.clock.now();
-        let known = self.slots().get_mut(id).map(|slot| {
+        let known = self.slots().wake(id).map(|slot| {
             slot.used_at = now;
             slot.empty_if_dead(now);
             (Arc::clone(&slot.handle), slot.ends_at.is_some())
@@ -287,7 +288,7 @@ impl Registry {
             None if self.host.journal.episode(id.clone()).await?.is_none() => return Ok(None),
             None => {
                 let mut slots = self.slots();
-                Arc::clone(&slots.entry(id.clone()).or_insert_with(|| Slot::empty(now)).handle)
+                Arc::clone(&slots.wake_or_insert(id, now).handle)
             }
         };
         self.fill(&cell, id).await
@@ -388,16 +389,11 @@ impl Registry {
         let all = self.host.journal.unfinished().await?;
         let now = self.host.clock.now();
         for Unfinished { episode, id, owner, clocked, .. } in &all {
-            let mut slots = self.slots();
             // One that was requested meanwhile is counted by its recovery, and may have
             // ended since it was listed.
-            if !slots.contains_key(id) {
+            if self.slots().add_unfinished(id, now, *clocked) {
                 self.host.quotas.note(*episode, Party::of_key(*owner));
             }
-            let slot = slots.entry(id.clone()).or_insert_with(|| Slot::empty(now));
-            slot.ends_at = Some(now);
-            slot.clocked = *clocked;
-            slot.in_line = *clocked;
         }
         let count = all.len();
         let (light, heavy) = in_line(all);
@@ -445,25 +441,23 @@ impl Registry {
     pub async fn sweep_idle(&self) {
         let now = self.host.clock.now();
         let is_in_doubt = self.host.clock.doubt().is_some();
-        let mut due: Vec<(EpisodeId, bool)> = Vec::new();
-        for (id, slot) in self.slots().iter_mut() {
-            slot.empty_if_dead(now);
-            if slot.handle.initialized() {
-                // Its actor ends it in time.
-                slot.ends_at = None;
-            } else if slot.ends_at.is_some_and(|at| at <= now)
-                && !slot.in_line
-                && (slot.clocked || !is_in_doubt)
-            {
-                due.push((id.clone(), slot.clocked));
-            }
-        }
-        // The oldest first, and always in the same order.
-        due.sort_unstable();
+        let due = {
+            let mut slots = self.slots();
+            slots.visit_awake(|slot| {
+                slot.empty_if_dead(now);
+                if slot.handle.initialized() {
+                    // Its actor ends it in time.
+                    slot.ends_at = None;
+                }
+                true
+            });
+            slots.due(now, |slot| !slot.in_line && (slot.clocked || !is_in_doubt))
+        };
         let recover_due = async |(id, clocked): (EpisodeId, bool)| match self.ends_at(&id).await {
             Ok(Some(at)) if at > now && !clocked => {
-                if let Some(slot) = self.slots().get_mut(&id) {
-                    slot.ends_at = slot.ends_at.map(|_| at);
+                let mut slots = self.slots();
+                if slots.get(&id).is_some_and(|slot| slot.ends_at.is_some()) {
+                    slots.set_end(&id, at);
                 }
             }
             _ => self.recover_or_log(&id).await,
@@ -493,7 +487,7 @@ impl Registry {
     pub fn evict_unused(&self) {
         let now = self.host.clock.now();
         self.host.quotas.tidy(now);
-        self.slots().retain(|_, slot| !slot.is_idle(now, UNUSED_STAYS) || slot.leave(now));
+        self.slots().visit_awake(|slot| !slot.is_idle(now, UNUSED_STAYS) || slot.leave(now));
     }
 }
 

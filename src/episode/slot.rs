@@ -31,6 +31,8 @@ pub(super) struct Slot {
     revived_at: Option<Timestamp>,
     /// Whether it is queued for recovery.
     pub(super) in_line: bool,
+    /// Under which end it is listed, see [`Slots`](super::slots::Slots).
+    pub(super) listed_at: Option<Timestamp>,
     /// Of an episode that was in memory since the start of the server. The time of day may have been set
     /// since then, so the journal does not know them.
     pub(super) times: Option<Arc<Times>>,
@@ -46,6 +48,7 @@ impl Slot {
             leaving: None,
             revived_at: None,
             in_line: false,
+            listed_at: None,
             times: None,
         }
     }
@@ -66,6 +69,12 @@ impl Slot {
     /// Whether there are handles to the episode, or soon will be.
     pub(super) fn is_held(&self) -> bool {
         Arc::strong_count(&self.handle) > 1 || self.handle.get().is_some_and(Handle::is_shared)
+    }
+
+    /// Whether it waits for a request or for the end of its episode: that has not ended, is not in memory, and nobody recovers
+    /// it now.
+    pub(super) fn rests(&self) -> bool {
+        !self.handle.initialized() && Arc::strong_count(&self.handle) == 1 && self.ends_at.is_some()
     }
 
     /// Whether the episode has no handles and no requests for so long.

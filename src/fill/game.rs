@@ -55,6 +55,7 @@ impl NewGame {
             model: spec.model.clone(),
             visibility: spec.visibility.name(),
             waiting: false,
+            has_open_seats: false,
             clocked: spec.advances_by_itself(),
             at,
             idempotency: None,
@@ -80,6 +81,7 @@ impl NewGame {
             for (waiting_for, &agent) in (0..living.len()).rev().zip(&living) {
                 let act = draws.act(&world);
                 let decision = Decision::of_player(act.clone()).record(agent, 0);
+                let source = decision.source;
                 tally.add(&decision);
                 let record = RawRecord::write(&decision);
                 bytes += record.as_str().len() as u64;
@@ -91,6 +93,7 @@ impl NewGame {
                     round,
                     agent,
                     waiting_for,
+                    source,
                     at: now,
                     record,
                 }));
@@ -126,6 +129,7 @@ impl NewGame {
             bytes,
             score,
             rounds,
+            seed: world.config().seed(),
             tally,
             counts,
             at: now,

@@ -78,6 +78,8 @@ pub struct Fill {
 pub struct Filled {
     pub episodes: u64,
     pub runs: u64,
+    /// Acts of all games.
+    pub acts: u64,
     /// The ids of its competitions.
     pub competitions: Vec<String>,
     /// The key of an organizer.
@@ -145,14 +147,17 @@ impl Filling {
                 let made = Arc::clone(&filling);
                 let entries = tokio::task::spawn_blocking(move || made.entries(piece)).await;
                 let entries = entries.map_err(|error| FillError::Settings(error.to_string()))?;
-                filling.store.keep(entries.map_err(FillError::Settings)?).await?;
-                Ok::<_, FillError>(games)
+                let entries = entries.map_err(FillError::Settings)?;
+                let acts = entries.iter().filter(|entry| matches!(entry, Entry::Act(_))).count();
+                filling.store.keep(entries).await?;
+                Ok::<_, FillError>((games, acts as u64))
             }
         });
         let mut kept = made_pieces.buffered(PIECES_AT_ONCE);
-        let (mut episodes, of) = (0, made.episodes);
-        while let Some(games) = kept.try_next().await? {
+        let (mut episodes, mut acts, of) = (0, 0, made.episodes);
+        while let Some((games, of_these)) = kept.try_next().await? {
             episodes += games;
+            acts += of_these;
             progress(episodes, of);
         }
         for competition in &made.competitions {
@@ -160,7 +165,7 @@ impl Filling {
             filling.store.keep(vec![Entry::Reveal { competition: competition.key, at }]).await?;
         }
         let competitions = made.competitions.iter().map(|cup| cup.id.clone()).collect();
-        Ok(Filled { episodes, runs: made.runs, competitions, organizer })
+        Ok(Filled { episodes, runs: made.runs, acts, competitions, organizer })
     }
 
     /// Adds an organizer and the owners of episodes; the organizer's token.

@@ -42,19 +42,29 @@ impl Tokens {
 
     /// Reads the rights of a token that is not cached.
     async fn read(&self, kind: TokenKind, hash: TokenHash) -> Result<Option<Grant>, ApiError> {
-        let revocations = self.revocations.load(Ordering::Acquire);
+        let revocations = self.revocations();
         let grant = match kind {
             TokenKind::Seat | TokenKind::Swarm => self.store.find_token(hash).await?,
             TokenKind::Key => self.store.find_key(hash).await?.map(Grant::Key),
             TokenKind::Invitation => None,
         };
         let Some(grant) = grant else { return Ok(None) };
-        self.grants.insert(hash, grant.clone());
-        if self.revocations.load(Ordering::Acquire) != revocations {
-            // It may have been revoked after it was read and before it was cached.
+        self.cache(hash, grant.clone(), revocations);
+        Ok(Some(grant))
+    }
+
+    /// How often tokens were revoked: see [`Tokens::cache`].
+    pub(super) fn revocations(&self) -> u64 {
+        self.revocations.load(Ordering::Acquire)
+    }
+
+    /// Caches the rights of a token that was read, or made, when tokens had been revoked `revocations` times.
+    pub(super) fn cache(&self, hash: TokenHash, grant: Grant, revocations: u64) {
+        self.grants.insert(hash, grant);
+        if self.revocations() != revocations {
+            // It may have been revoked since then, before it was cached.
             self.grants.remove(&hash);
         }
-        Ok(Some(grant))
     }
 
     /// Removes tokens from the cache; they must be revoked in the store already.

@@ -26,7 +26,8 @@ use crate::host::Disk;
 use crate::ids::{EntryKey, EpisodeId, RunKey, Token, TokenKind};
 use crate::store::Store;
 use crate::store::entries::{Entry, RunRow};
-use crate::store::runs::{StoredGame, StoredRun};
+use crate::store::games::StoredGame;
+use crate::store::runs::StoredRun;
 use swarmbench_clock::{Clock, Entropy};
 use swarmbench_protocol::suite::Game;
 

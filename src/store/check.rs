@@ -24,6 +24,7 @@ use super::foreign::is_foreign;
 use super::metrics::stored_method;
 use super::rebuild::{self, RebuildError};
 use super::rows::{FromRow, get};
+use super::templates::opening;
 use crate::ids::EpisodeKey;
 use crate::migrations;
 use crate::store::imports::ImportHash;
@@ -216,7 +217,7 @@ const EPISODES_AND_FORKING: &str =
     "(SELECT key FROM episodes UNION ALL SELECT episode AS key FROM forking)";
 
 /// Columns that name a row of another table: the table, the column, and the key of the other.
-const REFERENCES: [(&str, &str, &str, &str); 22] = [
+const REFERENCES: [(&str, &str, &str, &str); 23] = [
     ("acts", "episode", EPISODES_AND_FORKING, "key"),
     ("rounds", "episode", EPISODES_AND_FORKING, "key"),
     ("tokens", "episode", "episodes", "key"),
@@ -230,6 +231,7 @@ const REFERENCES: [(&str, &str, &str, &str); 22] = [
     ("episodes", "owner", "keys", "number"),
     ("episodes", "run", "runs", "key"),
     ("episodes", "fork_of", "episodes", "key"),
+    ("episodes", "template", "templates", "key"),
     ("runs", "owner", "keys", "number"),
     ("runs", "entry", "entries", "key"),
     ("entries", "competition", "competitions", "key"),
@@ -259,7 +261,7 @@ async fn references(database: &mut SqliteConnection, checked: &mut Checked) {
 }
 
 /// What holds for every row of a table. Each statement gives the names of the rows for which it does not hold.
-const STATEMENTS: [(&str, &str); 14] = [
+const STATEMENTS: [(&str, &str); 15] = [
     (
         "its status does not fit its times",
         "SELECT id FROM episodes WHERE CASE
@@ -323,6 +325,12 @@ const STATEMENTS: [(&str, &str); 14] = [
         "SELECT 'audit ' || number FROM audit WHERE NOT json_valid(detail)
          UNION ALL SELECT 'claim ' || holder || ' of episode ' || episode FROM claims WHERE NOT json_valid(agent_meta)
          UNION ALL SELECT id FROM imports WHERE NOT json_valid(settings)",
+    ),
+    (
+        "who decided is not in its record",
+        "SELECT 'act of agent ' || agent || ' in round ' || round || ' of episode ' || episode FROM acts
+             WHERE source IS NOT NULL
+               AND source IS NOT CASE json_extract(record, '$.source') WHEN 'player' THEN 0 WHEN 'clock' THEN 1 END",
     ),
     (
         "its seats and its claims do not fit",
@@ -537,11 +545,11 @@ async fn episode(
     database: &mut SqliteConnection,
     key: EpisodeKey,
 ) -> Result<Result<u32, String>, sqlx::Error> {
-    let query = "SELECT opening, seating, ending, head, id, task, model, visibility, status, reason, clocked, created_at,
+    let query = concat!("SELECT ", opening!(), ", seating, ending, head, id, task, model, visibility, status, reason, clocked, open_seats, created_at,
                         coalesce(fork_round, 0) AS first_round,
-                        (SELECT id FROM runs WHERE runs.key = episodes.run) AS run,
-                        (SELECT id FROM episodes parent WHERE parent.key = episodes.fork_of) AS fork_of
-                 FROM episodes WHERE key = ?";
+                        (SELECT id FROM runs WHERE runs.key = e.run) AS run,
+                        (SELECT id FROM episodes parent WHERE parent.key = e.fork_of) AS fork_of
+                 FROM episodes e WHERE key = ?");
     let row = sqlx::query(query).bind(key.0).fetch_one(&mut *database).await?;
     let raw = |column| get::<Option<RawRecord>>(&row, column);
     let Some(opening) = raw("opening")? else { return Ok(Err("it has no opening".to_owned())) };
@@ -666,6 +674,10 @@ fn columns(
     }
     if config.round_deadline_ms.is_some() && !row.try_get::<bool, _>("clocked")? {
         return Ok(Err("it has a clock, and would not be taken up for it".to_owned()));
+    }
+    let has_open_seats = !config.open_seats.is_empty();
+    if row.try_get::<Option<bool>, _>("open_seats")?.is_some_and(|open| open != has_open_seats) {
+        return Ok(Err("whether it has open seats is not as in its journal".to_owned()));
     }
     if row.try_get::<i64, _>("created_at")? != opening.created_at.as_millisecond() {
         return Ok(Err("it was created at another time than its journal tells".to_owned()));

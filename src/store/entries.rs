@@ -1,14 +1,14 @@
 //! What is written: each entry is a row, or a change of one.
 
 use jiff::Timestamp;
-use swarmbench_engine::AgentId;
+use swarmbench_engine::{AgentId, Seed};
 
 use crate::ids::{CompetitionKey, EntryKey, EpisodeId, EpisodeKey, RunKey, TokenHash};
 use crate::keys::{KeyRow, OwnerKey};
 use crate::store::metrics::MetricsRow;
 use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
-use swarmbench_journal::record::RawRecord;
+use swarmbench_journal::record::{RawRecord, Source};
 use swarmbench_protocol::import::ImportConfig;
 
 /// One change of the database.
@@ -245,6 +245,8 @@ pub struct OpeningRow {
     pub visibility: &'static str,
     /// Whether it waits for a manual start.
     pub waiting: bool,
+    /// Whether seats of it can be claimed.
+    pub has_open_seats: bool,
     /// Whether its rounds have a deadline; those are recovered first.
     pub clocked: bool,
     pub at: Timestamp,
@@ -312,6 +314,8 @@ pub struct ActRow {
     pub agent: AgentId,
     /// How many seats the round waited for after this act.
     pub waiting_for: u32,
+    /// Who decided.
+    pub source: Source,
     pub at: Timestamp,
     pub record: RawRecord,
 }
@@ -344,6 +348,7 @@ pub struct EndRow {
     pub bytes: u64,
     pub score: f64,
     pub rounds: u32,
+    pub seed: Seed,
     pub tally: Tally,
     /// Whether boards count it: it belongs to a run, or several holders played it.
     pub counts: bool,

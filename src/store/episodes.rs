@@ -1,14 +1,17 @@
 //! The table `episodes`.
 
+use serde::Deserialize;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Sqlite};
 
 use super::Store;
 use super::StoreError;
-use super::rows::{FromRow, from_row, get};
+use super::rows::{FromRow, get};
+use super::templates::opening;
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use crate::keys::OwnerKey;
 use crate::store::port::{StoredEpisode, Unfinished};
+use swarmbench_journal::record::RawRecord;
 
 /// What a list of episodes is filtered by.
 #[derive(Clone, Debug, Default)]
@@ -95,31 +98,46 @@ const END: &str = "
                           'open_acts', json_array())
          ELSE e.ending END AS \"end\", ";
 
+/// The end record unless it is long: it tells the rounds and the score, so that a list reads no rounds of episodes that have
+/// ended, each of which is on a page of its own.
+const SHORT_END: &str = "CASE WHEN octet_length(e.ending) <= 1024 THEN e.ending END";
+
 /// Asks for episodes; the caller adds a condition.
 fn select(detail: Detail) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(
-        "SELECT e.key AS episode, e.id, e.owner, e.run, e.revealed, e.opening,
-                coalesce(e.fork_round, 0) AS first_round, e.seating, e.status, e.reason, e.created_at, e.ended_at,
+        concat!("SELECT e.key AS episode, e.id, e.owner, e.run, e.revealed, ", opening!(), ",
+                coalesce(e.fork_round, 0) AS first_round, e.seating, e.status, e.reason, e.created_at, e.ended_at, e.bytes,
                 CASE WHEN e.voided_at IS NULL THEN NULL ELSE coalesce(e.void_reason, '') END AS void_reason,
                 CASE WHEN e.ended_at IS NULL AND r.round >= coalesce(e.fork_round, 0) THEN r.head ELSE e.head END AS head,
-                coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score, ",
+                coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score, "),
     );
     match detail {
-        Detail::Summary => query.push("e.created_at AS newest_at, NULL AS \"end\", NULL"),
-        Detail::All => query.push(NEWEST_AT).push(" AS newest_at, ").push(END).push(LAST_ACT_AT),
+        Detail::Summary => query
+            .push("e.created_at AS newest_at, NULL AS \"end\", NULL AS last_act_at, ")
+            .push(SHORT_END)
+            .push(" AS short_end"),
+        Detail::All => query
+            .push(NEWEST_AT)
+            .push(" AS newest_at, ")
+            .push(END)
+            .push(LAST_ACT_AT)
+            .push(" AS last_act_at, NULL AS short_end"),
     };
     query.push(
-        " AS last_act_at FROM episodes e
+        " FROM episodes e
           LEFT JOIN rounds r ON r.episode = e.key
-              AND r.round = (SELECT max(round) FROM rounds WHERE episode = e.key)
-          WHERE ",
+              AND r.round = (SELECT max(round) FROM rounds WHERE episode = e.key)",
     );
+    if detail == Detail::Summary {
+        query.push(" AND (").push(SHORT_END).push(") IS NULL");
+    }
+    query.push(" WHERE ");
     query
 }
 
 /// Where it waits and has, or had, open seats: every holder of a key may claim one.
 const CLAIMABLE: &str = "(e.status = 'waiting' AND e.visibility <> 'sealed'
-                          AND json_extract(e.opening, '$.config.open_seats') IS NOT NULL)";
+                          AND coalesce(e.open_seats, json_extract(e.opening, '$.config.open_seats') IS NOT NULL))";
 
 /// The models that held seats: those of the record of seats, or else the creator's.
 const MODELS: &str = "
@@ -137,7 +155,7 @@ const NEWEST_AT: &str = "
 /// The last act of a player, or else the manual start: a clock that runs out is no act.
 const LAST_ACT_AT: &str = "
     coalesce((SELECT a.at FROM acts a
-              WHERE a.episode = e.key AND json_extract(a.record, '$.source') = 'player'
+              WHERE a.episode = e.key AND coalesce(a.source = 0, json_extract(a.record, '$.source') = 'player')
               ORDER BY a.round DESC, a.at DESC LIMIT 1),
              e.started_at)";
 
@@ -307,11 +325,44 @@ impl Store {
     }
 }
 
-from_row! {
-    StoredEpisode {
-        episode, id, owner, run, revealed, opening, first_round, seating, status, reason, end, head, rounds, score, created_at,
-        newest_at, last_act_at, ended_at, void_reason,
+impl FromRow for StoredEpisode {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let (mut rounds, mut score) = (get(row, "rounds")?, get(row, "score")?);
+        if let Some(end) = get::<Option<RawRecord>>(row, "short_end")? {
+            let end: Standing = end.read().map_err(|error| sqlx::Error::Decode(error.into()))?;
+            // A layout may have a score, but before the first round none is shown.
+            (rounds, score) = (end.rounds, if end.rounds > 0 { end.score } else { 0.0 });
+        }
+        Ok(Self {
+            episode: get(row, "episode")?,
+            id: get(row, "id")?,
+            owner: get(row, "owner")?,
+            run: get(row, "run")?,
+            revealed: get(row, "revealed")?,
+            opening: get(row, "opening")?,
+            first_round: get(row, "first_round")?,
+            seating: get(row, "seating")?,
+            status: get(row, "status")?,
+            reason: get(row, "reason")?,
+            end: get(row, "end")?,
+            head: get(row, "head")?,
+            act_bytes: get(row, "bytes")?,
+            rounds,
+            score,
+            created_at: get(row, "created_at")?,
+            newest_at: get(row, "newest_at")?,
+            last_act_at: get(row, "last_act_at")?,
+            ended_at: get(row, "ended_at")?,
+            void_reason: get(row, "void_reason")?,
+        })
     }
+}
+
+/// What an end record tells of the rounds.
+#[derive(Deserialize)]
+struct Standing {
+    rounds: u32,
+    score: f64,
 }
 
 impl FromRow for Unfinished {

@@ -16,6 +16,7 @@ pub mod exports;
 mod files;
 mod foreign;
 mod forks;
+pub mod games;
 pub mod imports;
 pub mod keys;
 pub mod metrics;
@@ -27,6 +28,7 @@ pub mod results;
 mod rows;
 pub mod runs;
 pub mod seats;
+mod templates;
 pub mod tokens;
 mod writer;
 
@@ -102,6 +104,7 @@ pub enum OpenError {
 pub struct Store {
     readers: readers::Readers,
     writer: writer::Writer,
+    ended_games: Arc<games::EndedGames>,
     files: Files,
     /// Held as long as the database is open; none where it is only read.
     lock: Arc<Mutex<Option<Lock>>>,
@@ -113,10 +116,11 @@ impl Store {
         let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
         let OpenedDatabase { lock, files, options, connection } =
             open_exclusively(path, true).await?;
-        let options = options.read_only(true).create_if_missing(false);
+        let options = readers::cached(options.read_only(true).create_if_missing(false));
         let readers = readers::Readers::open(options).await.map_err(failed)?;
         let writer = writer::Writer::spawn(connection, files.clone());
-        Ok(Self { readers, writer, files, lock: Arc::new(Mutex::new(Some(lock))) })
+        let ended_games = Arc::new(games::EndedGames::new());
+        Ok(Self { readers, writer, ended_games, files, lock: Arc::new(Mutex::new(Some(lock))) })
     }
 
     /// Opens a database only to read it, also while a server has it. What is handed to the writer is
@@ -148,7 +152,8 @@ impl Store {
             return Err(OpenError::Tables(path.to_owned()));
         }
         let writer = writer::Writer::none();
-        Ok(Self { readers, writer, files: Files::default(), lock: Arc::default() })
+        let ended_games = Arc::new(games::EndedGames::new());
+        Ok(Self { readers, writer, ended_games, files: Files::default(), lock: Arc::default() })
     }
 
     /// A connection that reads, for the party of this task.

@@ -49,6 +49,8 @@ pub struct StoredEpisode {
     pub end: Option<RawRecord>,
     /// The head of its chain after the last stored record.
     pub head: Head,
+    /// Bytes that its acts take, once it has ended.
+    pub act_bytes: Option<u64>,
     pub rounds: u32,
     /// The score after them.
     pub score: f64,

@@ -16,6 +16,9 @@ const GAMES: usize = 3;
 /// Connections that read for all others.
 pub const READERS_MAX: usize = 4;
 
+/// Pages that each of these connections caches: the upper pages of the indexes of a million episodes.
+const CACHE_KIB: u32 = 8 * 1024;
+
 /// How long a request waits for a connection to read.
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -72,6 +75,12 @@ impl DerefMut for Reading {
     fn deref_mut(&mut self) -> &mut SqliteConnection {
         &mut self.connection
     }
+}
+
+/// Gives a connection that reads [`CACHE_KIB`] of pages.
+pub(super) fn cached(options: SqliteConnectOptions) -> SqliteConnectOptions {
+    // Negative: KiB, not pages.
+    options.pragma("cache_size", format!("-{CACHE_KIB}"))
 }
 
 impl Lane {

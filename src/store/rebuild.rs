@@ -12,6 +12,7 @@ use swarmbench_analysis::{Embedder, Hash1, Options};
 use super::again::{StoredJournal, play_again, read_journal};
 use super::metrics::{self, Measured, MetricsRow};
 use super::rows::get;
+use super::templates::opening;
 use super::{OpenError, OpenedDatabase, open_exclusively, results};
 use crate::ids::EpisodeKey;
 use swarmbench_journal::Tally;
@@ -151,16 +152,55 @@ pub async fn rebuild_metrics(
     Ok(done)
 }
 
+/// Measures the games that wait for it, as a server does in the background.
+pub async fn measure_queued(
+    path: &Path,
+    mut progress: impl FnMut(u64, u64),
+) -> Result<u64, RebuildError> {
+    let OpenedDatabase { mut connection, lock, .. } = open_exclusively(path, false).await?;
+    let of = count(&mut connection, "SELECT count(*) FROM unmeasured").await?;
+    let mut done = 0;
+    loop {
+        let queued = sqlx::query(
+            "SELECT u.number, e.key, e.id FROM unmeasured u JOIN episodes e ON e.key = u.episode
+             ORDER BY u.number LIMIT ?",
+        )
+        .bind(CHUNK)
+        .fetch_all(&mut connection)
+        .await?;
+        if queued.is_empty() {
+            break;
+        }
+        let mut transaction = connection.begin_with("BEGIN IMMEDIATE").await?;
+        for row in queued {
+            let episode = EpisodeKey(row.try_get("key")?);
+            let measured = measured(&mut transaction, episode, row.try_get("id")?).await?;
+            metrics::add(&mut transaction, &measured).await?;
+            metrics::dequeue(&mut transaction, row.try_get("number")?).await?;
+            done += 1;
+            progress(done, of);
+        }
+        transaction.commit().await?;
+    }
+    connection.close().await?;
+    drop(lock);
+    Ok(done)
+}
+
 /// The metrics of a game, from its journal.
 pub(super) async fn measured(
     database: &mut SqliteConnection,
     episode: EpisodeKey,
     id: String,
 ) -> Result<MetricsRow, RebuildError> {
-    let row = sqlx::query("SELECT opening, seating, coalesce(fork_round, 0) AS first_round FROM episodes WHERE key = ?")
-        .bind(episode.0)
-        .fetch_one(&mut *database)
-        .await?;
+    let row = sqlx::query(concat!(
+        "SELECT ",
+        opening!(),
+        ", seating, coalesce(fork_round, 0) AS first_round FROM episodes e WHERE key = ?"
+    ))
+    .bind(episode.0)
+    .fetch_one(&mut *database)
+    .await?;
     let (opening, seating) = (get(&row, "opening")?, get(&row, "seating")?);
     let (rounds, _) = standing(database, episode).await?.unwrap_or_default();
     let first_round = get(&row, "first_round")?;
@@ -192,21 +232,24 @@ async fn one(
     replay: bool,
 ) -> Result<(), RebuildError> {
     let broken = |problem: String| RebuildError::Journal { episode: id.clone(), problem };
-    let row =
-        sqlx::query("SELECT opening, seating, ending, head, status FROM episodes WHERE key = ?")
-            .bind(episode.0)
-            .fetch_one(&mut *database)
-            .await?;
+    let row = sqlx::query(concat!(
+        "SELECT ",
+        opening!(),
+        ", seating, ending, head, status FROM episodes e WHERE key = ?"
+    ))
+    .bind(episode.0)
+    .fetch_one(&mut *database)
+    .await?;
     let (opening, ending) = (get::<RawRecord>(&row, "opening")?, get::<RawRecord>(&row, "ending")?);
     let seating: Option<RawRecord> = get(&row, "seating")?;
-    match opening.read() {
-        Ok(Record::Opening(opening)) if opening.counts() => {}
+    let seed = match opening.read() {
+        Ok(Record::Opening(opening)) if opening.counts() => opening.config.seed,
         Ok(Record::Opening(_)) => return Ok(()),
         Ok(Record::Seats(_) | Record::Round(_) | Record::End(_)) => {
             return Err(broken("its first record is not an opening".to_owned()));
         }
         Err(error) => return Err(broken(error.to_string())),
-    }
+    };
     let end = match ending.read() {
         Ok(Record::End(end)) => end,
         Ok(Record::Opening(_) | Record::Seats(_) | Record::Round(_)) => {
@@ -236,7 +279,7 @@ async fn one(
         play_again(database, &stored).await?.map_err(broken)?;
     }
     let tally = tally(database, episode).await?.map_err(broken)?;
-    results::add(database, episode, end.score, end.rounds, tally).await?;
+    results::add(database, episode, seed, end.score, end.rounds, tally).await?;
     Ok(())
 }
 

@@ -53,19 +53,21 @@ pub struct ActReader {
     unread: Option<ActPlace>,
     /// Whether the acts of a round come together, with commas between them.
     is_joined: bool,
+    /// Bytes that all acts of the episode take, where that is known.
+    bytes: Option<u64>,
 }
 
 impl ActReader {
     /// Reads the acts of the rounds before `end`.
     pub fn new(store: Store, episode: EpisodeKey, end: u32) -> Self {
         let unread = Some((0, AgentId(0)));
-        Self { store, episode, end, read: VecDeque::new(), unread, is_joined: false }
+        Self { store, episode, end, read: VecDeque::new(), unread, is_joined: false, bytes: None }
     }
 
     /// Reads the same acts; those of a round come together where a part has room for them, with commas between them. A
     /// row of the database costs more than the act in it.
-    pub fn joined(store: Store, episode: EpisodeKey, end: u32) -> Self {
-        Self { is_joined: true, ..Self::new(store, episode, end) }
+    pub fn joined(store: Store, episode: EpisodeKey, end: u32, bytes: Option<u64>) -> Self {
+        Self { is_joined: true, bytes, ..Self::new(store, episode, end) }
     }
 
     /// The record of the next act, or the records of the next acts, if they are of round `round`. At most about `bytes_max` bytes are read at
@@ -77,7 +79,10 @@ impl ActReader {
     ) -> Result<Option<String>, StoreError> {
         if let Some(from) = self.unread.filter(|_| self.read.is_empty()) {
             let (store, episode, end) = (&self.store, self.episode, self.end);
-            let part = if self.is_joined {
+            let fits = self.bytes.is_some_and(|bytes| bytes <= bytes_max as u64);
+            let part = if self.is_joined && fits {
+                ActsPart { acts: store.joined_rounds(episode, from, end - 1).await?, next: None }
+            } else if self.is_joined {
                 store.rounds_part(episode, from, end, bytes_max).await?
             } else {
                 store.acts_part(episode, from, end, bytes_max).await?
@@ -140,13 +145,22 @@ impl Store {
         let Some(&(last, ..)) = rounds[..fitting].last() else {
             return self.acts_part(episode, from, end, bytes_max).await;
         };
+        let next = (is_cut || fitting < rounds.len()).then_some((last + 1, AgentId(0)));
+        Ok(ActsPart { acts: self.joined_rounds(episode, from, last).await?, next })
+    }
+
+    /// The acts from `from` on, up to the end of the round `last`, those of a round joined by commas.
+    async fn joined_rounds(
+        &self,
+        episode: EpisodeKey,
+        from: ActPlace,
+        last: u32,
+    ) -> Result<Vec<(u32, String)>, StoreError> {
         let query = sqlx::query(
             "SELECT round, group_concat(record, ',' ORDER BY agent) FROM acts
              WHERE episode = ? AND (round, agent) >= (?, ?) AND round <= ? GROUP BY round ORDER BY round",
         );
-        let query = query.bind(episode.0).bind(from.0).bind(from.1.0).bind(last);
-        let next = (is_cut || fitting < rounds.len()).then_some((last + 1, AgentId(0)));
-        Ok(ActsPart { acts: self.fetch_all(query).await?, next })
+        self.fetch_all(query.bind(episode.0).bind(from.0).bind(from.1.0).bind(last)).await
     }
 
     /// The last act of a part, and the first of the next one. The texts are not read for it.
@@ -178,17 +192,20 @@ impl Store {
         Ok((last, None))
     }
 
-    /// How many bytes the end record of an episode has; `None` before its end.
-    pub async fn end_bytes(&self, episode: EpisodeKey) -> Result<Option<usize>, StoreError> {
-        let query = sqlx::query("SELECT octet_length(ending) FROM episodes WHERE key = ?");
-        let bytes: Option<u64> = self.fetch_one(query.bind(episode.0)).await?;
-        Ok(bytes.map(|bytes| usize::try_from(bytes).unwrap_or(usize::MAX)))
-    }
-
-    /// The end record of an episode that has ended.
-    pub async fn end_record(&self, episode: EpisodeKey) -> Result<RawRecord, StoreError> {
-        let query = sqlx::query("SELECT ending FROM episodes WHERE key = ?");
-        self.fetch_one(query.bind(episode.0)).await
+    /// How many bytes the end record of an episode has, and the record itself where it has at most `bytes_max`; `None` before
+    /// its end.
+    pub async fn end_record(
+        &self,
+        episode: EpisodeKey,
+        bytes_max: usize,
+    ) -> Result<Option<(usize, Option<RawRecord>)>, StoreError> {
+        let query = sqlx::query(
+            "SELECT octet_length(ending), CASE WHEN octet_length(ending) <= ? THEN ending END
+             FROM episodes WHERE key = ?",
+        );
+        let query = query.bind(i64::try_from(bytes_max).unwrap_or(i64::MAX)).bind(episode.0);
+        let (bytes, record): (Option<u64>, _) = self.fetch_one(query).await?;
+        Ok(bytes.map(|bytes| (usize::try_from(bytes).unwrap_or(usize::MAX), record)))
     }
 
     /// The resolved rounds `from..to` without their acts.

@@ -11,6 +11,7 @@ use swarmbench_engine::Seed;
 use super::Store;
 use super::StoreError;
 use super::rows::{FromRow, get};
+use super::templates::opening;
 use crate::ids::{EpisodeKey, RunKey};
 use crate::store::entries::Entry;
 use swarmbench_journal::Tally;
@@ -27,6 +28,7 @@ const CHANGES_MAX: usize = 4096;
 pub(super) async fn add(
     connection: &mut SqliteConnection,
     episode: EpisodeKey,
+    seed: Seed,
     score: f64,
     rounds: u32,
     tally: Tally,
@@ -35,9 +37,10 @@ pub(super) async fn add(
     sqlx::query(
         "INSERT OR REPLACE INTO results (episode, task, seed, score, rounds, status, acts, invalid, clock_outs,
                               prompt_tokens, completion_tokens, failures)
-         SELECT key, task, json_extract(opening, '$.config.seed'), ?, ?, status, ?, ?, ?, ?, ?, ?
+         SELECT key, task, ?, ?, ?, status, ?, ?, ?, ?, ?, ?
          FROM episodes WHERE key = ?",
     )
+    .bind(i64::from(seed))
     .bind(score)
     .bind(rounds)
     .bind(count(tally.acts))
@@ -70,6 +73,8 @@ pub struct Changes {
     revision: AtomicU64,
     /// How many games were measured.
     measured: AtomicU64,
+    /// How many episodes were voided.
+    voided: AtomicU64,
 }
 
 impl Default for Changes {
@@ -78,6 +83,7 @@ impl Default for Changes {
             pending: Mutex::new(Some(Vec::new())),
             revision: AtomicU64::new(0),
             measured: AtomicU64::new(0),
+            voided: AtomicU64::new(0),
         }
     }
 }
@@ -98,12 +104,20 @@ impl Changes {
         self.measured.load(Ordering::Acquire)
     }
 
+    /// Another number than before, once an episode was voided.
+    pub(super) fn voided(&self) -> u64 {
+        self.voided.load(Ordering::Acquire)
+    }
+
     /// Notes what is durable now.
     pub(super) fn note(&self, entries: &[Entry]) {
         for entry in entries {
             match entry {
                 Entry::End(row) if row.counts => self.add(Change::Episode(row.episode)),
-                Entry::VoidEpisode { episode, .. } => self.add(Change::Episode(*episode)),
+                Entry::VoidEpisode { episode, .. } => {
+                    self.voided.fetch_add(1, Ordering::AcqRel);
+                    self.add(Change::Episode(*episode));
+                }
                 Entry::EndRun { run, .. } | Entry::VoidRun { run, .. } => {
                     self.add(Change::Run(*run));
                 }
@@ -325,11 +339,13 @@ impl Store {
 
     /// A game of several holders, if it is finished, counts, and anybody may read it.
     pub async fn mixed_game(&self, episode: EpisodeKey) -> Result<Option<BoardMixed>, StoreError> {
-        let query = sqlx::query(
-            "SELECT e.opening, r.score FROM results r JOIN episodes e ON e.key = r.episode
+        let query = sqlx::query(concat!(
+            "SELECT ",
+            opening!(),
+            ", r.score FROM results r JOIN episodes e ON e.key = r.episode
              WHERE r.episode = ? AND r.status = 'finished' AND e.voided_at IS NULL
-               AND (e.visibility <> 'sealed' OR e.revealed)",
-        );
+               AND (e.visibility <> 'sealed' OR e.revealed)"
+        ));
         let Some((opening, score)) = self.fetch_optional(query.bind(episode.0)).await? else {
             return Ok(None);
         };

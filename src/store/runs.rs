@@ -1,6 +1,4 @@
-//! The table `runs`, and the games of each.
-
-use std::collections::BTreeMap;
+//! The table `runs`.
 
 use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
@@ -9,13 +7,10 @@ use sqlx::{QueryBuilder, Sqlite};
 use super::Store;
 use super::StoreError;
 use super::episodes::Readable;
-use super::results::failures;
 use super::rows::{FromRow, get};
-use crate::ids::{CompetitionKey, EntryKey, EpisodeId, EpisodeKey, RunKey, TokenHash};
+use crate::ids::{CompetitionKey, EntryKey, RunKey, TokenHash};
 use crate::keys::OwnerKey;
 use crate::store::entries::RunRow;
-use swarmbench_boards::{Game, Slot};
-use swarmbench_journal::Tally;
 
 #[derive(Clone, Debug)]
 pub struct StoredRun {
@@ -40,49 +35,6 @@ pub struct StoredRun {
     pub ended_at: Option<Timestamp>,
 }
 
-#[derive(Clone, Debug)]
-pub struct StoredGame {
-    pub episode: EpisodeKey,
-    pub id: EpisodeId,
-    /// Which game of the run's plan it is, from 0.
-    pub slot: u32,
-    /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
-    pub status: String,
-    pub reason: Option<String>,
-    /// The score so far.
-    pub score: f64,
-    pub rounds: u32,
-    /// What its acts were; all 0 before its end.
-    pub tally: Tally,
-    pub void_reason: Option<String>,
-    pub ended_at: Option<Timestamp>,
-}
-
-impl StoredGame {
-    /// The game as boards take it, in the plan of its run; none if the plan is shorter.
-    pub fn in_plan(&self, plan: &[Slot]) -> Option<Game> {
-        Some(Game {
-            slot: *plan.get(self.slot as usize)?,
-            score: self.score,
-            answers: self.tally.acts,
-            invalid: self.tally.invalid,
-            failures: self.tally.failures,
-            timeouts: self.tally.timeouts,
-            voided: !self.counts(),
-        })
-    }
-
-    /// Whether it counts: it was not voided.
-    pub const fn counts(&self) -> bool {
-        self.void_reason.is_none()
-    }
-
-    /// Whether it has ended.
-    pub const fn is_over(&self) -> bool {
-        self.ended_at.is_some()
-    }
-}
-
 /// What a list of runs is filtered by.
 #[derive(Clone, Debug, Default)]
 pub struct RunFilter {
@@ -92,9 +44,6 @@ pub struct RunFilter {
     /// Which of them the caller may know of.
     pub readable: Readable,
 }
-
-/// Runs whose games one query reads: SQLite takes 32,766 parameters at most.
-const RUNS_AT_ONCE: usize = 1000;
 
 const SELECT: &str = "
     SELECT r.key, r.id, r.owner, r.definition, r.digest, r.status, r.entry, r.attempt, r.voided_at,
@@ -157,52 +106,12 @@ impl Store {
     pub async fn unfinished_runs(&self) -> Result<Vec<RunKey>, StoreError> {
         let query = sqlx::query(
             "SELECT key FROM runs WHERE status = 'running'
-             UNION SELECT run FROM episodes WHERE status IN ('waiting', 'running') AND run IS NOT NULL
+             UNION SELECT run FROM episodes WHERE run IS NOT NULL AND ended_at IS NULL AND voided_at IS NULL
+             UNION SELECT run FROM episodes INDEXED BY episodes_voided
+                   WHERE run IS NOT NULL AND ended_at IS NULL AND voided_at IS NOT NULL
              ORDER BY 1",
         );
         self.fetch_all(query).await
-    }
-
-    /// All games of a run that were ever opened, by their places in its plan and then by age.
-    pub async fn games_of(&self, run: RunKey) -> Result<Vec<StoredGame>, StoreError> {
-        Ok(self.games_of_all(&[run]).await?.remove(&run).unwrap_or_default())
-    }
-
-    /// The games of several runs, as [`Store::games_of`] has them; a run without games is left out.
-    pub async fn games_of_all(
-        &self,
-        runs: &[RunKey],
-    ) -> Result<BTreeMap<RunKey, Vec<StoredGame>>, StoreError> {
-        let mut all = BTreeMap::new();
-        for some in runs.chunks(RUNS_AT_ONCE) {
-            self.add_games(some, &mut all).await?;
-        }
-        Ok(all)
-    }
-
-    async fn add_games(
-        &self,
-        runs: &[RunKey],
-        all: &mut BTreeMap<RunKey, Vec<StoredGame>>,
-    ) -> Result<(), StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(
-            "SELECT e.run, e.key, e.id, e.slot, e.status, e.reason, e.ended_at, e.voided_at, e.void_reason,
-                    coalesce(r.score, (SELECT score FROM rounds WHERE episode = e.key
-                                       ORDER BY round DESC LIMIT 1), 0.0) AS score,
-                    coalesce(r.rounds, (SELECT max(round) + 1 FROM rounds WHERE episode = e.key), 0)
-                        AS rounds,
-                    r.acts, r.invalid, r.clock_outs, r.prompt_tokens, r.completion_tokens, r.failures
-             FROM episodes e LEFT JOIN results r ON r.episode = e.key WHERE e.run IN (",
-        );
-        let mut keys = query.separated(", ");
-        for run in runs {
-            keys.push_bind(run.0);
-        }
-        query.push(") ORDER BY e.run, e.slot, e.key");
-        for (run, game) in self.fetch_all::<(RunKey, StoredGame)>(query.build()).await? {
-            all.entry(run).or_default().push(game);
-        }
-        Ok(())
     }
 
     /// The number of the newest run, 0 where there is none.
@@ -239,32 +148,6 @@ impl FromRow for StoredRun {
             created_at: get(row, "created_at")?,
             ended_at: get(row, "ended_at")?,
         })
-    }
-}
-
-impl FromRow for (RunKey, StoredGame) {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
-        let count = |column| Ok::<_, sqlx::Error>(get::<Option<u64>>(row, column)?.unwrap_or(0));
-        let game = StoredGame {
-            episode: get(row, "key")?,
-            id: get(row, "id")?,
-            slot: get(row, "slot")?,
-            status: get(row, "status")?,
-            reason: get(row, "reason")?,
-            score: get(row, "score")?,
-            rounds: get(row, "rounds")?,
-            tally: Tally {
-                acts: count("acts")?,
-                invalid: count("invalid")?,
-                failures: failures(row)?,
-                timeouts: count("clock_outs")?,
-                prompt_tokens: count("prompt_tokens")?,
-                completion_tokens: count("completion_tokens")?,
-            },
-            void_reason: void_reason(row)?,
-            ended_at: get(row, "ended_at")?,
-        };
-        Ok((get(row, "run")?, game))
     }
 }
 

@@ -28,12 +28,14 @@ use tokio_util::sync::CancellationToken;
 use super::files::Files;
 use super::results::Changes;
 use super::rows::{Insert, chunks};
+use super::templates::Cut;
 use super::{Stopped, StoreError};
 use crate::ids::EpisodeKey;
 use crate::keys::KeyRow;
 use crate::store::entries::{ActRow, EndRow, Entry, OpeningRow, RoundRow, TokenRow};
 use crate::store::port::Committed;
 use crate::telemetry;
+use swarmbench_journal::record::Source;
 
 /// Jobs that one transaction takes at most, so that the first does not wait for ever.
 const GROUP_MAX: usize = 1024;
@@ -519,18 +521,23 @@ async fn write(
 }
 
 async fn open(connection: &mut SqliteConnection, row: &OpeningRow) -> Result<(), sqlx::Error> {
+    let cut = Cut::of(row.record.as_str());
+    let template = match &cut {
+        Some(cut) => Some(cut.keep(connection).await?),
+        None => None,
+    };
     sqlx::query(
         "INSERT INTO episodes (key, id, owner, run, slot, opening, task, model, visibility, status,
                                clocked, head, created_at, idempotency_key, idempotency_body,
-                               fork_of, fork_round)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                               fork_of, fork_round, template, template_at, open_seats)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(row.episode.0)
     .bind(row.id.as_str())
     .bind(row.owner.map(|owner| owner.0))
     .bind(row.run.map(|(run, _)| run.0))
     .bind(row.run.map(|(_, slot)| slot))
-    .bind(row.record.as_str())
+    .bind(cut.as_ref().map_or(row.record.as_str(), |cut| &cut.opening))
     .bind(row.task)
     .bind(&row.model)
     .bind(row.visibility)
@@ -542,6 +549,9 @@ async fn open(connection: &mut SqliteConnection, row: &OpeningRow) -> Result<(),
     .bind(row.idempotency.as_ref().map(|(_, body)| &body[..]))
     .bind(row.fork.map(|(parent, _)| parent.0))
     .bind(row.fork.map(|(_, round)| round))
+    .bind(template.map(|(key, _)| key))
+    .bind(template.map(|(_, at)| at))
+    .bind(row.has_open_seats)
     .execute(&mut *connection)
     .await?;
     if row.fork.is_some() {
@@ -581,7 +591,8 @@ async fn end(connection: &mut SqliteConnection, row: &EndRow) -> Result<(), sqlx
         super::metrics::queue(connection, row.episode).await?;
     }
     if row.counts {
-        super::results::add(connection, row.episode, row.score, row.rounds, row.tally).await?;
+        super::results::add(connection, row.episode, row.seed, row.score, row.rounds, row.tally)
+            .await?;
     }
     Ok(())
 }
@@ -652,12 +663,22 @@ async fn insert_tokens(
     Ok(())
 }
 
+/// Who decided, as the table of acts has it.
+const fn source_code(source: Source) -> u8 {
+    match source {
+        Source::Player => 0,
+        Source::Clock => 1,
+    }
+}
+
 async fn insert_acts(
     connection: &mut SqliteConnection,
     acts: &[&ActRow],
 ) -> Result<(), sqlx::Error> {
-    static INSERT: Insert =
-        Insert::new("acts (episode, round, agent, waiting_for, at, record)", "(?, ?, ?, ?, ?, ?)");
+    static INSERT: Insert = Insert::new(
+        "acts (episode, round, agent, waiting_for, source, at, record)",
+        "(?, ?, ?, ?, ?, ?, ?)",
+    );
     for (rows, statement) in INSERT.statements(acts) {
         let mut query = sqlx::query(statement);
         for act in rows {
@@ -666,6 +687,7 @@ async fn insert_acts(
                 .bind(act.round)
                 .bind(act.agent.0)
                 .bind(act.waiting_for)
+                .bind(source_code(act.source))
                 .bind(act.at.as_millisecond())
                 .bind(act.record.as_str());
         }
@@ -713,6 +735,7 @@ mod tests {
             round,
             agent: AgentId(0),
             waiting_for: 0,
+            source: Source::Clock,
             at: jiff::Timestamp::UNIX_EPOCH,
             record: RawRecord::write(&Decision::clock_ran_out().record(AgentId(0), 0)),
         })

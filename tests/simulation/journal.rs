@@ -335,6 +335,7 @@ impl State {
             last_act_at: self.acts(key).filter(by_player).map(|act| act.at).max().or(started_at),
             ended_at: end.map(|end| end.at),
             void_reason: None,
+            act_bytes: None,
         }
     }
 }

@@ -9,6 +9,7 @@ use serde::Serialize;
 use serde_json::value::RawValue;
 use sqlx::migrate::Migrator;
 use tokio::task::JoinSet;
+use tokio::time::MissedTickBehavior;
 
 use super::bare_commit::BareCommit;
 use super::connection::{Answers, Target};
@@ -50,6 +51,8 @@ pub struct Comparison {
     pub record_bytes: usize,
     /// From sending an act, or the acts of all seats, until the answer.
     pub acknowledged: Spread,
+    /// The same in a turn in which rounds begin evenly, at half the rate of the others.
+    pub acknowledged_at_half: Spread,
     /// Outcomes of all requests.
     pub answers: Answers,
 }
@@ -83,7 +86,7 @@ pub async fn run(
         .collect();
     let first = games::first(&games, &score.tally)?;
     // Every player has played a round before the measurement begins.
-    players = play(players, &score, Duration::ZERO).await;
+    players = play(players, &score, Duration::ZERO, None).await;
     let record = record(target, first).await?;
     let record_bytes = record.len();
     let mut bare = BareCommit::open(dir, tables, games.len(), record).await?;
@@ -94,7 +97,7 @@ pub async fn run(
         let before = Metrics::of(target).await?;
         let acts = score.acts.load(Ordering::Relaxed);
         let started = Instant::now();
-        players = play(players, &score, turn).await;
+        players = play(players, &score, turn, None).await;
         let elapsed = started.elapsed();
         let after = Metrics::of(target).await?;
         let acts = score.acts.load(Ordering::Relaxed) - acts;
@@ -114,16 +117,20 @@ pub async fn run(
         bare_commits.push(per_second(done.commits, done.elapsed));
     }
     bare.close().await?;
-    drop(players);
-    games::abort(target, &score.tally, &games, progress).await;
     let ratios = rates.iter().zip(&bare_rates).map(|(server, bare)| server / bare).collect();
+    let acts_per_s = median(rates);
+    let acts_of_a_round = super::float((games.len().max(1) * SEATS) as u64);
+    let interval = Duration::try_from_secs_f64(2.0 * acts_of_a_round / acts_per_s);
+    let half = Arc::new(Score::default());
+    drop(play(players, &half, turn, interval.ok()).await);
+    games::abort(target, &score.tally, &games, progress).await;
     Ok(Comparison {
         by: if by_seats { "/act" } else { "/swarm/act" },
         episodes: games.len(),
         turns,
         turn_s: turn.as_secs_f64(),
         ratio: median(ratios),
-        acts_per_s: median(rates),
+        acts_per_s,
         bare_acts_per_s: median(bare_rates),
         entries_per_commit: median(groups),
         commits_per_s: median(commits),
@@ -131,22 +138,36 @@ pub async fn run(
         cpu_us: (cpu.len() == turns).then(|| median(cpu)),
         record_bytes,
         acknowledged: score.acknowledged.spread(),
+        acknowledged_at_half: half.acknowledged.spread(),
         answers: score.tally.answers(),
     })
 }
 
-/// All players play for `time`, and at least one round. They do not observe, as only acts are measured.
+/// All players play for `time`, and at least one round. They do not observe, as only acts are measured. With an interval each
+/// begins a round every `interval`, the players evenly one after the other; else a round follows the one before at once.
 async fn play(
     players: Vec<(Player, u32)>,
     score: &Arc<Score>,
     time: Duration,
+    interval: Option<Duration>,
 ) -> Vec<(Player, u32)> {
     let mut tasks = JoinSet::new();
     let started = Instant::now();
-    for (mut player, mut round) in players {
+    let share = 1.0 / super::float(players.len().max(1) as u64);
+    for (place, (mut player, mut round)) in players.into_iter().enumerate() {
         let score = Arc::clone(score);
+        let mut begins = interval.map(|interval| {
+            let first = started + interval.mul_f64(super::float(place as u64) * share);
+            let mut begins = tokio::time::interval_at(first.into(), interval);
+            // A late round delays those after it: they are not sent all at once.
+            begins.set_missed_tick_behavior(MissedTickBehavior::Delay);
+            begins
+        });
         tasks.spawn(async move {
             loop {
+                if let Some(begins) = &mut begins {
+                    begins.tick().await;
+                }
                 if !player.round(&score, round, false).await {
                     return None;
                 }

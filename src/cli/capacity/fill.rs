@@ -8,6 +8,7 @@ use indicatif::{HumanBytes, HumanCount};
 
 use crate::cli::output::{self, fields, progress_bar, set};
 use crate::fill::{Fill, Filled, fill};
+use crate::store::rebuild;
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -50,18 +51,30 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let started = Instant::now();
     let filled = fill(&db, wanted, |done, of| set(&bar, done, of)).await;
     bar.finish_and_clear();
-    let Filled { episodes, runs, competitions, organizer } = filled?;
+    let Filled { episodes, runs, acts, competitions, organizer } = filled?;
+    let bar = progress_bar("{bar:30} metrics of game {human_pos} of {human_len}, {eta} left");
+    let measured = rebuild::measure_queued(&db, |done, of| set(&bar, done, of)).await;
+    bar.finish_and_clear();
+    measured?;
     let seconds = started.elapsed().as_secs_f64();
     let bytes = std::fs::metadata(&db).with_context(|| format!("{}", db.display()))?.len();
     if json {
         return output::json(&serde_json::json!({
-            "database": db, "episodes": episodes, "runs": runs, "competitions": competitions, "bytes": bytes,
+            "database": db, "episodes": episodes, "runs": runs, "competitions": competitions, "bytes": bytes, "acts": acts,
             "seconds": seconds, "organizer": organizer.reveal(),
         }));
     }
     let rows = [
         ("database", format!("{}, {}", db.display(), HumanBytes(bytes))),
         ("games", format!("{}, of {} runs", HumanCount(episodes), HumanCount(runs))),
+        (
+            "bytes",
+            format!(
+                "{} a game, {} for each of its acts",
+                bytes / episodes.max(1),
+                bytes / acts.max(1)
+            ),
+        ),
         ("competitions", competitions.join(", ")),
         ("made in", format!("{seconds:.0} s")),
         ("an organizer's key", organizer.reveal().to_owned()),

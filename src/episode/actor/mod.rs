@@ -538,17 +538,18 @@ impl Actor {
 
     fn act_entry(&mut self, at: Timestamp, agent: AgentId, recorded: RecordedAct) -> Entry {
         let RecordedAct { decision, record, waiting_for, .. } = recorded;
+        let source = decision.source;
         let bytes = record.as_str().len() as u64;
         self.bytes += bytes;
-        self.tally.count(decision.source, decision.valid, decision.failure, decision.usage);
+        self.tally.count(source, decision.valid, decision.failure, decision.usage);
         self.host.quotas.add_bytes(self.episode.key, bytes, at);
         let at = self.stamp(at);
-        if decision.source == Source::Player {
+        if source == Source::Player {
             self.lockstep.note_act(self.newest_running);
             self.note_end();
         }
         let (episode, round) = (self.episode.key, self.world.round());
-        Entry::Act(ActRow { episode, round, agent, waiting_for, at, record })
+        Entry::Act(ActRow { episode, round, agent, waiting_for, source, at, record })
     }
 
     /// Steps the engine by the acts of the open round and writes the round's record, and the end
@@ -638,6 +639,7 @@ impl Actor {
             bytes: self.bytes,
             score: self.world.score(),
             rounds: self.world.round(),
+            seed: self.world.config().seed(),
             tally: self.tally,
             counts: self.episode.spec.counts(),
             at: self.stamp(at),

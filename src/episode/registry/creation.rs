@@ -13,11 +13,10 @@ use super::super::actor::{EpisodeInit, Handle, Running, Times, seated, spawn};
 use super::super::heavy::{is_heavy, off_thread};
 use super::super::lockstep::{Lockstep, ResumeState};
 use super::super::memory;
-use super::super::past::Past;
+use super::super::past::{Past, PastAct};
 use super::super::quota::{Full, Purpose};
 use super::super::recovery::clocks;
 use super::super::seating::Seating;
-use super::super::slot::Slot;
 use super::super::spec::Spec;
 use super::Registry;
 use crate::budget::{NoMemory, Reservation};
@@ -257,6 +256,7 @@ impl Registry {
             model: spec.model.clone(),
             visibility: spec.visibility.name(),
             waiting,
+            has_open_seats: !spec.open_seats.is_empty(),
             clocked: spec.advances_by_itself(),
             at: now,
             idempotency,
@@ -346,9 +346,9 @@ impl Registry {
                     self.host.journal.keep(std::mem::take(&mut entries)).await?;
                 }
                 entries.extend(taken.acts.iter().map(|act| {
-                    let (agent, waiting_for) = (act.agent, act.waiting_for);
+                    let PastAct { agent, waiting_for, source, .. } = *act;
                     let record = act.record.clone();
-                    Entry::Act(ActRow { episode, round, agent, waiting_for, at, record })
+                    Entry::Act(ActRow { episode, round, agent, waiting_for, source, at, record })
                 }));
                 let (digest, score, head) = (taken.digest, taken.score, *head);
                 entries.push(Entry::Round(RoundRow { episode, round, digest, score, head, at }));
@@ -368,7 +368,7 @@ impl Registry {
         let now = self.host.clock.now();
         let cell = {
             let mut slots = self.slots();
-            Arc::clone(&slots.entry(id.clone()).or_insert_with(|| Slot::empty(now)).handle)
+            Arc::clone(&slots.wake_or_insert(id, now).handle)
         };
         cell.get_or_init(|| async { spawn(Arc::clone(&self.host), init, room) }).await.clone()
     }

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use axum::http::{HeaderMap, header};
 use axum::response::IntoResponse;
+use futures::future::try_join_all;
 use serde_json::json;
 
 use super::super::accept::{self, Binary};
@@ -65,6 +66,9 @@ pub(in super::super) async fn export_competition(
     Ok(accept::by_accept((kind, lines).into_response()))
 }
 
+/// Games whose journals are begun at once.
+const JOURNALS_AT_ONCE: usize = 4;
+
 /// Bytes that an entrant, an attempt or a game takes in memory until it is written.
 const RECORD_BYTES: usize = 512;
 
@@ -74,10 +78,12 @@ struct Reader {
     writer: Writer,
     /// What comes next, but for the journals of games.
     pieces: VecDeque<Piece>,
+    /// The games of the first pieces, whose journals were begun.
+    begun: VecDeque<Begun>,
     journal: Option<JournalReader>,
     episodes: usize,
     competition: CompetitionKey,
-    /// The memory of the pieces.
+    /// The memory of the pieces and of the journals that were begun.
     _room: Reservation,
 }
 
@@ -90,6 +96,14 @@ enum Piece {
         id: EpisodeId,
     },
     End,
+}
+
+/// A game whose journal was begun.
+struct Begun {
+    header: Episode,
+    /// The first part of its journal.
+    first: Vec<u8>,
+    rest: JournalReader,
 }
 
 impl Reader {
@@ -147,22 +161,63 @@ impl Reader {
         pieces.push_back(Piece::End);
         let games: usize = field.attempts.iter().map(|(_, games)| games.len()).sum();
         let records = field.entrants.len() + field.attempts.len() + games;
+        // The first parts of journals take as much as one part of the export.
+        let bytes = records * RECORD_BYTES + app.limits.stream_part_bytes_max;
         Ok(Self {
-            _room: app.registry.room(records * RECORD_BYTES)?,
+            _room: app.registry.room(bytes)?,
             competition: field.competition.key,
             app,
             writer: Writer::default(),
             pieces,
+            begun: VecDeque::new(),
             journal: None,
             episodes: 0,
         })
     }
 
-    /// The line of the next piece; the journal of a game is read after it.
-    async fn line(&mut self, piece: Piece) -> Result<String, StoreError> {
-        let line = match piece {
-            Piece::Record(line) => *line,
-            Piece::Entrant(entrant) => {
+    /// Begins the journals of the next games at once, each with a share of a part of `bytes_max` bytes: most are small, and
+    /// one after another would wait for the database most of the time.
+    async fn begin(&mut self, bytes_max: usize) -> Result<(), StoreError> {
+        let next = self.pieces.iter().map_while(|piece| match piece {
+            Piece::Episode { slot, id } => Some((*slot, id.clone())),
+            Piece::Record(_) | Piece::Entrant(_) | Piece::End => None,
+        });
+        let next: Vec<_> = next.take(JOURNALS_AT_ONCE).collect();
+        let share = bytes_max / JOURNALS_AT_ONCE;
+        let begun = next.into_iter().map(|(slot, id)| Self::begin_one(&self.app, slot, id, share));
+        let begun = try_join_all(begun).await?;
+        self.pieces.drain(..begun.len());
+        self.begun.extend(begun);
+        Ok(())
+    }
+
+    async fn begin_one(
+        app: &App,
+        slot: u32,
+        id: EpisodeId,
+        bytes_max: usize,
+    ) -> Result<Begun, StoreError> {
+        let stored = app.store.find_summary(&id).await?;
+        let missing = || StoreError::Missing(format!("{id} no longer exists").into());
+        let stored = stored.ok_or_else(missing)?;
+        let end = usize::from(stored.ended_at.is_some());
+        let header = Episode {
+            slot,
+            episode: id.to_string(),
+            lines: 1 + stored.rounds as usize + end,
+            head: stored.head.to_string(),
+        };
+        let mut rest = JournalReader::new(app.store.clone(), stored);
+        let first = rest.next(bytes_max).await?.unwrap_or_default();
+        Ok(Begun { header, first, rest })
+    }
+
+    /// The line of the next piece, if that is no game.
+    async fn line(&mut self) -> Result<Option<String>, StoreError> {
+        let line = match self.pieces.pop_front_if(|piece| !matches!(piece, Piece::Episode { .. })) {
+            None | Some(Piece::Episode { .. }) => return Ok(None),
+            Some(Piece::Record(line)) => *line,
+            Some(Piece::Entrant(entrant)) => {
                 let found =
                     competitions::find_entrant(&self.app.store, self.competition, &entrant.id)
                         .await?;
@@ -171,24 +226,9 @@ impl Reader {
                 let declaration = found.ok_or_else(missing)?.entrant.declaration;
                 Line::Entrant(Entrant { declaration, ..*entrant })
             }
-            Piece::End => Line::End(End { episodes: self.episodes }),
-            Piece::Episode { slot, id } => {
-                let stored = self.app.store.find_summary(&id).await?;
-                let missing = || StoreError::Missing(format!("{id} no longer exists").into());
-                let stored = stored.ok_or_else(missing)?;
-                let end = usize::from(stored.ended_at.is_some());
-                let header = Episode {
-                    slot,
-                    episode: id.to_string(),
-                    lines: 1 + stored.rounds as usize + end,
-                    head: stored.head.to_string(),
-                };
-                self.journal = Some(JournalReader::new(self.app.store.clone(), stored));
-                self.episodes += 1;
-                Line::Episode(header)
-            }
+            Some(Piece::End) => Line::End(End { episodes: self.episodes }),
         };
-        Ok(self.writer.line(&line))
+        Ok(Some(self.writer.line(&line)))
     }
 }
 
@@ -201,9 +241,17 @@ impl Parts for Reader {
                     Some(lines) => out.extend_from_slice(&lines),
                     None => self.journal = None,
                 }
+            } else if let Some(Begun { header, first, rest }) = self.begun.pop_front() {
+                self.episodes += 1;
+                out.extend_from_slice(self.writer.line(&Line::Episode(header)).as_bytes());
+                out.extend_from_slice(&first);
+                self.journal = Some(rest);
+            } else if let Some(line) = self.line().await? {
+                out.extend_from_slice(line.as_bytes());
+            } else if self.pieces.is_empty() {
+                break;
             } else {
-                let Some(piece) = self.pieces.pop_front() else { break };
-                out.extend_from_slice(self.line(piece).await?.as_bytes());
+                self.begin(bytes_max).await?;
             }
         }
         Ok(Some(out).filter(|part| !part.is_empty()))

@@ -23,7 +23,7 @@ use super::error::{ApiError, Code};
 use crate::competitions::{self, StoredCompetition, StoredEntrant};
 use crate::run::RunStatus;
 use crate::store::competitions::{Declared, StoredAttempt};
-use crate::store::runs::StoredGame;
+use crate::store::games::RunGames;
 use swarmbench_boards::Slot;
 use swarmbench_boards::competition::entrant::Entrant;
 use swarmbench_boards::competition::shown::{self, Revealed};
@@ -114,7 +114,7 @@ struct Field {
     /// In the order in which they registered, which is that of their numbers.
     entrants: Vec<StoredEntrant>,
     /// In the order in which they were started.
-    attempts: Vec<(StoredAttempt, Vec<StoredGame>)>,
+    attempts: Vec<(StoredAttempt, RunGames)>,
 }
 
 impl Field {
@@ -125,10 +125,7 @@ impl Field {
     }
 
     /// An attempt as far as the board is concerned.
-    fn attempt(
-        &self,
-        (attempt, games): &(StoredAttempt, Vec<StoredGame>),
-    ) -> Result<Attempt, ApiError> {
+    fn attempt(&self, (attempt, games): &(StoredAttempt, RunGames)) -> Result<Attempt, ApiError> {
         let StoredCompetition { id, definition, sealed, .. } = &self.competition;
         let seeds = sealed.of_attempt(attempt.number, definition.seeds);
         let plan = Slot::plan(&definition.suite(id, seeds));

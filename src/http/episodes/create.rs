@@ -76,6 +76,9 @@ async fn new_episode(
     let tokens = Tokens::new(app, &spec);
     let rows = tokens.rows();
     let creation = Creation { id, party, purpose, run: None, spec, tokens: rows, idempotency };
+    // Before they can be replaced.
+    let revocations = app.tokens.revocations();
     let handle = app.registry.create(creation).await?;
+    tokens.cache(app, &handle, party.owner(), revocations);
     Ok(created(&handle, &tokens, shows_seed))
 }

@@ -10,8 +10,9 @@ use super::config;
 use crate::episode::actor::Handle;
 use crate::episode::spec::Spec;
 use crate::ids::{EpisodeId, Token, TokenKind};
+use crate::keys::OwnerKey;
 use crate::store::entries::{Entry, TokenRow};
-use crate::store::tokens::Grant;
+use crate::store::tokens::{Grant, Seats};
 use swarmbench_protocol::episode::{CreatedEpisode, SeatToken};
 
 /// The tokens of the creator's seats in clear.
@@ -45,6 +46,23 @@ impl Tokens {
             |grant| matches!(grant, Grant::Seat { episode, .. } | Grant::Swarm { episode, .. } if ids.contains(episode)),
         );
         Ok(all)
+    }
+
+    /// Caches their rights, so that the first requests of all seats, which come at the same time, do not read the database.
+    pub(super) fn cache(
+        &self,
+        app: &App,
+        handle: &Handle,
+        owner: Option<OwnerKey>,
+        revocations: u64,
+    ) {
+        let episode = || handle.id.clone();
+        for (agent, token) in &self.seats {
+            let grant = Grant::Seat { episode: episode(), owner, agent: *agent };
+            app.tokens.cache(token.hash(), grant, revocations);
+        }
+        let grant = Grant::Swarm { episode: episode(), owner, seats: Seats::Creators };
+        app.tokens.cache(self.swarm.hash(), grant, revocations);
     }
 
     pub(super) fn rows(&self) -> Vec<TokenRow> {

@@ -85,7 +85,7 @@ impl JournalReader {
     pub(in super::super) fn new(store: Store, stored: StoredEpisode) -> Self {
         // Acts of the open round belong to the end.
         let end = stored.rounds.saturating_add(u32::from(stored.ended_at.is_some()));
-        let acts = ActReader::joined(store.clone(), stored.episode, end);
+        let acts = ActReader::joined(store.clone(), stored.episode, end, stored.act_bytes);
         let (at, head) = (Position::Opening, Head::START);
         Self { store, stored, at, head, acts, rounds: VecDeque::new() }
     }
@@ -162,12 +162,12 @@ impl JournalReader {
     /// Writes the end record: whole, or its beginning where it is large.
     async fn end(&mut self, out: &mut String, bytes_max: usize) -> Result<Position, StoreError> {
         let StoredEpisode { episode, head, rounds, score, .. } = self.stored;
-        let bytes = self.store.end_bytes(episode).await?;
-        let (Some(_), Some(bytes)) = (self.stored.ended_at, bytes) else {
-            return Ok(Position::Done);
+        let record = match self.stored.ended_at {
+            Some(_) => self.store.end_record(episode, bytes_max).await?,
+            None => None,
         };
-        if bytes <= bytes_max {
-            let record = self.store.end_record(episode).await?;
+        let Some((bytes, record)) = record else { return Ok(Position::Done) };
+        if let Some(record) = record {
             out.push_str(&record.line(head));
             return Ok(Position::Done);
         }

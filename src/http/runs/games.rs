@@ -3,8 +3,8 @@
 use super::super::auth::Subject;
 use super::super::prelude::*;
 use super::Known;
+use crate::store::games::StoredGame;
 use crate::store::port::StoredEpisode;
-use crate::store::runs::StoredGame;
 
 /// Games of a page, where the query does not say.
 const GAMES_USUAL: u32 = 50;

@@ -8,7 +8,7 @@ use super::super::episodes::metrics::{definition, game_metrics};
 use super::super::prelude::*;
 use super::games::GamesPage;
 use crate::measure::{means, method};
-use crate::store::runs::StoredGame;
+use crate::store::games::StoredGame;
 use swarmbench_protocol::metrics::RunMetrics;
 
 #[derive(Debug, Default, Deserialize, IntoParams)]

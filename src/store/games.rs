@@ -1,0 +1,210 @@
+//! The games of runs.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use jiff::Timestamp;
+use quick_cache::Weighter;
+use quick_cache::sync::Cache;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{QueryBuilder, Sqlite};
+use swarmbench_boards::{Game, Slot};
+use swarmbench_journal::Tally;
+
+use super::results::failures;
+use super::rows::{FromRow, get};
+use super::runs::void_reason;
+use super::{Store, StoreError};
+use crate::ids::{EpisodeId, EpisodeKey, RunKey};
+
+/// Runs whose games one query reads: SQLite takes 32,766 parameters at most.
+const RUNS_AT_ONCE: usize = 1000;
+
+/// Bytes of the games of ended runs that are cached: a row of the database costs far more to read than to copy.
+const GAMES_BYTES_MAX: u64 = 32 * 1024 * 1024;
+
+/// Bytes of the ids, reasons and counts of a game, about.
+const TEXTS_BYTES: usize = 128;
+
+#[derive(Clone, Debug)]
+pub struct StoredGame {
+    pub episode: EpisodeKey,
+    pub id: EpisodeId,
+    /// Which game of the run's plan it is, from 0.
+    pub slot: u32,
+    /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
+    pub status: String,
+    pub reason: Option<String>,
+    /// The score so far.
+    pub score: f64,
+    pub rounds: u32,
+    /// What its acts were; all 0 before its end.
+    pub tally: Tally,
+    pub void_reason: Option<String>,
+    pub ended_at: Option<Timestamp>,
+}
+
+impl StoredGame {
+    /// The game as boards take it, in the plan of its run; none if the plan is shorter.
+    pub fn in_plan(&self, plan: &[Slot]) -> Option<Game> {
+        Some(Game {
+            slot: *plan.get(self.slot as usize)?,
+            score: self.score,
+            answers: self.tally.acts,
+            invalid: self.tally.invalid,
+            failures: self.tally.failures,
+            timeouts: self.tally.timeouts,
+            voided: !self.counts(),
+        })
+    }
+
+    /// Whether it counts: it was not voided.
+    pub const fn counts(&self) -> bool {
+        self.void_reason.is_none()
+    }
+
+    /// Whether it has ended.
+    pub const fn is_over(&self) -> bool {
+        self.ended_at.is_some()
+    }
+}
+
+/// The games of a run, by their places in its plan and then by age.
+pub type RunGames = Arc<[StoredGame]>;
+
+/// The games of runs that have ended. They change only where an episode is voided.
+#[derive(Debug)]
+pub(super) struct EndedGames(Cache<RunKey, CachedGames, ByBytes>);
+
+#[derive(Clone, Debug)]
+struct CachedGames {
+    /// How many episodes had been voided before they were read.
+    voided: u64,
+    games: RunGames,
+}
+
+#[derive(Clone, Debug)]
+struct ByBytes;
+
+impl Weighter<RunKey, CachedGames> for ByBytes {
+    fn weight(&self, _: &RunKey, cached: &CachedGames) -> u64 {
+        ((cached.games.len() + 1) * (size_of::<StoredGame>() + TEXTS_BYTES)) as u64
+    }
+}
+
+impl EndedGames {
+    pub(super) fn new() -> Self {
+        Self(Cache::with_weighter(10_000, GAMES_BYTES_MAX, ByBytes))
+    }
+
+    /// The games of a run, if they are cached and no episode was voided since.
+    fn get(&self, run: RunKey, voided: u64) -> Option<RunGames> {
+        self.0.get(&run).filter(|cached| cached.voided == voided).map(|cached| cached.games)
+    }
+}
+
+impl Store {
+    /// All games of a run that were ever opened, by their places in its plan and then by age.
+    pub async fn games_of(&self, run: RunKey) -> Result<Vec<StoredGame>, StoreError> {
+        let mut all = BTreeMap::new();
+        self.add_games(&[run], &mut all).await?;
+        Ok(all.remove(&run).unwrap_or_default())
+    }
+
+    /// The games of several runs, as [`Store::games_of`] has them; a run without games is left out. Those of runs that have
+    /// ended are cached.
+    pub async fn games_of_all(
+        &self,
+        runs: &[RunKey],
+    ) -> Result<BTreeMap<RunKey, RunGames>, StoreError> {
+        // Counted before anything is read: what is voided meanwhile makes the cached games invalid.
+        let voided = self.writer().changes().voided();
+        let mut all = BTreeMap::new();
+        let mut missing = Vec::new();
+        for &run in runs {
+            match self.ended_games.get(run, voided) {
+                Some(games) => drop(all.insert(run, games)),
+                None => missing.push(run),
+            }
+        }
+        for some in missing.chunks(RUNS_AT_ONCE) {
+            let mut read = BTreeMap::new();
+            let ended = self.ended_of(some).await?;
+            self.add_games(some, &mut read).await?;
+            for (run, games) in read {
+                let games = RunGames::from(games);
+                // A run may end while a game of it is played.
+                if ended.binary_search(&run).is_ok() && games.iter().all(StoredGame::is_over) {
+                    let cached = CachedGames { voided, games: Arc::clone(&games) };
+                    self.ended_games.0.insert(run, cached);
+                }
+                all.insert(run, games);
+            }
+        }
+        Ok(all)
+    }
+
+    /// Which of these runs have ended, in order.
+    async fn ended_of(&self, runs: &[RunKey]) -> Result<Vec<RunKey>, StoreError> {
+        let mut query = QueryBuilder::<Sqlite>::new(
+            "SELECT key FROM runs WHERE ended_at IS NOT NULL AND key IN (",
+        );
+        let mut keys = query.separated(", ");
+        for run in runs {
+            keys.push_bind(run.0);
+        }
+        query.push(") ORDER BY key");
+        self.fetch_all(query.build()).await
+    }
+
+    async fn add_games(
+        &self,
+        runs: &[RunKey],
+        all: &mut BTreeMap<RunKey, Vec<StoredGame>>,
+    ) -> Result<(), StoreError> {
+        let mut query = QueryBuilder::<Sqlite>::new(
+            "SELECT e.run, e.key, e.id, e.slot, e.status, e.reason, e.ended_at, e.voided_at, e.void_reason,
+                    coalesce(r.score, (SELECT score FROM rounds WHERE episode = e.key
+                                       ORDER BY round DESC LIMIT 1), 0.0) AS score,
+                    coalesce(r.rounds, (SELECT max(round) + 1 FROM rounds WHERE episode = e.key), 0)
+                        AS rounds,
+                    r.acts, r.invalid, r.clock_outs, r.prompt_tokens, r.completion_tokens, r.failures
+             FROM episodes e LEFT JOIN results r ON r.episode = e.key WHERE e.run IN (",
+        );
+        let mut keys = query.separated(", ");
+        for run in runs {
+            keys.push_bind(run.0);
+        }
+        query.push(") ORDER BY e.run, e.slot, e.key");
+        for (run, game) in self.fetch_all::<(RunKey, StoredGame)>(query.build()).await? {
+            all.entry(run).or_default().push(game);
+        }
+        Ok(())
+    }
+}
+
+impl FromRow for (RunKey, StoredGame) {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let count = |column| Ok::<_, sqlx::Error>(get::<Option<u64>>(row, column)?.unwrap_or(0));
+        let game = StoredGame {
+            episode: get(row, "key")?,
+            id: get(row, "id")?,
+            slot: get(row, "slot")?,
+            status: get(row, "status")?,
+            reason: get(row, "reason")?,
+            score: get(row, "score")?,
+            rounds: get(row, "rounds")?,
+            tally: Tally {
+                acts: count("acts")?,
+                invalid: count("invalid")?,
+                failures: failures(row)?,
+                timeouts: count("clock_outs")?,
+                prompt_tokens: count("prompt_tokens")?,
+                completion_tokens: count("completion_tokens")?,
+            },
+            void_reason: void_reason(row)?,
+            ended_at: get(row, "ended_at")?,
+        };
+        Ok((get(row, "run")?, game))
+    }
+}

@@ -1,0 +1,117 @@
+//! The table `templates`: prompt templates, which many openings have in common.
+
+use sha2::{Digest, Sha256};
+use sqlx::sqlite::SqliteConnection;
+
+/// Shorter templates stay in their openings.
+const TEMPLATE_BYTES_MIN: usize = 256;
+
+/// The column `opening` of a query over episodes `e`: the record to the byte.
+macro_rules! opening {
+    () => {
+        "coalesce((SELECT substr(e.opening, 1, e.template_at) || t.text || substr(e.opening, e.template_at + 1)
+                   FROM templates t WHERE t.key = e.template), e.opening) AS opening"
+    };
+}
+pub(super) use opening;
+
+/// An opening in two parts.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Cut<'a> {
+    /// The opening without the text of its template.
+    pub(super) opening: String,
+    /// The text of the template, as JSON has it between quotes.
+    template: &'a str,
+    /// Before which character of the opening it belongs.
+    at: i64,
+}
+
+impl<'a> Cut<'a> {
+    /// Cuts the template out of an opening, if it has a large one. Whatever is cut, both parts make the same opening again.
+    pub(super) fn of(opening: &'a str) -> Option<Self> {
+        const NAME: &str = "\"prompt_template\":\"";
+        let begin = opening.find(NAME)? + NAME.len();
+        let template = &opening[begin..begin + end_of_string(&opening[begin..])?];
+        (template.len() >= TEMPLATE_BYTES_MIN).then(|| {
+            let before = &opening[..begin];
+            let after = &opening[begin + template.len()..];
+            let at = i64::try_from(before.chars().count()).expect("openings are short");
+            Self { opening: [before, after].concat(), template, at }
+        })
+    }
+
+    /// Keeps the template, and returns its key and where it belongs.
+    pub(super) async fn keep(
+        &self,
+        connection: &mut SqliteConnection,
+    ) -> Result<(i64, i64), sqlx::Error> {
+        let hash: [u8; 32] = Sha256::digest(self.template).into();
+        let find = "SELECT key FROM templates WHERE hash = ?";
+        let found: Option<i64> =
+            sqlx::query_scalar(find).bind(&hash[..]).fetch_optional(&mut *connection).await?;
+        if let Some(key) = found {
+            return Ok((key, self.at));
+        }
+        let added =
+            sqlx::query_scalar("INSERT INTO templates (hash, text) VALUES (?, ?) RETURNING key")
+                .bind(&hash[..])
+                .bind(self.template)
+                .fetch_one(connection)
+                .await?;
+        Ok((added, self.at))
+    }
+}
+
+/// Where the JSON string ends that has begun before `text`.
+fn end_of_string(text: &str) -> Option<usize> {
+    let mut is_escaped = false;
+    text.bytes().position(|byte| {
+        let ends = byte == b'"' && !is_escaped;
+        is_escaped = byte == b'\\' && !is_escaped;
+        ends
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The opening that both parts make.
+    fn joined(cut: &Cut<'_>) -> String {
+        let at = usize::try_from(cut.at).expect("it is positive");
+        let before: String = cut.opening.chars().take(at).collect();
+        let after: String = cut.opening.chars().skip(at).collect();
+        [&before, cut.template, &after].concat()
+    }
+
+    #[test]
+    fn an_opening_is_cut_around_its_template() {
+        let template = "ü\\\"\\\\ {{ agent }} ".repeat(40);
+        let opening = format!(r#"{{"model":"größer","prompt_template":"{template}","run":"é"}}"#);
+        let cut = Cut::of(&opening).expect("it is large");
+        assert_eq!(cut.template, template);
+        assert_eq!(cut.opening, r#"{"model":"größer","prompt_template":"","run":"é"}"#);
+        assert_eq!(joined(&cut), opening);
+    }
+
+    #[test]
+    fn openings_without_a_large_template_stay_whole() {
+        for opening in [
+            r#"{"kind":"opening"}"#.to_owned(),
+            r#"{"prompt_template":"short"}"#.to_owned(),
+            format!(r#"{{"prompt_template":"{}"#, "never ends".repeat(100)),
+            format!(r#"{{"model":"\"prompt_template\":\"{}"}}"#, "a".repeat(1000)),
+        ] {
+            assert_eq!(Cut::of(&opening), None, "{opening}");
+        }
+    }
+
+    #[test]
+    fn another_text_of_the_same_name_makes_the_same_opening_again() {
+        let text = "free text ".repeat(40);
+        let opening = format!(
+            r#"{{"agent_meta":{{"prompt_template":"{text}"}},"prompt_template":"{text}\u0000"}}"#
+        );
+        assert_eq!(joined(&Cut::of(&opening).expect("it is large")), opening);
+    }
+}
