@@ -143,12 +143,14 @@ def looks(report: dict) -> str:
 
 def acts(report: dict) -> str:
     headings = ["episodes", "by", "acts a second", "entries a commit", "ack p50", "ack p99", "p99 at half the rate",
-                "processor time an act", "bare writer, acts a second", "of the bare writer"]
+                "processor time an act", "bare writer, acts a second", "of the bare writer",
+                "bare server, acts a second", "of the bare server"]
     rows = [
         [count(row["episodes"]), f"`{row['by']}`", count(row["acts_per_s"]), count(row["entries_per_commit"]),
          millis(row["acknowledged"]["p50_ms"]), millis(row["acknowledged"]["p99_ms"]),
          millis(row["acknowledged_at_half"]["p99_ms"]), micros(row["cpu_us"]),
-         count(row["bare_acts_per_s"]), percent(row["ratio"])]
+         count(row["bare_acts_per_s"]), percent(row["ratio"]),
+         count(row["bare_server_acts_per_s"]), percent(row["bare_server_ratio"])]
         for row in report["acts"]
     ]
     return table(headings, rows, 1)

@@ -19,7 +19,7 @@ use swarmbench_loadtest::connection::{Answers, Target};
 use swarmbench_loadtest::games::SEATS;
 use swarmbench_loadtest::latencies::Spread;
 use swarmbench_loadtest::metrics::Metrics;
-use swarmbench_loadtest::{Progress, acts, bare_handler, obs, play, polls, reads, slow};
+use swarmbench_loadtest::{Progress, acts, bare_acts, bare_handler, obs, play, polls, reads, slow};
 
 /// Open files besides connections: the terminal, the runtime, the database of the bare writer.
 const FILES_RESERVED: u64 = 100;
@@ -85,6 +85,9 @@ pub(super) struct Args {
     /// Internal: run as the bare handler of another load test (`obs`).
     #[arg(long, hide = true)]
     bare_handler: bool,
+    /// Internal: run as the bare server of another load test (`acts`).
+    #[arg(long, hide = true)]
+    bare_acts: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -133,6 +136,9 @@ struct Report {
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     if args.bare_handler {
         return Ok(bare_handler::serve(telemetry::render).await?);
+    }
+    if args.bare_acts {
+        return Ok(bare_acts::serve(telemetry::render, &migrator()).await?);
     }
     let ServerArgs { server, key } = args.server.clone();
     let target = Target::new(&server, key).await?;
@@ -229,8 +235,10 @@ async fn measure(
             let each = if by_seats { SEATS } else { 1 };
             let episodes = scaled("acts", episodes.into(), connections_max / each);
             let times = (turns, turn);
-            let done = acts::run(target, (&args.dir, &tables), by_seats, episodes, times, progress)
-                .await?;
+            let mut bare = Command::new(std::env::current_exe()?);
+            bare.args(["loadtest", "--bare-acts"]);
+            let bare = (&*args.dir, &tables, bare);
+            let done = acts::run(target, bare, by_seats, episodes, times, progress).await?;
             report.acts.push(done);
         }
     }
@@ -341,6 +349,7 @@ fn show_acts(all: &[acts::Comparison]) {
         "bare acts/s",
         "bare commits/s",
         "of the bare writer",
+        "of a bare server",
     ]);
     for acts in all {
         shown.add_row([
@@ -356,6 +365,7 @@ fn show_acts(all: &[acts::Comparison]) {
             round(acts.bare_acts_per_s),
             round(acts.bare_commits_per_s),
             format!("{:.0} %", acts.ratio * 100.0),
+            format!("{:.0} %", acts.bare_server_ratio * 100.0),
         ]);
     }
     if let Some(acts) = all.first() {

@@ -1,6 +1,8 @@
-//! How many acts a second become durable, against a bare writer that commits groups of the same size.
+//! How many acts a second become durable, against a bare writer that commits groups of the same size, and a bare server that
+//! only receives, commits and answers.
 
 use std::path::Path;
+use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -11,7 +13,9 @@ use sqlx::migrate::Migrator;
 use tokio::task::JoinSet;
 use tokio::time::MissedTickBehavior;
 
+use super::bare_acts::Setup;
 use super::bare_commit::BareCommit;
+use super::bare_handler::BareHandler;
 use super::connection::{Answers, Target};
 use super::games::{self, Game, SEATS};
 use super::latencies::Spread;
@@ -39,6 +43,10 @@ pub struct Comparison {
     pub bare_acts_per_s: f64,
     /// Server by bare writer, acts a second: the median over the turns.
     pub ratio: f64,
+    /// Durable acts a second of a bare server, see [`bare_acts`](super::bare_acts): the median over the turns.
+    pub bare_server_acts_per_s: f64,
+    /// Server by bare server, acts a second: the median over the turns.
+    pub bare_server_ratio: f64,
     /// Journal entries in one commit of the server, and so of the bare writer: the median over the turns.
     pub entries_per_commit: f64,
     /// Commits a second of the server: the median over the turns.
@@ -57,13 +65,14 @@ pub struct Comparison {
     pub answers: Answers,
 }
 
-/// Runs both in turns; the bare writer in a folder below `dir`.
+/// Runs the server, the bare writer and the bare server in turns; the last two in folders below `dir`. `bare_server` is to call
+/// [`bare_acts::serve`](super::bare_acts::serve).
 ///
 /// # Errors
 /// Where the server does not report the size of its groups, or the bare writer cannot write.
 pub async fn run(
     target: &Target,
-    (dir, tables): (&Path, &Migrator),
+    (dir, tables, bare_server): (&Path, &Migrator, Command),
     by_seats: bool,
     episodes: usize,
     (turns, turn): (usize, Duration),
@@ -71,25 +80,19 @@ pub async fn run(
 ) -> Result<Comparison, LoadError> {
     let score = Arc::new(Score::default());
     let games = games::create(target, &score.tally, episodes, SEATS, ROUNDS_MAX, progress).await;
-    let each = if by_seats { SEATS } else { 1 };
-    let mut open = games::connect(target, games.len() * each, progress).await?.into_iter();
-    let mut players: Vec<(Player, u32)> = (games.iter())
-        .map(|game| {
-            let player = if by_seats {
-                Player::by_seats(target, game, open.by_ref())
-            } else {
-                let connection = open.next().expect("there is one for every episode");
-                Player::by_swarm(target, std::slice::from_ref(game), connection, None)
-            };
-            (player, 0)
-        })
-        .collect();
+    let mut players = players_of(target, &games, by_seats, progress).await?;
     let first = games::first(&games, &score.tally)?;
     // Every player has played a round before the measurement begins.
     players = play(players, &score, Duration::ZERO, None).await;
     let record = record(target, first).await?;
     let record_bytes = record.len();
+    let setup = Setup { dir: dir.to_owned(), episodes: games.len(), record: record.clone() };
+    let setup = serde_json::to_vec(&setup).expect("string keys");
     let mut bare = BareCommit::open(dir, tables, games.len(), record).await?;
+    let (_bare_server, bare_target) = BareHandler::start(bare_server, &setup).await?;
+    let bare_score = Arc::new(Score::default());
+    let mut bare_players = players_of(&bare_target, &games, by_seats, progress).await?;
+    let mut bare_server_rates = Vec::new();
     let (mut rates, mut bare_rates, mut groups) = (Vec::new(), Vec::new(), Vec::new());
     let (mut commits, mut bare_commits, mut cpu) = (Vec::new(), Vec::new(), Vec::new());
     for place in 0..turns {
@@ -115,9 +118,17 @@ pub async fn run(
         let done = bare.run(entries / count, turn).await?;
         bare_rates.push(per_second(done.acts, done.elapsed));
         bare_commits.push(per_second(done.commits, done.elapsed));
+        let before = bare_score.acts.load(Ordering::Relaxed);
+        let started = Instant::now();
+        bare_players = play(bare_players, &bare_score, turn, None).await;
+        let acts = bare_score.acts.load(Ordering::Relaxed) - before;
+        bare_server_rates.push(per_second(acts, started.elapsed()));
     }
     bare.close().await?;
     let ratios = rates.iter().zip(&bare_rates).map(|(server, bare)| server / bare).collect();
+    let bare_server_ratios =
+        rates.iter().zip(&bare_server_rates).map(|(server, bare)| server / bare);
+    let bare_server_ratio = median(bare_server_ratios.collect());
     let acts_per_s = median(rates);
     let acts_of_a_round = super::float((games.len().max(1) * SEATS) as u64);
     let interval = Duration::try_from_secs_f64(2.0 * acts_of_a_round / acts_per_s);
@@ -132,6 +143,8 @@ pub async fn run(
         ratio: median(ratios),
         acts_per_s,
         bare_acts_per_s: median(bare_rates),
+        bare_server_acts_per_s: median(bare_server_rates),
+        bare_server_ratio,
         entries_per_commit: median(groups),
         commits_per_s: median(commits),
         bare_commits_per_s: median(bare_commits),
@@ -141,6 +154,26 @@ pub async fn run(
         acknowledged_at_half: half.acknowledged.spread(),
         answers: score.tally.answers(),
     })
+}
+
+/// Players of these episodes at a server, each before its first round.
+async fn players_of(
+    target: &Target,
+    games: &[Game],
+    by_seats: bool,
+    progress: &Progress,
+) -> Result<Vec<(Player, u32)>, LoadError> {
+    let each = if by_seats { SEATS } else { 1 };
+    let mut open = games::connect(target, games.len() * each, progress).await?.into_iter();
+    let player = |game| {
+        if by_seats {
+            Player::by_seats(target, game, open.by_ref())
+        } else {
+            let connection = open.next().expect("there is one for every episode");
+            Player::by_swarm(target, std::slice::from_ref(game), connection, None)
+        }
+    };
+    Ok(games.iter().map(player).map(|player| (player, 0)).collect())
 }
 
 /// All players play for `time`, and at least one round. They do not observe, as only acts are measured. With an interval each

@@ -88,8 +88,7 @@ impl BareCommit {
             due += entries * 12.0 / 13.0;
             let acts = floor(due).max(1);
             due -= float(acts);
-            self.commit(self.acts, acts).await.map_err(|error| failed(&error))?;
-            self.acts += acts;
+            self.commit_next(acts).await.map_err(|error| failed(&error))?;
             done.acts += acts as u64;
             done.commits += 1;
             done.elapsed = started.elapsed();
@@ -97,6 +96,13 @@ impl BareCommit {
                 return Ok(done);
             }
         }
+    }
+
+    /// Commits the next `acts` acts, and the rounds that they complete.
+    pub(crate) async fn commit_next(&mut self, acts: usize) -> Result<(), sqlx::Error> {
+        self.commit(self.acts, acts).await?;
+        self.acts += acts;
+        Ok(())
     }
 
     /// Commits `acts` acts from number `first` on, and the rounds that they complete.

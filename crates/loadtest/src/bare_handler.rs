@@ -62,15 +62,21 @@ impl Drop for BareHandler {
 /// Where it cannot listen, or the input is not what [`BareHandler::start`] sends.
 pub async fn serve(metrics: fn() -> String) -> std::io::Result<()> {
     let body = read_body(&mut std::io::stdin().lock())?;
-    let listener = TcpListener::bind(("127.0.0.1", 0)).await?;
-    println!("http://{}", listener.local_addr()?);
     let answer = move || {
         let body = body.clone();
         async move { ([(header::CONTENT_TYPE, "application/json")], body) }
     };
-    let router = Router::new()
-        .route("/obs", get(answer))
-        .route("/metrics", get(move || async move { metrics() }));
+    serve_until_input_ends(Router::new().route("/obs", get(answer)), metrics).await
+}
+
+/// Prints its address, and serves the routes and `/metrics` until the standard input ends.
+pub(crate) async fn serve_until_input_ends(
+    router: Router,
+    metrics: fn() -> String,
+) -> std::io::Result<()> {
+    let router = router.route("/metrics", get(move || async move { metrics() }));
+    let listener = TcpListener::bind(("127.0.0.1", 0)).await?;
+    println!("http://{}", listener.local_addr()?);
     let (end, ended) = tokio::sync::oneshot::channel::<()>();
     std::thread::spawn(move || {
         // The input is closed when the parent process has ended.
@@ -86,7 +92,7 @@ pub async fn serve(metrics: fn() -> String) -> std::io::Result<()> {
     }
 }
 
-fn read_body(input: &mut impl BufRead) -> std::io::Result<Bytes> {
+pub(crate) fn read_body(input: &mut impl BufRead) -> std::io::Result<Bytes> {
     let mut length = String::new();
     input.read_line(&mut length)?;
     let length = length.trim().parse().map_err(std::io::Error::other)?;

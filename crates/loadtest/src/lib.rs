@@ -4,12 +4,13 @@
 //!
 //! - [`play`]: a grid of games, small to large. [`polls`]: many requests that wait. [`slow`]: slow clients.
 //! - [`reads`]: boards, lists and look-ups on a server with many episodes.
-//! - [`obs`] against [`bare_handler`], [`acts`] against [`bare_commit`]: the server beside the best that its
-//!   libraries could do, measured in turns.
+//! - [`obs`] against [`bare_handler`], [`acts`] against [`bare_commit`] and [`bare_acts`]: the server beside the best that
+//!   its libraries could do, measured in turns.
 //! - [`connection`]: a client at low cost. [`games`]: episodes to play. [`latencies`], [`metrics`],
 //!   [`rounds`]: shared parts.
 
 pub mod acts;
+pub mod bare_acts;
 pub mod bare_commit;
 pub mod bare_handler;
 pub mod connection;
