@@ -18,13 +18,13 @@ use sqlx::{ConnectOptions, Connection, Row as _};
 
 use super::OpenError;
 use super::again::{StoredJournal, play_again};
-use super::competitions::RawCompetition;
+use super::competitions::{RawCompetition, damaged_looks};
 use super::files::may_lack_log;
 use super::foreign::is_foreign;
 use super::metrics::stored_method;
 use super::rebuild::{self, RebuildError};
 use super::rows::{FromRow, get};
-use super::templates::opening;
+use super::templates::{self, opening};
 use crate::ids::EpisodeKey;
 use crate::migrations;
 use crate::store::imports::ImportHash;
@@ -132,6 +132,7 @@ pub async fn check(
     if tables(&mut connection, path, &mut checked).await? {
         references(&mut connection, &mut checked).await;
         statements(&mut connection, &mut checked).await;
+        texts(&mut connection, &mut checked).await;
         definitions(&mut connection, formats, &mut checked).await;
         imports(&mut connection, &mut checked).await;
         episodes(&mut connection, &mut checked, &mut progress).await;
@@ -339,6 +340,22 @@ const STATEMENTS: [(&str, &str); 15] = [
                  AND c.owner IS s.owner AND c.player IS s.player)",
     ),
 ];
+
+/// What follows from texts beside it.
+async fn texts(database: &mut SqliteConnection, checked: &mut Checked) {
+    match templates::damaged(database).await {
+        Ok(keys) => keys.into_iter().for_each(|key| {
+            checked.note(format!("template {key}"), "its hash is not that of its text");
+        }),
+        Err(error) => checked.note("the table templates", unreadable(&error)),
+    }
+    match damaged_looks(database).await {
+        Ok(names) => names.into_iter().for_each(|name| {
+            checked.note(name, "its row in `looks` is not the one of an entrant");
+        }),
+        Err(error) => checked.note("the table looks", unreadable(&error)),
+    }
+}
 
 async fn statements(database: &mut SqliteConnection, checked: &mut Checked) {
     for (problem, query) in STATEMENTS {

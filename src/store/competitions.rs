@@ -1,5 +1,6 @@
 //! The tables `competitions`, `entries` and `invitations`.
 
+use futures::TryStreamExt;
 use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{Connection, QueryBuilder, Row as _, Sqlite};
@@ -337,6 +338,25 @@ pub(super) async fn add_missing_looks(
         add_looks(&mut transaction, row.try_get("competition")?, name, model).await?;
     }
     transaction.commit().await
+}
+
+/// Names and models whose looks are not theirs, or are of no entrant.
+pub(super) async fn damaged_looks(
+    connection: &mut SqliteConnection,
+) -> Result<Vec<String>, sqlx::Error> {
+    let query = "SELECT l.look, l.written, EXISTS (
+                     SELECT 1 FROM entries n WHERE n.competition = l.competition
+                         AND l.written = CASE l.kind WHEN 'name' THEN n.name WHEN 'model' THEN n.model END) AS is_used
+                 FROM looks l";
+    let mut rows = sqlx::query(query).fetch(connection);
+    let mut damaged = Vec::new();
+    while let Some(row) = rows.try_next().await? {
+        let (look, written): (&str, &str) = (row.try_get("look")?, row.try_get("written")?);
+        if !row.try_get::<bool, _>("is_used")? || !looks(written).iter().any(|own| own == look) {
+            damaged.push(written.to_owned());
+        }
+    }
+    Ok(damaged)
 }
 
 pub(super) async fn set_entrant(

@@ -1,6 +1,8 @@
 //! The table `templates`: prompt templates, which many openings have in common.
 
+use futures::TryStreamExt;
 use sha2::{Digest, Sha256};
+use sqlx::Row as _;
 use sqlx::sqlite::SqliteConnection;
 
 /// Shorter templates stay in their openings.
@@ -60,6 +62,19 @@ impl<'a> Cut<'a> {
                 .await?;
         Ok((added, self.at))
     }
+}
+
+/// The keys of templates that are not those whose hash stands beside them.
+pub(super) async fn damaged(connection: &mut SqliteConnection) -> Result<Vec<i64>, sqlx::Error> {
+    let mut rows = sqlx::query("SELECT key, hash, text FROM templates").fetch(connection);
+    let mut damaged = Vec::new();
+    while let Some(row) = rows.try_next().await? {
+        let hash: [u8; 32] = Sha256::digest(row.try_get::<&str, _>("text")?).into();
+        if row.try_get::<&[u8], _>("hash")? != hash {
+            damaged.push(row.try_get("key")?);
+        }
+    }
+    Ok(damaged)
 }
 
 /// Where the JSON string ends that has begun before `text`.

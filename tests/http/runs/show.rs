@@ -100,7 +100,7 @@ async fn the_player_of_a_sealed_run_sees_only_its_progress() {
     let seal = "
         UPDATE runs SET visibility = 'sealed', definition = json_set(definition, '$.visibility', 'sealed');
         UPDATE episodes SET visibility = 'sealed',
-                            opening = json_set(opening, '$.config.visibility', 'sealed')";
+                            opening = json_set(opening, '$.config.visibility', 'sealed'), template = NULL";
     app.tamper(seal).await;
     app.start_again().await;
 
