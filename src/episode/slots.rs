@@ -63,6 +63,16 @@ impl Slots {
         }
     }
 
+    /// Removes a slot that nobody uses, of an episode that is neither in memory nor known to be unfinished.
+    pub(super) fn remove_unused(&mut self, id: &EpisodeId) {
+        let slot = self.by_id.get(id);
+        if slot.is_some_and(|slot| {
+            !slot.is_held() && !slot.handle.initialized() && slot.ends_at.is_none()
+        }) {
+            self.remove(id);
+        }
+    }
+
     pub(super) fn remove(&mut self, id: &EpisodeId) {
         self.awake.remove(id);
         if let Some(slot) = self.by_id.remove(id) {

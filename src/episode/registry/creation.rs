@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 use swarmbench_engine::World;
-use tokio::sync::oneshot;
+use tokio::sync::{OnceCell, oneshot};
 use tracing::Instrument as _;
 
 use super::super::actor::{EpisodeInit, Handle, Running, Times, seated, spawn};
@@ -216,10 +216,19 @@ impl Registry {
         for ((key, creation), room) in (first..).zip(creations).zip(rooms) {
             prepared.push(self.prepare(EpisodeKey(key), creation, fork_of, &past, room).await?);
         }
-        self.keep(&mut prepared, &past).await?;
+        // They have their slots before anybody can find them, and nobody evicts them until they are started: an episode that was
+        // recovered, evicted and removed meanwhile would get a second actor, from its beginning.
+        let places: Vec<_> = prepared.iter().map(|one| self.place(&one.init.episode.id)).collect();
+        if let Err(error) = self.keep(&mut prepared, &past).await {
+            drop(places);
+            for one in &prepared {
+                self.slots().remove_unused(&one.init.episode.id);
+            }
+            return Err(error.into());
+        }
         let mut handles = Vec::with_capacity(prepared.len());
-        for one in prepared {
-            handles.push(self.start(one).await);
+        for (one, place) in prepared.into_iter().zip(places) {
+            handles.push(self.start(one, &place).await);
         }
         Ok(handles)
     }
@@ -360,17 +369,17 @@ impl Registry {
 
     /// Starts the actor of an episode that is durable now. Where a request has found it already, it was recovered: an
     /// episode never has two actors.
-    async fn start(&self, prepared: Prepared) -> Handle {
+    async fn start(&self, prepared: Prepared, place: &OnceCell<Handle>) -> Handle {
         let Prepared { init, room, .. } = prepared;
         let Running { id, spec, .. } = &init.episode;
         tracing::info!(episode = %id, task = spec.config.task().name(), model = %spec.model, "created");
         metrics::counter!("swarmbench_episodes_created_total").increment(1);
-        let now = self.host.clock.now();
-        let cell = {
-            let mut slots = self.slots();
-            Arc::clone(&slots.wake_or_insert(id, now).handle)
-        };
-        cell.get_or_init(|| async { spawn(Arc::clone(&self.host), init, room) }).await.clone()
+        place.get_or_init(|| async { spawn(Arc::clone(&self.host), init, room) }).await.clone()
+    }
+
+    /// The place of a new episode in its slot, which is not evicted as long as this is held.
+    fn place(&self, id: &EpisodeId) -> Arc<OnceCell<Handle>> {
+        Arc::clone(&self.slots().wake_or_insert(id, self.host.clock.now()).handle)
     }
 
     /// The seating of a new episode, and the entry for its creator.
