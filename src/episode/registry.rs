@@ -276,14 +276,17 @@ impl Registry {
         let known = self.slots().wake(id).map(|slot| {
             slot.used_at = now;
             slot.empty_if_dead(now);
-            (Arc::clone(&slot.handle), slot.ends_at.is_some())
+            (Arc::clone(&slot.handle), slot.ends_at.is_some(), slot.starting.clone())
         });
+        if let Some((_, _, Some(starting))) = &known {
+            starting.cancelled().await;
+        }
         let cell = match known {
             // It is unfinished, so its recovery continues although the caller is gone.
-            Some((cell, true)) if !cell.initialized() => {
+            Some((cell, true, _)) if !cell.initialized() => {
                 return self.recover_detached(cell, id).await;
             }
-            Some((cell, _)) => cell,
+            Some((cell, ..)) => cell,
             // Only episodes that exist get a slot.
             None if self.host.journal.episode(id.clone()).await?.is_none() => return Ok(None),
             None => {

@@ -27,6 +27,9 @@ pub(super) struct Slot {
     /// The actor that was evicted. It may still have something to do, and an episode never has
     /// two of them.
     pub(super) leaving: Option<CancellationToken>,
+    /// Of an episode that is being created: cancelled when its actor has been started, or never will be. Until then nobody
+    /// recovers it, as it would get a second actor.
+    pub(super) starting: Option<CancellationToken>,
     /// When it was last emptied as its actor had ended by a fault.
     revived_at: Option<Timestamp>,
     /// Whether it is queued for recovery.
@@ -46,6 +49,7 @@ impl Slot {
             ends_at: None,
             clocked: false,
             leaving: None,
+            starting: None,
             revived_at: None,
             in_line: false,
             listed_at: None,

@@ -7,6 +7,7 @@ use std::time::Duration;
 use jiff::Timestamp;
 use swarmbench_engine::World;
 use tokio::sync::{OnceCell, oneshot};
+use tokio_util::sync::{CancellationToken, DropGuard};
 use tracing::Instrument as _;
 
 use super::super::actor::{EpisodeInit, Handle, Running, Times, seated, spawn};
@@ -85,6 +86,12 @@ struct Prepared {
     heads: Vec<Head>,
     entries: Vec<Entry>,
     room: Reservation,
+}
+
+/// The place of a new episode in its slot: it is neither recovered nor evicted as long as this is held.
+struct Place {
+    handle: Arc<OnceCell<Handle>>,
+    _starting: DropGuard,
 }
 
 impl Registry {
@@ -216,8 +223,8 @@ impl Registry {
         for ((key, creation), room) in (first..).zip(creations).zip(rooms) {
             prepared.push(self.prepare(EpisodeKey(key), creation, fork_of, &past, room).await?);
         }
-        // They have their slots before anybody can find them, and nobody evicts them until they are started: an episode that was
-        // recovered, evicted and removed meanwhile would get a second actor, from its beginning.
+        // They have their slots before anybody can find them, and nobody recovers or evicts them until they are started: they would
+        // get a second actor, from their beginning.
         let places: Vec<_> = prepared.iter().map(|one| self.place(&one.init.episode.id)).collect();
         if let Err(error) = self.keep(&mut prepared, &past).await {
             drop(places);
@@ -228,7 +235,7 @@ impl Registry {
         }
         let mut handles = Vec::with_capacity(prepared.len());
         for (one, place) in prepared.into_iter().zip(places) {
-            handles.push(self.start(one, &place).await);
+            handles.push(self.start(one, place).await);
         }
         Ok(handles)
     }
@@ -369,17 +376,27 @@ impl Registry {
 
     /// Starts the actor of an episode that is durable now. Where a request has found it already, it was recovered: an
     /// episode never has two actors.
-    async fn start(&self, prepared: Prepared, place: &OnceCell<Handle>) -> Handle {
+    async fn start(&self, prepared: Prepared, place: Place) -> Handle {
         let Prepared { init, room, .. } = prepared;
         let Running { id, spec, .. } = &init.episode;
         tracing::info!(episode = %id, task = spec.config.task().name(), model = %spec.model, "created");
         metrics::counter!("swarmbench_episodes_created_total").increment(1);
-        place.get_or_init(|| async { spawn(Arc::clone(&self.host), init, room) }).await.clone()
+        let id = id.clone();
+        let start = || async { spawn(Arc::clone(&self.host), init, room) };
+        let handle = place.handle.get_or_init(start).await.clone();
+        if let Some(slot) = self.slots().get_mut(&id) {
+            slot.starting = None;
+        }
+        handle
     }
 
-    /// The place of a new episode in its slot, which is not evicted as long as this is held.
-    fn place(&self, id: &EpisodeId) -> Arc<OnceCell<Handle>> {
-        Arc::clone(&self.slots().wake_or_insert(id, self.host.clock.now()).handle)
+    /// A slot for an episode that is being created.
+    fn place(&self, id: &EpisodeId) -> Place {
+        let starting = CancellationToken::new();
+        let mut slots = self.slots();
+        let slot = slots.wake_or_insert(id, self.host.clock.now());
+        slot.starting = Some(starting.clone());
+        Place { handle: Arc::clone(&slot.handle), _starting: starting.drop_guard() }
     }
 
     /// The seating of a new episode, and the entry for its creator.
