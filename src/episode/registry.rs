@@ -352,18 +352,22 @@ impl Registry {
         if let Some(slot) = self.slots().get_mut(id) {
             slot.leaving = Some(handle.gone());
         }
+        self.end_if_due(&handle).await;
+        if let Some(slot) = self.slots().get_mut(id) {
+            slot.ends_at = None;
+        }
+        Ok(handle)
+    }
+
+    /// Waits for the end of an episode whose time ended before its actor was started: no caller may find it running.
+    async fn end_if_due(&self, handle: &Handle) {
         if !handle.snapshot().status.is_over() && handle.ends_at() <= self.host.clock.now() {
-            // Its time ended while it was not in memory; no caller may find it running.
             let mut published = handle.follow();
             let over = Box::pin(published.wait_for(|snapshot| snapshot.status.is_over()));
             // If the time of day has come in doubt this moment, it continues.
             let up = self.host.clock.sleep_until(after(self.host.clock.now(), END_PATIENCE));
             drop(select(over, up).await);
         }
-        if let Some(slot) = self.slots().get_mut(id) {
-            slot.ends_at = None;
-        }
-        Ok(handle)
     }
 
     /// Memory for a stored episode. One that advances by itself gets it also where none is free.

@@ -382,7 +382,11 @@ impl Registry {
         tracing::info!(episode = %id, task = spec.config.task().name(), model = %spec.model, "created");
         metrics::counter!("swarmbench_episodes_created_total").increment(1);
         let id = id.clone();
-        let start = || async { spawn(Arc::clone(&self.host), init, room) };
+        let start = || async {
+            let handle = spawn(Arc::clone(&self.host), init, room);
+            self.end_if_due(&handle).await;
+            handle
+        };
         let handle = place.handle.get_or_init(start).await.clone();
         if let Some(slot) = self.slots().get_mut(&id) {
             slot.starting = None;
