@@ -295,12 +295,6 @@ impl Lockstep {
         self.last_act_at
     }
 
-    /// Notes that the last act of a player is written down as of `at`: no earlier than any record before it, also
-    /// where it came earlier.
-    pub fn note_act(&mut self, at: Timestamp) {
-        self.last_act_at = self.last_act_at.max(at);
-    }
-
     /// Whether no round begins any more.
     fn is_closed(&self, now: Timestamp) -> bool {
         self.clocks.closes_at.is_some_and(|at| at <= now)

@@ -47,7 +47,7 @@ use mailbox::{Batch, Earlier, Envelope, Message, Reply, Sent};
 use swarmbench_clock::{Clock, after};
 use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
-use swarmbench_journal::record::{End, RawRecord, Source, end_record, round_record};
+use swarmbench_journal::record::{End, RawRecord, end_record, round_record};
 use timer::Timer;
 pub(super) use times::Times;
 
@@ -301,6 +301,9 @@ impl Actor {
 
     async fn take(&mut self, at: Timestamp, message: Message) {
         self.note_time_of_day();
+        // It may have waited while a round was resolved, and it is written down after that round. So it counts
+        // from then on, and clocks that ran out meanwhile have run out before it.
+        let at = at.max(self.newest_running);
         match message {
             Message::Submit { batch, reply } => self.submit(at, batch, reply).await,
             Message::Start { reply } => {
@@ -544,10 +547,6 @@ impl Actor {
         self.tally.count(source, decision.valid, decision.failure, decision.usage);
         self.host.quotas.add_bytes(self.episode.key, bytes, at);
         let at = self.stamp(at);
-        if source == Source::Player {
-            self.lockstep.note_act(self.newest_running);
-            self.note_end();
-        }
         let (episode, round) = (self.episode.key, self.world.round());
         Entry::Act(ActRow { episode, round, agent, waiting_for, source, at, record })
     }
