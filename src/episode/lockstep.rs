@@ -41,8 +41,11 @@ pub enum Event {
         /// Whether the journal has room for it.
         room: Result<(), Full>,
     },
-    /// Time has passed.
+    /// Time has passed, and no message waits: what is due until now is due.
     Tick,
+    /// A message came: what was due before it is due. A clock that ends at this moment has not run out, as the
+    /// next message may be the act of its seat.
+    Arrival,
     /// The open round was published: its clock begins. A slow disk costs no player any time.
     Opened {
         /// When it could first be seen.
@@ -341,6 +344,7 @@ impl Lockstep {
                 self.submit(now, agent, submission, earlier, room)
             }
             Event::Tick => self.tick(now, |due| due <= now),
+            Event::Arrival => self.tick(now, |due| due < now),
             Event::Opened { at } => {
                 self.opened_at.get_or_insert(at);
                 Vec::new()
@@ -385,9 +389,7 @@ impl Lockstep {
         room: Result<(), Full>,
     ) -> Vec<Effect> {
         let Submission { round: sent, decision } = submission;
-        // Clocks may have run out before the act came, but no tick has come since. A clock that ends
-        // at this moment has not: the act may be for its seat.
-        let mut effects = self.tick(now, |due| due < now);
+        let mut effects = self.apply(now, Event::Arrival);
         let round = self.round;
         let waiting = self.phase == Phase::Waiting;
         let seat = &self.seats[agent.index()];

@@ -195,7 +195,7 @@ impl Actor {
                 () = timer.expired() => {
                     let now = self.host.clock.now();
                     self.note_opening();
-                    let effects = self.tick(now);
+                    let effects = self.tick(now, Event::Tick);
                     if !effects.is_empty() || !self.ahead.is_empty() {
                         self.perform(now, effects, |_| {}).await;
                     }
@@ -221,10 +221,10 @@ impl Actor {
         rests_on_it.then(|| after(self.host.clock.now(), LOOKS_AGAIN_AFTER))
     }
 
-    /// What is due now: clocks run out, open seats are filled.
-    fn tick(&mut self, now: Timestamp) -> Vec<Effect> {
+    /// What is due at an event: clocks run out, open seats are filled.
+    fn tick(&mut self, now: Timestamp, event: Event) -> Vec<Effect> {
         self.note_time_of_day();
-        let mut effects = self.apply(now, Event::Tick);
+        let mut effects = self.apply(now, event);
         if self.lockstep.status() == Status::Waiting
             && let Some((holder, agents)) =
                 self.seating.as_mut().and_then(|seating| seating.fill(now))
@@ -328,7 +328,7 @@ impl Actor {
                 self.perform_for(at, effects, (), reply).await;
             }
             Message::Claim { claim, reply } => {
-                let mut effects = self.tick(at);
+                let mut effects = self.tick(at, Event::Arrival);
                 match self.claim(at, *claim) {
                     Ok(claimed) => {
                         effects.extend(self.start_if_seated(at));
