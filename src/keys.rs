@@ -13,7 +13,8 @@ pub struct OwnerKey(pub i64);
 
 swarmbench_engine::named! {
     /// What the holder of a key may do.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
     pub enum Role {
         /// Start attempts in a competition and see their results; nothing else.
         Entrant = "entrant",

@@ -25,6 +25,7 @@
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod budget;
+#[cfg(feature = "cli")]
 pub mod cli;
 pub mod competitions;
 pub mod dataset;

@@ -31,7 +31,8 @@ const SECONDS: [f64; 12] =
 /// Buckets of cells of observations that are written for a request.
 const CELLS: [f64; 6] = [64.0, 1024.0, 8192.0, 32_768.0, 262_144.0, 2_097_152.0];
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum LogFormat {
     /// For people.
     #[default]

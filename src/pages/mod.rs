@@ -12,7 +12,7 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use rust_embed::RustEmbed;
 use sha2::{Digest, Sha256};
-use swarmbench_figures::scene::printable;
+use swarmbench_protocol::names::printable;
 
 pub use single::single_page;
 

@@ -248,7 +248,8 @@ fn message_lines(messages: &[Said], room: f64) -> Vec<String> {
     let mut lines = Vec::new();
     for (shown, said) in messages.iter().enumerate() {
         let to = said.to.map_or_else(String::new, |to| format!(" to {to}"));
-        let text = crate::scene::printable(&format!("{}{to}: {}", said.from, said.text));
+        let text =
+            swarmbench_protocol::names::printable(&format!("{}{to}: {}", said.from, said.text));
         let wrapped = font::wrap(&text, LABEL, room);
         if lines.len() + wrapped.len() >= MESSAGE_LINES_MAX && shown + 1 < messages.len() {
             lines.push(format!("… and {} more messages", messages.len() - shown));

@@ -2,6 +2,7 @@
 
 use crate::font;
 use crate::palette::Color;
+use swarmbench_protocol::names::printable;
 
 /// A picture. One unit is one pixel of an unscaled PNG or of a frame of a replay; y grows downwards.
 #[derive(Clone, Debug, PartialEq)]
@@ -203,22 +204,4 @@ impl Scene {
             along += gap;
         }
     }
-}
-
-/// A text without characters that XML forbids or that change how the text around them is read: line breaks and tabs
-/// become spaces, all others `U+FFFD`.
-#[must_use]
-pub fn printable(text: &str) -> String {
-    let replace = |c: char| match c {
-        '\t' | '\n' | '\r' | '\u{85}' | '\u{2028}' | '\u{2029}' => ' ',
-        c if c.is_control() || is_invisible(c) => '\u{FFFD}',
-        c => c,
-    };
-    text.chars().map(replace).collect()
-}
-
-/// Marks of direction, characters without width, and those that no text may have.
-const fn is_invisible(c: char) -> bool {
-    matches!(c, '\u{61C}' | '\u{200B}'..='\u{200F}' | '\u{202A}'..='\u{202E}' | '\u{2060}'..='\u{206F}')
-        || matches!(c, '\u{FEFF}' | '\u{FFFE}' | '\u{FFFF}')
 }

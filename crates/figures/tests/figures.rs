@@ -12,8 +12,9 @@ use samples::{HOSTILE, all};
 use swarmbench_engine::{Settings, TaskName};
 use swarmbench_figures::frame::{Layout, Moment, Shown, Stage};
 use swarmbench_figures::palette::{Color, OKABE_ITO};
-use swarmbench_figures::scene::{Anchor, Shape, printable};
+use swarmbench_figures::scene::{Anchor, Shape};
 use swarmbench_figures::{Canvas, Figure, Film, Gif, font, png, svg};
+use swarmbench_protocol::names::printable;
 
 /// Write the golden files anew instead of comparing them.
 const UPDATE: &str = "SWARMBENCH_UPDATE_FIGURES";

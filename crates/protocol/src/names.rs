@@ -56,6 +56,24 @@ fn seen(name: &str) -> [String; 2] {
     [skeleton(&name.to_lowercase()).collect(), as_written.to_lowercase()]
 }
 
+/// A text without characters that XML forbids or that change how the text around them is read: line breaks and tabs
+/// become spaces, all others `U+FFFD`.
+#[must_use]
+pub fn printable(text: &str) -> String {
+    let replace = |c: char| match c {
+        '\t' | '\n' | '\r' | '\u{85}' | '\u{2028}' | '\u{2029}' => ' ',
+        c if c.is_control() || hides_or_turns(c) => '\u{FFFD}',
+        c => c,
+    };
+    text.chars().map(replace).collect()
+}
+
+/// Marks of direction, characters without width, and those that no text may have.
+const fn hides_or_turns(c: char) -> bool {
+    matches!(c, '\u{61C}' | '\u{200B}'..='\u{200F}' | '\u{202A}'..='\u{202E}' | '\u{2060}'..='\u{206F}')
+        || matches!(c, '\u{FEFF}' | '\u{FFFE}' | '\u{FFFF}')
+}
+
 /// Whether a character is not seen, or turns others around.
 fn is_invisible(character: char) -> bool {
     let is_hidden = matches!(

@@ -16,10 +16,10 @@ mod counting;
 
 mod benchmarks;
 mod callgrind;
-#[path = "../../crates/engine/tests/common/mod.rs"]
+#[path = "../../engine/tests/common/mod.rs"]
 mod common;
 mod counts;
-#[path = "../server/mod.rs"]
+#[path = "../../../benches/server/mod.rs"]
 mod server;
 
 use std::collections::BTreeMap;
@@ -33,7 +33,7 @@ use counts::Counts;
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-const FILE: &str = "benches/instructions/counts.toml";
+const FILE: &str = "crates/instructions/counts.toml";
 
 /// What to do.
 #[derive(Default)]
@@ -90,7 +90,7 @@ fn run(asked: &Asked) -> Result<ExitCode, String> {
         return Ok(ExitCode::SUCCESS);
     }
     let now = callgrind::count(asked.profiles.as_deref())?;
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(FILE);
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(FILE);
     if asked.accept {
         let written = std::fs::write(&file, now.to_string());
         written.map_err(|error| format!("{FILE} cannot be written: {error}"))?;

@@ -1,6 +1,6 @@
 //! The comparison of counts of instructions with the committed ones: what it lets pass, and what it says.
 
-#[path = "../benches/instructions/counts.rs"]
+#[path = "../src/counts.rs"]
 mod counts;
 
 use counts::Counts;
