@@ -1,6 +1,7 @@
 //! Evaluations as researchers run them: the real program, on databases and servers of its own, with models that are
 //! played by a server of the test.
 
+mod attempts;
 mod bench;
 mod boards;
 #[path = "../llm/endpoint.rs"]

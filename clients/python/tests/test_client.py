@@ -8,6 +8,7 @@ from typing import Any, get_args
 
 import httpx
 import pytest
+from conftest import Cup
 from shapes import differences
 from typing_extensions import assert_type, get_type_hints
 
@@ -242,6 +243,25 @@ def test_events_of_an_episode(checked: Checked) -> None:
     assert checked.verification(created["id"])["ok"]
     later = checked.all_of(checked.client.events(created["id"], after=1))
     assert [event.id for event in later] == ["2", None]
+
+
+def test_attempts_in_a_competition(checked: Checked, cup: Cup) -> None:
+    client = type(checked.client)(cup.url, cup.enter())
+    own = Checked(client, checked.loop)
+    started = own.start_attempt(cup.id, idempotency_key="the first")
+    assert (started["attempt"], started["games"]) == (1, 2)
+    again = own.start_attempt(cup.id, idempotency_key="the first")
+    assert again["run"] == started["run"]
+    assert again["swarm_token"] != started["swarm_token"]
+    assert own.start_attempt(cup.id, attempt=2, entrant=started["entrant"])["attempt"] == 2
+    with pytest.raises(ApiError) as error:
+        own.start_attempt(cup.id)
+    assert error.value.code == "closed"
+    assert [attempt["status"] for attempt in own.every("attempts", competition=cup.id, limit=1)] == ["running"] * 2
+    if isinstance(client, Client):
+        client.close()
+    else:
+        checked.loop.run_until_complete(client.aclose())
 
 
 def test_errors_carry_the_problem(checked: Checked) -> None:

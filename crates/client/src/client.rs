@@ -208,11 +208,7 @@ impl Client {
         &self,
         request: &EpisodeRequest,
     ) -> Result<CreatedEpisode, ClientError> {
-        let key = uuid_text();
-        self.ask(Method::POST, "/api/v1/episodes", |call| {
-            self.signed(call).header("Idempotency-Key", &key).json(request)
-        })
-        .await
+        self.create("/api/v1/episodes", request).await
     }
 
     /// Shows an episode.
@@ -223,9 +219,18 @@ impl Client {
 
     /// Starts a run. A retry after a lost answer returns the same one.
     pub async fn create_run(&self, request: &RunRequest) -> Result<CreatedRun, ClientError> {
+        self.create("/api/v1/runs", request).await
+    }
+
+    /// Creates something where the server takes an `Idempotency-Key`: a retry after a lost answer returns the same one.
+    pub async fn create<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        body: &(impl Serialize + Sync),
+    ) -> Result<T, ClientError> {
         let key = uuid_text();
-        self.ask(Method::POST, "/api/v1/runs", |call| {
-            self.signed(call).header("Idempotency-Key", &key).json(request)
+        self.ask(Method::POST, path, |call| {
+            self.signed(call).header("Idempotency-Key", &key).json(body)
         })
         .await
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::anyhow;
-use swarmbench_engine::{Act, Config, Message, Settings};
+use swarmbench_engine::{Act, Config, Message, Seed, Settings};
 use swarmbench_players::{default_for, game};
 use swarmbench_prompt::{BUILT_IN, tasks};
 
@@ -24,7 +24,7 @@ const ROUNDS_MAX: u32 = 20;
 const SAID: &str = "I am next to it now and go on to the left in the next round";
 
 /// How the estimate is made, for people.
-pub(super) const ESTIMATED: &str = "(how: the prompts of a game of a built-in player on the first seed of each task, in which \
+pub(super) const ESTIMATED: &str = "(how: the prompts of a game of a built-in player on the first seed of each task (27 where they are sealed), in which \
      everybody speaks; 4 bytes a token; every game takes all its rounds; 100 tokens an answer, or --max-tokens if that is \
      less. Models that reason write many times more, up to --max-tokens)";
 
@@ -74,11 +74,12 @@ pub(super) fn estimate(run: &Planned) -> anyhow::Result<Option<Estimate>> {
 /// The mean length of the prompts of a task, over all rounds of a game and all agents.
 fn prompt_bytes(run: &Planned, task: &str) -> anyhow::Result<u64> {
     let suite = &run.suite;
-    let seed = suite.seeds.first().ok_or_else(|| anyhow!("no seeds"))?;
+    // The seeds of an attempt are sealed; prompts are about as long on any layout.
+    let seed = suite.seeds.first().copied().unwrap_or_else(|| Seed::from(27));
     let settings = Settings {
         task: task.to_owned(),
         rules: suite.rules.clone(),
-        seed: i64::from(*seed),
+        seed: i64::from(seed),
         ..Settings::from(&suite.settings)
     };
     let config = Config::check(&settings).map_err(|errors| anyhow!("{errors}"))?;

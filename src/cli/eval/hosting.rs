@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
@@ -53,6 +53,23 @@ impl Hosting {
 
     fn database(&self) -> PathBuf {
         self.db.clone().unwrap_or_else(|| DATABASE.into())
+    }
+
+    /// Whether an attempt in a competition can be played there, with the key of an entrant.
+    pub(super) fn check_attempt(&self) -> anyhow::Result<()> {
+        ensure!(
+            self.db.is_none(),
+            "an attempt is played on the server of its competition: leave out --db"
+        );
+        ensure!(
+            self.joined().is_some(),
+            "an attempt is played on the server of its competition: name that with --server or SWARMBENCH_SERVER"
+        );
+        ensure!(
+            self.key.is_some(),
+            "an attempt needs the key of its entrant: show it with --key or SWARMBENCH_KEY"
+        );
+        Ok(())
     }
 
     /// A client of the server, and the server where it is one of its own.

@@ -1,6 +1,7 @@
 //! `swarmbench eval`
 
 mod asking;
+mod attempt;
 mod estimate;
 mod hosting;
 mod progress;
@@ -12,10 +13,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-use anyhow::{Context, anyhow};
+use anyhow::{Context, anyhow, ensure};
 use tokio_util::sync::CancellationToken;
 
 use asking::Asking;
+use attempt::Attempt;
 use hosting::Hosting;
 use progress::Progress;
 use showing::Showing;
@@ -63,7 +65,8 @@ const WAITING_EVERY: Duration = Duration::from_secs(10);
         swarmbench eval --task all --seeds 27,42,57,72,87 --model gpt-4o --api-base https://api.openai.com/v1\n  \
         swarmbench eval --task Foraging --seeds 0..5 --model llama3.1:8b,qwen3:8b --api-base http://127.0.0.1:11434/v1\n  \
         swarmbench eval --player default --seeds 0..20 --verify\n  \
-        swarmbench eval examples/eval/noise.toml --model my-model --api-base http://127.0.0.1:8000/v1 --dry-run\n\n\
+        swarmbench eval examples/eval/noise.toml --model my-model --api-base http://127.0.0.1:8000/v1 --dry-run\n  \
+        swarmbench eval --attempt cmp_… --model my-model --api-base http://127.0.0.1:8000/v1 --server https://cup.example\n\n\
         The key of an endpoint comes from an environment variable, OPENAI_API_KEY or the one that --api-key-env names; it \
         is kept nowhere. Lists may be given with commas or by naming an option several times.\n\n\
         Exit codes: 0 all was played; 1 something has to be mended; 2 the command line; 3 it stopped and the same command \
@@ -77,6 +80,8 @@ pub(super) struct Args {
     games: Games,
     #[command(flatten, next_help_heading = "Who plays")]
     who: WhoArgs,
+    #[command(flatten, next_help_heading = "Attempts in competitions")]
+    attempt: Attempt,
     #[command(flatten, next_help_heading = "How models are asked")]
     asking: Asking,
     #[command(flatten, next_help_heading = "Where it is played")]
@@ -87,7 +92,7 @@ pub(super) struct Args {
     /// play nothing.
     #[arg(long)]
     dry_run: bool,
-    /// Play again what was completed before.
+    /// Play again what was completed before; of attempts, play the next one.
     #[arg(long)]
     again: bool,
     /// Replay all journals at the end, and fail if anything differs from what the server reports.
@@ -154,13 +159,15 @@ impl Args {
         }
     }
 
-    /// The whole experiment, and the text of its prompt template.
-    fn experiment(&mut self) -> anyhow::Result<(Experiment, Option<String>)> {
+    /// The whole experiment, and the text of its prompt template if it names one; none for the built-in one.
+    fn experiment(&mut self) -> anyhow::Result<(Experiment, Option<Option<String>>)> {
         let mut said = self.said();
         read_systems(&mut said, Path::new(""))?;
-        let mut experiment = match &self.file {
+        let read = self.file.as_deref().map(read).transpose()?;
+        self.attempt.check(&said, read.as_ref())?;
+        let mut experiment = match read {
             None => said,
-            Some(file) => read(file)?.with(said),
+            Some(read) => read.with(said),
         };
         let template = experiment.prompt_template.take();
         let template = template.map(|path| {
@@ -171,7 +178,40 @@ impl Args {
                 format!("the prompt template {}: a file, or the name toolkit", path.display())
             })
         });
-        Ok((experiment, swarmbench_prompt::chosen(template.transpose()?)))
+        let chosen = |text| swarmbench_prompt::chosen(Some(text));
+        Ok((experiment, template.transpose()?.map(chosen)))
+    }
+
+    /// The plan, and where it is an attempt, the server that was asked what is played.
+    async fn plan(
+        &mut self,
+        stop: &CancellationToken,
+    ) -> anyhow::Result<(Experiment, Plan, Option<Client>)> {
+        let (experiment, template) = self.experiment()?;
+        let template = template.as_ref().map(Option::as_deref);
+        let (plan, joined) = if self.attempt.competition.is_some() {
+            ensure!(
+                !self.verify,
+                "the journals of an attempt are sealed until its competition has closed, so leave out --verify; then \
+                 `swarmbench verify --competition` checks its export"
+            );
+            ensure!(
+                !self.asking.is_replay(),
+                "an attempt is played by the declared model and not by a recording, so leave out --replay"
+            );
+            self.hosting.check_attempt()?;
+            let (client, _) = self.hosting.open(stop).await?;
+            let entry = self.attempt.entry(&client).await?;
+            (Plan::of_attempt(&experiment, template, entry), Some(client))
+        } else {
+            (Plan::of(&experiment, template.flatten()), None)
+        };
+        let plan = plan.map_err(|wrong| match &self.file {
+            Some(file) => anyhow!("{}:\n       {wrong}", file.display()),
+            None => anyhow!(wrong),
+        })?;
+        let plan = if self.asking.is_replay() { plan.replayed() } else { plan };
+        Ok((experiment, plan, joined))
     }
 }
 
@@ -215,21 +255,20 @@ fn read(file: &Path) -> anyhow::Result<Experiment> {
 
 pub(super) async fn run(mut args: Args) -> anyhow::Result<ExitCode> {
     args.asking.check()?;
-    let (experiment, template) = args.experiment()?;
-    let plan = Plan::of(&experiment, template.as_deref()).map_err(|wrong| match &args.file {
-        Some(file) => anyhow!("{}:\n       {wrong}", file.display()),
-        None => anyhow!(wrong),
-    })?;
-    let plan = if args.asking.is_replay() { plan.replayed() } else { plan };
+    let stop = CancellationToken::new();
+    let (experiment, plan, joined) = args.plan(&stop).await?;
+    attempt::warn(&plan);
     if args.dry_run {
         args.showing.dry_run(&plan)?;
         return Ok(ExitCode::SUCCESS);
     }
     args.showing.check()?;
-    let stop = CancellationToken::new();
     let models = args.asking.models(&experiment, &plan, &stop)?;
     stop_when_asked(stop.clone(), models.clone());
-    let (client, hosted) = args.hosting.open(&stop).await?;
+    let (client, hosted) = match joined {
+        Some(client) => (client, None),
+        None => args.hosting.open(&stop).await?,
+    };
     let parallel = experiment.parallel.unwrap_or(PARALLEL);
     let stop_share = experiment.stop_share.unwrap_or(STOP_SHARE);
     let conductor =
@@ -274,7 +313,7 @@ async fn play(
     let report = Report::of(plan, &played);
     args.showing.show(plan, &report, is_whole)?;
     if is_whole {
-        args.showing.tell_more(&played, &args.hosting);
+        args.showing.tell_more(plan, &played, &args.hosting);
         return Ok(ExitCode::SUCCESS);
     }
     Ok(tell(&failures, plan, &played))
@@ -282,18 +321,19 @@ async fn play(
 
 /// Prints why it stopped, and how to resume.
 fn tell(failures: &[(usize, StopReason)], plan: &Plan, played: &[Played]) -> ExitCode {
-    let games = |run: &Planned| run.suite.tasks.len() * run.suite.seeds.len();
-    let all: usize = plan.runs.iter().map(games).sum();
+    let all: usize = plan.runs.iter().map(Planned::games).sum();
     let done: u32 = played.iter().map(|played| played.run.run.played).sum();
     let left = format!("{done} of {all} games were played");
     let names: BTreeSet<String> = plan.runs.iter().map(Planned::name).collect();
     let mut told = BTreeSet::new();
     let mut must_fix = false;
+    let mut is_over = false;
     for (number, reason) in failures {
         if matches!(reason, StopReason::Requested) {
             continue;
         }
         must_fix |= !reason.can_resume();
+        is_over |= matches!(reason, StopReason::NotStarted(_) | StopReason::AttemptOver(_));
         let is_keyless = matches!(
             reason,
             StopReason::Client(ClientError::Refused { problem, .. }) if problem.code == "unauthorized"
@@ -312,7 +352,10 @@ fn tell(failures: &[(usize, StopReason)], plan: &Plan, played: &[Played]) -> Exi
             note!("{line}");
         }
     }
-    if must_fix {
+    attempt::tell_clocks(plan, played, is_over);
+    if is_over {
+        ExitCode::from(FAILED)
+    } else if must_fix {
         note!("{left}; fix that, then run the same command again to resume");
         ExitCode::from(FAILED)
     } else if told.is_empty() {

@@ -8,6 +8,7 @@ use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use jiff::Timestamp;
 
 use swarmbench_client::eval::conduct::{Found, News};
+use swarmbench_client::eval::entry::Entry;
 use swarmbench_client::eval::plan::{Plan, Planned};
 use swarmbench_client::eval::report::short;
 use swarmbench_client::llm::Model;
@@ -15,7 +16,7 @@ use swarmbench_clock::{Clock, SystemClock, until};
 use swarmbench_protocol::act::{Receipt, SwarmAct};
 use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::observation::Sight;
-use swarmbench_protocol::run::{RunDetail, RunGame};
+use swarmbench_protocol::run::{RunDetail, RunGame, RunSummary};
 
 /// How often a line says how it goes where there is no terminal.
 const LINE_EVERY: Duration = Duration::from_mins(1);
@@ -85,6 +86,8 @@ struct Game {
     since: (u32, Timestamp),
     max_round: u32,
     score: f64,
+    /// Whether its last score is shown to nobody.
+    is_sealed: bool,
     prompt_tokens: u64,
     completion_tokens: u64,
     failures: Failures,
@@ -163,7 +166,10 @@ impl<'a> Progress<'a> {
         };
         let name = planned.name();
         let of = self.of;
-        self.say(&format!("run {} of {of}: {name}, {}: {how}", number + 1, planned.suite.name));
+        self.say(&match &planned.entry {
+            Some(entry) => begun_attempt(entry, found, run),
+            None => format!("run {} of {of}: {name}, {}: {how}", number + 1, planned.suite.name),
+        });
         let rounds = done(run);
         self.rounds.before += rounds;
         self.runs.insert(number, Run { name, rounds });
@@ -223,6 +229,7 @@ impl<'a> Progress<'a> {
                 since: (round, SystemClock.now()),
                 max_round,
                 score: 0.0,
+                is_sealed: false,
                 prompt_tokens: 0,
                 completion_tokens: 0,
                 failures: Failures::EMPTY,
@@ -270,9 +277,10 @@ impl<'a> Progress<'a> {
         }
         let max_round = u32::try_from(run.run.suite.settings.max_round).unwrap_or(u32::MAX);
         for game in &run.games {
-            let (Some(episode), Some(score)) = (&game.episode, game.score) else { continue };
+            let Some(episode) = &game.episode else { continue };
             if game.status == "running" || self.games.contains_key(episode) {
-                let seed = game.seed.map_or_else(String::new, |seed| format!(" {seed}"));
+                let place = || format!(" #{}", game.slot + 1);
+                let seed = game.seed.map_or_else(place, |seed| format!(" {seed}"));
                 let name = self.name_of(number, format!("{}{seed}", game.task));
                 let known = self.game(number, episode, &game.task, max_round, game.round);
                 known.name = name;
@@ -280,7 +288,10 @@ impl<'a> Progress<'a> {
                 if is_over(game) && !known.is_over {
                     known.is_over = true;
                     known.round = game.round;
-                    known.score = score;
+                    match game.score {
+                        Some(score) => known.score = score,
+                        None => known.is_sealed = true,
+                    }
                     let line = format!(
                         "  {} ended after {} rounds: {}",
                         known.name,
@@ -400,7 +411,8 @@ impl<'a> Progress<'a> {
 
 impl Game {
     fn shown(&self) -> String {
-        let mut parts = vec![format!("score {:.2}", self.score)];
+        let before = if self.is_sealed { " before the last round" } else { "" };
+        let mut parts = vec![format!("score {:.2}{before}", self.score)];
         if self.prompt_tokens + self.completion_tokens > 0 {
             let (read, said) = (short(self.prompt_tokens), short(self.completion_tokens));
             parts.push(format!("{read}+{said} tokens"));
@@ -419,6 +431,29 @@ impl Game {
         let left = time_left(until(since, SystemClock.now()), played, left);
         let parts: Vec<String> = std::iter::once(self.shown()).chain(left).collect();
         self.bar.set_message(parts.join(", "));
+    }
+}
+
+/// How an attempt begins, or that it is over.
+fn begun_attempt(entry: &Entry, found: &Found, run: &RunDetail) -> String {
+    let RunDetail {
+        run: RunSummary { id, attempt, status, played, planned, parallel, closes_at, .. },
+        ..
+    } = run;
+    let number = attempt.map_or_else(String::new, |number| format!(" {number}"));
+    let attempt =
+        format!("attempt{number} of {} in {}: {id}", entry.entrant.name, entry.competition.name);
+    let until = closes_at.map_or_else(String::new, |at| format!("; no round begins after {at}"));
+    match found {
+        Found::Finished => {
+            format!("{attempt} is {status}; --again starts the next attempt that is open")
+        }
+        Found::Resumed => {
+            format!(
+                "{attempt} resumes: {played} of {planned} games were played, {parallel} at once{until}"
+            )
+        }
+        Found::New(_) => format!("{attempt} is new: {planned} games, {parallel} at once{until}"),
     }
 }
 

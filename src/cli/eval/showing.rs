@@ -120,11 +120,19 @@ impl Showing {
     }
 
     /// How to see more.
-    pub(super) fn tell_more(&self, played: &[Played], hosting: &Hosting) {
+    pub(super) fn tell_more(&self, plan: &Plan, played: &[Played], hosting: &Hosting) {
         if self.format() != Format::Table && self.output.is_none() {
             return;
         }
         let place = hosting.place();
+        if let Some(entry) = plan.runs.iter().find_map(|run| run.entry.as_ref()) {
+            let id = &entry.competition.id;
+            note!(
+                "means over the seeds ± population standard deviation; the others, as far as the board shows them:"
+            );
+            note!("  swarmbench competition board {id} {place}");
+            return;
+        }
         let suites: BTreeSet<_> = (played.iter())
             .map(|played| {
                 let suite = &played.run.run.suite;
@@ -157,7 +165,10 @@ fn terminal_width() -> u16 {
 fn headline(plan: &Plan) -> String {
     let seeds: BTreeSet<Seed> =
         plan.runs.iter().flat_map(|run| run.suite.seeds.iter().copied()).collect();
-    let seeds = ranges(&seeds.into_iter().collect::<Vec<_>>());
+    let seeds = match plan.runs.iter().find(|run| run.entry.is_some()) {
+        Some(attempt) => attempt.seeds(),
+        None => ranges(&seeds.into_iter().collect::<Vec<_>>()),
+    };
     let shared = plan.shared().into_iter().map(|(axis, value)| format!(", {axis} {value}"));
     let prompts: BTreeSet<String> = (plan.runs.iter())
         .filter(|run| matches!(run.who, Who::Model(_)))
@@ -231,8 +242,8 @@ fn planned(plan: &Plan) -> anyhow::Result<serde_json::Value> {
             "model": run.name(),
             "settings": settings.collect::<serde_json::Map<_, _>>(),
             "tasks": run.suite.tasks,
-            "seeds": run.suite.seeds,
-            "games": run.suite.tasks.len() * run.suite.seeds.len(),
+            "seeds": run.entry.is_none().then_some(&run.suite.seeds),
+            "games": run.games(),
             "asked_max": estimate.as_ref().map(|estimate| estimate.questions),
             "estimated": estimated,
         }))
@@ -265,12 +276,12 @@ fn show_planned(plan: &Plan) -> anyhow::Result<()> {
         cells.extend(
             plan.varied.iter().map(|axis| run.setting(axis).unwrap_or_else(|| "–".to_owned())),
         );
-        let count = run.suite.tasks.len() * run.suite.seeds.len();
+        let count = run.games();
         games += count;
         let is_all = run.tasks().count() == TaskName::ALL.len();
         cells.extend([
             if is_all { "all".to_owned() } else { run.suite.tasks.join(", ") },
-            ranges(&run.suite.seeds),
+            run.seeds(),
             count.to_string(),
         ]);
         let or_dash = |text: Option<String>| text.unwrap_or_else(|| "–".to_owned());

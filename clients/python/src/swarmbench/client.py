@@ -20,7 +20,8 @@ from .connections import Connections
 from .errors import ArgumentError, ConnectionFailedError, SwarmbenchError
 from .exchange import TIMEOUT_S, Call, Event, EventStream, Flow, NoReply, Pause, Reply, Retry, call, converse
 from .operations import EPISODE, RUN, Operations
-from .wire import Page
+from .play import AT_ONCE, WAIT_S, AsyncDecide, Decide, Receipts, act_of
+from .wire import Observation, Page, SwarmAct
 
 FAILURES = (httpx.HTTPError, httpx.InvalidURL)
 """What httpx raises where no answer came."""
@@ -153,6 +154,21 @@ class Client(_Base):
             if answer["next_cursor"] is None:
                 return
             kwargs["cursor"] = answer["next_cursor"]
+
+    def play(self, decide: Decide, *, prompt: bool = False) -> None:
+        """Plays all seats of a swarm token, until all its games are over: those of an episode, a run or an attempt.
+
+        Called again after it was interrupted, also in another program, it plays on.
+
+        Args:
+            decide: Gets what an agent sees, and returns the name of its action, or a dictionary with fields of its act.
+            prompt: Whether observations have the text for a language model, as `prompt`.
+        """
+        receipts = Receipts()
+        while not (looked := self.swarm_obs(wait=WAIT_S, prompt=prompt))["finished"]:
+            acts = [act_of(seen, decide(seen)) for seen in looked["observations"]]
+            if acts:
+                time.sleep(receipts.pause_s(self.swarm_act(acts)["receipts"]))
 
     def events(self, episode: str, *, after: int | None = None) -> Iterator[Event]:
         """The rounds of an episode as they are resolved, from the first one or after round `after`, to its end."""
@@ -308,6 +324,25 @@ class AsyncClient(_Base):
             if answer["next_cursor"] is None:
                 return
             kwargs["cursor"] = answer["next_cursor"]
+
+    async def play(self, decide: AsyncDecide, *, prompt: bool = False, at_once: int = AT_ONCE) -> None:
+        """The same as `Client.play` with a coroutine that decides, for at most `at_once` agents at the same time."""
+        receipts, free = Receipts(), asyncio.Semaphore(at_once)
+
+        async def act(seen: Observation) -> SwarmAct:
+            async with free:
+                return act_of(seen, await decide(seen))
+
+        while not (looked := await self.swarm_obs(wait=WAIT_S, prompt=prompt))["finished"]:
+            deciding = [asyncio.ensure_future(act(seen)) for seen in looked["observations"]]
+            try:
+                acts = await asyncio.gather(*deciding)
+            finally:
+                # Where one fails the others are not left running.
+                for task in deciding:
+                    task.cancel()
+            if acts:
+                await asyncio.sleep(receipts.pause_s((await self.swarm_act(acts))["receipts"]))
 
     def events(self, episode: str, *, after: int | None = None) -> AsyncIterator[Event]:
         """The rounds of an episode as they are resolved, from the first one or after round `after`, to its end."""

@@ -19,6 +19,7 @@ T = TypeVar("T")
 
 EPISODE = "/api/v1/episodes/{}"
 RUN = "/api/v1/runs/{}"
+ATTEMPTS = "/api/v1/competitions/{}/attempts"
 
 
 class Operation(Generic[P, T]):
@@ -264,6 +265,31 @@ class Operations:
         """A new token in place of one that was lost. The earlier one is worth nothing any more."""
         return call("POST", RUN + "/token", id)
 
+    # Competitions, with the key of an entrant.
+
+    @Operation
+    def start_attempt(
+        self,
+        competition: str,
+        *,
+        attempt: int | None = None,
+        entrant: str | None = None,
+        idempotency_key: str | None = None,
+    ) -> Call[wire.StartedAttempt]:
+        """Starts the next attempt that is open, or the one with this number; `entrant` where the key has several.
+
+        Its swarm token is shown this once; `renew_run_token` replaces a lost one. From now on its clocks run.
+        """
+        body = _given({"attempt": attempt, "entrant": entrant})
+        return call("POST", ATTEMPTS, competition, body=body, headers=_once(idempotency_key))
+
+    @Operation
+    def attempts(
+        self, competition: str, *, limit: int | None = None, cursor: str | None = None
+    ) -> Call[wire.Page[wire.AttemptSummary]]:
+        """A page of one's own attempts in a competition, in the order in which they were started."""
+        return call("GET", ATTEMPTS, competition, query={"limit": limit, "cursor": cursor})
+
     # Boards.
 
     @Operation
@@ -321,7 +347,7 @@ class Operations:
     def request(
         self, method: str, path: str, *, query: Mapping[str, object] | None = None, body: object = None
     ) -> Call[Any]:
-        """Any other JSON route, such as those of competitions. It is repeated like the others when no answer comes."""
+        """Any other JSON route, such as those for organizers. It is repeated like the others when no answer comes."""
         return call(method, path.replace("{", "{{").replace("}", "}}"), query=query, body=body)
 
 

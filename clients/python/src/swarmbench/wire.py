@@ -734,6 +734,47 @@ class RunToken(TypedDict):
     swarm_token: str
 
 
+# Attempts in competitions.
+
+
+class StartedAttempt(TypedDict):
+    """An attempt that was started, with the token of all seats of all its games."""
+
+    attempt: int
+    entrant: str
+    run: str
+    games: int
+    closes_at: str
+    swarm_token: str
+
+
+class TaskMean(TypedDict):
+    """The result of an attempt in a task: mean and population standard deviation of its scores."""
+
+    task: str
+    mean: float | None
+    deviation: float | None
+    games: int
+    planned: int
+    voided: int
+
+
+class AttemptSummary(TypedDict):
+    """An attempt as its entrant sees it; it has results once it is over."""
+
+    entrant: str
+    attempt: int
+    run: str
+    status: str
+    created_at: str
+    ended_at: str | None
+    games: int
+    games_ended: int
+    voided: str | None
+    tasks: list[TaskMean] | None
+    total: float | None
+
+
 # Boards.
 
 

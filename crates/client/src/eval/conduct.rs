@@ -11,6 +11,7 @@ use serde_json::{Map, Value, json};
 use tokio_util::sync::CancellationToken;
 
 use super::conversation::Conversation;
+use super::entry::{Entry, Next};
 use super::judge::Judge;
 use super::plan::{META, Planned, Who, axes, ranges, value};
 use super::stop_reason::StopReason;
@@ -40,6 +41,9 @@ pub enum Found {
     /// It was played before.
     Finished,
 }
+
+/// How a run was found, the run, and its token where there is something left to play.
+type Begun = (Found, RunDetail, Option<String>);
 
 /// Progress events.
 #[derive(Clone, Copy, Debug)]
@@ -83,11 +87,12 @@ impl Conductor<'_> {
         model: Option<Model>,
         watch: &mut dyn FnMut(News<'_>),
     ) -> Result<RunDetail, StopReason> {
-        let (found, run, token) = self.find(planned).await?;
+        let (found, run, token) = match &planned.entry {
+            None => self.find(planned).await?,
+            Some(entry) => self.attempt(entry, model.as_ref()).await?,
+        };
         watch(News::Begins(planned, &found, &run));
-        if found == Found::Finished {
-            return Ok(run);
-        }
+        let Some(token) = token else { return Ok(run) };
         let judge = Arc::new(Judge::new(&planned.name(), self.stop_share));
         let ended = match (&planned.who, model) {
             (Who::Player(player), _) => {
@@ -109,13 +114,19 @@ impl Conductor<'_> {
                 played.map_err(|error| stop_reason(error, |error| error))?
             }
         };
-        let run = self.client.run(&run.run.id, Some(&token)).await?;
+        let mut run = self.client.run(&run.run.id, Some(&token)).await?;
+        if let Some(entry) = &planned.entry {
+            entry.add_results(self.client, &mut run).await?;
+        }
         watch(News::Polled(&run));
         if run.run.status != RunStatus::Finished.name() {
             if ended == End::Stopped {
                 return Err(StopReason::Requested);
             }
-            return Err(StopReason::Ended { id: run.run.id, status: run.run.status });
+            return Err(match &planned.entry {
+                Some(entry) => entry.ended(&run.run),
+                None => StopReason::Ended { id: run.run.id, status: run.run.status },
+            });
         }
         watch(News::Ends(&run));
         Ok(run)
@@ -156,8 +167,8 @@ impl Conductor<'_> {
         }
     }
 
-    /// The run that was begun before, or a new one; with its token.
-    async fn find(&self, planned: &Planned) -> Result<(Found, RunDetail, String), StopReason> {
+    /// The run that was begun before, or a new one.
+    async fn find(&self, planned: &Planned) -> Result<Begun, StopReason> {
         let identity = planned.identity();
         let runs = self.runs_of(&planned.name()).await?;
         let evaluated = |run: &&RunSummary| run.agent_meta.contains_key(META);
@@ -177,8 +188,11 @@ impl Conductor<'_> {
                 Err(error) => return Err(error.into()),
             };
             let run = self.client.run(&run.id, Some(&token)).await?;
-            let found = if is_finished { Found::Finished } else { Found::Resumed };
-            return Ok((found, run, token));
+            return Ok(if is_finished {
+                (Found::Finished, run, None)
+            } else {
+                (Found::Resumed, run, Some(token))
+            });
         }
         let unfinished = |run: &&RunSummary| run.status == RunStatus::Running.name();
         let other = runs.iter().filter(evaluated).find(unfinished);
@@ -189,7 +203,32 @@ impl Conductor<'_> {
                 "the server did not give a token for the run that it created".to_owned(),
             )
         })?;
-        Ok((Found::New(other.filter(|(_, how)| !how.is_empty())), created.run, token))
+        Ok((Found::New(other.filter(|(_, how)| !how.is_empty())), created.run, Some(token)))
+    }
+
+    /// The attempt that was begun before, or a new one. A model is asked before that begins: after it, clocks run.
+    async fn attempt(&self, entry: &Entry, model: Option<&Model>) -> Result<Begun, StopReason> {
+        let attempts = entry.attempts(self.client).await?;
+        let (found, run, token) = match entry.next(&attempts, self.again) {
+            Next::Over(over) => {
+                let mut run = self.client.run(&over.run, None).await?;
+                entry.add_results(self.client, &mut run).await?;
+                return Ok((Found::Finished, run, None));
+            }
+            Next::Resume(begun) => {
+                let token = self.client.replace_run_token(&begun.run).await?.swarm_token;
+                (Found::Resumed, begun.run.clone(), token)
+            }
+            Next::Start(number) => {
+                if let Some(model) = model {
+                    model.probe().await?;
+                }
+                let started = entry.start(self.client, number).await?;
+                (Found::New(None), started.run, started.swarm_token)
+            }
+        };
+        let run = self.client.run(&run, Some(&token)).await?;
+        Ok((found, run, Some(token)))
     }
 
     /// All runs of a player that can be seen, newest first.

@@ -123,9 +123,13 @@ impl Names {
         }
         let run = self.client.run(&self.run, Some(&self.token)).await?;
         for game in run.games {
-            if let (Some(episode), Some(seed)) = (game.episode, game.seed) {
-                known.insert(episode, self.planned.game_name(&game.task, seed));
-            }
+            let Some(episode) = game.episode else { continue };
+            let name = match game.seed {
+                Some(seed) => self.planned.game_name(&game.task, seed),
+                // Its seed is sealed, and nobody else plays this game.
+                None => episode.clone(),
+            };
+            known.insert(episode, name);
         }
         let name = known.get(episode).cloned();
         name.ok_or_else(|| StopReason::Play(format!("the run does not list its game {episode}")))

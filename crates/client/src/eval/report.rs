@@ -6,7 +6,7 @@ use serde::Serialize;
 use swarmbench_engine::TaskName;
 
 use super::experiment::Shape;
-use super::plan::{Plan, Planned, Who, ranges};
+use super::plan::{Plan, Planned, Who};
 use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::run::{ActTally, RunDetail, TaskResult};
 use swarmbench_protocol::table::{names, text, write_csv};
@@ -303,7 +303,7 @@ impl Row {
             varied: plan.varied.iter().map(|axis| planned.setting(axis)).collect(),
             run: run.run.id.clone(),
             status: run.run.status.clone(),
-            seeds: ranges(&planned.suite.seeds),
+            seeds: planned.seeds(),
             tasks: run.run.tasks.iter().map(cell).collect(),
             total: run.run.total.filter(|_| plan.tasks.iter().all(plays)),
             cost: match &planned.who {

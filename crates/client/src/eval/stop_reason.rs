@@ -56,6 +56,12 @@ pub enum StopReason {
         /// How it ended.
         status: String,
     },
+    /// An attempt in a competition cannot be started.
+    #[error("no attempt was started: {0}")]
+    NotStarted(String),
+    /// An attempt in a competition is over, although not all of it was played.
+    #[error("{0}")]
+    AttemptOver(String),
     /// Seats cannot be played.
     #[error("{0}")]
     Play(String),
@@ -92,7 +98,11 @@ impl StopReason {
                 | Stop::NotOnCassette { .. }
                 | Stop::Settings(_) => Reach::Player,
             },
-            Self::Failing { .. } | Self::Ended { .. } | Self::Play(_) => Reach::Player,
+            Self::Failing { .. }
+            | Self::Ended { .. }
+            | Self::NotStarted(_)
+            | Self::AttemptOver(_)
+            | Self::Play(_) => Reach::Player,
         }
     }
 
@@ -108,7 +118,11 @@ impl StopReason {
                 stop,
                 Stop::NoCredit { .. } | Stop::Unreachable { .. } | Stop::ComeLater { .. }
             ),
-            Self::Client(_) | Self::Ended { .. } | Self::Play(_) => false,
+            Self::Client(_)
+            | Self::Ended { .. }
+            | Self::NotStarted(_)
+            | Self::AttemptOver(_)
+            | Self::Play(_) => false,
         }
     }
 }

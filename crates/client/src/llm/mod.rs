@@ -148,6 +148,17 @@ impl Model {
         Ok(answer)
     }
 
+    /// Asks a question of six words, and throws the answer away: whether the address, the key and the settings are right.
+    ///
+    /// # Errors
+    /// As [`Model::answer`].
+    pub async fn probe(&self) -> Result<(), Stop> {
+        let requests = &self.0.requests;
+        let probe = Chat { text: PROBE, question: None, settings: requests.settings() };
+        self.count(&requests.send(&probe).await?);
+        Ok(())
+    }
+
     /// Asks the endpoint, and asks again where it rejects the question.
     async fn ask(&self, question: &Question) -> Result<Answer, Stop> {
         let requests = &self.0.requests;
@@ -159,8 +170,7 @@ impl Model {
         if answered.answer.is_rejected() {
             if answers() == before {
                 // Nothing tells yet whether the endpoint takes any question with these settings.
-                let probe = Chat { text: PROBE, question: None, settings };
-                self.count(&requests.send(&probe).await?);
+                self.probe().await?;
             }
             answered = requests.send(&chat).await?;
         }

@@ -4,7 +4,9 @@
 //! - `settings`: the combinations of settings.
 //! - `suite`: suites and their names.
 //! - `problems`: everything that is wrong with an experiment.
+//! - `attempt`: the plan of an attempt in a competition.
 
+mod attempt;
 mod problems;
 mod run;
 mod settings;
@@ -143,6 +145,7 @@ fn all_runs(
         suite: named(suite.clone(), tasks, &seeds),
         template: template.map(str::to_owned),
         is_replay: false,
+        entry: None,
     };
     let mut runs = Vec::new();
     for entry in models {

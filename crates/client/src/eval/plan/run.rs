@@ -13,6 +13,8 @@ use swarmbench_protocol::suite::{Suite, digest_of_template};
 
 use super::super::experiment::Price;
 use super::settings::value;
+use super::suite::ranges;
+use crate::eval::entry::Entry;
 use crate::eval::system::SystemMessage;
 use crate::llm::Api;
 
@@ -98,6 +100,8 @@ pub struct Planned {
     pub template: Option<String>,
     /// Whether a recording answers in place of the model.
     pub is_replay: bool,
+    /// The competition and the entrant, where it is an attempt: then the suite has no seeds, as they are sealed.
+    pub entry: Option<Box<Entry>>,
 }
 
 impl Planned {
@@ -123,7 +127,7 @@ impl Planned {
     }
 
     /// The temperature and `top_p` of a model.
-    fn sampling(&self) -> [Option<f64>; 2] {
+    pub(in crate::eval) fn sampling(&self) -> [Option<f64>; 2] {
         match &self.who {
             Who::Model(model) => [model.temperature, model.top_p],
             Who::Player(_) => [None, None],
@@ -148,7 +152,12 @@ impl Planned {
     #[must_use]
     pub fn prompt(&self) -> Identity {
         let system = self.system().map(SystemMessage::json);
-        Identity::of(self.template.as_deref(), swarmbench_prompt::REVISION, system.as_ref())
+        let own =
+            Identity::of(self.template.as_deref(), swarmbench_prompt::REVISION, system.as_ref());
+        match &self.entry {
+            Some(entry) => entry.prompt(own.system),
+            None => own,
+        }
     }
 
     /// The part of the identity beside suite, sampling and template: for `agent_meta`.
@@ -217,11 +226,26 @@ impl Planned {
         }
     }
 
+    /// How many games it has.
+    #[must_use]
+    pub fn games(&self) -> usize {
+        let seeds = self.entry.as_ref().map_or(self.suite.seeds.len(), |entry| entry.seeds());
+        self.suite.tasks.len() * seeds
+    }
+
+    /// Its seeds in short, or how many sealed ones there are.
+    #[must_use]
+    pub fn seeds(&self) -> String {
+        match &self.entry {
+            Some(entry) => format!("{} sealed", entry.seeds()),
+            None => ranges(&self.suite.seeds),
+        }
+    }
+
     /// The maximum number of rounds of all its games.
     #[must_use]
     pub fn rounds_max(&self) -> u64 {
-        let games = self.suite.tasks.len() * self.suite.seeds.len();
-        games as u64 * u64::try_from(self.suite.settings.max_round).unwrap_or(0)
+        self.games() as u64 * u64::try_from(self.suite.settings.max_round).unwrap_or(0)
     }
 
     /// The maximum number of acts; a model is asked once for each.

@@ -1,0 +1,98 @@
+//! The options for attempts in competitions.
+
+use anyhow::{anyhow, ensure};
+
+use swarmbench_client::client::{Client, ClientError};
+use swarmbench_client::eval::entry::{Entry, EntryError};
+use swarmbench_client::eval::experiment::Experiment;
+use swarmbench_client::eval::plan::Plan;
+use swarmbench_client::eval::report::Played;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Attempt {
+    /// Play an attempt in this competition, with the key of its entrant: the one that was begun, or else the next that is open.
+    #[arg(long = "attempt", value_name = "COMPETITION")]
+    pub(super) competition: Option<String>,
+    /// The entrant, if the key has several.
+    #[arg(long, requires = "competition")]
+    entrant: Option<String>,
+    /// The number of the attempt.
+    #[arg(long, value_name = "NUMBER", requires = "competition", conflicts_with = "again")]
+    attempt_number: Option<u32>,
+}
+
+impl Attempt {
+    /// Refuses what the competition says, in the words of the command line or of the file.
+    pub(super) fn check(&self, said: &Experiment, file: Option<&Experiment>) -> anyhow::Result<()> {
+        let Some(competition) = &self.competition else { return Ok(()) };
+        let option = |field: String| {
+            let name = field.strip_prefix("settings.").unwrap_or(&field).replace('_', "-");
+            format!("--{}", if name == "tasks" { "task" } else { &name })
+        };
+        let options = said.says_what_is_played().into_iter().map(option);
+        let fields = file.map(Experiment::says_what_is_played).unwrap_or_default().into_iter();
+        let fields = fields.map(|field| format!("`{field}` of the file"));
+        let found: Vec<String> = options.chain(fields).collect();
+        ensure!(
+            found.is_empty(),
+            "what an attempt plays is decided by the competition {competition}, so leave out {}",
+            found.join(", ")
+        );
+        Ok(())
+    }
+
+    /// The entrant who plays.
+    pub(super) async fn entry(&self, client: &Client) -> anyhow::Result<Entry> {
+        let competition = self.competition.as_deref().unwrap_or_default();
+        let entrant = self.entrant.as_deref();
+        let found = Entry::find(client, competition, entrant, self.attempt_number).await;
+        found.map_err(|error| match error {
+            EntryError::Client(ClientError::Refused { problem, .. })
+                if problem.code == "unauthorized" =>
+            {
+                anyhow!(
+                    "the server does not take this key ({}): show that of the entrant with --key or SWARMBENCH_KEY",
+                    problem.detail
+                )
+            }
+            EntryError::Client(ClientError::Refused { problem, .. })
+                if problem.code == "not_found" =>
+            {
+                let of = entrant.map_or_else(String::new, |entrant| format!(", {entrant}"));
+                anyhow!("{}: {competition}{of}", problem.detail)
+            }
+            error => anyhow!(error),
+        })
+    }
+}
+
+/// Says what of an attempt cannot be compared with what its entrant declared.
+pub(super) fn warn(plan: &Plan) {
+    for run in &plan.runs {
+        let unknown = run.entry.as_ref().map_or_else(Vec::new, |entry| entry.unknown(run));
+        if !unknown.is_empty() {
+            note!(
+                "the server does not show what was declared about {}: see yourself that it is the same",
+                unknown.join(", ")
+            );
+        }
+    }
+}
+
+/// Says how an attempt continues that was stopped: its clocks do not wait.
+pub(super) fn tell_clocks(plan: &Plan, played: &[Played], is_over: bool) {
+    let is_attempt = plan.runs.iter().any(|run| run.entry.is_some());
+    match played.first() {
+        _ if !is_attempt || is_over => {}
+        None => note!("no attempt was started"),
+        Some(Played { run, .. }) => {
+            let closes_at = run
+                .run
+                .closes_at
+                .map_or_else(String::new, |at| format!(" No round begins after {at}."));
+            note!(
+                "the clocks of the attempt's games run on: rounds in which nobody acts time out.{closes_at}"
+            );
+        }
+    }
+}
