@@ -114,7 +114,7 @@ async fn an_attempt_is_played_to_its_end_with_what_was_declared() {
     let play = [&model(&endpoint)[..], &["--price", "1000,2000"]].concat();
     let planned = cup.eval(&blue, &[&play[..], &["--dry-run"]].concat()).await.ends(0);
     planned.says(&[
-        "a cup: seeds 1 sealed",
+        "a cup, blue: 1 sealed seeds",
         "num_agents 2",
         "1 runs, 2 games; models would be asked at most 12 times",
     ]);

@@ -71,7 +71,7 @@ class Cup:
 @pytest.fixture(scope="session")
 def cup(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cup]:
     db = tmp_path_factory.mktemp("cup") / "swarmbench.db"
-    command = [find_binary(), "key", "create", "--name", "o", "--role", "organizer", "--db", db]
+    command = [str(find_binary()), "key", "create", "--name", "o", "--role", "organizer", "--db", str(db)]
     made = subprocess.run(command, check=True, capture_output=True, text=True)
     with Server(db=db) as server:
         yield Cup(server.url, made.stdout.strip())

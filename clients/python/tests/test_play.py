@@ -45,7 +45,7 @@ def test_all_seats_play_to_the_end(play: Callable[..., None], server: Server, cl
     prompts: list[str] = []
 
     def decide(seen: wire.Observation) -> Any:
-        prompts.append(seen["prompt"])
+        prompts.append(seen["prompt"] or "")
         return {"response": f"ACTION: {blink(seen)}\nMSG: on"}
 
     play(server.url, created["swarm_token"], decide, prompt=True)

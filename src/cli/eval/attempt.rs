@@ -3,10 +3,13 @@
 use anyhow::{anyhow, ensure};
 
 use swarmbench_client::client::{Client, ClientError};
+use swarmbench_client::eval::conduct::Found;
 use swarmbench_client::eval::entry::{Entry, EntryError};
 use swarmbench_client::eval::experiment::Experiment;
 use swarmbench_client::eval::plan::Plan;
 use swarmbench_client::eval::report::Played;
+use swarmbench_client::eval::stop_reason::StopReason;
+use swarmbench_protocol::run::{RunDetail, RunSummary};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Attempt {
@@ -66,6 +69,29 @@ impl Attempt {
     }
 }
 
+/// How an attempt begins, or that it is over.
+pub(super) fn begun(entry: &Entry, found: &Found, run: &RunDetail) -> String {
+    let RunDetail {
+        run: RunSummary { id, attempt, status, played, planned, parallel, closes_at, .. },
+        ..
+    } = run;
+    let number = attempt.map_or_else(String::new, |number| format!(" {number}"));
+    let attempt =
+        format!("attempt{number} of {} in {}: {id}", entry.entrant.name, entry.competition.name);
+    let until = closes_at.map_or_else(String::new, |at| format!("; no round begins after {at}"));
+    match found {
+        Found::Finished => {
+            format!("{attempt} is {status}; --again starts the next attempt that is open")
+        }
+        Found::Resumed => {
+            format!(
+                "{attempt} resumes: {played} of {planned} games were played, {parallel} at once{until}"
+            )
+        }
+        Found::New(_) => format!("{attempt} is new: {planned} games, {parallel} at once{until}"),
+    }
+}
+
 /// Says what of an attempt cannot be compared with what its entrant declared.
 pub(super) fn warn(plan: &Plan) {
     for run in &plan.runs {
@@ -80,10 +106,14 @@ pub(super) fn warn(plan: &Plan) {
 }
 
 /// Says how an attempt continues that was stopped: its clocks do not wait.
-pub(super) fn tell_clocks(plan: &Plan, played: &[Played], is_over: bool) {
-    let is_attempt = plan.runs.iter().any(|run| run.entry.is_some());
+pub(super) fn tell_clocks(plan: &Plan, played: &[Played], failures: &[(usize, StopReason)]) {
+    if plan.runs.iter().all(|run| run.entry.is_none()) {
+        return;
+    }
+    // The server may have started one and not been able to say so.
+    let is_unknown = failures.iter().any(|(_, reason)| matches!(reason, StopReason::Client(_)));
     match played.first() {
-        _ if !is_attempt || is_over => {}
+        None if is_unknown => {}
         None => note!("no attempt was started"),
         Some(Played { run, .. }) => {
             let closes_at = run

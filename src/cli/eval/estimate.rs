@@ -20,11 +20,14 @@ const ANSWER_TOKENS: u64 = 100;
 /// Prompts are the longest once agents remember as many rounds as they can. That many rounds are played, at most these.
 const ROUNDS_MAX: u32 = 20;
 
+/// The seed in place of sealed ones: prompts are about as long on any layout.
+pub(super) const SEALED_ESTIMATE_SEED: u32 = 27;
+
 /// What every agent says in every round.
 const SAID: &str = "I am next to it now and go on to the left in the next round";
 
 /// How the estimate is made, for people.
-pub(super) const ESTIMATED: &str = "(how: the prompts of a game of a built-in player on the first seed of each task (27 where they are sealed), in which \
+pub(super) const ESTIMATED: &str = "(how: the prompts of a game of a built-in player on the first seed of each task, in which \
      everybody speaks; 4 bytes a token; every game takes all its rounds; 100 tokens an answer, or --max-tokens if that is \
      less. Models that reason write many times more, up to --max-tokens)";
 
@@ -74,8 +77,8 @@ pub(super) fn estimate(run: &Planned) -> anyhow::Result<Option<Estimate>> {
 /// The mean length of the prompts of a task, over all rounds of a game and all agents.
 fn prompt_bytes(run: &Planned, task: &str) -> anyhow::Result<u64> {
     let suite = &run.suite;
-    // The seeds of an attempt are sealed; prompts are about as long on any layout.
-    let seed = suite.seeds.first().copied().unwrap_or_else(|| Seed::from(27));
+    let seed = suite.seeds.first().copied();
+    let seed = seed.unwrap_or_else(|| Seed::from(SEALED_ESTIMATE_SEED));
     let settings = Settings {
         task: task.to_owned(),
         rules: suite.rules.clone(),

@@ -352,10 +352,11 @@ fn tell(failures: &[(usize, StopReason)], plan: &Plan, played: &[Played]) -> Exi
             note!("{line}");
         }
     }
-    attempt::tell_clocks(plan, played, is_over);
     if is_over {
-        ExitCode::from(FAILED)
-    } else if must_fix {
+        return ExitCode::from(FAILED);
+    }
+    attempt::tell_clocks(plan, played, failures);
+    if must_fix {
         note!("{left}; fix that, then run the same command again to resume");
         ExitCode::from(FAILED)
     } else if told.is_empty() {

@@ -7,8 +7,8 @@ use std::time::Duration;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use jiff::Timestamp;
 
+use super::attempt;
 use swarmbench_client::eval::conduct::{Found, News};
-use swarmbench_client::eval::entry::Entry;
 use swarmbench_client::eval::plan::{Plan, Planned};
 use swarmbench_client::eval::report::short;
 use swarmbench_client::llm::Model;
@@ -16,7 +16,7 @@ use swarmbench_clock::{Clock, SystemClock, until};
 use swarmbench_protocol::act::{Receipt, SwarmAct};
 use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::observation::Sight;
-use swarmbench_protocol::run::{RunDetail, RunGame, RunSummary};
+use swarmbench_protocol::run::{RunDetail, RunGame};
 
 /// How often a line says how it goes where there is no terminal.
 const LINE_EVERY: Duration = Duration::from_mins(1);
@@ -167,7 +167,7 @@ impl<'a> Progress<'a> {
         let name = planned.name();
         let of = self.of;
         self.say(&match &planned.entry {
-            Some(entry) => begun_attempt(entry, found, run),
+            Some(entry) => attempt::begun(entry, found, run),
             None => format!("run {} of {of}: {name}, {}: {how}", number + 1, planned.suite.name),
         });
         let rounds = done(run);
@@ -431,29 +431,6 @@ impl Game {
         let left = time_left(until(since, SystemClock.now()), played, left);
         let parts: Vec<String> = std::iter::once(self.shown()).chain(left).collect();
         self.bar.set_message(parts.join(", "));
-    }
-}
-
-/// How an attempt begins, or that it is over.
-fn begun_attempt(entry: &Entry, found: &Found, run: &RunDetail) -> String {
-    let RunDetail {
-        run: RunSummary { id, attempt, status, played, planned, parallel, closes_at, .. },
-        ..
-    } = run;
-    let number = attempt.map_or_else(String::new, |number| format!(" {number}"));
-    let attempt =
-        format!("attempt{number} of {} in {}: {id}", entry.entrant.name, entry.competition.name);
-    let until = closes_at.map_or_else(String::new, |at| format!("; no round begins after {at}"));
-    match found {
-        Found::Finished => {
-            format!("{attempt} is {status}; --again starts the next attempt that is open")
-        }
-        Found::Resumed => {
-            format!(
-                "{attempt} resumes: {played} of {planned} games were played, {parallel} at once{until}"
-            )
-        }
-        Found::New(_) => format!("{attempt} is new: {planned} games, {parallel} at once{until}"),
     }
 }
 

@@ -11,7 +11,7 @@ use swarmbench_engine::{Seed, TaskName};
 use super::super::leaderboard::{fit, short};
 use super::super::output::{self, table, wrapped};
 use super::Hosting;
-use super::estimate::{ESTIMATED, Estimate, estimate};
+use super::estimate::{ESTIMATED, Estimate, SEALED_ESTIMATE_SEED, estimate};
 use swarmbench_client::eval::experiment::Shape;
 use swarmbench_client::eval::plan::{Plan, Planned, Who, ranges};
 use swarmbench_client::eval::report::{Played, Report, short as tokens};
@@ -165,10 +165,12 @@ fn terminal_width() -> u16 {
 fn headline(plan: &Plan) -> String {
     let seeds: BTreeSet<Seed> =
         plan.runs.iter().flat_map(|run| run.suite.seeds.iter().copied()).collect();
-    let seeds = match plan.runs.iter().find(|run| run.entry.is_some()) {
-        Some(attempt) => attempt.seeds(),
-        None => ranges(&seeds.into_iter().collect::<Vec<_>>()),
-    };
+    let seeds = ranges(&seeds.into_iter().collect::<Vec<_>>());
+    let entry = plan.runs.iter().find_map(|run| run.entry.as_ref());
+    let what = entry.map_or_else(
+        || format!("{}: seeds {seeds}", plan.name),
+        |entry| format!("{}, {}: {} sealed seeds", plan.name, entry.entrant.name, entry.seeds()),
+    );
     let shared = plan.shared().into_iter().map(|(axis, value)| format!(", {axis} {value}"));
     let prompts: BTreeSet<String> = (plan.runs.iter())
         .filter(|run| matches!(run.who, Who::Model(_)))
@@ -176,7 +178,7 @@ fn headline(plan: &Plan) -> String {
         .collect();
     let prompts = prompts.into_iter().collect::<Vec<_>>().join(" and ");
     let prompts = if prompts.is_empty() { prompts } else { format!(", prompt {prompts}") };
-    format!("{}: seeds {seeds}{}{prompts}", plan.name, shared.collect::<String>())
+    format!("{what}{}{prompts}", shared.collect::<String>())
 }
 
 /// The board in so many columns. Where it is wider, it has a row for each task, and as much as there is room for: a number
@@ -318,6 +320,9 @@ fn show_planned(plan: &Plan) -> anyhow::Result<()> {
             )
         );
         out!("{}", wrapped(ESTIMATED, terminal_width().into()));
+        if plan.runs.iter().any(|run| run.entry.is_some()) {
+            out!("the seeds are sealed, so the estimate is of seed {SEALED_ESTIMATE_SEED}");
+        }
     }
     out!("nothing was played; without --dry-run it is");
     Ok(())

@@ -157,7 +157,8 @@ impl Entry {
     }
 
     /// How many sealed seeds each task is played on.
-    pub(super) fn seeds(&self) -> usize {
+    #[must_use]
+    pub fn seeds(&self) -> usize {
         let seeds = self.competition.suite.seeds.and_then(|seeds| usize::try_from(seeds).ok());
         seeds.unwrap_or_default()
     }
