@@ -3,10 +3,10 @@
 use std::process::Command;
 use std::time::Duration;
 
-use jiff::Timestamp;
 use rustix::process::Signal;
 use serde_json::{Value, json};
 use swarmbench_client::client::Client;
+use swarmbench_clock::{Clock, SystemClock};
 
 use super::bench::{Bench, Done, Running, Serving};
 use super::endpoint::{Endpoint, Reply, Seen};
@@ -42,7 +42,7 @@ impl Cup {
         let key = String::from_utf8(made.stdout).expect("UTF-8").trim().to_owned();
         let serving = bench.serve().await;
         let organizer = Client::new(&serving.base).expect("an address").with_key(key);
-        let now = Timestamp::now();
+        let now = SystemClock.now();
         let mut request = json!({
             "name": "a cup", "opens_at": now.to_string(),
             "closes_at": (now + Duration::from_secs(seconds)).to_string(),

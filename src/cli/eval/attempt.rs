@@ -20,8 +20,13 @@ pub(super) struct Attempt {
     #[arg(long, requires = "competition")]
     entrant: Option<String>,
     /// The number of the attempt.
-    #[arg(long, value_name = "NUMBER", requires = "competition", conflicts_with = "again")]
-    attempt_number: Option<u32>,
+    #[arg(
+        long = "attempt-number",
+        value_name = "NUMBER",
+        requires = "competition",
+        conflicts_with = "again"
+    )]
+    number: Option<u32>,
 }
 
 impl Attempt {
@@ -48,7 +53,7 @@ impl Attempt {
     pub(super) async fn entry(&self, client: &Client) -> anyhow::Result<Entry> {
         let competition = self.competition.as_deref().unwrap_or_default();
         let entrant = self.entrant.as_deref();
-        let found = Entry::find(client, competition, entrant, self.attempt_number).await;
+        let found = Entry::find(client, competition, entrant, self.number).await;
         found.map_err(|error| match error {
             EntryError::Client(ClientError::Refused { problem, .. })
                 if problem.code == "unauthorized" =>

@@ -159,8 +159,8 @@ impl Args {
         }
     }
 
-    /// The whole experiment, and the text of its prompt template if it names one; none for the built-in one.
-    fn experiment(&mut self) -> anyhow::Result<(Experiment, Option<Option<String>>)> {
+    /// The whole experiment, and its prompt template if it names one: the text or a name.
+    fn experiment(&mut self) -> anyhow::Result<(Experiment, Option<String>)> {
         let mut said = self.said();
         read_systems(&mut said, Path::new(""))?;
         let read = self.file.as_deref().map(read).transpose()?;
@@ -178,8 +178,7 @@ impl Args {
                 format!("the prompt template {}: a file, or the name toolkit", path.display())
             })
         });
-        let chosen = |text| swarmbench_prompt::chosen(Some(text));
-        Ok((experiment, template.transpose()?.map(chosen)))
+        Ok((experiment, template.transpose()?))
     }
 
     /// The plan, and where it is an attempt, the server that was asked what is played.
@@ -188,7 +187,6 @@ impl Args {
         stop: &CancellationToken,
     ) -> anyhow::Result<(Experiment, Plan, Option<Client>)> {
         let (experiment, template) = self.experiment()?;
-        let template = template.as_ref().map(Option::as_deref);
         let (plan, joined) = if self.attempt.competition.is_some() {
             ensure!(
                 !self.verify,
@@ -202,9 +200,10 @@ impl Args {
             self.hosting.check_attempt()?;
             let (client, _) = self.hosting.open(stop).await?;
             let entry = self.attempt.entry(&client).await?;
-            (Plan::of_attempt(&experiment, template, entry), Some(client))
+            (Plan::of_attempt(&experiment, template.as_deref(), entry), Some(client))
         } else {
-            (Plan::of(&experiment, template.flatten()), None)
+            let template = swarmbench_prompt::chosen(template);
+            (Plan::of(&experiment, template.as_deref()), None)
         };
         let plan = plan.map_err(|wrong| match &self.file {
             Some(file) => anyhow!("{}:\n       {wrong}", file.display()),

@@ -13,7 +13,7 @@ use swarmbench_protocol::suite::{Suite, SuiteSettings, digest_of_template};
 use super::plan::{Planned, Who};
 use super::stop_reason::StopReason;
 use crate::client::{Client, ClientError};
-use swarmbench_prompt::Identity;
+use swarmbench_prompt::{Identity, chosen};
 
 /// Entrants that are asked about, the newest first, to find that of a key. In a larger competition it has to be named.
 const ENTRANTS_ASKED_MAX: usize = 1000;
@@ -169,12 +169,8 @@ impl Entry {
     }
 
     /// In which ways a run would be played by another player than the entrant declared, in words; `template` is the one
-    /// that was asked for, if one was.
-    pub(super) fn differences(
-        &self,
-        planned: &Planned,
-        template: Option<Option<&str>>,
-    ) -> Vec<String> {
+    /// that was asked for, its text or its name.
+    pub(super) fn differences(&self, planned: &Planned, template: Option<&str>) -> Vec<String> {
         let EntrantSummary { model, temperature, top_p, prompt_template, prompt, .. } =
             &self.entrant;
         let mut found = Vec::new();
@@ -193,7 +189,7 @@ impl Entry {
         compare("temperature", number(*temperature), number(own_temperature));
         compare("top_p", number(*top_p), number(own_top_p));
         if let Some(template) = template {
-            let digest = template.map(digest_of_template);
+            let digest = chosen(Some(template.to_owned())).as_deref().map(digest_of_template);
             compare("the prompt template with the digest", prompt_template.clone(), digest);
         }
         if self.tells_system() {
@@ -211,6 +207,7 @@ impl Entry {
     }
 
     /// What of a run cannot be compared with what was declared, as the server does not show it: names of options.
+    #[must_use]
     pub fn unknown(&self, planned: &Planned) -> Vec<&'static str> {
         let Who::Model(model) = &planned.who else { return Vec::new() };
         let options = [

@@ -3,6 +3,7 @@
 use super::{Plan, PlanError, Who};
 use crate::eval::entry::Entry;
 use crate::eval::experiment::{Experiment, List};
+use swarmbench_prompt::chosen;
 
 impl Experiment {
     /// The fields with which it says what is played: in an attempt the competition says that. Settings begin with
@@ -29,13 +30,13 @@ impl Experiment {
 impl Plan {
     /// The plan of an attempt. A temperature and a `top_p` that the experiment leaves out are those that were declared;
     /// the prompt template is the declared one in any case, as prompts are made by the server. `template` is that which was
-    /// asked for, if one was: `Some(None)` for the built-in one.
+    /// asked for, its text or its name.
     ///
     /// # Errors
     /// All problems: those of any plan, several players, and players other than the declared one.
     pub fn of_attempt(
         experiment: &Experiment,
-        template: Option<Option<&str>>,
+        template: Option<&str>,
         entry: Entry,
     ) -> Result<Self, PlanError> {
         let mut experiment = experiment.clone();
@@ -48,7 +49,7 @@ impl Plan {
         if settings.top_p.is_empty() {
             settings.top_p.extend(entry.entrant.top_p);
         }
-        let mut plan = Self::of(&experiment, template.flatten())?;
+        let mut plan = Self::of(&experiment, chosen(template.map(str::to_owned)).as_deref())?;
         let count = plan.runs.len();
         let [run] = plan.runs.as_mut_slice() else {
             let problem = format!(
