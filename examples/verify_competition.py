@@ -20,12 +20,13 @@ FIELDS = {
     "window": "opens_at closes_at", "board": "kind rows", "end of the file": "kind episodes",
     "competition": "kind format id definition created_at revealed_at commitment salt seeds",
     "definition": "name description tasks seeds rules settings idle_timeout_ms opens_at closes_at entry attempts"
-    " parallel counts board board_freezes_at? entries_per_key",
+    " parallel counts board board_freezes_at? entries_per_key spares? attempts_per_day?",
+    "action": "kind at action subject detail", "change": "field from to",
     "settings": "control num_agents width height view_size memory max_round noise max_delay round_deadline_ms bank_ms"
     " answer_reader?",
     "entrant": "kind id name model temperature? top_p? agent_meta? prompt_template? status reason? vouched"
     " registered_at",
-    "attempt": "kind entrant attempt run status created_at ended_at voided? games",
+    "attempt": "kind entrant attempt replays? run status created_at ended_at voided? games",
     "game": "slot episode voided?", "episode": "kind slot episode lines head",
     "opening": "kind format episode rules_revision created_at config agent_meta prompt_template digest run salt?"
     " prompt_revision?",
@@ -96,7 +97,7 @@ class Reader:
 
 def check_competition(competition):
     """Returns the seeds of the rules, attempt by attempt."""
-    same("format", competition["format"], 1)
+    check(competition["format"] in (1, 2), f"format is {competition['format']!r}, and should be 1 or 2")
     definition = competition["definition"]
     has_fields("definition", definition)
     has_fields("settings", definition["settings"])
@@ -113,15 +114,42 @@ def check_competition(competition):
     salt, *sealed = [bytes.fromhex(text) for text in [competition["salt"], *competition["seeds"]]]
     check(len(salt) == 32 and all(len(seed) == 16 for seed in sealed), "salt or seeds have another length")
     count = definition["seeds"]
-    same("the number of sealed seeds", len(sealed), count * len(definition["attempts"]))
+    same("the number of sealed seeds", len(sealed), count * len(windows_of(definition)))
     same("the commitment", competition["commitment"], hashlib.sha256(salt + b"".join(sealed)).hexdigest())
     seeds = [int.from_bytes(hashlib.sha256(seed).digest()[:8], "big") >> 11 for seed in sealed]
     return [seeds[first : first + count] for first in range(0, len(seeds), count)]
 
 
+def windows_of(definition):
+    """The windows of all attempts; spare ones come last, and are open for the whole time."""
+    whole = {"opens_at": definition["opens_at"], "closes_at": definition["closes_at"]}
+    return definition["attempts"] + [whole] * definition.get("spares", 0)
+
+
+def ends_of(definition, number, changes):
+    """The ends that the window of an attempt has had, each with the time from which it was known."""
+    spare = number > len(definition["attempts"])
+    field = "closes_at" if spare else f"attempts[{number - 1}].closes_at"
+    own = [(at, change) for at, change in changes if change["field"] == field]
+    first = own[0][1]["from"] if own else windows_of(definition)[number - 1]["closes_at"]
+    return [("", first)] + [(time(at), change["to"]) for at, change in own]
+
+
+def read_action(record, competition, changes):
+    check(competition["format"] == 2, "format 1 has no actions")
+    if record["action"] == "competition.change":
+        for change in record["detail"]["changes"]:
+            has_fields("change", change)
+            if change["field"].endswith("closes_at"):
+                check(time(change["from"]) <= time(change["to"]), "a window was shortened")
+            changes.append((record["at"], change))
+
+
 class Attempt:
     def __init__(self, record, window, tasks, seeds):
         self.record, self.window = record, window
+        # In whose place it counts.
+        self.number = record.get("replays", record.get("attempt"))
         self.plan = [(task, seed) for task in tasks for seed in seeds]
         self.voided = "voided" in record
         self.counts = record["status"] != "running" and not self.voided
@@ -176,13 +204,17 @@ def comparable(total):
     return whole + math.copysign(1, part) if abs(part) >= 0.5 else whole
 
 
-def check_journal(opening, rounds, end, definition, entrant, attempt, game):
+def check_journal(opening, rounds, end, definition, entrant, attempt, game, ends):
     """Checks that a journal is the one that belongs in its place."""
     has_fields("opening", opening)
     task, seed = attempt.plan[game["slot"]]
     expected = definition["settings"] | {"task": task, "seed": seed, "start": "now", "visibility": "sealed"}
     expected |= {name: definition[name] for name in ("rules", "idle_timeout_ms")} | {"model": entrant["model"]}
-    expected |= {"custom_template": "prompt_template" in entrant, "closes_at": attempt.window["closes_at"]}
+    expected |= {"custom_template": "prompt_template" in entrant, "closes_at": ends[-1][1]}
+    # A game keeps the end of its window that was known when it was opened.
+    known = [end for at, end in ends if at <= time(opening["created_at"])]
+    if opening["config"].get("closes_at") in known:
+        expected["closes_at"] = opening["config"]["closes_at"]
     for name in expected.keys() | opening["config"].keys():
         same(f"the setting {name}", opening["config"].get(name, "missing"), expected.get(name, "missing"))
     meta = entrant.get("agent_meta", {}) | {name: entrant[name] for name in ("temperature", "top_p") if name in entrant}
@@ -200,15 +232,21 @@ def check_journal(opening, rounds, end, definition, entrant, attempt, game):
     same("the final score", end["score"], rounds[-1]["score"] if rounds else end["score"])
 
 
-def read_attempt(reader, record, competition, seeds, entrants, attempts):
+def read_attempt(reader, record, competition, seeds, entrants, attempts, changes):
     definition, number = competition["definition"], record["attempt"]
     check(record["entrant"] in entrants and 1 <= number <= len(seeds), "there is no such entrant, or attempt")
-    entrant, window = entrants[record["entrant"]], definition["attempts"][number - 1]
+    entrant, window = entrants[record["entrant"]], windows_of(definition)[number - 1]
+    ends = ends_of(definition, number, changes)
+    same("a spare attempt plays another one again", "replays" in record, number > len(definition["attempts"]))
     attempt = Attempt(record, window, definition["tasks"], seeds[number - 1])
     runs = [other.record["run"] for own in attempts.values() for other in own]
     check(record["run"] not in runs, "a run is there twice")
-    counted = [other.record["attempt"] for other in attempts[entrant["id"]] if not other.voided]
-    check(attempt.voided or number not in counted, "an attempt was played twice")
+    own = attempts[entrant["id"]]
+    counted = [other.number for other in own if not other.voided]
+    check(attempt.voided or attempt.number not in counted, "an attempt was played twice")
+    if "replays" in record:
+        check(attempt.number in [other.number for other in own if other.voided], "what it plays again was not voided")
+        check(number not in [other.record["attempt"] for other in own], "its spare seeds were used before")
     check(competition["revealed_at"] is None or record["status"] != "running", "it is running after the end")
     check(not (attempt.voided and record["games"]), "it was voided, and has games")
     in_time("it was started", record["created_at"], window["opens_at"], window["closes_at"])
@@ -222,7 +260,7 @@ def read_attempt(reader, record, competition, seeds, entrants, attempts):
         same("the game", (header["slot"], header["episode"]), (game["slot"], game["episode"]))
         (opening, *rounds, end), head = reader.journal(header["lines"])
         same("the head of the journal", header["head"], head)
-        check_journal(opening, rounds, end, definition, entrant, attempt, game)
+        check_journal(opening, rounds, end, definition, entrant, attempt, game, ends)
         attempt.add(game["slot"], rounds, end)
     attempts[entrant["id"]].append(attempt)
 
@@ -267,10 +305,13 @@ def verify(reader, commitment, head):
     competition = reader.record("competition")
     seeds = check_competition(competition)
     check(commitment in (None, competition["commitment"]), "another commitment was published")
-    entrants, attempts = {}, defaultdict(list)
-    while (record := reader.record("entrant", "attempt", "board"))["kind"] != "board":
-        if record["kind"] == "attempt":
-            read_attempt(reader, record, competition, seeds, entrants, attempts)
+    entrants, attempts, changes = {}, defaultdict(list), []
+    while (record := reader.record("action", "entrant", "attempt", "board"))["kind"] != "board":
+        if record["kind"] == "action":
+            check(not entrants and not attempts, "an action is out of place")
+            read_action(record, competition, changes)
+        elif record["kind"] == "attempt":
+            read_attempt(reader, record, competition, seeds, entrants, attempts, changes)
         else:
             check(record["id"] not in entrants and not attempts, "an entrant is out of place")
             check(record["status"] in ("active", "withdrawn", "disqualified"), "an entrant has no status")

@@ -69,6 +69,7 @@ impl Made {
             model: model.clone(),
             visibility: "public",
             attempt: None,
+            replays: None,
             at: now,
             idempotency: None,
             token: None,

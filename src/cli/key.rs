@@ -197,6 +197,7 @@ fn audit_entry(action: &'static str, subject: &str, detail: serde_json::Value) -
         action,
         subject: subject.to_owned(),
         detail,
+        shown: None,
     }))
 }
 

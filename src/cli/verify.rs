@@ -12,6 +12,7 @@ use swarmbench_engine::physics::Solver;
 use super::output::{self, cell, fields, progress_bar, rank, set, table, total};
 use crate::competitions;
 use crate::store::check::{Damage, check};
+use swarmbench_boards::competition::export::Action;
 use swarmbench_boards::competition::standings::Row;
 use swarmbench_boards::competition::verify::{self as competition, Expected};
 use swarmbench_journal::chain::Head;
@@ -237,7 +238,7 @@ fn run_competition(
         return output::json(&json!({
             "competition": competition.id, "name": competition.definition.name, "revealed_at": competition.revealed_at,
             "entrants": report.entrants.len(), "attempts": report.attempts, "episodes": report.episodes,
-            "rounds": report.rounds, "board": report.rows.iter().map(row).collect::<Vec<_>>(),
+            "rounds": report.rounds, "actions": report.actions, "board": report.rows.iter().map(row).collect::<Vec<_>>(),
             "commitment": competition.commitment, "commitment_is_expected": commitment.is_some(),
             "head": report.head.to_string(), "head_is_expected": head.is_some(),
         }));
@@ -253,6 +254,14 @@ fn run_competition(
         ("head of the file", report.head.to_string()),
     ]);
     out!("{about}");
+    if !report.actions.is_empty() {
+        let mut actions = table(&["time", "what an organizer did", "of", "details"]);
+        for action in &report.actions {
+            let Action { at, action, subject, detail } = action;
+            actions.add_row([&at.to_string(), action, subject, &detail.to_string()]);
+        }
+        out!("{actions}");
+    }
     let mut board = table(&["rank", "name", "model", "attempt", "total, recomputed"]);
     for row in &report.rows {
         let entrant = entrant(&row.entrant);

@@ -2,6 +2,8 @@
 
 pub mod closing;
 
+use std::net::IpAddr;
+
 use jiff::Timestamp;
 
 use crate::ids::{CompetitionKey, EntryKey, dated_id};
@@ -38,6 +40,10 @@ pub struct StoredCompetition {
     pub created_at: Timestamp,
     /// When everything was opened to all, if it was.
     pub revealed_at: Option<Timestamp>,
+    /// When and why it was cancelled, if it was.
+    pub cancelled: Option<(Timestamp, String)>,
+    /// Whether it is in no list but the organizers'.
+    pub hidden: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -45,6 +51,12 @@ pub struct StoredEntrant {
     pub key: EntryKey,
     pub competition: CompetitionKey,
     pub owner: OwnerKey,
+    /// The address or network from which it registered, for organizers.
+    pub address: Option<IpAddr>,
+    /// Whether its name was erased.
+    pub is_erased: bool,
+    /// Its name in the published file, where it was erased after the end.
+    pub published: Option<String>,
     /// All that others see of it, and what it declared.
     pub entrant: Entrant,
 }
@@ -71,11 +83,12 @@ pub async fn find(store: &Store, id: &str) -> Result<Option<StoredCompetition>, 
 /// Lists competitions; see [`Store::list_competitions`].
 pub async fn list(
     store: &Store,
+    all: bool,
     before: Option<CompetitionKey>,
     limit: u32,
 ) -> Result<Vec<StoredCompetition>, StoreError> {
-    let all = store.list_competitions(before, limit).await?;
-    all.into_iter().map(competition).collect::<Result<_, _>>().map_err(StoreError::decode)
+    let found = store.list_competitions(all, before, limit).await?;
+    found.into_iter().map(competition).collect::<Result<_, _>>().map_err(StoreError::decode)
 }
 
 /// Finds an entrant of a competition by its public id.
@@ -129,6 +142,8 @@ fn competition(raw: RawCompetition) -> Result<StoredCompetition, String> {
         commitment: raw.commitment,
         created_at: raw.created_at,
         revealed_at: raw.revealed_at,
+        cancelled: raw.cancelled_at.map(|at| (at, raw.cancel_reason.unwrap_or_default())),
+        hidden: raw.hidden,
     })
 }
 
@@ -139,6 +154,9 @@ fn entrant(raw: RawEntrant) -> Result<StoredEntrant, String> {
         key: raw.key,
         competition: raw.competition,
         owner: raw.owner,
+        is_erased: raw.erased_at.is_some(),
+        published: raw.published,
+        address: raw.address.and_then(|address| address.parse().ok()),
         entrant: Entrant {
             id: raw.id,
             name: raw.name,

@@ -60,11 +60,13 @@ impl Competition {
             closes_at,
             entry: Admission::Anybody,
             attempts: vec![Window { opens_at, closes_at }],
+            spares: 0,
             parallel: 5,
             counts: Counts::Best,
             board: BoardRule::Public,
             board_freezes_at: None,
             entries_per_key: 1,
+            attempts_per_day: None,
         };
         let problems = definition.problems_when_new(at);
         if let Some((field, problem)) = problems.first() {
@@ -112,6 +114,7 @@ impl Competition {
                 template: None,
                 vouched: false,
                 invitation: None,
+                address: None,
                 at,
             })));
         }

@@ -292,6 +292,7 @@ impl Filling {
             model: definition.model.clone(),
             visibility: visibility.name(),
             attempt,
+            replays: None,
             at,
             idempotency: None,
             token: Some(Token::new(crate::ids::TokenKind::Swarm, &entropy).hash()),

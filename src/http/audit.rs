@@ -8,6 +8,7 @@ use super::auth::{Caller, Organizer};
 use super::error::ApiError;
 use super::extract::Params;
 use super::page::{NewestParams, ROWS_MAX};
+use crate::ids::CompetitionKey;
 use crate::store::audit::StoredAuditEntry;
 use crate::store::entries::{AuditRow, Entry};
 use swarmbench_protocol::competition::{AuditEntry, AuditLog};
@@ -43,6 +44,18 @@ pub(super) async fn list_audit(
 }
 
 impl Organizer {
+    /// The audit entry of what the organizer does in a competition, of which everybody sees `shown`.
+    pub(super) fn audit_entry_shown(
+        &self,
+        app: &App,
+        action: &'static str,
+        subject: &str,
+        detail: serde_json::Value,
+        shown: (CompetitionKey, serde_json::Value),
+    ) -> Entry {
+        audit_entry(app, &self.key.id, action, subject, detail, Some(shown))
+    }
+
     /// The audit entry of what the organizer does, to be committed with it.
     pub(super) fn audit_entry(
         &self,
@@ -51,22 +64,24 @@ impl Organizer {
         subject: &str,
         detail: serde_json::Value,
     ) -> Entry {
-        audit_entry(app, &self.key.id, action, subject, detail)
+        audit_entry(app, &self.key.id, action, subject, detail, None)
     }
 }
 
 impl Caller {
-    /// The audit entry of what an organizer does, to be committed with it; none for other callers.
+    /// The audit entry of what an organizer does, to be committed with it; none for other callers. Everybody sees `shown` of
+    /// it in its competition.
     pub(super) fn audit_entry(
         &self,
         app: &App,
         action: &'static str,
         subject: &str,
         detail: serde_json::Value,
+        shown: Option<(CompetitionKey, serde_json::Value)>,
     ) -> Option<Entry> {
         match self {
             Self::Key(key) if self.is_organizer() => {
-                Some(audit_entry(app, &key.id, action, subject, detail))
+                Some(audit_entry(app, &key.id, action, subject, detail, shown))
             }
             _ => None,
         }
@@ -79,6 +94,7 @@ fn audit_entry(
     action: &'static str,
     subject: &str,
     detail: serde_json::Value,
+    shown: Option<(CompetitionKey, serde_json::Value)>,
 ) -> Entry {
     Entry::Audit(Box::new(AuditRow {
         at: app.clock.wall(),
@@ -86,5 +102,6 @@ fn audit_entry(
         action,
         subject: subject.to_owned(),
         detail,
+        shown,
     }))
 }

@@ -251,7 +251,8 @@ impl Caller {
             Self::Key(key) if self.is_organizer() && key.number != owner => {
                 let who = key.id.clone();
                 let subject = subject.to_owned();
-                Some(Entry::Audit(Box::new(AuditRow { at, who, action, subject, detail })))
+                let shown = None;
+                Some(Entry::Audit(Box::new(AuditRow { at, who, action, subject, detail, shown })))
             }
             _ => None,
         }

@@ -48,6 +48,7 @@ pub(super) async fn confirm_clock(
             action: CONFIRMED,
             subject: "clock".to_owned(),
             detail,
+            shown: None,
         };
         app.store.keep(vec![Entry::Audit(Box::new(audit_entry))]).await?;
         app.clock.confirm();

@@ -27,6 +27,20 @@ impl<T: DeserializeOwned> FromRequest<App> for Json<T> {
     }
 }
 
+/// The same, where a request without a body is one with all fields left out.
+pub(super) struct OptionalJson<T>(pub(super) T, pub(super) Arrived);
+
+impl<T: DeserializeOwned + Default> FromRequest<App> for OptionalJson<T> {
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, app: &App) -> Result<Self, ApiError> {
+        let limit = app.limits.body_bytes_max;
+        let body = app.json_body(request, limit, "body_bytes_max").await?;
+        let value = if body.as_ref().is_empty() { T::default() } else { read(body.as_ref())? };
+        Ok(Self(value, body))
+    }
+}
+
 impl App {
     /// Reads a body of at most `limit` bytes that says it is JSON and is text. A large one counts against the rates of its
     /// sender, and has a permit until the result is dropped.

@@ -61,5 +61,5 @@ mod prelude {
     pub(super) use super::auth::{Caller, Organizer};
     pub(super) use super::checks::Problems;
     pub(super) use super::error::{ApiError, Code};
-    pub(super) use super::extract::{Id, Ids, Json, Nothing, Params};
+    pub(super) use super::extract::{Id, Ids, Json, Nothing, OptionalJson, Params};
 }

@@ -46,13 +46,25 @@ pub(super) fn routes() -> OpenApiRouter<App> {
             competitions::create::create_competition,
             competitions::list::list_competitions
         ))
-        .routes(routes!(competitions::show::show_competition))
-        .routes(routes!(competitions::codes::create_codes))
+        .routes(routes!(
+            competitions::show::show_competition,
+            competitions::change::change_competition
+        ))
+        .routes(routes!(competitions::cancel::cancel_competition))
+        .routes(routes!(competitions::actions::list_actions))
+        .routes(routes!(competitions::codes::create_codes, competitions::codes::list_codes))
+        .routes(routes!(competitions::codes::revoke_codes))
+        .routes(routes!(competitions::exclude::exclude_entrants))
         .routes(routes!(
             competitions::register::register_entrant,
             competitions::entrants::list_entrants
         ))
-        .routes(routes!(competitions::entrants::show_entrant, competitions::change::change_entrant))
+        .routes(routes!(
+            competitions::entrants::show_entrant,
+            competitions::change_entrant::change_entrant,
+            competitions::change_entrant::erase_entrant
+        ))
+        .routes(routes!(competitions::replace_key::replace_entrant_key))
         .routes(routes!(competitions::start::start_attempt, competitions::attempts::list_attempts))
         .routes(routes!(competitions::void::void_attempt))
         .routes(routes!(competitions::board::show_board))

@@ -8,11 +8,13 @@ use crate::episode::spec::Spec;
 use crate::hosted;
 use crate::store::runs::StoredRun;
 
+/// What was decided about a run, with the end of its window as it is now.
 pub fn read(stored: &StoredRun) -> Result<Definition, RunError> {
-    serde_json::from_str(&stored.definition).map_err(|error| RunError::Definition {
-        run: stored.id.clone(),
-        problem: error.to_string(),
-    })
+    let decided: Definition = serde_json::from_str(&stored.definition).map_err(|error| {
+        RunError::Definition { run: stored.id.clone(), problem: error.to_string() }
+    })?;
+    let closes_at = stored.closes_at.or(decided.closes_at);
+    Ok(Definition { closes_at, ..decided })
 }
 
 /// What one of the games of a run is.

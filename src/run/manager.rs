@@ -49,6 +49,8 @@ pub struct NewRun {
     pub definition: Definition,
     /// Of an attempt in a competition: the entry, and the attempt's number, from 1.
     pub attempt: Option<(EntryKey, u32)>,
+    /// The voided attempt that it plays again, where its seeds are spare ones.
+    pub replays: Option<u32>,
     /// The key by which a repeated creation finds it, and the hash of the body. A client that sends one has
     /// made sure that no run has it, and that no other request creates one with it meanwhile.
     pub idempotency: Option<(String, [u8; 32])>,
@@ -57,7 +59,7 @@ pub struct NewRun {
 impl NewRun {
     /// A run that is no attempt in a competition, and has no name by which it could be repeated.
     pub const fn by(party: Party, purpose: Purpose, definition: Definition) -> Self {
-        Self { party, purpose, definition, attempt: None, idempotency: None }
+        Self { party, purpose, definition, attempt: None, replays: None, idempotency: None }
     }
 }
 
@@ -173,7 +175,7 @@ impl Runs {
     /// shown once, and there is none where the server itself plays.
     pub async fn create(&self, new: NewRun) -> Result<(StoredRun, Option<Token>), CreateError> {
         let Parts { store, registry, clock, entropy, disk, .. } = &self.0.parts;
-        let NewRun { party, purpose, definition, attempt, idempotency } = new;
+        let NewRun { party, purpose, definition, attempt, replays, idempotency } = new;
         let owner = party.owner();
         let least = self.0.parts.disk_free_percent_min;
         if disk.is_full(least) {
@@ -200,6 +202,7 @@ impl Runs {
             model: definition.model.clone(),
             visibility: visibility.name(),
             attempt,
+            replays,
             at: now,
             idempotency,
             token: token.as_ref().map(Token::hash),
@@ -466,14 +469,14 @@ fn due(definition: &Definition, games: &[StoredGame], now: jiff::Timestamp) -> D
     left.retain(|game| !by_slot.contains_key(&game.slot));
     let has_game = |is: &dyn Fn(&StoredGame) -> bool| by_slot.values().any(|game| is(game));
     let is_closed = definition.closes_at.is_some_and(|at| at <= now);
+    let is_cut = |game: &StoredGame| game.reason.as_deref() == Some(Ending::Closed.name());
     let ending = match () {
         // A player that stopped would not play the next games either.
         () if has_game(&|game| game.status == Status::Abandoned.name()) => {
             Some(RunStatus::Abandoned)
         }
-        () if has_game(&|game| game.reason.as_deref() == Some(Ending::Closed.name())) => {
-            Some(RunStatus::Closed)
-        }
+        // A game that closed before its window was extended is one that was played.
+        () if is_closed && has_game(&|game| is_cut(game)) => Some(RunStatus::Closed),
         () if left.is_empty() => Some(RunStatus::Finished),
         () if is_closed => Some(RunStatus::Closed),
         () => None,
@@ -577,8 +580,8 @@ mod tests {
             ((0..5).map(|slot| at(slot, IDLE)).collect(), "abandoned"),
             ((0..5).map(|slot| at(slot, DONE)).collect(), "finished"),
             ((0..5).map(|slot| at(slot, ABORTED)).collect(), "finished"),
-            (vec![at(0, CLOSED), at(1, RUNNING)], "nothing"),
-            (vec![at(0, CLOSED), at(1, DONE)], "closed"),
+            // It closed before the window was extended.
+            (vec![at(0, CLOSED), at(1, RUNNING)], "2"),
             (vec![at(4, RUNNING), at(3, DONE), at(0, DONE), at(1, DONE), at(2, DONE)], "nothing"),
         ] {
             assert_eq!(due_in_short(&two, &rows), expected, "{rows:?}");
@@ -587,5 +590,9 @@ mod tests {
         closed.closes_at = Some(jiff::Timestamp::UNIX_EPOCH);
         assert_eq!(due_in_short(&closed, &[]), "closed");
         assert_eq!(due_in_short(&closed, &[at(0, RUNNING)]), "nothing");
+        assert_eq!(due_in_short(&closed, &[at(0, CLOSED), at(1, RUNNING)]), "nothing");
+        assert_eq!(due_in_short(&closed, &[at(0, CLOSED), at(1, DONE)]), "closed");
+        let all: Vec<_> = (0..5).map(|slot| at(slot, CLOSED)).collect();
+        assert_eq!(due_in_short(&closed, &all), "closed");
     }
 }

@@ -7,20 +7,26 @@ use sqlx::sqlite::SqliteConnection;
 use super::Store;
 use super::StoreError;
 use super::rows::from_row;
+use crate::ids::CompetitionKey;
 use crate::store::entries::AuditRow;
 
 pub(super) async fn add(
     connection: &mut SqliteConnection,
     row: &AuditRow,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("INSERT INTO audit (at, who, action, subject, detail) VALUES (?, ?, ?, ?, ?)")
-        .bind(row.at.as_millisecond())
-        .bind(&row.who)
-        .bind(row.action)
-        .bind(&row.subject)
-        .bind(row.detail.to_string())
-        .execute(connection)
-        .await?;
+    sqlx::query(
+        "INSERT INTO audit (at, who, action, subject, detail, competition, shown)
+         VALUES (?, ?, ?, ?, ?, ?, ?)",
+    )
+    .bind(row.at.as_millisecond())
+    .bind(&row.who)
+    .bind(row.action)
+    .bind(&row.subject)
+    .bind(row.detail.to_string())
+    .bind(row.shown.as_ref().map(|(competition, _)| competition.0))
+    .bind(row.shown.as_ref().map(|(_, shown)| shown.to_string()))
+    .execute(connection)
+    .await?;
     Ok(())
 }
 
@@ -39,6 +45,19 @@ pub struct StoredAuditEntry {
     pub detail: Value,
 }
 
+/// What an organizer did in a competition, as everybody may see it.
+#[derive(Clone, Debug)]
+pub struct ShownAction {
+    /// Its number; it grows with time.
+    pub number: i64,
+    pub at: Timestamp,
+    pub action: String,
+    /// The id of what it was done to.
+    pub subject: String,
+    /// What everybody may see of the details.
+    pub shown: Value,
+}
+
 impl Store {
     /// Lists what organizers did, newest first, from the one after `before` on.
     pub async fn audit(
@@ -52,8 +71,25 @@ impl Store {
         );
         self.fetch_all(query.bind(before.unwrap_or(i64::MAX)).bind(limit)).await
     }
+
+    /// Lists what organizers did in a competition as everybody may see it, newest first, from the one after `before`
+    /// on.
+    pub async fn actions_in(
+        &self,
+        competition: CompetitionKey,
+        before: Option<i64>,
+        limit: u32,
+    ) -> Result<Vec<ShownAction>, StoreError> {
+        let query = sqlx::query(
+            "SELECT number, at, action, subject, shown FROM audit
+             WHERE competition = ? AND number < ? ORDER BY number DESC LIMIT ?",
+        );
+        let query = query.bind(competition.0).bind(before.unwrap_or(i64::MAX)).bind(limit);
+        self.fetch_all(query).await
+    }
 }
 
 from_row! {
     StoredAuditEntry { number, at, who, action, subject, detail }
+    ShownAction { number, at, action, subject, shown }
 }

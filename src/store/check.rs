@@ -218,7 +218,7 @@ const EPISODES_AND_FORKING: &str =
     "(SELECT key FROM episodes UNION ALL SELECT episode AS key FROM forking)";
 
 /// Columns that name a row of another table: the table, the column, and the key of the other.
-const REFERENCES: [(&str, &str, &str, &str); 23] = [
+const REFERENCES: [(&str, &str, &str, &str); 24] = [
     ("acts", "episode", EPISODES_AND_FORKING, "key"),
     ("rounds", "episode", EPISODES_AND_FORKING, "key"),
     ("tokens", "episode", "episodes", "key"),
@@ -238,6 +238,7 @@ const REFERENCES: [(&str, &str, &str, &str); 23] = [
     ("entries", "competition", "competitions", "key"),
     ("entries", "owner", "keys", "number"),
     ("invitations", "competition", "competitions", "key"),
+    ("audit", "competition", "competitions", "key"),
     ("invitations", "entry", "entries", "key"),
     ("import_rounds", "import", "imports", "key"),
     ("metrics", "episode", "episodes", "key"),
@@ -314,7 +315,8 @@ const STATEMENTS: [(&str, &str); 15] = [
     ),
     (
         "its times are in no order",
-        "SELECT id FROM competitions WHERE opens_at >= closes_at OR revealed_at < closes_at",
+        "SELECT id FROM competitions WHERE opens_at >= closes_at OR revealed_at < closes_at
+             OR (cancelled_at IS NULL) <> (cancel_reason IS NULL) OR hidden NOT IN (0, 1)",
     ),
     (
         "its status is none",
@@ -394,7 +396,8 @@ async fn definitions(database: &mut SqliteConnection, formats: &Formats, checked
         })
     })
     .await;
-    let competitions = "SELECT key, id, definition, salt, seeds, commitment, created_at, revealed_at, opens_at, closes_at
+    let competitions = "SELECT key, id, definition, salt, seeds, commitment, created_at, revealed_at, opens_at, closes_at,
+                               cancelled_at, cancel_reason, hidden
                         FROM competitions";
     each(database, checked, competitions, |row| {
         let raw = RawCompetition::from_row(row)?;

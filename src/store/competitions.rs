@@ -28,6 +28,11 @@ pub struct RawCompetition {
     pub created_at: Timestamp,
     /// When everything was opened to all, if it was.
     pub revealed_at: Option<Timestamp>,
+    pub cancelled_at: Option<Timestamp>,
+    /// Why it was cancelled, if it was.
+    pub cancel_reason: Option<String>,
+    /// Whether it is in no list but the organizers'.
+    pub hidden: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -47,6 +52,12 @@ pub struct RawEntrant {
     /// Whether an organizer vouches for its model.
     pub vouched: bool,
     pub registered_at: Timestamp,
+    /// The address or network from which it registered; none of entrants of earlier versions.
+    pub address: Option<String>,
+    /// When its name was erased, if it was.
+    pub erased_at: Option<Timestamp>,
+    /// Its name in the published file, where it was erased after the end.
+    pub published: Option<String>,
 }
 
 #[derive(Clone, Debug)]
@@ -56,6 +67,8 @@ pub struct StoredAttempt {
     pub id: String,
     pub entry: EntryKey,
     pub number: u32,
+    /// The voided attempt that it plays again, where its seeds are spare ones.
+    pub replays: Option<u32>,
     /// The name of the run's status.
     pub status: String,
     pub created_at: Timestamp,
@@ -78,7 +91,7 @@ pub struct EntrantRoom {
 }
 
 const COMPETITION: &str = "SELECT key, id, definition, salt, seeds, commitment, created_at, \
-                           revealed_at FROM competitions ";
+                           revealed_at, cancelled_at, cancel_reason, hidden FROM competitions ";
 
 /// How much of what entrants declared is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,12 +107,28 @@ fn select_entrants(declared: Declared) -> QueryBuilder<Sqlite> {
         Declared::Whole => "declaration",
         Declared::Short => "json_remove(declaration, '$.prompt_template', '$.agent_meta')",
     });
-    query.push(" AS declaration, status, reason, vouched, registered_at FROM entries ");
+    query.push(" AS declaration, status, reason, vouched, registered_at, address, erased_at, published FROM entries ");
     query
 }
 
+/// An invitation code, without the code itself.
+#[derive(Clone, Debug)]
+pub struct StoredInvitation {
+    pub hash: TokenHash,
+    pub label: String,
+    /// The public id of the entrant that used it.
+    pub entrant: Option<String>,
+    pub created_at: Timestamp,
+    pub revoked_at: Option<Timestamp>,
+}
+
+const INVITATION: &str = "
+    SELECT i.hash, i.label, i.created_at, i.revoked_at,
+           (SELECT n.id FROM entries n WHERE n.key = i.entry) AS entrant
+    FROM invitations i ";
+
 const ATTEMPT: &str = "
-    SELECT r.key, r.id, r.entry, r.attempt, r.status, r.created_at, r.ended_at, r.voided_at,
+    SELECT r.key, r.id, r.entry, r.attempt, r.replays, r.status, r.created_at, r.ended_at, r.voided_at,
            r.void_reason,
            (SELECT count(*) FROM episodes e
             WHERE e.run = r.key AND e.ended_at IS NULL AND e.voided_at IS NULL) AS unfinished
@@ -113,14 +142,16 @@ impl Store {
         self.fetch_optional(query.build()).await
     }
 
-    /// Lists competitions, newest first, from the one after `before` on.
+    /// Lists competitions, newest first, from the one after `before` on; hidden ones only where `all` are asked for.
     pub async fn list_competitions(
         &self,
+        all: bool,
         before: Option<CompetitionKey>,
         limit: u32,
     ) -> Result<Vec<RawCompetition>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(COMPETITION);
         query.push("WHERE key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
+        query.push(" AND hidden <= ").push_bind(all);
         query.push(" ORDER BY key DESC LIMIT ").push_bind(limit);
         self.fetch_all(query.build()).await
     }
@@ -191,6 +222,25 @@ impl Store {
         self.fetch_one(query).await
     }
 
+    /// Whether another entrant has a name that looks the same.
+    pub async fn has_name(
+        &self,
+        competition: CompetitionKey,
+        except: EntryKey,
+        name: &str,
+    ) -> Result<bool, StoreError> {
+        let [look, other_look] = looks(name);
+        let query = sqlx::query(
+            "SELECT EXISTS (SELECT 1 FROM looks WHERE competition = ?1 AND kind = 'name' AND look IN (?2, ?3)
+                            AND written <> (SELECT name FROM entries WHERE key = ?4))",
+        )
+        .bind(competition.0)
+        .bind(look)
+        .bind(other_look)
+        .bind(except.0);
+        self.fetch_one(query).await
+    }
+
     /// The competition for which a key was made, if it is that of an entrant.
     pub async fn competition_of(
         &self,
@@ -215,17 +265,43 @@ impl Store {
         self.fetch_all(query.build()).await
     }
 
-    /// Whether a competition has an invitation code with this hash, and whether it was used; `None` without
-    /// such a code.
-    pub async fn is_invitation_used(
+    /// The invitation code of a competition with this hash.
+    pub async fn find_invitation(
         &self,
         competition: CompetitionKey,
         hash: TokenHash,
-    ) -> Result<Option<bool>, StoreError> {
-        let query = sqlx::query(
-            "SELECT entry IS NOT NULL FROM invitations WHERE competition = ? AND hash = ?",
-        );
-        self.fetch_optional(query.bind(competition.0).bind(&hash.0[..])).await
+    ) -> Result<Option<StoredInvitation>, StoreError> {
+        let mut query = QueryBuilder::<Sqlite>::new(INVITATION);
+        query.push("WHERE i.competition = ").push_bind(competition.0);
+        query.push(" AND i.hash = ").push_bind(hash.0.to_vec());
+        self.fetch_optional(query.build()).await
+    }
+
+    /// The unused invitation codes of a competition with this label.
+    pub async fn unused_invitations(
+        &self,
+        competition: CompetitionKey,
+        label: &str,
+    ) -> Result<Vec<StoredInvitation>, StoreError> {
+        let mut query = QueryBuilder::<Sqlite>::new(INVITATION);
+        query.push("WHERE i.competition = ").push_bind(competition.0);
+        query.push(" AND i.label = ").push_bind(label);
+        query.push(" AND i.entry IS NULL AND i.revoked_at IS NULL ORDER BY i.created_at, i.hash");
+        self.fetch_all(query.build()).await
+    }
+
+    /// Lists the invitation codes of a competition in the order in which they were made, without the first `skip`.
+    pub async fn list_invitations(
+        &self,
+        competition: CompetitionKey,
+        skip: u32,
+        limit: u32,
+    ) -> Result<Vec<StoredInvitation>, StoreError> {
+        let mut query = QueryBuilder::<Sqlite>::new(INVITATION);
+        query.push("WHERE i.competition = ").push_bind(competition.0);
+        query.push(" ORDER BY i.created_at, i.hash LIMIT ").push_bind(limit);
+        query.push(" OFFSET ").push_bind(skip);
+        self.fetch_all(query.build()).await
     }
 
     /// The attempts of a competition in the order in which they were started: all, or those of one entrant.
@@ -268,13 +344,66 @@ pub(super) async fn add(
     Ok(())
 }
 
+pub(super) async fn change(
+    connection: &mut SqliteConnection,
+    competition: CompetitionKey,
+    definition: &str,
+    closes_at: Timestamp,
+    hidden: bool,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE competitions SET definition = ?, closes_at = ?, hidden = ? WHERE key = ?")
+        .bind(definition)
+        .bind(closes_at.as_millisecond())
+        .bind(hidden)
+        .bind(competition.0)
+        .execute(connection)
+        .await?;
+    Ok(())
+}
+
+pub(super) async fn cancel(
+    connection: &mut SqliteConnection,
+    competition: CompetitionKey,
+    reason: &str,
+    at: Timestamp,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE competitions SET cancelled_at = ?, cancel_reason = ?
+         WHERE key = ? AND cancelled_at IS NULL",
+    )
+    .bind(at.as_millisecond())
+    .bind(reason)
+    .bind(competition.0)
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
+pub(super) async fn revoke_invitations(
+    connection: &mut SqliteConnection,
+    hashes: &[TokenHash],
+    at: Timestamp,
+) -> Result<(), sqlx::Error> {
+    for hash in hashes {
+        sqlx::query(
+            "UPDATE invitations SET revoked_at = ?
+             WHERE hash = ? AND entry IS NULL AND revoked_at IS NULL",
+        )
+        .bind(at.as_millisecond())
+        .bind(&hash.0[..])
+        .execute(&mut *connection)
+        .await?;
+    }
+    Ok(())
+}
+
 pub(super) async fn add_entrant(
     connection: &mut SqliteConnection,
     row: &EntrantRow,
 ) -> Result<(), sqlx::Error> {
     let added = sqlx::query(
-        "INSERT INTO entries (id, competition, owner, name, model, declaration, template, status, vouched, registered_at)
-         VALUES (?, ?, (SELECT number FROM keys WHERE id = ?), ?, ?, ?, ?, 'active', ?, ?)",
+        "INSERT INTO entries (id, competition, owner, name, model, declaration, template, status, vouched, registered_at, address)
+         VALUES (?, ?, (SELECT number FROM keys WHERE id = ?), ?, ?, ?, ?, 'active', ?, ?, ?)",
     )
     .bind(&row.id)
     .bind(row.competition.0)
@@ -285,6 +414,7 @@ pub(super) async fn add_entrant(
     .bind(&row.template)
     .bind(row.vouched)
     .bind(row.at.as_millisecond())
+    .bind(&row.address)
     .execute(&mut *connection)
     .await?;
     add_looks(connection, row.competition.0, &row.name, &row.model).await?;
@@ -385,6 +515,58 @@ pub(super) async fn set_entrant(
     Ok(())
 }
 
+/// Gives an entrant another name. The old one is free for others.
+pub(super) async fn rename(
+    connection: &mut SqliteConnection,
+    entry: EntryKey,
+    name: &str,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "DELETE FROM looks WHERE kind = 'name' AND (competition, written) IN
+             (SELECT competition, name FROM entries WHERE key = ?)",
+    )
+    .bind(entry.0)
+    .execute(&mut *connection)
+    .await?;
+    let renamed =
+        sqlx::query("UPDATE entries SET name = ? WHERE key = ? RETURNING competition, model")
+            .bind(name)
+            .bind(entry.0)
+            .fetch_one(&mut *connection)
+            .await?;
+    add_looks(connection, renamed.try_get("competition")?, name, renamed.try_get("model")?).await
+}
+
+/// Erases the name of an entrant and from where it came. A file that is published already keeps its name.
+pub(super) async fn erase(
+    connection: &mut SqliteConnection,
+    entry: EntryKey,
+    name: &str,
+    at: Timestamp,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE entries SET address = NULL, erased_at = ?1,
+             published = (SELECT entries.name FROM competitions c
+                          WHERE c.key = entries.competition AND c.revealed_at IS NOT NULL)
+         WHERE key = ?2 AND erased_at IS NULL",
+    )
+    .bind(at.as_millisecond())
+    .bind(entry.0)
+    .execute(&mut *connection)
+    .await?;
+    // A key that was made for the entrant has its name.
+    sqlx::query(
+        "UPDATE keys SET name = ?1, revoked_at = coalesce(revoked_at, ?2)
+         WHERE role = 'entrant' AND number = (SELECT owner FROM entries WHERE key = ?3)",
+    )
+    .bind(name)
+    .bind(at.as_millisecond())
+    .bind(entry.0)
+    .execute(&mut *connection)
+    .await?;
+    rename(connection, entry, name).await
+}
+
 pub(super) async fn add_invitations(
     connection: &mut SqliteConnection,
     competition: CompetitionKey,
@@ -427,9 +609,13 @@ pub(super) async fn reveal(
 }
 
 from_row! {
-    RawCompetition { key, id, definition, salt, seeds, commitment, created_at, revealed_at }
+    RawCompetition {
+        key, id, definition, salt, seeds, commitment, created_at, revealed_at, cancelled_at, cancel_reason, hidden,
+    }
+    StoredInvitation { hash, label, entrant, created_at, revoked_at }
     RawEntrant {
         key, id, competition, owner, name, declaration, template, status, reason, vouched, registered_at,
+        address, erased_at, published,
     }
     EntrantRoom { active, has_name, has_look_of_model, of_owner }
 }
@@ -441,6 +627,7 @@ impl FromRow for StoredAttempt {
             id: get(row, "id")?,
             entry: get(row, "entry")?,
             number: get(row, "attempt")?,
+            replays: get(row, "replays")?,
             status: get(row, "status")?,
             created_at: get(row, "created_at")?,
             ended_at: get(row, "ended_at")?,

@@ -84,10 +84,54 @@ pub enum Entry {
         /// Whether an organizer vouches for its model.
         vouched: bool,
     },
+    /// An entrant has another name from now on.
+    RenameEntrant {
+        entry: EntryKey,
+        name: String,
+    },
+    /// The name of an entrant, and from where it came, are erased. The published file of a competition that is over keeps its name.
+    EraseEntrant {
+        entry: EntryKey,
+        /// The name in place of the erased one.
+        name: String,
+        at: Timestamp,
+    },
+    /// A key gets a new token in place of the one that was lost.
+    ReplaceKey {
+        id: String,
+        /// The hash of its token from now on.
+        hash: TokenHash,
+    },
+    /// What an organizer changed about a competition.
+    ChangeCompetition {
+        competition: CompetitionKey,
+        /// JSON: what is decided about it from now on.
+        definition: String,
+        closes_at: Timestamp,
+        /// Whether it is in no list but the organizers'.
+        hidden: bool,
+    },
+    /// The running attempts with this number may be played until then.
+    ExtendAttempts {
+        competition: CompetitionKey,
+        number: u32,
+        closes_at: Timestamp,
+    },
+    /// A competition was cancelled. Cancelling it again keeps the first reason.
+    CancelCompetition {
+        competition: CompetitionKey,
+        reason: String,
+        at: Timestamp,
+    },
     AddInvitations {
         competition: CompetitionKey,
         /// The hash of each code, and what the organizer calls it.
         codes: Vec<(TokenHash, String)>,
+        at: Timestamp,
+    },
+    /// Invitation codes that nobody has used are good for nobody any more.
+    RevokeInvitations {
+        hashes: Vec<TokenHash>,
         at: Timestamp,
     },
     /// A competition, and all its episodes, are open to all from now on.
@@ -138,6 +182,8 @@ impl Entry {
             Self::Measured { metrics: Some(row), .. } => row.measured.len(),
             Self::BeginForks(episodes) => episodes.len() * size_of::<EpisodeKey>(),
             Self::AddInvitations { codes, .. } => codes.len() * size_of::<(TokenHash, String)>(),
+            Self::RevokeInvitations { hashes, .. } => hashes.len() * size_of::<TokenHash>(),
+            Self::ChangeCompetition { definition, .. } => definition.len(),
             _ => 0,
         };
         size_of::<Self>() + text
@@ -185,6 +231,8 @@ pub struct EntrantRow {
     pub vouched: bool,
     /// The hash of the invitation code that it uses up, if any.
     pub invitation: Option<TokenHash>,
+    /// The address or network from which it registered, for organizers.
+    pub address: Option<String>,
     pub at: Timestamp,
 }
 
@@ -203,6 +251,8 @@ pub struct RunRow {
     pub visibility: &'static str,
     /// Of an attempt in a competition: the entry, and the attempt's number, from 1.
     pub attempt: Option<(EntryKey, u32)>,
+    /// The voided attempt that it plays again, where its seeds are spare ones.
+    pub replays: Option<u32>,
     pub at: Timestamp,
     /// The key by which a repeated creation finds it, and the hash of the body that came with it.
     pub idempotency: Option<(String, [u8; 32])>,
@@ -222,6 +272,8 @@ pub struct AuditRow {
     pub subject: String,
     /// Further details, as JSON.
     pub detail: serde_json::Value,
+    /// The competition that it concerns, and what everybody may see of the details.
+    pub shown: Option<(CompetitionKey, serde_json::Value)>,
 }
 
 #[derive(Clone, Debug)]

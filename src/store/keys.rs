@@ -28,6 +28,13 @@ impl Store {
         self.fetch_all(query.build()).await
     }
 
+    /// The key with this number, whatever it is worth now.
+    pub async fn key(&self, number: OwnerKey) -> Result<Option<Key>, StoreError> {
+        let mut query = QueryBuilder::<Sqlite>::new(SELECT);
+        query.push("WHERE number = ").push_bind(number.0);
+        self.fetch_optional(query.build()).await
+    }
+
     /// Whether a key was ever made.
     pub async fn has_keys(&self) -> Result<bool, StoreError> {
         self.fetch_one(sqlx::query("SELECT EXISTS (SELECT 1 FROM keys)")).await

@@ -122,7 +122,10 @@ impl Changes {
                     self.add(Change::Run(*run));
                 }
                 // The entry does not name the runs.
-                Entry::SetEntrant { .. } | Entry::Reveal { .. } => self.add_all(),
+                Entry::SetEntrant { .. }
+                | Entry::RenameEntrant { .. }
+                | Entry::EraseEntrant { .. }
+                | Entry::Reveal { .. } => self.add_all(),
                 Entry::Import { .. } => self.add(Change::Imports),
                 Entry::Measured { .. } => {
                     self.measured.fetch_add(1, Ordering::AcqRel);
@@ -132,6 +135,8 @@ impl Changes {
                 Entry::Open(_)
                 | Entry::OpenRun(_)
                 | Entry::AddCompetition(_)
+                | Entry::ChangeCompetition { .. }
+                | Entry::CancelCompetition { .. }
                 | Entry::AddEntrant(_) => {}
                 Entry::Start { .. }
                 | Entry::BeginForks(_)
@@ -144,7 +149,10 @@ impl Changes {
                 | Entry::AddKey(_)
                 | Entry::RevokeKey { .. }
                 | Entry::ReplaceRunToken { .. }
+                | Entry::ReplaceKey { .. }
+                | Entry::ExtendAttempts { .. }
                 | Entry::AddInvitations { .. }
+                | Entry::RevokeInvitations { .. }
                 | Entry::Audit(_) => continue,
             }
             // After what it refers to.

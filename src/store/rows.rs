@@ -12,7 +12,7 @@ use swarmbench_engine::{AgentId, Seed};
 
 use super::entries::Secret;
 use super::{Store, StoreError};
-use crate::ids::{CompetitionKey, EntryKey, EpisodeId, EpisodeKey, ImportKey, RunKey};
+use crate::ids::{CompetitionKey, EntryKey, EpisodeId, EpisodeKey, ImportKey, RunKey, TokenHash};
 use crate::keys::{OwnerKey, Role};
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{ActRecord, RawRecord};
@@ -71,6 +71,7 @@ columns! {
     String: String => Ok;
     Vec<u8>: Vec<u8> => Ok;
     u64: i64 => |number| Ok(u64::try_from(number).unwrap_or(0));
+    TokenHash: Vec<u8> => |hash: Vec<u8>| Ok(Self(hash.try_into().map_err(|_| "a hash has 32 bytes")?));
     EpisodeKey: i64 => |key| Ok(Self(key));
     RunKey: i64 => |key| Ok(Self(key));
     EntryKey: i64 => |key| Ok(Self(key));

@@ -25,6 +25,10 @@ pub struct StoredRun {
     pub status: String,
     /// Of an attempt in a competition: the entry, and the attempt's number, from 1.
     pub attempt: Option<(EntryKey, u32)>,
+    /// The voided attempt that it plays again, where its seeds are spare ones.
+    pub replays: Option<u32>,
+    /// The end of its window, where that was extended since its definition was written.
+    pub closes_at: Option<Timestamp>,
     /// The competition, where it is an attempt in one.
     pub competition: Option<CompetitionKey>,
     /// Why it was voided as an attempt, if it was.
@@ -46,8 +50,8 @@ pub struct RunFilter {
 }
 
 const SELECT: &str = "
-    SELECT r.key, r.id, r.owner, r.definition, r.digest, r.status, r.entry, r.attempt, r.voided_at,
-           r.void_reason, r.created_at, r.ended_at,
+    SELECT r.key, r.id, r.owner, r.definition, r.digest, r.status, r.entry, r.attempt, r.replays,
+           r.closes_at, r.voided_at, r.void_reason, r.created_at, r.ended_at,
            (SELECT n.competition FROM entries n WHERE n.key = r.entry) AS competition,
            coalesce((SELECT c.revealed_at IS NOT NULL FROM entries n JOIN competitions c ON c.key = n.competition
                      WHERE n.key = r.entry), 0) AS revealed
@@ -142,6 +146,8 @@ impl FromRow for StoredRun {
             digest: get(row, "digest")?,
             status: get(row, "status")?,
             attempt: entry.zip(get(row, "attempt")?),
+            replays: get(row, "replays")?,
+            closes_at: get(row, "closes_at")?,
             competition: get(row, "competition")?,
             void_reason: void_reason(row)?,
             revealed: get(row, "revealed")?,
@@ -164,8 +170,8 @@ pub(super) async fn open(
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "INSERT INTO runs (key, id, owner, suite, digest, definition, model, visibility, status, entry,
-                           attempt, created_at, idempotency_key, idempotency_body)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, 'running', ?, ?, ?, ?, ?)",
+                           attempt, replays, created_at, idempotency_key, idempotency_body)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, 'running', ?, ?, ?, ?, ?, ?)",
     )
     .bind(row.run.0)
     .bind(&row.id)
@@ -177,6 +183,7 @@ pub(super) async fn open(
     .bind(row.visibility)
     .bind(row.attempt.map(|(entry, _)| entry.0))
     .bind(row.attempt.map(|(_, number)| number))
+    .bind(row.replays)
     .bind(row.at.as_millisecond())
     .bind(row.idempotency.as_ref().map(|(key, _)| key))
     .bind(row.idempotency.as_ref().map(|(_, body)| &body[..]))
@@ -200,6 +207,25 @@ pub(super) async fn end(
         .bind(run.0)
         .execute(connection)
         .await?;
+    Ok(())
+}
+
+/// Extends the window of the running attempts with a number; the ends of games that were opened before stay.
+pub(super) async fn extend(
+    connection: &mut SqliteConnection,
+    competition: CompetitionKey,
+    number: u32,
+    closes_at: Timestamp,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE runs SET closes_at = ? WHERE attempt = ? AND status = 'running'
+             AND entry IN (SELECT key FROM entries WHERE competition = ?)",
+    )
+    .bind(closes_at.as_millisecond())
+    .bind(number)
+    .bind(competition.0)
+    .execute(connection)
+    .await?;
     Ok(())
 }
 

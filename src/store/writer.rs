@@ -499,6 +499,38 @@ async fn write(
                 super::competitions::set_entrant(connection, *entry, status, reason, *vouched)
                     .await?;
             }
+            Entry::RenameEntrant { entry, name } => {
+                super::competitions::rename(connection, *entry, name).await?;
+            }
+            Entry::EraseEntrant { entry, name, at } => {
+                super::competitions::erase(connection, *entry, name, *at).await?;
+            }
+            Entry::ReplaceKey { id, hash } => {
+                sqlx::query("UPDATE keys SET hash = ? WHERE id = ?")
+                    .bind(&hash.0[..])
+                    .bind(id)
+                    .execute(&mut *connection)
+                    .await?;
+            }
+            Entry::ChangeCompetition { competition, definition, closes_at, hidden } => {
+                super::competitions::change(
+                    connection,
+                    *competition,
+                    definition,
+                    *closes_at,
+                    *hidden,
+                )
+                .await?;
+            }
+            Entry::ExtendAttempts { competition, number, closes_at } => {
+                super::runs::extend(connection, *competition, *number, *closes_at).await?;
+            }
+            Entry::CancelCompetition { competition, reason, at } => {
+                super::competitions::cancel(connection, *competition, reason, *at).await?;
+            }
+            Entry::RevokeInvitations { hashes, at } => {
+                super::competitions::revoke_invitations(connection, hashes, *at).await?;
+            }
             Entry::AddInvitations { competition, codes, at } => {
                 super::competitions::add_invitations(connection, *competition, codes, *at).await?;
             }

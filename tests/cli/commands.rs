@@ -44,7 +44,7 @@ use Shows::{Facts, List, Other};
 /// The arguments of a command, made anew for each time it is run.
 type Arguments = fn(&Site) -> Vec<String>;
 
-const CASES: [(&str, Shows, Arguments); 52] = [
+const CASES: [(&str, Shows, Arguments); 61] = [
     ("demo", Facts, |site| words("--exit --db", [site.new_file("demo.db")])),
     ("serve", Other("runs until it is stopped"), |_| words("--addr no-address", [])),
     ("key create", Facts, |site| words("--name somebody --server", [site.base()])),
@@ -69,6 +69,15 @@ const CASES: [(&str, Shows, Arguments); 52] = [
     ("competition readmit", Facts, |site| words("", site.entrant().into())),
     ("competition vouch", Facts, |site| words("", site.entrant().into())),
     ("competition void", Facts, |site| words("--reason because", site.attempt().into())),
+    ("competition change", Facts, |site| words("--hide", [site.competition()])),
+    ("competition cancel", Facts, |site| words("--reason because", [site.competition()])),
+    ("competition actions", Facts, |site| words("", [site.competition()])),
+    ("competition list-codes", Facts, |site| words("", [site.invitation()])),
+    ("competition revoke-codes", Facts, |site| words("", [site.invitation(), "team".to_owned()])),
+    ("competition exclude", Facts, |site| words("--name bot-*", [site.entrant().0])),
+    ("competition rename", Facts, |site| words("--name other", site.entrant().into())),
+    ("competition erase", Facts, |site| words("", site.entrant().into())),
+    ("competition replace-key", Facts, |site| words("", site.entrant_without_key().into())),
     ("competition board", Facts, |site| words("", [site.entrant().0])),
     ("competition export", Other("is JSON Lines"), |site| words("", [site.competition()])),
     ("audit", List, |_| Vec::new()),
@@ -225,6 +234,23 @@ impl Site {
         let competition = self.competition();
         let enter = words("competition enter --name entrant --model m", [competition.clone()]);
         (competition, string(&self.json(&enter)["id"]))
+    }
+
+    /// A competition and an entrant of it for which a key was made.
+    fn entrant_without_key(&self) -> (String, String) {
+        let competition = self.competition();
+        let enter = "competition enter --json --name entrant --model m";
+        let mut command = self.command(&words(enter, [competition.clone()]));
+        let output = command.env_remove("SWARMBENCH_KEY").output().expect("the binary runs");
+        let entered: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        (competition, string(&entered["id"]))
+    }
+
+    /// A competition with an invitation code for `team`.
+    fn invitation(&self) -> String {
+        let competition = self.competition();
+        self.json(&words("competition codes", [competition.clone(), "team".to_owned()]));
+        competition
     }
 
     /// A competition and the run of an attempt in it.

@@ -351,6 +351,14 @@ impl Client {
         self.once(Method::POST, path, |call| self.signed(call).json(body)).await
     }
 
+    /// Deletes something, and returns what is left of it.
+    ///
+    /// # Errors
+    /// See [`ClientError`].
+    pub async fn delete<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
+        self.ask(Method::DELETE, path, |call| self.signed(call)).await
+    }
+
     /// Changes something.
     pub async fn patch<T: DeserializeOwned>(
         &self,

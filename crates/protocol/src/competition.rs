@@ -45,6 +45,9 @@ pub struct CompetitionRequest {
     /// How many attempts an entrant has, all open for the whole time; or the window of each.
     #[cfg_attr(feature = "openapi", schema(default = 1))]
     pub attempts: Option<Attempts>,
+    /// How many attempts on other sealed seeds an entrant has in place of voided ones; 100 with the attempts at most.
+    #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 99))]
+    pub spares: Option<u32>,
     /// How many games of an attempt are open at a time.
     #[cfg_attr(feature = "openapi", schema(default = 5, minimum = 1, maximum = 100))]
     pub parallel: Option<u32>,
@@ -59,6 +62,9 @@ pub struct CompetitionRequest {
     /// How many entrants one key may have.
     #[cfg_attr(feature = "openapi", schema(default = 1, minimum = 1, maximum = 100))]
     pub entries_per_key: Option<u32>,
+    /// How many attempts an entrant may start on one day in UTC; as many as it has where this is left out.
+    #[cfg_attr(feature = "openapi", schema(minimum = 1, maximum = 100))]
+    pub attempts_per_day: Option<u32>,
 }
 
 /// What is played in each attempt: every task once on each of its sealed seeds.
@@ -174,7 +180,7 @@ pub struct Competition {
     pub name: String,
     /// What entrants should know.
     pub description: String,
-    /// `announced`, `open`, `closing` (the last rounds still run) or `closed` (everything is open to all).
+    /// `announced`, `open`, `closing` (the last rounds still run), `closed` (everything is open to all) or `cancelled`.
     pub phase: String,
     /// When attempts can first be started.
     pub opens_at: Timestamp,
@@ -188,6 +194,9 @@ pub struct Competition {
     pub entry: String,
     /// The window of each attempt, in order.
     pub attempts: Vec<AttemptWindow>,
+    /// How many attempts on other sealed seeds an entrant has in place of voided ones.
+    #[serde(default)]
+    pub spares: u32,
     /// How many games of an attempt are open at a time.
     pub parallel: u32,
     /// Which attempt counts.
@@ -198,6 +207,9 @@ pub struct Competition {
     pub board_freezes_at: Option<Timestamp>,
     /// How many entrants one key may have.
     pub entries_per_key: u32,
+    /// How many attempts an entrant may start on one day in UTC; null: as many as it has.
+    #[serde(default)]
+    pub attempts_per_day: Option<u32>,
     /// SHA-256 of the salt and then all sealed seeds, in hexadecimal: published before anybody plays, so that
     /// everybody can check afterwards that no seed was changed.
     pub commitment: String,
@@ -209,6 +221,77 @@ pub struct Competition {
     pub created_at: Timestamp,
     /// When everything was opened to all.
     pub revealed_at: Option<Timestamp>,
+    /// When the organizer cancelled it, if so.
+    #[serde(default)]
+    pub cancelled_at: Option<Timestamp>,
+    /// Why it was cancelled.
+    #[serde(default)]
+    pub cancel_reason: Option<String>,
+    /// Whether it is in no list but the organizers'.
+    #[serde(default)]
+    pub hidden: bool,
+}
+
+/// What an organizer changes about a competition that has not closed. Fields that are left out do not change.
+#[serde_with::skip_serializing_none]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct CompetitionChange {
+    /// Another name.
+    pub name: Option<String>,
+    /// Another description.
+    pub description: Option<String>,
+    /// A later end, for games that are opened afterwards. Windows that end with the competition end with it again.
+    pub closes_at: Option<Timestamp>,
+    /// Later ends of the windows of single attempts, for games that are opened afterwards.
+    pub attempts: Option<Vec<WindowExtension>>,
+    /// Whether it is in no list but the organizers': for a rehearsal.
+    pub hidden: Option<bool>,
+    /// Why; everybody sees it. 1 to 500 characters.
+    pub reason: Option<String>,
+}
+
+/// A later end of the window of an attempt.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct WindowExtension {
+    /// The attempt, from 1.
+    #[cfg_attr(feature = "openapi", schema(minimum = 1))]
+    pub attempt: u32,
+    /// No round of it begins at or after this time.
+    pub closes_at: Timestamp,
+}
+
+/// Why an organizer cancels a competition.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct CancelRequest {
+    /// The reason, which everybody sees: 1 to 500 characters.
+    #[cfg_attr(feature = "openapi", schema(min_length = 1, max_length = 500))]
+    pub reason: String,
+}
+
+/// What an organizer did in a competition, as everybody sees it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct OrganizerAction {
+    /// When.
+    pub at: Timestamp,
+    /// What was done.
+    #[cfg_attr(feature = "openapi", schema(example = "competition.change"))]
+    pub action: String,
+    /// The id of the competition, entrant, run or game that it concerns.
+    pub subject: String,
+    /// Further facts: what was changed from what to what, and why.
+    pub detail: Value,
+}
+
+page! {
+    /// What organizers did in a competition, newest first.
+    OrganizerActions of OrganizerAction
 }
 
 page! {
@@ -242,6 +325,74 @@ pub struct InvitationCode {
 pub struct InvitationCodes {
     /// One for each label.
     pub items: Vec<InvitationCode>,
+}
+
+/// An invitation code as organizers see it later: without the code itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct InvitationSummary {
+    /// Its receiver.
+    pub label: String,
+    /// `unused`, `used` or `revoked`.
+    pub state: String,
+    /// The entrant that used it.
+    pub entrant: Option<String>,
+    /// When it was made.
+    pub created_at: Timestamp,
+    /// When it was revoked.
+    pub revoked_at: Option<Timestamp>,
+}
+
+page! {
+    /// Invitation codes, in the order in which they were made.
+    InvitationList of InvitationSummary
+}
+
+/// Which unused invitation codes are revoked: those with a label, and those that are named themselves.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct RevokeCodesRequest {
+    /// Labels; each revokes all unused codes that have it.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", schema(example = json!(["team blue"])))]
+    pub labels: Vec<String>,
+    /// Codes.
+    #[serde(default)]
+    pub codes: Vec<String>,
+}
+
+/// Which entrants an organizer excludes at once: those that fit all fields that are given.
+#[serde_with::skip_serializing_none]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct ExclusionRequest {
+    /// The address or network from which they registered, like `203.0.113.7` or `2001:db8::/32`.
+    pub address: Option<String>,
+    /// They registered at this time or later.
+    pub registered_from: Option<Timestamp>,
+    /// They registered before this time.
+    pub registered_before: Option<Timestamp>,
+    /// A pattern of names in any case: `*` stands for any characters, `?` for one.
+    #[cfg_attr(feature = "openapi", schema(example = "bot-*"))]
+    pub name: Option<String>,
+    /// How many entrants they are, from the preview; left out, they are shown, and nothing is done.
+    pub count: Option<u32>,
+    /// The reason, which everybody sees: 1 to 500 characters. Required where `count` is given.
+    pub reason: Option<String>,
+}
+
+/// The entrants that were excluded, or would be.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Exclusion {
+    /// Whether they were excluded; else this is a preview.
+    pub excluded: bool,
+    /// How many they are.
+    pub count: u32,
+    /// The first 1,000 of them, in the order in which they registered.
+    pub items: Vec<EntrantSummary>,
 }
 
 /// Who wants to take part, and what plays. None of it changes later: another model is another entrant.
@@ -314,6 +465,16 @@ pub struct CreatedEntrant {
     pub key: Option<String>,
 }
 
+/// A new key in place of one that an entrant has lost.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct ReplacedKey {
+    /// The entrant.
+    pub entrant: String,
+    /// The key, shown this once. The one before is good for nothing any more.
+    pub key: String,
+}
+
 page! {
     /// All entrants, in the order in which they registered.
     EntrantList of EntrantSummary
@@ -330,12 +491,15 @@ pub struct EntrantDetail {
     pub attempts: Vec<AttemptSummary>,
 }
 
-/// What an organizer changes about an entrant. Fields that are left out do not change.
+/// What an organizer changes about an entrant, or the entrant about itself: it may rename and withdraw itself. Fields that are
+/// left out do not change.
 #[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct EntrantChange {
+    /// Another name, that no other entrant has, until the competition closes.
+    pub name: Option<String>,
     /// `active`, `withdrawn` or `disqualified`.
     pub status: Option<String>,
     /// Why; everybody sees it. 1 to 500 characters; a disqualification needs one.
@@ -362,6 +526,9 @@ pub struct AttemptRequest {
 pub struct StartedAttempt {
     /// Its number.
     pub attempt: u32,
+    /// Whether it is played on spare seeds, in place of a voided one.
+    #[serde(default)]
+    pub on_spare_seeds: bool,
     /// Whose it is.
     pub entrant: String,
     /// Its run.
@@ -383,6 +550,9 @@ pub struct AttemptSummary {
     pub entrant: String,
     /// Its number.
     pub attempt: u32,
+    /// Whether it is played on spare seeds, in place of a voided one.
+    #[serde(default)]
+    pub on_spare_seeds: bool,
     /// Its run.
     pub run: String,
     /// `running`, `finished`, `aborted`, `abandoned` or `closed`.
@@ -401,6 +571,30 @@ pub struct AttemptSummary {
     pub tasks: Option<Vec<TaskMean>>,
     /// The sum of the means, once it is over.
     pub total: Option<f64>,
+}
+
+/// An attempt that was voided.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct VoidedAttempt {
+    /// The attempt.
+    #[serde(flatten)]
+    pub attempt: AttemptSummary,
+    /// How much of its seeds the entrant has seen, where it will play again on the same: the competition has no spare seeds, or
+    /// the entrant has used all.
+    pub seen: Option<SeenSeeds>,
+}
+
+/// How much an entrant has seen of seeds on which it will play again.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct SeenSeeds {
+    /// How many games of the attempt were opened, of `games`.
+    pub games_opened: usize,
+    /// How many rounds of them were played, in all.
+    pub rounds: u64,
+    /// What that means, in a sentence.
+    pub warning: String,
 }
 
 page! {
@@ -456,6 +650,9 @@ pub struct CompetitionRow {
     pub entrant: EntrantSummary,
     /// The number of the attempt that counts.
     pub attempt: Option<u32>,
+    /// Whether that was played on spare seeds, in place of a voided one.
+    #[serde(default)]
+    pub on_spare_seeds: bool,
     /// Its run.
     pub run: Option<String>,
     /// How the run ended.

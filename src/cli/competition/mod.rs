@@ -1,6 +1,7 @@
 //! `swarmbench competition`
 
 mod definition;
+mod mend;
 mod tables;
 
 use std::io::Write;
@@ -15,7 +16,7 @@ use super::pages::{Page, all, pages};
 use swarmbench_client::client::Client;
 use swarmbench_protocol::competition::{
     AttemptRequest, AttemptSummary, CodesRequest, Competition, CompetitionBoard, CreatedEntrant,
-    EntrantChange, EntrantRequest, EntrantSummary, InvitationCodes, StartedAttempt,
+    EntrantChange, EntrantRequest, EntrantSummary, InvitationCodes, StartedAttempt, VoidedAttempt,
 };
 use swarmbench_protocol::episode::VoidRequest;
 
@@ -116,7 +117,7 @@ enum Command {
         #[arg(long)]
         not: bool,
     },
-    /// Void an attempt that failed because of the server: it does not count, and may be repeated on the same seeds.
+    /// Void an attempt that failed because of the server: it does not count, and may be repeated, on spare seeds if there are some.
     Void {
         /// The competition's id.
         id: String,
@@ -135,7 +136,15 @@ enum Command {
         csv: bool,
     },
     /// Export a competition to the standard output, for `swarmbench verify --competition`.
-    Export(CompetitionId),
+    Export {
+        /// The competition's id.
+        id: String,
+        /// The version of the format; 1 for programs that know no other.
+        #[arg(long)]
+        format: Option<u32>,
+    },
+    #[command(flatten)]
+    Mend(mend::Command),
 }
 
 #[derive(Debug, clap::Args)]
@@ -220,17 +229,17 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         }
         Command::Disqualify { entrant, reason } => {
             let status = Some("disqualified".to_owned());
-            let change = EntrantChange { status, reason: Some(reason), vouched: None };
+            let change = EntrantChange { status, reason: Some(reason), ..EntrantChange::default() };
             show(json, &changed(client, entrant, change).await?, tell_changed)
         }
         Command::Withdraw { entrant, reason } => {
             let status = Some("withdrawn".to_owned());
-            let change = EntrantChange { status, reason, vouched: None };
+            let change = EntrantChange { status, reason, ..EntrantChange::default() };
             show(json, &changed(client, entrant, change).await?, tell_changed)
         }
         Command::Readmit { entrant } => {
             let status = Some("active".to_owned());
-            let change = EntrantChange { status, reason: None, vouched: None };
+            let change = EntrantChange { status, ..EntrantChange::default() };
             show(json, &changed(client, entrant, change).await?, tell_changed)
         }
         Command::Vouch { entrant, not } => {
@@ -239,9 +248,13 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         }
         Command::Void { id, run, reason } => {
             let path = path(&id, &format!("/attempts/{run}/void"));
-            let voided: AttemptSummary = client.post(&path, &VoidRequest { reason }).await?;
+            let voided: VoidedAttempt = client.post(&path, &VoidRequest { reason }).await?;
             show(json, &voided, |voided| {
-                out!("{} does not count; its entrant may start that attempt again.", voided.run);
+                let run = &voided.attempt.run;
+                out!("{run} does not count; its entrant may start that attempt again.");
+                if let Some(seen) = &voided.seen {
+                    note!("Caution: {}.", seen.warning);
+                }
             })
         }
         Command::Board { csv: true, .. } if json => bail!("name --csv or --json, not both"),
@@ -249,12 +262,15 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         Command::Board { id, csv: false } => {
             show(json, &whole_board(client, &path(&id, "/board")).await?, tables::print_board)
         }
-        Command::Export(CompetitionId { id }) => {
+        Command::Export { id, format } => {
             let path = format!("/api/v1/exports/competitions/{id}");
             let mut out = std::io::BufWriter::new(output::stream());
-            client.download(&path, &[], &mut out).await?;
+            let format = format.map(|format| format.to_string());
+            let query: Vec<_> = format.iter().map(|format| ("format", format)).collect();
+            client.download(&path, &query, &mut out).await?;
             Ok(())
         }
+        Command::Mend(command) => mend::run(client, json, command).await,
     }
 }
 

@@ -6,6 +6,7 @@ use crate::cli::leaderboard::below;
 use crate::cli::output::{cell, mean, rank, reasons, table, total};
 use swarmbench_protocol::competition::{
     AttemptSummary, Competition, CompetitionBoard, EntrantSummary, InvitationCodes,
+    InvitationSummary, OrganizerAction,
 };
 use swarmbench_protocol::time::Timestamp;
 
@@ -26,10 +27,39 @@ pub(super) fn codes(codes: &InvitationCodes) -> Table {
     table
 }
 
+pub(super) fn invitations(list: &[InvitationSummary]) -> Table {
+    let mut table = table(&["for", "state", "entrant", "made", "revoked"]);
+    for code in list {
+        table.add_row([
+            code.label.clone(),
+            code.state.clone(),
+            code.entrant.clone().unwrap_or_default(),
+            code.created_at.to_string(),
+            code.revoked_at.map(|at| at.to_string()).unwrap_or_default(),
+        ]);
+    }
+    table
+}
+
+pub(super) fn actions(list: &[OrganizerAction]) -> Table {
+    let mut table = table(&["time", "action", "of", "details"]);
+    for action in list {
+        table.add_row([
+            action.at.to_string(),
+            action.action.clone(),
+            action.subject.clone(),
+            action.detail.to_string(),
+        ]);
+    }
+    table
+}
+
 pub(super) fn attempts(list: &[AttemptSummary]) -> Table {
     let mut table = table(&["entrant", "attempt", "run", "status", "games", "total", "note"]);
     for attempt in list {
-        let note = attempt.voided.as_ref().map(|reason| format!("does not count: {reason}"));
+        let voided = attempt.voided.as_ref().map(|reason| format!("does not count: {reason}"));
+        let spare = attempt.on_spare_seeds.then(|| "on spare seeds".to_owned());
+        let note = voided.or(spare);
         table.add_row([
             attempt.entrant.clone(),
             attempt.attempt.to_string(),
@@ -74,6 +104,12 @@ pub(super) fn competition(competition: &Competition) -> Table {
     row("name", competition.name.clone());
     row("description", competition.description.clone());
     row("phase", competition.phase.clone());
+    if let Some(reason) = &competition.cancel_reason {
+        row("cancelled", format!("{}: {reason}", time(competition.cancelled_at)));
+    }
+    if competition.hidden {
+        row("hidden", "in no list but the organizers'".to_owned());
+    }
     row("opens", competition.opens_at.to_string());
     row("closes", competition.closes_at.to_string());
     let rules = suite.rules.clone().unwrap_or_default();
@@ -83,6 +119,12 @@ pub(super) fn competition(competition: &Competition) -> Table {
     for (number, window) in (1..).zip(&competition.attempts) {
         let (opens, closes) = (time(window.opens_at), time(window.closes_at));
         row(&format!("attempt {number}"), format!("from {opens} until {closes}"));
+    }
+    if competition.spares > 0 {
+        row(
+            "spares",
+            format!("{} attempts on other seeds in place of voided ones", competition.spares),
+        );
     }
     row("counts", format!("the {} attempt", competition.counts));
     row("board", competition.board.clone());

@@ -1,77 +1,105 @@
-//! `PATCH /api/v1/competitions/{id}/entrants/{entrant}`.
+//! `PATCH /api/v1/competitions/{id}`.
 
+use axum::Json as JsonBody;
+use jiff::Timestamp;
 use serde_json::json;
 
 use super::super::prelude::*;
+use super::{check_open, shown};
 use crate::store::entries::Entry;
-use swarmbench_boards::competition::EntrantStatus;
-use swarmbench_protocol::competition::{EntrantChange, EntrantSummary};
+use swarmbench_boards::competition::change::{Change, Changed};
+use swarmbench_boards::competition::export::CHANGE;
+use swarmbench_protocol::competition::{Competition, CompetitionChange};
 
-/// Withdraw or disqualify an entrant, take it back, or answer for its model.
+/// Change a competition that has not closed: extend it or the windows of its attempts, correct its texts, or hide it.
 ///
-/// An entrant that is withdrawn or disqualified stays on the board without a rank, with the reason.
+/// A window is never shortened. Games that are open keep the end that they have; all that are opened afterwards have the new one,
+/// also those of attempts that are running. Everybody sees what was changed (`GET …/actions`).
 #[utoipa::path(
     patch,
-    path = "/api/v1/competitions/{id}/entrants/{entrant}",
-    operation_id = "change_entrant",
+    path = "/api/v1/competitions/{id}",
+    operation_id = "change_competition",
     tag = "competitions",
-    params(
-        ("id" = String, Path, description = "The competition's id"),
-        ("entrant" = String, Path, description = "The entrant's id"),
-    ),
-    request_body(content = EntrantChange, description = "At most 256 KiB"),
+    params(("id" = String, Path, description = "The competition's id")),
+    request_body(content = CompetitionChange, description = "At most 256 KiB"),
     security(("key" = [])),
     responses(
-        (status = 200, description = "The entrant as it is now", body = EntrantSummary),
+        (status = 200, description = "The competition as it is now", body = Competition),
         (status = 403, description = "`forbidden`: not an organizer's key"),
+        (status = 409, description = "`closed`: it has closed, or was cancelled"),
     )
 )]
-pub(in super::super) async fn change_entrant(
+pub(in super::super) async fn change_competition(
     State(app): State<App>,
     organizer: Organizer,
-    Ids(id, entrant): Ids,
+    Id(id): Id,
     _: Params<Nothing>,
-    Json(change, _): Json<EntrantChange>,
-) -> Result<axum::Json<EntrantSummary>, ApiError> {
-    let EntrantChange { status, reason, vouched } = change;
-    let status = match status.as_deref() {
-        None => None,
-        Some(name) => Some(EntrantStatus::parse(name).ok_or_else(|| {
-            let names = EntrantStatus::ALL.map(EntrantStatus::name).join(", ");
-            ApiError::field("status", format!("must be one of {names}"))
-        })?),
-    };
+    Json(request, _): Json<CompetitionChange>,
+) -> Result<JsonBody<Competition>, ApiError> {
+    let CompetitionChange { name, description, closes_at, attempts, hidden, reason } = request;
     if let Some(reason) = &reason {
         let mut problems = Problems::default();
         problems.text("reason", reason, app.limits.reason_chars_max);
         problems.none_or(Some(()))?;
     }
-    match (status, &reason) {
-        (Some(EntrantStatus::Disqualified), None) => {
-            return Err(ApiError::field("reason", "is missing: everybody is to see why"));
-        }
-        (None | Some(EntrantStatus::Active), Some(_)) => {
-            let problem = "belongs to a status of withdrawn or disqualified";
-            return Err(ApiError::field("reason", problem));
-        }
-        _ => {}
-    }
+    // Times are stored to the millisecond.
+    let whole = |at: Timestamp| Timestamp::from_millisecond(at.as_millisecond()).unwrap_or(at);
+    let windows = attempts.unwrap_or_default().into_iter();
+    let change = Change {
+        name,
+        description,
+        closes_at: closes_at.map(|at| whole(at.into())),
+        windows: windows.map(|of| (of.attempt, whole(of.closes_at.into()))).collect(),
+    };
     App::run_detached(async move {
+        // No attempt is started, and nothing is revealed, while windows change.
+        let _closed = app.runs.block_entries().await;
         let competition = app.stored_competition(&id).await?;
-        // What two organizers decide at once is decided one after the other.
-        let _lock = app.creations.lock(&format!("entrant {entrant}")).await;
-        let before = app.entrant(&competition, &entrant).await?;
-        let reason = if status.is_some() { reason } else { before.entrant.reason };
-        let status = status.unwrap_or(before.entrant.status).name();
-        let vouched = vouched.unwrap_or(before.entrant.vouched);
-        let detail = json!({
-            "competition": id, "status": status, "reason": reason, "vouched": vouched,
-        });
-        let audit_entry = organizer.audit_entry(&app, "entrant.change", &entrant, detail);
-        let entry = Entry::SetEntrant { entry: before.key, status, reason, vouched };
-        app.store.keep(vec![entry, audit_entry]).await?;
-        let after = app.entrant(&competition, &entrant).await?;
-        Ok(axum::Json((&after.entrant).into()))
+        let now = app.clock.wall();
+        check_open(&competition, now)?;
+        let old = &competition.definition;
+        let new = old.changed(&change, now).map_err(|found| {
+            let mut problems = Problems::default();
+            for (field, problem) in found {
+                problems.refuse(&field, problem);
+            }
+            problems.none_or(None::<()>).err().unwrap_or_else(|| {
+                ApiError::new(Code::Internal, "a change was refused without a reason")
+            })
+        })?;
+        let mut changed = old.differences(&new);
+        if let Some(to) = hidden.filter(|to| *to != competition.hidden) {
+            let from = json!(competition.hidden);
+            changed.push(Changed { field: "hidden".to_owned(), from, to: json!(to) });
+        }
+        if !changed.is_empty() {
+            let detail = json!({ "changes": changed, "reason": reason });
+            let shown = (competition.key, detail.clone());
+            let mut entries = vec![
+                Entry::ChangeCompetition {
+                    competition: competition.key,
+                    definition: serde_json::to_string(&new).expect("string keys"),
+                    closes_at: new.closes_at,
+                    hidden: hidden.unwrap_or(competition.hidden),
+                },
+                organizer.audit_entry_shown(&app, CHANGE, &id, detail, shown),
+            ];
+            let last = new.number_of_spare(new.spares);
+            for number in 1..=last {
+                let (from, to) = (old.window(number), new.window(number));
+                if let Some(to) = to.filter(|to| Some(*to) != from) {
+                    let closes_at = to.closes_at;
+                    entries.push(Entry::ExtendAttempts {
+                        competition: competition.key,
+                        number,
+                        closes_at,
+                    });
+                }
+            }
+            app.store.keep(entries).await?;
+        }
+        let competition = app.stored_competition(&id).await?;
+        Ok(JsonBody(shown(&competition, app.clock.wall())))
     })
     .await
 }

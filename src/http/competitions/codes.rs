@@ -1,14 +1,21 @@
-//! `POST /api/v1/competitions/{id}/codes`.
+//! `/api/v1/competitions/{id}/codes`: invitation codes are made, listed and revoked.
 
 use axum::http::StatusCode;
 use serde_json::json;
 
 use super::super::answer::with_tokens;
+use super::super::page::{PageParams, ROWS_MAX};
 use super::super::prelude::*;
-use crate::ids::{Token, TokenKind};
+use super::check_open;
+use crate::competitions::StoredCompetition;
+use crate::ids::{Token, TokenHash, TokenKind};
 use crate::keys::NAME_CHARS_MAX;
+use crate::store::competitions::StoredInvitation;
 use crate::store::entries::Entry;
-use swarmbench_protocol::competition::{CodesRequest, InvitationCode, InvitationCodes};
+use swarmbench_protocol::competition::{
+    CodesRequest, InvitationCode, InvitationCodes, InvitationList, InvitationSummary,
+    RevokeCodesRequest,
+};
 use swarmbench_protocol::names;
 
 /// Codes that are made at once.
@@ -50,16 +57,14 @@ pub(in super::super) async fn create_codes(
         }
     }
     let now = app.clock.wall();
-    if stored.definition.closes_at <= now {
-        let detail = format!("the competition closed at {}", stored.definition.closes_at);
-        return Err(ApiError::new(Code::Closed, detail));
-    }
+    check_open(&stored, now)?;
     let tokens: Vec<Token> =
         labels.iter().map(|_| Token::new(TokenKind::Invitation, &*app.entropy)).collect();
     let codes = tokens.iter().zip(&labels).map(|(token, label)| (token.hash(), label.clone()));
     let entry = Entry::AddInvitations { competition: stored.key, codes: codes.collect(), at: now };
-    let audit_entry =
-        organizer.audit_entry(&app, "competition.codes", &id, json!({ "labels": labels }));
+    let shown = (stored.key, json!({ "codes": labels.len() }));
+    let detail = json!({ "labels": labels });
+    let audit_entry = organizer.audit_entry_shown(&app, "competition.codes", &id, detail, shown);
     app.store.keep(vec![entry, audit_entry]).await?;
     let items = tokens
         .iter()
@@ -67,4 +72,144 @@ pub(in super::super) async fn create_codes(
         .map(|(token, label)| InvitationCode { label, code: token.reveal().to_owned() });
     let body = InvitationCodes { items: items.collect() };
     Ok(with_tokens(StatusCode::CREATED, body))
+}
+
+/// List the invitation codes of a competition, by their labels, with who used them.
+#[utoipa::path(
+    get,
+    path = "/api/v1/competitions/{id}/codes",
+    operation_id = "list_codes",
+    tag = "competitions",
+    params(("id" = String, Path, description = "The competition's id"), PageParams),
+    security(("key" = [])),
+    responses(
+        (status = 200, description = "The codes, without the codes themselves", body = InvitationList),
+        (status = 403, description = "`forbidden`: not an organizer's key"),
+    )
+)]
+pub(in super::super) async fn list_codes(
+    State(app): State<App>,
+    _: Organizer,
+    Id(id): Id,
+    Params(params): Params<PageParams>,
+) -> Result<Response, ApiError> {
+    let stored = app.stored_competition(&id).await?;
+    let page = params.page(&app).await?;
+    let mut place = page.place().unwrap_or(0);
+    page.fill(
+        ROWS_MAX,
+        |after, rows| {
+            let skip = u32::try_from(after.unwrap_or(0)).unwrap_or(u32::MAX);
+            app.store.list_invitations(stored.key, skip, rows)
+        },
+        |row| {
+            place += 1;
+            Ok((place, summary(row)))
+        },
+    )
+    .await
+}
+
+/// Revoke invitation codes that nobody has used: those with a label, or codes themselves.
+///
+/// Who has entered with a code stays; exclude the entrant instead. Revoking a code again changes nothing.
+#[utoipa::path(
+    post,
+    path = "/api/v1/competitions/{id}/codes/revoke",
+    operation_id = "revoke_codes",
+    tag = "competitions",
+    params(("id" = String, Path, description = "The competition's id")),
+    request_body(content = RevokeCodesRequest, description = "At most 256 KiB"),
+    security(("key" = [])),
+    responses(
+        (status = 200, description = "The codes that were revoked", body = InvitationList),
+        (status = 403, description = "`forbidden`: not an organizer's key"),
+    )
+)]
+pub(in super::super) async fn revoke_codes(
+    State(app): State<App>,
+    organizer: Organizer,
+    Id(id): Id,
+    _: Params<Nothing>,
+    Json(request, _): Json<RevokeCodesRequest>,
+) -> Result<axum::Json<InvitationList>, ApiError> {
+    let RevokeCodesRequest { labels, codes } = request;
+    let count = labels.len() + codes.len();
+    if !(1..=CODES_MAX).contains(&count) {
+        let problem = format!("must be 1 to {CODES_MAX} together with codes, are {count}");
+        return Err(ApiError::field("labels", problem));
+    }
+    App::run_detached(async move {
+        let stored = app.stored_competition(&id).await?;
+        // Nobody enters with one of them meanwhile.
+        let _lock = app.creations.lock(&format!("enter {}", stored.id)).await;
+        let mut found = Vec::new();
+        for (place, label) in labels.iter().enumerate() {
+            let unused = app.store.unused_invitations(stored.key, label).await?;
+            if unused.is_empty() {
+                let problem = format!("there is no unused code with the label {label:?}");
+                return Err(ApiError::field(&format!("labels[{place}]"), problem));
+            }
+            found.extend(unused);
+        }
+        for (place, code) in codes.iter().enumerate() {
+            let named = named(&app, &stored, code).await?;
+            found.push(
+                named.map_err(|problem| ApiError::field(&format!("codes[{place}]"), problem))?,
+            );
+        }
+        let at = app.clock.wall();
+        let hashes: Vec<TokenHash> = found.iter().map(|code| code.hash).collect();
+        let labels: Vec<&str> = found.iter().map(|code| code.label.as_str()).collect();
+        let audit_entry = organizer.audit_entry_shown(
+            &app,
+            "competition.codes.revoke",
+            &id,
+            json!({ "labels": labels }),
+            (stored.key, json!({ "codes": hashes.len() })),
+        );
+        app.store.keep(vec![Entry::RevokeInvitations { hashes, at }, audit_entry]).await?;
+        let revoked = |code: StoredInvitation| {
+            let revoked_at = code.revoked_at.or(Some(at));
+            summary(StoredInvitation { revoked_at, ..code })
+        };
+        let items = found.into_iter().map(revoked).collect();
+        Ok(axum::Json(InvitationList { items, next_cursor: None }))
+    })
+    .await
+}
+
+/// The code itself, unless it was used; the error says what is wrong with it.
+async fn named(
+    app: &App,
+    competition: &StoredCompetition,
+    code: &str,
+) -> Result<Result<StoredInvitation, String>, ApiError> {
+    let token = Token::parse(code.trim()).filter(|token| token.kind() == TokenKind::Invitation);
+    let found = match token {
+        Some(token) => app.store.find_invitation(competition.key, token.hash()).await?,
+        None => None,
+    };
+    Ok(match found {
+        None => Err("is no invitation code of this competition".to_owned()),
+        Some(StoredInvitation { entrant: Some(entrant), .. }) => {
+            Err(format!("was used by {entrant}: exclude that entrant instead"))
+        }
+        Some(code) => Ok(code),
+    })
+}
+
+fn summary(code: StoredInvitation) -> InvitationSummary {
+    let state = match (&code.entrant, code.revoked_at) {
+        (Some(_), _) => "used",
+        (None, Some(_)) => "revoked",
+        (None, None) => "unused",
+    };
+    InvitationSummary {
+        label: code.label,
+        state: state.to_owned(),
+        entrant: code.entrant,
+        created_at: code.created_at.into(),
+        revoked_at: code.revoked_at.map(Into::into),
+    }
 }

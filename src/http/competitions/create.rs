@@ -21,7 +21,8 @@ use swarmbench_protocol::suite::SuiteSettings;
 
 /// Create a competition on sealed seeds, which the server draws now.
 ///
-/// Nothing of it changes later. The answer has the commitment: publish it before anybody plays.
+/// What is played never changes; texts and ends of windows may (`PATCH`). The answer has the commitment: publish it before anybody
+/// plays.
 #[utoipa::path(
     post,
     path = "/api/v1/competitions",
@@ -125,11 +126,13 @@ fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition,
         closes_at,
         entry: entry.unwrap_or(Admission::Anybody),
         attempts,
+        spares: request.spares.unwrap_or(0),
         parallel: request.parallel.unwrap_or(5),
         counts: counts.unwrap_or(Counts::Best),
         board: board.unwrap_or(BoardRule::Public),
         board_freezes_at: request.board_freezes_at.map(Into::into),
         entries_per_key: request.entries_per_key.unwrap_or(1),
+        attempts_per_day: request.attempts_per_day,
     };
     for (field, problem) in definition.problems_when_new(now) {
         problems.refuse(&field, problem);

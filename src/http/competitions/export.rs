@@ -5,21 +5,26 @@ use std::collections::VecDeque;
 use axum::http::{HeaderMap, header};
 use axum::response::IntoResponse;
 use futures::future::try_join_all;
+use serde::Deserialize;
 use serde_json::json;
+use utoipa::IntoParams;
 
 use super::super::accept::{self, Binary};
 use super::super::episodes::journal::JournalReader;
+use super::super::page::ROWS_MAX;
 use super::super::prelude::*;
 use super::super::stream::Parts;
 use super::Field;
 use crate::budget::Reservation;
-use crate::competitions::{self, StoredCompetition};
+use crate::competitions::{self, StoredCompetition, StoredEntrant};
 use crate::ids::{CompetitionKey, EpisodeId};
 use crate::store::StoreError;
+use crate::store::audit::ShownAction;
 use crate::store::competitions::Declared;
 use swarmbench_boards::competition::entrant::Entrant;
 use swarmbench_boards::competition::export::{
-    Attempt, Board, Competition, End, Episode, FORMAT, Game, Line, Writer,
+    Action, Attempt, Board, CANCEL, CHANGE, Competition, End, Episode, FIRST_FORMAT, FORMAT, Game,
+    Line, Writer,
 };
 
 /// Export a competition (JSON Lines): its seeds and salt, its entrants, every attempt with the complete journals of
@@ -32,7 +37,7 @@ use swarmbench_boards::competition::export::{
     path = "/api/v1/exports/competitions/{id}",
     operation_id = "export_competition",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id")),
+    params(("id" = String, Path, description = "The competition's id"), ExportParams),
     security((), ("key" = [])),
     responses(
         (status = 200, description = "One record a line", content((String = "application/x-ndjson"), (Binary = "application/octet-stream"))),
@@ -44,19 +49,37 @@ pub(in super::super) async fn export_competition(
     caller: Caller,
     Id(id): Id,
     headers: HeaderMap,
-    _: Params<Nothing>,
+    Params(params): Params<ExportParams>,
 ) -> Result<Response, ApiError> {
+    if let Some(format) = params.format
+        && !(FIRST_FORMAT..=FORMAT).contains(&format)
+    {
+        let problem = format!("must be from {FIRST_FORMAT} to {FORMAT}, is {format}");
+        return Err(ApiError::field("format", problem));
+    }
     let competition = app.competition(&caller, &id).await?;
     if competition.revealed_at.is_none() {
-        let Some(audit_entry) = caller.audit_entry(&app, "competition.export", &id, json!({}))
-        else {
+        let Some(audit_entry) = caller.audit_entry(
+            &app,
+            "competition.export",
+            &id,
+            json!({}),
+            Some((competition.key, json!({}))),
+        ) else {
             let detail = "an export contains the seeds: until the competition is closed only organizers may read it";
             return Err(ApiError::new(Code::Forbidden, detail));
         };
         app.store.keep(vec![audit_entry]).await?;
     }
+    let actions = actions(&app, &competition).await?;
+    // A file that has nothing which only the newer format has can be checked by programs that know the first one.
+    let definition = &competition.definition;
+    let needs_newer = definition.spares > 0
+        || definition.attempts_per_day.is_some()
+        || actions.iter().any(|action| [CHANGE, CANCEL].contains(&action.action.as_str()));
+    let format = params.format.unwrap_or(if needs_newer { FORMAT } else { FIRST_FORMAT });
     let field = app.field(competition, Declared::Short).await?;
-    let lines = app.streams.in_parts(Reader::new(app.clone(), &field)?).await?;
+    let lines = app.streams.in_parts(Reader::new(app.clone(), &field, actions, format)?).await?;
     drop(field);
     let name = format!("attachment; filename=\"{id}.jsonl\"");
     let kind = [
@@ -64,6 +87,33 @@ pub(in super::super) async fn export_competition(
         (header::CONTENT_DISPOSITION, name),
     ];
     Ok(accept::by_accept((kind, lines).into_response()))
+}
+
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in super::super) struct ExportParams {
+    /// The version of the format: 2 has what organizers did, and spare attempts; 1 is for programs that know no other. Where it is
+    /// left out, 1 if the competition was neither changed nor cancelled and has no spare attempts.
+    #[param(minimum = 1, maximum = 2)]
+    format: Option<u32>,
+}
+
+/// What organizers did in a competition, oldest first.
+async fn actions(app: &App, competition: &StoredCompetition) -> Result<Vec<Action>, ApiError> {
+    let mut all = Vec::new();
+    let mut before = None;
+    loop {
+        let rows = app.store.actions_in(competition.key, before, ROWS_MAX).await?;
+        let Some(last) = rows.last() else { break };
+        before = Some(last.number);
+        all.extend(rows.into_iter().map(|row| {
+            let ShownAction { at, action, subject, shown, .. } = row;
+            Action { at, action, subject, detail: shown }
+        }));
+    }
+    all.reverse();
+    Ok(all)
 }
 
 /// Games whose journals are begun at once.
@@ -107,7 +157,7 @@ struct Begun {
 }
 
 impl Reader {
-    fn new(app: App, field: &Field) -> Result<Self, ApiError> {
+    fn new(app: App, field: &Field, actions: Vec<Action>, format: u32) -> Result<Self, ApiError> {
         let hex = |bytes: &[u8]| data_encoding::HEXLOWER.encode(bytes);
         let StoredCompetition {
             id, definition, sealed, commitment, created_at, revealed_at, ..
@@ -118,7 +168,7 @@ impl Reader {
             pieces.push_back(Piece::Record(Box::new(line)));
         };
         let competition = Competition {
-            format: FORMAT,
+            format,
             id: id.clone(),
             definition: definition.clone(),
             created_at: *created_at,
@@ -127,8 +177,15 @@ impl Reader {
             salt: hex(&sealed.salt),
             seeds,
         };
+        let is_first = format == FIRST_FORMAT;
+        let competition = if is_first { competition.in_first_format() } else { competition };
         record(&mut pieces, Line::Competition(Box::new(competition)));
-        for entrant in field.all_entrants() {
+        for action in actions.into_iter().filter(|_| !is_first) {
+            record(&mut pieces, Line::Action(action));
+        }
+        for StoredEntrant { entrant, published, .. } in &field.entrants {
+            let mut entrant = entrant.clone();
+            entrant.name = published.clone().unwrap_or(entrant.name);
             pieces.push_back(Piece::Entrant(Box::new(entrant)));
         }
         for (stored, games) in &field.attempts {
@@ -137,6 +194,7 @@ impl Reader {
             let attempt = Attempt {
                 entrant: field.entrant_of(stored)?.entrant.id.clone(),
                 attempt: stored.number,
+                replays: stored.replays.filter(|_| !is_first),
                 run: stored.id.clone(),
                 status: stored.status.clone(),
                 created_at: stored.created_at,

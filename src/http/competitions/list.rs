@@ -25,8 +25,9 @@ pub(in super::super) async fn list_competitions(
     caller.may_look_around(&app.access)?;
     let page = params.page(&app).await?;
     let now = app.clock.wall();
+    let all = caller.is_organizer();
     let read = |before: Option<i64>, rows| {
-        competitions::list(&app.store, before.map(CompetitionKey), rows)
+        competitions::list(&app.store, all, before.map(CompetitionKey), rows)
     };
     page.fill(ROWS_MAX, read, |stored| Ok((stored.key.0, shown(&stored, now)))).await
 }

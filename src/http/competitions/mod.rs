@@ -1,14 +1,19 @@
 //! Competitions: created and managed by organizers, entered and played by entrants, watched by everybody.
 
+pub(super) mod actions;
 pub(super) mod attempts;
 pub(super) mod board;
+pub(super) mod cancel;
 pub(super) mod change;
+pub(super) mod change_entrant;
 pub(super) mod codes;
 pub(super) mod create;
 pub(super) mod entrants;
+pub(super) mod exclude;
 pub(super) mod export;
 pub(super) mod list;
 pub(super) mod register;
+pub(super) mod replace_key;
 pub(super) mod show;
 pub(super) mod start;
 pub(super) mod void;
@@ -26,7 +31,7 @@ use crate::store::competitions::{Declared, StoredAttempt};
 use crate::store::games::RunGames;
 use swarmbench_boards::Slot;
 use swarmbench_boards::competition::entrant::Entrant;
-use swarmbench_boards::competition::shown::{self, Revealed};
+use swarmbench_boards::competition::shown::{self, Revealed, State};
 use swarmbench_boards::competition::standings::{self, Attempt, Standing, standings};
 use swarmbench_protocol::competition::{AttemptSummary, Competition, CompetitionRow};
 
@@ -97,6 +102,29 @@ impl App {
     }
 }
 
+/// Refuses what nobody does any more in a competition that was cancelled, or whose seeds are public.
+fn check_not_over(competition: &StoredCompetition) -> Result<(), ApiError> {
+    let closed = |detail: String| Err(ApiError::new(Code::Closed, detail));
+    match &competition.cancelled {
+        Some((at, reason)) => closed(format!("the competition was cancelled at {at}: {reason}")),
+        None if competition.revealed_at.is_some() => {
+            closed("the competition is closed: its seeds are public".to_owned())
+        }
+        None => Ok(()),
+    }
+}
+
+/// Refuses what nobody does any more in a competition that has closed or was cancelled.
+fn check_open(competition: &StoredCompetition, now: Timestamp) -> Result<(), ApiError> {
+    check_not_over(competition)?;
+    let closes_at = competition.definition.closes_at;
+    if closes_at <= now {
+        let detail = format!("the competition closed at {closes_at}");
+        return Err(ApiError::new(Code::Closed, detail));
+    }
+    Ok(())
+}
+
 /// A competition as it is shown to everybody.
 fn shown(stored: &StoredCompetition, now: Timestamp) -> Competition {
     let revealed = stored.revealed_at.map(|at| Revealed {
@@ -104,8 +132,10 @@ fn shown(stored: &StoredCompetition, now: Timestamp) -> Competition {
         salt: stored.sealed.salt,
         seeds: stored.sealed.seeds.clone(),
     });
-    let StoredCompetition { id, definition, commitment, created_at, .. } = stored;
-    shown::competition(id, definition, commitment, *created_at, revealed, now)
+    let StoredCompetition { id, definition, commitment, created_at, cancelled, hidden, .. } =
+        stored;
+    let state = State { revealed, cancelled: cancelled.clone(), hidden: *hidden };
+    shown::competition(id, definition, commitment, *created_at, state, now)
 }
 
 /// A competition with all who take part and all that they played.
@@ -134,6 +164,7 @@ impl Field {
         Ok(Attempt {
             entrant: self.entrant_of(attempt)?.entrant.id.clone(),
             number: attempt.number,
+            replays: attempt.replays,
             run: attempt.id.clone(),
             status: attempt.status.clone(),
             is_over: attempt.status != RunStatus::Running.name() && attempt.unfinished == 0,
@@ -191,7 +222,8 @@ impl Field {
             let tasks = standings::tasks_of(definition, &result);
             summaries.push(AttemptSummary {
                 entrant: attempt.entrant,
-                attempt: attempt.number,
+                attempt: attempt.replays.unwrap_or(attempt.number),
+                on_spare_seeds: attempt.replays.is_some(),
                 run: attempt.run,
                 status: attempt.status,
                 created_at: attempt.created_at.into(),

@@ -6,12 +6,14 @@ use axum::Extension;
 use axum::http::StatusCode;
 
 use super::super::answer::with_tokens;
-use super::super::client::Client;
+use super::super::client::{Client, network};
 use super::super::prelude::*;
-use crate::competitions::StoredCompetition;
+use super::check_open;
 use crate::competitions::new_entrant_id;
+use crate::competitions::{self, StoredCompetition};
 use crate::ids::{Token, TokenHash, TokenKind};
 use crate::keys::{Key, KeyRow, Role};
+use crate::store::competitions::Declared;
 use crate::store::entries::{EntrantRow, Entry};
 use swarmbench_boards::competition::definition::Admission;
 use swarmbench_boards::competition::entrant::Declaration;
@@ -94,11 +96,9 @@ async fn register(
     // Nothing is revealed meanwhile.
     let _open = app.runs.block_reveal().await;
     let now = app.clock.wall();
+    let competition = &app.stored_competition(&competition.id).await?;
     let definition = &competition.definition;
-    if definition.closes_at <= now {
-        let detail = format!("the competition closed at {}", definition.closes_at);
-        return Err(ApiError::new(Code::Closed, detail));
-    }
+    check_open(competition, now)?;
     let invitation = invitation(app, competition, request.code.as_deref()).await?;
     let number = own_key.as_ref().and_then(|key| key.number);
     let room = app.store.room_for(competition.key, &request.name, &request.model, number).await?;
@@ -116,6 +116,14 @@ async fn register(
         let problem = "looks like the model of another entrant and is written otherwise: write it as that one, or name it so \
                        that it can be told apart";
         return Err(ApiError::field("model", problem));
+    }
+    if let Some(number) = number {
+        let own = Declared::Short;
+        let own = competitions::entrants(&app.store, competition.key, Some(number), own).await?;
+        if own.iter().any(|one| one.is_erased) {
+            let detail = "an entrant of this key was erased here, and does not return: who erases itself leaves this competition for good";
+            return Err(ApiError::new(Code::Forbidden, detail));
+        }
     }
     if own_key.is_some() && room.of_owner >= definition.entries_per_key {
         let own = room.of_owner;
@@ -157,6 +165,7 @@ async fn register(
         declaration: serde_json::to_string(&declaration).expect("string keys"),
         vouched: is_vouched,
         invitation,
+        address: Some(network(address).to_string()),
         at: now,
     })));
     app.store.keep(entries).await?;
@@ -184,13 +193,18 @@ async fn invitation(
     };
     let token = Token::parse(code.trim()).filter(|token| token.kind() == TokenKind::Invitation);
     let hash = token.map(|token| token.hash());
-    let used = match hash {
-        Some(hash) => app.store.is_invitation_used(competition.key, hash).await?,
+    let found = match hash {
+        Some(hash) => app.store.find_invitation(competition.key, hash).await?,
         None => None,
     };
-    match used {
+    match found {
         None => refused("this is no invitation code of this competition"),
-        Some(true) => refused("this invitation code was used before; each is good once"),
-        Some(false) => Ok(hash),
+        Some(code) if code.entrant.is_some() => {
+            refused("this invitation code was used before; each is good once")
+        }
+        Some(code) if code.revoked_at.is_some() => {
+            refused("this invitation code was revoked; ask the organizer for another")
+        }
+        Some(_) => Ok(hash),
     }
 }

@@ -7,6 +7,7 @@ use axum::http::HeaderMap;
 use super::super::answer;
 use super::super::idempotency::{Idempotency, created_before, idempotency};
 use super::super::prelude::*;
+use super::check_not_over;
 use crate::competitions::{self, StoredCompetition, StoredEntrant};
 use crate::episode::quota::Purpose;
 use crate::fair::Party;
@@ -16,7 +17,7 @@ use crate::run::manager::NewRun;
 use crate::store::competitions::Declared;
 use crate::store::runs::StoredRun;
 use swarmbench_boards::competition::EntrantStatus;
-use swarmbench_boards::competition::phase::attempt as choose;
+use swarmbench_boards::competition::phase::{Started, attempt as choose};
 use swarmbench_protocol::competition::{AttemptRequest, StartedAttempt};
 
 /// After how long it is worth a try again where the time of day is in doubt.
@@ -35,7 +36,7 @@ const DOUBT_PAUSE: Duration = Duration::from_secs(5);
         ("id" = String, Path, description = "The competition's id"),
         ("Idempotency-Key" = Option<String>, Header, description = "Any text of at most 200 characters that names this start"),
     ),
-    request_body(content = AttemptRequest, description = "At most 256 KiB"),
+    request_body(content = Option<AttemptRequest>, description = "At most 256 KiB; nothing starts the next attempt that is open"),
     security(("key" = [])),
     responses(
         (status = 201, description = "The attempt, with its swarm token", body = StartedAttempt),
@@ -50,7 +51,7 @@ pub(in super::super) async fn start_attempt(
     Id(id): Id,
     _: Params<Nothing>,
     headers: HeaderMap,
-    Json(request, body): Json<AttemptRequest>,
+    OptionalJson(request, body): OptionalJson<AttemptRequest>,
 ) -> Result<Response, ApiError> {
     let owner = caller.needs_key()?.number;
     let competition = app.competition(&caller, &id).await?;
@@ -86,8 +87,9 @@ async fn replace_token(
         return Err(ApiError::new(Code::Closed, detail));
     }
     let number = run.attempt.map_or(0, |(_, number)| number);
+    let before = Started { number, replays: run.replays, voided: false, at: run.created_at };
     let token = app.new_run_token(run.run, Vec::new()).await?;
-    started(competition, entrant, number, run.id, &token)
+    started(competition, entrant, before, run.id, &token)
 }
 
 /// The entrant of the key: the one that is named, or the only one.
@@ -136,46 +138,52 @@ async fn start(
     idempotency: Option<Idempotency>,
 ) -> Result<Response, ApiError> {
     let entrant = &app.entrant(competition, &entrant.entrant.id).await?;
-    // Nothing is revealed between the look at the clock and the new run.
+    // Nothing is revealed, and no window is changed, between the look at the clock and the new run.
     let _open = app.runs.block_reveal().await;
-    let stored = competitions::find(&app.store, &competition.id).await?;
-    if stored.is_none_or(|stored| stored.revealed_at.is_some()) {
-        let detail = "the competition is closed: its seeds are public";
-        return Err(ApiError::new(Code::Closed, detail));
-    }
+    let competition = &app.stored_competition(&competition.id).await?;
+    check_not_over(competition)?;
     if let Some(doubt) = app.clock.doubt() {
         return Err(ApiError::new(Code::Unavailable, doubt.to_string()).retry_after(DOUBT_PAUSE));
     }
     let attempts = app.store.attempts(competition.key, Some(entrant.key)).await?;
-    let counting = attempts.iter().filter(|attempt| attempt.void_reason.is_none());
-    let used: Vec<u32> = counting.map(|attempt| attempt.number).collect();
+    let earlier: Vec<Started> = attempts
+        .iter()
+        .map(|attempt| Started {
+            number: attempt.number,
+            replays: attempt.replays,
+            voided: attempt.void_reason.is_some(),
+            at: attempt.created_at,
+        })
+        .collect();
     let definition = &competition.definition;
-    let number = choose(definition, wanted, &used, app.clock.wall())
+    let chosen = choose(definition, wanted, &earlier, app.clock.wall())
         .map_err(|why| ApiError::new(Code::Closed, why.to_string()))?;
+    let Started { number, replays, .. } = chosen;
     let seeds = competition.sealed.of_attempt(number, definition.seeds);
     let run = definition.run(&competition.id, &entrant.entrant.declaration, number, seeds);
     let definition = run.ok_or_else(|| ApiError::new(Code::Internal, "there is no attempt"))?;
     let attempt = Some((entrant.key, number));
     let purpose = Purpose::Usual;
     let party = Party::entrant(competition.key, entrant.owner);
-    let new = NewRun { party, purpose, definition, attempt, idempotency };
+    let new = NewRun { party, purpose, definition, attempt, replays, idempotency };
     let (run, token) = app.runs.create(new).await?;
     let token = token.ok_or_else(|| ApiError::new(Code::Internal, "the run has no token"))?;
-    started(competition, entrant, number, run.id, &token)
+    started(competition, entrant, chosen, run.id, &token)
 }
 
 fn started(
     competition: &StoredCompetition,
     entrant: &StoredEntrant,
-    attempt: u32,
+    started: Started,
     run: String,
     token: &Token,
 ) -> Result<Response, ApiError> {
     let definition = &competition.definition;
-    let window = definition.window(attempt);
+    let window = definition.window(started.number);
     let window = window.ok_or_else(|| ApiError::new(Code::Internal, "there is no attempt"))?;
     let body = StartedAttempt {
-        attempt,
+        attempt: started.attempt(),
+        on_spare_seeds: started.replays.is_some(),
         entrant: entrant.entrant.id.clone(),
         run,
         games: definition.games(),

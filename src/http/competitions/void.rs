@@ -3,13 +3,18 @@
 use serde_json::json;
 
 use super::super::prelude::*;
+use super::Field;
+use crate::competitions;
 use crate::run::RunStatus;
 use crate::store::competitions::Declared;
 use crate::store::entries::Entry;
-use swarmbench_protocol::competition::AttemptSummary;
+use swarmbench_protocol::competition::{SeenSeeds, VoidedAttempt};
 use swarmbench_protocol::episode::VoidRequest;
 
-/// Void an attempt after a fault of the server: it ends, does not count, and may be started again on the same seeds.
+/// Void an attempt after a fault of the server: it ends, does not count, and may be started again.
+///
+/// It is played again on spare seeds. Where the competition has none, or the entrant has used all, it is played on the same
+/// seeds, and `seen` says how much of them the entrant has seen.
 ///
 /// Doing it again changes nothing; the first reason stays.
 #[utoipa::path(
@@ -24,7 +29,7 @@ use swarmbench_protocol::episode::VoidRequest;
     request_body(content = VoidRequest, description = "At most 256 KiB"),
     security(("key" = [])),
     responses(
-        (status = 200, description = "The attempt does not count", body = AttemptSummary),
+        (status = 200, description = "The attempt does not count", body = VoidedAttempt),
         (status = 403, description = "`forbidden`: not an organizer's key"),
     )
 )]
@@ -34,7 +39,7 @@ pub(in super::super) async fn void_attempt(
     Ids(id, run): Ids,
     _: Params<Nothing>,
     Json(VoidRequest { reason }, _): Json<VoidRequest>,
-) -> Result<axum::Json<AttemptSummary>, ApiError> {
+) -> Result<axum::Json<VoidedAttempt>, ApiError> {
     let mut problems = Problems::default();
     problems.text("reason", &reason, app.limits.reason_chars_max);
     let reason = problems.none_or(Some(reason))?;
@@ -45,11 +50,18 @@ pub(in super::super) async fn void_attempt(
         let attempt = attempts.into_iter().find(|attempt| attempt.id == run);
         let attempt = attempt.ok_or_else(|| ApiError::not_found("the attempt"))?;
         if attempt.void_reason.is_none() {
-            let detail = json!({ "competition": id, "attempt": attempt.number, "reason": reason });
+            let number = attempt.replays.unwrap_or(attempt.number);
+            let detail = json!({ "competition": id, "attempt": number, "reason": reason });
+            let entrants =
+                competitions::entrants(&app.store, competition.key, None, Declared::Short).await?;
+            let entrant = entrants.iter().find(|entrant| entrant.key == attempt.entry);
+            let entrant = entrant.map(|entrant| &entrant.entrant.id);
+            let shown = json!({ "entrant": entrant, "attempt": number, "reason": reason });
+            let shown = (competition.key, shown);
             let at = app.clock.wall();
             let audit_entries = vec![
                 Entry::VoidRun { run: attempt.run, reason, at },
-                organizer.audit_entry(&app, "attempt.void", &run, detail),
+                organizer.audit_entry_shown(&app, "attempt.void", &run, detail, shown),
             ];
             if !app.runs.end_with(attempt.run, RunStatus::Aborted, audit_entries.clone()).await? {
                 app.store.keep(audit_entries).await?;
@@ -58,7 +70,33 @@ pub(in super::super) async fn void_attempt(
         let field = app.field(competition, Declared::Short).await?;
         let summary = field.summaries()?;
         let summary = summary.into_iter().find(|summary| summary.run == run);
-        Ok(axum::Json(summary.ok_or_else(|| ApiError::not_found("the attempt"))?))
+        let attempt = summary.ok_or_else(|| ApiError::not_found("the attempt"))?;
+        let seen = seen(&field, &run);
+        Ok(axum::Json(VoidedAttempt { attempt, seen }))
     })
     .await
+}
+
+/// What the entrant of a voided attempt has seen of the seeds on which it will play again; none where those are other ones.
+fn seen(field: &Field, run: &str) -> Option<SeenSeeds> {
+    let definition = &field.competition.definition;
+    let (voided, games) = field.attempts.iter().find(|(attempt, _)| attempt.id == run)?;
+    let own = field.attempts.iter().filter(|(attempt, _)| attempt.entry == voided.entry);
+    let used = own.filter(|(attempt, _)| attempt.replays.is_some()).count();
+    if used < definition.spares as usize {
+        return None;
+    }
+    let games_opened = games.len();
+    let rounds: u64 = games.iter().map(|game| u64::from(game.rounds)).sum();
+    let why = if definition.spares == 0 {
+        "the competition has no spare seeds"
+    } else {
+        "the entrant has used all spare seeds"
+    };
+    let all = definition.games();
+    let warning = format!(
+        "{why}: if it plays the attempt again, it does so on the same seeds, and it has seen {games_opened} of {all} games, \
+         {rounds} rounds in all"
+    );
+    Some(SeenSeeds { games_opened, rounds, warning })
 }

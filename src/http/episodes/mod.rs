@@ -69,7 +69,7 @@ impl App {
     ) -> Result<(), ApiError> {
         if visibility == Visibility::Sealed && !stored.revealed {
             let audit_entry =
-                caller.audit_entry(self, "sealed.read", stored.id.as_str(), json!({}));
+                caller.audit_entry(self, "sealed.read", stored.id.as_str(), json!({}), None);
             self.store.keep(audit_entry.into_iter().collect()).await?;
         }
         Ok(())

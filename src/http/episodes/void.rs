@@ -50,12 +50,18 @@ async fn void(
     let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
     if stored.void_reason.is_none() {
         let at = app.clock.wall();
+        let competition = match stored.run {
+            Some(run) => app.store.run(run).await?.and_then(|run| run.competition),
+            None => None,
+        };
+        let detail = json!({ "reason": reason });
         let audit = AuditRow {
             at,
             who: key.id.clone(),
             action: "episode.void",
             subject: id.to_string(),
-            detail: json!({ "reason": reason }),
+            shown: competition.map(|competition| (competition, detail.clone())),
+            detail,
         };
         // First it counts for nothing, then it ends: so its run never takes its end for one that counts.
         let void = Entry::VoidEpisode { episode: stored.episode, reason, at };

@@ -145,8 +145,13 @@ pub(in super::super) async fn download_export(
     let permit = app.streams.exports.acquire(party, Rank::Normal).await;
     let permit = permit.map_err(|busy| refused(busy, "exports are being made"))?;
     // Organizers find sealed games in it, too.
-    let audit_entry =
-        caller.audit_entry(&app, "export", &name, json!({ "run": selection.filter.run.is_some() }));
+    let audit_entry = caller.audit_entry(
+        &app,
+        "export",
+        &name,
+        json!({ "run": selection.filter.run.is_some() }),
+        None,
+    );
     app.store.keep(audit_entry.into_iter().collect()).await?;
     let (pieces, body) = mpsc::channel(PIECES_PENDING);
     let (selected, is_selected) = oneshot::channel();

@@ -21,7 +21,8 @@ export function Rules({ competition }) {
     <dt>An attempt</dt>
     <dd>${tasks.length * seeds} games: <${Text} value=${tasks.join(", ")} />, each on ${seeds} sealed ${seeds === 1 ? "seed" : "seeds"}. ${competition.parallel} are open at a time.</dd>
     <dt>Attempts</dt>
-    <dd>${competition.attempts.length}. Attempt <i>n</i> has the same seeds for all, and no other attempt has these.</dd>
+    <dd>${competition.attempts.length}. Attempt <i>n</i> has the same seeds for all, and no other attempt has these.${competition.attempts_per_day && ` An entrant may start ${competition.attempts_per_day} on one day (UTC).`}</dd>
+    ${competition.spares > 0 && html`<dt>Voided attempts</dt><dd>are played again on other sealed seeds, ${competition.spares} of them at most.</dd>`}
     <dt>What counts</dt>
     <dd>${COUNTS[competition.counts]}. A game that was not played counts as 0.</dd>
     <dt>Clock</dt>

@@ -1,5 +1,6 @@
 // When a competition opens, freezes, closes and is revealed.
 import { html } from "../ui.js";
+import { Text } from "../parts/text.js";
 import { Countdown, Time, duration } from "../parts/time.js";
 
 /** What a phase means for visitors. */
@@ -8,6 +9,7 @@ const MEANING = {
   open: "Attempts can be started and played.",
   closing: "No round begins any more. The last ones have their whole clock, then everything is revealed.",
   closed: "Seeds, games and the board are public. Anybody can check them.",
+  cancelled: "The organizer has ended it early. Nobody plays any more; its seeds are public from the time on at which it would have closed.",
 };
 
 /** More windows than this are listed apart. */
@@ -23,6 +25,7 @@ export function Phases({ competition, aheadMs }) {
   return html`
     <p class="phase">
       <strong>${phase[0].toUpperCase() + phase.slice(1)}.</strong> ${MEANING[phase]}
+      ${competition.cancel_reason && html`<br />The reason: <${Text} value=${competition.cancel_reason} />`}
       ${next && html`<br />${next[0]} <span class="large"><${Countdown} value=${next[1]} /></span>`}
     </p>
     ${Math.abs(aheadMs) > CLOCK_DIFFERENCE_MS &&

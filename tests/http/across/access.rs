@@ -227,12 +227,19 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
 /// The same of the routes of competitions.
 fn refusal_in_competitions(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
     match operation {
-        "create_competition" | "create_codes" | "change_entrant" | "void_attempt" => {
-            organizers_alone(kind)
-        }
-        "list_competitions" | "show_competition" | "list_entrants" | "show_board" => {
-            (stage.private && kind == Kind::None).then_some(401)
-        }
+        "create_competition"
+        | "change_competition"
+        | "cancel_competition"
+        | "create_codes"
+        | "list_codes"
+        | "revoke_codes"
+        | "exclude_entrants"
+        | "void_attempt"
+        | "replace_entrant_key"
+        // Here it is that of another; who erases itself is tested in `competitions/entrant.rs`.
+        | "erase_entrant" => organizers_alone(kind),
+        "list_competitions" | "show_competition" | "list_entrants" | "show_board"
+        | "list_actions" => (stage.private && kind == Kind::None).then_some(401),
         "register_entrant" => match kind {
             Kind::None => None,
             _ if kind.is_key() => None,
@@ -243,7 +250,7 @@ fn refusal_in_competitions(operation: &str, kind: Kind, stage: Stage) -> Option<
             Entrant => None,
             _ => Some(403),
         },
-        "show_entrant" => match kind {
+        "show_entrant" | "change_entrant" => match kind {
             Kind::None => Some(401),
             Entrant | Organizer => None,
             _ => Some(403),
@@ -469,11 +476,20 @@ impl World {
         }
         let id = match operation {
             "revoke_key" => self.app.key(json!({ "name": "to be revoked" })).await.1,
+            "cancel_competition" => Cup::with(&self.app, json!({})).await.id,
             _ if path.contains("/competitions") => self.cup.id.clone(),
             _ if is_of_run => text(&run["id"]),
             _ => episode.id.clone(),
         };
-        let path = path.replace("{id}", &id).replace("{entrant}", &self.entrant.id);
+        let entrant = match operation {
+            // It would be gone for what follows.
+            "erase_entrant" | "replace_entrant_key" if matches!(kind, Entrant | Organizer) => {
+                let number = self.names.fetch_add(1, Ordering::Relaxed);
+                self.cup.enter(&self.app, &format!("somebody {number}")).await.id
+            }
+            _ => self.entrant.id.clone(),
+        };
+        let path = path.replace("{id}", &id).replace("{entrant}", &entrant);
         let path = path.replace("{run}", &self.attempt.run).replace("{file}", "acts.jsonl");
         let path = path.replace("{round}", "0").replace("{agent}", "Agent_0");
         let mut call = self.app.call(method.clone(), &path);
@@ -491,7 +507,7 @@ impl World {
                 call.json(&json!({ "acts": [episode.act(&json!("Agent_2"), 0, "STAY")] }))
             }
             "create_episode" => call.json(&request("owner")),
-            "create_claim" => call.json(&json!({})),
+            "create_claim" | "change_competition" => call.json(&json!({})),
             "fork_episode" => call.json(&json!({ "round": 0 })),
             "create_key" => call.json(&json!({ "name": "somebody" })),
             "create_competition" => call.json(&crate::cup::request()),
@@ -500,11 +516,20 @@ impl World {
                 let number = self.names.fetch_add(1, Ordering::Relaxed);
                 call.json(&json!({ "name": format!("somebody {number}"), "model": "m" }))
             }
-            "change_entrant" => call.json(&json!({ "vouched": true })),
+            "change_entrant" => {
+                call.json(&if kind == Organizer { json!({ "vouched": true }) } else { json!({}) })
+            }
+            "revoke_codes" => {
+                let path = self.cup.path("/codes");
+                let labels = json!({ "labels": ["nobody"] });
+                self.app.post(&path).token(&self.app.organizer).json(&labels).ok().await;
+                call.json(&labels)
+            }
+            "exclude_entrants" => call.json(&json!({ "name": "nobody-*" })),
             "start_attempt" => call.json(&json!({ "entrant": self.entrant.id })),
             "void_attempt" => call.json(&json!({ "reason": "a power cut" })),
             "create_run" => call.json(&run_request("owner")),
-            "void_episode" => call.json(&json!({ "reason": "a test" })),
+            "void_episode" | "cancel_competition" => call.json(&json!({ "reason": "a test" })),
             _ => call,
         };
         if ["stream_events", "stream_run_events"].contains(&operation) {

@@ -177,6 +177,7 @@ impl Offline {
             model: definition.model.clone(),
             visibility: "public",
             attempt: None,
+            replays: None,
             at: self.clock.now(),
             idempotency: None,
             token: None,

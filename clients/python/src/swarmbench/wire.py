@@ -741,6 +741,7 @@ class StartedAttempt(TypedDict):
     """An attempt that was started, with the token of all seats of all its games."""
 
     attempt: int
+    on_spare_seeds: bool
     entrant: str
     run: str
     games: int
@@ -764,6 +765,7 @@ class AttemptSummary(TypedDict):
 
     entrant: str
     attempt: int
+    on_spare_seeds: bool
     run: str
     status: str
     created_at: str

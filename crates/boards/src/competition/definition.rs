@@ -1,4 +1,4 @@
-//! What an organizer decides when a competition is created. Nothing of it changes later.
+//! What an organizer decides when a competition is created; [`change`](super::change) says what may be changed later.
 
 use std::fmt::Display;
 
@@ -55,6 +55,10 @@ pub struct Definition {
     pub entry: Admission,
     /// When each attempt may be played: the first one has the number 1.
     pub attempts: Vec<Window>,
+    /// How many attempts on other seeds an entrant has in place of voided ones. Their numbers follow those of the attempts, and
+    /// each may be played as long as the competition is open.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub spares: u32,
     /// How many games of an attempt are open at a time, at most.
     pub parallel: u32,
     /// Which attempt counts.
@@ -66,6 +70,9 @@ pub struct Definition {
     pub board_freezes_at: Option<Timestamp>,
     /// How many entrants one key may have.
     pub entries_per_key: u32,
+    /// How many attempts an entrant may start on one day in UTC, if that is limited.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub attempts_per_day: Option<u32>,
 }
 
 swarmbench_engine::named! {
@@ -118,6 +125,11 @@ swarmbench_engine::named! {
     }
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+const fn is_zero(count: &u32) -> bool {
+    *count == 0
+}
+
 /// A field that is not allowed, and why.
 pub type Problem = (String, String);
 
@@ -157,6 +169,10 @@ impl Definition {
         }
         check_count("parallel", self.parallel, PARALLEL_MAX, &mut refuse);
         check_count("entries_per_key", self.entries_per_key, ENTRIES_PER_KEY_MAX, &mut refuse);
+        if let Some(most) = self.attempts_per_day {
+            let all = u32::try_from(ATTEMPTS_MAX).unwrap_or(u32::MAX);
+            check_count("attempts_per_day", most, all, &mut refuse);
+        }
         self.check_board(&mut refuse);
         self.check_attempts(&mut refuse);
         self.check_suite(check, &mut refuse);
@@ -188,6 +204,16 @@ impl Definition {
 
     fn check_attempts(&self, refuse: &mut impl FnMut(&str, String)) {
         check_count("attempts", self.attempts.len(), ATTEMPTS_MAX, refuse);
+        let most = ATTEMPTS_MAX.saturating_sub(self.attempts.len());
+        if self.spares as usize > most && self.attempts.len() <= ATTEMPTS_MAX {
+            let is = self.spares;
+            refuse(
+                "spares",
+                format!(
+                    "must be at most {most}, is {is}: there are at most {ATTEMPTS_MAX} attempts with the spare ones"
+                ),
+            );
+        }
         for (place, window) in self.attempts.iter().enumerate() {
             let mut refuse = |field: &str, problem: &str| {
                 refuse(&format!("attempts[{place}].{field}"), problem.to_owned());
@@ -249,16 +275,32 @@ impl Definition {
         self.tasks.len() * self.seeds as usize
     }
 
-    /// How many sealed seeds it takes.
+    /// How many sealed seeds it takes, with those of the spare attempts.
     #[must_use]
     pub fn sealed_seeds(&self) -> usize {
-        self.attempts.len() * self.seeds as usize
+        (self.attempts.len() + self.spares as usize) * self.seeds as usize
     }
 
-    /// The window of an attempt, counted from 1.
+    /// The window of an attempt, counted from 1; those of spare ones are open for the whole time.
     #[must_use]
     pub fn window(&self, attempt: u32) -> Option<Window> {
-        self.attempts.get((attempt as usize).checked_sub(1)?).copied()
+        let place = (attempt as usize).checked_sub(1)?;
+        let whole = Window { opens_at: self.opens_at, closes_at: self.closes_at };
+        let spare = self.spare(attempt).map(|_| whole);
+        self.attempts.get(place).copied().or(spare)
+    }
+
+    /// Which spare attempt has this number, counted from 1; none where the number is that of an attempt.
+    #[must_use]
+    pub fn spare(&self, attempt: u32) -> Option<u32> {
+        let spare = attempt.checked_sub(u32::try_from(self.attempts.len()).ok()?)?;
+        (1..=self.spares).contains(&spare).then_some(spare)
+    }
+
+    /// The number of a spare attempt, counted from 1.
+    #[must_use]
+    pub fn number_of_spare(&self, spare: u32) -> u32 {
+        u32::try_from(self.attempts.len()).unwrap_or(u32::MAX).saturating_add(spare)
     }
 
     /// What is played in an attempt of the competition with this id, on these seeds.
@@ -349,11 +391,13 @@ pub(crate) mod tests {
             closes_at: at(100),
             entry: Admission::Anybody,
             attempts: vec![window; 2],
+            spares: 0,
             parallel: 2,
             counts: Counts::Best,
             board: BoardRule::Public,
             board_freezes_at: None,
             entries_per_key: 1,
+            attempts_per_day: None,
         }
     }
 
@@ -372,6 +416,24 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn spare_attempts_follow_the_others_and_are_open_for_the_whole_time() {
+        let mut definition = definition();
+        definition.attempts[1].closes_at = at(50);
+        assert_eq!((definition.sealed_seeds(), definition.window(3)), (4, None));
+        definition.spares = 2;
+        assert_eq!(definition.problems(at(0)), []);
+        assert_eq!(definition.sealed_seeds(), 8);
+        let whole = Some(Window { opens_at: at(10), closes_at: at(100) });
+        let windows = [0, 2, 3, 4, 5].map(|number| definition.window(number));
+        assert_eq!(windows, [None, definition.attempts.last().copied(), whole, whole, None]);
+        assert_eq!(
+            [2, 3, 4, 5].map(|number| definition.spare(number)),
+            [None, Some(1), Some(2), None]
+        );
+        assert_eq!(definition.number_of_spare(2), 4);
+    }
+
+    #[test]
     fn whatever_is_wrong_is_named_and_all_of_it_at_once() {
         assert_eq!(definition().problems(at(0)), []);
         let fields = |change: &dyn Fn(&mut Definition)| {
@@ -379,7 +441,7 @@ pub(crate) mod tests {
             change(&mut changed);
             changed.problems(at(0)).into_iter().map(|(field, _)| field).collect::<Vec<_>>()
         };
-        let one: [(Change<'_>, &str); 20] = [
+        let one: [(Change<'_>, &str); 21] = [
             (&|d| d.name = String::new(), "name"),
             (&|d| d.name = "a\u{7}".to_owned(), "name"),
             (&|d| d.description = "\u{1b}[31m".to_owned(), "description"),
@@ -388,6 +450,7 @@ pub(crate) mod tests {
             (&|d| d.board = BoardRule::Frozen, "board_freezes_at"),
             (&|d| d.board_freezes_at = Some(at(20)), "board_freezes_at"),
             (&|d| d.attempts = Vec::new(), "attempts"),
+            (&|d| d.spares = 99, "spares"),
             (&|d| d.attempts[1].opens_at = at(9), "attempts[1].opens_at"),
             (&|d| d.attempts[1].closes_at = at(101), "attempts[1].closes_at"),
             (&|d| d.attempts[0].closes_at = at(10), "attempts[0].closes_at"),

@@ -4,19 +4,34 @@
 //! ([`swarmbench_journal::chain`]). The record `episode` is followed by the lines of that episode's journal, which
 //! have their own chain and end with the head that the record names; so every byte of the file belongs to a chain.
 //!
-//! The order: the competition; its entrants; each attempt, followed by its episodes; the board; the end.
+//! The order: the competition; what organizers did in it; its entrants; each attempt, followed by its episodes; the board; the
+//! end.
+//!
+//! Programs that know [`FIRST_FORMAT`] only can check a file of that format. It has no [`Action`]s, and spare attempts are
+//! attempts like others in it.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
-use super::definition::Definition;
+use super::change::Changed;
+use super::definition::{Definition, Window};
 use super::entrant::Entrant;
 use super::standings::Row;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::RawRecord;
 
 /// The version of this format.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
+
+/// The version without what organizers did, and without spare attempts.
+pub const FIRST_FORMAT: u32 = 1;
+
+/// The action that changes a definition.
+pub const CHANGE: &str = "competition.change";
+
+/// The action that cancels a competition.
+pub const CANCEL: &str = "competition.cancel";
 
 /// A record of the file; its field `kind` says which.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -24,6 +39,8 @@ pub const FORMAT: u32 = 1;
 pub enum Line {
     /// The first record.
     Competition(Box<Competition>),
+    /// What an organizer did; not in [`FIRST_FORMAT`].
+    Action(Action),
     /// Who takes part.
     Entrant(Entrant),
     /// An attempt; its games follow.
@@ -58,14 +75,59 @@ pub struct Competition {
     pub seeds: Vec<String>,
 }
 
+impl Competition {
+    /// The same for programs that know [`FIRST_FORMAT`] only.
+    #[must_use]
+    pub fn in_first_format(mut self) -> Self {
+        self.format = FIRST_FORMAT;
+        let Definition { opens_at, closes_at, spares, .. } = self.definition;
+        let spare = std::iter::repeat_n(Window { opens_at, closes_at }, spares as usize);
+        self.definition.attempts.extend(spare);
+        self.definition.spares = 0;
+        self.definition.attempts_per_day = None;
+        self
+    }
+}
+
+/// What an organizer did.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Action {
+    /// When.
+    pub at: Timestamp,
+    /// What was done, [`CHANGE`] for instance.
+    pub action: String,
+    /// The id of the competition, entrant, run or game that it concerns.
+    pub subject: String,
+    /// Further facts.
+    pub detail: Value,
+}
+
+impl Action {
+    /// What it changed of the definition.
+    ///
+    /// # Errors
+    /// If the list of changes cannot be read.
+    pub fn changed(&self) -> Result<Vec<Changed>, String> {
+        if self.action != CHANGE {
+            return Ok(Vec::new());
+        }
+        let changes = self.detail.get("changes").cloned().unwrap_or_default();
+        serde_json::from_value(changes).map_err(|error| format!("its changes: {error}"))
+    }
+}
+
 /// An attempt of an entrant.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Attempt {
     /// The entrant's id.
     pub entrant: String,
-    /// Its number, from 1.
+    /// Its number, from 1. Those after the attempts of the definition are spare ones.
     pub attempt: u32,
+    /// The voided attempt that it plays again, where it is a spare one; not in [`FIRST_FORMAT`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub replays: Option<u32>,
     /// The id of its run.
     pub run: String,
     /// The run's status.

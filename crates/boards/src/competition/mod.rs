@@ -1,12 +1,14 @@
 //! Competitions: runs on seeds that are secret until the end.
 //!
 //! - [`definition`]: what an organizer decides, and what is wrong with it.
+//! - [`change`]: what of it may change later.
 //! - [`sealed`]: the seeds, and the commitment that shows that they were never changed.
 //! - [`phase`]: what is open at which time.
 //! - [`standings`]: which attempt of each entrant counts, and who is ahead.
 //! - [`shown`]: what everybody sees of all that, in the shapes of the wire.
 //! - [`export`]: a whole competition in one file; [`verify`]: whether such a file is true.
 
+pub mod change;
 pub mod definition;
 pub mod entrant;
 pub mod export;

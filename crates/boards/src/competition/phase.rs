@@ -17,14 +17,23 @@ swarmbench_engine::named! {
         Closing = "closing",
         /// All games have ended, and everything is open to all.
         Closed = "closed",
+        /// The organizer has ended it early; its seeds stay sealed until the time at which it would have closed.
+        Cancelled = "cancelled",
     }
 }
 
 impl Phase {
     /// The phase at a time.
     #[must_use]
-    pub fn at(definition: &Definition, is_revealed: bool, now: Timestamp) -> Self {
-        if is_revealed {
+    pub fn at(
+        definition: &Definition,
+        is_revealed: bool,
+        is_cancelled: bool,
+        now: Timestamp,
+    ) -> Self {
+        if is_cancelled {
+            Self::Cancelled
+        } else if is_revealed {
             Self::Closed
         } else if now < definition.opens_at {
             Self::Announced
@@ -54,30 +63,78 @@ pub enum NotNow {
     /// Its window has closed.
     #[error("attempt {0} closed at {1}")]
     Closed(u32, Timestamp),
+    /// As many were started today as may be.
+    #[error(
+        "{0} attempts were started today, as many as may be on one day in UTC; the next from {1} on"
+    )]
+    Today(u32, Timestamp),
 }
 
-/// The attempt that is started now: the requested one, or else the first open one that was not started. `used` are the
-/// attempts that were started and not voided.
+/// Seconds of a day in UTC.
+const DAY_S: i64 = 86_400;
+
+/// An attempt that an entrant has started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Started {
+    /// Its number, which says on which seeds it is played.
+    pub number: u32,
+    /// The attempt that it plays again, where it is a spare one.
+    pub replays: Option<u32>,
+    /// Whether it was voided.
+    pub voided: bool,
+    /// When it was started.
+    pub at: Timestamp,
+}
+
+impl Started {
+    /// The attempt in whose place it counts.
+    #[must_use]
+    pub const fn attempt(self) -> u32 {
+        match self.replays {
+            Some(attempt) => attempt,
+            None => self.number,
+        }
+    }
+}
+
+/// The attempt that is started now: the requested one, or else the first open one that was not started or was voided. What was
+/// voided is played again on spare seeds, and on its own where all spare ones were used.
 ///
 /// # Errors
 /// Why none is.
 pub fn attempt(
     definition: &Definition,
     wanted: Option<u32>,
-    used: &[u32],
+    started: &[Started],
     now: Timestamp,
-) -> Result<u32, NotNow> {
+) -> Result<Started, NotNow> {
     let all = definition.attempts.len();
+    if let Some(most) = definition.attempts_per_day {
+        let day = |at: Timestamp| at.as_second().div_euclid(DAY_S);
+        let today = started.iter().filter(|one| !one.voided && day(one.at) == day(now)).count();
+        if today >= most as usize {
+            let tomorrow = Timestamp::from_second((day(now) + 1) * DAY_S).unwrap_or(Timestamp::MAX);
+            return Err(NotNow::Today(most, tomorrow));
+        }
+    }
+    let spare = (1..=definition.spares).map(|spare| definition.number_of_spare(spare));
+    let spare = spare.clone().find(|number| started.iter().all(|one| one.number != *number));
     let check = |attempt: u32| {
-        let window = definition.window(attempt).ok_or(NotNow::Unknown(all))?;
-        if used.contains(&attempt) {
-            Err(NotNow::Used(attempt))
-        } else if now >= window.closes_at {
+        let own = definition.attempts.get((attempt as usize).wrapping_sub(1));
+        let own = own.ok_or(NotNow::Unknown(all))?;
+        let of_it = || started.iter().filter(|one| one.attempt() == attempt);
+        if of_it().any(|one| !one.voided) {
+            return Err(NotNow::Used(attempt));
+        }
+        let spare = spare.filter(|_| of_it().next().is_some());
+        let number = spare.unwrap_or(attempt);
+        let window = definition.window(number).unwrap_or(*own);
+        if now >= window.closes_at {
             Err(NotNow::Closed(attempt, window.closes_at))
         } else if now < window.opens_at {
             Err(NotNow::NotOpen(attempt, window.opens_at))
         } else {
-            Ok(attempt)
+            Ok(Started { number, replays: spare.map(|_| attempt), voided: false, at: now })
         }
     };
     if let Some(wanted) = wanted {
@@ -88,7 +145,7 @@ pub fn attempt(
     let mut missed = None;
     for attempt in (1..).take(all) {
         match check(attempt) {
-            Ok(attempt) => return Ok(attempt),
+            Ok(started) => return Ok(started),
             Err(NotNow::NotOpen(attempt, at)) => {
                 let first = later.get_or_insert((at, attempt));
                 *first = (*first).min((at, attempt));
@@ -138,19 +195,29 @@ mod tests {
         Timestamp::from_millisecond(at.as_millisecond() - 1).expect("a time")
     }
 
+    fn played(number: u32) -> Started {
+        Started { number, replays: None, voided: false, at: at(0) }
+    }
+
+    fn voided(number: u32) -> Started {
+        Started { voided: true, ..played(number) }
+    }
+
     #[test]
     fn what_happens_at_a_moment_happens_after_it() {
         let definition = definition();
-        let phase = |now| Phase::at(&definition, false, now).name();
+        let phase = |now| Phase::at(&definition, false, false, now).name();
         assert_eq!(phase(just_before(at(10))), "announced");
         assert_eq!(phase(at(10)), "open");
         assert_eq!(phase(just_before(at(100))), "open");
         assert_eq!(phase(at(100)), "closing");
-        assert_eq!(Phase::at(&definition, true, at(100)), Phase::Closed);
+        assert_eq!(Phase::at(&definition, true, false, at(100)), Phase::Closed);
+        assert_eq!(Phase::at(&definition, false, true, at(50)), Phase::Cancelled);
         let first = |now| attempt(&definition, Some(1), &[], now);
         assert_eq!(first(just_before(at(10))), Err(NotNow::NotOpen(1, at(10))));
-        assert_eq!(first(at(10)), Ok(1));
-        assert_eq!(first(just_before(at(100))), Ok(1));
+        let is_first = |now| first(now).map(|started| started.number);
+        assert_eq!(is_first(at(10)), Ok(1));
+        assert_eq!(is_first(just_before(at(100))), Ok(1));
         assert_eq!(first(at(100)), Err(NotNow::Closed(1, at(100))));
     }
 
@@ -159,7 +226,10 @@ mod tests {
         let mut definition = definition();
         let window = |from, to| Window { opens_at: at(from), closes_at: at(to) };
         definition.attempts = vec![window(10, 20), window(30, 50), window(40, 60)];
-        let next = |used: &[u32], now| attempt(&definition, None, used, at(now));
+        let next = |used: &[u32], now| {
+            let used: Vec<_> = used.iter().map(|&number| played(number)).collect();
+            attempt(&definition, None, &used, at(now)).map(|started| started.number)
+        };
         assert_eq!(next(&[], 15), Ok(1));
         assert_eq!(next(&[1], 15), Err(NotNow::NotOpen(2, at(30))));
         assert_eq!(next(&[], 25), Err(NotNow::NotOpen(2, at(30))), "the first was missed");
@@ -169,7 +239,39 @@ mod tests {
         assert_eq!(next(&[1, 2, 3], 45), Err(NotNow::UsedUp(3)));
         assert_eq!(attempt(&definition, Some(4), &[], at(45)), Err(NotNow::Unknown(3)));
         assert_eq!(attempt(&definition, Some(0), &[], at(45)), Err(NotNow::Unknown(3)));
-        assert_eq!(attempt(&definition, Some(2), &[2], at(45)), Err(NotNow::Used(2)));
+        assert_eq!(attempt(&definition, Some(2), &[played(2)], at(45)), Err(NotNow::Used(2)));
+    }
+
+    #[test]
+    fn as_many_attempts_are_started_on_a_day_as_may_be() {
+        let mut definition = definition();
+        definition.closes_at = at(3 * 24 * 60);
+        definition.attempts = vec![Window { opens_at: at(10), closes_at: definition.closes_at }; 3];
+        definition.attempts_per_day = Some(1);
+        let next = |started: &[_], minute| attempt(&definition, None, started, at(minute));
+        let first = Started { at: at(23 * 60), ..played(1) };
+        assert_eq!(next(&[first], 24 * 60 - 1), Err(NotNow::Today(1, at(24 * 60))));
+        assert_eq!(next(&[first], 24 * 60).map(|started| started.number), Ok(2));
+        let voided = Started { voided: true, ..first };
+        assert_eq!(next(&[voided], 24 * 60 - 1).map(|started| started.number), Ok(1));
+    }
+
+    #[test]
+    fn what_was_voided_is_played_again_on_spare_seeds_as_long_as_there_are_some() {
+        let mut definition = definition();
+        definition.attempts[0].closes_at = at(20);
+        let first = |definition: &_, started: &[_]| attempt(definition, Some(1), started, at(30));
+        let over = Err(NotNow::Closed(1, at(20)));
+        assert_eq!(first(&definition, &[voided(1)]), over, "without spares in its own window");
+        definition.spares = 1;
+        assert_eq!(first(&definition, &[]), over, "nothing was voided");
+        let spare = Started { number: 3, replays: Some(1), voided: false, at: at(30) };
+        assert_eq!(first(&definition, &[voided(1)]), Ok(spare));
+        assert_eq!(attempt(&definition, None, &[voided(1)], at(30)), Ok(spare));
+        assert_eq!(first(&definition, &[voided(1), spare]), Err(NotNow::Used(1)));
+        let again = Started { voided: true, ..spare };
+        assert_eq!(first(&definition, &[voided(1), again]), over, "the spare seeds are used up");
+        assert_eq!(attempt(&definition, Some(3), &[], at(30)), Err(NotNow::Unknown(2)));
     }
 
     #[test]

@@ -23,10 +23,12 @@ pub fn competition(
     definition: &Definition,
     commitment: &[u8; 32],
     created_at: Timestamp,
-    revealed: Option<Revealed>,
+    state: State,
     now: Timestamp,
 ) -> Competition {
     let hex = |bytes: &[u8]| data_encoding::HEXLOWER.encode(bytes);
+    let State { revealed, cancelled, hidden } = state;
+    let (cancelled_at, cancel_reason) = cancelled.unzip();
     let (revealed_at, salt, seeds) = match revealed {
         Some(Revealed { at, salt, seeds }) => {
             let seeds = seeds.iter().map(|seed| hex(seed)).collect();
@@ -44,7 +46,9 @@ pub fn competition(
         id: id.to_owned(),
         name: definition.name.clone(),
         description: definition.description.clone(),
-        phase: Phase::at(definition, revealed_at.is_some(), now).name().to_owned(),
+        phase: Phase::at(definition, revealed_at.is_some(), cancelled_at.is_some(), now)
+            .name()
+            .to_owned(),
         opens_at: definition.opens_at.into(),
         closes_at: definition.closes_at.into(),
         suite: SealedSuite {
@@ -60,17 +64,33 @@ pub fn competition(
         },
         entry: definition.entry.name().to_owned(),
         attempts: definition.attempts.iter().map(window).collect(),
+        spares: definition.spares,
         parallel: definition.parallel,
         counts: definition.counts.name().to_owned(),
         board: definition.board.name().to_owned(),
         board_freezes_at: definition.board_freezes_at.map(Into::into),
         entries_per_key: definition.entries_per_key,
+        attempts_per_day: definition.attempts_per_day,
         commitment: hex(commitment),
         salt,
         seeds,
         created_at: created_at.into(),
         revealed_at: revealed_at.map(Into::into),
+        cancelled_at: cancelled_at.map(Into::into),
+        cancel_reason,
+        hidden,
     }
+}
+
+/// What has become of a competition.
+#[derive(Clone, Debug, Default)]
+pub struct State {
+    /// What is published, after the end.
+    pub revealed: Option<Revealed>,
+    /// When and why it was cancelled, if it was.
+    pub cancelled: Option<(Timestamp, String)>,
+    /// Whether lists leave it out.
+    pub hidden: bool,
 }
 
 /// What is published after the end.
@@ -118,14 +138,15 @@ impl From<&TaskRow> for TaskMean {
 /// A row of the board, with the results in each task or without.
 #[must_use]
 pub fn row(standing: &Standing, entrant: &Entrant, with_tasks: bool) -> CompetitionRow {
-    let Standing { row, difference } = standing;
+    let Standing { row, difference, replays } = standing;
     #[expect(clippy::cast_precision_loss, reason = "nobody makes 2⁵³ moves")]
     let share = |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
     let games: u32 = row.tasks.iter().map(|task| task.games).sum();
     CompetitionRow {
         rank: row.rank,
         entrant: entrant.into(),
-        attempt: row.attempt,
+        attempt: replays.or(row.attempt),
+        on_spare_seeds: replays.is_some(),
         run: row.run.clone(),
         run_status: row.run_status.clone(),
         tasks: if with_tasks { row.tasks.iter().map(Into::into).collect() } else { Vec::new() },

@@ -28,6 +28,8 @@ pub struct Attempt {
     pub entrant: String,
     /// Its number, from 1.
     pub number: u32,
+    /// The voided attempt that it plays again, where its seeds are spare ones.
+    pub replays: Option<u32>,
     /// The public id of its run.
     pub run: String,
     /// The name of the run's status.
@@ -46,13 +48,15 @@ pub struct Attempt {
     pub games: Vec<Game>,
 }
 
-/// A row of the board, and by how much the one above is better: the latter is not part of a published file.
+/// A row of the board, with what is no part of a published file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Standing {
     /// The row.
     pub row: Row,
     /// How far it is below the nearest row above; none for the first, and for entrants without a rank.
     pub difference: Option<RowDifference>,
+    /// The voided attempt in whose place the one that counts was played.
+    pub replays: Option<u32>,
 }
 
 /// A row of the board.
@@ -188,9 +192,11 @@ pub fn standings(
     let (active, gone): (Vec<&Entrant>, Vec<&Entrant>) = entrants.iter().partition(is_active);
     let runs: Vec<_> = active.iter().flat_map(|entrant| counting(entrant)).collect();
     let ranked = rank(&runs, [], &view);
-    let standing = |entrant: &Entrant, of: Option<&Ranked>, difference| Standing {
-        row: row(entrant, of, attempts_of(entrant), &view.tasks, definition),
-        difference,
+    let standing = |entrant: &Entrant, of: Option<&Ranked>, difference| {
+        let own = attempts_of(entrant);
+        let row = row(entrant, of, own, &view.tasks, definition);
+        let counts = own.iter().find(|attempt| Some(&attempt.run) == row.run.as_ref());
+        Standing { difference, replays: counts.and_then(|attempt| attempt.replays), row }
     };
     let entrant_of = |row: &Ranked| Some(row.shown()?.run.player.owner.as_ref()?.id.clone());
     let mut rows: Vec<Standing> = Vec::with_capacity(entrants.len());
@@ -304,6 +310,7 @@ mod tests {
         Attempt {
             entrant: entrant.to_owned(),
             number,
+            replays: None,
             run: format!("run_{entrant}{number}"),
             status: "finished".to_owned(),
             is_over: true,

@@ -14,9 +14,10 @@ use serde_json::Value;
 use swarmbench_engine::TaskName;
 use swarmbench_engine::physics::Solver;
 
+use super::change::Changed;
 use super::definition::{Definition, Window};
 use super::entrant::Entrant;
-use super::export::{self, FORMAT, Line};
+use super::export::{self, FIRST_FORMAT, FORMAT, Line};
 use super::replays::{Replays, Waiting};
 use super::sealed::{SALT_BYTES, SEED_BYTES, Sealed};
 use super::standings::{Attempt, Row, standings};
@@ -54,6 +55,8 @@ pub enum Fault {
 pub struct Report {
     /// What was played.
     pub competition: export::Competition,
+    /// What organizers did.
+    pub actions: Vec<export::Action>,
     /// Who took part.
     pub entrants: Vec<Entrant>,
     /// How many attempts were started.
@@ -128,8 +131,9 @@ fn read<R: BufRead, P: FnMut(usize)>(
             "its head is {head}, not {expected}: it is consistent, but not the file that was published"
         )));
     }
-    let Checker { competition, entrants, attempts, episodes, rounds, .. } = checker;
-    Ok(Report { competition, entrants, attempts: attempts.len(), episodes, rounds, rows, head })
+    let Checker { competition, actions, entrants, attempts, episodes, rounds, .. } = checker;
+    let attempts = attempts.len();
+    Ok(Report { competition, actions, entrants, attempts, episodes, rounds, rows, head })
 }
 
 /// Reads records off the file and follows their chain.
@@ -211,8 +215,8 @@ fn check_competition(
     expected: Expected,
 ) -> Result<Sealed, String> {
     let export::Competition { format, definition, commitment, salt, seeds, .. } = competition;
-    if *format != FORMAT {
-        return Err(format!("format {format} is not known, only {FORMAT}"));
+    if !(FIRST_FORMAT..=FORMAT).contains(format) {
+        return Err(format!("format {format} is not known, only {FIRST_FORMAT} to {FORMAT}"));
     }
     let problems = definition.problems(competition.created_at);
     if let Some((field, problem)) = problems.first() {
@@ -260,13 +264,20 @@ fn check_competition(
 struct Checker<'a> {
     competition: export::Competition,
     sealed: Sealed,
+    actions: Vec<export::Action>,
+    /// What was changed of the definition, and when.
+    changes: Vec<(Timestamp, Vec<Changed>)>,
     entrants: Vec<Entrant>,
     /// The place of each entrant, by its id.
     entrant_of: HashMap<String, usize>,
     attempts: Vec<Attempt>,
-    /// The runs of all attempts, and the attempts of each entrant that were not voided.
+    /// The runs of all attempts.
     runs: HashSet<String>,
+    /// The attempts of each entrant that were not voided, and those that were.
     played: HashSet<(usize, u32)>,
+    voided: HashSet<(usize, u32)>,
+    /// The spare attempts of each entrant, voided or not.
+    spares: HashSet<(usize, u32)>,
     episodes: usize,
     rounds: u64,
     replays: &'a Replays,
@@ -284,19 +295,27 @@ struct Pending {
     game: usize,
     run: Arc<Run>,
     window: Window,
+    ends: Arc<Ends>,
     planned: Planned,
 }
+
+/// The ends that a window has had, each with the time from which it was known.
+type Ends = Vec<(Timestamp, Timestamp)>;
 
 impl<'a> Checker<'a> {
     fn new(competition: export::Competition, sealed: Sealed, replays: &'a Replays) -> Self {
         Self {
             competition,
             sealed,
+            actions: Vec::new(),
+            changes: Vec::new(),
             entrants: Vec::new(),
             entrant_of: HashMap::new(),
             attempts: Vec::new(),
             runs: HashSet::new(),
             played: HashSet::new(),
+            voided: HashSet::new(),
+            spares: HashSet::new(),
             episodes: 0,
             rounds: 0,
             replays,
@@ -315,6 +334,10 @@ impl<'a> Checker<'a> {
     ) -> Result<Vec<Row>, Fault> {
         loop {
             match reader.next()? {
+                Some(Line::Action(action)) => {
+                    reader.place = format!("the action {} at {}", action.action, action.at);
+                    self.action(action).map_err(|what| reader.wrong(what))?;
+                }
                 Some(Line::Entrant(entrant)) => {
                     reader.place = format!("the entrant {}", entrant.id);
                     self.entrant(entrant).map_err(|what| reader.wrong(what))?;
@@ -327,6 +350,29 @@ impl<'a> Checker<'a> {
                 None => return Err(reader.wrong("the file ends here: the board is missing")),
             }
         }
+    }
+
+    fn action(&mut self, action: export::Action) -> Result<(), String> {
+        if self.competition.format == FIRST_FORMAT {
+            return Err(format!("format {FIRST_FORMAT} has none"));
+        }
+        if !self.entrants.is_empty() || !self.attempts.is_empty() {
+            return Err("actions come before all entrants".to_owned());
+        }
+        let changed = action.changed()?;
+        for change in &changed {
+            let shortened = change.field.ends_with("closes_at")
+                && change.to.as_str().and_then(|at| at.parse::<Timestamp>().ok())
+                    < change.from.as_str().and_then(|at| at.parse::<Timestamp>().ok());
+            if shortened {
+                return Err(format!("it shortened {}", change.field));
+            }
+        }
+        if !changed.is_empty() {
+            self.changes.push((action.at, changed));
+        }
+        self.actions.push(action);
+        Ok(())
     }
 
     fn entrant(&mut self, entrant: Entrant) -> Result<(), String> {
@@ -349,6 +395,7 @@ impl<'a> Checker<'a> {
         reader.place.clone_from(&place);
         let (window, run) = self.place(published).map_err(|what| reader.wrong(what))?;
         let run = Arc::new(run);
+        let ends = Arc::new(self.definition().ends(published.attempt, &self.changes));
         let plan = run.suite.plan();
         self.status(published, plan.len()).map_err(|what| reader.wrong(what))?;
         let slots = plan.iter().map(|game| Slot {
@@ -359,6 +406,7 @@ impl<'a> Checker<'a> {
         self.attempts.push(Attempt {
             entrant: published.entrant.clone(),
             number: published.attempt,
+            replays: published.replays,
             run: published.run.clone(),
             status: published.status.clone(),
             is_over: published.status != "running",
@@ -408,6 +456,7 @@ impl<'a> Checker<'a> {
                 attempt: number,
                 run: Arc::clone(&run),
                 window,
+                ends: Arc::clone(&ends),
                 planned: planned.clone(),
             });
             self.settle(self.replays.pending_max())?;
@@ -427,7 +476,8 @@ impl<'a> Checker<'a> {
     }
 
     fn settle_one(&mut self, pending: Pending) -> Result<(), Fault> {
-        let Pending { waiting, place, published, attempt, game, run, window, planned } = pending;
+        let Pending { waiting, place, published, attempt, game, run, window, ends, planned } =
+            pending;
         let left = waiting.left;
         let played = waiting.played().map_err(|fault| place.fault(left, fault))?;
         if left > 0 {
@@ -436,7 +486,8 @@ impl<'a> Checker<'a> {
         }
         let known = &mut self.attempts[attempt].games[game];
         let game = &published.games[game];
-        let check = GameCheck { published: &published, game, run: &run, window, planned: &planned };
+        let (published, planned) = (&published, &planned);
+        let check = GameCheck { published, game, run: &run, window, ends: &ends, planned };
         Self::check_game(&check, &played).map_err(|what| place.wrong(0, what))?;
         self.episodes += 1;
         self.rounds += u64::from(played.rounds);
@@ -472,7 +523,24 @@ impl<'a> Checker<'a> {
         let number = *self.entrant_of.get(&published.entrant).ok_or("there is no such entrant")?;
         let window = definition.window(published.attempt);
         let window = window.ok_or("the competition has fewer attempts")?;
-        if published.voided.is_none() && !self.played.insert((number, published.attempt)) {
+        if let Some(replayed) = published.replays {
+            let spare = definition.spare(published.attempt);
+            spare.ok_or("it plays another attempt again, and is no spare one")?;
+            if !self.voided.contains(&(number, replayed)) {
+                return Err(format!(
+                    "it plays attempt {replayed} again, which was not voided before"
+                ));
+            }
+            if !self.spares.insert((number, published.attempt)) {
+                return Err("its spare seeds were used before".to_owned());
+            }
+        } else if definition.spare(published.attempt).is_some() {
+            return Err("it is a spare one, and plays no voided attempt again".to_owned());
+        }
+        let place = (number, published.replays.unwrap_or(published.attempt));
+        if published.voided.is_some() {
+            self.voided.insert(place);
+        } else if !self.played.insert(place) {
             return Err("it was played twice".to_owned());
         }
         if !self.runs.insert(published.run.clone()) {
@@ -488,7 +556,7 @@ impl<'a> Checker<'a> {
 
     /// Checks that a game that plays again is the one that belongs in its place.
     fn check_game(check: &GameCheck<'_>, played: &Played) -> Result<(), String> {
-        let GameCheck { published, game, run, window, planned } = *check;
+        let GameCheck { published, game, run, window, ends, planned } = *check;
         let opening = &played.opening;
         if opening.episode != game.episode {
             return Err(format!("its journal is that of {}", opening.episode));
@@ -508,7 +576,15 @@ impl<'a> Checker<'a> {
                 opening.config.seed, planned.seed
             ));
         }
-        let expected = run.recorded(planned).map_err(|error| error.to_string())?;
+        // A game keeps the end of its window that was known when it was opened.
+        let known = ends.iter().filter(|(from, _)| *from <= opening.created_at);
+        let known: Vec<Option<Timestamp>> = known.map(|(_, end)| Some(*end)).collect();
+        let mut expected = run.recorded(planned).map_err(|error| error.to_string())?;
+        expected.closes_at = known
+            .iter()
+            .copied()
+            .find(|end| *end == opening.config.closes_at)
+            .unwrap_or_else(|| known.last().copied().flatten());
         differs("setting", &opening.config, &expected)?;
         if opening.agent_meta != run.agent_meta() {
             return Err("its player is not the one that the entrant declared".to_owned());
@@ -545,6 +621,7 @@ struct GameCheck<'a> {
     game: &'a export::Game,
     run: &'a Run,
     window: Window,
+    ends: &'a Ends,
     planned: &'a Planned,
 }
 

@@ -151,6 +151,7 @@ async fn keep_old_run(app: &TestApp) -> (String, String) {
         model: definition.model.clone(),
         visibility: Visibility::Public.name(),
         attempt: None,
+        replays: None,
         at: app.now(),
         idempotency: None,
         token: Some(token.hash()),

@@ -1,0 +1,233 @@
+//! What an organizer does on a bad day: the commands that change, cancel, revoke and exclude.
+
+use jiff::Timestamp;
+use swarmbench_client::client::Client;
+use swarmbench_protocol::competition::{
+    CancelRequest, Competition, CompetitionChange, EntrantChange, EntrantSummary, Exclusion,
+    ExclusionRequest, InvitationList, InvitationSummary, OrganizerAction, ReplacedKey,
+    RevokeCodesRequest, WindowExtension,
+};
+
+use super::super::pages::{Page, all};
+use super::{CompetitionId, EntrantOf, changed, path, show, tables, tell_changed};
+
+#[derive(Debug, clap::Subcommand)]
+pub(super) enum Command {
+    /// Extend a competition or windows of it, correct its texts, or hide it from lists.
+    #[command(
+        after_help = "A window is extended, never shortened. Games that are open keep their end; all that are opened afterwards \
+        have the new one. Everybody sees what was changed, in `swarmbench competition actions`.\n\n\
+        Examples:\n  \
+        swarmbench competition change cmp_… --closes-at 2027-03-09T12:00:00Z --reason 'an hour without the server'\n  \
+        swarmbench competition change cmp_… --window 1=2027-03-05T12:00:00Z\n  \
+        swarmbench competition change cmp_… --hide"
+    )]
+    Change(Change),
+    /// End a competition early: nobody enters or starts an attempt any more, and running attempts end.
+    Cancel {
+        /// The competition's id.
+        id: String,
+        /// The reason, visible to all.
+        #[arg(long)]
+        reason: String,
+    },
+    /// Show what organizers did in a competition, as everybody may see it.
+    Actions(CompetitionId),
+    /// Show which invitation codes were used, and by whom.
+    ListCodes(CompetitionId),
+    /// Revoke invitation codes that nobody has used, by their labels or the codes themselves.
+    RevokeCodes {
+        /// The competition's id.
+        id: String,
+        /// Labels; each revokes all unused codes that have it.
+        #[arg(required_unless_present = "code")]
+        labels: Vec<String>,
+        /// A code itself; may be repeated.
+        #[arg(long)]
+        code: Vec<String>,
+    },
+    /// Give an entrant another name, as the entrant or an organizer.
+    Rename {
+        #[command(flatten)]
+        entrant: EntrantOf,
+        /// The name on the board.
+        #[arg(long)]
+        name: String,
+    },
+    /// Erase an entrant's name, address and key, as the entrant or an organizer. It cannot be undone.
+    Erase {
+        #[command(flatten)]
+        entrant: EntrantOf,
+    },
+    /// Make a new key for an entrant that has lost its own.
+    ReplaceKey {
+        #[command(flatten)]
+        entrant: EntrantOf,
+    },
+    /// Exclude all entrants that fit a description: first a preview, then with --count.
+    #[command(after_help = "Examples:\n  \
+        swarmbench competition exclude cmp_… --name 'bot-*'\n  \
+        swarmbench competition exclude cmp_… --name 'bot-*' --count 7 --reason 'one team under seven names'\n  \
+        swarmbench competition exclude cmp_… --address 203.0.113.0/24 --registered-from 2027-03-02T00:00:00Z")]
+    Exclude(Exclude),
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Change {
+    /// The competition's id.
+    id: String,
+    /// Another name.
+    #[arg(long)]
+    name: Option<String>,
+    /// Another description.
+    #[arg(long)]
+    description: Option<String>,
+    /// A later end.
+    #[arg(long, value_name = "TIME")]
+    closes_at: Option<Timestamp>,
+    /// A later end of the window of an attempt; may be repeated.
+    #[arg(long, value_name = "ATTEMPT=TIME", value_parser = window)]
+    window: Vec<(u32, Timestamp)>,
+    /// Leave it out of lists: a rehearsal.
+    #[arg(long, conflicts_with = "unhide")]
+    hide: bool,
+    /// Show it in lists again.
+    #[arg(long)]
+    unhide: bool,
+    /// Why, visible to all.
+    #[arg(long)]
+    reason: Option<String>,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Exclude {
+    /// The competition's id.
+    id: String,
+    /// The address or network from which they registered.
+    #[arg(long)]
+    address: Option<String>,
+    /// They registered at this time or later.
+    #[arg(long, value_name = "TIME")]
+    registered_from: Option<Timestamp>,
+    /// They registered before this time.
+    #[arg(long, value_name = "TIME")]
+    registered_before: Option<Timestamp>,
+    /// A pattern of names: * stands for any characters, ? for one.
+    #[arg(long)]
+    name: Option<String>,
+    /// How many they are, as the preview says; without it nothing is done.
+    #[arg(long, requires = "reason")]
+    count: Option<u32>,
+    /// The reason, visible to all.
+    #[arg(long)]
+    reason: Option<String>,
+}
+
+fn window(text: &str) -> Result<(u32, Timestamp), String> {
+    let (attempt, at) = text.split_once('=').ok_or("must be like 1=2027-03-05T12:00:00Z")?;
+    let attempt = attempt.parse().map_err(|_| format!("{attempt:?} is no attempt, like 1"))?;
+    let at = at.parse().map_err(|error| format!("{at:?} is no time with an offset: {error}"))?;
+    Ok((attempt, at))
+}
+
+pub(super) async fn run(client: &Client, json: bool, command: Command) -> anyhow::Result<()> {
+    match command {
+        Command::Change(change) => {
+            let id = path(&change.id, "");
+            let changed: Competition = client.patch(&id, &change.request()).await?;
+            show(json, &changed, |changed| out!("{}", tables::competition(changed)))
+        }
+        Command::Cancel { id, reason } => {
+            let cancelled: Competition =
+                client.post(&path(&id, "/cancel"), &CancelRequest { reason }).await?;
+            show(json, &cancelled, |cancelled| {
+                out!(
+                    "{} is {}; its seeds are published at {}.",
+                    cancelled.id,
+                    cancelled.phase,
+                    cancelled.closes_at
+                );
+            })
+        }
+        Command::Actions(CompetitionId { id }) => {
+            let list = Page::<OrganizerAction>::of(all(client, &path(&id, "/actions")).await?);
+            show(json, &list, |list| out!("{}", tables::actions(&list.items)))
+        }
+        Command::ListCodes(CompetitionId { id }) => {
+            let list = Page::<InvitationSummary>::of(all(client, &path(&id, "/codes")).await?);
+            show(json, &list, |list| out!("{}", tables::invitations(&list.items)))
+        }
+        Command::RevokeCodes { id, labels, code } => {
+            let request = RevokeCodesRequest { labels, codes: code };
+            let revoked: InvitationList =
+                client.post(&path(&id, "/codes/revoke"), &request).await?;
+            show(json, &revoked, |revoked| out!("{}", tables::invitations(&revoked.items)))
+        }
+        Command::Rename { entrant, name } => {
+            let change = EntrantChange { name: Some(name), ..EntrantChange::default() };
+            show(json, &changed(client, entrant, change).await?, tell_changed)
+        }
+        Command::Erase { entrant: EntrantOf { id, entrant } } => {
+            let erased: EntrantSummary =
+                client.delete(&path(&id, &format!("/entrants/{entrant}"))).await?;
+            show(json, &erased, tell_changed)
+        }
+        Command::ReplaceKey { entrant: EntrantOf { id, entrant } } => {
+            let path = path(&id, &format!("/entrants/{entrant}/key"));
+            let replaced: ReplacedKey = client.post(&path, &serde_json::json!({})).await?;
+            show(json, &replaced, |replaced| {
+                out!("{}", replaced.key);
+                note!(
+                    "The key before is good for nothing any more. This one cannot be shown again."
+                );
+            })
+        }
+        Command::Exclude(exclude) => {
+            let id = path(&exclude.id, "/exclusions");
+            let found: Exclusion = client.post(&id, &exclude.request()).await?;
+            show(json, &found, tell_excluded)
+        }
+    }
+}
+
+impl Change {
+    fn request(self) -> CompetitionChange {
+        let Self { id: _, name, description, closes_at, window, hide, unhide, reason } = self;
+        let windows = window.into_iter();
+        let windows =
+            windows.map(|(attempt, at)| WindowExtension { attempt, closes_at: at.into() });
+        CompetitionChange {
+            name,
+            description,
+            closes_at: closes_at.map(Into::into),
+            attempts: Some(windows.collect()),
+            hidden: (hide || unhide).then_some(hide),
+            reason,
+        }
+    }
+}
+
+impl Exclude {
+    fn request(self) -> ExclusionRequest {
+        let Self { id: _, address, registered_from, registered_before, name, count, reason } = self;
+        let (registered_from, registered_before) =
+            (registered_from.map(Into::into), registered_before.map(Into::into));
+        ExclusionRequest { address, registered_from, registered_before, name, count, reason }
+    }
+}
+
+fn tell_excluded(found: &Exclusion) {
+    out!("{}", tables::entrants(&found.items));
+    if found.excluded {
+        note!(
+            "{} entrants are disqualified. `swarmbench competition readmit` takes one back.",
+            found.count
+        );
+    } else {
+        note!(
+            "{} entrants fit, and nothing was done. To exclude them, add --count {} and --reason.",
+            found.count,
+            found.count
+        );
+    }
+}

@@ -1,0 +1,35 @@
+//! `GET /api/v1/competitions/{id}/actions`: what organizers did in a competition.
+
+use super::super::page::{NewestParams, ROWS_MAX};
+use super::super::prelude::*;
+use crate::store::audit::ShownAction;
+use swarmbench_protocol::competition::{OrganizerAction, OrganizerActions};
+
+/// List what organizers did in a competition, newest first, as everybody may see it.
+#[utoipa::path(
+    get,
+    path = "/api/v1/competitions/{id}/actions",
+    operation_id = "list_actions",
+    tag = "competitions",
+    params(("id" = String, Path, description = "The competition's id"), NewestParams),
+    security((), ("key" = [])),
+    responses((status = 200, description = "A page of actions", body = OrganizerActions))
+)]
+pub(in super::super) async fn list_actions(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    Params(params): Params<NewestParams>,
+) -> Result<Response, ApiError> {
+    let competition = app.competition(&caller, &id).await?;
+    let page = params.page(&app).await?;
+    page.fill(
+        ROWS_MAX,
+        |before, rows| app.store.actions_in(competition.key, before, rows),
+        |row| {
+            let ShownAction { number, at, action, subject, shown } = row;
+            Ok((number, OrganizerAction { at: at.into(), action, subject, detail: shown }))
+        },
+    )
+    .await
+}

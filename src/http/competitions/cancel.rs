@@ -1,0 +1,66 @@
+//! `POST /api/v1/competitions/{id}/cancel`.
+
+use axum::Json as JsonBody;
+use serde_json::json;
+
+use super::super::prelude::*;
+use super::{check_open, shown};
+use crate::run::RunStatus;
+use crate::store::entries::Entry;
+use swarmbench_boards::competition::export::CANCEL;
+use swarmbench_protocol::competition::{CancelRequest, Competition};
+
+/// Cancel a competition that has not closed: nobody enters or starts an attempt any more, and running attempts end.
+///
+/// Its seeds are published at the time at which it would have closed. Doing it again changes nothing; the first reason stays.
+#[utoipa::path(
+    post,
+    path = "/api/v1/competitions/{id}/cancel",
+    operation_id = "cancel_competition",
+    tag = "competitions",
+    params(("id" = String, Path, description = "The competition's id")),
+    request_body(content = CancelRequest, description = "At most 256 KiB"),
+    security(("key" = [])),
+    responses(
+        (status = 200, description = "The competition", body = Competition),
+        (status = 403, description = "`forbidden`: not an organizer's key"),
+        (status = 409, description = "`closed`: it has closed already"),
+    )
+)]
+pub(in super::super) async fn cancel_competition(
+    State(app): State<App>,
+    organizer: Organizer,
+    Id(id): Id,
+    _: Params<Nothing>,
+    Json(CancelRequest { reason }, _): Json<CancelRequest>,
+) -> Result<JsonBody<Competition>, ApiError> {
+    let mut problems = Problems::default();
+    problems.text("reason", &reason, app.limits.reason_chars_max);
+    let reason = problems.none_or(Some(reason))?;
+    App::run_detached(async move {
+        let cancelled = {
+            // Attempts that are being started are started before.
+            let _closed = app.runs.block_entries().await;
+            let competition = app.stored_competition(&id).await?;
+            let at = app.clock.wall();
+            if competition.cancelled.is_none() {
+                check_open(&competition, at)?;
+                let detail = json!({ "reason": reason });
+                let shown = (competition.key, detail.clone());
+                let audit_entry = organizer.audit_entry_shown(&app, CANCEL, &id, detail, shown);
+                let cancel = Entry::CancelCompetition { competition: competition.key, reason, at };
+                app.store.keep(vec![cancel, audit_entry]).await?;
+            }
+            competition.key
+        };
+        // A repeat ends what a stop of the server has left.
+        for attempt in app.store.attempts(cancelled, None).await? {
+            if attempt.status == RunStatus::Running.name() {
+                app.runs.end(attempt.run, RunStatus::Aborted).await?;
+            }
+        }
+        let competition = app.stored_competition(&id).await?;
+        Ok(JsonBody(shown(&competition, app.clock.wall())))
+    })
+    .await
+}

@@ -1,0 +1,223 @@
+//! `PATCH` and `DELETE /api/v1/competitions/{id}/entrants/{entrant}`.
+
+use serde_json::json;
+
+use super::super::prelude::*;
+use super::check_not_over;
+use crate::competitions::{StoredCompetition, StoredEntrant};
+use crate::keys::NAME_CHARS_MAX;
+use crate::store::entries::Entry;
+use crate::store::tokens::Grant;
+use swarmbench_boards::competition::EntrantStatus;
+use swarmbench_protocol::competition::{EntrantChange, EntrantSummary};
+
+/// Change an entrant: organizers decide about it, and it may rename and withdraw itself.
+///
+/// An entrant that is withdrawn or disqualified stays on the board without a rank, with the reason. Organizers take it back
+/// with the status `active`, and answer for its model.
+#[utoipa::path(
+    patch,
+    path = "/api/v1/competitions/{id}/entrants/{entrant}",
+    operation_id = "change_entrant",
+    tag = "competitions",
+    params(
+        ("id" = String, Path, description = "The competition's id"),
+        ("entrant" = String, Path, description = "The entrant's id"),
+    ),
+    request_body(content = EntrantChange, description = "At most 256 KiB"),
+    security(("key" = [])),
+    responses(
+        (status = 200, description = "The entrant as it is now", body = EntrantSummary),
+        (status = 403, description = "`forbidden`: not the key of an organizer or of this entrant, or a field that only organizers change"),
+        (status = 409, description = "`closed`: the competition is over, and names stay; or the entrant was erased"),
+    )
+)]
+pub(in super::super) async fn change_entrant(
+    State(app): State<App>,
+    caller: Caller,
+    Ids(id, entrant): Ids,
+    _: Params<Nothing>,
+    Json(change, _): Json<EntrantChange>,
+) -> Result<axum::Json<EntrantSummary>, ApiError> {
+    let wanted = Wanted::of(&app, change)?;
+    App::run_detached(async move {
+        let competition = app.stored_competition(&id).await?;
+        // What is decided at once is decided one after the other; and nobody enters with the same name meanwhile.
+        let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
+        let before = app.entrant(&competition, &entrant).await?;
+        wanted.check(&caller, &before)?;
+        let mut entries = Vec::new();
+        if let Some(name) = wanted.name.filter(|name| *name != before.entrant.name) {
+            check_not_over(&competition)?;
+            check_name(&app, &competition, &before, &name).await?;
+            entries.push(Entry::RenameEntrant { entry: before.key, name });
+        }
+        let Wanted { status, reason, vouched, .. } = wanted;
+        if status.is_some() || vouched.is_some() {
+            let reason = if status.is_some() { reason } else { before.entrant.reason };
+            let status = status.unwrap_or(before.entrant.status).name();
+            let vouched = vouched.unwrap_or(before.entrant.vouched);
+            let shown = json!({ "status": status, "reason": reason, "vouched": vouched });
+            let detail = json!({
+                "competition": id, "status": status, "reason": reason, "vouched": vouched,
+            });
+            let entry = before.key;
+            entries.push(Entry::SetEntrant { entry, status, reason, vouched });
+            let shown = Some((competition.key, shown));
+            entries.extend(caller.audit_entry(&app, "entrant.change", &entrant, detail, shown));
+        }
+        if !entries.is_empty() {
+            app.store.keep(entries).await?;
+        }
+        let after = app.entrant(&competition, &entrant).await?;
+        Ok(axum::Json((&after.entrant).into()))
+    })
+    .await
+}
+
+/// Erase the personal data of an entrant: its name, the address from which it entered, and the key that was made for it.
+///
+/// An entrant that is erased before the end is withdrawn. Journals stay as they are, and so does the published file of a
+/// competition that is over, with the name. Organizers and the entrant itself may erase it; it cannot be undone.
+#[utoipa::path(
+    delete,
+    path = "/api/v1/competitions/{id}/entrants/{entrant}",
+    operation_id = "erase_entrant",
+    tag = "competitions",
+    params(
+        ("id" = String, Path, description = "The competition's id"),
+        ("entrant" = String, Path, description = "The entrant's id"),
+    ),
+    security(("key" = [])),
+    responses(
+        (status = 200, description = "The entrant as it is shown from now on", body = EntrantSummary),
+        (status = 403, description = "`forbidden`: not the key of an organizer or of this entrant"),
+    )
+)]
+pub(in super::super) async fn erase_entrant(
+    State(app): State<App>,
+    caller: Caller,
+    Ids(id, entrant): Ids,
+    _: Params<Nothing>,
+) -> Result<axum::Json<EntrantSummary>, ApiError> {
+    App::run_detached(async move {
+        let competition = app.stored_competition(&id).await?;
+        let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
+        let before = app.entrant(&competition, &entrant).await?;
+        check_own(&caller, &before)?;
+        if !before.is_erased {
+            // A competition that is being revealed is revealed before or after.
+            let _open = app.runs.block_reveal().await;
+            let (entry, at) = (before.key, app.clock.wall());
+            let name = format!("erased {entrant}");
+            let mut entries = vec![Entry::EraseEntrant { entry, name, at }];
+            let competition = app.stored_competition(&id).await?;
+            if competition.revealed_at.is_none() && before.entrant.status == EntrantStatus::Active {
+                let status = EntrantStatus::Withdrawn.name();
+                let reason = Some("its personal data were erased".to_owned());
+                let vouched = before.entrant.vouched;
+                entries.push(Entry::SetEntrant { entry, status, reason, vouched });
+            }
+            let detail = json!({ "competition": id });
+            let shown = Some((competition.key, json!({})));
+            entries.extend(caller.audit_entry(&app, "entrant.erase", &entrant, detail, shown));
+            app.store.keep(entries).await?;
+        }
+        // The key that was made for it is good for nothing any more.
+        app.tokens
+            .forget(|grant| matches!(grant, Grant::Key(key) if key.number == Some(before.owner)));
+        let after = app.entrant(&competition, &entrant).await?;
+        Ok(axum::Json((&after.entrant).into()))
+    })
+    .await
+}
+
+/// Refuses all but organizers and the holder of the entrant's key.
+fn check_own(caller: &Caller, entrant: &StoredEntrant) -> Result<(), ApiError> {
+    let key = caller.needs_key()?;
+    if caller.is_organizer() || key.number == Some(entrant.owner) {
+        return Ok(());
+    }
+    let detail = "an entrant is changed with its own key, or that of an organizer";
+    Err(ApiError::new(Code::Forbidden, detail))
+}
+
+/// A change whose values are known to be possible.
+struct Wanted {
+    name: Option<String>,
+    status: Option<EntrantStatus>,
+    reason: Option<String>,
+    vouched: Option<bool>,
+}
+
+impl Wanted {
+    fn of(app: &App, change: EntrantChange) -> Result<Self, ApiError> {
+        let EntrantChange { name, status, reason, vouched } = change;
+        let status = match status.as_deref() {
+            None => None,
+            Some(name) => Some(EntrantStatus::parse(name).ok_or_else(|| {
+                let names = EntrantStatus::ALL.map(EntrantStatus::name).join(", ");
+                ApiError::field("status", format!("must be one of {names}"))
+            })?),
+        };
+        let mut problems = Problems::default();
+        if let Some(name) = &name {
+            problems.text("name", name, NAME_CHARS_MAX);
+        }
+        if let Some(reason) = &reason {
+            problems.text("reason", reason, app.limits.reason_chars_max);
+        }
+        match (status, &reason) {
+            (Some(EntrantStatus::Disqualified), None) => {
+                problems.refuse("reason", "is missing: everybody is to see why".to_owned());
+            }
+            (None | Some(EntrantStatus::Active), Some(_)) => {
+                let problem = "belongs to a status of withdrawn or disqualified";
+                problems.refuse("reason", problem.to_owned());
+            }
+            _ => {}
+        }
+        problems.none_or(Some(Self { name, status, reason, vouched }))
+    }
+
+    /// Refuses what the caller may not change of this entrant.
+    fn check(&self, caller: &Caller, entrant: &StoredEntrant) -> Result<(), ApiError> {
+        check_own(caller, entrant)?;
+        if entrant.is_erased && (self.name.is_some() || self.status == Some(EntrantStatus::Active))
+        {
+            let detail =
+                "this entrant was erased, which cannot be undone: it may enter another competition";
+            return Err(ApiError::new(Code::Closed, detail));
+        }
+        if caller.is_organizer() {
+            return Ok(());
+        }
+        let refused = |detail: &str| Err(ApiError::new(Code::Forbidden, detail));
+        if self.vouched.is_some() {
+            return refused("only an organizer vouches for a model");
+        }
+        if entrant.entrant.status == EntrantStatus::Disqualified {
+            return refused("this entrant is disqualified: only an organizer changes it");
+        }
+        match self.status {
+            None | Some(EntrantStatus::Withdrawn) => Ok(()),
+            Some(EntrantStatus::Active) => refused("only an organizer takes an entrant back"),
+            Some(EntrantStatus::Disqualified) => {
+                refused("only an organizer disqualifies an entrant")
+            }
+        }
+    }
+}
+
+/// Refuses a name that looks like that of another entrant.
+async fn check_name(
+    app: &App,
+    competition: &StoredCompetition,
+    entrant: &StoredEntrant,
+    name: &str,
+) -> Result<(), ApiError> {
+    if app.store.has_name(competition.key, entrant.key, name).await? {
+        return Err(ApiError::field("name", "is that of another entrant"));
+    }
+    Ok(())
+}

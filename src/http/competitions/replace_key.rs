@@ -1,0 +1,65 @@
+//! `POST /api/v1/competitions/{id}/entrants/{entrant}/key`.
+
+use axum::http::StatusCode;
+use serde_json::json;
+
+use super::super::answer::with_tokens;
+use super::super::prelude::*;
+use crate::ids::{Token, TokenKind};
+use crate::keys::Role;
+use crate::store::entries::Entry;
+use crate::store::tokens::Grant;
+use swarmbench_protocol::competition::ReplacedKey;
+
+/// Make a new key for an entrant that has lost its own, which is good for nothing any more.
+///
+/// An entrant that entered with a key of its own gets no other here: revoke that key, and make another one with the same role.
+#[utoipa::path(
+    post,
+    path = "/api/v1/competitions/{id}/entrants/{entrant}/key",
+    operation_id = "replace_entrant_key",
+    tag = "competitions",
+    params(
+        ("id" = String, Path, description = "The competition's id"),
+        ("entrant" = String, Path, description = "The entrant's id"),
+    ),
+    security(("key" = [])),
+    responses(
+        (status = 201, description = "The new key, shown this once", body = ReplacedKey),
+        (status = 403, description = "`forbidden`: not an organizer's key"),
+        (status = 409, description = "`closed`: the entrant was erased, or entered with a key of its own"),
+    )
+)]
+pub(in super::super) async fn replace_entrant_key(
+    State(app): State<App>,
+    organizer: Organizer,
+    Ids(id, entrant): Ids,
+    _: Params<Nothing>,
+) -> Result<Response, ApiError> {
+    App::run_detached(async move {
+        let competition = app.stored_competition(&id).await?;
+        let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
+        let stored = app.entrant(&competition, &entrant).await?;
+        let closed = |detail: &str| Err(ApiError::new(Code::Closed, detail));
+        if stored.is_erased {
+            return closed("this entrant was erased, which cannot be undone");
+        }
+        let key = app.store.key(stored.owner).await?;
+        let key = key.ok_or_else(|| ApiError::not_found("the entrant's key"))?;
+        if key.role != Role::Entrant {
+            return closed(
+                "this entrant entered with a key of its own: revoke that (`swarmbench key revoke`) and make another",
+            );
+        }
+        let token = Token::new(TokenKind::Key, &*app.entropy);
+        let replace = Entry::ReplaceKey { id: key.id.clone(), hash: token.hash() };
+        let detail = json!({ "competition": id, "key": key.id });
+        let shown = (competition.key, json!({}));
+        let audit_entry = organizer.audit_entry_shown(&app, "entrant.key", &entrant, detail, shown);
+        app.store.keep(vec![replace, audit_entry]).await?;
+        app.tokens.forget(|grant| matches!(grant, Grant::Key(one) if one.id == key.id));
+        let body = ReplacedKey { entrant, key: token.reveal().to_owned() };
+        Ok(with_tokens(StatusCode::CREATED, body))
+    })
+    .await
+}

@@ -1,0 +1,154 @@
+//! What entrants do with themselves: they rename, withdraw and erase themselves; and what organizers do for them.
+
+use std::time::Duration;
+
+use reqwest::Method;
+use serde_json::{Value, json};
+
+use crate::app::{Call, TestApp, fields, list};
+use crate::cup::{Cup, Entrant, server};
+
+fn path(cup: &Cup, entrant: &Entrant) -> String {
+    cup.path(&format!("/entrants/{}", entrant.id))
+}
+
+fn change(app: &TestApp, cup: &Cup, entrant: &Entrant, key: &str, change: &Value) -> Call {
+    app.call(Method::PATCH, &path(cup, entrant)).token(key).json(change)
+}
+
+fn erase(app: &TestApp, cup: &Cup, entrant: &Entrant, key: &str) -> Call {
+    app.call(Method::DELETE, &path(cup, entrant)).token(key)
+}
+
+#[tokio::test]
+async fn an_attempt_is_started_without_a_body() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let blue = cup.enter(&app, "blue").await;
+    let started = app.post(&cup.path("/attempts")).token(&blue.key).ok().await;
+    assert_eq!(started["attempt"], 1);
+    let wrong = app.post(&cup.path("/attempts")).token(&blue.key).json(&json!({ "attemt": 2 }));
+    assert_eq!(fields(&wrong.problem(422, "invalid").await), ["attemt"]);
+}
+
+#[tokio::test]
+async fn an_entrant_renames_and_withdraws_itself_and_nobody_else() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let (blue, red) = (cup.enter(&app, "blue").await, cup.enter(&app, "red").await);
+    let name = |name: &str| json!({ "name": name });
+    let renamed = change(&app, &cup, &blue, &blue.key, &name("Blue!")).ok().await;
+    assert_eq!(renamed["name"], "Blue!");
+    let problem = change(&app, &cup, &blue, &blue.key, &name("RED")).problem(422, "invalid").await;
+    assert_eq!(fields(&problem), ["name"]);
+    // The earlier name is free again.
+    change(&app, &cup, &red, &red.key, &name("blue")).ok().await;
+    change(&app, &cup, &red, &blue.key, &name("x")).problem(403, "forbidden").await;
+    for refused in [
+        json!({ "vouched": true }),
+        json!({ "status": "active" }),
+        json!({ "status": "disqualified", "reason": "x" }),
+    ] {
+        change(&app, &cup, &blue, &blue.key, &refused).problem(403, "forbidden").await;
+    }
+    let leaves = json!({ "status": "withdrawn", "reason": "we have no time" });
+    assert_eq!(change(&app, &cup, &blue, &blue.key, &leaves).ok().await["status"], "withdrawn");
+    let call = app.post(&cup.path("/attempts")).token(&blue.key);
+    call.problem(403, "forbidden").await;
+    cup.change(&app, &blue, json!({ "status": "active" })).await;
+    cup.change(&app, &blue, json!({ "status": "disqualified", "reason": "two teams" })).await;
+    change(&app, &cup, &blue, &blue.key, &leaves).problem(403, "forbidden").await;
+    // Names stay once the file is published.
+    app.pass(Duration::from_hours(1));
+    cup.closed(&app).await;
+    change(&app, &cup, &red, &red.key, &name("late")).problem(409, "closed").await;
+}
+
+#[tokio::test]
+async fn an_erased_entrant_leaves_for_good_and_what_is_published_stays() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let (blue, red) = (cup.enter(&app, "blue").await, cup.enter(&app, "red").await);
+    cup.start(&app, &blue).await.play(&app, 4).await;
+    cup.start(&app, &red).await.play(&app, 2).await;
+    erase(&app, &cup, &blue, &red.key).problem(403, "forbidden").await;
+    let erased = erase(&app, &cup, &blue, &blue.key).ok().await;
+    let name = format!("erased {}", blue.id);
+    assert_eq!((&erased["name"], &erased["status"]), (&json!(name), &json!("withdrawn")));
+    let call = app.get(&path(&cup, &blue)).token(&blue.key);
+    call.problem(401, "unauthorized").await;
+    change(&app, &cup, &blue, &app.organizer, &json!({ "status": "active" }))
+        .problem(409, "closed")
+        .await;
+    let replaced = app.post(&format!("{}/key", path(&cup, &blue))).token(&app.organizer);
+    replaced.problem(409, "closed").await;
+    let keys = app.get("/api/v1/keys").token(&app.organizer).ok().await;
+    assert!(!keys.to_string().contains("\"blue\""), "{keys}");
+    app.pass(Duration::from_hours(1));
+    cup.closed(&app).await;
+    let published = cup.export(&app).await;
+    assert!(!published.contains("\"blue\"") && published.contains(&name));
+    // The file of what is over stays as it is, and its head with it.
+    erase(&app, &cup, &red, &red.key).ok().await;
+    assert_eq!(cup.export(&app).await, published);
+    let rows = cup.rows(&app, None).await;
+    assert_eq!(
+        (&rows[0]["rank"], &rows[0]["entrant"]["name"]),
+        (&json!(1), &json!(format!("erased {}", red.id)))
+    );
+}
+
+#[tokio::test]
+async fn who_erased_itself_does_not_return_with_the_same_key() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({ "entries_per_key": 5 })).await;
+    let (member, _) = app.key(json!({ "role": "member", "name": "team" })).await;
+    let entry = |name: &str| {
+        let entry = json!({ "name": name, "model": "m" });
+        app.post(&cup.path("/entrants")).token(&member).json(&entry)
+    };
+    let made = entry("blue").ok().await;
+    let own = Entrant { id: made["id"].as_str().expect("an id").to_owned(), key: member.clone() };
+    erase(&app, &cup, &own, &member).ok().await;
+    let problem = entry("blue again").problem(403, "forbidden").await;
+    assert!(problem["detail"].to_string().contains("erased"), "{problem}");
+    // A key that was not made for the entrant stays as it is.
+    app.get("/api/v1/episodes").token(&member).ok().await;
+    let replaced = app.post(&format!("{}/key", path(&cup, &own))).token(&app.organizer);
+    replaced.problem(409, "closed").await;
+}
+
+#[tokio::test]
+async fn an_organizer_replaces_a_lost_key() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let blue = cup.enter(&app, "blue").await;
+    let first = cup.start(&app, &blue).await;
+    first.play(&app, 4).await;
+    let path = format!("{}/key", path(&cup, &blue));
+    app.post(&path).token(&blue.key).problem(403, "forbidden").await;
+    let replaced = app.post(&path).token(&app.organizer).ok().await;
+    let key = replaced["key"].as_str().expect("a key").to_owned();
+    app.post(&cup.path("/attempts")).token(&blue.key).problem(401, "unauthorized").await;
+    let blue = Entrant { key, ..blue };
+    let own = app.get(&cup.path("/attempts")).token(&blue.key).ok().await;
+    assert_eq!(own["items"][0]["run"], first.run.as_str(), "its attempts are still its own");
+    assert_eq!(cup.start(&app, &blue).await.number, 2);
+    let log = app.get(&cup.path("/actions")).ok().await;
+    assert_eq!(list(&log["items"])[0]["action"], "entrant.key");
+}
+
+#[tokio::test]
+async fn as_many_attempts_are_started_on_a_day_as_may_be() {
+    let app = server().await;
+    let closes =
+        json!({ "closes_at": "2026-03-05T13:00:00Z", "attempts": 3, "attempts_per_day": 1 });
+    let cup = Cup::open(&app, closes).await;
+    assert_eq!(cup.created["attempts_per_day"], 1);
+    let blue = cup.enter(&app, "blue").await;
+    cup.start(&app, &blue).await.play(&app, 4).await;
+    let problem = app.post(&cup.path("/attempts")).token(&blue.key).problem(409, "closed").await;
+    assert!(problem["detail"].to_string().contains("2026-03-02T00:00:00Z"), "{problem}");
+    app.pass(Duration::from_hours(12));
+    assert_eq!(cup.start(&app, &blue).await.number, 2);
+}
