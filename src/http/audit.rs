@@ -31,7 +31,7 @@ pub(super) async fn list_audit(
     _: Organizer,
     Params(params): Params<NewestParams>,
 ) -> Result<Response, ApiError> {
-    let page = params.page(&app).await?;
+    let page = params.page(&app)?;
     page.fill(
         ROWS_MAX,
         |before, rows| app.store.audit(before, rows),

@@ -15,9 +15,11 @@ pub(super) const ROWS_MAX: u32 = 16;
 /// Rows that are read at once where each needs further reads.
 pub(super) const LARGE_ROWS_MAX: u32 = 8;
 
-/// A page that is being written, item by item.
+/// A page that is being written, item by item. What is read in one piece needs no permit, so that short lists are
+/// answered while others make long ones.
 pub(super) struct Page {
-    _permit: Permit,
+    app: App,
+    permit: Option<Permit>,
     body: Vec<u8>,
     items: usize,
     items_max: usize,
@@ -29,8 +31,8 @@ pub(super) struct Page {
 }
 
 impl Page {
-    /// An empty page of at most `limit` items, or `usual`, once there is a permit for it.
-    pub(super) async fn new(
+    /// An empty page of at most `limit` items, or `usual`.
+    pub(super) fn new(
         app: &App,
         limit: Option<u32>,
         usual: u32,
@@ -42,7 +44,8 @@ impl Page {
         };
         let place = read_cursor(cursor)?;
         Ok(Self {
-            _permit: app.heavy.large_answer().await?,
+            app: app.clone(),
+            permit: None,
             body: b"{\"items\":[".to_vec(),
             items: 0,
             items_max: items_max as usize,
@@ -65,10 +68,21 @@ impl Page {
         F: Future<Output = Result<Vec<R>, StoreError>>,
     {
         while let Some(wanted) = self.wants(rows_max) {
+            if self.items > 0 {
+                self.needs_permit().await?;
+            }
             let rows = read(self.place, wanted).await?;
             self.add(wanted, rows, &mut show)?;
         }
         Ok(self.answer())
+    }
+
+    /// Waits for the permit of an answer that is made in more than one piece.
+    pub(super) async fn needs_permit(&mut self) -> Result<(), ApiError> {
+        if self.permit.is_none() {
+            self.permit = Some(self.app.heavy.large_answer().await?);
+        }
+        Ok(())
     }
 
     /// The number after which the next rows are to be read.
@@ -149,8 +163,8 @@ pub(super) struct PageParams {
 
 impl PageParams {
     /// The page that it asks for, still empty.
-    pub(super) async fn page(&self, app: &App) -> Result<Page, ApiError> {
-        Page::new(app, self.limit, u32::MAX, self.cursor.as_deref()).await
+    pub(super) fn page(&self, app: &App) -> Result<Page, ApiError> {
+        Page::new(app, self.limit, u32::MAX, self.cursor.as_deref())
     }
 }
 
@@ -172,12 +186,12 @@ macro_rules! list_params {
 
         impl $name {
             /// The page that it asks for, still empty.
-            pub(in crate::http) async fn page(
+            pub(in crate::http) fn page(
                 &self,
                 app: &$crate::http::App,
             ) -> Result<$crate::http::page::Page, $crate::http::error::ApiError> {
                 let usual = app.limits.page_items_default;
-                $crate::http::page::Page::new(app, self.limit, usual, self.cursor.as_deref()).await
+                $crate::http::page::Page::new(app, self.limit, usual, self.cursor.as_deref())
             }
         }
     };

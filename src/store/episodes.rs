@@ -170,6 +170,18 @@ impl Store {
         self.find(id, Detail::Summary).await
     }
 
+    /// What is shown of these episodes, in any order.
+    pub(super) async fn summaries(&self, ids: &[EpisodeId]) -> Result<Vec<StoredEpisode>, StoreError> {
+        let mut query = select(Detail::Summary);
+        query.push("e.id IN (");
+        let mut list = query.separated(", ");
+        for id in ids {
+            list.push_bind(id.as_str());
+        }
+        query.push(")");
+        self.fetch_all(query.build()).await
+    }
+
     /// What is shown of the episode with this key.
     pub async fn summary_of(&self, key: EpisodeKey) -> Result<Option<StoredEpisode>, StoreError> {
         let mut query = select(Detail::Summary);

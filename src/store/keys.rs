@@ -28,7 +28,7 @@ impl Store {
         self.fetch_all(query.build()).await
     }
 
-    /// The key with this number, whatever it is worth now.
+    /// The key with this number, revoked and expired ones too.
     pub async fn key(&self, number: OwnerKey) -> Result<Option<Key>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("WHERE number = ").push_bind(number.0);
@@ -40,7 +40,7 @@ impl Store {
         self.fetch_one(sqlx::query("SELECT EXISTS (SELECT 1 FROM keys)")).await
     }
 
-    /// The key whose token has this hash, whatever it is worth now.
+    /// The key whose token has this hash, revoked and expired ones too.
     pub async fn find_key(&self, hash: TokenHash) -> Result<Option<Key>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("WHERE hash = ").push_bind(&hash.0[..]);

@@ -18,6 +18,7 @@ mod foreign;
 mod forks;
 pub mod games;
 pub mod imports;
+pub mod journals;
 pub mod keys;
 pub mod metrics;
 pub mod port;

@@ -19,6 +19,10 @@ pub const READERS_MAX: usize = 4;
 /// Pages that each of these connections caches: the upper pages of the indexes of a million episodes.
 const CACHE_KIB: u32 = 8 * 1024;
 
+/// Rows between the thread of a connection and who reads them. All rows of a query are kept anyway; with a smaller buffer the two
+/// threads wake each other for each row.
+const ROWS_BUFFERED_MAX: usize = 4096;
+
 /// How long a request waits for a connection to read.
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -85,6 +89,7 @@ pub(super) fn cached(options: SqliteConnectOptions) -> SqliteConnectOptions {
 
 impl Lane {
     async fn open(options: SqliteConnectOptions, slots: usize) -> Result<Self, sqlx::Error> {
+        let options = options.row_buffer_size(ROWS_BUFFERED_MAX);
         let pool = SqlitePoolOptions::new()
             .max_connections(u32::try_from(slots).unwrap_or(u32::MAX))
             .acquire_timeout(PATIENCE)

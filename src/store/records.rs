@@ -70,6 +70,11 @@ impl ActReader {
         Self { is_joined: true, bytes, ..Self::new(store, episode, end) }
     }
 
+    /// Gives it all acts of the episode, those of a round joined.
+    pub(super) fn set_read(&mut self, acts: VecDeque<(u32, String)>) {
+        (self.read, self.unread) = (acts, None);
+    }
+
     /// The record of the next act, or the records of the next acts, if they are of round `round`. At most about `bytes_max` bytes are read at
     /// once.
     pub async fn next_of(

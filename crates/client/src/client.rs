@@ -324,8 +324,7 @@ impl Client {
 
     /// Revokes a key.
     pub async fn revoke_key(&self, id: &str) -> Result<KeySummary, ClientError> {
-        let path = format!("/api/v1/keys/{id}");
-        self.ask(Method::DELETE, &path, |call| self.signed(call)).await
+        self.delete(&format!("/api/v1/keys/{id}")).await
     }
 
     /// Reads something.

@@ -22,7 +22,7 @@ pub(in super::super) async fn list_actions(
     Params(params): Params<NewestParams>,
 ) -> Result<Response, ApiError> {
     let competition = app.competition(&caller, &id).await?;
-    let page = params.page(&app).await?;
+    let page = params.page(&app)?;
     page.fill(
         ROWS_MAX,
         |before, rows| app.store.actions_in(competition.key, before, rows),

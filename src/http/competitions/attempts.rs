@@ -1,6 +1,6 @@
 //! `GET /api/v1/competitions/{id}/attempts`.
 
-use super::super::page::PageParams;
+use super::super::page::{PageParams, ROWS_MAX};
 use super::super::prelude::*;
 use crate::competitions::{self};
 use crate::store::competitions::Declared;
@@ -50,8 +50,12 @@ async fn page(
     params: &PageParams,
     attempts: Vec<AttemptSummary>,
 ) -> Result<Response, ApiError> {
-    let mut page = params.page(app).await?;
+    let mut page = params.page(app)?;
     let items = (1..).zip(attempts).skip_while(|(place, _)| Some(*place) <= page.place());
-    page.add(u32::MAX, items.collect(), Ok)?;
+    let items: Vec<_> = items.collect();
+    if items.len() > ROWS_MAX as usize {
+        page.needs_permit().await?;
+    }
+    page.add(u32::MAX, items, Ok)?;
     Ok(page.answer())
 }

@@ -94,7 +94,7 @@ pub(in super::super) async fn list_codes(
     Params(params): Params<PageParams>,
 ) -> Result<Response, ApiError> {
     let stored = app.stored_competition(&id).await?;
-    let page = params.page(&app).await?;
+    let page = params.page(&app)?;
     let mut place = page.place().unwrap_or(0);
     page.fill(
         ROWS_MAX,

@@ -35,7 +35,7 @@ pub(in super::super) async fn list_entrants(
         };
         let show =
             |stored: StoredEntrant| Ok((stored.key.0, EntrantSummary::from(&stored.entrant)));
-        params.page(&app).await?.fill(ROWS_MAX, read, show).await
+        params.page(&app)?.fill(ROWS_MAX, read, show).await
     };
     app.answers.answer(format!("entrants of {id} {params:?}"), Box::pin(make)).await
 }

@@ -4,7 +4,6 @@ use std::collections::VecDeque;
 
 use axum::http::{HeaderMap, header};
 use axum::response::IntoResponse;
-use futures::future::try_join_all;
 use serde::Deserialize;
 use serde_json::json;
 use utoipa::IntoParams;
@@ -21,6 +20,8 @@ use crate::ids::{CompetitionKey, EpisodeId};
 use crate::store::StoreError;
 use crate::store::audit::ShownAction;
 use crate::store::competitions::Declared;
+use crate::store::journals::{GAMES_AT_ONCE, StoredJournal};
+use crate::store::port::StoredEpisode;
 use swarmbench_boards::competition::entrant::Entrant;
 use swarmbench_boards::competition::export::{
     Action, Attempt, Board, CANCEL, CHANGE, Competition, End, Episode, FIRST_FORMAT, FORMAT, Game,
@@ -93,8 +94,8 @@ pub(in super::super) async fn export_competition(
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct ExportParams {
-    /// The version of the format: 2 has what organizers did, and spare attempts; 1 is for programs that know no other. Where it is
-    /// left out, 1 if the competition was neither changed nor cancelled and has no spare attempts.
+    /// The version of the format: 2 has what organizers did, and spare attempts; 1 is for programs that know no
+    /// other. Where it is left out, 1 if the competition was neither changed nor cancelled and has no spare attempts.
     #[param(minimum = 1, maximum = 2)]
     format: Option<u32>,
 }
@@ -116,9 +117,6 @@ async fn actions(app: &App, competition: &StoredCompetition) -> Result<Vec<Actio
     Ok(all)
 }
 
-/// Games whose journals are begun at once.
-const JOURNALS_AT_ONCE: usize = 4;
-
 /// Bytes that an entrant, an attempt or a game takes in memory until it is written.
 const RECORD_BYTES: usize = 512;
 
@@ -128,8 +126,8 @@ struct Reader {
     writer: Writer,
     /// What comes next, but for the journals of games.
     pieces: VecDeque<Piece>,
-    /// The games of the first pieces, whose journals were begun.
-    begun: VecDeque<Begun>,
+    /// The next games, whose journals were read or begun.
+    begun: VecDeque<(u32, StoredJournal)>,
     journal: Option<JournalReader>,
     episodes: usize,
     competition: CompetitionKey,
@@ -146,14 +144,6 @@ enum Piece {
         id: EpisodeId,
     },
     End,
-}
-
-/// A game whose journal was begun.
-struct Begun {
-    header: Episode,
-    /// The first part of its journal.
-    first: Vec<u8>,
-    rest: JournalReader,
 }
 
 impl Reader {
@@ -219,7 +209,7 @@ impl Reader {
         pieces.push_back(Piece::End);
         let games: usize = field.attempts.iter().map(|(_, games)| games.len()).sum();
         let records = field.entrants.len() + field.attempts.len() + games;
-        // The first parts of journals take as much as one part of the export.
+        // Journals that were read take about as much as one part of the export.
         let bytes = records * RECORD_BYTES + app.limits.stream_part_bytes_max;
         Ok(Self {
             _room: app.registry.room(bytes)?,
@@ -233,41 +223,17 @@ impl Reader {
         })
     }
 
-    /// Begins the journals of the next games at once, each with a share of a part of `bytes_max` bytes: most are small, and
-    /// one after another would wait for the database most of the time.
+    /// Reads the journals of the next games, about as many as `bytes_max` bytes have room for.
     async fn begin(&mut self, bytes_max: usize) -> Result<(), StoreError> {
         let next = self.pieces.iter().map_while(|piece| match piece {
             Piece::Episode { slot, id } => Some((*slot, id.clone())),
             Piece::Record(_) | Piece::Entrant(_) | Piece::End => None,
         });
-        let next: Vec<_> = next.take(JOURNALS_AT_ONCE).collect();
-        let share = bytes_max / JOURNALS_AT_ONCE;
-        let begun = next.into_iter().map(|(slot, id)| Self::begin_one(&self.app, slot, id, share));
-        let begun = try_join_all(begun).await?;
-        self.pieces.drain(..begun.len());
-        self.begun.extend(begun);
+        let (slots, ids): (Vec<_>, Vec<_>) = next.take(GAMES_AT_ONCE).unzip();
+        let journals = self.app.store.journals(&ids, bytes_max).await?;
+        self.pieces.drain(..journals.len());
+        self.begun.extend(slots.into_iter().zip(journals));
         Ok(())
-    }
-
-    async fn begin_one(
-        app: &App,
-        slot: u32,
-        id: EpisodeId,
-        bytes_max: usize,
-    ) -> Result<Begun, StoreError> {
-        let stored = app.store.find_summary(&id).await?;
-        let missing = || StoreError::Missing(format!("{id} no longer exists").into());
-        let stored = stored.ok_or_else(missing)?;
-        let end = usize::from(stored.ended_at.is_some());
-        let header = Episode {
-            slot,
-            episode: id.to_string(),
-            lines: 1 + stored.rounds as usize + end,
-            head: stored.head.to_string(),
-        };
-        let mut rest = JournalReader::new(app.store.clone(), stored);
-        let first = rest.next(bytes_max).await?.unwrap_or_default();
-        Ok(Begun { header, first, rest })
     }
 
     /// The line of the next piece, if that is no game.
@@ -290,6 +256,17 @@ impl Reader {
     }
 }
 
+/// The line before a journal.
+fn header(slot: u32, stored: &StoredEpisode) -> Episode {
+    let end = usize::from(stored.ended_at.is_some());
+    Episode {
+        slot,
+        episode: stored.id.to_string(),
+        lines: 1 + stored.rounds as usize + end,
+        head: stored.head.to_string(),
+    }
+}
+
 impl Parts for Reader {
     async fn next(&mut self, bytes_max: usize) -> Result<Option<Vec<u8>>, StoreError> {
         let mut out = Vec::new();
@@ -299,11 +276,11 @@ impl Parts for Reader {
                     Some(lines) => out.extend_from_slice(&lines),
                     None => self.journal = None,
                 }
-            } else if let Some(Begun { header, first, rest }) = self.begun.pop_front() {
+            } else if let Some((slot, journal)) = self.begun.pop_front() {
                 self.episodes += 1;
+                let header = header(slot, &journal.stored);
                 out.extend_from_slice(self.writer.line(&Line::Episode(header)).as_bytes());
-                out.extend_from_slice(&first);
-                self.journal = Some(rest);
+                self.journal = Some(JournalReader::of(self.app.store.clone(), journal));
             } else if let Some(line) = self.line().await? {
                 out.extend_from_slice(line.as_bytes());
             } else if self.pieces.is_empty() {

@@ -23,7 +23,7 @@ pub(in super::super) async fn list_competitions(
     Params(params): Params<NewestParams>,
 ) -> Result<Response, ApiError> {
     caller.may_look_around(&app.access)?;
-    let page = params.page(&app).await?;
+    let page = params.page(&app)?;
     let now = app.clock.wall();
     let all = caller.is_organizer();
     let read = |before: Option<i64>, rows| {

@@ -77,7 +77,7 @@ pub(in super::super) async fn void_attempt(
     .await
 }
 
-/// What the entrant of a voided attempt has seen of the seeds on which it will play again; none where those are other ones.
+/// What the entrant of a voided attempt has seen of its seeds; none if it will play again on spare seeds.
 fn seen(field: &Field, run: &str) -> Option<SeenSeeds> {
     let definition = &field.competition.definition;
     let (voided, games) = field.attempts.iter().find(|(attempt, _)| attempt.id == run)?;

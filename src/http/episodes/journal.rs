@@ -8,6 +8,7 @@ use axum::response::IntoResponse;
 use super::super::accept::{self, Binary};
 use super::super::prelude::*;
 use super::super::stream::Parts;
+use crate::store::journals::StoredJournal;
 use crate::store::port::{StoredEpisode, StoredRound};
 use crate::store::records::ActReader;
 use crate::store::{Store, StoreError};
@@ -60,6 +61,8 @@ pub(in super::super) struct JournalReader {
     acts: ActReader,
     /// Rounds that were read and not written yet.
     rounds: VecDeque<StoredRound>,
+    /// The end record, where it was read with the rest.
+    end: Option<RawRecord>,
 }
 
 enum Position {
@@ -86,8 +89,15 @@ impl JournalReader {
         // Acts of the open round belong to the end.
         let end = stored.rounds.saturating_add(u32::from(stored.ended_at.is_some()));
         let acts = ActReader::joined(store.clone(), stored.episode, end, stored.act_bytes);
+        let rounds = Vec::new();
+        Self::of(store, StoredJournal { stored, rounds, acts, end: None })
+    }
+
+    /// Reads the rest of a journal of which some, or all, was read.
+    pub(in super::super) fn of(store: Store, journal: StoredJournal) -> Self {
+        let StoredJournal { stored, rounds, acts, end } = journal;
         let (at, head) = (Position::Opening, Head::START);
-        Self { store, stored, at, head, acts, rounds: VecDeque::new() }
+        Self { store, stored, at, head, acts, rounds: rounds.into(), end }
     }
 
     /// Writes one more piece: a beginning of a line, an act, or an end of a line. False where nothing is left.
@@ -162,6 +172,10 @@ impl JournalReader {
     /// Writes the end record: whole, or its beginning where it is large.
     async fn end(&mut self, out: &mut String, bytes_max: usize) -> Result<Position, StoreError> {
         let StoredEpisode { episode, head, rounds, score, .. } = self.stored;
+        if let Some(record) = self.end.take() {
+            out.push_str(&record.line(head));
+            return Ok(Position::Done);
+        }
         let record = match self.stored.ended_at {
             Some(_) => self.store.end_record(episode, bytes_max).await?,
             None => None,

@@ -46,7 +46,7 @@ pub(in super::super) async fn list_episodes(
 ) -> Result<Response, ApiError> {
     one_of("status", params.status.as_deref(), &Status::ALL.map(Status::name))?;
     one_of("task", params.task.as_deref(), &TaskName::ALL.map(TaskName::name))?;
-    let page = params.page(&app).await?;
+    let page = params.page(&app)?;
     let run = match params.run {
         None => None,
         Some(id) => match app.store.find_run(&id).await? {

@@ -26,5 +26,5 @@ pub(in super::super) async fn list_keys(
     let now = app.clock.wall();
     let read = |after: Option<i64>, rows| app.store.list_keys(after.map(OwnerKey), rows);
     let show = |key: Key| Ok((key.number.map_or(0, |number| number.0), key.summary(now)));
-    params.page(&app).await?.fill(ROWS_MAX, read, show).await
+    params.page(&app)?.fill(ROWS_MAX, read, show).await
 }

@@ -38,7 +38,7 @@ pub(in super::super) async fn list_runs(
     Params(params): Params<ListParams>,
 ) -> Result<Response, ApiError> {
     one_of("status", params.status.as_deref(), &RunStatus::ALL.map(RunStatus::name))?;
-    let page = params.page(&app).await?;
+    let page = params.page(&app)?;
     let filter = RunFilter {
         status: params.status,
         model: params.model,

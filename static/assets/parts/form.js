@@ -1,5 +1,5 @@
 // Forms from lists of fields. What the server says of a field stands next to it.
-import { html, useEffect, useId, useRef, useState } from "../ui.js";
+import { html, useId, useLayoutEffect, useRef, useState } from "../ui.js";
 import { Problem } from "../api.js";
 import { KINDS } from "./inputs.js";
 import { Text, LongText } from "./text.js";
@@ -56,7 +56,8 @@ export function Form({ fields, label, send, hasPreview }) {
   const form = useRef(/** @type {HTMLFormElement | null} */ (null));
   const { body, problems } = bodyOf(fields, values);
 
-  useEffect(() => {
+  // The focus moves before the problem is painted.
+  useLayoutEffect(() => {
     if (!problem) return;
     const wrong = form.current?.querySelector("[aria-invalid=true]");
     const target = wrong ?? form.current?.querySelector("[role=alert]");

@@ -1,0 +1,118 @@
+//! Journals of several small games, read at once: a query costs more than such a game.
+
+use std::collections::{HashMap, VecDeque};
+
+use sqlx::sqlite::SqliteRow;
+use sqlx::{QueryBuilder, Sqlite};
+
+use super::port::{StoredEpisode, StoredRound};
+use super::records::ActReader;
+use super::rows::{FromRow, get};
+use super::{Store, StoreError};
+use crate::ids::{EpisodeId, EpisodeKey};
+use swarmbench_journal::record::RawRecord;
+
+/// Games that are read at once.
+pub const GAMES_AT_ONCE: usize = 32;
+
+/// Bytes of a round in a journal, beside its acts.
+const ROUND_BYTES: u64 = 256;
+
+/// What is stored of a game's journal.
+pub struct StoredJournal {
+    pub stored: StoredEpisode,
+    pub rounds: Vec<StoredRound>,
+    pub acts: ActReader,
+    pub end: Option<RawRecord>,
+}
+
+impl Store {
+    /// The journals of the first of these games: as many of those that have ended as have `bytes_max` bytes together, whole;
+    /// or the first alone, to be read part by part. Not more than [`GAMES_AT_ONCE`].
+    pub async fn journals(
+        &self,
+        ids: &[EpisodeId],
+        bytes_max: usize,
+    ) -> Result<Vec<StoredJournal>, StoreError> {
+        let ids = &ids[..ids.len().min(GAMES_AT_ONCE)];
+        let mut found: HashMap<_, _> = self
+            .summaries(ids)
+            .await?
+            .into_iter()
+            .map(|stored| (stored.id.clone(), stored))
+            .collect();
+        let mut left = bytes_max as u64;
+        let mut journals = Vec::with_capacity(ids.len());
+        for id in ids {
+            let missing = || StoreError::Missing(format!("{id} no longer exists").into());
+            let stored = found.remove(id).ok_or_else(missing)?;
+            let bytes = bytes_of(&stored).filter(|bytes| *bytes <= left);
+            if bytes.is_none() && !journals.is_empty() {
+                break;
+            }
+            let (store, key, end) = (self.clone(), stored.episode, stored.rounds + 1);
+            let acts = ActReader::joined(store, key, end, stored.act_bytes);
+            journals.push(StoredJournal { stored, rounds: Vec::new(), acts, end: None });
+            let Some(bytes) = bytes else { return Ok(journals) };
+            left -= bytes;
+        }
+        self.read_whole(&mut journals).await?;
+        Ok(journals)
+    }
+
+    /// Reads the rounds, acts and ends of games.
+    async fn read_whole(&self, journals: &mut [StoredJournal]) -> Result<(), StoreError> {
+        let keys: Vec<_> = journals.iter().map(|journal| journal.stored.episode).collect();
+        let place: HashMap<_, _> = keys.iter().zip(0..).map(|(key, place)| (*key, place)).collect();
+        let place = |key| place.get(&key).copied().unwrap_or(0_usize);
+        let query = "SELECT episode, round, digest, score, head FROM rounds WHERE episode IN (";
+        let mut query = about_games(query, &keys);
+        query.push(" ORDER BY episode, round");
+        let rounds: Vec<(EpisodeKey, StoredRound)> = self.fetch_all(query.build()).await?;
+        for (episode, round) in rounds {
+            journals[place(episode)].rounds.push(round);
+        }
+        let query = "SELECT episode, round, group_concat(record, ',' ORDER BY agent)
+                     FROM acts WHERE episode IN (";
+        let mut query = about_games(query, &keys);
+        query.push(" GROUP BY episode, round ORDER BY episode, round");
+        let acts: Vec<(EpisodeKey, u32, String)> = self.fetch_all(query.build()).await?;
+        let mut of_games = HashMap::<_, VecDeque<_>>::new();
+        for (episode, round, joined) in acts {
+            of_games.entry(episode).or_default().push_back((round, joined));
+        }
+        for journal in &mut *journals {
+            journal.acts.set_read(of_games.remove(&journal.stored.episode).unwrap_or_default());
+        }
+        let mut query = about_games("SELECT key, ending FROM episodes WHERE key IN (", &keys);
+        let ends: Vec<(EpisodeKey, Option<RawRecord>)> = self.fetch_all(query.build()).await?;
+        for (episode, end) in ends {
+            journals[place(episode)].end = end;
+        }
+        Ok(())
+    }
+}
+
+/// Bytes of a journal in memory, about; none before the end of the game, and where it is not known.
+fn bytes_of(stored: &StoredEpisode) -> Option<u64> {
+    stored.ended_at?;
+    let rounds = u64::from(stored.rounds) * ROUND_BYTES;
+    Some(stored.act_bytes? + stored.opening.as_str().len() as u64 + rounds)
+}
+
+/// A query with a list of games at its end.
+fn about_games(query: &str, keys: &[EpisodeKey]) -> QueryBuilder<Sqlite> {
+    let mut query = QueryBuilder::new(query);
+    let mut list = query.separated(", ");
+    for key in keys {
+        list.push_bind(key.0);
+    }
+    query.push(")");
+    query
+}
+
+impl FromRow for (EpisodeKey, StoredRound) {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok((get(row, "episode")?, StoredRound::from_row(row)?))
+    }
+}
