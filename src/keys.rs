@@ -20,6 +20,8 @@ swarmbench_engine::named! {
         Entrant = "entrant",
         /// Create episodes, and do with them what their creator may.
         Member = "member",
+        /// Read all that organizers read but keys and contacts, and change nothing.
+        Judge = "judge",
         /// Everything: read and end all episodes, make and revoke keys.
         Organizer = "organizer",
     }

@@ -4,7 +4,7 @@ use axum::extract::State;
 use axum::response::Response;
 
 use super::App;
-use super::auth::{Caller, Organizer};
+use super::auth::{Caller, Organizer, Overseer};
 use super::error::ApiError;
 use super::extract::Params;
 use super::page::{NewestParams, ROWS_MAX};
@@ -28,7 +28,7 @@ use swarmbench_protocol::competition::{AuditEntry, AuditLog};
 )]
 pub(super) async fn list_audit(
     State(app): State<App>,
-    _: Organizer,
+    _: Overseer,
     Params(params): Params<NewestParams>,
 ) -> Result<Response, ApiError> {
     let page = params.page(&app)?;
@@ -69,7 +69,7 @@ impl Organizer {
 }
 
 impl Caller {
-    /// The audit entry of what an organizer does, to be committed with it; none for other callers. Everybody sees `shown` of
+    /// The audit entry of what an organizer or a judge does, to be committed with it; none for other callers. Everybody sees `shown` of
     /// it in its competition.
     pub(super) fn audit_entry(
         &self,
@@ -80,7 +80,7 @@ impl Caller {
         shown: Option<(CompetitionKey, serde_json::Value)>,
     ) -> Option<Entry> {
         match self {
-            Self::Key(key) if self.is_organizer() => {
+            Self::Key(key) if self.reads_all() => {
                 Some(audit_entry(app, &key.id, action, subject, detail, shown))
             }
             _ => None,

@@ -120,6 +120,15 @@ impl Caller {
         matches!(self, Self::Key(key) if key.role == Role::Organizer)
     }
 
+    /// Whether the caller reads what everybody plays: an organizer, or a judge.
+    pub(super) fn reads_all(&self) -> bool {
+        matches!(self, Self::Key(key) if matches!(key.role, Role::Organizer | Role::Judge))
+    }
+
+    fn is_judge(&self) -> bool {
+        matches!(self, Self::Key(key) if key.role == Role::Judge)
+    }
+
     /// The key of the caller; all other callers are refused.
     pub(super) fn needs_key(&self) -> Result<&Key, ApiError> {
         match self {
@@ -162,7 +171,7 @@ impl Caller {
     /// Whether the caller may see all of the episode before its end, with its seed. If there are several holders, the
     /// creator may not, who is one of the players.
     pub(super) fn oversees(&self, episode: Subject<'_>) -> bool {
-        self.owns(episode) && (!episode.is_mixed || self.is_organizer())
+        self.reads_all() || (self.owns(episode) && !episode.is_mixed)
     }
 
     /// Whether the caller has a key, or a token of the episode.
@@ -209,7 +218,8 @@ impl Caller {
     /// Whether the caller may create episodes, and claim seats of others'.
     const fn may_play(&self) -> bool {
         match self {
-            Self::Key(_) | Self::Anonymous { may_create: true } => true,
+            Self::Key(key) => !matches!(key.role, Role::Judge),
+            Self::Anonymous { may_create: true } => true,
             Self::Anonymous { may_create: false }
             | Self::Seat(..)
             | Self::Swarm(..)
@@ -220,7 +230,7 @@ impl Caller {
     /// Which episodes the caller finds in lists.
     pub(super) fn readable(&self, access: &Access) -> Readable {
         match self {
-            Self::Key(_) if self.is_organizer() => Readable::All,
+            Self::Key(_) if self.reads_all() => Readable::All,
             Self::Key(key) => key.number.map_or(Readable::Public, Readable::AndOf),
             Self::Swarm(own, Seats::Creators) if access.private => Readable::Only(own.clone()),
             Self::Swarm(own, Seats::Creators) => Readable::And(own.clone()),
@@ -304,6 +314,9 @@ impl Caller {
                 Code::Forbidden,
                 "this key is for attempts in competitions; ask the organizer for a member's key",
             )),
+            Self::Key(key) if key.role == Role::Judge => {
+                Err(ApiError::new(Code::Forbidden, JUDGES_READ))
+            }
             Self::Key(key) => Ok(key.number),
             Self::Anonymous { may_create: true } => Ok(None),
             Self::Anonymous { may_create: false } if app.has_keys => Err(needs_token("a key")),
@@ -378,7 +391,26 @@ impl FromRequestParts<App> for Organizer {
         match Caller::from_request_parts(parts, app).await? {
             Caller::Anonymous { .. } => Err(needs_token("an organizer's key")),
             Caller::Key(key) if key.role == Role::Organizer => Ok(Self { key }),
+            caller if caller.is_judge() => Err(ApiError::new(Code::Forbidden, JUDGES_READ)),
             _ => Err(ApiError::new(Code::Forbidden, "this needs an organizer's key")),
+        }
+    }
+}
+
+/// The error for a judge who wants to do something.
+pub(super) const JUDGES_READ: &str = "this is a judge's key: judges read, and neither play nor change anything; an organizer's key may";
+
+/// The key of an organizer or of a judge.
+pub(super) struct Overseer;
+
+impl FromRequestParts<App> for Overseer {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, ApiError> {
+        match Caller::from_request_parts(parts, app).await? {
+            Caller::Anonymous { .. } => Err(needs_token("an organizer's or a judge's key")),
+            caller if caller.reads_all() => Ok(Self),
+            _ => Err(ApiError::new(Code::Forbidden, "this needs an organizer's or a judge's key")),
         }
     }
 }

@@ -58,7 +58,7 @@ mod prelude {
     pub(super) use axum::response::Response;
 
     pub(super) use super::App;
-    pub(super) use super::auth::{Caller, Organizer};
+    pub(super) use super::auth::{Caller, Organizer, Overseer};
     pub(super) use super::checks::Problems;
     pub(super) use super::error::{ApiError, Code};
     pub(super) use super::extract::{Id, Ids, Json, Nothing, OptionalJson, Params};

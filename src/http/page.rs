@@ -15,7 +15,7 @@ pub(super) const ROWS_MAX: u32 = 16;
 /// Rows that are read at once where each needs further reads.
 pub(super) const LARGE_ROWS_MAX: u32 = 8;
 
-/// A page that is being written, item by item. What is read in one piece needs no permit, so that short lists are
+/// A page that is being written, item by item. One that is short enough to be read in one piece needs no permit, so that it is
 /// answered while others make long ones.
 pub(super) struct Page {
     app: App,
@@ -67,10 +67,10 @@ impl Page {
     where
         F: Future<Output = Result<Vec<R>, StoreError>>,
     {
+        if self.items_max > rows_max as usize {
+            self.needs_permit().await?;
+        }
         while let Some(wanted) = self.wants(rows_max) {
-            if self.items > 0 {
-                self.needs_permit().await?;
-            }
             let rows = read(self.place, wanted).await?;
             self.add(wanted, rows, &mut show)?;
         }

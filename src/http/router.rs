@@ -52,6 +52,10 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         ))
         .routes(routes!(competitions::cancel::cancel_competition))
         .routes(routes!(competitions::actions::list_actions))
+        .routes(routes!(
+            competitions::announcements::list_announcements,
+            competitions::announcements::announce
+        ))
         .routes(routes!(competitions::codes::create_codes, competitions::codes::list_codes))
         .routes(routes!(competitions::codes::revoke_codes))
         .routes(routes!(competitions::exclude::exclude_entrants))

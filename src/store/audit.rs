@@ -73,18 +73,21 @@ impl Store {
     }
 
     /// Lists what organizers did in a competition as everybody may see it, newest first, from the one after `before`
-    /// on.
+    /// on: everything, or `only` one kind of action.
     pub async fn actions_in(
         &self,
         competition: CompetitionKey,
+        only: Option<&str>,
         before: Option<i64>,
         limit: u32,
     ) -> Result<Vec<ShownAction>, StoreError> {
         let query = sqlx::query(
             "SELECT number, at, action, subject, shown FROM audit
-             WHERE competition = ? AND number < ? ORDER BY number DESC LIMIT ?",
+             WHERE competition = ?1 AND number < ?2 AND (?3 IS NULL OR action = ?3)
+             ORDER BY number DESC LIMIT ?4",
         );
-        let query = query.bind(competition.0).bind(before.unwrap_or(i64::MAX)).bind(limit);
+        let before = before.unwrap_or(i64::MAX);
+        let query = query.bind(competition.0).bind(before).bind(only).bind(limit);
         self.fetch_all(query).await
     }
 }

@@ -171,7 +171,10 @@ impl Store {
     }
 
     /// What is shown of these episodes, in any order.
-    pub(super) async fn summaries(&self, ids: &[EpisodeId]) -> Result<Vec<StoredEpisode>, StoreError> {
+    pub(super) async fn summaries(
+        &self,
+        ids: &[EpisodeId],
+    ) -> Result<Vec<StoredEpisode>, StoreError> {
         let mut query = select(Detail::Summary);
         query.push("e.id IN (");
         let mut list = query.separated(", ");

@@ -44,7 +44,7 @@ use Shows::{Facts, List, Other};
 /// The arguments of a command, made anew for each time it is run.
 type Arguments = fn(&Site) -> Vec<String>;
 
-const CASES: [(&str, Shows, Arguments); 61] = [
+const CASES: [(&str, Shows, Arguments); 63] = [
     ("demo", Facts, |site| words("--exit --db", [site.new_file("demo.db")])),
     ("serve", Other("runs until it is stopped"), |_| words("--addr no-address", [])),
     ("key create", Facts, |site| words("--name somebody --server", [site.base()])),
@@ -72,6 +72,8 @@ const CASES: [(&str, Shows, Arguments); 61] = [
     ("competition change", Facts, |site| words("--hide", [site.competition()])),
     ("competition cancel", Facts, |site| words("--reason because", [site.competition()])),
     ("competition actions", Facts, |site| words("", [site.competition()])),
+    ("competition announce", Facts, |site| words("--text news", [site.competition()])),
+    ("competition announcements", List, |site| words("", [site.competition()])),
     ("competition list-codes", Facts, |site| words("", [site.invitation()])),
     ("competition revoke-codes", Facts, |site| words("", [site.invitation(), "team".to_owned()])),
     ("competition exclude", Facts, |site| words("--name bot-*", [site.entrant().0])),

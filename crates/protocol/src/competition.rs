@@ -294,6 +294,31 @@ page! {
     OrganizerActions of OrganizerAction
 }
 
+/// What an organizer announces to all who follow a competition.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct AnnouncementRequest {
+    /// 1 to 2,000 characters of plain text.
+    #[cfg_attr(feature = "openapi", schema(example = "Attempt 2 opens an hour later."))]
+    pub text: String,
+}
+
+/// What an organizer announced.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Announcement {
+    /// When.
+    pub at: Timestamp,
+    /// What.
+    pub text: String,
+}
+
+page! {
+    /// Announcements, newest first.
+    Announcements of Announcement
+}
+
 page! {
     /// A page of competitions, newest first.
     CompetitionList of Competition

@@ -15,7 +15,7 @@ pub struct KeyRequest {
         schema(example = "team blue", min_length = 1, max_length = 100)
     )]
     pub name: String,
-    /// `entrant`, `member` (the default) or `organizer`.
+    /// `entrant`, `member` (the default), `judge` or `organizer`.
     #[cfg_attr(feature = "openapi", schema(example = "member"))]
     pub role: Option<String>,
     /// When it expires; never by default.
@@ -31,7 +31,7 @@ pub struct KeySummary {
     pub id: String,
     /// Whose it is.
     pub name: String,
-    /// `entrant`, `member` or `organizer`.
+    /// `entrant`, `member`, `judge` or `organizer`.
     pub role: String,
     /// `good`, `expired` or `revoked`.
     pub state: String,

@@ -3,10 +3,11 @@
 use jiff::Timestamp;
 use swarmbench_client::client::Client;
 use swarmbench_protocol::competition::{
-    CancelRequest, Competition, CompetitionChange, EntrantChange, EntrantSummary, Exclusion,
-    ExclusionRequest, InvitationList, InvitationSummary, OrganizerAction, ReplacedKey,
-    RevokeCodesRequest, WindowExtension,
+    Announcement, AnnouncementRequest, CancelRequest, Competition, CompetitionChange,
+    EntrantChange, EntrantSummary, Exclusion, ExclusionRequest, InvitationList, InvitationSummary,
+    OrganizerAction, ReplacedKey, RevokeCodesRequest, WindowExtension,
 };
+use swarmbench_protocol::names::printable;
 
 use super::super::pages::{Page, all};
 use super::{CompetitionId, EntrantOf, changed, path, show, tables, tell_changed};
@@ -33,6 +34,16 @@ pub(super) enum Command {
     },
     /// Show what organizers did in a competition, as everybody may see it.
     Actions(CompetitionId),
+    /// Announce something to all who follow a competition.
+    Announce {
+        /// The competition's id.
+        id: String,
+        /// The announcement: 1 to 2,000 characters. It stays as it is; correct a mistake by another one.
+        #[arg(long)]
+        text: String,
+    },
+    /// Show the announcements of a competition.
+    Announcements(CompetitionId),
     /// Show which invitation codes were used, and by whom.
     ListCodes(CompetitionId),
     /// Revoke invitation codes that nobody has used, by their labels or the codes themselves.
@@ -152,6 +163,20 @@ pub(super) async fn run(client: &Client, json: bool, command: Command) -> anyhow
         Command::Actions(CompetitionId { id }) => {
             let list = Page::<OrganizerAction>::of(all(client, &path(&id, "/actions")).await?);
             show(json, &list, |list| out!("{}", tables::actions(&list.items)))
+        }
+        Command::Announce { id, text } => {
+            let path = path(&id, "/announcements");
+            let made: Announcement = client.post(&path, &AnnouncementRequest { text }).await?;
+            show(json, &made, |made| out!("announced at {}\n", made.at))
+        }
+        Command::Announcements(CompetitionId { id }) => {
+            let list = all(client, &path(&id, "/announcements")).await?;
+            let list = Page::<Announcement>::of(list);
+            show(json, &list, |list| {
+                for Announcement { at, text } in &list.items {
+                    out!("{at}\n{}\n\n", printable(text));
+                }
+            })
         }
         Command::ListCodes(CompetitionId { id }) => {
             let list = Page::<InvitationSummary>::of(all(client, &path(&id, "/codes")).await?);

@@ -25,7 +25,7 @@ pub(in super::super) async fn list_actions(
     let page = params.page(&app)?;
     page.fill(
         ROWS_MAX,
-        |before, rows| app.store.actions_in(competition.key, before, rows),
+        |before, rows| app.store.actions_in(competition.key, None, before, rows),
         |row| {
             let ShownAction { number, at, action, subject, shown } = row;
             Ok((number, OrganizerAction { at: at.into(), action, subject, detail: shown }))

@@ -6,7 +6,7 @@ use crate::competitions::{self};
 use crate::store::competitions::Declared;
 use swarmbench_protocol::competition::{AttemptList, AttemptSummary};
 
-/// List the attempts of the caller's entrants; an organizer sees all.
+/// List the attempts of the caller's entrants; organizers and judges see all.
 #[utoipa::path(
     get,
     path = "/api/v1/competitions/{id}/attempts",
@@ -27,7 +27,7 @@ pub(in super::super) async fn list_attempts(
 ) -> Result<Response, ApiError> {
     let number = caller.needs_key()?.number;
     let competition = app.competition(&caller, &id).await?;
-    if caller.is_organizer() {
+    if caller.reads_all() {
         let question = format!("attempts of {id} {params:?}");
         let make = async {
             let field = app.field(competition, Declared::Short).await?;

@@ -74,7 +74,7 @@ pub(in super::super) async fn show_board(
     let metrics = params.metrics.as_deref().map_or(Ok(Vec::new()), wanted_metrics)?;
     let competition = app.competition(&caller, &id).await?;
     let is_revealed = competition.revealed_at.is_some();
-    let view = if caller.is_organizer() {
+    let view = if caller.reads_all() {
         BoardView::All
     } else {
         board_view(&competition.definition, is_revealed, app.clock.wall())

@@ -89,7 +89,7 @@ pub(in super::super) async fn create_codes(
 )]
 pub(in super::super) async fn list_codes(
     State(app): State<App>,
-    _: Organizer,
+    _: Overseer,
     Id(id): Id,
     Params(params): Params<PageParams>,
 ) -> Result<Response, ApiError> {

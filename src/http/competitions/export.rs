@@ -105,7 +105,7 @@ async fn actions(app: &App, competition: &StoredCompetition) -> Result<Vec<Actio
     let mut all = Vec::new();
     let mut before = None;
     loop {
-        let rows = app.store.actions_in(competition.key, before, ROWS_MAX).await?;
+        let rows = app.store.actions_in(competition.key, None, before, ROWS_MAX).await?;
         let Some(last) = rows.last() else { break };
         before = Some(last.number);
         all.extend(rows.into_iter().map(|row| {

@@ -25,7 +25,7 @@ pub(in super::super) async fn list_competitions(
     caller.may_look_around(&app.access)?;
     let page = params.page(&app)?;
     let now = app.clock.wall();
-    let all = caller.is_organizer();
+    let all = caller.reads_all();
     let read = |before: Option<i64>, rows| {
         competitions::list(&app.store, all, before.map(CompetitionKey), rows)
     };

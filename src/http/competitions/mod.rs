@@ -1,6 +1,7 @@
 //! Competitions: created and managed by organizers, entered and played by entrants, watched by everybody.
 
 pub(super) mod actions;
+pub(super) mod announcements;
 pub(super) mod attempts;
 pub(super) mod board;
 pub(super) mod cancel;

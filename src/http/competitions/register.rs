@@ -6,6 +6,7 @@ use axum::Extension;
 use axum::http::StatusCode;
 
 use super::super::answer::with_tokens;
+use super::super::auth::JUDGES_READ;
 use super::super::client::{Client, network};
 use super::super::prelude::*;
 use super::check_open;
@@ -47,6 +48,9 @@ pub(in super::super) async fn register_entrant(
     Json(request, _): Json<EntrantRequest>,
 ) -> Result<Response, ApiError> {
     let own_key = match &caller {
+        Caller::Key(key) if key.role == Role::Judge => {
+            return Err(ApiError::new(Code::Forbidden, JUDGES_READ));
+        }
         Caller::Key(key) => Some(key.clone()),
         Caller::Anonymous { .. } => None,
         Caller::Seat(..) | Caller::Swarm(..) | Caller::Run(_) => {

@@ -67,7 +67,7 @@ impl Known {
             same.is_some_and(|same| same.seeds == suite.seeds)
         };
         let reads = caller.may_read(&app.access, subject);
-        caller.owns(subject) || (reads && (subject.is_over || is_built_in()))
+        caller.oversees(subject) || (reads && (subject.is_over || is_built_in()))
     }
 
     /// The run as it is shown to `caller`.

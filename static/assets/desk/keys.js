@@ -20,6 +20,7 @@ const FIELDS = [
     options: [
       ["member", "member: creates games and runs, enters competitions"],
       ["entrant", "entrant: enters competitions and plays their attempts"],
+      ["judge", "judge: reads everything but keys and contacts, changes nothing"],
       ["organizer", "organizer: may do everything"],
     ],
   },

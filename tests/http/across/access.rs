@@ -230,6 +230,7 @@ fn refusal_in_competitions(operation: &str, kind: Kind, stage: Stage) -> Option<
         "create_competition"
         | "change_competition"
         | "cancel_competition"
+        | "announce"
         | "create_codes"
         | "list_codes"
         | "revoke_codes"
@@ -239,7 +240,7 @@ fn refusal_in_competitions(operation: &str, kind: Kind, stage: Stage) -> Option<
         // Here it is that of another; who erases itself is tested in `competitions/entrant.rs`.
         | "erase_entrant" => organizers_alone(kind),
         "list_competitions" | "show_competition" | "list_entrants" | "show_board"
-        | "list_actions" => (stage.private && kind == Kind::None).then_some(401),
+        | "list_actions" | "list_announcements" => (stage.private && kind == Kind::None).then_some(401),
         "register_entrant" => match kind {
             Kind::None => None,
             _ if kind.is_key() => None,
@@ -525,6 +526,7 @@ impl World {
                 self.app.post(&path).token(&self.app.organizer).json(&labels).ok().await;
                 call.json(&labels)
             }
+            "announce" => call.json(&json!({ "text": "news" })),
             "exclude_entrants" => call.json(&json!({ "name": "nobody-*" })),
             "start_attempt" => call.json(&json!({ "entrant": self.entrant.id })),
             "void_attempt" => call.json(&json!({ "reason": "a power cut" })),

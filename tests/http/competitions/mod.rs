@@ -1,5 +1,6 @@
 //! Competitions.
 
+mod announcements;
 mod board;
 mod change;
 mod closing;
@@ -7,6 +8,7 @@ mod codes;
 mod create;
 mod entrant;
 mod export;
+mod judge;
 mod list;
 mod mend;
 mod register;
