@@ -15,8 +15,8 @@ pub(super) const ROWS_MAX: u32 = 16;
 /// Rows that are read at once where each needs further reads.
 pub(super) const LARGE_ROWS_MAX: u32 = 8;
 
-/// A page that is being written, item by item. One that is short enough to be read in one piece needs no permit, so that it is
-/// answered while others make long ones.
+/// A page that is being written, item by item. One that is short enough to be read in one piece needs no permit, so
+/// that it is answered while others make long ones.
 pub(super) struct Page {
     app: App,
     permit: Option<Permit>,

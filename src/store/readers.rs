@@ -19,8 +19,8 @@ pub const READERS_MAX: usize = 4;
 /// Pages that each of these connections caches: the upper pages of the indexes of a million episodes.
 const CACHE_KIB: u32 = 8 * 1024;
 
-/// Rows between the thread of a connection and who reads them. All rows of a query are kept anyway; with a smaller buffer the two
-/// threads wake each other for each row.
+/// Rows between the thread of a connection and who reads them. All rows of a query are kept anyway; with a smaller
+/// buffer the two threads wake each other for each row.
 const ROWS_BUFFERED_MAX: usize = 4096;
 
 /// How long a request waits for a connection to read.

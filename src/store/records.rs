@@ -75,8 +75,8 @@ impl ActReader {
         (self.read, self.unread) = (acts, None);
     }
 
-    /// The record of the next act, or the records of the next acts, if they are of round `round`. At most about `bytes_max` bytes are read at
-    /// once.
+    /// The record of the next act, or the records of the next acts, if they are of round `round`. At most about
+    /// `bytes_max` bytes are read at once.
     pub async fn next_of(
         &mut self,
         round: u32,

@@ -73,7 +73,7 @@ const CASES: [(&str, Shows, Arguments); 63] = [
     ("competition cancel", Facts, |site| words("--reason because", [site.competition()])),
     ("competition actions", Facts, |site| words("", [site.competition()])),
     ("competition announce", Facts, |site| words("--text news", [site.competition()])),
-    ("competition announcements", List, |site| words("", [site.competition()])),
+    ("competition announcements", Facts, |site| words("", [site.competition()])),
     ("competition list-codes", Facts, |site| words("", [site.invitation()])),
     ("competition revoke-codes", Facts, |site| words("", [site.invitation(), "team".to_owned()])),
     ("competition exclude", Facts, |site| words("--name bot-*", [site.entrant().0])),

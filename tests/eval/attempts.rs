@@ -33,7 +33,7 @@ fn text(value: &Value) -> String {
 }
 
 impl Cup {
-    /// One that is open for so many seconds, with some fields changed.
+    /// Opens a competition for a number of seconds, with some fields changed.
     async fn open_for(seconds: u64, change: Value) -> Self {
         let bench = Bench::new();
         let mut command = Command::new(env!("CARGO_BIN_EXE_swarmbench"));

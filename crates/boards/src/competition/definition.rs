@@ -290,7 +290,7 @@ impl Definition {
         self.attempts.get(place).copied().or(spare)
     }
 
-    /// Which spare attempt has this number, counted from 1; none where the number is that of an attempt.
+    /// The place of a spare attempt among the spare ones, from 1; `None` if the number is not that of a spare attempt.
     #[must_use]
     pub fn spare(&self, attempt: u32) -> Option<u32> {
         let spare = attempt.checked_sub(u32::try_from(self.attempts.len()).ok()?)?;
