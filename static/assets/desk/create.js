@@ -33,6 +33,8 @@ const groupsOf = () => [
       { name: "windows", label: "Attempts", kind: "choice", initial: "", options: [["", "a number, all open for the whole time"], ["own", "each has a window of its own"]], isLocal: true, help: "Each attempt has seeds of its own, the same for all entrants. With windows nobody knows attempt 2 while others play attempt 1." },
       { name: "attempts", label: "Number of attempts", kind: "number", min: 1, max: 100, placeholder: "1", when: ({ windows }) => !windows },
       { name: "attempts", key: "attempt_windows", label: "Windows", kind: "windows", initial: [{ opens_at: "", closes_at: "" }], when: ({ windows }) => Boolean(windows), help: "A time that is left empty is that of the competition." },
+      { name: "attempts_per_day", label: "Attempts that an entrant may start on one day (UTC)", kind: "number", min: 1, max: 100, placeholder: "as many as there are" },
+      { name: "spares", label: "Spare attempts", kind: "number", min: 0, max: 99, placeholder: "0", help: "They have sealed seeds of their own, for attempts that you have to void. Without them a voided attempt is played again on seeds that its entrant has seen." },
       { name: "parallel", label: "Games of an attempt that are open at a time", kind: "number", min: 1, max: 100, placeholder: "5" },
     ],
   },
@@ -65,8 +67,8 @@ export function View() {
   return html`
     <h2>New competition</h2>
     <p>
-      The server draws the sealed seeds now, and publishes a commitment to them. Nothing of a competition can be changed later:
-      rehearse with one that closes after a few minutes.
+      The server draws the sealed seeds now, and publishes a commitment to them. Later you can extend its ends, correct its texts, and
+      hide or cancel it. What is played never changes: rehearse with a competition that closes after a few minutes.
     </p>
     <${Form} fields=${groupsOf()} label="Create the competition" send=${send} hasPreview />
   `;

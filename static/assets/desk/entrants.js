@@ -1,7 +1,8 @@
 // Entrants of a competition, and what an organizer changes about them.
-import { html } from "../ui.js";
+import { html, useState } from "../ui.js";
 import { request, route } from "../api.js";
 import { ActButton } from "../parts/act.js";
+import { Secret } from "../parts/copy.js";
 import { More } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Text, visible } from "../parts/text.js";
@@ -9,19 +10,27 @@ import { Time } from "../parts/time.js";
 
 /** @param {{id: string, list: ReturnType<typeof import("../parts/pages.js").usePages>}} props */
 export function Entrants({ id, list }) {
+  const [made, setMade] = useState(/** @type {{name: string, key: string} | null} */ (null));
   if (list.problem && !list.value) return html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />`;
   if (list.value && list.items.length === 0) return html`<p class="empty">Nobody has entered.</p>`;
-  return html`<div class="scroll" tabindex="0" role="region" aria-label="Table of entrants">
+  return html`<div role="status">
+      ${made &&
+      html`<${Secret} value=${made.key} label=${`The new key of ${visible(made.name)}`}>
+        <p>Give it to the entrant by a way that nobody else reads. It cannot be shown again; the earlier key is not accepted any more.</p>
+      <//>`}
+    </div>
+    <div class="scroll" tabindex="0" role="region" aria-label="Table of entrants">
       <table>
         <thead><tr><th scope="col">Name</th><th scope="col">Model</th><th scope="col">Status</th><th scope="col">Entered</th><th scope="col">Id</th><th scope="col">Change</th></tr></thead>
-        <tbody>${list.items.map((one) => html`<${Entrant} key=${one.id} id=${id} one=${one} done=${list.reload} />`)}</tbody>
+        <tbody>${list.items.map((one) => html`<${Entrant} key=${one.id} id=${id} one=${one} done=${list.reload} setMade=${setMade} />`)}</tbody>
       </table>
     </div>
     <${More} list=${list} />`;
 }
 
-/** @param {{id: string, one: any, done: () => void}} props */
-function Entrant({ id, one, done }) {
+/** @param {{id: string, one: any, done: () => void, setMade: (made: {name: string, key: string}) => void}} props */
+function Entrant({ id, one, done, setMade }) {
+  const replaceKey = async () => setMade({ name: one.name, ...(await request(route`/api/v1/competitions/${id}/entrants/${one.id}/key`, { method: "POST" })) });
   const change = (/** @type {Record<string, unknown>} */ body) => request(route`/api/v1/competitions/${id}/entrants/${one.id}`, { method: "PATCH", body });
   const of = visible(one.name);
   const name = html`<${Text} value=${one.name} />`;
@@ -47,6 +56,10 @@ function Entrant({ id, one, done }) {
           : html`<${ActButton} label="Readmit" of=${of} isDangerous=${false} title=${html`Readmit ${name}?`} done=${done} act=${() => change({ status: "active" })}>
               <p>It has a rank again, and can start attempts while the competition is open.</p>
             <//>`}
+        <${ActButton} label="Replace the key" of=${`of ${of}`} title=${html`Replace the key of ${name}?`} done=${done} act=${replaceKey}>
+          <p>For an entrant that has lost its key. The earlier key is not accepted any more, at once and for ever; attempts that run keep their tokens.</p>
+          <p class="muted">Only a key that was made when it entered can be replaced here. Who entered with a key of its own gets another one under Keys.</p>
+        <//>
       </div>
     </td>
   </tr>`;

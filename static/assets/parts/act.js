@@ -9,10 +9,11 @@ const REASON_CHARS_MAX = 500;
 /**
  * A button, and the dialog in which its act is confirmed.
  * @param {{label: string, of?: string, title: any, act: (reason: string) => Promise<unknown>, done?: () => void,
- *   reason?: "required" | "optional", isDangerous?: boolean, children: any}} props
- *   of: what the act concerns, for those who hear the button; children: what will happen
+ *   reason?: "required" | "optional", isDangerous?: boolean, dismiss?: string, children: any}} props
+ *   of: what the act concerns, for those who hear the button; children: what will happen; dismiss: what
+ *   closes the dialog without the act
  */
-export function ActButton({ label, of, title, act, done, reason, isDangerous = true, children }) {
+export function ActButton({ label, of, title, act, done, reason, isDangerous = true, dismiss = "Cancel", children }) {
   const dialog = useRef(/** @type {HTMLDialogElement | null} */ (null));
   const near = useRef(/** @type {HTMLElement | null} */ (null));
   const id = useId();
@@ -71,7 +72,7 @@ export function ActButton({ label, of, title, act, done, reason, isDangerous = t
           ${problem.fields && html`<${FieldProblems} problem=${problem} />`}</div>`}
         <p class="buttons">
           <button type="submit" class=${isDangerous ? "danger" : "primary"} disabled=${isSending}>${label}</button>
-          <button type="button" onClick=${() => dialog.current?.close()}>Cancel</button>
+          <button type="button" onClick=${() => dialog.current?.close()}>${dismiss}</button>
         </p>
       </form>`}
     </dialog>`;

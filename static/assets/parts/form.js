@@ -46,8 +46,8 @@ const flat = (fields) => fields.flatMap((one) => ("fields" in one ? one.fields :
 const initialValues = (fields) => Object.fromEntries(flat(fields).map((field) => [keyOf(field), field.initial ?? ""]));
 
 /**
- * A form. `send` gets the body; after it the form is empty again.
- * @param {{fields: (Field | Group)[], label: string, send: (body: any) => Promise<void>, hasPreview?: boolean}} props
+ * A form. `send` gets the body; after it the form is as at first, with the fields that `send` returns if it returns any.
+ * @param {{fields: (Field | Group)[], label: string, send: (body: any) => Promise<void | (Field | Group)[]>, hasPreview?: boolean}} props
  */
 export function Form({ fields, label, send, hasPreview }) {
   const [values, setValues] = useState(() => initialValues(fields));
@@ -72,8 +72,8 @@ export function Form({ fields, label, send, hasPreview }) {
     setProblem(null);
     setIsSending(true);
     try {
-      await send(body);
-      setValues(initialValues(fields));
+      const next = await send(body);
+      setValues(initialValues(next ?? fields));
     } catch (error) {
       setProblem(error instanceof Problem ? error : new Problem(0, { detail: String(error) }));
     } finally {

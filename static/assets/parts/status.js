@@ -76,3 +76,6 @@ export function percent(share) {
   if (share === 0) return "0 %";
   return share < 0.001 ? "< 0.1 %" : `${(share * 100).toFixed(1)} %`;
 }
+
+/** Marks an attempt of a competition that is played in place of a voided one. */
+export const OnSpareSeeds = () => html`<span class="badge" title="In place of a voided attempt, on other sealed seeds">on spare seeds</span>`;

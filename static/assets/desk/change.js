@@ -1,0 +1,93 @@
+// Changing a competition, and cancelling it.
+import { html, useState } from "../ui.js";
+import { request, route } from "../api.js";
+import { ActButton } from "../parts/act.js";
+import { Form } from "../parts/form.js";
+import { localTime } from "../parts/inputs.js";
+import { Text } from "../parts/text.js";
+
+/** @typedef {import("../parts/form.js").Field} Field */
+
+/** An end as the form shows it, to the minute. @param {string} time */
+const shownEnd = (time) => localTime(new Date(time));
+
+/** @param {any} competition */
+const hasOwnEnds = ({ attempts, closes_at }) => attempts.some((window) => window.closes_at !== closes_at);
+
+/** @param {any} competition @returns {(Field | import("../parts/form.js").Group)[]} */
+const fieldsOf = (competition) => [
+  { name: "name", label: "Name", isRequired: true, max: 100, initial: competition.name },
+  { name: "description", label: "What entrants should know", kind: "long", max: 10_000, initial: competition.description },
+  { name: "closes_at", label: "Closes", kind: "time", isRequired: true, initial: shownEnd(competition.closes_at), help: "Later only. Games that are open keep the end that they have; games that are opened afterwards have the new one." },
+  ...(hasOwnEnds(competition) ? [{ legend: "Ends of windows", isFolded: competition.attempts.length > 3, fields: competition.attempts.map(windowField) }] : []),
+  { name: "hidden", label: "In no list but the organizers'", kind: "check", initial: competition.hidden },
+  { name: "reason", label: "Reason", max: 500, help: "Everybody may read it." },
+];
+
+/** @param {any} window @param {number} place @returns {Field} */
+const windowField = (window, place) => ({
+  name: `attempts[${place}]`,
+  label: `Attempt ${place + 1} closes`,
+  kind: "time",
+  isRequired: true,
+  initial: shownEnd(window.closes_at),
+});
+
+/** An end that was typed; what was left as it is shown is the exact one. @param {string} typed @param {string} known */
+const endOf = (typed, known) => (shownEnd(typed) === shownEnd(known) ? known : typed);
+
+/** What differs from a competition. @param {any} competition @param {any} body what the form has */
+export function changeOf(competition, body) {
+  const closes_at = endOf(body.closes_at, competition.closes_at);
+  const description = body.description ?? "";
+  const hidden = body.hidden ?? false;
+  // Windows that end with the competition end with it again, unless they were given another end.
+  const followed = (/** @type {string} */ end) => (end === competition.closes_at ? closes_at : end);
+  const ends = competition.attempts.map((window, place) => endOf(body[`attempts[${place}]`] ?? window.closes_at, window.closes_at));
+  const hasEnds = ends.some((end, place) => end !== competition.attempts[place].closes_at);
+  return {
+    ...(body.name !== competition.name && { name: body.name }),
+    ...(description !== competition.description && { description }),
+    ...(closes_at !== competition.closes_at && { closes_at }),
+    // All of them, so that what the server says of attempts[1] is about attempt 2.
+    ...(hasEnds && { attempts: ends.map((end, place) => ({ attempt: place + 1, closes_at: followed(end) })) }),
+    ...(hidden !== competition.hidden && { hidden }),
+    ...(body.reason && { reason: body.reason }),
+  };
+}
+
+/** @param {{competition: any, changed: () => void}} props */
+export function Change({ competition, changed }) {
+  // What is typed is not lost when the competition is loaded again.
+  const [base, setBase] = useState(competition);
+  const [note, setNote] = useState("");
+  /** @param {any} body */
+  const send = async (body) => {
+    setNote("");
+    const { reason, ...change } = changeOf(base, body);
+    if (Object.keys(change).length === 0) {
+      setNote("Nothing differs from how it is.");
+      return fieldsOf({ ...base });
+    }
+    const now = await request(route`/api/v1/competitions/${base.id}`, { method: "PATCH", body: { ...change, reason } });
+    setBase(now);
+    setNote("It was changed, and everybody sees what.");
+    changed();
+    return fieldsOf(now);
+  };
+  return html`<h3>Change</h3>
+    <p class="muted">Nothing is ever shortened, and what is played never changes.</p>
+    <details><summary>Later ends, other texts</summary>
+      <${Form} fields=${fieldsOf(base)} label="Change the competition" send=${send} />
+      <p class="good" role="status">${note}</p>
+    </details>
+    <p class="buttons">
+      <${ActButton} label="Cancel the competition" title=${html`Cancel <${Text} value=${competition.name} />?`} reason="required" dismiss="Keep it" done=${changed}
+        act=${(/** @type {string} */ reason) => request(route`/api/v1/competitions/${competition.id}/cancel`, { method: "POST", body: { reason } })}>
+        <p>
+          Nobody enters or starts an attempt any more, and attempts that run end at once. Its seeds are published at the time at which
+          it would have closed. This cannot be undone.
+        </p>
+      <//>
+    </p>`;
+}
