@@ -1,7 +1,7 @@
 // Competitions from their creation to the check of their results, and the rest of the desk, without a command line.
 import assert from "node:assert/strict";
 import { NARROW, open, visitor } from "./support/browser.mjs";
-import { play } from "./support/games.mjs";
+import { competition, play } from "./support/games.mjs";
 import { suite } from "./support/suite.mjs";
 
 const AS = { asOrganizer: true };
@@ -50,6 +50,8 @@ async function create(page) {
   await page.getByLabel("Closes (required)").fill(localTime(-3_600_000));
   await page.getByLabel("Clock of a round").fill("60");
   await page.getByLabel("Entry").selectOption("codes");
+  await page.getByLabel("Spare attempts").fill("1");
+  await page.getByLabel("Attempts that an entrant may start on one day").fill("1");
   await page.getByRole("button", { name: "Create the competition" }).click();
   await page.getByText("must be after opens_at").first().waitFor();
   const focused = await page.evaluate(() => /** @type {HTMLInputElement} */ (document.activeElement).labels?.[0]?.textContent);
@@ -82,6 +84,8 @@ visit(
   async ({ page, watch }) => {
     watch.expect(/422/);
     const { id, code } = await create(page);
+    const made = await site.program.get(`/api/v1/competitions/${id}`);
+    assert.deepEqual([made.spares, made.attempts_per_day], [1, 1]);
     const entrant = await visitor(site.browser, site.program, { viewport: NARROW });
     const token = await enter(entrant.page, id, code);
     assert.equal((await site.program.get("/swarm/obs", { token })).finished, false);
@@ -92,14 +96,14 @@ visit(
     await page.getByRole("dialog").getByLabel("Reason").waitFor();
     await page.keyboard.type("two <b>entrants</b> of one team");
     await page.keyboard.press("Enter");
-    await page.getByText("two <b>entrants</b> of one team").waitFor();
+    await page.getByText("two <b>entrants</b> of one team").first().waitFor();
     const region = await page.evaluate(() => document.activeElement?.getAttribute("aria-label"));
     assert.equal(region, "Table of entrants", "the keyboard stays near what has changed");
     await page.getByRole("button", { name: "Readmit blue" }).click();
     await confirm(page, "Readmit");
     await page.getByRole("button", { name: "Void attempt 1" }).click();
     await confirm(page, "Void", "the disk was full");
-    await page.getByText("the disk was full").waitFor();
+    await page.getByText("the disk was full").first().waitFor();
 
     await open(page, "/desk?view=audit");
     for (const action of ["attempt.void", "entrant.change", "competition.create"]) {
@@ -107,6 +111,145 @@ visit(
     }
   },
   AS,
+);
+
+/** A competition with an entrant that has an attempt, and two entrants without. @param {import("./support/program.mjs").Program} program */
+async function manyEntrants(program) {
+  const { id } = await competition(program, { name: "Summer cup", entry: "codes", attempts: 2, spares: 1 });
+  const base = `/api/v1/competitions/${id}`;
+  const { items } = await program.post(`${base}/codes`, { labels: ["blue", "bot 1", "bot 2", "late"] });
+  const keys = [];
+  for (const [place, name] of ["blue", "bot-1", "bot-2"].entries()) {
+    const { key } = await program.post(`${base}/entrants`, { name, model: "m", code: items[place].code }, { token: "" });
+    keys.push(key);
+  }
+  await program.post(`${base}/attempts`, {}, { token: keys[0] });
+  return { id, base, blue: keys[0] };
+}
+
+visit(
+  "a competition is extended, and its codes, keys and entrants are mended",
+  async ({ page, watch }, { program }) => {
+    watch.expect(/422/);
+    const { id, base, blue } = await manyEntrants(program);
+    const before = await program.get(base);
+    await open(page, `/desk?view=competition&id=${id}`);
+
+    await page.getByText("Later ends, other texts").click();
+    const closes = page.getByLabel("Closes (required)");
+    const known = await closes.inputValue();
+    await closes.fill(localTime(3_600_000));
+    await page.getByRole("button", { name: "Change the competition" }).click();
+    await page.locator(".field", { has: closes }).getByText("earlier").waitFor();
+    assert.equal(await closes.getAttribute("aria-invalid"), "true");
+    await closes.fill(known);
+    await page.getByRole("button", { name: "Change the competition" }).click();
+    await page.getByText("Nothing differs from how it is.").waitFor();
+    await closes.fill(localTime(48 * 3_600_000));
+    await page.getByLabel("Name (required)").fill("Summer cup, extended");
+    await page.getByLabel("Reason", { exact: true }).fill("a power cut");
+    await page.getByRole("button", { name: "Change the competition" }).click();
+    await page.getByText("It was changed, and everybody sees what.").waitFor();
+    const changed = await program.get(base);
+    assert.deepEqual([changed.name, changed.description], ["Summer cup, extended", before.description]);
+    assert.ok(changed.closes_at > before.closes_at);
+
+    await page.getByRole("row", { name: /^bot 1 used bot-1/ }).waitFor();
+    await page.getByRole("button", { name: "Revoke codes of late" }).click();
+    await confirm(page, "Revoke");
+    await page.getByRole("row", { name: /^late revoked/ }).waitFor();
+
+    await page.getByRole("button", { name: "Replace the key of blue" }).click();
+    await confirm(page, "Replace the key");
+    const shown = await page.getByRole("group", { name: "The new key of blue" }).innerText();
+    const key = String(/secret_\w+/.exec(shown));
+    await assert.rejects(program.get(`${base}/attempts`, { token: blue }), /401/);
+    assert.equal((await program.get(`${base}/attempts`, { token: key })).items.length, 1);
+
+    await page.getByText("Exclude many at once").click();
+    await page.getByLabel("Name", { exact: true }).fill("BOT-*");
+    await page.getByRole("button", { name: "Show who they are" }).click();
+    const fit = page.getByRole("region", { name: "Table of entrants that fit" });
+    await fit.getByRole("rowheader", { name: "bot-2" }).waitFor();
+    assert.equal(await fit.getByRole("rowheader").count(), 2);
+    await page.getByRole("button", { name: "Exclude 2 entrants" }).click();
+    await confirm(page, "Exclude 2 entrants", "one team");
+    await page.getByText("2 entrants excluded").waitFor();
+    await page.getByRole("button", { name: "Readmit bot-2" }).click();
+    await confirm(page, "Readmit");
+    await page.getByRole("button", { name: "Disqualify bot-2" }).waitFor();
+    const { items } = await program.get(`${base}/entrants`);
+    assert.deepEqual(items.map((one) => one.status), ["active", "disqualified", "active"]);
+
+    // On spare seeds first; then none are left, and what the entrant has seen is said.
+    await page.getByRole("button", { name: "Void attempt 1" }).click();
+    await confirm(page, "Void", "the disk was full");
+    await page.getByText("the disk was full").first().waitFor();
+    assert.equal(await page.getByText("has seen seeds").count(), 0);
+    await program.post(`${base}/attempts`, { attempt: 1 }, { token: key });
+    await page.getByText("on spare seeds").first().waitFor();
+    await page.getByRole("row", { name: /on spare seeds/ }).getByRole("button", { name: "Void attempt 1" }).click();
+    await confirm(page, "Void", "again");
+    await page.getByText("Warning: blue has seen seeds of attempt 1.").waitFor();
+
+    const done = page.getByRole("region", { name: "Table of what organizers did" });
+    for (const action of ["Voided an attempt", "Excluded entrants", "Replaced the key of an entrant", "Revoked invitation codes", "Changed it"]) {
+      await done.getByRole("rowheader", { name: action }).first().waitFor();
+    }
+
+    await page.getByRole("button", { name: "Cancel the competition" }).press("Enter");
+    await page.getByRole("dialog").getByText("This cannot be undone").waitFor();
+    await confirm(page, "Cancel the competition", "the hall is closed");
+    await page.getByText("The reason: the hall is closed").waitFor();
+
+    const reader = await visitor(site.browser, site.program, { viewport: NARROW });
+    await open(reader.page, `/competitions/${id}`);
+    await reader.page.getByText("The reason: the hall is closed").waitFor();
+    await reader.page.getByRole("listitem").filter({ hasText: "Would have closed" }).getByText("extended").waitFor();
+    const rows = reader.page.getByRole("region", { name: "Table of what organizers did" }).getByRole("rowheader");
+    assert.equal(await rows.first().innerText(), "Cancelled it");
+    await reader.page.getByText("again on other sealed seeds, 1 of them at most").waitFor();
+    await open(reader.page, "/competitions");
+    await reader.page.getByRole("heading", { name: "Cancelled" }).waitFor();
+    await reader.done();
+  },
+  AS,
+);
+
+visit(
+  "an entrant renames, withdraws and erases itself, on a telephone",
+  async ({ page, watch }, { program }) => {
+    watch.expect(/401/);
+    const { id } = await competition(program, { name: "Autumn cup", attempts: 3, attempts_per_day: 2 });
+    const base = `/api/v1/competitions/${id}`;
+    await open(page, `/competitions/${id}`);
+    await page.getByText("An entrant may start 2 on one day").waitFor();
+    await page.getByText("What is erased, and what stays").click();
+    await page.getByText("It cannot return to this competition").waitFor();
+    await page.getByLabel("Name on the board").fill("Ada");
+    await page.getByLabel("Model (required)").fill("m");
+    await page.getByRole("button", { name: "Enter the competition" }).click();
+    await page.getByRole("button", { name: "Use it in this tab" }).click();
+
+    const own = page.locator("details", { has: page.getByText("Change my entrant", { exact: true }) });
+    const name = own.getByLabel("Name on the board");
+    await name.fill("Ada L.");
+    await name.press("Enter");
+    await own.getByText("The name was changed.").waitFor();
+    await page.getByRole("region", { name: "Table of entrants" }).getByRole("rowheader", { name: "Ada L." }).waitFor();
+    await own.getByRole("button", { name: "Withdraw Ada L." }).click();
+    await confirm(page, "Withdraw", "no time");
+    await own.getByText("withdrawn", { exact: true }).waitFor();
+    await own.getByRole("button", { name: "Erase Ada L." }).press("Enter");
+    await page.getByRole("dialog").getByText("the journals of its games").waitFor();
+    await confirm(page, "Erase");
+    await page.getByText("Ada L. was erased.").waitFor();
+    await page.getByRole("button", { name: "Key", exact: true }).waitFor();
+    await page.getByRole("region", { name: "Table of entrants" }).getByRole("rowheader", { name: /^erased ent_/ }).waitFor();
+    const { items } = await program.get(`${base}/entrants`);
+    assert.match(items[0].name, /^erased/);
+  },
+  { viewport: NARROW },
 );
 
 visit("the file of a competition is checked in the browser", async ({ page }, { data }) => {

@@ -6,6 +6,7 @@ import { short } from "../parts/chart.js";
 import { Commands, Secret } from "../parts/copy.js";
 import { More } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
+import { OnSpareSeeds } from "../parts/status.js";
 import { Text } from "../parts/text.js";
 import { Time } from "../parts/time.js";
 
@@ -47,7 +48,7 @@ export function Attempts({ competition, list, entrants }) {
 
 /** @param {{attempt: any, name: string, renew: (run: string) => Promise<void>}} props */
 const Attempt = ({ attempt, name, renew }) => html`<tr>
-  <th scope="row">${attempt.attempt}</th>
+  <th scope="row">${attempt.attempt}${attempt.on_spare_seeds && html` <${OnSpareSeeds} />`}</th>
   <td><${Text} value=${name} /></td>
   <td>
     ${attempt.status}${attempt.voided && html`<div class="small"><span class="badge">voided</span> <${Text} value=${attempt.voided} /> It may be started again.</div>`}

@@ -4,6 +4,7 @@ import { key, remember, request, route } from "../api.js";
 import { Secret } from "../parts/copy.js";
 import { Form } from "../parts/form.js";
 import { Text } from "../parts/text.js";
+import { ErasingText, rememberEntrant } from "./own.js";
 
 /** @param {{entry: string, hasKey: boolean}} options @returns {(import("../parts/form.js").Field | import("../parts/form.js").Group)[]} */
 const fieldsOf = ({ entry, hasKey }) => [
@@ -30,23 +31,35 @@ export function Enter({ competition, entered }) {
   /** @param {any} body */
   const send = async ({ own_key, ...body }) => {
     const token = own_key ? null : key();
-    setMade(await request(route`/api/v1/competitions/${competition.id}/entrants`, { method: "POST", body, token }));
+    const answer = await request(route`/api/v1/competitions/${competition.id}/entrants`, { method: "POST", body, token });
+    if (!answer.key) rememberEntrant(competition.id, answer.id);
+    setMade(answer);
     entered?.();
   };
-  return html`${made && html`<${Entered} made=${made} />`}
+  return html`${made && html`<${Entered} competition=${competition.id} made=${made} />`}
     <details open=${!hasKey && !made}>
       <summary>${made ? "Enter another one" : "Enter"}</summary>
+      <p class="muted">
+        Everybody can read the name, the model and what else you declare. With its key an entrant can change its name, withdraw, and erase itself.
+      </p>
+      <details class="small"><summary>What is erased, and what stays</summary><${ErasingText} /></details>
       <${Form} key=${String(hasKey)} fields=${fieldsOf({ entry: competition.entry, hasKey })} label="Enter the competition" send=${send} />
     </details>`;
 }
 
-/** What the server answered: the key is never shown again. @param {{made: any}} props */
-const Entered = ({ made }) => html`<div role="status">
+/** What the server answered: the key is never shown again. @param {{competition: string, made: any}} props */
+function Entered({ competition, made }) {
+  const use = () => {
+    rememberEntrant(competition, made.id);
+    remember("key", made.key);
+  };
+  return html`<div role="status">
   <p class="good"><${Text} value=${made.name} /> takes part.</p>
   ${made.key
     ? html`<${Secret} value=${made.key} label="The key of this entrant">
         <p>Keep it safe: it starts attempts and shows their results. Nobody can show it again.</p>
-        <p><button type="button" class="primary" onClick=${() => remember("key", made.key)}>Use it in this tab</button></p>
+        <p><button type="button" class="primary" onClick=${use}>Use it in this tab</button></p>
       <//>`
     : html`<p>It was entered with the key of this tab, which starts its attempts.</p>`}
 </div>`;
+}

@@ -1,14 +1,12 @@
 // Who takes part.
 import { html } from "../ui.js";
-import { route } from "../api.js";
-import { More, usePages } from "../parts/pages.js";
+import { More } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Text } from "../parts/text.js";
 import { Time } from "../parts/time.js";
 
-/** @param {{competition: any}} props */
-export function Entrants({ competition }) {
-  const list = usePages(route`/api/v1/competitions/${competition.id}/entrants`);
+/** @param {{list: ReturnType<typeof import("../parts/pages.js").usePages>}} props */
+export function Entrants({ list }) {
   if (list.problem && !list.value) return html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />`;
   if (!list.value) return html`<p class="muted" role="status">Loading …</p>`;
   if (list.items.length === 0) return html`<p class="empty">Nobody has entered.</p>`;

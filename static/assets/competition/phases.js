@@ -9,7 +9,7 @@ const MEANING = {
   open: "Attempts can be started and played.",
   closing: "No round begins any more. The last ones have their whole clock, then everything is revealed.",
   closed: "Seeds, games and the board are public. Anybody can check them.",
-  cancelled: "The organizer has ended it early. Nobody plays any more; its seeds are public from the time on at which it would have closed.",
+  cancelled: "The organizer has ended it early. Nobody plays any more; its seeds are published at the time at which it would have closed.",
 };
 
 /** More windows than this are listed apart. */
@@ -18,8 +18,11 @@ const WINDOWS_SHOWN = 3;
 /** Beyond this difference the clock of a computer misleads. */
 const CLOCK_DIFFERENCE_MS = 5000;
 
-/** @param {{competition: any, aheadMs: number}} props aheadMs: by how much this computer's clock is ahead of the server's */
-export function Phases({ competition, aheadMs }) {
+/**
+ * @param {{competition: any, aheadMs: number, firstEnds: Map<string, string>}} props aheadMs: by how much this computer's clock is
+ *   ahead of the server's; firstEnds: of what was extended
+ */
+export function Phases({ competition, aheadMs, firstEnds }) {
   const { phase } = competition;
   const next = phase === "announced" ? ["Opens", competition.opens_at] : phase === "open" ? ["Closes", competition.closes_at] : null;
   return html`
@@ -34,9 +37,9 @@ export function Phases({ competition, aheadMs }) {
     </p>`}
     <ol class="moments">
       ${momentsOf(competition).map(
-        ({ name, at, isPast, isNext }) => html`<li class=${isPast ? "past" : ""} aria-current=${isNext ? "step" : undefined}>
+        ({ name, at, isPast, isNext, field }) => html`<li class=${isPast ? "past" : ""} aria-current=${isNext ? "step" : undefined}>
           <span>${name}${isPast && html`<span class="unseen"> (past)</span>`}</span>
-          <span>${at ? html`<${Time} value=${at} both />` : "when the last game has ended"}</span>
+          <span>${at ? html`<${Time} value=${at} both />` : "when the last game has ended"}${field && html`<${Extended} from=${firstEnds.get(field)} />`}</span>
         </li>`,
       )}
     </ol>
@@ -44,10 +47,16 @@ export function Phases({ competition, aheadMs }) {
     competition.attempts.length > WINDOWS_SHOWN &&
     html`<details>
       <summary>Windows of ${competition.attempts.length} attempts</summary>
-      <ol>${competition.attempts.map((window) => html`<li>from <${Time} value=${window.opens_at} both /> to <${Time} value=${window.closes_at} both /></li>`)}</ol>
+      <ol>${competition.attempts.map((window, index) => html`<li>from <${Time} value=${window.opens_at} both /> to <${Time} value=${window.closes_at} both /><${Extended} from=${firstEnds.get(endOf(index))} /></li>`)}</ol>
     </details>`}
   `;
 }
+
+/** The name of the end of a window in the API. @param {number} index */
+const endOf = (index) => `attempts[${index}].closes_at`;
+
+/** @param {{from?: string}} props from: the end at first */
+const Extended = ({ from }) => from && html` <span class="badge">extended</span> <span class="small">at first <${Time} value=${from} /></span>`;
 
 /** Whether attempts have windows of their own. @param {any} competition */
 const hasWindows = ({ attempts, opens_at, closes_at }) =>
@@ -57,14 +66,18 @@ const hasWindows = ({ attempts, opens_at, closes_at }) =>
 function momentsOf(competition) {
   const { attempts, opens_at, closes_at } = competition;
   const showsWindows = hasWindows(competition) && attempts.length <= WINDOWS_SHOWN;
+  /** @type {{name: string, at: string, field?: string}[]} */
   const moments = [
     { name: "Announced, with the commitment", at: competition.created_at },
     { name: "Opens", at: opens_at },
     ...(showsWindows ? attempts.flatMap((window, index) => windowMoments(window, index + 1)) : []),
     ...(competition.board_freezes_at ? [{ name: "Board freezes", at: competition.board_freezes_at }] : []),
-    { name: "Closes: no round begins any more", at: closes_at },
+    competition.cancelled_at
+      ? { name: "Would have closed", at: closes_at, field: "closes_at" }
+      : { name: "Closes: no round begins any more", at: closes_at, field: "closes_at" },
+    ...(competition.cancelled_at ? [{ name: "Cancelled", at: competition.cancelled_at }] : []),
   ].sort((a, b) => a.at.localeCompare(b.at));
-  const all = [...moments, { name: "Revealed", at: competition.revealed_at }];
+  const all = [...moments, { name: "Revealed", at: competition.revealed_at, field: undefined }];
   const now = new Date().toISOString();
   const next = all.findIndex(({ at }) => !at || at > now);
   return all.map((moment, index) => ({ ...moment, isPast: next < 0 || index < next, isNext: index === next }));
@@ -73,5 +86,5 @@ function momentsOf(competition) {
 /** @param {{opens_at: string, closes_at: string}} window @param {number} number */
 const windowMoments = (window, number) => [
   { name: `Attempt ${number} opens`, at: window.opens_at },
-  { name: `Attempt ${number} closes`, at: window.closes_at },
+  { name: `Attempt ${number} closes`, at: window.closes_at, field: endOf(number - 1) },
 ];

@@ -6,7 +6,7 @@ import { Download } from "../parts/download.js";
 import { METRICS, metricName } from "../parts/metrics.js";
 import { More, usePages } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
-import { failuresText } from "../parts/status.js";
+import { OnSpareSeeds, failuresText } from "../parts/status.js";
 import { Text } from "../parts/text.js";
 import { Time } from "../parts/time.js";
 
@@ -16,7 +16,7 @@ const REFRESH_MS = 15_000;
 export function Standings({ competition }) {
   const [metric, setMetric] = useState("");
   const path = withQuery(route`/api/v1/competitions/${competition.id}/board`, { metrics: metric });
-  const list = usePages(path, competition.phase === "closed" ? undefined : REFRESH_MS);
+  const list = usePages(path, competition.revealed_at ? undefined : REFRESH_MS);
   if (!list.value) {
     return list.problem ? html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />` : html`<p class="muted" role="status">Loading …</p>`;
   }
@@ -30,7 +30,7 @@ export function Standings({ competition }) {
     <p class="muted">
       ${first.frozen_at && html`Frozen: attempts that were over before <${Time} value=${first.frozen_at} both />. `}
       ${!hasAll && "Totals only, until the seeds are revealed. A rank without a total: too few games count to show one."}
-      ${hasAll && competition.phase !== "closed" && "Only organizers see this board before the end."}
+      ${hasAll && !competition.revealed_at && "Only organizers see this board before the end."}
     </p>
     ${hasAll &&
     html`<p>
@@ -104,7 +104,7 @@ function Row({ row, tasks, metric, hasAll, scale }) {
       ${isOut && html`<div class="small"><span class="badge">${entrant.status}</span> ${entrant.reason && html`<${Text} value=${entrant.reason} />`}</div>`}
     </th>
     <td><${Text} value=${entrant.model} /></td>
-    <td class="number">${hasAll && row.run ? html`<a href=${route`/runs/${row.run}`}>${short(row.total)}</a>` : short(row.total)}</td>
+    <td class="number">${hasAll && row.run ? html`<a href=${route`/runs/${row.run}`}>${short(row.total)}</a>` : short(row.total)}${row.on_spare_seeds && html`<div><${OnSpareSeeds} /></div>`}</td>
     ${tasks.map((task) => html`<td class="number">${short(meanOf(task))}</td>`)}
     ${metric && tasks.map((task) => html`<td class="number">${short(row.metrics?.[task]?.[metric])}</td>`)}
     ${hasAll &&

@@ -5,11 +5,13 @@ import { Attempts } from "../competition/attempts.js";
 import { Enter } from "../competition/enter.js";
 import { Entrants } from "../competition/entrants.js";
 import { Commitment, Rules } from "../competition/facts.js";
+import { OwnEntrant } from "../competition/own.js";
 import { Phases } from "../competition/phases.js";
 import { Standings } from "../competition/standings.js";
 import { Verification } from "../competition/verification.js";
 import { openKeyDialog } from "../parts/header.js";
 import { useLoaded } from "../parts/load.js";
+import { Actions, firstEnds } from "../parts/organizers.js";
 import { usePages } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Text, visible } from "../parts/text.js";
@@ -19,7 +21,6 @@ const REFRESH_MS = 20_000;
 /** @param {{id: string}} props */
 export function Page({ id }) {
   const { value, problem, reload } = useLoaded((signal) => load(id, signal), [id], REFRESH_MS);
-  const [entries, setEntries] = useState(0);
   const name = value?.competition.name;
   useEffect(() => {
     document.title = name ? `${visible(name)} · Competition` : "Competition";
@@ -29,19 +30,35 @@ export function Page({ id }) {
       ? html`<h1>Competition</h1><${ProblemNote} problem=${problem} retry=${reload} what="This competition" />`
       : html`<p class="muted" role="status">Loading …</p>`;
   }
-  const { competition, aheadMs } = value;
+  return html`<${Competition} key=${id} ...${value} isLost=${Boolean(problem)} />`;
+}
+
+/** @param {{competition: any, aheadMs: number, isLost: boolean}} props isLost: the server does not answer any more */
+function Competition({ competition, aheadMs, isLost }) {
+  const entrants = usePages(route`/api/v1/competitions/${competition.id}/entrants`);
+  const actions = usePages(route`/api/v1/competitions/${competition.id}/actions`, REFRESH_MS);
+  const [changes, setChanges] = useState(0);
+  const names = new Map(entrants.items.map((one) => [one.id, one.name]));
+  // A cancelled competition is revealed, too, but its phase stays.
+  const isRevealed = Boolean(competition.revealed_at);
+  const changed = () => {
+    setChanges((changes) => changes + 1);
+    entrants.reload();
+  };
+  const part = html`<${TakePart} competition=${competition} entrants=${entrants.items} changed=${changed} />`;
   return html`
     <h1><${Text} value=${competition.name} /></h1>
-    ${problem && html`<p class="bad" role="status">The server does not answer. What is shown may be out of date.</p>`}
-    <${Phases} competition=${competition} aheadMs=${aheadMs} />
+    ${isLost && html`<p class="bad" role="status">The server does not answer. What is shown may be out of date.</p>`}
+    <${Phases} competition=${competition} aheadMs=${aheadMs} firstEnds=${firstEnds(actions.items)} />
     <${Description} text=${competition.description.trim()} />
-    <section aria-labelledby="standings"><h2 id="standings">Standings</h2><${Standings} competition=${competition} key=${`${competition.phase} ${entries}`} /></section>
-    ${competition.phase !== "closed" && html`<${TakePart} competition=${competition} entered=${() => setEntries(entries + 1)} />`}
+    <section aria-labelledby="standings"><h2 id="standings">Standings</h2><${Standings} competition=${competition} key=${`${competition.phase} ${changes}`} /></section>
+    ${!isRevealed && part}
     <section aria-labelledby="rules"><h2 id="rules">How it is played</h2><${Rules} competition=${competition} /></section>
-    <section aria-labelledby="entrants"><h2 id="entrants">Entrants</h2><${Entrants} competition=${competition} key=${entries} /></section>
+    <section aria-labelledby="entrants"><h2 id="entrants">Entrants</h2><${Entrants} list=${entrants} /></section>
+    <section aria-labelledby="actions"><h2 id="actions">What organizers did</h2><${Actions} list=${actions} names=${names} /></section>
     <section aria-labelledby="commitment"><h2 id="commitment">Commitment</h2><${Commitment} competition=${competition} /></section>
-    ${competition.phase === "closed" &&
-    html`${key() && html`<${TakePart} competition=${competition} />`}
+    ${isRevealed &&
+    html`${key() && part}
       <section aria-labelledby="verify"><h2 id="verify">Check the results</h2><${Verification} competition=${competition} /></section>`}
   `;
 }
@@ -64,26 +81,29 @@ async function load(id, signal) {
   return { competition, aheadMs: Number.isNaN(at) ? 0 : Date.now() - at };
 }
 
-/** Entering and playing, with or without a key. @param {{competition: any, entered?: () => void}} props */
-function TakePart({ competition, entered }) {
+/** Entering and playing, with or without a key. @param {{competition: any, entrants: any[], changed: () => void}} props */
+function TakePart({ competition, entrants, changed }) {
   const [ownKey, setOwnKey] = useState(key());
+  const [erased, setErased] = useState("");
   useEffect(() => onRemembered(() => setOwnKey(key())), []);
-  const isClosed = competition.phase === "closed" || competition.phase === "closing";
+  const mayEnter = competition.phase === "announced" || competition.phase === "open";
   return html`<section aria-labelledby="part">
-    <h2 id="part">${isClosed ? "My attempts" : "Take part"}</h2>
+    <h2 id="part">${mayEnter ? "Take part" : "My attempts"}</h2>
+    <div role="status">${erased && html`<p class="good"><${Text} value=${erased} /> was erased.</p>`}</div>
     ${ownKey
-      ? html`<${Own} key=${ownKey} competition=${competition} />`
+      ? html`<${Own} key=${ownKey} competition=${competition} entrants=${entrants} changed=${changed} erased=${setErased} />`
       : html`<p>If you have entered already, <button type="button" onClick=${openKeyDialog}>enter your key</button> to see your attempts.</p>`}
-    ${!isClosed && html`<${Enter} competition=${competition} entered=${entered} />`}
+    ${mayEnter && html`<${Enter} competition=${competition} entered=${changed} />`}
   </section>`;
 }
 
 const ATTEMPTS_REFRESH_MS = 5000;
 
-/** @param {{competition: any}} props */
-function Own({ competition }) {
+/** @param {{competition: any, entrants: any[], changed: () => void, erased: (name: string) => void}} props */
+function Own({ competition, entrants, changed, erased }) {
   const list = usePages(route`/api/v1/competitions/${competition.id}/attempts`, ATTEMPTS_REFRESH_MS);
-  const entrants = usePages(route`/api/v1/competitions/${competition.id}/entrants`);
-  return html`<${Attempts} competition=${competition} list=${list} entrants=${entrants.items} />
+  const started = list.items.map(({ entrant }) => entrant);
+  return html`<${Attempts} competition=${competition} list=${list} entrants=${entrants} />
+    ${list.value && html`<${OwnEntrant} competition=${competition} started=${started} entrants=${entrants} changed=${changed} erased=${erased} />`}
     <p class="muted small">An organizer's key shows the attempts of all entrants, and manages them <a href=${`/desk?view=competition&id=${encodeURIComponent(competition.id)}`}>at the desk</a>.</p>`;
 }

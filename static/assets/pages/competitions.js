@@ -10,6 +10,7 @@ const PHASES = [
   { phases: ["open"], title: "Open", note: "Attempts can be started.", clock: "closes_at", word: "Closes" },
   { phases: ["announced"], title: "Announced", note: "Nobody can play yet. One can enter.", clock: "opens_at", word: "Opens" },
   { phases: ["closing"], title: "Closing", note: "The last rounds run. Results follow.", clock: "closes_at", word: "Closed" },
+  { phases: ["cancelled"], title: "Cancelled", note: "Organizers ended them early.", clock: "cancelled_at", word: "Cancelled" },
   { phases: ["closed"], title: "Closed", note: "Seeds, games and boards are public.", clock: "revealed_at", word: "Revealed" },
 ];
 
