@@ -140,7 +140,7 @@ visit(
     const known = await closes.inputValue();
     await closes.fill(localTime(3_600_000));
     await page.getByRole("button", { name: "Change the competition" }).click();
-    await page.locator(".field", { has: closes }).getByText("earlier").waitFor();
+    await page.locator(".field", { has: closes }).getByText("never shortened").waitFor();
     assert.equal(await closes.getAttribute("aria-invalid"), "true");
     await closes.fill(known);
     await page.getByRole("button", { name: "Change the competition" }).click();

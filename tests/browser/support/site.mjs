@@ -109,8 +109,10 @@ function speaks(texts, known = {}) {
 
 /** @param {import("./program.mjs").Program} program @param {Texts} texts */
 async function openCompetition(program, texts) {
-  const made = await competition(program, { name: texts.name("Spring cup"), description: texts.description });
+  const made = await competition(program, { name: texts.name("Spring cup"), description: texts.description, spares: 1 });
   const base = `/api/v1/competitions/${made.id}`;
+  const later = new Date(Date.parse(made.closes_at) + 3_600_000).toISOString();
+  await program.call("PATCH", base, { body: { name: texts.name("Spring cup again"), closes_at: later, reason: texts.reason } });
   for (const who of ["blue", "red"]) {
     const key = await enter(program, base, texts, who);
     const { swarm_token: token } = await program.post(`${base}/attempts`, {}, { token: key });
