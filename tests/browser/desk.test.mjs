@@ -154,6 +154,10 @@ visit(
     assert.deepEqual([changed.name, changed.description], ["Summer cup, extended", before.description]);
     assert.ok(changed.closes_at > before.closes_at);
 
+    await page.getByLabel("Announcement (required)").fill("The hall opens an hour later.");
+    await page.getByRole("button", { name: "Announce", exact: true }).click();
+    await page.getByText("It was announced.").waitFor();
+
     await page.getByRole("row", { name: /^bot 1 used bot-1/ }).waitFor();
     await page.getByRole("button", { name: "Revoke codes of late" }).click();
     await confirm(page, "Revoke");
@@ -208,6 +212,7 @@ visit(
     await reader.page.getByRole("listitem").filter({ hasText: "Would have closed" }).getByText("extended").waitFor();
     const rows = reader.page.getByRole("region", { name: "Table of what organizers did" }).getByRole("rowheader");
     assert.equal(await rows.first().innerText(), "Cancelled it");
+    await reader.page.getByRole("region", { name: "Announcements" }).getByText("The hall opens an hour later.").waitFor();
     await reader.page.getByText("again on other sealed seeds, 1 of them at most").waitFor();
     await open(reader.page, "/competitions");
     await reader.page.getByRole("heading", { name: "Cancelled" }).waitFor();

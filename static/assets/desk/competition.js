@@ -9,6 +9,7 @@ import { usePages } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Text } from "../parts/text.js";
 import { Countdown } from "../parts/time.js";
+import { Announce } from "./announce.js";
 import { Attempts } from "./attempts.js";
 import { Change } from "./change.js";
 import { Codes } from "./codes.js";
@@ -51,6 +52,7 @@ export function View({ query }) {
       Publish the commitment where you cannot change it unnoticed: <${Copyable} value=${value.commitment} label="the commitment" />
     </p>
     ${isOpen && html`<${Change} key=${id} competition=${value} changed=${changed} />`}
+    <${Announce} id=${id} changed=${changed} />
     ${value.entry === "codes" && html`<${Codes} id=${id} names=${names} mayMake=${isOpen} />`}
     <h3>Entrants</h3>
     <${Entrants} id=${id} list=${{ ...entrants, reload: entrantsChanged }} />

@@ -1,6 +1,7 @@
 // A competition: its phases, standings, rules and entrants; entering it, playing it, and checking it after its end.
 import { html, useEffect, useState } from "../ui.js";
 import { key, onRemembered, route, send } from "../api.js";
+import { Announcements } from "../competition/announcements.js";
 import { Attempts } from "../competition/attempts.js";
 import { Enter } from "../competition/enter.js";
 import { Entrants } from "../competition/entrants.js";
@@ -37,6 +38,7 @@ export function Page({ id }) {
 function Competition({ competition, aheadMs, isLost }) {
   const entrants = usePages(route`/api/v1/competitions/${competition.id}/entrants`);
   const actions = usePages(route`/api/v1/competitions/${competition.id}/actions`, REFRESH_MS);
+  const announcements = usePages(`${route`/api/v1/competitions/${competition.id}/announcements`}?limit=10`, REFRESH_MS);
   const [changes, setChanges] = useState(0);
   const names = new Map(entrants.items.map((one) => [one.id, one.name]));
   // A cancelled competition is revealed, too, but its phase stays.
@@ -51,6 +53,7 @@ function Competition({ competition, aheadMs, isLost }) {
     ${isLost && html`<p class="bad" role="status">The server does not answer. What is shown may be out of date.</p>`}
     <${Phases} competition=${competition} aheadMs=${aheadMs} firstEnds=${firstEnds(actions.items)} />
     <${Description} text=${competition.description.trim()} />
+    <${Announcements} list=${announcements} />
     <section aria-labelledby="standings"><h2 id="standings">Standings</h2><${Standings} competition=${competition} key=${`${competition.phase} ${changes}`} /></section>
     ${!isRevealed && part}
     <section aria-labelledby="rules"><h2 id="rules">How it is played</h2><${Rules} competition=${competition} /></section>

@@ -11,6 +11,7 @@ const ACTIONS = {
   "competition.create": "Created it",
   "competition.change": "Changed it",
   "competition.cancel": "Cancelled it",
+  "competition.announce": "Announced",
   "competition.codes": "Made invitation codes",
   "competition.codes.revoke": "Revoked invitation codes",
   "competition.export": "Downloaded the file",
@@ -63,8 +64,8 @@ function Subject({ id, detail, names }) {
 
 /** @param {{detail: any, names: Map<string, string>}} props */
 const Details = ({ detail, names }) => {
-  const { changes = [], entrants = [], reason, status, vouched, codes } = detail;
-  return html`${changes.map((change) => html`<div><${Changed} ...${change} /></div>`)}
+  const { changes = [], entrants = [], reason, status, vouched, codes, text } = detail;
+  return html`${text && html`<div class="foreign"><${Text} value=${text} /></div>`}${changes.map((change) => html`<div><${Changed} ...${change} /></div>`)}
     ${status && html`<div>now ${status}${vouched && ", vouched"}</div>`}
     ${codes > 0 && html`<div>${codes === 1 ? "1 code" : `${codes} codes`}</div>`}
     ${entrants.length > 0 &&

@@ -1,0 +1,20 @@
+// What the organizers of a competition announce.
+import { html } from "../ui.js";
+import { More } from "../parts/pages.js";
+import { Text } from "../parts/text.js";
+import { Time } from "../parts/time.js";
+
+/** Nothing before the first one. @param {{list: ReturnType<typeof import("../parts/pages.js").usePages>}} props */
+export function Announcements({ list }) {
+  if (list.items.length === 0) return null;
+  return html`<section aria-labelledby="announcements">
+    <h2 id="announcements">Announcements</h2>
+    ${list.items.map(
+      ({ at, text }) => html`<article class="inset">
+        <p class="muted small"><${Time} value=${at} both /></p>
+        <div class="foreign"><${Text} value=${text} /></div>
+      </article>`,
+    )}
+    <${More} list=${list} />
+  </section>`;
+}
