@@ -1,7 +1,7 @@
 // What the organizers of a competition announce.
 import { html } from "../ui.js";
 import { More } from "../parts/pages.js";
-import { Text } from "../parts/text.js";
+import { Lines } from "../parts/text.js";
 import { Time } from "../parts/time.js";
 
 /** Nothing before the first one. @param {{list: ReturnType<typeof import("../parts/pages.js").usePages>}} props */
@@ -12,7 +12,7 @@ export function Announcements({ list }) {
     ${list.items.map(
       ({ at, text }) => html`<article class="inset">
         <p class="muted small"><${Time} value=${at} both /></p>
-        <div class="foreign"><${Text} value=${text} /></div>
+        <${Lines} value=${text} />
       </article>`,
     )}
     <${More} list=${list} />

@@ -3,7 +3,7 @@ import { html } from "../ui.js";
 import { route } from "../api.js";
 import { More } from "./pages.js";
 import { ProblemNote } from "./problem.js";
-import { Text } from "./text.js";
+import { Lines, Text } from "./text.js";
 import { Time } from "./time.js";
 
 /** Actions of the API in words. @type {Record<string, string>} */
@@ -65,7 +65,7 @@ function Subject({ id, detail, names }) {
 /** @param {{detail: any, names: Map<string, string>}} props */
 const Details = ({ detail, names }) => {
   const { changes = [], entrants = [], reason, status, vouched, codes, text } = detail;
-  return html`${text && html`<div class="foreign"><${Text} value=${text} /></div>`}${changes.map((change) => html`<div><${Changed} ...${change} /></div>`)}
+  return html`${text && html`<${Lines} value=${text} />`}${changes.map((change) => html`<div><${Changed} ...${change} /></div>`)}
     ${status && html`<div>now ${status}${vouched && ", vouched"}</div>`}
     ${codes > 0 && html`<div>${codes === 1 ? "1 code" : `${codes} codes`}</div>`}
     ${entrants.length > 0 &&
@@ -82,7 +82,7 @@ function Changed({ field, from, to }) {
   if (field === "hidden") return to ? "hidden" : "in lists again";
   if (field === "description") {
     return html`another description
-      <details><summary>The earlier one</summary><div class="foreign"><${Text} value=${from} /></div></details>`;
+      <details><summary>The earlier one</summary><${Lines} value=${from} /></details>`;
   }
   return html`<${Text} value=${field} />: <${Text} value=${to} />, earlier <${Text} value=${from} />`;
 }

@@ -30,7 +30,10 @@ const joins = (text, index) =>
 /** A short text in a line. @param {{value: unknown, title?: string}} props */
 export const Text = ({ value, title }) => html`<bdi class="foreign" title=${title}>${visible(value)}</bdi>`;
 
-/** A long text with its line breaks. @param {{value: unknown, label: string}} props */
+/** A text with its line breaks. @param {{value: unknown}} props */
+export const Lines = ({ value }) => html`<div class="foreign lines">${visible(value, true)}</div>`;
+
+/** A long text with its line breaks, which scrolls. @param {{value: unknown, label: string}} props */
 export function LongText({ value, label }) {
   const text = String(value ?? "");
   const shown = text.length > SHOWN_CHARS ? `${text.slice(0, SHOWN_CHARS)} …` : text;
