@@ -125,8 +125,14 @@ impl Caller {
         matches!(self, Self::Key(key) if matches!(key.role, Role::Organizer | Role::Judge))
     }
 
-    fn is_judge(&self) -> bool {
-        matches!(self, Self::Key(key) if key.role == Role::Judge)
+    /// Refuses judges, where others are refused for reasons of their own.
+    pub(super) fn is_no_judge(&self) -> Result<(), ApiError> {
+        match self {
+            Self::Key(key) if key.role == Role::Judge => {
+                Err(ApiError::new(Code::Forbidden, JUDGES_READ))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The key of the caller; all other callers are refused.
@@ -309,14 +315,12 @@ impl Caller {
 
     /// The key of a caller who may take part; `detail` is the error for tokens, which may not.
     fn player(&self, app: &App, detail: &str) -> Result<Option<OwnerKey>, ApiError> {
+        self.is_no_judge()?;
         match self {
             Self::Key(key) if key.role == Role::Entrant => Err(ApiError::new(
                 Code::Forbidden,
                 "this key is for attempts in competitions; ask the organizer for a member's key",
             )),
-            Self::Key(key) if key.role == Role::Judge => {
-                Err(ApiError::new(Code::Forbidden, JUDGES_READ))
-            }
             Self::Key(key) => Ok(key.number),
             Self::Anonymous { may_create: true } => Ok(None),
             Self::Anonymous { may_create: false } if app.has_keys => Err(needs_token("a key")),
@@ -388,17 +392,18 @@ impl FromRequestParts<App> for Organizer {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, ApiError> {
-        match Caller::from_request_parts(parts, app).await? {
+        let caller = Caller::from_request_parts(parts, app).await?;
+        caller.is_no_judge()?;
+        match caller {
             Caller::Anonymous { .. } => Err(needs_token("an organizer's key")),
             Caller::Key(key) if key.role == Role::Organizer => Ok(Self { key }),
-            caller if caller.is_judge() => Err(ApiError::new(Code::Forbidden, JUDGES_READ)),
             _ => Err(ApiError::new(Code::Forbidden, "this needs an organizer's key")),
         }
     }
 }
 
 /// The error for a judge who wants to do something.
-pub(super) const JUDGES_READ: &str = "this is a judge's key: judges read, and neither play nor change anything; an organizer's key may";
+const JUDGES_READ: &str = "this is a judge's key: judges read, and neither play nor change anything; an organizer's key may";
 
 /// The key of an organizer or of a judge.
 pub(super) struct Overseer;

@@ -6,7 +6,6 @@ use axum::Extension;
 use axum::http::StatusCode;
 
 use super::super::answer::with_tokens;
-use super::super::auth::JUDGES_READ;
 use super::super::client::{Client, network};
 use super::super::prelude::*;
 use super::check_open;
@@ -47,10 +46,8 @@ pub(in super::super) async fn register_entrant(
     _: Params<Nothing>,
     Json(request, _): Json<EntrantRequest>,
 ) -> Result<Response, ApiError> {
+    caller.is_no_judge()?;
     let own_key = match &caller {
-        Caller::Key(key) if key.role == Role::Judge => {
-            return Err(ApiError::new(Code::Forbidden, JUDGES_READ));
-        }
         Caller::Key(key) => Some(key.clone()),
         Caller::Anonymous { .. } => None,
         Caller::Seat(..) | Caller::Swarm(..) | Caller::Run(_) => {

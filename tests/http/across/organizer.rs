@@ -1,4 +1,4 @@
-//! The organizer's guide, done as it is written: all its commands, in its order, at its times.
+//! The guides of organizers, entrants and judges, done as they are written: all their commands, in their order, at their times.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -53,10 +53,16 @@ fn steps(guide: &str) -> Vec<Step> {
 struct Shell {
     folder: tempfile::TempDir,
     server: String,
-    key: String,
+    /// Nothing for those who have no key yet.
+    key: Option<String>,
 }
 
 impl Shell {
+    fn new(app: &TestApp, key: Option<String>) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        Self { folder, server: app.base().to_owned(), key }
+    }
+
     /// Runs commands as they stand in the guide; returns what they say.
     async fn run(&self, commands: &str) -> String {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -75,7 +81,8 @@ impl Shell {
         }
         let mut shell = Command::new("bash");
         shell.arg("-c").arg(script).env("PATH", path).current_dir(self.folder.path());
-        shell.env("SWARMBENCH_SERVER", &self.server).env("SWARMBENCH_KEY", &self.key);
+        shell.env("SWARMBENCH_SERVER", &self.server).env_remove("SWARMBENCH_KEY");
+        shell.envs(self.key.as_ref().map(|key| ("SWARMBENCH_KEY", key)));
         shell.stdin(Stdio::null());
         // The server continues meanwhile.
         let output = tokio::task::spawn_blocking(move || shell.output()).await;
@@ -91,49 +98,103 @@ impl Shell {
         let value = said.lines().find_map(|line| line.strip_prefix("value: "));
         value.expect("a value").to_owned()
     }
+
+    /// Does everything that a guide says; returns what its commands say, and how many blocks of them there are.
+    async fn follow(&self, guide: &str, app: &TestApp) -> (String, usize) {
+        let mut said = String::new();
+        let mut blocks = 0;
+        for step in steps(guide) {
+            match step {
+                Step::Time(at) => {
+                    app.pass(Duration::try_from(at.duration_since(app.now())).expect("not back"));
+                }
+                Step::Commands(commands) => {
+                    said += &self.run(&commands).await;
+                    blocks += 1;
+                }
+                Step::Play(names) => {
+                    for name in names {
+                        let swarm = self.variable(&name).await;
+                        let attempt = Attempt { run: String::new(), swarm, number: 1 };
+                        for _ in 0..3 {
+                            attempt.act(app, 4).await;
+                        }
+                    }
+                }
+                Step::Closed => {
+                    let id = self.variable("CUP").await;
+                    let path = format!("/api/v1/competitions/{id}");
+                    for _ in 0..10_000 {
+                        if app.get(&path).ok().await["phase"] == "closed" {
+                            break;
+                        }
+                        app.pass(Duration::from_secs(1));
+                    }
+                }
+            }
+        }
+        (said, blocks)
+    }
+}
+
+/// What an organizer has done before others read their guides: a competition, and a code for it.
+async fn prepared(app: &TestApp) -> Shell {
+    let organizer = Shell::new(app, Some(app.organizer.clone()));
+    organizer
+        .run(
+            "CUP=$(swarmbench competition create examples/competition.toml)\n\
+             CODE=$(swarmbench competition codes \"$CUP\" 'team blue' | grep -o 'invite_[a-z0-9]*')\n\
+             JUDGE=$(swarmbench key create --name jury --role judge --server \"$SWARMBENCH_SERVER\")",
+        )
+        .await;
+    organizer
+}
+
+/// A shell that knows some variables of the organizer's.
+async fn with(organizer: &Shell, app: &TestApp, key: Option<String>, names: &[&str]) -> Shell {
+    let shell = Shell::new(app, key);
+    for name in names {
+        let value = organizer.variable(name).await;
+        shell.run(&format!("{name}='{value}'")).await;
+    }
+    shell
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_guide_of_entrants_is_done_as_it_is_written() {
+    let app = TestApp::builder().manual_clock().keys().start().await;
+    let organizer = prepared(&app).await;
+    let entrant = with(&organizer, &app, None, &["CUP", "CODE"]).await;
+    let guide = include_str!("../../../docs/organise/entrant.md");
+    let (said, blocks) = entrant.follow(guide, &app).await;
+    assert_eq!(blocks, 6);
+    assert!(said.contains("verified: the seeds are those of the published commitment"), "{said}");
+    assert!(said.contains("blue whales"), "{said}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_guide_of_judges_is_done_as_it_is_written() {
+    let app = TestApp::builder().manual_clock().keys().start().await;
+    let organizer = prepared(&app).await;
+    let entrants = include_str!("../../../docs/organise/entrant.md");
+    let (played, _) = entrants.split_once("## 4").expect("a part after the attempt");
+    let entrant = with(&organizer, &app, None, &["CUP", "CODE"]).await;
+    entrant.follow(played, &app).await;
+    let key = organizer.variable("JUDGE").await;
+    let judge = with(&organizer, &app, Some(key), &["CUP"]).await;
+    let guide = include_str!("../../../docs/organise/judge.md");
+    let (said, blocks) = judge.follow(guide, &app).await;
+    assert_eq!(blocks, 4);
+    assert!(said.contains("refused, as it should be"), "{said}");
+    assert!(said.contains("judges read"), "the refusal names the rule: {said}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn the_guide_is_done_as_it_is_written() {
     let app = TestApp::builder().manual_clock().keys().start().await;
-    let shell = Shell {
-        folder: tempfile::tempdir().expect("a folder"),
-        server: app.base().to_owned(),
-        key: app.organizer.clone(),
-    };
+    let shell = Shell::new(&app, Some(app.organizer.clone()));
     let guide = include_str!("../../../docs/organise/organizer.md");
-    let mut said = String::new();
-    let mut blocks = 0;
-    for step in steps(guide) {
-        match step {
-            Step::Time(at) => {
-                app.pass(Duration::try_from(at.duration_since(app.now())).expect("not back"));
-            }
-            Step::Commands(commands) => {
-                said += &shell.run(&commands).await;
-                blocks += 1;
-            }
-            Step::Play(names) => {
-                for name in names {
-                    let swarm = shell.variable(&name).await;
-                    let attempt = Attempt { run: String::new(), swarm, number: 1 };
-                    for _ in 0..3 {
-                        attempt.act(&app, 4).await;
-                    }
-                }
-            }
-            Step::Closed => {
-                let id = shell.variable("CUP").await;
-                let path = format!("/api/v1/competitions/{id}");
-                for _ in 0..10_000 {
-                    if app.get(&path).ok().await["phase"] == "closed" {
-                        break;
-                    }
-                    app.pass(Duration::from_secs(1));
-                }
-            }
-        }
-    }
+    let (said, blocks) = shell.follow(guide, &app).await;
     assert!(blocks > 10, "{blocks} blocks of commands");
     let cup = shell.variable("CUP").await;
     let shown = app.get(&format!("/api/v1/competitions/{cup}")).ok().await;
