@@ -126,7 +126,7 @@ impl Caller {
     }
 
     /// Refuses judges, where others are refused for reasons of their own.
-    pub(super) fn is_no_judge(&self) -> Result<(), ApiError> {
+    pub(super) fn check_not_judge(&self) -> Result<(), ApiError> {
         match self {
             Self::Key(key) if key.role == Role::Judge => {
                 Err(ApiError::new(Code::Forbidden, JUDGES_READ))
@@ -315,7 +315,7 @@ impl Caller {
 
     /// The key of a caller who may take part; `detail` is the error for tokens, which may not.
     fn player(&self, app: &App, detail: &str) -> Result<Option<OwnerKey>, ApiError> {
-        self.is_no_judge()?;
+        self.check_not_judge()?;
         match self {
             Self::Key(key) if key.role == Role::Entrant => Err(ApiError::new(
                 Code::Forbidden,
@@ -393,7 +393,7 @@ impl FromRequestParts<App> for Organizer {
 
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, ApiError> {
         let caller = Caller::from_request_parts(parts, app).await?;
-        caller.is_no_judge()?;
+        caller.check_not_judge()?;
         match caller {
             Caller::Anonymous { .. } => Err(needs_token("an organizer's key")),
             Caller::Key(key) if key.role == Role::Organizer => Ok(Self { key }),

@@ -15,9 +15,6 @@ pub const HUMAN: &str = "human";
 /// The field of an `agent_meta` with the system message that a model gets: a text, or an object with one for each task.
 pub const SYSTEM_MESSAGE: &str = "system_message";
 
-/// How the names of built-in players begin where models are named.
-const BUILT_IN_PREFIX: &str = "built-in/";
-
 /// Whether an `agent_meta` declares that people played.
 #[must_use]
 pub fn is_human(meta: &Map<String, Value>) -> bool {
@@ -95,7 +92,7 @@ impl Definition {
     #[must_use]
     pub fn prompt(&self) -> Identity {
         let reads_none = self.player.is_some()
-            || self.model.starts_with(BUILT_IN_PREFIX)
+            || self.model.starts_with(swarmbench_protocol::names::BUILT_IN)
             || is_human(&self.meta);
         let revision = if reads_none { 1 } else { self.prompt_revision };
         Identity::of(self.prompt_template.as_deref(), revision, self.meta.get(SYSTEM_MESSAGE))

@@ -21,6 +21,12 @@ pub fn check(name: &str, chars_max: usize) -> Result<(), String> {
     Ok(())
 }
 
+/// Whether a text of several lines has no control characters but line breaks and tabs.
+#[must_use]
+pub fn is_plain_text(text: &str) -> bool {
+    !text.chars().any(|c| c.is_control() && c != '\n' && c != '\t')
+}
+
 /// What is wrong with the name of a model.
 ///
 /// # Errors

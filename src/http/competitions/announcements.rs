@@ -8,6 +8,7 @@ use super::super::page::{NewestParams, ROWS_MAX};
 use super::super::prelude::*;
 use crate::store::audit::ShownAction;
 use swarmbench_protocol::competition::{Announcement, AnnouncementRequest, Announcements};
+use swarmbench_protocol::names::is_plain_text;
 
 /// The action of an announcement.
 const ANNOUNCE: &str = "competition.announce";
@@ -84,9 +85,8 @@ pub(in super::super) async fn announce(
 
 /// Refuses texts that are empty, too long, or have control characters other than line breaks and tabs.
 fn check(text: &str) -> Result<(), ApiError> {
-    let is_odd = |c: char| c.is_control() && c != '\n' && c != '\t';
     let chars = text.chars().count();
-    if text.trim().is_empty() || chars > ANNOUNCEMENT_CHARS_MAX || text.chars().any(is_odd) {
+    if text.trim().is_empty() || chars > ANNOUNCEMENT_CHARS_MAX || !is_plain_text(text) {
         let problem = format!("must be 1 to {ANNOUNCEMENT_CHARS_MAX} characters of plain text");
         return Err(ApiError::field("text", problem));
     }

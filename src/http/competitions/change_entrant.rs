@@ -134,7 +134,7 @@ pub(in super::super) async fn erase_entrant(
 
 /// Refuses all but organizers and the holder of the entrant's key.
 fn check_own(caller: &Caller, entrant: &StoredEntrant) -> Result<(), ApiError> {
-    caller.is_no_judge()?;
+    caller.check_not_judge()?;
     let key = caller.needs_key()?;
     if caller.is_organizer() || key.number == Some(entrant.owner) {
         return Ok(());

@@ -256,8 +256,8 @@ impl Reader {
     }
 }
 
-/// The line before a journal.
-fn header(slot: u32, stored: &StoredEpisode) -> Episode {
+/// The record before a journal.
+fn episode_record(slot: u32, stored: &StoredEpisode) -> Episode {
     let end = usize::from(stored.ended_at.is_some());
     Episode {
         slot,
@@ -278,7 +278,7 @@ impl Parts for Reader {
                 }
             } else if let Some((slot, journal)) = self.begun.pop_front() {
                 self.episodes += 1;
-                let header = header(slot, &journal.stored);
+                let header = episode_record(slot, &journal.stored);
                 out.extend_from_slice(self.writer.line(&Line::Episode(header)).as_bytes());
                 self.journal = Some(JournalReader::of(self.app.store.clone(), journal));
             } else if let Some(line) = self.line().await? {

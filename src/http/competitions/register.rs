@@ -46,7 +46,7 @@ pub(in super::super) async fn register_entrant(
     _: Params<Nothing>,
     Json(request, _): Json<EntrantRequest>,
 ) -> Result<Response, ApiError> {
-    caller.is_no_judge()?;
+    caller.check_not_judge()?;
     let own_key = match &caller {
         Caller::Key(key) => Some(key.clone()),
         Caller::Anonymous { .. } => None,

@@ -53,7 +53,7 @@ pub(in super::super) async fn start_attempt(
     headers: HeaderMap,
     OptionalJson(request, body): OptionalJson<AttemptRequest>,
 ) -> Result<Response, ApiError> {
-    caller.is_no_judge()?;
+    caller.check_not_judge()?;
     let owner = caller.needs_key()?.number;
     let competition = app.competition(&caller, &id).await?;
     let entrant = entrant(&app, &competition, owner, request.entrant.as_deref()).await?;

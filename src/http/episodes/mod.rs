@@ -77,7 +77,7 @@ impl App {
 
     /// An episode that the caller created.
     async fn owned(&self, caller: &Caller, id: String) -> Result<Handle, ApiError> {
-        caller.is_no_judge()?;
+        caller.check_not_judge()?;
         let (stored, spec) = self.known(caller, id).await?;
         if !caller.owns(subject(&stored, &spec)) {
             let detail = "only the creator of an episode may do this: send its swarm token, or the key with which it was created";

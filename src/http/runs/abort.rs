@@ -29,7 +29,7 @@ pub(in super::super) async fn abort_run(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Json<RunDetail>, ApiError> {
-    caller.is_no_judge()?;
+    caller.check_not_judge()?;
     let known = app.known_run(&caller, &id).await?;
     let is_attempt = known.stored.attempt.is_some();
     if !caller.owns(known.subject()) || (is_attempt && !caller.is_organizer()) {

@@ -31,7 +31,7 @@ pub(in super::super) async fn replace_run_token(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
-    caller.is_no_judge()?;
+    caller.check_not_judge()?;
     let known = app.known_run(&caller, &id).await?;
     let (run, owner) = (known.stored.run, known.stored.owner);
     // The player of an attempt in a competition may play it, but not read it.

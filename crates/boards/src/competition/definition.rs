@@ -155,9 +155,8 @@ impl Definition {
         if let Err(problem) = swarmbench_protocol::names::check(&self.name, NAME_CHARS_MAX) {
             refuse("name", problem);
         }
-        let is_odd = |c: char| c.is_control() && c != '\n' && c != '\t';
         if self.description.chars().count() > DESCRIPTION_CHARS_MAX
-            || self.description.chars().any(is_odd)
+            || !swarmbench_protocol::names::is_plain_text(&self.description)
         {
             let most = DESCRIPTION_CHARS_MAX;
             refuse("description", format!("must be at most {most} characters of plain text"));

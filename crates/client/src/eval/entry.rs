@@ -21,9 +21,6 @@ const ENTRANTS_ASKED_MAX: usize = 1000;
 /// How many of them are asked about at once.
 const ENTRANTS_AT_ONCE: usize = 8;
 
-/// How the names of built-in players begin on boards.
-const BUILT_IN_PREFIX: &str = "built-in/";
-
 /// What separates the digest of a system message from the name of a prompt.
 const SYSTEM_PREFIX: &str = "+system:";
 
@@ -181,7 +178,8 @@ impl Entry {
             }
         };
         let name = planned.name();
-        let is_same = name == *model || name.strip_prefix(BUILT_IN_PREFIX) == Some(model);
+        let is_same = name == *model
+            || name.strip_prefix(swarmbench_protocol::names::BUILT_IN) == Some(model);
         let name = if is_same { model.clone() } else { name };
         compare("model", Some(format!("{model:?}")), Some(format!("{name:?}")));
         let [own_temperature, own_top_p] = planned.sampling();
