@@ -424,18 +424,31 @@ fn show_play(lines: &[play::Line]) {
 
 /// Shows how long reads take.
 pub(super) fn show_reads(reads: &reads::Report) {
-    let mut shown = numbers(&["read", "different", "first ms", "p50 ms", "p99 ms", "max ms"]);
+    let mut shown = numbers(&[
+        "read",
+        "different",
+        "first: p50 ms",
+        "max ms",
+        "later: p50 ms",
+        "p99 ms",
+        "max ms",
+    ]);
     for line in &reads.lines {
         shown.add_row([
             line.read.to_owned(),
             line.different.to_string(),
-            millis(line.first_ms),
+            millis(line.first.p50_ms),
+            millis(line.first.max_ms),
             millis(line.latency.p50_ms),
             millis(line.latency.p99_ms),
             millis(line.latency.max_ms),
         ]);
     }
-    out!("\n{} reads of each kind by {} clients at once", reads.requests, reads.clients);
+    out!(
+        "\nDifferent requests of each kind once by one client, then {} of each kind by {} clients at once",
+        reads.requests,
+        reads.clients
+    );
     out!("{shown}");
 }
 

@@ -15,6 +15,9 @@ pub(super) const ROWS_MAX: u32 = 16;
 /// Rows that are read at once where each needs further reads.
 pub(super) const LARGE_ROWS_MAX: u32 = 8;
 
+/// How many times as many rows are read at once with the permit of a large answer: a page of the usual size with one query.
+const PIECES_WITH_PERMIT: u32 = 4;
+
 /// A page that is being written, item by item. One that is short enough to be read in one piece needs no permit, so
 /// that it is answered while others make long ones.
 pub(super) struct Page {
@@ -67,8 +70,10 @@ impl Page {
     where
         F: Future<Output = Result<Vec<R>, StoreError>>,
     {
+        let mut rows_max = rows_max;
         if self.items_max > rows_max as usize {
             self.needs_permit().await?;
+            rows_max *= PIECES_WITH_PERMIT;
         }
         while let Some(wanted) = self.wants(rows_max) {
             let rows = read(self.place, wanted).await?;
@@ -156,9 +161,9 @@ pub(super) fn page_limit(app: &App, asked: Option<u32>, usual: u32) -> Result<u3
 pub(super) struct PageParams {
     /// How many at most, up to 1,000; all that fit into one answer where it is left out.
     #[param(minimum = 1, maximum = 1000)]
-    limit: Option<u32>,
+    pub(super) limit: Option<u32>,
     /// The `next_cursor` of the page before.
-    cursor: Option<String>,
+    pub(super) cursor: Option<String>,
 }
 
 impl PageParams {

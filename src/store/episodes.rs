@@ -7,7 +7,7 @@ use sqlx::{QueryBuilder, Sqlite};
 use super::Store;
 use super::StoreError;
 use super::rows::{FromRow, get};
-use super::templates::opening;
+use super::templates::{listed_opening, opening};
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use crate::keys::OwnerKey;
 use crate::store::port::{StoredEpisode, Unfinished};
@@ -83,6 +83,8 @@ pub enum Readable {
 /// Which part of an episode is read.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Detail {
+    /// What lists show of it: the text of a built-in prompt template is left out.
+    Listed,
     /// What is shown of it.
     Summary,
     /// Also the end record, and when the last act came, for which its acts have to be looked through.
@@ -105,14 +107,17 @@ const SHORT_END: &str = "CASE WHEN octet_length(e.ending) <= 1024 THEN e.ending 
 /// Asks for episodes; the caller adds a condition.
 fn select(detail: Detail) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(
-        concat!("SELECT e.key AS episode, e.id, e.owner, e.run, e.revealed, ", opening!(), ",
-                coalesce(e.fork_round, 0) AS first_round, e.seating, e.status, e.reason, e.created_at, e.ended_at, e.bytes,
+        "SELECT e.key AS episode, e.id, e.owner, e.run, e.revealed, coalesce(e.own_games, 0) AS own_games, ",
+    );
+    query.push(if detail == Detail::Listed { listed_opening!() } else { opening!() });
+    query.push(
+        ", coalesce(e.fork_round, 0) AS first_round, e.seating, e.status, e.reason, e.created_at, e.ended_at, e.bytes,
                 CASE WHEN e.voided_at IS NULL THEN NULL ELSE coalesce(e.void_reason, '') END AS void_reason,
                 CASE WHEN e.ended_at IS NULL AND r.round >= coalesce(e.fork_round, 0) THEN r.head ELSE e.head END AS head,
-                coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score, "),
+                coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score, ",
     );
     match detail {
-        Detail::Summary => query
+        Detail::Listed | Detail::Summary => query
             .push("e.created_at AS newest_at, NULL AS \"end\", NULL AS last_act_at, ")
             .push(SHORT_END)
             .push(" AS short_end"),
@@ -128,7 +133,7 @@ fn select(detail: Detail) -> QueryBuilder<Sqlite> {
           LEFT JOIN rounds r ON r.episode = e.key
               AND r.round = (SELECT max(round) FROM rounds WHERE episode = e.key)",
     );
-    if detail == Detail::Summary {
+    if detail != Detail::All {
         query.push(" AND (").push(SHORT_END).push(") IS NULL");
     }
     query.push(" WHERE ");
@@ -209,7 +214,7 @@ impl Store {
         before: Option<EpisodeKey>,
         limit: u32,
     ) -> Result<Vec<StoredEpisode>, StoreError> {
-        let mut query = select(Detail::Summary);
+        let mut query = select(Detail::Listed);
         query.push("e.key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
         let leads = filter.leads();
         for (column, value) in
@@ -250,7 +255,9 @@ impl Store {
                 query
                     .push(" AND (")
                     .push(public)
-                    .push(" OR (e.visibility <> 'sealed' AND e.owner = ")
+                    .push(
+                        " OR ((e.visibility <> 'sealed' OR (e.own_games AND e.ended_at IS NOT NULL)) AND e.owner = ",
+                    )
                     .push_bind(owner.0)
                     .push(") OR ")
                     .push(CLAIMABLE);
@@ -354,6 +361,7 @@ impl FromRow for StoredEpisode {
             owner: get(row, "owner")?,
             run: get(row, "run")?,
             revealed: get(row, "revealed")?,
+            own_games: get(row, "own_games")?,
             opening: get(row, "opening")?,
             first_round: get(row, "first_round")?,
             seating: get(row, "seating")?,

@@ -29,9 +29,9 @@ pub struct Line {
     pub path: String,
     /// Different requests of this kind, which are asked in turn.
     pub different: usize,
-    /// The first answer, in milliseconds: nothing is cached yet.
-    pub first_ms: f64,
-    /// All answers.
+    /// The first answer to each of them, by one client: what is read comes from the disk, boards are computed.
+    pub first: Spread,
+    /// Later answers.
     pub latency: Spread,
 }
 
@@ -207,10 +207,14 @@ async fn line(
     let calls: Arc<Vec<_>> = Arc::new(
         paths.iter().map(|path| request(target, "GET", path, target.key(), None)).collect(),
     );
+    let first = Latencies::default();
     let mut connection = Connection::new(target);
-    let started = Instant::now();
-    connection.call(tally, &calls[0]).await;
-    let first_ms = started.elapsed().as_secs_f64() * 1e3;
+    for call in calls.iter() {
+        let started = Instant::now();
+        if connection.call(tally, call).await {
+            first.record([started.elapsed()]);
+        }
+    }
     let latencies = Arc::new(Latencies::default());
     let mut tasks = JoinSet::new();
     for client in 0..clients {
@@ -228,5 +232,5 @@ async fn line(
     }
     tasks.join_all().await;
     let path = paths.into_iter().next().unwrap_or_default();
-    Line { read, path, different: calls.len(), first_ms, latency: latencies.spread() }
+    Line { read, path, different: calls.len(), first: first.spread(), latency: latencies.spread() }
 }
