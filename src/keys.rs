@@ -95,4 +95,6 @@ impl Key {
 pub struct KeyRow {
     pub key: Key,
     pub hash: TokenHash,
+    /// The first key of the team, where it is that of another member.
+    pub acts_for: Option<OwnerKey>,
 }

@@ -5,7 +5,7 @@ use sqlx::SqlSafeStr as _;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 
 /// Version, description and text of each file in `migrations`.
-const FILES: [(i64, &str, &str); 11] = [
+const FILES: [(i64, &str, &str); 12] = [
     (1, "journal", include_str!("../migrations/0001_journal.sql")),
     (2, "keys", include_str!("../migrations/0002_keys.sql")),
     (3, "runs", include_str!("../migrations/0003_runs.sql")),
@@ -17,6 +17,7 @@ const FILES: [(i64, &str, &str); 11] = [
     (9, "forks", include_str!("../migrations/0009_forks.sql")),
     (10, "templates", include_str!("../migrations/0010_templates.sql")),
     (11, "competitions", include_str!("../migrations/0011_competitions.sql")),
+    (12, "teams", include_str!("../migrations/0012_teams.sql")),
 ];
 
 /// All migrations, oldest first.

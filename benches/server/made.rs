@@ -58,6 +58,7 @@ impl Made {
             visibility: "public".to_owned(),
             idle_timeout_ms: 86_400_000,
             closes_at: None,
+            own_games: false,
         };
         let row = RunRow {
             run,
@@ -112,6 +113,7 @@ impl Made {
             salt: None,
             fork: None,
             closes_at: None,
+            own_games: false,
             open_seats: Vec::new(),
             fill_after: None,
             fill_with: None,
@@ -143,6 +145,7 @@ impl Made {
             visibility: spec.visibility.name(),
             waiting: false,
             has_open_seats: false,
+            own_games: false,
             clocked: false,
             at: now,
             idempotency: None,

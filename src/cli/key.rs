@@ -111,7 +111,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
                     let shown = key.summary(now);
                     let detail = json!({ "name": key.name, "role": key.role.name() });
                     let audit_entry = audit_entry("key.create", &key.id, detail);
-                    let row = KeyRow { key, hash: token.hash() };
+                    let row = KeyRow { key, hash: token.hash(), acts_for: None };
                     store.keep(vec![Entry::AddKey(Box::new(row)), audit_entry]).await?;
                     store.close().await;
                     (shown, token.reveal().to_owned())

@@ -53,10 +53,10 @@ pub struct StoredEntrant {
     pub owner: OwnerKey,
     /// The address or network from which it registered, for organizers.
     pub address: Option<IpAddr>,
-    /// Whether its name was erased.
-    pub is_erased: bool,
     /// Its name in the published file, where it was erased after the end.
     pub published: Option<String>,
+    /// How organizers reach it.
+    pub contact: Option<String>,
     /// All that others see of it, and what it declared.
     pub entrant: Entrant,
 }
@@ -115,10 +115,11 @@ pub async fn entrants(
 pub async fn list_entrants(
     store: &Store,
     competition: CompetitionKey,
+    owner: Option<OwnerKey>,
     after: Option<EntryKey>,
     limit: u32,
 ) -> Result<Vec<StoredEntrant>, StoreError> {
-    read_entrants(store.list_entrants(competition, after, limit).await?)
+    read_entrants(store.list_entrants(competition, owner, after, limit).await?)
 }
 
 fn read_entrants(raw: Vec<RawEntrant>) -> Result<Vec<StoredEntrant>, StoreError> {
@@ -154,8 +155,8 @@ fn entrant(raw: RawEntrant) -> Result<StoredEntrant, String> {
         key: raw.key,
         competition: raw.competition,
         owner: raw.owner,
-        is_erased: raw.erased_at.is_some(),
         published: raw.published,
+        contact: raw.contact,
         address: raw.address.and_then(|address| address.parse().ok()),
         entrant: Entrant {
             id: raw.id,
@@ -165,6 +166,9 @@ fn entrant(raw: RawEntrant) -> Result<StoredEntrant, String> {
             reason: raw.reason,
             vouched: raw.vouched,
             registered_at: raw.registered_at,
+            category: raw.category,
+            terms: raw.terms,
+            erased: raw.erased_at.is_some(),
         },
     })
 }

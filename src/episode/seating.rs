@@ -191,6 +191,7 @@ mod tests {
             salt: None,
             fork: None,
             closes_at: None,
+            own_games: false,
             open_seats: open.map(AgentId).collect(),
             fill_after: Some(Duration::from_secs(5)),
             fill_with: Some("random".to_owned()),

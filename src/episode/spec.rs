@@ -41,6 +41,8 @@ pub struct Spec {
     pub fork: Option<Fork>,
     /// From then on no new round begins.
     pub closes_at: Option<Timestamp>,
+    /// Whether its owner reads it once it has ended, also while it is sealed; no part of the journal.
+    pub own_games: bool,
     pub open_seats: Vec<AgentId>,
     /// After how long built-in players take the open seats that nobody claimed.
     pub fill_after: Option<Duration>,
@@ -182,6 +184,7 @@ impl Spec {
             salt: None,
             fork: None,
             closes_at: config.closes_at,
+            own_games: false,
             open_seats: config.open_seats.iter().map(|&agent| AgentId(agent)).collect(),
             fill_after: config.fill_after_ms.map(Duration::from_millis),
             fill_with: config.fill_with.clone(),

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 use swarmbench_boards::competition::definition::Definition as Announced;
-use swarmbench_boards::competition::definition::{Admission, BoardRule, Counts, Window};
+use swarmbench_boards::competition::definition::{Admission, BoardRule, Counts, OwnGames, Window};
 use swarmbench_boards::competition::entrant::Declaration;
 use swarmbench_boards::competition::sealed::Sealed;
 use swarmbench_clock::after;
@@ -67,6 +67,11 @@ impl Competition {
             board_freezes_at: None,
             entries_per_key: 1,
             attempts_per_day: None,
+            public_seeds: 0,
+            terms: None,
+            categories: Vec::new(),
+            tie_breaks: Vec::new(),
+            own_games: OwnGames::Sealed,
         };
         let problems = definition.problems_when_new(at);
         if let Some((field, problem)) = problems.first() {
@@ -103,8 +108,15 @@ impl Competition {
                 template: None,
             };
             let owner = key_of.id.clone();
-            entries.push(Entry::AddKey(Box::new(KeyRow { key: key_of, hash: token.hash() })));
+            entries.push(Entry::AddKey(Box::new(KeyRow {
+                key: key_of,
+                hash: token.hash(),
+                acts_for: None,
+            })));
             entries.push(Entry::AddEntrant(Box::new(EntrantRow {
+                category: None,
+                terms: None,
+                contact: None,
                 id: new_entrant_id(at, &entropy),
                 competition: key,
                 owner,

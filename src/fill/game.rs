@@ -56,6 +56,7 @@ impl NewGame {
             visibility: spec.visibility.name(),
             waiting: false,
             has_open_seats: false,
+            own_games: false,
             clocked: spec.advances_by_itself(),
             at,
             idempotency: None,

@@ -174,7 +174,7 @@ impl Filling {
         let key = |role, name: &str| {
             let made = Key::new(role, name, None, self.since, &entropy);
             made.map(|(key, token)| {
-                (Entry::AddKey(Box::new(KeyRow { key, hash: token.hash() })), token)
+                (Entry::AddKey(Box::new(KeyRow { key, hash: token.hash(), acts_for: None })), token)
             })
         };
         let (entry, organizer) = key(Role::Organizer, "organizer").map_err(FillError::Settings)?;
@@ -403,5 +403,6 @@ fn definition(suite: Suite, model: String) -> Definition {
         visibility: Visibility::Public.name().to_owned(),
         idle_timeout_ms: IDLE_TIMEOUT_MS,
         closes_at: None,
+        own_games: false,
     }
 }

@@ -47,8 +47,29 @@ pub(super) struct Subject<'a> {
     /// Whether its seats belong to several holders.
     pub(super) is_mixed: bool,
     pub(super) is_over: bool,
-    /// Whether it was sealed and is open to all now.
-    pub(super) is_revealed: bool,
+    /// Who reads it once it has ended, where it is sealed.
+    pub(super) opened: Opened,
+}
+
+/// Who reads a sealed episode that has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Opened {
+    /// Only those who oversee it.
+    Nobody,
+    /// Its owner.
+    Owner,
+    /// Everybody.
+    All,
+}
+
+impl Opened {
+    pub(super) const fn of(is_revealed: bool, own_games: bool) -> Self {
+        match (is_revealed, own_games) {
+            (true, _) => Self::All,
+            (false, true) => Self::Owner,
+            (false, false) => Self::Nobody,
+        }
+    }
 }
 
 impl FromRequestParts<App> for Caller {
@@ -195,10 +216,14 @@ impl Caller {
         if self.oversees(episode) {
             return true;
         }
+        let is_own = || matches!(self, Self::Key(key) if key.number.is_some() && key.number == episode.owner);
+        if episode.opened == Opened::Owner && episode.is_over && is_own() {
+            return true;
+        }
         let anyone = match episode.visibility {
             Visibility::Public => true,
             Visibility::Owner => episode.is_over,
-            Visibility::Sealed => episode.is_over && episode.is_revealed,
+            Visibility::Sealed => episode.is_over && episode.opened == Opened::All,
         };
         anyone && (!access.private || self.is_known(episode))
     }

@@ -21,6 +21,13 @@ impl Problems {
         self.0.push(FieldProblem { field: field.to_owned(), problem: problem.into() });
     }
 
+    /// Notes what is wrong with a field, if anything is.
+    pub(super) fn check(&mut self, field: &str, problem: Option<String>) {
+        if let Some(problem) = problem {
+            self.refuse(field, problem);
+        }
+    }
+
     /// What came out of the checks, if nothing was wrong.
     pub(super) fn none_or<T>(self, checked: Option<T>) -> Result<T, ApiError> {
         match checked {
@@ -113,4 +120,11 @@ impl Problems {
 /// As much of a text as a message shows.
 pub(super) fn short(text: &str) -> String {
     text.chars().take(40).collect()
+}
+
+/// A seed that cannot be predicted: 53 random bits.
+pub(super) fn drawn_seed(app: &App) -> i64 {
+    let mut bytes = [0; 8];
+    app.entropy.fill(&mut bytes);
+    i64::from_le_bytes(bytes) & ((1 << 53) - 1)
 }

@@ -284,6 +284,19 @@ impl<S: Sync + Send> FromRequestParts<S> for Ids {
     }
 }
 
+/// Three ids in a path, each of a part of the one before.
+pub(super) struct ThreeIds(pub(super) String, pub(super) String, pub(super) String);
+
+impl<S: Sync + Send> FromRequestParts<S> for ThreeIds {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        let ids = Path::<(String, String, String)>::from_request_parts(parts, state).await;
+        ids.map(|Path((whole, part, id))| Self(whole, part, id))
+            .map_err(|_| ApiError::not_found("the id"))
+    }
+}
+
 /// The id in a path, with a round and the name of an agent behind it.
 pub(super) struct AgentPlace {
     pub(super) id: String,

@@ -108,6 +108,12 @@ limits! {
         fork_rounds_max: u32 = 10_000,
         /// Forks that one request makes.
         fork_count_max: u32 = 64,
+        /// Members of a team at a time, beside the one who entered.
+        members_max: usize = 20,
+        /// Members of a team that were ever added: removed ones stay in the list.
+        members_ever_max: usize = 100,
+        /// Practice runs that a key may start in 24 hours.
+        practice_runs_per_day_max: usize = 100,
         /// Seats of the forks that one request makes.
         fork_seats_max: u64 = 4096,
         /// Acts that the forks of one request take over together.

@@ -69,6 +69,9 @@ pub(super) fn routes() -> OpenApiRouter<App> {
             competitions::change_entrant::erase_entrant
         ))
         .routes(routes!(competitions::replace_key::replace_entrant_key))
+        .routes(routes!(competitions::members::list_members, competitions::members::add_member))
+        .routes(routes!(competitions::members::remove_member))
+        .routes(routes!(competitions::practice::start_practice))
         .routes(routes!(competitions::start::start_attempt, competitions::attempts::list_attempts))
         .routes(routes!(competitions::void::void_attempt))
         .routes(routes!(competitions::board::show_board))

@@ -29,5 +29,6 @@ pub fn spec(
     let spec = Spec::of(&recorded, &definition.agent_meta(), template)?;
     let player = definition.player.as_deref();
     let player = player.map(|name| hosted::player(name, spec.config.task())).transpose()?;
-    Ok(Spec { run: Some(run.to_owned()), salt, player, ..spec })
+    let own_games = definition.own_games;
+    Ok(Spec { run: Some(run.to_owned()), salt, player, own_games, ..spec })
 }

@@ -513,6 +513,7 @@ mod tests {
             visibility: "public".to_owned(),
             idle_timeout_ms: 1000,
             closes_at: None,
+            own_games: false,
         }
     }
 

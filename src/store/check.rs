@@ -218,7 +218,7 @@ const EPISODES_AND_FORKING: &str =
     "(SELECT key FROM episodes UNION ALL SELECT episode AS key FROM forking)";
 
 /// Columns that name a row of another table: the table, the column, and the key of the other.
-const REFERENCES: [(&str, &str, &str, &str); 24] = [
+const REFERENCES: [(&str, &str, &str, &str); 25] = [
     ("acts", "episode", EPISODES_AND_FORKING, "key"),
     ("rounds", "episode", EPISODES_AND_FORKING, "key"),
     ("tokens", "episode", "episodes", "key"),
@@ -237,6 +237,7 @@ const REFERENCES: [(&str, &str, &str, &str); 24] = [
     ("runs", "entry", "entries", "key"),
     ("entries", "competition", "competitions", "key"),
     ("entries", "owner", "keys", "number"),
+    ("keys", "acts_for", "keys", "number"),
     ("invitations", "competition", "competitions", "key"),
     ("audit", "competition", "competitions", "key"),
     ("invitations", "entry", "entries", "key"),
@@ -263,7 +264,7 @@ async fn references(database: &mut SqliteConnection, checked: &mut Checked) {
 }
 
 /// What holds for every row of a table. Each statement gives the names of the rows for which it does not hold.
-const STATEMENTS: [(&str, &str); 15] = [
+const STATEMENTS: [(&str, &str); 16] = [
     (
         "its status does not fit its times",
         "SELECT id FROM episodes WHERE CASE
@@ -306,7 +307,7 @@ const STATEMENTS: [(&str, &str); 15] = [
     ),
     (
         "it is no key",
-        "SELECT id FROM keys WHERE role NOT IN ('member', 'organizer', 'entrant') OR length(hash) <> 32
+        "SELECT id FROM keys WHERE role NOT IN ('member', 'judge', 'organizer', 'entrant') OR length(hash) <> 32
              OR id NOT GLOB 'key_*'",
     ),
     (
@@ -340,6 +341,16 @@ const STATEMENTS: [(&str, &str); 15] = [
         "SELECT 'episode ' || s.episode FROM seats s WHERE NOT EXISTS (
              SELECT 1 FROM claims c WHERE c.episode = s.episode AND c.holder = s.holder AND c.model = s.model
                  AND c.owner IS s.owner AND c.player IS s.player)",
+    ),
+    (
+        "its holder is not the one in the record of seats",
+        "SELECT 'seat ' || s.agent || ' of episode ' || s.episode
+         FROM seats s JOIN episodes e ON e.key = s.episode
+         WHERE s.agent NOT BETWEEN 0 AND json_extract(e.opening, '$.config.num_agents') - 1
+            OR (e.seating IS NOT NULL AND NOT EXISTS (
+                SELECT 1 FROM json_each(e.seating, '$.seats') r
+                WHERE json_extract(r.value, '$.agent') = 'Agent_' || s.agent
+                    AND json_extract(r.value, '$.holder') = s.holder))",
     ),
 ];
 

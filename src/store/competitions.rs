@@ -7,7 +7,7 @@ use sqlx::{Connection, QueryBuilder, Row as _, Sqlite};
 
 use super::Store;
 use super::StoreError;
-use super::entries::{CompetitionRow, EntrantRow, Secret};
+use super::entries::{CompetitionRow, EntrantFacts, EntrantRow, Secret};
 use super::rows::{FromRow, from_row, get};
 use super::runs::void_reason;
 use crate::ids::{CompetitionKey, EntryKey, RunKey, TokenHash};
@@ -58,6 +58,11 @@ pub struct RawEntrant {
     pub erased_at: Option<Timestamp>,
     /// Its name in the published file, where it was erased after the end.
     pub published: Option<String>,
+    pub category: Option<String>,
+    /// The version of the terms that it accepted last.
+    pub terms: Option<u32>,
+    /// How organizers reach it.
+    pub contact: Option<String>,
 }
 
 #[derive(Clone, Debug)]
@@ -107,7 +112,7 @@ fn select_entrants(declared: Declared) -> QueryBuilder<Sqlite> {
         Declared::Whole => "declaration",
         Declared::Short => "json_remove(declaration, '$.prompt_template', '$.agent_meta')",
     });
-    query.push(" AS declaration, status, reason, vouched, registered_at, address, erased_at, published FROM entries ");
+    query.push(" AS declaration, status, reason, vouched, registered_at, address, erased_at, published, category, terms, contact FROM entries ");
     query
 }
 
@@ -250,16 +255,22 @@ impl Store {
         self.fetch_optional(sqlx::query(query).bind(owner.0)).await
     }
 
-    /// Lists the entrants of a competition in the order in which they registered, from the one after `after`
-    /// on; without what only they themselves are shown.
+    /// Lists the entrants of a competition, or those of one key, in the order in which they registered, from the one after
+    /// `after` on; without what only they themselves are shown.
     pub async fn list_entrants(
         &self,
         competition: CompetitionKey,
+        owner: Option<OwnerKey>,
         after: Option<EntryKey>,
         limit: u32,
     ) -> Result<Vec<RawEntrant>, StoreError> {
         let mut query = select_entrants(Declared::Short);
-        query.push("WHERE competition = ").push_bind(competition.0);
+        // One of several entrants is found by the key.
+        query.push(if owner.is_some() { "WHERE +competition = " } else { "WHERE competition = " });
+        query.push_bind(competition.0);
+        if let Some(owner) = owner {
+            query.push(" AND owner = ").push_bind(owner.0);
+        }
         query.push(" AND key > ").push_bind(after.map_or(-1, |key| key.0));
         query.push(" ORDER BY key LIMIT ").push_bind(limit);
         self.fetch_all(query.build()).await
@@ -402,8 +413,9 @@ pub(super) async fn add_entrant(
     row: &EntrantRow,
 ) -> Result<(), sqlx::Error> {
     let added = sqlx::query(
-        "INSERT INTO entries (id, competition, owner, name, model, declaration, template, status, vouched, registered_at, address)
-         VALUES (?, ?, (SELECT number FROM keys WHERE id = ?), ?, ?, ?, ?, 'active', ?, ?, ?)",
+        "INSERT INTO entries (id, competition, owner, name, model, declaration, template, status, vouched, registered_at, address,
+                              category, terms, contact)
+         VALUES (?, ?, (SELECT number FROM keys WHERE id = ?), ?, ?, ?, ?, 'active', ?, ?, ?, ?, ?, ?)",
     )
     .bind(&row.id)
     .bind(row.competition.0)
@@ -415,6 +427,9 @@ pub(super) async fn add_entrant(
     .bind(row.vouched)
     .bind(row.at.as_millisecond())
     .bind(&row.address)
+    .bind(&row.category)
+    .bind(row.terms)
+    .bind(&row.contact)
     .execute(&mut *connection)
     .await?;
     add_looks(connection, row.competition.0, &row.name, &row.model).await?;
@@ -515,6 +530,20 @@ pub(super) async fn set_entrant(
     Ok(())
 }
 
+pub(super) async fn describe(
+    connection: &mut SqliteConnection,
+    facts: &EntrantFacts,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE entries SET category = ?, terms = ?, contact = ? WHERE key = ?")
+        .bind(&facts.category)
+        .bind(facts.terms)
+        .bind(&facts.contact)
+        .bind(facts.entry.0)
+        .execute(connection)
+        .await?;
+    Ok(())
+}
+
 /// Gives an entrant another name. The old one is free for others.
 pub(super) async fn rename(
     connection: &mut SqliteConnection,
@@ -537,7 +566,7 @@ pub(super) async fn rename(
     add_looks(connection, renamed.try_get("competition")?, name, renamed.try_get("model")?).await
 }
 
-/// Erases the name of an entrant and from where it came. A file that is published already keeps its name.
+/// Erases the name of an entrant, its contact, and from where it came. A file that is published already keeps its name.
 pub(super) async fn erase(
     connection: &mut SqliteConnection,
     entry: EntryKey,
@@ -545,7 +574,7 @@ pub(super) async fn erase(
     at: Timestamp,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "UPDATE entries SET address = NULL, erased_at = ?1,
+        "UPDATE entries SET address = NULL, contact = NULL, erased_at = ?1,
              published = (SELECT entries.name FROM competitions c
                           WHERE c.key = entries.competition AND c.revealed_at IS NOT NULL)
          WHERE key = ?2 AND erased_at IS NULL",
@@ -554,10 +583,11 @@ pub(super) async fn erase(
     .bind(entry.0)
     .execute(&mut *connection)
     .await?;
-    // A key that was made for the entrant has its name.
+    // Keys that were made for the entrant have its name, or those of its members.
     sqlx::query(
         "UPDATE keys SET name = ?1, revoked_at = coalesce(revoked_at, ?2)
-         WHERE role = 'entrant' AND number = (SELECT owner FROM entries WHERE key = ?3)",
+         WHERE role = 'entrant'
+             AND (SELECT owner FROM entries WHERE key = ?3) IN (number, acts_for)",
     )
     .bind(name)
     .bind(at.as_millisecond())
@@ -615,7 +645,7 @@ from_row! {
     StoredInvitation { hash, label, entrant, created_at, revoked_at }
     RawEntrant {
         key, id, competition, owner, name, declaration, template, status, reason, vouched, registered_at,
-        address, erased_at, published,
+        address, erased_at, published, category, terms, contact,
     }
     EntrantRoom { active, has_name, has_look_of_model, of_owner }
 }

@@ -84,6 +84,8 @@ pub enum Entry {
         /// Whether an organizer vouches for its model.
         vouched: bool,
     },
+    /// What else is stored of an entrant, from now on.
+    DescribeEntrant(Box<EntrantFacts>),
     /// An entrant has another name from now on.
     RenameEntrant {
         entry: EntryKey,
@@ -233,7 +235,23 @@ pub struct EntrantRow {
     pub invitation: Option<TokenHash>,
     /// The address or network from which it registered, for organizers.
     pub address: Option<String>,
+    pub category: Option<String>,
+    /// The version of the terms that it accepts.
+    pub terms: Option<u32>,
+    /// How organizers reach it.
+    pub contact: Option<String>,
     pub at: Timestamp,
+}
+
+/// What an entrant, or an organizer, may change of it beside its name and its status.
+#[derive(Clone, Debug)]
+pub struct EntrantFacts {
+    pub entry: EntryKey,
+    pub category: Option<String>,
+    /// The version of the terms that it accepted.
+    pub terms: Option<u32>,
+    /// How organizers reach it.
+    pub contact: Option<String>,
 }
 
 #[derive(Clone, Debug)]
@@ -277,6 +295,7 @@ pub struct AuditRow {
 }
 
 #[derive(Clone, Debug)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a column")]
 pub struct OpeningRow {
     pub episode: EpisodeKey,
     pub id: EpisodeId,
@@ -299,6 +318,8 @@ pub struct OpeningRow {
     pub waiting: bool,
     /// Whether seats of it can be claimed.
     pub has_open_seats: bool,
+    /// Whether its owner reads it once it has ended, also while it is sealed.
+    pub own_games: bool,
     /// Whether its rounds have a deadline; those are recovered first.
     pub clocked: bool,
     pub at: Timestamp,

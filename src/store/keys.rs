@@ -40,11 +40,21 @@ impl Store {
         self.fetch_one(sqlx::query("SELECT EXISTS (SELECT 1 FROM keys)")).await
     }
 
-    /// The key whose token has this hash, revoked and expired ones too.
+    /// The key whose token has this hash, revoked and expired ones too. That of a member of a team has the number of the
+    /// team's first key, and so its rights.
     pub async fn find_key(&self, hash: TokenHash) -> Result<Option<Key>, StoreError> {
+        let query = sqlx::query(
+            "SELECT coalesce(acts_for, number) AS number, id, role, name, created_at, expires_at, revoked_at
+             FROM keys WHERE hash = ?",
+        );
+        self.fetch_optional(query.bind(&hash.0[..])).await
+    }
+
+    /// The keys of a team beside its first one, revoked ones too, in the order in which they were made.
+    pub async fn team_keys(&self, first: OwnerKey) -> Result<Vec<Key>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
-        query.push("WHERE hash = ").push_bind(&hash.0[..]);
-        self.fetch_optional(query.build()).await
+        query.push("WHERE acts_for = ").push_bind(first.0).push(" ORDER BY number");
+        self.fetch_all(query.build()).await
     }
 }
 

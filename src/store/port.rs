@@ -35,6 +35,8 @@ pub struct StoredEpisode {
     pub run: Option<RunKey>,
     /// Whether it was sealed and is open to all now.
     pub revealed: bool,
+    /// Whether its owner reads it once it has ended, also while it is sealed.
+    pub own_games: bool,
     pub opening: RawRecord,
     /// The first round that was decided in the episode itself; a fork took over those before.
     pub first_round: u32,

@@ -123,6 +123,7 @@ impl Changes {
                 }
                 // The entry does not name the runs.
                 Entry::SetEntrant { .. }
+                | Entry::DescribeEntrant(_)
                 | Entry::RenameEntrant { .. }
                 | Entry::EraseEntrant { .. }
                 | Entry::Reveal { .. } => self.add_all(),

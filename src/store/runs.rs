@@ -106,6 +106,21 @@ impl Store {
         self.fetch_all(query.build()).await
     }
 
+    /// The runs of a suite that a key has started since `from`, or that have not ended, in order: each with whether it runs.
+    pub async fn runs_of_suite(
+        &self,
+        owner: OwnerKey,
+        suite: &str,
+        from: Timestamp,
+    ) -> Result<Vec<(RunKey, bool)>, StoreError> {
+        let query = sqlx::query(
+            "SELECT key, status = 'running' FROM runs
+             WHERE owner = ? AND +suite = ? AND (created_at >= ? OR status = 'running') ORDER BY key",
+        );
+        let query = query.bind(owner.0).bind(suite).bind(from.as_millisecond());
+        self.fetch_all(query).await
+    }
+
     /// The runs that have not ended, and those of which a game has not, in order.
     pub async fn unfinished_runs(&self) -> Result<Vec<RunKey>, StoreError> {
         let query = sqlx::query(

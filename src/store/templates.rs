@@ -17,6 +17,20 @@ macro_rules! opening {
 }
 pub(super) use opening;
 
+/// As [`opening!`], but without a template that lists do not show: theirs is the built-in one. Names that stand elsewhere in the
+/// opening, in the player's own metadata for instance, leave it whole.
+macro_rules! listed_opening {
+    () => {
+        concat!(
+            "CASE WHEN e.template IS NOT NULL AND instr(e.opening, '\"custom_template\":true') = 0
+                       AND instr(substr(e.opening, e.template_at + 1), '\"prompt_template\":\"') = 0
+                  THEN e.opening
+                  ELSE (SELECT ", crate::store::templates::opening!(), ") END AS opening"
+        )
+    };
+}
+pub(super) use listed_opening;
+
 /// An opening in two parts.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Cut<'a> {

@@ -25,6 +25,7 @@ use tokio::sync::{Mutex, mpsc};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
+use super::competitions;
 use super::files::Files;
 use super::results::Changes;
 use super::rows::{Insert, chunks};
@@ -492,18 +493,18 @@ async fn write(
             Entry::VoidRun { run, reason, at } => {
                 super::runs::void(connection, *run, reason, *at).await?;
             }
-            Entry::AddCompetition(row) => super::competitions::add(connection, row).await?,
-            Entry::AddEntrant(row) => super::competitions::add_entrant(connection, row).await?,
+            Entry::AddCompetition(row) => competitions::add(connection, row).await?,
+            Entry::AddEntrant(row) => competitions::add_entrant(connection, row).await?,
             Entry::SetEntrant { entry, status, reason, vouched } => {
                 let reason = reason.as_deref();
-                super::competitions::set_entrant(connection, *entry, status, reason, *vouched)
-                    .await?;
+                competitions::set_entrant(connection, *entry, status, reason, *vouched).await?;
             }
+            Entry::DescribeEntrant(facts) => competitions::describe(connection, facts).await?,
             Entry::RenameEntrant { entry, name } => {
-                super::competitions::rename(connection, *entry, name).await?;
+                competitions::rename(connection, *entry, name).await?;
             }
             Entry::EraseEntrant { entry, name, at } => {
-                super::competitions::erase(connection, *entry, name, *at).await?;
+                competitions::erase(connection, *entry, name, *at).await?;
             }
             Entry::ReplaceKey { id, hash } => {
                 sqlx::query("UPDATE keys SET hash = ? WHERE id = ?")
@@ -513,29 +514,23 @@ async fn write(
                     .await?;
             }
             Entry::ChangeCompetition { competition, definition, closes_at, hidden } => {
-                super::competitions::change(
-                    connection,
-                    *competition,
-                    definition,
-                    *closes_at,
-                    *hidden,
-                )
-                .await?;
+                competitions::change(connection, *competition, definition, *closes_at, *hidden)
+                    .await?;
             }
             Entry::ExtendAttempts { competition, number, closes_at } => {
                 super::runs::extend(connection, *competition, *number, *closes_at).await?;
             }
             Entry::CancelCompetition { competition, reason, at } => {
-                super::competitions::cancel(connection, *competition, reason, *at).await?;
+                competitions::cancel(connection, *competition, reason, *at).await?;
             }
             Entry::RevokeInvitations { hashes, at } => {
-                super::competitions::revoke_invitations(connection, hashes, *at).await?;
+                competitions::revoke_invitations(connection, hashes, *at).await?;
             }
             Entry::AddInvitations { competition, codes, at } => {
-                super::competitions::add_invitations(connection, *competition, codes, *at).await?;
+                competitions::add_invitations(connection, *competition, codes, *at).await?;
             }
             Entry::Reveal { competition, at } => {
-                super::competitions::reveal(connection, *competition, *at).await?;
+                competitions::reveal(connection, *competition, *at).await?;
             }
             Entry::Measured { number, metrics } => {
                 if let Some(row) = metrics {
@@ -561,8 +556,8 @@ async fn open(connection: &mut SqliteConnection, row: &OpeningRow) -> Result<(),
     sqlx::query(
         "INSERT INTO episodes (key, id, owner, run, slot, opening, task, model, visibility, status,
                                clocked, head, created_at, idempotency_key, idempotency_body,
-                               fork_of, fork_round, template, template_at, open_seats)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                               fork_of, fork_round, template, template_at, open_seats, own_games)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(row.episode.0)
     .bind(row.id.as_str())
@@ -584,6 +579,7 @@ async fn open(connection: &mut SqliteConnection, row: &OpeningRow) -> Result<(),
     .bind(template.map(|(key, _)| key))
     .bind(template.map(|(_, at)| at))
     .bind(row.has_open_seats)
+    .bind(row.own_games.then_some(true))
     .execute(&mut *connection)
     .await?;
     if row.fork.is_some() {
@@ -649,7 +645,7 @@ async fn void(
 async fn add_key(connection: &mut SqliteConnection, row: &KeyRow) -> Result<(), sqlx::Error> {
     let key = &row.key;
     sqlx::query(
-        "INSERT INTO keys (id, hash, role, name, created_at, expires_at) VALUES (?, ?, ?, ?, ?, ?)",
+        "INSERT INTO keys (id, hash, role, name, created_at, expires_at, acts_for) VALUES (?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(&key.id)
     .bind(&row.hash.0[..])
@@ -657,6 +653,7 @@ async fn add_key(connection: &mut SqliteConnection, row: &KeyRow) -> Result<(), 
     .bind(&key.name)
     .bind(key.created_at.as_millisecond())
     .bind(key.expires_at.map(jiff::Timestamp::as_millisecond))
+    .bind(row.acts_for.map(|first| first.0))
     .execute(connection)
     .await?;
     Ok(())

@@ -44,7 +44,7 @@ use Shows::{Facts, List, Other};
 /// The arguments of a command, made anew for each time it is run.
 type Arguments = fn(&Site) -> Vec<String>;
 
-const CASES: [(&str, Shows, Arguments); 63] = [
+const CASES: [(&str, Shows, Arguments); 68] = [
     ("demo", Facts, |site| words("--exit --db", [site.new_file("demo.db")])),
     ("serve", Other("runs until it is stopped"), |_| words("--addr no-address", [])),
     ("key create", Facts, |site| words("--name somebody --server", [site.base()])),
@@ -80,6 +80,13 @@ const CASES: [(&str, Shows, Arguments); 63] = [
     ("competition rename", Facts, |site| words("--name other", site.entrant().into())),
     ("competition erase", Facts, |site| words("", site.entrant().into())),
     ("competition replace-key", Facts, |site| words("", site.entrant_without_key().into())),
+    ("competition describe", Facts, |site| words("--contact a@b.c", site.entrant().into())),
+    ("competition practice", Facts, |site| words("--seed 7", [site.entrant().0])),
+    ("competition members", Facts, |site| words("", site.entrant().into())),
+    ("competition add-member", Facts, |site| {
+        words("--name Ada", site.entrant_without_key().into())
+    }),
+    ("competition remove-member", Facts, |site| words("", site.member())),
     ("competition board", Facts, |site| words("", [site.entrant().0])),
     ("competition export", Other("is JSON Lines"), |site| words("", [site.competition()])),
     ("audit", List, |_| Vec::new()),
@@ -246,6 +253,14 @@ impl Site {
         let output = command.env_remove("SWARMBENCH_KEY").output().expect("the binary runs");
         let entered: Value = serde_json::from_slice(&output.stdout).expect("JSON");
         (competition, string(&entered["id"]))
+    }
+
+    /// A competition, an entrant of it, and a member of its team.
+    fn member(&self) -> [String; 3] {
+        let (competition, entrant) = self.entrant_without_key();
+        let place = [competition.clone(), entrant.clone()];
+        let member = string(&self.json(&words("competition add-member --name Ada", place))["id"]);
+        [competition, entrant, member]
     }
 
     /// A competition with an invitation code for `team`.

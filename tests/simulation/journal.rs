@@ -312,6 +312,7 @@ impl State {
             owner: row.owner,
             run: row.run.map(|(run, _)| run),
             revealed: false,
+            own_games: false,
             opening: row.record.clone(),
             first_round: row.fork.map_or(0, |(_, round)| round),
             seating: self.seating(key).map(|row| row.record.clone()),

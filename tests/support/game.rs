@@ -24,6 +24,7 @@ pub(crate) fn spec(config: Config) -> Spec {
         salt: None,
         fork: None,
         closes_at: None,
+        own_games: false,
         open_seats: Vec::new(),
         fill_after: None,
         fill_with: None,

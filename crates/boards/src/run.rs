@@ -56,6 +56,9 @@ pub struct Definition {
     /// No round begins at or after this time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub closes_at: Option<Timestamp>,
+    /// Whether whoever created it reads its games once they have ended, also while they are sealed.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub own_games: bool,
 }
 
 impl Definition {

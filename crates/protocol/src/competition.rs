@@ -65,6 +65,19 @@ pub struct CompetitionRequest {
     /// How many attempts an entrant may start on one day in UTC; as many as it has where this is left out.
     #[cfg_attr(feature = "openapi", schema(minimum = 1, maximum = 100))]
     pub attempts_per_day: Option<u32>,
+    /// What entrants accept when they enter: 1 to 20,000 characters.
+    pub terms: Option<String>,
+    /// The categories of entrants, each of which is in one of them: at most 20, each of 1 to 40 characters.
+    #[cfg_attr(feature = "openapi", schema(example = json!(["models", "people", "rules"])))]
+    pub categories: Option<Vec<String>>,
+    /// What decides between equal totals, in this order: `invalid` (the smaller share of invalid answers), `timeouts` (the smaller
+    /// share of moves that timed out), `attempts` (fewer attempts), `earliest` (the attempt that counts ended earlier).
+    #[cfg_attr(feature = "openapi", schema(example = json!(["invalid", "earliest"])))]
+    pub tie_breaks: Option<Vec<String>>,
+    /// When entrants read states, journals and scores of their own games: `sealed` (with everybody, after the end) or `ended` (once
+    /// a game has ended).
+    #[cfg_attr(feature = "openapi", schema(default = "sealed"))]
+    pub own_games: Option<String>,
 }
 
 /// What is played in each attempt: every task once on each of its sealed seeds.
@@ -78,6 +91,9 @@ pub struct SealedSuite {
     /// How many sealed seeds each attempt has.
     #[cfg_attr(feature = "openapi", schema(default = 5, minimum = 1, maximum = 100))]
     pub seeds: Option<u32>,
+    /// How many of these make the board before the end; then the others make the final one. With 0 all make both.
+    #[cfg_attr(feature = "openapi", schema(default = 0, maximum = 99))]
+    pub public_seeds: Option<u32>,
     /// `paper` or `reference`.
     #[cfg_attr(feature = "openapi", schema(default = "paper"))]
     #[serde(default, deserialize_with = "crate::any_case::rules")]
@@ -210,6 +226,18 @@ pub struct Competition {
     /// How many attempts an entrant may start on one day in UTC; null: as many as it has.
     #[serde(default)]
     pub attempts_per_day: Option<u32>,
+    /// What entrants accept when they enter.
+    #[serde(default)]
+    pub terms: Option<Terms>,
+    /// The categories of entrants, each of which is in one of them.
+    #[serde(default)]
+    pub categories: Vec<String>,
+    /// What decides between equal totals, in this order.
+    #[serde(default)]
+    pub tie_breaks: Vec<String>,
+    /// When entrants read their own games: `sealed` or `ended`.
+    #[serde(default)]
+    pub own_games: String,
     /// SHA-256 of the salt and then all sealed seeds, in hexadecimal: published before anybody plays, so that
     /// everybody can check afterwards that no seed was changed.
     pub commitment: String,
@@ -232,6 +260,17 @@ pub struct Competition {
     pub hidden: bool,
 }
 
+/// What entrants accept when they enter.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Terms {
+    /// From 1; each change makes the next one. Entrants keep the version that they accepted.
+    pub version: u32,
+    /// The text.
+    pub text: String,
+}
+
 /// What an organizer changes about a competition that has not closed. Fields that are left out do not change.
 #[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -248,6 +287,8 @@ pub struct CompetitionChange {
     pub attempts: Option<Vec<WindowExtension>>,
     /// Whether it is in no list but the organizers': for a rehearsal.
     pub hidden: Option<bool>,
+    /// Other terms, as their next version: 1 to 20,000 characters. Who has entered keeps the version that it accepted.
+    pub terms: Option<String>,
     /// Why; everybody sees it. 1 to 500 characters.
     pub reason: Option<String>,
 }
@@ -446,6 +487,13 @@ pub struct EntrantRequest {
     pub prompt_template: Option<String>,
     /// The invitation code, if the competition asks for one.
     pub code: Option<String>,
+    /// One of the competition's categories, if it has some.
+    pub category: Option<String>,
+    /// The version of the terms that the entrant accepts, if the competition has terms.
+    #[cfg_attr(feature = "openapi", schema(minimum = 1))]
+    pub accepts_terms: Option<u32>,
+    /// How organizers reach it, an address of mail for instance: 1 to 200 characters. Organizers and the entrant see it, nobody else.
+    pub contact: Option<String>,
 }
 
 /// An entrant as everybody sees it.
@@ -477,6 +525,15 @@ pub struct EntrantSummary {
     pub vouched: bool,
     /// When it registered.
     pub registered_at: Timestamp,
+    /// Its category, if the competition has some.
+    #[serde(default)]
+    pub category: Option<String>,
+    /// The version of the terms that it accepted last, if the competition has terms.
+    #[serde(default)]
+    pub terms: Option<u32>,
+    /// Whether its personal data were erased.
+    #[serde(default)]
+    pub erased: bool,
 }
 
 /// A new entrant.
@@ -488,6 +545,50 @@ pub struct CreatedEntrant {
     pub entrant: EntrantSummary,
     /// The entrant's key, shown this once; null where the entrant registered with a key of its own.
     pub key: Option<String>,
+}
+
+/// Another member of an entrant's team, who gets a key.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct MemberRequest {
+    /// The member's name, which the team, organizers and judges see: 1 to 100 characters.
+    #[cfg_attr(feature = "openapi", schema(example = "Ada", min_length = 1, max_length = 100))]
+    pub name: String,
+}
+
+/// A member of a team.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct MemberSummary {
+    /// The id of the member's key.
+    #[cfg_attr(feature = "openapi", schema(example = "key_0198f2c55cf77c3e8f1be8a0c1a2b3c4"))]
+    pub id: String,
+    /// The member's name.
+    pub name: String,
+    /// When it was added.
+    pub added_at: Timestamp,
+    /// When it was removed, if it was.
+    pub removed_at: Option<Timestamp>,
+}
+
+/// The members of a team that were added, in that order. Who entered is none of them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct MemberList {
+    /// All of them, removed ones too.
+    pub items: Vec<MemberSummary>,
+}
+
+/// A new member of a team.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct CreatedMember {
+    /// The member.
+    #[serde(flatten)]
+    pub member: MemberSummary,
+    /// The member's key, shown this once. It does what the entrant's own key does.
+    pub key: String,
 }
 
 /// A new key in place of one that an entrant has lost.
@@ -512,6 +613,9 @@ pub struct EntrantDetail {
     /// The entrant.
     #[serde(flatten)]
     pub entrant: EntrantSummary,
+    /// How organizers reach it; null for judges.
+    #[serde(default)]
+    pub contact: Option<String>,
     /// Its attempts, in the order in which they were started; the last 1,000 of them.
     pub attempts: Vec<AttemptSummary>,
 }
@@ -531,6 +635,46 @@ pub struct EntrantChange {
     pub reason: Option<String>,
     /// Whether you vouch for it that the declared model plays.
     pub vouched: Option<bool>,
+    /// Another of the competition's categories; organizers only.
+    pub category: Option<String>,
+    /// The newest version of the terms, which the entrant accepts.
+    pub accepts_terms: Option<u32>,
+    /// Another contact; an empty one removes it.
+    pub contact: Option<String>,
+}
+
+/// Games on open seeds, to practise.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct PracticeRequest {
+    /// The entrant; required if the key has several.
+    pub entrant: Option<String>,
+    /// Seeds, on each of which every task is played once: 1 to 10 of them; by default a single one that the server draws.
+    #[cfg_attr(feature = "openapi", schema(example = json!([7])))]
+    pub seeds: Option<Vec<i64>>,
+    /// Tasks of the competition; all by default.
+    #[serde(default, deserialize_with = "crate::any_case::tasks")]
+    pub tasks: Option<Vec<String>>,
+}
+
+/// A practice run that was started.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct StartedPractice {
+    /// Whose it is.
+    pub entrant: String,
+    /// Its run.
+    #[cfg_attr(feature = "openapi", schema(example = "run_0198f2c55cf77c3e8f1be8a0c1a2b3c4"))]
+    pub run: String,
+    /// Its seeds.
+    pub seeds: Vec<u64>,
+    /// How many games it has.
+    pub games: usize,
+    /// No round begins at or after this time.
+    pub closes_at: Timestamp,
+    /// The token of all seats of all its games, shown this once: play with it over `/swarm/obs` and `/swarm/act`.
+    pub swarm_token: String,
 }
 
 /// Which attempt is to be started.
@@ -651,6 +795,12 @@ pub struct TaskMean {
 pub struct CompetitionBoard {
     /// What is shown: `all`; `totals` while seeds are sealed; or `nothing`.
     pub shows: String,
+    /// Which seeds make it: `all`; `public` or `final` where the competition has public seeds.
+    #[serde(default)]
+    pub part: String,
+    /// The category of the entrants that it ranks, if one was asked for.
+    #[serde(default)]
+    pub category: Option<String>,
     /// A frozen board shows attempts that were over before this time.
     pub frozen_at: Option<Timestamp>,
     /// The metrics that were asked for, in that order.

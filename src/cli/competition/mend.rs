@@ -1,5 +1,8 @@
 //! What an organizer does on a bad day: the commands that change, cancel, revoke and exclude.
 
+use std::path::PathBuf;
+
+use anyhow::Context;
 use jiff::Timestamp;
 use swarmbench_client::client::Client;
 use swarmbench_protocol::competition::{
@@ -14,7 +17,7 @@ use super::{CompetitionId, EntrantOf, changed, path, show, tables, tell_changed}
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
-    /// Extend a competition or windows of it, correct its texts, or hide it from lists.
+    /// Extend a competition or windows of it, correct its texts, renew its terms, or hide it from lists.
     #[command(
         after_help = "A window is extended, never shortened. Games that are open keep their end; all that are opened afterwards \
         have the new one. Everybody sees what was changed, in `swarmbench competition actions`.\n\n\
@@ -105,6 +108,9 @@ pub(super) struct Change {
     /// Show it in lists again.
     #[arg(long)]
     unhide: bool,
+    /// A file with other terms; who has entered keeps the version that it accepted.
+    #[arg(long, value_name = "FILE")]
+    terms: Option<PathBuf>,
     /// Why, visible to all.
     #[arg(long)]
     reason: Option<String>,
@@ -145,7 +151,7 @@ pub(super) async fn run(client: &Client, json: bool, command: Command) -> anyhow
     match command {
         Command::Change(change) => {
             let id = path(&change.id, "");
-            let changed: Competition = client.patch(&id, &change.request()).await?;
+            let changed: Competition = client.patch(&id, &change.request()?).await?;
             show(json, &changed, |changed| out!("{}", tables::competition(changed)))
         }
         Command::Cancel { id, reason } => {
@@ -216,19 +222,24 @@ pub(super) async fn run(client: &Client, json: bool, command: Command) -> anyhow
 }
 
 impl Change {
-    fn request(self) -> CompetitionChange {
-        let Self { id: _, name, description, closes_at, window, hide, unhide, reason } = self;
+    fn request(self) -> anyhow::Result<CompetitionChange> {
+        let Self { id: _, name, description, closes_at, window, hide, unhide, terms, reason } =
+            self;
+        let read = |file: PathBuf| {
+            std::fs::read_to_string(&file).with_context(|| format!("{}", file.display()))
+        };
         let windows = window.into_iter();
         let windows =
             windows.map(|(attempt, at)| WindowExtension { attempt, closes_at: at.into() });
-        CompetitionChange {
+        Ok(CompetitionChange {
             name,
             description,
             closes_at: closes_at.map(Into::into),
             attempts: Some(windows.collect()),
             hidden: (hide || unhide).then_some(hide),
+            terms: terms.map(read).transpose()?,
             reason,
-        }
+        })
     }
 }
 

@@ -3,6 +3,7 @@
 mod definition;
 mod mend;
 mod tables;
+mod team;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -134,6 +135,12 @@ enum Command {
         /// As CSV.
         #[arg(long)]
         csv: bool,
+        /// The entrants of this category alone, with ranks among themselves.
+        #[arg(long)]
+        category: Option<String>,
+        /// What the public seeds make, or all others.
+        #[arg(long, value_parser = ["public", "final"])]
+        part: Option<String>,
     },
     /// Export a competition to the standard output, for `swarmbench verify --competition`.
     Export {
@@ -143,6 +150,8 @@ enum Command {
         #[arg(long)]
         format: Option<u32>,
     },
+    #[command(flatten)]
+    Team(team::Command),
     #[command(flatten)]
     Mend(mend::Command),
 }
@@ -181,6 +190,15 @@ struct Declaration {
     /// The invitation code, if the competition needs one.
     #[arg(long)]
     code: Option<String>,
+    /// The category, if the competition has some.
+    #[arg(long)]
+    category: Option<String>,
+    /// The version of the terms that you accept, from `swarmbench competition show`.
+    #[arg(long, value_name = "VERSION")]
+    accepts_terms: Option<u32>,
+    /// How organizers reach you; nobody else sees it.
+    #[arg(long)]
+    contact: Option<String>,
 }
 
 const COMPETITIONS: &str = "/api/v1/competitions";
@@ -258,9 +276,16 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             })
         }
         Command::Board { csv: true, .. } if json => bail!("name --csv or --json, not both"),
-        Command::Board { id, csv: true } => print_board_csv(client, &path(&id, "/board")).await,
-        Command::Board { id, csv: false } => {
-            show(json, &whole_board(client, &path(&id, "/board")).await?, tables::print_board)
+        Command::Board { id, csv, category, part } => {
+            let query: Vec<_> = [("category", &category), ("part", &part)]
+                .into_iter()
+                .filter_map(|(name, value)| Some((name, value.as_ref()?)))
+                .collect();
+            let path = path(&id, "/board");
+            if csv {
+                return print_board_csv(client, &path, &query).await;
+            }
+            show(json, &whole_board(client, &path, &query).await?, tables::print_board)
         }
         Command::Export { id, format } => {
             let path = format!("/api/v1/exports/competitions/{id}");
@@ -270,6 +295,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             client.download(&path, &query, &mut out).await?;
             Ok(())
         }
+        Command::Team(command) => team::run(client, json, command).await,
         Command::Mend(command) => mend::run(client, json, command).await,
     }
 }
@@ -299,13 +325,34 @@ fn tell_created(client: &Client, created: &Competition) {
 
 impl Declaration {
     fn request(self) -> anyhow::Result<EntrantRequest> {
-        let Self { name, model, temperature, top_p, prompt_template, code } = self;
+        let Self {
+            name,
+            model,
+            temperature,
+            top_p,
+            prompt_template,
+            code,
+            category,
+            accepts_terms,
+            contact,
+        } = self;
         let read = |file: PathBuf| {
             std::fs::read_to_string(&file).with_context(|| format!("{}", file.display()))
         };
         let prompt_template = prompt_template.map(read).transpose()?;
         let agent_meta = None;
-        Ok(EntrantRequest { name, model, temperature, top_p, agent_meta, prompt_template, code })
+        Ok(EntrantRequest {
+            name,
+            model,
+            temperature,
+            top_p,
+            agent_meta,
+            prompt_template,
+            code,
+            category,
+            accepts_terms,
+            contact,
+        })
     }
 }
 
@@ -353,7 +400,11 @@ fn tell_changed(entrant: &EntrantSummary) {
 }
 
 /// The board with all its pages; the first says what is shown.
-async fn whole_board(client: &Client, path: &str) -> anyhow::Result<CompetitionBoard> {
+async fn whole_board(
+    client: &Client,
+    path: &str,
+    query: &[(&str, &String)],
+) -> anyhow::Result<CompetitionBoard> {
     let mut whole: Option<CompetitionBoard> = None;
     let add = |mut page: CompetitionBoard| {
         let next = page.next_cursor.take();
@@ -363,18 +414,28 @@ async fn whole_board(client: &Client, path: &str) -> anyhow::Result<CompetitionB
         }
         next
     };
-    pages(client, path, &[], add).await?;
+    let query: Vec<(&str, &str)> =
+        query.iter().map(|(name, value)| (*name, value.as_str())).collect();
+    pages(client, path, &query, add).await?;
     whole.context("the server shows no board")
 }
 
 /// Prints all pages as CSV, with one header.
-async fn print_board_csv(client: &Client, path: &str) -> anyhow::Result<()> {
+async fn print_board_csv(
+    client: &Client,
+    path: &str,
+    query: &[(&str, &String)],
+) -> anyhow::Result<()> {
     let mut out = output::stream();
-    let format = ("format", &"csv".to_owned());
-    let mut next = client.download(path, &[format], &mut out).await?;
+    let format = "csv".to_owned();
+    let query = [query, &[("format", &format)]].concat();
+    let mut next = client.download(path, &query, &mut out).await?;
     while let Some(cursor) = next {
         let mut page = Vec::new();
-        next = client.download(path, &[format, ("cursor", &cursor)], &mut page).await?;
+        next = {
+            let further = [&query[..], &[("cursor", &cursor)]].concat();
+            client.download(path, &further, &mut page).await?
+        };
         let header = page.iter().position(|&byte| byte == b'\n').map_or(page.len(), |end| end + 1);
         out.write_all(&page[header..])?;
     }

@@ -6,8 +6,9 @@ use crate::cli::leaderboard::below;
 use crate::cli::output::{cell, mean, rank, reasons, table, total};
 use swarmbench_protocol::competition::{
     AttemptSummary, Competition, CompetitionBoard, EntrantSummary, InvitationCodes,
-    InvitationSummary, OrganizerAction,
+    InvitationSummary, MemberSummary, OrganizerAction,
 };
+use swarmbench_protocol::names::printable;
 use swarmbench_protocol::time::Timestamp;
 
 pub(super) fn competitions(list: &[Competition]) -> Table {
@@ -74,17 +75,39 @@ pub(super) fn attempts(list: &[AttemptSummary]) -> Table {
 }
 
 pub(super) fn entrants(list: &[EntrantSummary]) -> Table {
-    let mut table =
-        table(&["entrant", "name", "model", "status", "reason", "vouched", "registered"]);
+    let mut table = table(&[
+        "entrant",
+        "name",
+        "model",
+        "category",
+        "status",
+        "reason",
+        "vouched",
+        "registered",
+    ]);
     for entrant in list {
         table.add_row([
             entrant.id.clone(),
             entrant.name.clone(),
             entrant.model.clone(),
+            entrant.category.clone().unwrap_or_default(),
             entrant.status.clone(),
             entrant.reason.clone().unwrap_or_default(),
             if entrant.vouched { "yes" } else { "no" }.to_owned(),
             entrant.registered_at.to_string(),
+        ]);
+    }
+    table
+}
+
+pub(super) fn members(list: &[MemberSummary]) -> Table {
+    let mut table = table(&["member", "name", "added", "removed"]);
+    for member in list {
+        table.add_row([
+            member.id.clone(),
+            member.name.clone(),
+            member.added_at.to_string(),
+            member.removed_at.map(|at| at.to_string()).unwrap_or_default(),
         ]);
     }
     table
@@ -127,7 +150,22 @@ pub(super) fn competition(competition: &Competition) -> Table {
         );
     }
     row("counts", format!("the {} attempt", competition.counts));
+    if !competition.tie_breaks.is_empty() {
+        row("equal totals", format!("by {}", competition.tie_breaks.join(", then ")));
+    }
     row("board", competition.board.clone());
+    if let Some(public) = suite.public_seeds.filter(|public| *public > 0) {
+        row("public seeds", format!("{public} of {seeds} until it closes, then the others"));
+    }
+    if competition.own_games == "ended" {
+        row("own games", "entrants read theirs once they have ended".to_owned());
+    }
+    if !competition.categories.is_empty() {
+        row("categories", competition.categories.join(", "));
+    }
+    if let Some(terms) = &competition.terms {
+        row("terms", format!("version {}\n{}", terms.version, printable(&terms.text)));
+    }
     row("commitment", competition.commitment.clone());
     if let (Some(salt), Some(seeds)) = (&competition.salt, &competition.seeds) {
         row("salt", salt.clone());

@@ -273,6 +273,7 @@ impl Registry {
             visibility: spec.visibility.name(),
             waiting,
             has_open_seats: !spec.open_seats.is_empty(),
+            own_games: spec.own_games,
             clocked: spec.advances_by_itself(),
             at: now,
             idempotency,

@@ -31,7 +31,7 @@ pub(in super::super) async fn list_attempts(
         let question = format!("attempts of {id} {params:?}");
         let make = async {
             let field = app.field(competition, Declared::Short).await?;
-            page(&app, &params, app.heavy.render(move || field.summaries()).await??).await
+            page(&app, &params, app.heavy.render(move || field.summaries(true)).await??).await
         };
         return app.answers.answer(question, Box::pin(make)).await;
     }
@@ -41,7 +41,7 @@ pub(in super::super) async fn list_attempts(
         }
         None => Vec::new(),
     };
-    page(&app, &params, app.part_of_field(competition, own).await?.summaries()?).await
+    page(&app, &params, app.part_of_field(competition, own).await?.summaries(false)?).await
 }
 
 /// A page of attempts. They stay in the order in which they were started, so a place in the list is a cursor.

@@ -11,6 +11,7 @@ use utoipa::IntoParams;
 use super::super::boards::Format;
 use super::super::boards::metrics::{Means, of_tasks, wanted_metrics};
 use super::super::cache::Cached;
+use super::super::extract::one_of;
 use super::super::page::{cursor_by, page_limit};
 use super::super::prelude::*;
 use super::super::ranking::Ranking;
@@ -19,6 +20,7 @@ use crate::measure::method;
 use crate::store::competitions::Declared;
 use crate::store::metrics::stored_method;
 use swarmbench_boards::competition::phase::{BoardView, board_view};
+use swarmbench_boards::competition::standings::Part;
 use swarmbench_protocol::competition::{CompetitionBoard, CompetitionRow};
 use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::table::{Table, maybe, text as safe_cell};
@@ -30,6 +32,11 @@ pub(in super::super) struct BoardParams {
     /// Metrics that are shown for each task, by their names and with commas between them; 16 at most. While seeds are
     /// sealed only organizers see them.
     metrics: Option<String>,
+    /// One of the competition's categories: its entrants alone, with ranks among themselves.
+    category: Option<String>,
+    /// `public` or `final`: what the public seeds make, or all others. Before the end only organizers and judges see the final
+    /// part, which is theirs where this is left out.
+    part: Option<String>,
     /// `json` or `csv`.
     #[param(example = "json")]
     format: Option<String>,
@@ -57,6 +64,7 @@ pub(in super::super) struct BoardParams {
             (CompetitionBoard = "application/json"),
             (String = "text/csv"),
         )),
+        (status = 403, description = "`forbidden`: the final part before the end"),
     )
 )]
 pub(in super::super) async fn show_board(
@@ -73,12 +81,28 @@ pub(in super::super) async fn show_board(
     let after = cursor_by(params.cursor.as_deref(), read_cursor)?;
     let metrics = params.metrics.as_deref().map_or(Ok(Vec::new()), wanted_metrics)?;
     let competition = app.competition(&caller, &id).await?;
+    let category = params.category;
+    if category.is_some()
+        && let Some(problem) = competition.definition.category_problem(category.as_deref())
+    {
+        return Err(ApiError::new(Code::Malformed, format!("category {problem}")));
+    }
+    one_of("part", params.part.as_deref(), &Part::ALL.map(Part::name))?;
     let is_revealed = competition.revealed_at.is_some();
     let view = if caller.reads_all() {
         BoardView::All
     } else {
         board_view(&competition.definition, is_revealed, app.clock.wall())
     };
+    let part = match (view, params.part.as_deref().and_then(Part::parse)) {
+        (BoardView::All, asked) => asked.unwrap_or(Part::Final),
+        (_, Some(Part::Final)) if competition.definition.public_seeds > 0 => {
+            let detail = "the final part of the board is shown once the competition is closed";
+            return Err(ApiError::new(Code::Forbidden, detail));
+        }
+        _ => Part::Public,
+    };
+    let part_name = if competition.definition.public_seeds > 0 { part.name() } else { "all" };
     let (shows, before) = match view {
         BoardView::Nothing => ("nothing", None),
         BoardView::Totals => ("totals", None),
@@ -88,7 +112,9 @@ pub(in super::super) async fn show_board(
     let start = Start { limit, after };
     // Games are measured after their results are known.
     let measured = (!metrics.is_empty()).then(|| app.store.writer().changes().measured());
-    let question = format!("board of {id}: {view:?} {start:?} {format:?} {metrics:?} {measured:?}");
+    let what = (part, category.clone());
+    let question =
+        format!("board of {id}: {view:?} {what:?} {start:?} {format:?} {metrics:?} {measured:?}");
     let bytes_max = app.limits.answer_bytes_max;
     let make = async {
         let ranked = match view {
@@ -96,7 +122,7 @@ pub(in super::super) async fn show_board(
                 Arc::new(Cached { of: app.rankings.results(), what: Ranking::default() })
             }
             BoardView::Totals | BoardView::TotalsBefore(_) | BoardView::All => {
-                app.ranking(competition, view, before).await?
+                app.ranking(competition, view, before, what).await?
             }
         };
         let of = ranked.of;
@@ -112,6 +138,7 @@ pub(in super::super) async fn show_board(
         let write = move || {
             let page = |limit| {
                 let page = Shown::page(&ranked.what, (shows, before), first, limit);
+                let page = page.of(part_name, category.clone());
                 if view == BoardView::All { page.with_metrics(&metrics, &means) } else { page }
             };
             format.page(bytes_max, start.limit, page)
@@ -146,12 +173,17 @@ impl App {
         competition: StoredCompetition,
         view: BoardView,
         before: Option<Timestamp>,
+        (part, category): (Part, Option<String>),
     ) -> Result<Arc<Cached<Ranking>>, ApiError> {
-        let question = format!("{}: {view:?}", competition.id);
+        let question = format!("{}: {view:?} {part:?} {category:?}", competition.id);
         let make = async {
             let of = self.rankings.results();
             let field = self.field(competition, Declared::Short).await?;
-            let rank = move || field.shown(before, view == BoardView::All).map(Ranking::new);
+            let field = match category {
+                Some(category) => field.in_category(&category),
+                None => field,
+            };
+            let rank = move || field.shown(part, before, view == BoardView::All).map(Ranking::new);
             Ok(Cached { of, what: self.heavy.render(rank).await?? })
         };
         self.rankings.entry(question, Box::pin(make)).await
@@ -179,12 +211,20 @@ impl<'a> Shown<'a> {
         let board = CompetitionBoard {
             shows: shows.to_owned(),
             frozen_at: frozen_at.map(Into::into),
+            part: String::new(),
+            category: None,
             metrics: Vec::new(),
             metrics_method: None,
             items,
             next_cursor,
         };
         Self { board, tasks: &ranking.tasks }
+    }
+
+    fn of(mut self, part: &str, category: Option<String>) -> Self {
+        part.clone_into(&mut self.board.part);
+        self.board.category = category;
+        self
     }
 
     /// Adds metrics to the rows with an attempt that counts.
@@ -255,6 +295,7 @@ impl Table for Shown<'_> {
             own(&below),
             own(&["prompt"]),
             failures,
+            own(&["category"]),
             metrics,
         ]
         .concat()
@@ -268,6 +309,7 @@ impl Table for Shown<'_> {
         let mut cells = cells(row, self.tasks);
         cells.push(row.entrant.prompt.clone());
         cells.extend(row.failures.cells());
+        cells.push(safe_cell(row.entrant.category.as_deref().unwrap_or_default()));
         cells.extend(of_metrics);
         cells
     }

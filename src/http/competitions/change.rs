@@ -11,7 +11,7 @@ use swarmbench_boards::competition::change::{Change, Changed};
 use swarmbench_boards::competition::export::CHANGE;
 use swarmbench_protocol::competition::{Competition, CompetitionChange};
 
-/// Change a competition that has not closed: extend it or the windows of its attempts, correct its texts, or hide it.
+/// Change a competition that has not closed: extend it or the windows of its attempts, correct its texts, renew its terms, or hide it.
 ///
 /// A window is never shortened. Games that are open keep the end that they have; all that are opened afterwards have the new one,
 /// also those of attempts that are running. Everybody sees what was changed (`GET …/actions`).
@@ -36,7 +36,8 @@ pub(in super::super) async fn change_competition(
     _: Params<Nothing>,
     Json(request, _): Json<CompetitionChange>,
 ) -> Result<JsonBody<Competition>, ApiError> {
-    let CompetitionChange { name, description, closes_at, attempts, hidden, reason } = request;
+    let CompetitionChange { name, description, closes_at, attempts, hidden, terms, reason } =
+        request;
     if let Some(reason) = &reason {
         let mut problems = Problems::default();
         problems.text("reason", reason, app.limits.reason_chars_max);
@@ -50,6 +51,7 @@ pub(in super::super) async fn change_competition(
         description,
         closes_at: closes_at.map(|at| whole(at.into())),
         windows: windows.map(|of| (of.attempt, whole(of.closes_at.into()))).collect(),
+        terms,
     };
     App::run_detached(async move {
         // No attempt is started, and nothing is revealed, while windows change.

@@ -6,9 +6,10 @@ use super::super::prelude::*;
 use super::check_not_over;
 use crate::competitions::{StoredCompetition, StoredEntrant};
 use crate::keys::NAME_CHARS_MAX;
-use crate::store::entries::Entry;
+use crate::store::entries::{EntrantFacts, Entry};
 use crate::store::tokens::Grant;
 use swarmbench_boards::competition::EntrantStatus;
+use swarmbench_boards::competition::entrant::CONTACT_CHARS_MAX;
 use swarmbench_protocol::competition::{EntrantChange, EntrantSummary};
 
 /// Change an entrant: organizers decide about it, and it may rename and withdraw itself.
@@ -52,16 +53,37 @@ pub(in super::super) async fn change_entrant(
             check_name(&app, &competition, &before, &name).await?;
             entries.push(Entry::RenameEntrant { entry: before.key, name });
         }
-        let Wanted { status, reason, vouched, .. } = wanted;
-        if status.is_some() || vouched.is_some() {
-            let reason = if status.is_some() { reason } else { before.entrant.reason };
-            let status = status.unwrap_or(before.entrant.status).name();
-            let vouched = vouched.unwrap_or(before.entrant.vouched);
-            let shown = json!({ "status": status, "reason": reason, "vouched": vouched });
-            let detail = json!({
-                "competition": id, "status": status, "reason": reason, "vouched": vouched,
-            });
-            let entry = before.key;
+        let Wanted { status, reason, vouched, category, accepts_terms, contact, .. } = wanted;
+        let entry = before.key;
+        let old = before.entrant;
+        if category.is_some() || accepts_terms.is_some() || contact.is_some() {
+            let definition = &competition.definition;
+            let mut problems = Problems::default();
+            if category.is_some() {
+                check_not_over(&competition)?;
+                problems.check("category", definition.category_problem(category.as_deref()));
+            }
+            if accepts_terms.is_some() {
+                problems.check("accepts_terms", definition.terms_problem(accepts_terms));
+            }
+            problems.none_or(Some(()))?;
+            entries.push(Entry::DescribeEntrant(Box::new(EntrantFacts {
+                entry,
+                category: category.clone().or_else(|| old.category.clone()),
+                terms: accepts_terms.or(old.terms),
+                contact: contact.or(before.contact).filter(|contact| !contact.is_empty()),
+            })));
+        }
+        if status.is_some() || vouched.is_some() || category.is_some() {
+            let reason = if status.is_some() { reason } else { old.reason };
+            let status = status.unwrap_or(old.status).name();
+            let vouched = vouched.unwrap_or(old.vouched);
+            let mut shown = json!({ "status": status, "reason": reason, "vouched": vouched });
+            if let Some(to) = &category {
+                shown["category"] = json!({ "from": old.category, "to": to });
+            }
+            let mut detail = shown.clone();
+            detail["competition"] = json!(id);
             entries.push(Entry::SetEntrant { entry, status, reason, vouched });
             let shown = Some((competition.key, shown));
             entries.extend(caller.audit_entry(&app, "entrant.change", &entrant, detail, shown));
@@ -105,7 +127,7 @@ pub(in super::super) async fn erase_entrant(
         let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
         let before = app.entrant(&competition, &entrant).await?;
         check_own(&caller, &before)?;
-        if !before.is_erased {
+        if !before.entrant.erased {
             // A competition that is being revealed is revealed before or after.
             let _open = app.runs.block_reveal().await;
             let (entry, at) = (before.key, app.clock.wall());
@@ -149,11 +171,15 @@ struct Wanted {
     status: Option<EntrantStatus>,
     reason: Option<String>,
     vouched: Option<bool>,
+    category: Option<String>,
+    accepts_terms: Option<u32>,
+    contact: Option<String>,
 }
 
 impl Wanted {
     fn of(app: &App, change: EntrantChange) -> Result<Self, ApiError> {
-        let EntrantChange { name, status, reason, vouched } = change;
+        let EntrantChange { name, status, reason, vouched, category, accepts_terms, contact } =
+            change;
         let status = match status.as_deref() {
             None => None,
             Some(name) => Some(EntrantStatus::parse(name).ok_or_else(|| {
@@ -168,6 +194,9 @@ impl Wanted {
         if let Some(reason) = &reason {
             problems.text("reason", reason, app.limits.reason_chars_max);
         }
+        if let Some(contact) = contact.as_ref().filter(|contact| !contact.is_empty()) {
+            problems.text("contact", contact, CONTACT_CHARS_MAX);
+        }
         match (status, &reason) {
             (Some(EntrantStatus::Disqualified), None) => {
                 problems.refuse("reason", "is missing: everybody is to see why".to_owned());
@@ -178,22 +207,41 @@ impl Wanted {
             }
             _ => {}
         }
-        problems.none_or(Some(Self { name, status, reason, vouched }))
+        problems.none_or(Some(Self {
+            name,
+            status,
+            reason,
+            vouched,
+            category,
+            accepts_terms,
+            contact,
+        }))
     }
 
     /// Refuses what the caller may not change of this entrant.
     fn check(&self, caller: &Caller, entrant: &StoredEntrant) -> Result<(), ApiError> {
         check_own(caller, entrant)?;
-        if entrant.is_erased && (self.name.is_some() || self.status == Some(EntrantStatus::Active))
+        if entrant.entrant.erased
+            && (self.name.is_some()
+                || self.contact.is_some()
+                || self.status == Some(EntrantStatus::Active))
         {
             let detail =
                 "this entrant was erased, which cannot be undone: it may enter another competition";
             return Err(ApiError::new(Code::Closed, detail));
         }
-        if caller.is_organizer() {
-            return Ok(());
-        }
         let refused = |detail: &str| Err(ApiError::new(Code::Forbidden, detail));
+        if caller.is_organizer() {
+            let own = caller.needs_key()?.number == Some(entrant.owner);
+            return if self.accepts_terms.is_some() && !own {
+                refused("an entrant accepts terms itself, with its own key")
+            } else {
+                Ok(())
+            };
+        }
+        if self.category.is_some() {
+            return refused("only an organizer moves an entrant to another category");
+        }
         if self.vouched.is_some() {
             return refused("only an organizer vouches for a model");
         }

@@ -10,12 +10,12 @@ use super::shown;
 use crate::competitions::new_id;
 use crate::store::entries::{CompetitionRow, Entry, Secret};
 use swarmbench_boards::competition::definition::{
-    ATTEMPTS_MAX, Admission, BoardRule, Counts, Definition, Window,
+    ATTEMPTS_MAX, Admission, BoardRule, Counts, Definition, OwnGames, TieBreak, Window,
 };
 use swarmbench_boards::competition::sealed::Sealed;
 use swarmbench_clock::millis;
 use swarmbench_protocol::competition::{
-    AttemptWindow, Attempts, Competition, CompetitionRequest, SealedSettings,
+    AttemptWindow, Attempts, Competition, CompetitionRequest, SealedSettings, Terms,
 };
 use swarmbench_protocol::suite::SuiteSettings;
 
@@ -94,6 +94,13 @@ fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition,
     let entry = one_of(request.entry, Admission::ALL, Admission::name, "entry", &mut refuse);
     let counts = one_of(request.counts, Counts::ALL, Counts::name, "counts", &mut refuse);
     let board = one_of(request.board, BoardRule::ALL, BoardRule::name, "board", &mut refuse);
+    let own_games =
+        one_of(request.own_games, OwnGames::ALL, OwnGames::name, "own_games", &mut refuse);
+    let mut tie_breaks = Vec::new();
+    for name in request.tie_breaks.unwrap_or_default() {
+        let found = one_of(Some(name), TieBreak::ALL, TieBreak::name, "tie_breaks", &mut refuse);
+        tie_breaks.extend(found);
+    }
     // A missing time is reported already, and is replaced here. Times are stored to the millisecond.
     let whole = |at: Timestamp| Timestamp::from_millisecond(at.as_millisecond()).unwrap_or(at);
     let opens_at = whole(request.opens_at.map_or(now, Into::into));
@@ -133,6 +140,11 @@ fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition,
         board_freezes_at: request.board_freezes_at.map(Into::into),
         entries_per_key: request.entries_per_key.unwrap_or(1),
         attempts_per_day: request.attempts_per_day,
+        public_seeds: suite.public_seeds.unwrap_or(0),
+        terms: request.terms.map(|text| Terms { version: 1, text }),
+        categories: request.categories.unwrap_or_default(),
+        tie_breaks,
+        own_games: own_games.unwrap_or_default(),
     };
     for (field, problem) in definition.problems_when_new(now) {
         problems.refuse(&field, problem);

@@ -1,7 +1,10 @@
 //! `GET /api/v1/competitions/{id}/entrants`, and one of them.
 
 use axum::Json;
+use serde::Deserialize;
+use utoipa::IntoParams;
 
+use super::super::extract::optional_flag;
 use super::super::page::{PageParams, ROWS_MAX};
 use super::super::prelude::*;
 use crate::competitions::{self, StoredEntrant};
@@ -12,13 +15,27 @@ use swarmbench_protocol::competition::{EntrantDetail, EntrantList, EntrantSummar
 /// organizer voids attempts again and again; the list of attempts has all.
 const ATTEMPTS_SHOWN_MAX: usize = 1000;
 
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in super::super) struct EntrantParams {
+    /// Only those of the caller's key.
+    #[serde(default, deserialize_with = "optional_flag")]
+    own: Option<bool>,
+    /// How many at most, up to 1,000; all that fit into one answer where it is left out.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<u32>,
+    /// The `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
 /// List the entrants of a competition.
 #[utoipa::path(
     get,
     path = "/api/v1/competitions/{id}/entrants",
     operation_id = "list_entrants",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id"), PageParams),
+    params(("id" = String, Path, description = "The competition's id"), EntrantParams),
     security((), ("key" = [])),
     responses((status = 200, description = "The entrants", body = EntrantList))
 )]
@@ -26,17 +43,24 @@ pub(in super::super) async fn list_entrants(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
-    Params(params): Params<PageParams>,
+    Params(params): Params<EntrantParams>,
 ) -> Result<Response, ApiError> {
+    let own = params.own.unwrap_or(false);
+    let owner = if own { caller.needs_key()?.number } else { None };
     let competition = app.competition(&caller, &id).await?;
     let make = async {
         let read = |after: Option<i64>, rows| {
-            competitions::list_entrants(&app.store, competition.key, after.map(EntryKey), rows)
+            let after = after.map(EntryKey);
+            competitions::list_entrants(&app.store, competition.key, owner, after, rows)
         };
         let show =
             |stored: StoredEntrant| Ok((stored.key.0, EntrantSummary::from(&stored.entrant)));
-        params.page(&app)?.fill(ROWS_MAX, read, show).await
+        let page = PageParams { limit: params.limit, cursor: params.cursor.clone() };
+        page.page(&app)?.fill(ROWS_MAX, read, show).await
     };
+    if own {
+        return make.await;
+    }
     app.answers.answer(format!("entrants of {id} {params:?}"), Box::pin(make)).await
 }
 
@@ -71,7 +95,9 @@ pub(in super::super) async fn show_entrant(
         return Err(ApiError::new(Code::Forbidden, detail));
     }
     let field = app.part_of_field(competition, vec![stored.clone()]).await?;
-    let mut attempts = field.summaries()?;
+    let mut attempts = field.summaries(caller.reads_all())?;
     attempts.drain(..attempts.len().saturating_sub(ATTEMPTS_SHOWN_MAX));
-    Ok(Json(EntrantDetail { entrant: (&stored.entrant).into(), attempts }))
+    let contact =
+        stored.contact.filter(|_| caller.is_organizer() || key.number == Some(stored.owner));
+    Ok(Json(EntrantDetail { entrant: (&stored.entrant).into(), contact, attempts }))
 }

@@ -25,8 +25,9 @@ use crate::store::port::StoredEpisode;
 use swarmbench_boards::competition::entrant::Entrant;
 use swarmbench_boards::competition::export::{
     Action, Attempt, Board, CANCEL, CHANGE, Competition, End, Episode, FIRST_FORMAT, FORMAT, Game,
-    Line, Writer,
+    Line, Writer, fits_first_format,
 };
+use swarmbench_boards::competition::standings::Part;
 
 /// Export a competition (JSON Lines): its seeds and salt, its entrants, every attempt with the complete journals of
 /// its games, and the board.
@@ -74,9 +75,7 @@ pub(in super::super) async fn export_competition(
     }
     let actions = actions(&app, &competition).await?;
     // A file that has nothing which only the newer format has can be checked by programs that know the first one.
-    let definition = &competition.definition;
-    let needs_newer = definition.spares > 0
-        || definition.attempts_per_day.is_some()
+    let needs_newer = !fits_first_format(&competition.definition)
         || actions.iter().any(|action| [CHANGE, CANCEL].contains(&action.action.as_str()));
     let format = params.format.unwrap_or(if needs_newer { FORMAT } else { FIRST_FORMAT });
     let field = app.field(competition, Declared::Short).await?;
@@ -94,8 +93,9 @@ pub(in super::super) async fn export_competition(
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct ExportParams {
-    /// The version of the format: 2 has what organizers did, and spare attempts; 1 is for programs that know no
-    /// other. Where it is left out, 1 if the competition was neither changed nor cancelled and has no spare attempts.
+    /// The version of the format: 2 has what organizers did, spare attempts, terms, categories, tie-breaks and public seeds; 1 is
+    /// for programs that know no other. Where it is left out, 1 if the competition has none of these and was neither changed nor
+    /// cancelled.
     #[param(minimum = 1, maximum = 2)]
     format: Option<u32>,
 }
@@ -169,6 +169,7 @@ impl Reader {
         };
         let is_first = format == FIRST_FORMAT;
         let competition = if is_first { competition.in_first_format() } else { competition };
+        let definition = competition.definition.clone();
         record(&mut pieces, Line::Competition(Box::new(competition)));
         for action in actions.into_iter().filter(|_| !is_first) {
             record(&mut pieces, Line::Action(action));
@@ -176,6 +177,7 @@ impl Reader {
         for StoredEntrant { entrant, published, .. } in &field.entrants {
             let mut entrant = entrant.clone();
             entrant.name = published.clone().unwrap_or(entrant.name);
+            let entrant = if is_first { entrant.in_first_format() } else { entrant };
             pieces.push_back(Piece::Entrant(Box::new(entrant)));
         }
         for (stored, games) in &field.attempts {
@@ -204,7 +206,8 @@ impl Reader {
                 pieces.push_back(Piece::Episode { slot: game.slot, id: game.id.clone() });
             }
         }
-        let rows = field.standings(None)?.into_iter().map(|standing| standing.row).collect();
+        let ranked = field.standings(&definition, Part::Final, None)?;
+        let rows = ranked.into_iter().map(|standing| standing.row).collect();
         record(&mut pieces, Line::Board(Board { rows }));
         pieces.push_back(Piece::End);
         let games: usize = field.attempts.iter().map(|(_, games)| games.len()).sum();

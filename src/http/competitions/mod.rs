@@ -13,13 +13,15 @@ pub(super) mod entrants;
 pub(super) mod exclude;
 pub(super) mod export;
 pub(super) mod list;
+pub(super) mod members;
+pub(super) mod practice;
 pub(super) mod register;
 pub(super) mod replace_key;
 pub(super) mod show;
 pub(super) mod start;
 pub(super) mod void;
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use jiff::Timestamp;
 
@@ -31,9 +33,10 @@ use crate::run::RunStatus;
 use crate::store::competitions::{Declared, StoredAttempt};
 use crate::store::games::RunGames;
 use swarmbench_boards::Slot;
+use swarmbench_boards::competition::definition::Definition;
 use swarmbench_boards::competition::entrant::Entrant;
 use swarmbench_boards::competition::shown::{self, Revealed, State};
-use swarmbench_boards::competition::standings::{self, Attempt, Standing, standings};
+use swarmbench_boards::competition::standings::{self, Attempt, Part, Standing, standings};
 use swarmbench_protocol::competition::{AttemptSummary, Competition, CompetitionRow};
 
 impl App {
@@ -177,49 +180,64 @@ impl Field {
         })
     }
 
-    fn all_attempts(&self) -> Result<Vec<Attempt>, ApiError> {
-        self.attempts.iter().map(|attempt| self.attempt(attempt)).collect()
-    }
-
     fn all_entrants(&self) -> Vec<Entrant> {
         self.entrants.iter().map(|entrant| entrant.entrant.clone()).collect()
     }
 
-    /// The board, of all that was over at a time, or of all that is.
-    fn standings(&self, before: Option<Timestamp>) -> Result<Vec<Standing>, ApiError> {
-        let mut attempts = self.all_attempts()?;
-        if let Some(before) = before {
-            for attempt in &mut attempts {
+    /// The board on some of the seeds, of all that was over at a time, or of all that is.
+    fn standings(
+        &self,
+        definition: &Definition,
+        part: Part,
+        before: Option<Timestamp>,
+    ) -> Result<Vec<Standing>, ApiError> {
+        let mut attempts = Vec::with_capacity(self.attempts.len());
+        for attempt in &self.attempts {
+            let mut attempt = self.attempt(attempt)?.part(definition, part);
+            if let Some(before) = before {
                 attempt.is_over &= attempt.ended_at.is_some_and(|at| at < before);
             }
+            attempts.push(attempt);
         }
-        Ok(standings(&self.competition.definition, &self.all_entrants(), &attempts))
+        Ok(standings(definition, &self.all_entrants(), &attempts))
+    }
+
+    /// Those in a category alone.
+    fn in_category(mut self, category: &str) -> Self {
+        self.entrants.retain(|one| one.entrant.category.as_deref() == Some(category));
+        let keys: HashSet<_> = self.entrants.iter().map(|entrant| entrant.key).collect();
+        self.attempts.retain(|(attempt, _)| keys.contains(&attempt.entry));
+        self
     }
 
     /// The rows of the board as they are shown, with the results in each task or without.
     fn shown(
         &self,
+        part: Part,
         before: Option<Timestamp>,
         with_tasks: bool,
     ) -> Result<Vec<CompetitionRow>, ApiError> {
         let entrants = self.entrants.iter().map(|entrant| (&entrant.entrant.id, &entrant.entrant));
         let entrants: HashMap<_, _> = entrants.collect();
-        let rows = self.standings(before)?;
+        let rows = self.standings(&self.competition.definition, part, before)?;
         let shown = rows
             .iter()
             .filter_map(|row| Some(shown::row(row, entrants.get(&row.row.entrant)?, with_tasks)));
         Ok(shown.collect())
     }
 
-    /// The attempts of all of them, as they see them themselves.
-    fn summaries(&self) -> Result<Vec<AttemptSummary>, ApiError> {
+    /// The attempts of all of them. Before the end they see themselves what the public seeds make, and organizers `all`.
+    fn summaries(&self, all: bool) -> Result<Vec<AttemptSummary>, ApiError> {
+        let is_final = all || self.competition.revealed_at.is_some();
+        let part = if is_final { Part::Final } else { Part::Public };
         let mut summaries = Vec::new();
         for pair in &self.attempts {
             let (stored, _) = pair;
             let entrant = self.entrant_of(stored)?;
             let definition = &self.competition.definition;
             let attempt = self.attempt(pair)?;
-            let result = standings::result(definition, &entrant.entrant, &attempt);
+            let of_part = attempt.clone().part(definition, part);
+            let result = standings::result(definition, &entrant.entrant, &of_part);
             let tasks = standings::tasks_of(definition, &result);
             summaries.push(AttemptSummary {
                 entrant: attempt.entrant,

@@ -16,7 +16,7 @@ use crate::keys::{Key, KeyRow, Role};
 use crate::store::competitions::Declared;
 use crate::store::entries::{EntrantRow, Entry};
 use swarmbench_boards::competition::definition::Admission;
-use swarmbench_boards::competition::entrant::Declaration;
+use swarmbench_boards::competition::entrant::{CONTACT_CHARS_MAX, Declaration};
 use swarmbench_protocol::competition::{CreatedEntrant, EntrantRequest};
 
 /// Enter a competition.
@@ -83,6 +83,9 @@ fn check(request: &EntrantRequest, app: &App) -> Result<(), ApiError> {
         problems.agent_meta(&app.limits, meta);
     }
     problems.template(swarmbench_prompt::chosen(request.prompt_template.clone()).as_deref());
+    if let Some(contact) = &request.contact {
+        problems.text("contact", contact, CONTACT_CHARS_MAX);
+    }
     problems.none_or(Some(()))
 }
 
@@ -100,6 +103,10 @@ async fn register(
     let competition = &app.stored_competition(&competition.id).await?;
     let definition = &competition.definition;
     check_open(competition, now)?;
+    let mut problems = Problems::default();
+    problems.check("category", definition.category_problem(request.category.as_deref()));
+    problems.check("accepts_terms", definition.terms_problem(request.accepts_terms));
+    problems.none_or(Some(()))?;
     let invitation = invitation(app, competition, request.code.as_deref()).await?;
     let number = own_key.as_ref().and_then(|key| key.number);
     let room = app.store.room_for(competition.key, &request.name, &request.model, number).await?;
@@ -121,7 +128,7 @@ async fn register(
     if let Some(number) = number {
         let own = Declared::Short;
         let own = competitions::entrants(&app.store, competition.key, Some(number), own).await?;
-        if own.iter().any(|one| one.is_erased) {
+        if own.iter().any(|one| one.entrant.erased) {
             let detail = "an entrant of this key was erased here, and does not return: who erases itself leaves this competition for good";
             return Err(ApiError::new(Code::Forbidden, detail));
         }
@@ -143,7 +150,7 @@ async fn register(
         let (key, token) = Key::new(Role::Entrant, &request.name, None, now, &*app.entropy)
             .map_err(|problem| ApiError::field("name", problem))?;
         let id = key.id.clone();
-        entries.push(Entry::AddKey(Box::new(KeyRow { key, hash: token.hash() })));
+        entries.push(Entry::AddKey(Box::new(KeyRow { key, hash: token.hash(), acts_for: None })));
         secret = Some(token);
         id
     };
@@ -167,6 +174,9 @@ async fn register(
         vouched: is_vouched,
         invitation,
         address: Some(network(address).to_string()),
+        category: request.category,
+        terms: request.accepts_terms,
+        contact: request.contact,
         at: now,
     })));
     app.store.keep(entries).await?;

@@ -41,7 +41,7 @@ pub(in super::super) async fn replace_entrant_key(
         let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
         let stored = app.entrant(&competition, &entrant).await?;
         let closed = |detail: &str| Err(ApiError::new(Code::Closed, detail));
-        if stored.is_erased {
+        if stored.entrant.erased {
             return closed("this entrant was erased, which cannot be undone");
         }
         let key = app.store.key(stored.owner).await?;

@@ -94,7 +94,7 @@ async fn replace_token(
 }
 
 /// The entrant of the key: the one that is named, or the only one.
-async fn entrant(
+pub(super) async fn entrant(
     app: &App,
     competition: &StoredCompetition,
     owner: Option<OwnerKey>,
@@ -122,7 +122,7 @@ async fn entrant(
 }
 
 /// Refuses entrants that were withdrawn or disqualified.
-fn check_active(entrant: &StoredEntrant) -> Result<(), ApiError> {
+pub(super) fn check_active(entrant: &StoredEntrant) -> Result<(), ApiError> {
     if entrant.entrant.status == EntrantStatus::Active {
         return Ok(());
     }

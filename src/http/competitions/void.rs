@@ -68,7 +68,7 @@ pub(in super::super) async fn void_attempt(
             }
         }
         let field = app.field(competition, Declared::Short).await?;
-        let summary = field.summaries()?;
+        let summary = field.summaries(true)?;
         let summary = summary.into_iter().find(|summary| summary.run == run);
         let attempt = summary.ok_or_else(|| ApiError::not_found("the attempt"))?;
         let seen = seen(&field, &run);

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use swarmbench_engine::{AgentId, Config, Settings, TaskName};
 
-use super::super::checks::short;
+use super::super::checks::{drawn_seed, short};
 use super::super::prelude::*;
 use crate::episode::spec::Spec;
 use crate::hosted;
@@ -109,16 +109,10 @@ pub(super) fn spec(
         salt: None,
         fork: None,
         closes_at: None,
+        own_games: false,
         open_seats: (own..agents).map(AgentId).collect(),
         fill_after,
         fill_with,
         player,
     })
-}
-
-/// A seed that cannot be predicted: 53 random bits.
-fn drawn_seed(app: &App) -> i64 {
-    let mut bytes = [0; 8];
-    app.entropy.fill(&mut bytes);
-    i64::from_le_bytes(bytes) & ((1 << 53) - 1)
 }

@@ -21,7 +21,7 @@ pub(super) mod void;
 use serde_json::json;
 
 use super::App;
-use super::auth::{Caller, Subject};
+use super::auth::{Caller, Opened, Subject};
 use super::error::{ApiError, Code};
 use crate::episode::Status;
 use crate::episode::actor::Handle;
@@ -203,7 +203,7 @@ fn subject<'a>(stored: &'a StoredEpisode, spec: &Spec) -> Subject<'a> {
         visibility: spec.visibility,
         is_mixed: spec.is_mixed(),
         is_over,
-        is_revealed: stored.revealed,
+        opened: Opened::of(stored.revealed, stored.own_games),
     }
 }
 

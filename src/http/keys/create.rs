@@ -46,7 +46,7 @@ pub(in super::super) async fn create_key(
     let created = CreatedKey { key: key.summary(now), secret: token.reveal().to_owned() };
     let detail = json!({ "name": key.name, "role": key.role.name() });
     let audit_entry = organizer.audit_entry(&app, "key.create", &key.id, detail);
-    let row = KeyRow { key, hash: token.hash() };
+    let row = KeyRow { key, hash: token.hash(), acts_for: None };
     app.store.keep(vec![Entry::AddKey(Box::new(row)), audit_entry]).await?;
     Ok(with_tokens(StatusCode::CREATED, created))
 }

@@ -143,6 +143,7 @@ fn definition(request: RunRequest, app: &App) -> Result<Definition, ApiError> {
         visibility: visibility.name().to_owned(),
         idle_timeout_ms: millis(idle),
         closes_at: None,
+        own_games: false,
     })
 }
 

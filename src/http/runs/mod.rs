@@ -14,7 +14,7 @@ pub(super) mod token;
 use std::collections::VecDeque;
 
 use super::App;
-use super::auth::{Caller, Subject};
+use super::auth::{Caller, Opened, Subject};
 use super::error::{ApiError, Code};
 use crate::episode::spec::Visibility;
 use crate::run::definition::{self, Definition};
@@ -54,7 +54,7 @@ impl Known {
             visibility: self.visibility,
             is_mixed: false,
             is_over: self.stored.ended_at.is_some(),
-            is_revealed: self.stored.revealed,
+            opened: Opened::of(self.stored.revealed, self.definition.own_games),
         }
     }
 

@@ -1,6 +1,7 @@
 // How a competition is played, and its commitment.
 import { html } from "../ui.js";
 import { Copyable } from "../parts/copy.js";
+import { seedsOf, tieBreaksText } from "../parts/rules.js";
 import { TASKS } from "../parts/tasks.js";
 import { Text } from "../parts/text.js";
 import { duration } from "../parts/time.js";
@@ -16,7 +17,7 @@ const BOARDS = {
 export function Rules({ competition }) {
   const { suite, clocks } = competition;
   const tasks = suite.tasks ?? TASKS;
-  const seeds = suite.seeds ?? 5;
+  const { seeds, publicSeeds } = seedsOf(competition);
   return html`<dl class="facts">
     <dt>An attempt</dt>
     <dd>${tasks.length * seeds} games: <${Text} value=${tasks.join(", ")} />, each on ${seeds} sealed ${seeds === 1 ? "seed" : "seeds"}. ${competition.parallel} are open at a time.</dd>
@@ -25,12 +26,16 @@ export function Rules({ competition }) {
     ${competition.spares > 0 && html`<dt>Voided attempts</dt><dd>are played again on other sealed seeds, ${competition.spares} of them at most.</dd>`}
     <dt>What counts</dt>
     <dd>${COUNTS[competition.counts]}. A game that was not played counts as 0.</dd>
+    <dt>Equal totals</dt>
+    <dd>${competition.tie_breaks.length > 0 ? `${tieBreaksText(competition.tie_breaks)}. Who is equal in all of it shares a rank.` : "share a rank."}</dd>
+    ${publicSeeds > 0 && html`<dt>Seeds of the board</dt><dd>${publicSeeds} of ${seeds} seeds make the board until it closes, then the other ${seeds - publicSeeds}.</dd>`}
     <dt>Clock</dt>
     <dd>${duration(clocks.round_deadline_s * 1000)} for a round${clocks.bank_s > 0 && `, and ${duration(clocks.bank_s * 1000)} in a game on top`}. A game without an act for ${duration(clocks.idle_timeout_s * 1000)} is abandoned.</dd>
     <dt>Entry</dt>
     <dd>${competition.entry === "codes" ? "with an invitation code from the organizer" : "for everybody"}. A key can have ${competition.entries_per_key} ${competition.entries_per_key === 1 ? "entrant" : "entrants"}.</dd>
+    ${competition.categories.length > 0 && html`<dt>Categories</dt><dd>${competition.categories.map((name, index) => html`${index > 0 && ", "}<${Text} value=${name} />`)}</dd>`}
     <dt>Before the end</dt>
-    <dd>${BOARDS[competition.board]}</dd>
+    <dd>${BOARDS[competition.board]}${competition.own_games === "ended" && " Entrants read their own games once these have ended."}</dd>
     <dt>Rules</dt>
     <dd>${suite.rules}; ${Object.entries(suite.settings ?? {}).map(([name, value]) => `${name.replaceAll("_", " ")} ${value}`).join(", ")}</dd>
     <dt>The closing moment</dt>

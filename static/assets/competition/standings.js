@@ -3,9 +3,12 @@ import { html, useState } from "../ui.js";
 import { route, withQuery } from "../api.js";
 import { Interval, short } from "../parts/chart.js";
 import { Download } from "../parts/download.js";
+import { Choice } from "../parts/filters.js";
 import { METRICS, metricName } from "../parts/metrics.js";
 import { More, usePages } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
+import { useQuery } from "../parts/query.js";
+import { seedsOf } from "../parts/rules.js";
 import { OnSpareSeeds, failuresText } from "../parts/status.js";
 import { Text } from "../parts/text.js";
 import { Time } from "../parts/time.js";
@@ -14,19 +17,58 @@ const REFRESH_MS = 15_000;
 
 /** @param {{competition: any}} props */
 export function Standings({ competition }) {
+  const [query, change] = useQuery();
+  const asked = { category: query.get("category") ?? "", part: query.get("part") ?? "" };
+  return html`<${Filters} competition=${competition} ...${asked} change=${change} /><${Board} competition=${competition} ...${asked} />`;
+}
+
+/** Which entrants the board has, and, once that may be seen, on which seeds. @param {{competition: any, category: string, part: string, change: (changes: Record<string, string>) => void}} props */
+function Filters({ competition, category, part, change }) {
+  const { categories, revealed_at } = competition;
+  const { publicSeeds } = seedsOf(competition);
+  const hasParts = publicSeeds > 0 && (revealed_at || part);
+  if (categories.length === 0 && !hasParts) return null;
+  return html`<div class="buttons" role="search" aria-label="Filters of the standings">
+    ${categories.length > 0 && html`<${Choice} label="Category" value=${category} options=${categories} onChange=${(/** @type {string} */ category) => change({ category })} />`}
+    ${hasParts &&
+    html`<label>
+      Board${" "}
+      <select value=${part === "public" ? part : ""} onChange=${(/** @type {any} */ event) => change({ part: event.target.value })}>
+        <option value="">final</option><option value="public">public, as before the end</option>
+      </select>
+    </label>`}
+  </div>`;
+}
+
+/** Which seeds make a board. @param {string} part @param {any} competition */
+function partText(part, competition) {
+  const { seeds, publicSeeds } = seedsOf(competition);
+  const others = seeds - publicSeeds;
+  if (part === "public") return `Public part: ${publicSeeds} of ${seeds} seeds. The other ${others} make the final board.`;
+  if (part === "final") return `Final part: ${others} of ${seeds} seeds. The other ${publicSeeds} make the board before the end.`;
+  return "";
+}
+
+/** @param {{competition: any, category: string, part: string}} props */
+function Board({ competition, category, part }) {
   const [metric, setMetric] = useState("");
-  const path = withQuery(route`/api/v1/competitions/${competition.id}/board`, { metrics: metric });
-  const list = usePages(path, competition.revealed_at ? undefined : REFRESH_MS);
+  const base = route`/api/v1/competitions/${competition.id}/board`;
+  const list = usePages(withQuery(base, { category, part, metrics: metric }), competition.revealed_at ? undefined : REFRESH_MS);
   if (!list.value) {
     return list.problem ? html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />` : html`<p class="muted" role="status">Loading …</p>`;
   }
   const { items, value: first } = list;
-  const csv = withQuery(route`/api/v1/competitions/${competition.id}/board`, { format: "csv", metrics: metric });
+  const csv = withQuery(base, { category, part, format: "csv", metrics: metric });
   if (first.shows === "nothing") return html`<p class="empty">The board is hidden until the end.</p>`;
-  if (items.length === 0) return html`<p class="empty">Nobody has entered.</p>`;
+  if (items.length === 0) return html`<p class="empty">${first.category ? "Nobody has entered in this category." : "Nobody has entered."}</p>`;
   const hasAll = first.shows === "all";
+  const hasCategories = competition.categories.length > 0;
   const tasks = hasAll ? (items.find((row) => row.tasks.length > 0)?.tasks.map(({ task }) => task) ?? []) : [];
   return html`
+    <p class="muted" role="status">
+      ${first.category && html`Category <${Text} value=${first.category} />: ranks among its entrants. `}
+      ${partText(first.part, competition)}
+    </p>
     <p class="muted">
       ${first.frozen_at && html`Frozen: attempts that were over before <${Time} value=${first.frozen_at} both />. `}
       ${!hasAll && "Totals only, until the seeds are revealed. A rank without a total: too few games count to show one."}
@@ -46,7 +88,7 @@ export function Standings({ competition }) {
       <table class="standings">
         <thead>
           <tr>
-            <th scope="col" class="number">Rank</th><th scope="col">Entrant</th><th scope="col">Model</th>
+            <th scope="col" class="number">Rank</th><th scope="col">Entrant</th>${hasCategories && html`<th scope="col">Category</th>`}<th scope="col">Model</th>
             <th scope="col" class="number">Total</th>
             ${tasks.map((task) => html`<th scope="col" class="number">${task}</th>`)}
             ${metric && tasks.map((task) => html`<th scope="col" class="number">${metricName(metric)}, ${task}</th>`)}
@@ -54,7 +96,7 @@ export function Standings({ competition }) {
             <th scope="col" class="number">Invalid</th><th scope="col" class="number">Timeouts</th><th scope="col" class="number">Attempts</th>
           </tr>
         </thead>
-        <tbody>${items.map((row) => html`<${Row} key=${row.entrant.id} row=${row} tasks=${tasks} metric=${metric} hasAll=${hasAll} scale=${scaleOf(items)} />`)}</tbody>
+        <tbody>${items.map((row) => html`<${Row} key=${row.entrant.id} row=${row} tasks=${tasks} metric=${metric} hasAll=${hasAll} hasCategories=${hasCategories} scale=${scaleOf(items)} />`)}</tbody>
       </table>
     </div>
     <${More} list=${list} />
@@ -92,8 +134,8 @@ function Below({ difference, scale }) {
   return html`<${Interval} mean=${mean} low=${low} high=${high} range=${scale} label=${label} />${low < 0 && html` <span class="badge">tie</span>`}`;
 }
 
-/** @param {{row: any, tasks: string[], metric: string, hasAll: boolean, scale: [number, number]}} props */
-function Row({ row, tasks, metric, hasAll, scale }) {
+/** @param {{row: any, tasks: string[], metric: string, hasAll: boolean, hasCategories: boolean, scale: [number, number]}} props */
+function Row({ row, tasks, metric, hasAll, hasCategories, scale }) {
   const { entrant, difference } = row;
   const isOut = entrant.status !== "active";
   const meanOf = (/** @type {string} */ name) => row.tasks.find(({ task }) => task === name)?.mean;
@@ -103,6 +145,7 @@ function Row({ row, tasks, metric, hasAll, scale }) {
       <${Text} value=${entrant.name} />${entrant.vouched && html` <span class="badge">vouched</span>`}
       ${isOut && html`<div class="small"><span class="badge">${entrant.status}</span> ${entrant.reason && html`<${Text} value=${entrant.reason} />`}</div>`}
     </th>
+    ${hasCategories && html`<td><${Text} value=${entrant.category} /></td>`}
     <td><${Text} value=${entrant.model} /></td>
     <td class="number">${hasAll && row.run ? html`<a href=${route`/runs/${row.run}`}>${short(row.total)}</a>` : short(row.total)}${row.on_spare_seeds && html`<div><${OnSpareSeeds} /></div>`}</td>
     ${tasks.map((task) => html`<td class="number">${short(meanOf(task))}</td>`)}

@@ -5,6 +5,7 @@ import { ActButton } from "../parts/act.js";
 import { Form } from "../parts/form.js";
 import { localTime } from "../parts/inputs.js";
 import { Text } from "../parts/text.js";
+import { TERMS_CHARS_MAX } from "./fields.js";
 
 /** @typedef {import("../parts/form.js").Field} Field */
 
@@ -18,6 +19,7 @@ const hasOwnEnds = ({ attempts, closes_at }) => attempts.some((window) => window
 const fieldsOf = (competition) => [
   { name: "name", label: "Name", isRequired: true, max: 100, initial: competition.name },
   { name: "description", label: "What entrants should know", kind: "long", max: 10_000, initial: competition.description },
+  { name: "terms", label: "Terms that entrants accept", kind: "long", max: TERMS_CHARS_MAX, initial: competition.terms?.text, isRequired: Boolean(competition.terms), help: "Another text is their next version. Who has entered keeps the version that it accepted, until it accepts the newest." },
   { name: "closes_at", label: "Closes", kind: "time", isRequired: true, initial: shownEnd(competition.closes_at), help: "Later only. Games that are open keep the end that they have; games that are opened afterwards have the new one." },
   ...(hasOwnEnds(competition) ? [{ legend: "Ends of windows", isFolded: competition.attempts.length > 3, fields: competition.attempts.map(windowField) }] : []),
   { name: "hidden", label: "In no list but the organizers'", kind: "check", initial: competition.hidden },
@@ -41,6 +43,7 @@ export function changeOf(competition, body) {
   const closes_at = endOf(body.closes_at, competition.closes_at);
   const description = body.description ?? "";
   const hidden = body.hidden ?? false;
+  const terms = body.terms ?? "";
   // Windows that end with the competition end with it again, unless they were given another end.
   const followed = (/** @type {string} */ end) => (end === competition.closes_at ? closes_at : end);
   const ends = competition.attempts.map((window, place) => endOf(body[`attempts[${place}]`] ?? window.closes_at, window.closes_at));
@@ -48,6 +51,7 @@ export function changeOf(competition, body) {
   return {
     ...(body.name !== competition.name && { name: body.name }),
     ...(description !== competition.description && { description }),
+    ...(terms !== (competition.terms?.text ?? "") && { terms }),
     ...(closes_at !== competition.closes_at && { closes_at }),
     // All of them, so that what the server says of attempts[1] is about attempt 2.
     ...(hasEnds && { attempts: ends.map((end, place) => ({ attempt: place + 1, closes_at: followed(end) })) }),

@@ -55,7 +55,7 @@ export function View({ query }) {
     <${Announce} id=${id} changed=${changed} />
     ${value.entry === "codes" && html`<${Codes} id=${id} names=${names} mayMake=${isOpen} />`}
     <h3>Entrants</h3>
-    <${Entrants} id=${id} list=${{ ...entrants, reload: entrantsChanged }} />
+    <${Entrants} competition=${value} list=${{ ...entrants, reload: entrantsChanged }} />
     ${entrants.items.length > 0 && html`<${Exclude} id=${id} done=${entrantsChanged} />`}
     <h3>Attempts</h3>
     <${Attempts} competition=${value} names=${names} />

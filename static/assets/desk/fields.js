@@ -3,6 +3,9 @@ import { TASKS } from "../parts/tasks.js";
 
 /** @typedef {import("../parts/form.js").Field} Field */
 
+/** Characters of the terms of a competition. */
+export const TERMS_CHARS_MAX = 20_000;
+
 /** @type {[string, string][]} */
 export const TASK_OPTIONS = TASKS.map((task) => [task, task]);
 

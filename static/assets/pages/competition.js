@@ -1,6 +1,6 @@
 // A competition: its phases, standings, rules and entrants; entering it, playing it, and checking it after its end.
 import { html, useEffect, useState } from "../ui.js";
-import { key, onRemembered, route, send } from "../api.js";
+import { key, onRemembered, request, route, send } from "../api.js";
 import { Announcements } from "../competition/announcements.js";
 import { Attempts } from "../competition/attempts.js";
 import { Enter } from "../competition/enter.js";
@@ -8,7 +8,9 @@ import { Entrants } from "../competition/entrants.js";
 import { Commitment, Rules } from "../competition/facts.js";
 import { OwnEntrant } from "../competition/own.js";
 import { Phases } from "../competition/phases.js";
+import { Prose } from "../competition/prose.js";
 import { Standings } from "../competition/standings.js";
+import { Terms } from "../competition/terms.js";
 import { Verification } from "../competition/verification.js";
 import { openKeyDialog } from "../parts/header.js";
 import { useLoaded } from "../parts/load.js";
@@ -31,11 +33,11 @@ export function Page({ id }) {
       ? html`<h1>Competition</h1><${ProblemNote} problem=${problem} retry=${reload} what="This competition" />`
       : html`<p class="muted" role="status">Loading …</p>`;
   }
-  return html`<${Competition} key=${id} ...${value} isLost=${Boolean(problem)} />`;
+  return html`<${Competition} key=${id} ...${value} isLost=${Boolean(problem)} reload=${reload} />`;
 }
 
-/** @param {{competition: any, aheadMs: number, isLost: boolean}} props isLost: the server does not answer any more */
-function Competition({ competition, aheadMs, isLost }) {
+/** @param {{competition: any, aheadMs: number, isLost: boolean, reload: () => void}} props isLost: the server does not answer any more */
+function Competition({ competition, aheadMs, isLost, reload }) {
   const entrants = usePages(route`/api/v1/competitions/${competition.id}/entrants`);
   const actions = usePages(route`/api/v1/competitions/${competition.id}/actions`, REFRESH_MS);
   const announcements = usePages(`${route`/api/v1/competitions/${competition.id}/announcements`}?limit=10`, REFRESH_MS);
@@ -47,33 +49,24 @@ function Competition({ competition, aheadMs, isLost }) {
     setChanges((changes) => changes + 1);
     entrants.reload();
   };
-  const part = html`<${TakePart} competition=${competition} entrants=${entrants.items} changed=${changed} />`;
+  const part = html`<${TakePart} competition=${competition} entrants=${entrants.items} changes=${changes} changed=${changed} reload=${reload} />`;
   return html`
     <h1><${Text} value=${competition.name} /></h1>
     ${isLost && html`<p class="bad" role="status">The server does not answer. What is shown may be out of date.</p>`}
     <${Phases} competition=${competition} aheadMs=${aheadMs} firstEnds=${firstEnds(actions.items)} />
-    <${Description} text=${competition.description.trim()} />
+    <${Prose} text=${competition.description.trim()} label="Description" />
     <${Announcements} list=${announcements} />
     <section aria-labelledby="standings"><h2 id="standings">Standings</h2><${Standings} competition=${competition} key=${`${competition.phase} ${changes}`} /></section>
+    ${competition.terms && html`<${Terms} terms=${competition.terms} />`}
     ${!isRevealed && part}
     <section aria-labelledby="rules"><h2 id="rules">How it is played</h2><${Rules} competition=${competition} /></section>
-    <section aria-labelledby="entrants"><h2 id="entrants">Entrants</h2><${Entrants} list=${entrants} /></section>
+    <section aria-labelledby="entrants"><h2 id="entrants">Entrants</h2><${Entrants} list=${entrants} hasCategories=${competition.categories.length > 0} /></section>
     <section aria-labelledby="actions"><h2 id="actions">What organizers did</h2><${Actions} list=${actions} names=${names} /></section>
     <section aria-labelledby="commitment"><h2 id="commitment">Commitment</h2><${Commitment} competition=${competition} /></section>
     ${isRevealed &&
     html`${key() && part}
       <section aria-labelledby="verify"><h2 id="verify">Check the results</h2><${Verification} competition=${competition} /></section>`}
   `;
-}
-
-/** A longer description scrolls, so that the standings stay near. */
-const DESCRIPTION_CHARS = 800;
-
-/** @param {{text: string}} props */
-function Description({ text }) {
-  const isLong = text.length > DESCRIPTION_CHARS;
-  const scrolls = isLong ? { tabindex: 0, role: "region", "aria-label": "Description" } : {};
-  return html`<div class=${`foreign prose ${isLong ? "long" : ""}`} ...${scrolls}>${visible(text, true)}</div>`;
 }
 
 /** @param {string} id @param {AbortSignal} signal */
@@ -84,8 +77,11 @@ async function load(id, signal) {
   return { competition, aheadMs: Number.isNaN(at) ? 0 : Date.now() - at };
 }
 
-/** Entering and playing, with or without a key. @param {{competition: any, entrants: any[], changed: () => void}} props */
-function TakePart({ competition, entrants, changed }) {
+/**
+ * Entering and playing, with or without a key.
+ * @param {{competition: any, entrants: any[], changes: number, changed: () => void, reload: () => void}} props changes: how many were made here
+ */
+function TakePart({ competition, entrants, changes, changed, reload }) {
   const [ownKey, setOwnKey] = useState(key());
   const [erased, setErased] = useState("");
   useEffect(() => onRemembered(() => setOwnKey(key())), []);
@@ -94,19 +90,19 @@ function TakePart({ competition, entrants, changed }) {
     <h2 id="part">${mayEnter ? "Take part" : "My attempts"}</h2>
     <div role="status">${erased && html`<p class="good"><${Text} value=${erased} /> was erased.</p>`}</div>
     ${ownKey
-      ? html`<${Own} key=${ownKey} competition=${competition} entrants=${entrants} changed=${changed} erased=${setErased} />`
+      ? html`<${Own} key=${ownKey} competition=${competition} entrants=${entrants} changes=${changes} changed=${changed} erased=${setErased} />`
       : html`<p>If you have entered already, <button type="button" onClick=${openKeyDialog}>enter your key</button> to see your attempts.</p>`}
-    ${mayEnter && html`<${Enter} competition=${competition} entered=${changed} />`}
+    ${mayEnter && html`<${Enter} competition=${competition} entered=${changed} reload=${reload} />`}
   </section>`;
 }
 
 const ATTEMPTS_REFRESH_MS = 5000;
 
-/** @param {{competition: any, entrants: any[], changed: () => void, erased: (name: string) => void}} props */
-function Own({ competition, entrants, changed, erased }) {
+/** @param {{competition: any, entrants: any[], changes: number, changed: () => void, erased: (name: string) => void}} props */
+function Own({ competition, entrants, changes, changed, erased }) {
   const list = usePages(route`/api/v1/competitions/${competition.id}/attempts`, ATTEMPTS_REFRESH_MS);
-  const started = list.items.map(({ entrant }) => entrant);
+  const own = useLoaded((signal) => request(`${route`/api/v1/competitions/${competition.id}/entrants`}?own=true`, { signal }), [competition.id, changes], REFRESH_MS);
   return html`<${Attempts} competition=${competition} list=${list} entrants=${entrants} />
-    ${list.value && html`<${OwnEntrant} competition=${competition} started=${started} entrants=${entrants} changed=${changed} erased=${erased} />`}
+    ${own.value && html`<${OwnEntrant} competition=${competition} entrants=${own.value.items} changed=${changed} erased=${erased} />`}
     <p class="muted small">An organizer's key shows the attempts of all entrants, and manages them <a href=${`/desk?view=competition&id=${encodeURIComponent(competition.id)}`}>at the desk</a>.</p>`;
 }

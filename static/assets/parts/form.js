@@ -123,7 +123,7 @@ function Entry({ field, value, set, problems }) {
   const id = useId();
   const kind = field.kind ?? "text";
   const { Input } = KINDS[kind];
-  const isGroup = kind === "checks" || kind === "windows";
+  const isGroup = kind === "checks" || kind === "order" || kind === "windows";
   const props = {
     id,
     "aria-describedby": `${id}-help`,

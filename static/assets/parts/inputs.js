@@ -22,7 +22,7 @@ import { Problem } from "../api.js";
 
 /** @typedef {{field: Field, value: any, set: (value: any) => void, props: Record<string, any>}} InputProps */
 
-/** @typedef {"text" | "secret" | "long" | "lines" | "numbers" | "json" | "number" | "choice" | "time" | "checks" | "check" | "windows"} Kind */
+/** @typedef {"text" | "secret" | "long" | "lines" | "numbers" | "json" | "number" | "choice" | "time" | "checks" | "check" | "order" | "windows"} Kind */
 
 /** @param {string} text @param {RegExp} between */
 const split = (text, between) => text.split(between).map((part) => part.trim()).filter(Boolean);
@@ -43,6 +43,7 @@ export const KINDS = {
   time: { Input: Moment, read: readTime },
   checks: { Input: Checks, read: (value) => value },
   check: { Input: Check, read: (value) => value || undefined },
+  order: { Input: Order, read: (value) => value },
   windows: { Input: Windows, read: (value) => value.map(readWindow) },
 };
 
@@ -114,6 +115,25 @@ function Checks({ field, value, set, props }) {
         <input type="checkbox" checked=${value.includes(name)} aria-invalid=${props["aria-invalid"]}
           onChange=${(/** @type {any} */ event) => changed(name, event.target.checked)} />
         ${text}
+      </label>`,
+    )}
+  </div>`;
+}
+
+/** Some of the options, one after the other: each is chosen among those that are left. @param {InputProps} props */
+function Order({ field, value, set, props }) {
+  const options = field.options ?? [];
+  const places = [...value, ""].slice(0, options.length);
+  /** What follows a place that is emptied moves up. @param {number} place @param {string} name */
+  const changed = (place, name) => set(places.map((known, index) => (index === place ? name : known)).filter(Boolean));
+  return html`<div role="group" id=${props.id} aria-labelledby=${props["aria-labelledby"]} aria-describedby=${props["aria-describedby"]} class="order">
+    ${places.map(
+      (chosen, place) => html`<label key=${place}>
+        ${place === 0 ? "First" : "Then"}${" "}
+        <select value=${chosen} aria-invalid=${props["aria-invalid"]} onChange=${(/** @type {any} */ event) => changed(place, event.target.value)}>
+          <option value="">${place === 0 ? "none" : "nothing more"}</option>
+          ${options.filter(([name]) => name === chosen || !value.includes(name)).map(([name, text]) => html`<option key=${name} value=${name}>${text}</option>`)}
+        </select>
       </label>`,
     )}
   </div>`;

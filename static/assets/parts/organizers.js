@@ -64,9 +64,10 @@ function Subject({ id, detail, names }) {
 
 /** @param {{detail: any, names: Map<string, string>}} props */
 const Details = ({ detail, names }) => {
-  const { changes = [], entrants = [], reason, status, vouched, codes, text } = detail;
+  const { changes = [], entrants = [], reason, status, vouched, codes, text, category } = detail;
   return html`${text && html`<${Lines} value=${text} />`}${changes.map((change) => html`<div><${Changed} ...${change} /></div>`)}
     ${status && html`<div>now ${status}${vouched && ", vouched"}</div>`}
+    ${category && html`<div><${Changed} field="category" ...${category} /></div>`}
     ${codes > 0 && html`<div>${codes === 1 ? "1 code" : `${codes} codes`}</div>`}
     ${entrants.length > 0 &&
     html`<div>
@@ -83,6 +84,10 @@ function Changed({ field, from, to }) {
   if (field === "description") {
     return html`another description
       <details><summary>The earlier one</summary><${Lines} value=${from} /></details>`;
+  }
+  if (field === "terms") {
+    return html`version ${to.version} of the terms
+      ${from && html`<details><summary>The earlier one</summary><${Lines} value=${from.text} /></details>`}`;
   }
   return html`<${Text} value=${field} />: <${Text} value=${to} />, earlier <${Text} value=${from} />`;
 }

@@ -41,6 +41,8 @@ export const HOSTILE = {
   // Its braces would be Jinja's.
   template: EVERYTHING.replaceAll(/[{}]/g, ""),
   description: cut(EVERYTHING, 10_000),
+  // Control characters are refused here.
+  terms: cut(EVERYTHING.replaceAll(/[\u0007\u001b]/g, ""), 15_000),
   // What cannot be seen is refused here, too.
   reason: cut(`${ATTACKS.slice(0, 5).join(" ")} مرحبا שלום 🦆`, 500),
   meta: { [ATTACKS[1]]: ATTACKS[0], url: `javascript:alert("${MARK} 11")`, nested: { deep: [TURNED, "W".repeat(5_000)] } },

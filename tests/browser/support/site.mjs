@@ -14,6 +14,7 @@ import { BINARY } from "./program.mjs";
  * @property {string} reasoning
  * @property {string | undefined} template
  * @property {string} description
+ * @property {string} terms
  * @property {string} reason
  * @property {object} meta
  */
@@ -26,6 +27,7 @@ export const PLAIN = {
   reasoning: "The prey is two cells to the left, and the agent beside me goes up.",
   template: undefined,
   description: "Two tasks on layouts that nobody knows. Do not pool what your agents see.",
+  terms: "One entrant for each team.\nDo not pool what your agents see.",
   reason: "the disk was full",
   meta: { prompt: "v3", temperature_note: "as served" },
 };
@@ -109,12 +111,18 @@ function speaks(texts, known = {}) {
 
 /** @param {import("./program.mjs").Program} program @param {Texts} texts */
 async function openCompetition(program, texts) {
-  const made = await competition(program, { name: texts.name("Spring cup"), description: texts.description, spares: 1 });
+  const categories = [texts.name("models", 40), texts.name("people", 40)];
+  const made = await competition(program, {
+    ...{ name: texts.name("Spring cup"), description: texts.description, spares: 1 },
+    ...{ terms: texts.terms, categories, tie_breaks: ["invalid", "earliest"] },
+    suite: { tasks: ["Pursuit", "Foraging"], seeds: 2, public_seeds: 1, settings: { num_agents: 4, max_round: 10 } },
+  });
   const base = `/api/v1/competitions/${made.id}`;
   const later = new Date(Date.parse(made.closes_at) + 3_600_000).toISOString();
   await program.call("PATCH", base, { body: { name: texts.name("Spring cup again"), closes_at: later, reason: texts.reason } });
   for (const who of ["blue", "red"]) {
-    const key = await enter(program, base, texts, who);
+    const category = categories[who === "blue" ? 0 : 1];
+    const key = await enter(program, base, texts, who, { category, accepts_terms: 1, contact: texts.name(`${who} at example.org`) });
     const { swarm_token: token } = await program.post(`${base}/attempts`, {}, { token: key });
     await play(program, token, speaks(texts), who === "blue" ? Infinity : 3);
   }
@@ -122,6 +130,8 @@ async function openCompetition(program, texts) {
   await program.call("PATCH", `${base}/entrants/${items[0].id}`, {
     body: { status: "disqualified", reason: texts.reason },
   });
+  await program.post(`${base}/entrants/${items[1].id}/members`, { name: texts.name("Ada") });
+  await program.call("PATCH", base, { body: { terms: `${texts.terms} The logs are published.` } });
   await program.post(`${base}/codes`, { labels: [texts.name("team green")] });
   return made.id;
 }
@@ -147,9 +157,15 @@ async function shortCompetition(program, texts) {
   }
 }
 
-/** @param {import("./program.mjs").Program} program @param {string} base @param {Texts} texts @param {string} who */
-async function enter(program, base, texts, who) {
-  const body = { name: texts.name(who), model: texts.name(`model of ${who}`), agent_meta: texts.meta };
+/**
+ * @param {import("./program.mjs").Program} program
+ * @param {string} base
+ * @param {Texts} texts
+ * @param {string} who
+ * @param {object} [more] what the competition asks for
+ */
+async function enter(program, base, texts, who, more) {
+  const body = { name: texts.name(who), model: texts.name(`model of ${who}`), agent_meta: texts.meta, ...more };
   // Without the organizer's key: an entrant gets one of its own.
   const { key } = await program.post(`${base}/entrants`, body, { token: "" });
   return key;

@@ -246,12 +246,12 @@ fn refusal_in_competitions(operation: &str, kind: Kind, stage: Stage) -> Option<
             _ if kind.is_key() => None,
             _ => Some(403),
         },
-        "start_attempt" => match kind {
+        "start_attempt" | "start_practice" => match kind {
             Kind::None => Some(401),
             Entrant => None,
             _ => Some(403),
         },
-        "show_entrant" | "change_entrant" => match kind {
+        "show_entrant" | "change_entrant" | "list_members" | "add_member" | "remove_member" => match kind {
             Kind::None => Some(401),
             Entrant | Organizer => None,
             _ => Some(403),
@@ -306,6 +306,8 @@ struct World {
     replaced: Episode,
     cup: Cup,
     entrant: crate::cup::Entrant,
+    /// Another member of the entrant's team.
+    teammate: String,
     attempt: Attempt,
     /// Counts names that nobody else has.
     names: AtomicU64,
@@ -389,6 +391,9 @@ impl World {
         app.get("/swarm/obs").token(&replaced_run).ok().await;
         let path = format!("/api/v1/runs/{}/token", run["id"].as_str().expect("an id"));
         app.post(&path).token(&member).ok().await;
+        let team = cup.path(&format!("/entrants/{}/members", entrant.id));
+        let added = app.post(&team).token(&entrant.key).json(&json!({ "name": "somebody" }));
+        let teammate = added.ok().await["id"].as_str().expect("an id").to_owned();
         Self {
             app,
             owner,
@@ -401,6 +406,7 @@ impl World {
             replaced,
             cup,
             entrant,
+            teammate,
             attempt,
             names,
             run_elsewhere,
@@ -491,6 +497,7 @@ impl World {
             _ => self.entrant.id.clone(),
         };
         let path = path.replace("{id}", &id).replace("{entrant}", &entrant);
+        let path = path.replace("{member}", &self.teammate);
         let path = path.replace("{run}", &self.attempt.run).replace("{file}", "acts.jsonl");
         let path = path.replace("{round}", "0").replace("{agent}", "Agent_0");
         let mut call = self.app.call(method.clone(), &path);
@@ -510,7 +517,7 @@ impl World {
             "create_episode" => call.json(&request("owner")),
             "create_claim" | "change_competition" => call.json(&json!({})),
             "fork_episode" => call.json(&json!({ "round": 0 })),
-            "create_key" => call.json(&json!({ "name": "somebody" })),
+            "create_key" | "add_member" => call.json(&json!({ "name": "somebody" })),
             "create_competition" => call.json(&crate::cup::request()),
             "create_codes" => call.json(&json!({ "labels": ["somebody"] })),
             "register_entrant" => {
@@ -528,7 +535,7 @@ impl World {
             }
             "announce" => call.json(&json!({ "text": "news" })),
             "exclude_entrants" => call.json(&json!({ "name": "nobody-*" })),
-            "start_attempt" => call.json(&json!({ "entrant": self.entrant.id })),
+            "start_attempt" | "start_practice" => call.json(&json!({ "entrant": self.entrant.id })),
             "void_attempt" => call.json(&json!({ "reason": "a power cut" })),
             "create_run" => call.json(&run_request("owner")),
             "void_episode" | "cancel_competition" => call.json(&json!({ "reason": "a test" })),

@@ -167,7 +167,7 @@ async fn the_guide_of_entrants_is_done_as_it_is_written() {
     let entrant = with(&organizer, &app, None, &["CUP", "CODE"]).await;
     let guide = include_str!("../../../docs/organise/entrant.md");
     let (said, blocks) = entrant.follow(guide, &app).await;
-    assert_eq!(blocks, 6);
+    assert_eq!(blocks, 8);
     assert!(said.contains("verified: the seeds are those of the published commitment"), "{said}");
     assert!(said.contains("blue whales"), "{said}");
 }

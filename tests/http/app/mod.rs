@@ -152,7 +152,7 @@ impl TestApp {
         let entropy = SeededEntropy::new(77);
         let (key, token) =
             Key::new(Role::Organizer, "the organizer", None, now, &entropy).expect("a good name");
-        let row = KeyRow { key, hash: token.hash() };
+        let row = KeyRow { key, hash: token.hash(), acts_for: None };
         let store = Store::open(&self.database()).await.expect("it opens");
         store.keep(vec![Entry::AddKey(Box::new(row))]).await.expect("it is kept");
         store.close().await;

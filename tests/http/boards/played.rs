@@ -97,6 +97,7 @@ fn of(suite: Suite, model: &str) -> Definition {
         visibility: "public".to_owned(),
         idle_timeout_ms: 86_400_000,
         closes_at: None,
+        own_games: false,
     }
 }
 

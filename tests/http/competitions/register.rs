@@ -26,6 +26,10 @@ async fn who_has_no_key_gets_one_that_is_good_for_the_competition_alone() {
     let listed = app.get(&cup.path("/entrants")).ok().await;
     assert_eq!(texts(&list(&listed["items"]), "name"), ["blue", "red"]);
     assert!(!listed.to_string().contains("secret_"), "{listed}");
+    let own = app.get(&cup.path("/entrants?own=true"));
+    own.problem(401, "unauthorized").await;
+    let own = app.get(&cup.path("/entrants?own=true")).token(&red.key).ok().await;
+    assert_eq!(texts(&list(&own["items"]), "name"), ["red"]);
     let change = app.call(Method::PATCH, &path).token(&blue.key).json(&json!({ "vouched": true }));
     change.problem(403, "forbidden").await;
     for (entry, field) in [

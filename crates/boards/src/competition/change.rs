@@ -1,9 +1,10 @@
-//! What an organizer changes about a competition that has not closed: its texts, and how long it lasts. A window is extended
+//! What an organizer changes about a competition that has not closed: its texts and terms, and how long it lasts. A window is extended
 //! and never shortened, so that nobody has less time than was announced.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use swarmbench_protocol::competition::Terms;
 
 use super::definition::{Definition, Problem, Window};
 
@@ -18,6 +19,8 @@ pub struct Change {
     pub closes_at: Option<Timestamp>,
     /// Attempts, counted from 1, and the later ends of their windows.
     pub windows: Vec<(u32, Timestamp)>,
+    /// Other terms, as their next version.
+    pub terms: Option<String>,
 }
 
 /// A field before and after a change.
@@ -42,6 +45,12 @@ impl Definition {
         let mut problems = Vec::new();
         new.name = change.name.clone().unwrap_or(new.name);
         new.description = change.description.clone().unwrap_or(new.description);
+        if let Some(text) = &change.terms
+            && new.terms.as_ref().is_none_or(|terms| terms.text != *text)
+        {
+            let version = new.terms.map_or(1, |terms| terms.version + 1);
+            new.terms = Some(Terms { version, text: text.clone() });
+        }
         if let Some(to) = change.closes_at {
             let found = extend("closes_at".to_owned(), &mut new.closes_at, to);
             problems.extend(found);
@@ -61,7 +70,7 @@ impl Definition {
             });
         }
         problems.extend(new.problems(now).into_iter().filter(|(field, _)| {
-            ["name", "description", "closes_at"].contains(&field.as_str())
+            ["name", "description", "closes_at", "terms"].contains(&field.as_str())
                 || field.starts_with("attempts")
         }));
         if problems.is_empty() { Ok(new) } else { Err(problems) }
@@ -73,12 +82,13 @@ impl Definition {
         let texts =
             [("name", &self.name, &new.name), ("description", &self.description, &new.description)];
         let texts = texts.map(|(field, from, to)| (field.to_owned(), json!(from), json!(to)));
+        let terms = ("terms".to_owned(), json!(self.terms), json!(new.terms));
         let end = ("closes_at".to_owned(), json!(self.closes_at), json!(new.closes_at));
         let windows = self.attempts.iter().zip(&new.attempts).enumerate();
         let windows = windows.map(|(place, (from, to))| {
             (end_of_window(place), json!(from.closes_at), json!(to.closes_at))
         });
-        let all = texts.into_iter().chain([end]).chain(windows);
+        let all = texts.into_iter().chain([terms, end]).chain(windows);
         let differ = all.filter(|(_, from, to)| from != to);
         differ.map(|(field, from, to)| Changed { field, from, to }).collect()
     }

@@ -8,6 +8,7 @@ use swarmbench_engine::{Config, Seed, SettingErrors, Settings, TaskName};
 
 use super::entrant::Declaration;
 use crate::run;
+use swarmbench_protocol::competition::Terms;
 use swarmbench_protocol::status::Visibility;
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
@@ -16,6 +17,15 @@ pub const NAME_CHARS_MAX: usize = 100;
 
 /// Characters of its description.
 pub const DESCRIPTION_CHARS_MAX: usize = 10_000;
+
+/// Characters of its terms.
+pub const TERMS_CHARS_MAX: usize = 20_000;
+
+/// Categories of its entrants.
+pub const CATEGORIES_MAX: usize = 20;
+
+/// Characters of a category.
+pub const CATEGORY_CHARS_MAX: usize = 40;
 
 /// Attempts of an entrant.
 pub const ATTEMPTS_MAX: usize = 100;
@@ -41,6 +51,9 @@ pub struct Definition {
     pub tasks: Vec<String>,
     /// How many sealed seeds an attempt has; every task is played once on each.
     pub seeds: u32,
+    /// How many of them, the first, make the board before the end; the others make the final one. With 0 all make both.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub public_seeds: u32,
     /// The rule set.
     pub rules: String,
     /// The settings of all games, clocks too.
@@ -73,6 +86,18 @@ pub struct Definition {
     /// How many attempts an entrant may start on one day in UTC, if that is limited.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub attempts_per_day: Option<u32>,
+    /// What entrants accept when they enter.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub terms: Option<Terms>,
+    /// Each entrant is in one of these, if there are some.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub categories: Vec<String>,
+    /// When entrants read their own games.
+    #[serde(default, skip_serializing_if = "OwnGames::is_sealed")]
+    pub own_games: OwnGames,
+    /// What decides between equal totals, in this order.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tie_breaks: Vec<TieBreak>,
 }
 
 swarmbench_engine::named! {
@@ -125,9 +150,51 @@ swarmbench_engine::named! {
     }
 }
 
+swarmbench_engine::named! {
+    /// When entrants read states, journals and scores of their own games.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    pub enum OwnGames {
+        /// With everybody, after the end of the competition.
+        #[default]
+        Sealed = "sealed",
+        /// Once a game has ended.
+        Ended = "ended",
+    }
+}
+
+impl OwnGames {
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+    fn is_sealed(&self) -> bool {
+        *self == Self::Sealed
+    }
+}
+
+swarmbench_engine::named! {
+    /// What decides between equal totals.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    pub enum TieBreak {
+        /// The smaller share of invalid answers is ahead.
+        Invalid = "invalid",
+        /// The smaller share of moves that timed out is ahead.
+        Timeouts = "timeouts",
+        /// Fewer attempts are ahead, without voided ones.
+        Attempts = "attempts",
+        /// The attempt that counts and ended earlier is ahead.
+        Earliest = "earliest",
+    }
+}
+
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
 const fn is_zero(count: &u32) -> bool {
     *count == 0
+}
+
+/// The name of the suite of practice runs for the competition with this id.
+#[must_use]
+pub fn practice_suite(id: &str) -> String {
+    format!("practice for {id}")
 }
 
 /// A field that is not allowed, and why.
@@ -172,10 +239,36 @@ impl Definition {
             let all = u32::try_from(ATTEMPTS_MAX).unwrap_or(u32::MAX);
             check_count("attempts_per_day", most, all, &mut refuse);
         }
+        self.check_texts(&mut refuse);
         self.check_board(&mut refuse);
         self.check_attempts(&mut refuse);
         self.check_suite(check, &mut refuse);
         problems
+    }
+
+    /// Checks terms, categories and tie-breaks.
+    fn check_texts(&self, refuse: &mut impl FnMut(&str, String)) {
+        let is_plain = swarmbench_protocol::names::is_plain_text;
+        if let Some(Terms { text, .. }) = &self.terms
+            && !((1..=TERMS_CHARS_MAX).contains(&text.chars().count()) && is_plain(text))
+        {
+            refuse("terms", format!("must be 1 to {TERMS_CHARS_MAX} characters of plain text"));
+        }
+        if self.categories.len() > CATEGORIES_MAX {
+            refuse("categories", format!("must be at most {CATEGORIES_MAX}"));
+        }
+        for (place, category) in self.categories.iter().enumerate() {
+            let field = format!("categories[{place}]");
+            if let Err(problem) = swarmbench_protocol::names::check(category, CATEGORY_CHARS_MAX) {
+                refuse(&field, problem);
+            } else if self.categories[..place].contains(category) {
+                refuse(&field, "is there twice".to_owned());
+            }
+        }
+        let is_repeated = |place: usize| self.tie_breaks[..place].contains(&self.tie_breaks[place]);
+        if (1..self.tie_breaks.len()).any(is_repeated) {
+            refuse("tie_breaks", "must name each rule at most once".to_owned());
+        }
     }
 
     fn check_board(&self, refuse: &mut impl FnMut(&str, String)) {
@@ -192,7 +285,12 @@ impl Definition {
             }
             _ => {}
         }
-        if self.board != BoardRule::Hidden && self.games() < 2 {
+        if self.public_seeds >= self.seeds.max(1) {
+            let problem = format!("must be less than seeds, which is {}", self.seeds);
+            refuse("suite.public_seeds", problem);
+        }
+        let seeds = if self.public_seeds == 0 { self.seeds } else { self.public_seeds };
+        if self.board != BoardRule::Hidden && self.tasks.len() * (seeds as usize) < 2 {
             refuse(
                 "board",
                 "must be hidden where an attempt has one game: its total would be the score of a sealed game"
@@ -268,6 +366,39 @@ impl Definition {
         }
     }
 
+    /// What is wrong with the category of an entrant, if anything is.
+    #[must_use]
+    pub fn category_problem(&self, category: Option<&str>) -> Option<String> {
+        let all = self.categories.join(", ");
+        match category {
+            Some(_) if self.categories.is_empty() => {
+                Some("is not needed here: this competition has no categories".to_owned())
+            }
+            Some(category) if !self.categories.iter().any(|one| one == category) => {
+                Some(format!("must be one of {all}"))
+            }
+            None if !self.categories.is_empty() => {
+                Some(format!("is missing: this competition has the categories {all}"))
+            }
+            _ => None,
+        }
+    }
+
+    /// What is wrong with the version of the terms that an entrant accepts, if anything is.
+    #[must_use]
+    pub fn terms_problem(&self, accepted: Option<u32>) -> Option<String> {
+        match (accepted, self.terms.as_ref().map(|terms| terms.version)) {
+            (Some(_), None) => Some("is not needed here: this competition has no terms".to_owned()),
+            (None, Some(newest)) => Some(format!(
+                "is missing: read `terms` of the competition, and accept them with {newest}, their version"
+            )),
+            (Some(version), Some(newest)) if version != newest => {
+                Some(format!("must be {newest}, the version of the terms now; read them again"))
+            }
+            _ => None,
+        }
+    }
+
     /// How many games an attempt has.
     #[must_use]
     pub fn games(&self) -> usize {
@@ -325,8 +456,17 @@ impl Definition {
         seeds: Vec<Seed>,
     ) -> Option<run::Definition> {
         let window = self.window(attempt)?;
+        let suite = self.suite(id, seeds);
         Some(run::Definition {
-            suite: self.suite(id, seeds),
+            closes_at: Some(window.closes_at),
+            ..self.run_of(declaration, suite)
+        })
+    }
+
+    /// A sealed run of a suite.
+    fn run_of(&self, declaration: &Declaration, suite: Suite) -> run::Definition {
+        run::Definition {
+            suite,
             model: declaration.model.clone(),
             temperature: declaration.temperature,
             top_p: declaration.top_p,
@@ -337,8 +477,26 @@ impl Definition {
             parallel: self.parallel,
             visibility: Visibility::Sealed.name().to_owned(),
             idle_timeout_ms: self.idle_timeout_ms,
-            closes_at: Some(window.closes_at),
-        })
+            closes_at: None,
+            own_games: self.own_games == OwnGames::Ended,
+        }
+    }
+
+    /// A run on open seeds with the settings of the competition with this id, which counts nowhere in it.
+    #[must_use]
+    pub fn practice(
+        &self,
+        id: &str,
+        declaration: &Declaration,
+        tasks: Vec<String>,
+        seeds: Vec<Seed>,
+    ) -> run::Definition {
+        let suite = Suite { name: practice_suite(id), tasks, ..self.suite(id, seeds) };
+        run::Definition {
+            visibility: Visibility::Owner.name().to_owned(),
+            closes_at: Some(self.closes_at),
+            ..self.run_of(declaration, suite)
+        }
     }
 
     /// The tasks, in the order of the board.
@@ -397,6 +555,11 @@ pub(crate) mod tests {
             board_freezes_at: None,
             entries_per_key: 1,
             attempts_per_day: None,
+            public_seeds: 0,
+            terms: None,
+            categories: Vec::new(),
+            tie_breaks: Vec::new(),
+            own_games: OwnGames::Sealed,
         }
     }
 

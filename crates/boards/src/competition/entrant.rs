@@ -6,6 +6,9 @@ use swarmbench_prompt::Identity;
 
 use super::EntrantStatus;
 
+/// Characters of a contact.
+pub const CONTACT_CHARS_MAX: usize = 200;
+
 /// Who takes part.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -26,6 +29,23 @@ pub struct Entrant {
     pub vouched: bool,
     /// When it registered.
     pub registered_at: Timestamp,
+    /// Its category, if the competition has some.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub category: Option<String>,
+    /// The version of the terms that it accepted last.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub terms: Option<u32>,
+    /// Whether its personal data were erased; no part of a published file.
+    #[serde(skip)]
+    pub erased: bool,
+}
+
+impl Entrant {
+    /// The same for programs that know [`FIRST_FORMAT`](super::export::FIRST_FORMAT) only.
+    #[must_use]
+    pub fn in_first_format(self) -> Self {
+        Self { category: None, terms: None, ..self }
+    }
 }
 
 /// What an entrant declared of who plays. It never changes: another model is another entrant.

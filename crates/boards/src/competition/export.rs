@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::change::Changed;
-use super::definition::{Definition, Window};
+use super::definition::{Definition, OwnGames, Window};
 use super::entrant::Entrant;
 use super::standings::Row;
 use swarmbench_journal::chain::Head;
@@ -80,13 +80,34 @@ impl Competition {
     #[must_use]
     pub fn in_first_format(mut self) -> Self {
         self.format = FIRST_FORMAT;
-        let Definition { opens_at, closes_at, spares, .. } = self.definition;
-        let spare = std::iter::repeat_n(Window { opens_at, closes_at }, spares as usize);
-        self.definition.attempts.extend(spare);
-        self.definition.spares = 0;
-        self.definition.attempts_per_day = None;
+        self.definition = in_first_format(self.definition);
         self
     }
+}
+
+/// A definition for programs that know [`FIRST_FORMAT`] only: spare attempts are attempts like others, equal totals share a rank,
+/// and all seeds make the board.
+#[must_use]
+pub fn in_first_format(mut definition: Definition) -> Definition {
+    let Definition { opens_at, closes_at, spares, .. } = definition;
+    let spare = std::iter::repeat_n(Window { opens_at, closes_at }, spares as usize);
+    definition.attempts.extend(spare);
+    Definition {
+        spares: 0,
+        attempts_per_day: None,
+        public_seeds: 0,
+        terms: None,
+        categories: Vec::new(),
+        tie_breaks: Vec::new(),
+        own_games: OwnGames::Sealed,
+        ..definition
+    }
+}
+
+/// Whether a definition can be told in [`FIRST_FORMAT`] without a loss.
+#[must_use]
+pub fn fits_first_format(definition: &Definition) -> bool {
+    in_first_format(definition.clone()) == *definition
 }
 
 /// What an organizer did.

@@ -54,6 +54,7 @@ pub fn competition(
         suite: SealedSuite {
             tasks: Some(definition.tasks.clone()),
             seeds: Some(definition.seeds),
+            public_seeds: Some(definition.public_seeds),
             rules: Some(definition.rules.clone()),
             settings: Some(SealedSettings::from(&Settings::from(settings))),
         },
@@ -71,6 +72,10 @@ pub fn competition(
         board_freezes_at: definition.board_freezes_at.map(Into::into),
         entries_per_key: definition.entries_per_key,
         attempts_per_day: definition.attempts_per_day,
+        terms: definition.terms.clone(),
+        categories: definition.categories.clone(),
+        own_games: definition.own_games.name().to_owned(),
+        tie_breaks: definition.tie_breaks.iter().map(|rule| rule.name().to_owned()).collect(),
         commitment: hex(commitment),
         salt,
         seeds,
@@ -118,6 +123,9 @@ impl From<&Entrant> for EntrantSummary {
             reason: entrant.reason.clone(),
             vouched: entrant.vouched,
             registered_at: entrant.registered_at.into(),
+            category: entrant.category.clone(),
+            terms: entrant.terms,
+            erased: entrant.erased,
         }
     }
 }

@@ -1,19 +1,21 @@
 //! Which attempt of each entrant counts, and who is ahead.
 //!
 //! Attempts count once they are over, however they ended; a voided one does not. What an attempt is
-//! worth, and when two totals are the same, is decided in [`mod@crate::rank`].
+//! worth, and when two totals are the same, is decided in [`mod@crate::rank`]; who is ahead then, by the tie-breaks of the
+//! definition.
 
+use std::cmp::Ordering;
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use swarmbench_engine::TaskName;
+use swarmbench_engine::{Seed, TaskName};
 use swarmbench_protocol::board::RowDifference;
 use swarmbench_protocol::failure::Failures;
 
 use super::EntrantStatus;
-use super::definition::{Counts, Definition};
+use super::definition::{Counts, Definition, TieBreak};
 use super::entrant::Entrant;
 use crate::page::row_difference;
 use crate::rank::{Pick, Row as Ranked, View, difference_above, rank};
@@ -46,6 +48,35 @@ pub struct Attempt {
     pub plan: Vec<Slot>,
     /// What has ended.
     pub games: Vec<Game>,
+}
+
+swarmbench_engine::named! {
+    /// Which seeds of an attempt make a board.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+    pub enum Part {
+        /// The first ones, as many as the definition says; all, if it says none.
+        Public = "public",
+        /// All others.
+        Final = "final",
+    }
+}
+
+impl Attempt {
+    /// What of it was played on the seeds of a part.
+    #[must_use]
+    pub fn part(mut self, definition: &Definition, part: Part) -> Self {
+        if definition.public_seeds > 0 {
+            let public: HashSet<Seed> = (0..definition.seeds)
+                .zip(&self.plan)
+                .take(definition.public_seeds as usize)
+                .map(|(_, slot)| slot.seed)
+                .collect();
+            let is_in = |slot: &Slot| public.contains(&slot.seed) == (part == Part::Public);
+            self.plan.retain(is_in);
+            self.games.retain(|game| is_in(&game.slot));
+        }
+        self
+    }
 }
 
 /// A row of the board, with what is no part of a published file.
@@ -191,7 +222,7 @@ pub fn standings(
     let is_active = |entrant: &&Entrant| entrant.status == EntrantStatus::Active;
     let (active, gone): (Vec<&Entrant>, Vec<&Entrant>) = entrants.iter().partition(is_active);
     let runs: Vec<_> = active.iter().flat_map(|entrant| counting(entrant)).collect();
-    let ranked = rank(&runs, [], &view);
+    let mut ranked = rank(&runs, [], &view);
     let standing = |entrant: &Entrant, of: Option<&Ranked>, difference| {
         let own = attempts_of(entrant);
         let row = row(entrant, of, own, &view.tasks, definition);
@@ -201,6 +232,13 @@ pub fn standings(
     let entrant_of = |row: &Ranked| Some(row.shown()?.run.player.owner.as_ref()?.id.clone());
     let mut rows: Vec<Standing> = Vec::with_capacity(entrants.len());
     let by_id: HashMap<&str, &Entrant> = active.iter().map(|e| (e.id.as_str(), *e)).collect();
+    if !definition.tie_breaks.is_empty() {
+        let facts = |of: &Ranked| {
+            let entrant = entrant_of(of).and_then(|id| by_id.get(id.as_str()).copied());
+            Facts::of(of, entrant.map_or(&[][..], attempts_of))
+        };
+        break_ties(&mut ranked, &definition.tie_breaks, facts);
+    }
     for (place, of) in ranked.iter().enumerate() {
         let entrant = entrant_of(of).and_then(|id| by_id.get(id.as_str()));
         let above = difference_above(&ranked, place, &view.tasks);
@@ -219,6 +257,76 @@ pub fn standings(
         rows.push(standing(entrant, alone.first(), None));
     }
     rows
+}
+
+/// What tie-breaks look at.
+struct Facts {
+    answers: u64,
+    invalid: u64,
+    timeouts: u64,
+    attempts: usize,
+    ended_at: Option<Timestamp>,
+}
+
+impl Facts {
+    fn of(ranked: &Ranked, attempts: &[&Attempt]) -> Self {
+        let shown = ranked.shown();
+        let sum = |of: fn(&crate::result::TaskResult) -> u64| {
+            shown.map_or(0, |shown| shown.tasks.iter().map(of).sum())
+        };
+        let counts = attempts.iter().find(|one| shown.is_some_and(|run| run.run.id == one.run));
+        Self {
+            answers: sum(|task| task.answers),
+            invalid: sum(|task| task.invalid),
+            timeouts: sum(|task| task.timeouts),
+            attempts: attempts.iter().filter(|one| !one.voided).count(),
+            ended_at: counts.and_then(|one| one.ended_at),
+        }
+    }
+
+    /// Whether this is ahead of another of the same total, by these rules.
+    fn compare(&self, other: &Self, rules: &[TieBreak]) -> Ordering {
+        // Shares are compared without rounding; nothing of nothing is 0.
+        let share = |part: u64, whole: u64, other: u64, other_whole: u64| {
+            let times = |part: u64, whole: u64| u128::from(part) * u128::from(whole.max(1));
+            times(part, other_whole).cmp(&times(other, whole))
+        };
+        let of = |rule: &TieBreak| match rule {
+            TieBreak::Invalid => share(self.invalid, self.answers, other.invalid, other.answers),
+            TieBreak::Timeouts => {
+                let moves = |of: &Self| of.answers + of.timeouts;
+                share(self.timeouts, moves(self), other.timeouts, moves(other))
+            }
+            TieBreak::Attempts => self.attempts.cmp(&other.attempts),
+            TieBreak::Earliest => {
+                let ended = |of: &Self| of.ended_at.unwrap_or(Timestamp::MAX);
+                ended(self).cmp(&ended(other))
+            }
+        };
+        rules.iter().map(of).find(|order| order.is_ne()).unwrap_or(Ordering::Equal)
+    }
+}
+
+/// Orders rows that share a rank by these rules; those that are equal in all of them still share one.
+fn break_ties(rows: &mut [Ranked], rules: &[TieBreak], facts: impl Fn(&Ranked) -> Facts) {
+    for tied in rows.chunk_by_mut(|a, b| a.rank.is_some() && a.rank == b.rank) {
+        let Some(first) = tied[0].rank.filter(|_| tied.len() > 1) else { continue };
+        let mut with_facts: Vec<(Facts, Ranked)> =
+            tied.iter().map(|row| (facts(row), row.clone())).collect();
+        with_facts.sort_by(|(a, _), (b, _)| a.compare(b, rules));
+        let mut rank = first;
+        for place in 0..with_facts.len() {
+            let (before, from_here) = with_facts.split_at_mut(place);
+            let (of, row) = &mut from_here[0];
+            if before.last().is_some_and(|(above, _)| above.compare(of, rules).is_ne()) {
+                rank = first + u32::try_from(place).unwrap_or(u32::MAX);
+            }
+            row.rank = Some(rank);
+        }
+        for (row, (_, sorted)) in tied.iter_mut().zip(with_facts) {
+            *row = sorted;
+        }
+    }
 }
 
 fn row(
@@ -288,6 +396,9 @@ mod tests {
             reason: None,
             vouched: false,
             registered_at: at(0),
+            category: None,
+            terms: None,
+            erased: false,
         }
     }
 
@@ -392,5 +503,51 @@ mod tests {
         let rows = standings(&definition(), &entrants, &[abandoned]);
         assert_eq!((rows[0].total, rows[0].voided_games), (Some(0.0), 1));
         assert_eq!(rows[0].tasks[0].planned, 1);
+    }
+
+    #[test]
+    fn public_seeds_make_one_board_and_the_others_the_final_one() {
+        let definition = Definition { public_seeds: 1, ..definition() };
+        let mut attempt = attempt("a", 1, 10, 1.0);
+        for game in attempt.games.iter_mut().filter(|game| game.slot.seed == Seed::from(2u32)) {
+            game.score = 5.0;
+        }
+        let of = |part| {
+            let attempts = [attempt.clone().part(&definition, part)];
+            let rows = standings(&definition, &[entrant("a")], &attempts);
+            (rows[0].total, rows[0].tasks[0].planned, rows[0].answers)
+        };
+        assert_eq!(of(Part::Public), (Some(2.0), 1, 20));
+        assert_eq!(of(Part::Final), (Some(10.0), 1, 20));
+        let whole = super::super::definition::tests::definition();
+        assert_eq!(attempt.clone().part(&whole, Part::Final), attempt);
+    }
+
+    #[test]
+    fn tie_breaks_order_equal_totals_one_after_the_other() {
+        let entrants = ["a", "b", "c", "d"].map(entrant);
+        let with = |id: &str, minute, invalid| {
+            let mut attempt = attempt(id, 1, minute, 2.0);
+            attempt.games.iter_mut().for_each(|game| game.invalid = invalid);
+            attempt
+        };
+        // d is ahead by its total, whatever its answers were.
+        let mut best = with("d", 40, 9);
+        best.games.iter_mut().for_each(|game| game.score = 3.0);
+        let attempts = [with("a", 30, 2), with("b", 20, 1), with("c", 20, 2), best];
+        let ranks = |tie_breaks: &[TieBreak]| {
+            let definition = Definition { tie_breaks: tie_breaks.to_vec(), ..definition() };
+            let rows = standings(&definition, &entrants, &attempts);
+            rows.iter().map(|row| (row.rank, row.entrant.clone())).collect::<Vec<_>>()
+        };
+        let of =
+            |ranks: [(u32, &str); 4]| ranks.map(|(rank, id)| (Some(rank), id.to_owned())).to_vec();
+        assert_eq!(ranks(&[]), of([(1, "d"), (2, "a"), (2, "b"), (2, "c")]));
+        assert_eq!(ranks(&[TieBreak::Invalid]), of([(1, "d"), (2, "b"), (3, "a"), (3, "c")]));
+        let both = [TieBreak::Invalid, TieBreak::Earliest];
+        assert_eq!(ranks(&both), of([(1, "d"), (2, "b"), (3, "c"), (4, "a")]));
+        let both = [TieBreak::Earliest, TieBreak::Invalid];
+        assert_eq!(ranks(&both), of([(1, "d"), (2, "b"), (3, "c"), (4, "a")]));
+        assert_eq!(ranks(&[TieBreak::Earliest]), of([(1, "d"), (2, "b"), (2, "c"), (4, "a")]));
     }
 }

@@ -20,7 +20,7 @@ use super::entrant::Entrant;
 use super::export::{self, FIRST_FORMAT, FORMAT, Line};
 use super::replays::{Replays, Waiting};
 use super::sealed::{SALT_BYTES, SEED_BYTES, Sealed};
-use super::standings::{Attempt, Row, standings};
+use super::standings::{Attempt, Part, Row, standings};
 use crate::run::Definition as Run;
 use crate::{Game, Slot};
 use swarmbench_journal::chain::Head;
@@ -114,6 +114,7 @@ fn read<R: BufRead, P: FnMut(usize)>(
     checker.settle(0)?;
     let rows = read?;
     "the board".clone_into(&mut reader.place);
+    let attempts = checker.attempts.len();
     let rows = checker.board(rows).map_err(|what| reader.wrong(what))?;
     "the end".clone_into(&mut reader.place);
     match reader.next()? {
@@ -131,8 +132,7 @@ fn read<R: BufRead, P: FnMut(usize)>(
             "its head is {head}, not {expected}: it is consistent, but not the file that was published"
         )));
     }
-    let Checker { competition, actions, entrants, attempts, episodes, rounds, .. } = checker;
-    let attempts = attempts.len();
+    let Checker { competition, actions, entrants, episodes, rounds, .. } = checker;
     Ok(Report { competition, actions, entrants, attempts, episodes, rounds, rows, head })
 }
 
@@ -379,6 +379,18 @@ impl<'a> Checker<'a> {
         if !self.attempts.is_empty() {
             return Err("entrants come before all attempts".to_owned());
         }
+        let categories = &self.definition().categories;
+        match &entrant.category {
+            Some(category) if !categories.contains(category) => {
+                return Err(format!("its category {category:?} is not one of the competition"));
+            }
+            None if !categories.is_empty() => return Err("it has no category".to_owned()),
+            _ => {}
+        }
+        let newest = self.definition().terms.as_ref().map_or(0, |terms| terms.version);
+        if entrant.terms.is_some_and(|version| version > newest) {
+            return Err(format!("it accepted terms that are newer than version {newest}"));
+        }
         if self.entrant_of.insert(entrant.id.clone(), self.entrants.len()).is_some() {
             return Err("it is there twice".to_owned());
         }
@@ -601,8 +613,12 @@ impl<'a> Checker<'a> {
     }
 
     /// The board as it follows from what was played.
-    fn board(&self, published: Vec<Row>) -> Result<Vec<Row>, String> {
-        let standings = standings(self.definition(), &self.entrants, &self.attempts);
+    fn board(&mut self, published: Vec<Row>) -> Result<Vec<Row>, String> {
+        let attempts = std::mem::take(&mut self.attempts).into_iter();
+        let definition = self.definition();
+        let attempts: Vec<_> =
+            attempts.map(|attempt| attempt.part(definition, Part::Final)).collect();
+        let standings = standings(definition, &self.entrants, &attempts);
         let rows: Vec<Row> = standings.into_iter().map(|standing| standing.row).collect();
         for (place, (published, row)) in (1..).zip(published.iter().zip(&rows)) {
             differs(&format!("row {place}:"), published, row)?;

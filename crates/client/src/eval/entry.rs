@@ -1,7 +1,5 @@
 //! An entrant in a competition: what its attempts play, what it declared of who plays, and which attempt is next.
 
-use futures::StreamExt;
-use futures::stream;
 use swarmbench_engine::{Settings, TaskName};
 use swarmbench_protocol::competition::{
     AttemptRequest, AttemptSummary, Competition, EntrantDetail, EntrantList, EntrantSummary,
@@ -14,12 +12,6 @@ use super::plan::{Planned, Who};
 use super::stop_reason::StopReason;
 use crate::client::{Client, ClientError};
 use swarmbench_prompt::{Identity, chosen};
-
-/// Entrants that are asked about, the newest first, to find that of a key. In a larger competition it has to be named.
-const ENTRANTS_ASKED_MAX: usize = 1000;
-
-/// How many of them are asked about at once.
-const ENTRANTS_AT_ONCE: usize = 8;
 
 /// What separates the digest of a system message from the name of a prompt.
 const SYSTEM_PREFIX: &str = "+system:";
@@ -54,11 +46,6 @@ pub enum EntryError {
     /// The key has several.
     #[error("this key has {} entrants: name one with --entrant: {}", .0.len(), .0.join(", "))]
     Several(Vec<String>),
-    /// Not all entrants were asked about.
-    #[error(
-        "there are {0} entrants, and yours is not among the newest {ENTRANTS_ASKED_MAX}: name it with --entrant"
-    )]
-    TooMany(usize),
 }
 
 /// What to do about an entrant's attempts.
@@ -279,47 +266,20 @@ async fn own(
     }
 }
 
-/// The only entrant of the client's key. No list says whose an entrant is, but each shows itself to its own key alone.
+/// The only entrant of the client's key.
 async fn only_entrant(
     client: &Client,
     competition: &Competition,
 ) -> Result<EntrantSummary, EntryError> {
-    let all = entrants(client, &competition.id).await?;
-    let asked = all.iter().rev().take(ENTRANTS_ASKED_MAX);
-    let answers = asked.map(|entrant| own(client, &competition.id, &entrant.id));
-    let mut answers = stream::iter(answers).buffered(ENTRANTS_AT_ONCE);
-    let mut found = Vec::new();
-    while found.len() < competition.entries_per_key as usize
-        && let Some(answer) = answers.next().await
-    {
-        found.extend(answer?.map(|shown| shown.entrant));
-    }
-    if found.len() > 1 {
+    // A key has at most 100 entrants, which fit on a page.
+    let path = path(&competition.id, "/entrants");
+    let own: EntrantList = client.get_with(&path, &[("own", "true")]).await?;
+    let mut own = own.items;
+    if own.len() > 1 {
         let shown = |own: &EntrantSummary| format!("{} ({:?}, {})", own.id, own.name, own.model);
-        return Err(EntryError::Several(found.iter().map(shown).collect()));
+        return Err(EntryError::Several(own.iter().map(shown).collect()));
     }
-    match found.pop() {
-        Some(entrant) => Ok(entrant),
-        None if all.len() > ENTRANTS_ASKED_MAX => Err(EntryError::TooMany(all.len())),
-        None => Err(EntryError::None(competition.id.clone())),
-    }
-}
-
-/// All entrants, in the order in which they registered.
-async fn entrants(client: &Client, competition: &str) -> Result<Vec<EntrantSummary>, ClientError> {
-    let path = path(competition, "/entrants");
-    let mut all = Vec::new();
-    let mut cursor: Option<String> = None;
-    loop {
-        let mut query = vec![("limit", "1000")];
-        query.extend(cursor.as_deref().map(|cursor| ("cursor", cursor)));
-        let page: EntrantList = client.get_with(&path, &query).await?;
-        all.extend(page.items);
-        match page.next_cursor {
-            Some(next) => cursor = Some(next),
-            None => return Ok(all),
-        }
-    }
+    own.pop().ok_or_else(|| EntryError::None(competition.id.clone()))
 }
 
 #[cfg(test)]

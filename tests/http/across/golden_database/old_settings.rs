@@ -138,6 +138,7 @@ async fn keep_old_run(app: &TestApp) -> (String, String) {
         visibility: Visibility::Public.name().to_owned(),
         idle_timeout_ms: 86_400_000,
         closes_at: None,
+        own_games: false,
         suite,
     };
     let token = Token::new(TokenKind::Swarm, &SeededEntropy::new(5));

@@ -1,0 +1,190 @@
+//! The members of a team: `/api/v1/competitions/{id}/entrants/{entrant}/members`.
+
+use axum::Json as JsonBody;
+use axum::http::StatusCode;
+use serde_json::json;
+
+use super::super::answer::with_tokens;
+use super::super::extract::ThreeIds;
+use super::super::prelude::*;
+use super::check_not_over;
+use crate::competitions::StoredEntrant;
+use crate::keys::{Key, KeyRow, Role};
+use crate::store::entries::Entry;
+use crate::store::tokens::Grant;
+use swarmbench_protocol::competition::{CreatedMember, MemberList, MemberRequest, MemberSummary};
+
+/// List the members of a team, to the team, to organizers and to judges.
+#[utoipa::path(
+    get,
+    path = "/api/v1/competitions/{id}/entrants/{entrant}/members",
+    operation_id = "list_members",
+    tag = "competitions",
+    params(
+        ("id" = String, Path, description = "The competition's id"),
+        ("entrant" = String, Path, description = "The entrant's id"),
+    ),
+    security(("key" = [])),
+    responses(
+        (status = 200, description = "The members", body = MemberList),
+        (status = 403, description = "`forbidden`: not a key of this team"),
+    )
+)]
+pub(in super::super) async fn list_members(
+    State(app): State<App>,
+    caller: Caller,
+    Ids(id, entrant): Ids,
+    _: Params<Nothing>,
+) -> Result<JsonBody<MemberList>, ApiError> {
+    let key = caller.needs_key()?;
+    let competition = app.competition(&caller, &id).await?;
+    let entrant = app.entrant(&competition, &entrant).await?;
+    if !caller.reads_all() && key.number != Some(entrant.owner) {
+        return Err(not_the_team());
+    }
+    let members = app.store.team_keys(entrant.owner).await?;
+    Ok(JsonBody(MemberList { items: members.iter().map(summary).collect() }))
+}
+
+/// Add a member to a team: a key of its own, which does what the entrant's key does.
+///
+/// The team does it, or an organizer, until the competition is over. A team has at most 20 members beside the one who entered, and
+/// its entrant entered without a key of its own.
+#[utoipa::path(
+    post,
+    path = "/api/v1/competitions/{id}/entrants/{entrant}/members",
+    operation_id = "add_member",
+    tag = "competitions",
+    params(
+        ("id" = String, Path, description = "The competition's id"),
+        ("entrant" = String, Path, description = "The entrant's id"),
+    ),
+    request_body(content = MemberRequest, description = "At most 256 KiB"),
+    security(("key" = [])),
+    responses(
+        (status = 201, description = "The member, with its key, shown this once", body = CreatedMember),
+        (status = 403, description = "`forbidden`: not a key of this team or of an organizer; the team is full"),
+        (status = 409, description = "`closed`: the competition is over; the entrant was erased, or entered with a key of its own"),
+    )
+)]
+pub(in super::super) async fn add_member(
+    State(app): State<App>,
+    caller: Caller,
+    Ids(id, entrant): Ids,
+    _: Params<Nothing>,
+    Json(MemberRequest { name }, _): Json<MemberRequest>,
+) -> Result<Response, ApiError> {
+    App::run_detached(async move {
+        let competition = app.stored_competition(&id).await?;
+        let _lock = app.creations.lock(&format!("team {entrant}")).await;
+        let stored = app.entrant(&competition, &entrant).await?;
+        check_team(&caller, &stored)?;
+        check_not_over(&competition)?;
+        let closed = |detail: &str| Err(ApiError::new(Code::Closed, detail));
+        if stored.entrant.erased {
+            return closed("this entrant was erased, which cannot be undone");
+        }
+        let first = app.store.key(stored.owner).await?;
+        if first.is_none_or(|key| key.role != Role::Entrant) {
+            return closed(
+                "this entrant entered with a key of its own, whose other rights are not shared: a team enters without a key, and \
+                 gets one",
+            );
+        }
+        let all = app.store.team_keys(stored.owner).await?;
+        let now = all.iter().filter(|key| key.revoked_at.is_none()).count();
+        for (count, most, limit, what) in [
+            (now, app.limits.members_max, "members_max", "remove one who has left"),
+            (all.len(), app.limits.members_ever_max, "members_ever_max", "removed ones count, too"),
+        ] {
+            if count >= most {
+                let detail = format!("the team has {count} members, the maximum: {what}");
+                return Err(ApiError::limit(Code::Forbidden, limit, most, detail));
+            }
+        }
+        let (key, token) = Key::new(Role::Entrant, &name, None, app.clock.wall(), &*app.entropy)
+            .map_err(|problem| ApiError::field("name", problem))?;
+        let member = summary(&key);
+        let row = KeyRow { key, hash: token.hash(), acts_for: Some(stored.owner) };
+        let mut entries = vec![Entry::AddKey(Box::new(row))];
+        let detail = json!({ "competition": id, "member": member.id });
+        entries.extend(caller.audit_entry(&app, "member.add", &entrant, detail, None));
+        app.store.keep(entries).await?;
+        let body = CreatedMember { member, key: token.reveal().to_owned() };
+        Ok(with_tokens(StatusCode::CREATED, body))
+    })
+    .await
+}
+
+/// Remove a member from a team: its key is good for nothing any more.
+///
+/// Tokens of attempts that it knows stay good: repeat the start of an attempt with its `Idempotency-Key` to replace its token.
+#[utoipa::path(
+    delete,
+    path = "/api/v1/competitions/{id}/entrants/{entrant}/members/{member}",
+    operation_id = "remove_member",
+    tag = "competitions",
+    params(
+        ("id" = String, Path, description = "The competition's id"),
+        ("entrant" = String, Path, description = "The entrant's id"),
+        ("member" = String, Path, description = "The member's id"),
+    ),
+    security(("key" = [])),
+    responses(
+        (status = 200, description = "The member", body = MemberSummary),
+        (status = 403, description = "`forbidden`: not a key of this team or of an organizer"),
+    )
+)]
+pub(in super::super) async fn remove_member(
+    State(app): State<App>,
+    caller: Caller,
+    ThreeIds(id, entrant, member): ThreeIds,
+    _: Params<Nothing>,
+) -> Result<JsonBody<MemberSummary>, ApiError> {
+    // A key that is revoked is removed from the cache, too, also if the client hangs up.
+    App::run_detached(async move {
+        let competition = app.stored_competition(&id).await?;
+        let _lock = app.creations.lock(&format!("team {entrant}")).await;
+        let stored = app.entrant(&competition, &entrant).await?;
+        check_team(&caller, &stored)?;
+        let find = async || {
+            let keys = app.store.team_keys(stored.owner).await?;
+            let found = keys.into_iter().find(|key| key.id == member);
+            found.ok_or_else(|| ApiError::not_found("the member"))
+        };
+        if find().await?.revoked_at.is_none() {
+            let at = app.clock.wall();
+            let mut entries = vec![Entry::RevokeKey { id: member.clone(), at }];
+            let detail = json!({ "competition": id, "member": member });
+            entries.extend(caller.audit_entry(&app, "member.remove", &entrant, detail, None));
+            app.store.keep(entries).await?;
+        }
+        app.tokens.forget(|grant| matches!(grant, Grant::Key(key) if key.id == member));
+        Ok(JsonBody(summary(&find().await?)))
+    })
+    .await
+}
+
+/// Refuses all but the team and organizers.
+fn check_team(caller: &Caller, entrant: &StoredEntrant) -> Result<(), ApiError> {
+    caller.check_not_judge()?;
+    let key = caller.needs_key()?;
+    if caller.is_organizer() || key.number == Some(entrant.owner) {
+        return Ok(());
+    }
+    Err(not_the_team())
+}
+
+fn not_the_team() -> ApiError {
+    let detail = "members of a team are shown to and changed by the team itself, with one of its keys, and organizers";
+    ApiError::new(Code::Forbidden, detail)
+}
+
+fn summary(key: &Key) -> MemberSummary {
+    MemberSummary {
+        id: key.id.clone(),
+        name: key.name.clone(),
+        added_at: key.created_at.into(),
+        removed_at: key.revoked_at.map(Into::into),
+    }
+}

@@ -1,0 +1,221 @@
+// What a competition asks of its entrants, and what they and organizers change: terms, categories, contacts, teams, ranks.
+import assert from "node:assert/strict";
+import { NARROW, enterKey, open, visitor } from "./support/browser.mjs";
+import { competition, play } from "./support/games.mjs";
+import { suite } from "./support/suite.mjs";
+
+/** How long the revealed competition is open: its games are played by then. */
+const SHORT_MS = 5000;
+
+/**
+ * A competition that is over. All play the same and have equal totals, but some of red's answers are invalid.
+ * @param {import("./support/program.mjs").Program} program
+ */
+async function revealed(program) {
+  const made = await competition(program, {
+    name: "Winter cup",
+    closes_at: new Date(Date.now() + SHORT_MS).toISOString(),
+    suite: { tasks: ["Pursuit", "Foraging"], seeds: 3, public_seeds: 1, settings: { num_agents: 4, max_round: 3 } },
+    clocks: { round_deadline_s: 1 },
+    categories: ["models", "people"],
+    tie_breaks: ["invalid"],
+  });
+  const base = `/api/v1/competitions/${made.id}`;
+  for (const [name, category] of [["red", "people"], ["blue", "models"]]) {
+    const { key } = await program.post(`${base}/entrants`, { name, model: "m", category }, { token: "" });
+    const attempt = await program.post(`${base}/attempts`, {}, { token: key });
+    await play(program, attempt.swarm_token, () => ({ response: name === "red" ? "I do not know." : "ACTION: STAY" }));
+  }
+  while ((await program.get(base)).phase !== "closed") await new Promise((resolve) => setTimeout(resolve, 200));
+  return made.id;
+}
+
+const { site, visit } = suite({ keys: true }, async (program) => ({ closed: await revealed(program) }));
+
+/** @typedef {import("playwright-core").Page} Page */
+
+/** A time as an input takes it; visitors are in UTC. @param {number} ms from now */
+const localTime = (ms) => new Date(Date.now() + ms).toISOString().slice(0, 16);
+
+/** Confirms the dialog that is open. @param {Page} page @param {string} label */
+async function confirm(page, label) {
+  const dialog = page.getByRole("dialog");
+  await dialog.getByRole("button", { name: label, exact: true }).click();
+  await dialog.waitFor({ state: "hidden" });
+}
+
+/** A fact of a competition, by its name. @param {Page} page @param {string} name */
+const fact = (page, name) => page.locator(`dt:text-is("${name}") + dd`);
+
+/** Creates a competition at the desk; returns its id. @param {Page} page */
+async function create(page) {
+  await open(page, "/desk?view=create");
+  await page.getByLabel("Name (required)").fill("Spring cup");
+  await page.getByLabel("Terms that entrants accept").fill("One entrant for each team.\n<b>Logs</b> are published.");
+  await page.getByLabel("Opens (required)").fill(localTime(-60_000));
+  await page.getByLabel("Categories, one a line").fill("models\npeople\n");
+  const order = page.getByRole("group", { name: "What decides between equal totals" });
+  for (const [place, rule] of ["timeouts", "invalid", "earliest"].entries()) {
+    await order.getByRole("combobox").nth(place).selectOption(rule);
+  }
+  // What is taken away makes room for what follows.
+  await order.getByRole("combobox").first().selectOption("");
+  await page.getByLabel("Sealed seeds of each attempt").fill("5");
+  await page.getByLabel("Seeds that make the board before the end").fill("2");
+  await page.getByLabel("Clock of a round").fill("60");
+  await page.getByRole("button", { name: "Create the competition" }).click();
+  await page.getByRole("heading", { name: "Spring cup" }).waitFor();
+  return String(new URL(page.url()).searchParams.get("id"));
+}
+
+/**
+ * Reads what it is about and enters, while the terms change; returns the key.
+ * @param {Page} page
+ * @param {string} id
+ * @param {() => Promise<unknown>} changeTerms
+ */
+async function enter(page, id, changeTerms) {
+  await open(page, `/competitions/${id}`);
+  const terms = page.getByRole("region", { name: "Terms, version 1" });
+  assert.match(await terms.innerText(), /One entrant for each team\.\n<b>Logs<\/b> are published\./, "text only, with its lines");
+  assert.match(await fact(page, "Equal totals").innerText(), /^the smaller share of invalid answers, then the attempt that counts and ended earlier\./);
+  assert.equal(await fact(page, "Seeds of the board").innerText(), "2 of 5 seeds make the board until it closes, then the other 3.");
+  await page.getByLabel("Name on the board").fill("blue");
+  await page.getByLabel("Model (required)").fill("m");
+  await page.getByLabel("Contact").fill("blue@example.org");
+  const tick = page.getByLabel("I accept the terms, version");
+  const category = page.getByLabel("Category (required)");
+  const enters = page.getByRole("button", { name: "Enter the competition" });
+  const isMissing = (/** @type {import("playwright-core").Locator} */ field) => field.evaluate((one) => /** @type {HTMLInputElement} */ (one).validity.valueMissing);
+  assert.deepEqual([await isMissing(tick), await isMissing(category)], [true, true]);
+  await category.selectOption("people");
+  await tick.press("Space");
+  await changeTerms();
+  await enters.press("Enter");
+  await page.locator(".field", { has: tick }).getByText("must be 2").waitFor();
+  await page.getByRole("region", { name: "Terms, version 2" }).getByText("One entrant for each team, at most.").waitFor();
+  assert.equal(await tick.isChecked(), false, "nobody accepts what was not shown");
+  await tick.press("Space");
+  await enters.press("Enter");
+  const shown = await page.getByRole("group", { name: "The key of this entrant" }).innerText();
+  await page.getByRole("button", { name: "Use it in this tab" }).click();
+  return String(/secret_\w+/.exec(shown));
+}
+
+/** Adds a member; returns the key. @param {Page} page @param {string} name */
+async function addMember(page, name) {
+  await page.getByText(/^Team: \d+ members? beside/).click();
+  await page.getByLabel("Name of the member").fill(name);
+  await page.getByLabel("Name of the member").press("Enter");
+  const shown = await page.getByRole("group", { name: `The key of ${name}` }).innerText();
+  return String(/secret_\w+/.exec(shown));
+}
+
+visit(
+  "terms, categories, contacts and teams, at the desk and on a telephone",
+  async ({ page, watch }, { program }) => {
+    watch.expect(/409/);
+    const id = await create(page);
+    const base = `/api/v1/competitions/${id}`;
+    const made = await program.get(base);
+    assert.deepEqual([made.terms.version, made.categories, made.tie_breaks, made.suite.public_seeds], [1, ["models", "people"], ["invalid", "earliest"], 2]);
+
+    const telephone = await visitor(site.browser, program, { viewport: NARROW });
+    telephone.watch.expect(/422/);
+    const own = telephone.page;
+    const key = await enter(own, id, () => program.call("PATCH", base, { body: { terms: "One entrant for each team, at most." } }));
+    const [{ id: entrant, category, terms }] = (await program.get(`${base}/entrants`)).items;
+    assert.deepEqual([category, terms], ["people", 2]);
+    // With a key of its own, which no team shares.
+    await program.post(`${base}/entrants`, { name: "olga", model: "m", category: "models", accepts_terms: 2 });
+
+    await open(page, `/desk?view=competition&id=${id}`);
+    await page.getByText("Later ends, other texts").click();
+    await page.getByLabel("Terms that entrants accept").fill("Two entrants\nfor each team.");
+    await page.getByRole("button", { name: "Change the competition" }).click();
+    await page.getByText("It was changed, and everybody sees what.").waitFor();
+    const row = page.getByRole("region", { name: "Table of entrants", exact: true }).getByRole("row", { name: /^blue/ });
+    await row.getByText("version 2 of 3").waitFor();
+    await page.getByRole("button", { name: "Details of blue" }).press("Enter");
+    const details = page.getByRole("region", { name: "Details of blue" });
+    await details.getByText("blue@example.org").waitFor();
+    assert.equal(await details.evaluate((one) => one === document.activeElement), true, "the keyboard is where the details are");
+    await details.getByLabel("Category").selectOption("models");
+    await details.getByRole("button", { name: "Move it" }).click();
+    await row.getByRole("cell", { name: "models", exact: true }).waitFor();
+    const bea = await addMember(page, "Bea");
+    assert.equal((await program.get(`${base}/entrants/${entrant}`, { token: bea })).contact, "blue@example.org");
+    await details.getByRole("button", { name: "Close the details" }).press("Enter");
+    assert.equal(await page.evaluate(() => document.activeElement?.getAttribute("aria-label")), "Details of blue");
+    await page.getByRole("button", { name: "Details of olga" }).click();
+    await page.getByText(/^Team: 0 members/).click();
+    await page.getByLabel("Name of the member").fill("Carl");
+    await page.getByRole("button", { name: "Add a member" }).click();
+    await page.getByRole("alert").getByText("entered with a key of its own").waitFor();
+
+    // The entrant itself.
+    await open(own, `/competitions/${id}`);
+    await own.getByText("Version 2 was accepted; the newest is version 3.").waitFor();
+    await own.getByRole("button", { name: "Accept version 3" }).press("Enter");
+    await own.getByRole("dialog").getByText("Two entrants\nfor each team.").waitFor();
+    await confirm(own, "Accept version 3");
+    await own.getByText("Terms: version 3, the newest, was accepted.").waitFor();
+    const mine = own.locator("details", { has: own.getByText("Change my entrant", { exact: true }) });
+    const contact = mine.getByLabel("Contact");
+    assert.equal(await contact.inputValue(), "blue@example.org");
+    const contactNow = async () => (await program.get(`${base}/entrants/${entrant}`, { token: key })).contact;
+    for (const [value, said] of [["+49 30 1", "The contact was changed."], ["", "The contact was removed."]]) {
+      await contact.fill(value);
+      await contact.press("Enter");
+      await mine.getByText(said).waitFor();
+      assert.equal(await contactNow(), value || null);
+    }
+    const ada = await addMember(own, "Ada");
+    await own.getByRole("button", { name: "Remove Ada" }).click();
+    await confirm(own, "Remove");
+    await own.getByRole("button", { name: "Remove Ada" }).waitFor({ state: "hidden" });
+    await assert.rejects(program.get(`${base}/attempts`, { token: ada }), /401/);
+    await own.getByRole("button", { name: "Remove Bea" }).waitFor();
+    // Somebody else of the team sees the same, also before the first attempt.
+    await enterKey(own, bea);
+    await open(own, `/competitions/${id}`);
+    await own.getByText(/^Team: 1 member beside/).waitFor();
+    await own.getByRole("region", { name: "Table of what organizers did" }).getByText("version 3 of the terms").waitFor();
+    await telephone.done();
+
+    await program.call("DELETE", `${base}/entrants/${entrant}`, { token: key });
+    await page.reload();
+    const erased = page.getByRole("row", { name: /^erased ent_/ });
+    await erased.getByText("erased", { exact: true }).waitFor();
+    for (const label of [/^Readmit/, /^Replace the key/]) assert.equal(await erased.getByRole("button", { name: label }).count(), 0);
+    await erased.getByRole("button", { name: /^Details/ }).click();
+    await page.getByText(/^Team: 0 members/).click();
+    assert.equal(await page.getByRole("button", { name: "Add a member" }).count(), 0);
+    assert.equal(await page.getByRole("button", { name: "Move it" }).count(), 0);
+  },
+  { asOrganizer: true },
+);
+
+visit(
+  "the board of a category, and of the public seeds",
+  async ({ page }, { data }) => {
+    await open(page, `/competitions/${data.closed}`);
+    const board = page.getByRole("region", { name: "Standings" });
+    const rows = () => board.getByRole("region", { name: "Table of standings" }).getByRole("row").allInnerTexts();
+    const ranks = async () => (await rows()).slice(1).map((row) => row.split(/\s+/).slice(0, 3).join(" "));
+    await board.getByText("Final part: 2 of 3 seeds.").waitFor();
+    assert.deepEqual(await ranks(), ["1 blue models", "2 red people"], "invalid answers decide between equal totals");
+    await board.getByLabel("Category").selectOption("people");
+    await board.getByText("Category people: ranks among its entrants.").waitFor();
+    await board.getByLabel("Board").selectOption("public");
+    await board.getByText("Public part: 1 of 3 seeds.").waitFor();
+    assert.deepEqual(await ranks(), ["1 red people"]);
+    await page.reload();
+    await board.getByText("Category people: ranks among its entrants. Public part: 1 of 3 seeds.").waitFor();
+    assert.deepEqual(await ranks(), ["1 red people"]);
+    assert.match(String(await board.getByRole("link", { name: "This board as CSV" }).getAttribute("href")), /category=people&part=public/);
+    const columns = page.getByRole("region", { name: "Table of entrants" }).getByRole("cell", { name: "people", exact: true });
+    assert.equal(await columns.count(), 1);
+  },
+  { viewport: NARROW },
+);
