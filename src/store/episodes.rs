@@ -214,7 +214,28 @@ impl Store {
         before: Option<EpisodeKey>,
         limit: u32,
     ) -> Result<Vec<StoredEpisode>, StoreError> {
-        let mut query = select(Detail::Listed);
+        self.list(Detail::Summary, filter, before, limit).await
+    }
+
+    /// As [`Store::list_episodes`], for a list that shows no prompt template: the text of a built-in one is missing
+    /// in the openings.
+    pub async fn list_episodes_without_templates(
+        &self,
+        filter: &Filter,
+        before: Option<EpisodeKey>,
+        limit: u32,
+    ) -> Result<Vec<StoredEpisode>, StoreError> {
+        self.list(Detail::Listed, filter, before, limit).await
+    }
+
+    async fn list(
+        &self,
+        detail: Detail,
+        filter: &Filter,
+        before: Option<EpisodeKey>,
+        limit: u32,
+    ) -> Result<Vec<StoredEpisode>, StoreError> {
+        let mut query = select(detail);
         query.push("e.key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
         let leads = filter.leads();
         for (column, value) in

@@ -63,8 +63,9 @@ pub(in super::super) async fn list_episodes(
         readable: caller.readable(&app.access),
         ..Filter::default()
     };
-    let read =
-        |before: Option<i64>, rows| app.store.list_episodes(&filter, before.map(EpisodeKey), rows);
+    let read = |before: Option<i64>, rows| {
+        app.store.list_episodes_without_templates(&filter, before.map(EpisodeKey), rows)
+    };
     page.fill(ROWS_MAX, read, |stored| Ok((stored.episode.0, app.summary_of(&caller, &stored)?)))
         .await
 }
