@@ -10,7 +10,7 @@ use tokio::sync::Mutex;
 use crate::ids::{EpisodeKey, RunKey};
 use crate::run::definition::Definition;
 use crate::store::imports::ImportedGame;
-use crate::store::results::{BoardMixed, BoardRun, Change};
+use crate::store::results::{BoardMixed, BoardRun, Change, LogPosition};
 use crate::store::{Store, StoreError};
 use swarmbench_boards::collection::{BoardId, BoardSuite, Boards, FinishedRun, Imported};
 use swarmbench_boards::cross_play::{MixedGame, Model, Setting};
@@ -33,8 +33,11 @@ pub struct Standings {
     cached: Mutex<CachedBoards>,
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct CachedBoards {
+    /// Up to where the log of changes was read.
+    position: LogPosition,
+    /// What was read of it and not looked up yet.
     changes: Vec<Change>,
     /// `None` until the first request.
     boards: Option<Arc<Boards>>,
@@ -44,7 +47,8 @@ struct CachedBoards {
 
 impl Standings {
     pub fn new(store: Store) -> Self {
-        Self { store, cached: Mutex::default() }
+        let cached = Mutex::new(CachedBoards::new(store.writer().changes().position()));
+        Self { store, cached }
     }
 
     /// All boards, with everything that is durable now.
@@ -97,9 +101,13 @@ impl Standings {
     /// Reads what has changed. The caller may be dropped at any moment, so a change is removed from the list after it
     /// was read.
     async fn catch_up(&self, cached: &mut CachedBoards) -> Result<(), StoreError> {
-        match self.store.writer().changes().take() {
-            Some(changes) => cached.changes.extend(changes),
-            None => *cached = CachedBoards::default(),
+        let (position, changes) = self.store.writer().changes().since(cached.position);
+        match changes {
+            Some(changes) => {
+                cached.position = position;
+                cached.changes.extend(changes);
+            }
+            None => *cached = CachedBoards::new(position),
         }
         if cached.boards.is_none() && cached.mixed.is_none() {
             // The first read includes them.
@@ -108,6 +116,13 @@ impl Standings {
         while let Some(&change) = cached.changes.last() {
             match change {
                 Change::Run(run) => self.read_run(cached, run).await?,
+                Change::Entrant(entry) => {
+                    for run in self.store.runs_of_entrant(entry).await? {
+                        self.read_run(cached, run).await?;
+                    }
+                }
+                // Boards show what is over.
+                Change::Started(_) => {}
                 Change::Imports => {
                     // Many games are imported together: one read serves all.
                     cached.changes.retain(|change| *change != Change::Imports);
@@ -155,6 +170,12 @@ impl Standings {
             None => drop(mixed.remove(&episode)),
         }
         Ok(())
+    }
+}
+
+impl CachedBoards {
+    const fn new(position: LogPosition) -> Self {
+        Self { position, changes: Vec::new(), boards: None, mixed: None }
     }
 }
 

@@ -9,8 +9,8 @@ use std::time::Duration;
 use jiff::Timestamp;
 
 use super::StoredCompetition;
+use crate::run::RunError;
 use crate::run::manager::Runs;
-use crate::run::{RunError, RunStatus};
 use crate::store::Store;
 use crate::store::entries::Entry;
 use swarmbench_clock::{Clock, after};
@@ -83,11 +83,9 @@ fn failure(id: &str, error: String, last: Option<Failure>, now: Timestamp) -> Fa
 async fn close(store: &Store, runs: &Runs, clock: &dyn Clock, id: &str) -> Result<(), RunError> {
     // What cannot be read is not opened: it could not be closed again.
     let Some(competition) = super::find(store, id).await? else { return Ok(()) };
-    for attempt in store.attempts(competition.key, None).await? {
+    for attempt in store.running_attempts(competition.key).await? {
         // A run ends with its last game; where none is open it may not know yet that its time is over.
-        if attempt.status == RunStatus::Running.name() {
-            runs.advance(attempt.run).await?;
-        }
+        runs.advance(attempt).await?;
     }
     // Attempts whose start began in time have been started.
     let _closed = runs.block_entries().await;
@@ -100,14 +98,11 @@ async fn reveal_if_over(
     clock: &dyn Clock,
     competition: &StoredCompetition,
 ) -> Result<(), RunError> {
-    let attempts = store.attempts(competition.key, None).await?;
-    let is_over = attempts
-        .iter()
-        .all(|attempt| attempt.status != RunStatus::Running.name() && attempt.unfinished == 0);
+    let is_over = !store.has_open_attempts(competition.key).await?;
     if is_over && clock.doubt().is_none() {
         let reveal = Entry::Reveal { competition: competition.key, at: clock.wall() };
         store.keep(vec![reveal]).await?;
-        tracing::info!(competition = %competition.id, attempts = attempts.len(), "closed");
+        tracing::info!(competition = %competition.id, "closed");
     }
     Ok(())
 }

@@ -1,6 +1,8 @@
-//! The competitions of a server: what the rows of its database mean, and how they are closed ([`closing`]).
+//! The competitions of a server: what the rows of its database mean, how they are closed ([`closing`]), and what boards are made of ([`standings`]).
 
 pub mod closing;
+pub mod field;
+pub mod standings;
 
 use std::net::IpAddr;
 
@@ -120,6 +122,15 @@ pub async fn list_entrants(
     limit: u32,
 ) -> Result<Vec<StoredEntrant>, StoreError> {
     read_entrants(store.list_entrants(competition, owner, after, limit).await?)
+}
+
+/// These entrants of a competition; see [`Store::entrants_among`].
+pub async fn entrants_among(
+    store: &Store,
+    competition: CompetitionKey,
+    entries: &[EntryKey],
+) -> Result<Vec<StoredEntrant>, StoreError> {
+    read_entrants(store.entrants_among(competition, entries).await?)
 }
 
 fn read_entrants(raw: Vec<RawEntrant>) -> Result<Vec<StoredEntrant>, StoreError> {

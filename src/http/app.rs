@@ -25,6 +25,7 @@ use super::sights::Sights;
 use super::stream::Streams;
 use super::tokens::Tokens;
 use super::waiting::Waits;
+use crate::competitions::standings::CompetitionStandings;
 use crate::episode::actor::Handle;
 use crate::episode::registry::{Location, Registry};
 use crate::episode::replay::state_at;
@@ -101,6 +102,8 @@ pub struct Shared {
     /// What seats see in open rounds, as it was written.
     pub(super) sights: Sights,
     pub(super) standings: Standings,
+    /// What the entrants of competitions have played.
+    pub(super) competitions: CompetitionStandings,
     /// Boards and lists.
     pub(super) answers: SharedCache<Answer>,
     /// Boards of competitions, behind their pages.
@@ -130,6 +133,7 @@ impl App {
             verifications: Verifications::new(VERIFICATIONS_MAX),
             sights: Sights::new(),
             standings: Standings::new(store.clone()),
+            competitions: CompetitionStandings::new(store.clone()),
             answers: SharedCache::new(ANSWERS_BYTES_MAX, cache.clone()),
             rankings: SharedCache::new(RANKINGS_BYTES_MAX, cache),
             foundation,

@@ -218,7 +218,7 @@ const EPISODES_AND_FORKING: &str =
     "(SELECT key FROM episodes UNION ALL SELECT episode AS key FROM forking)";
 
 /// Columns that name a row of another table: the table, the column, and the key of the other.
-const REFERENCES: [(&str, &str, &str, &str); 25] = [
+const REFERENCES: [(&str, &str, &str, &str); 26] = [
     ("acts", "episode", EPISODES_AND_FORKING, "key"),
     ("rounds", "episode", EPISODES_AND_FORKING, "key"),
     ("tokens", "episode", "episodes", "key"),
@@ -235,6 +235,7 @@ const REFERENCES: [(&str, &str, &str, &str); 25] = [
     ("episodes", "template", "templates", "key"),
     ("runs", "owner", "keys", "number"),
     ("runs", "entry", "entries", "key"),
+    ("runs", "competition", "competitions", "key"),
     ("entries", "competition", "competitions", "key"),
     ("entries", "owner", "keys", "number"),
     ("keys", "acts_for", "keys", "number"),
@@ -280,7 +281,8 @@ const STATEMENTS: [(&str, &str); 16] = [
     (
         "its place in a run is not known",
         "SELECT id FROM episodes WHERE (run IS NULL) <> (slot IS NULL)
-         UNION ALL SELECT id FROM runs WHERE (entry IS NULL) <> (attempt IS NULL)",
+         UNION ALL SELECT id FROM runs WHERE (entry IS NULL) <> (attempt IS NULL)
+         UNION ALL SELECT id FROM runs r WHERE competition IS NOT (SELECT competition FROM entries WHERE key = r.entry)",
     ),
     (
         "it is a fork of no episode, or of no round",

@@ -10,7 +10,7 @@ use super::StoreError;
 use super::entries::{CompetitionRow, EntrantFacts, EntrantRow, Secret};
 use super::rows::{FromRow, from_row, get};
 use super::runs::void_reason;
-use crate::ids::{CompetitionKey, EntryKey, RunKey, TokenHash};
+use crate::ids::{CompetitionKey, EntryKey, EpisodeKey, RunKey, TokenHash};
 use crate::keys::OwnerKey;
 use swarmbench_protocol::names::looks;
 
@@ -315,21 +315,119 @@ impl Store {
         self.fetch_all(query.build()).await
     }
 
-    /// The attempts of a competition in the order in which they were started: all, or those of one entrant.
-    pub async fn attempts(
+    /// These entrants of a competition, in the order in which they registered; others are left out.
+    pub async fn entrants_among(
         &self,
         competition: CompetitionKey,
-        entry: Option<EntryKey>,
+        entries: &[EntryKey],
+    ) -> Result<Vec<RawEntrant>, StoreError> {
+        let mut query = select_entrants(Declared::Short);
+        query.push("WHERE +competition = ").push_bind(competition.0).push(" AND key IN (");
+        let mut keys = query.separated(", ");
+        for entry in entries {
+            keys.push_bind(entry.0);
+        }
+        query.push(") ORDER BY key");
+        self.fetch_all(query.build()).await
+    }
+
+    /// The attempts of an entrant in the order in which they were started.
+    pub async fn attempts_of(&self, entry: EntryKey) -> Result<Vec<StoredAttempt>, StoreError> {
+        let mut query = QueryBuilder::<Sqlite>::new(ATTEMPT);
+        query.push("WHERE r.entry = ").push_bind(entry.0).push(" ORDER BY r.key");
+        self.fetch_all(query.build()).await
+    }
+
+    /// Lists the attempts of a competition, or those of one key, in the order in which they were started, from the one after
+    /// `after` on.
+    pub async fn list_attempts(
+        &self,
+        competition: CompetitionKey,
+        owner: Option<OwnerKey>,
+        after: Option<RunKey>,
+        limit: u32,
     ) -> Result<Vec<StoredAttempt>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(ATTEMPT);
-        match entry {
-            Some(entry) => query.push("WHERE r.entry = ").push_bind(entry.0),
-            None => query
-                .push("WHERE r.entry IN (SELECT key FROM entries WHERE competition = ")
-                .push_bind(competition.0)
-                .push(")"),
+        match owner {
+            None => query.push("WHERE r.competition = ").push_bind(competition.0),
+            // The few attempts of one key are found by its entrants.
+            Some(owner) => query
+                .push("WHERE r.entry IN (SELECT key FROM entries WHERE owner = ")
+                .push_bind(owner.0)
+                .push(") AND +r.competition = ")
+                .push_bind(competition.0),
         };
-        query.push(" ORDER BY r.key");
+        query.push(" AND r.key > ").push_bind(after.map_or(-1, |run| run.0));
+        query.push(" ORDER BY r.key LIMIT ").push_bind(limit);
+        self.fetch_all(query.build()).await
+    }
+
+    /// Finds an attempt of a competition by the public id of its run.
+    pub async fn find_attempt(
+        &self,
+        competition: CompetitionKey,
+        run: &str,
+    ) -> Result<Option<StoredAttempt>, StoreError> {
+        let mut query = QueryBuilder::<Sqlite>::new(ATTEMPT);
+        query.push("WHERE r.id = ").push_bind(run);
+        query.push(" AND +r.competition = ").push_bind(competition.0);
+        self.fetch_optional(query.build()).await
+    }
+
+    /// The attempt of a competition that was started last.
+    pub async fn last_attempt(
+        &self,
+        competition: CompetitionKey,
+    ) -> Result<Option<RunKey>, StoreError> {
+        let query = "SELECT key FROM runs WHERE competition = ? ORDER BY key DESC LIMIT 1";
+        self.fetch_optional(sqlx::query(query).bind(competition.0)).await
+    }
+
+    /// The attempts of a competition that have not ended, in the order in which they were started.
+    pub async fn running_attempts(
+        &self,
+        competition: CompetitionKey,
+    ) -> Result<Vec<RunKey>, StoreError> {
+        let query = sqlx::query(
+            "SELECT key FROM runs INDEXED BY runs_open
+             WHERE competition = ? AND ended_at IS NULL ORDER BY key",
+        );
+        self.fetch_all(query.bind(competition.0)).await
+    }
+
+    /// Whether an attempt of a competition, or a game of one, has not ended. Voided games do not matter.
+    pub async fn has_open_attempts(&self, competition: CompetitionKey) -> Result<bool, StoreError> {
+        let query = sqlx::query(
+            "SELECT EXISTS (SELECT 1 FROM runs INDEXED BY runs_open
+                            WHERE competition = ?1 AND ended_at IS NULL)
+                 OR EXISTS (SELECT 1 FROM episodes e INDEXED BY episodes_open JOIN runs r ON r.key = e.run
+                            WHERE e.run IS NOT NULL AND e.ended_at IS NULL AND e.voided_at IS NULL
+                              AND r.competition = ?1)",
+        );
+        self.fetch_one(query.bind(competition.0)).await
+    }
+
+    /// The entrants of a competition to whom some of these runs and episodes belong.
+    pub async fn entrants_of(
+        &self,
+        competition: CompetitionKey,
+        runs: &[RunKey],
+        episodes: &[EpisodeKey],
+    ) -> Result<Vec<EntryKey>, StoreError> {
+        fn add(query: &mut QueryBuilder<Sqlite>, all: impl Iterator<Item = i64>) {
+            let mut keys = query.separated(", ");
+            for key in all {
+                keys.push_bind(key);
+            }
+        }
+        let mut query = QueryBuilder::<Sqlite>::new("SELECT entry FROM runs WHERE key IN (");
+        add(&mut query, runs.iter().map(|run| run.0));
+        query.push(") AND +competition = ").push_bind(competition.0);
+        query.push(
+            " UNION SELECT r.entry FROM episodes e JOIN runs r ON r.key = e.run WHERE e.key IN (",
+        );
+        add(&mut query, episodes.iter().map(|episode| episode.0));
+        query.push(") AND +r.competition = ").push_bind(competition.0);
         self.fetch_all(query.build()).await
     }
 }

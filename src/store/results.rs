@@ -1,7 +1,8 @@
 //! The table `results`, and the other sources of boards.
 
-use std::sync::Mutex;
+use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard};
 
 use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
@@ -12,7 +13,7 @@ use super::Store;
 use super::StoreError;
 use super::rows::{FromRow, get};
 use super::templates::opening;
-use crate::ids::{EpisodeKey, RunKey};
+use crate::ids::{EntryKey, EpisodeKey, RunKey};
 use crate::store::entries::Entry;
 use swarmbench_journal::Tally;
 use swarmbench_journal::record::RawRecord;
@@ -21,8 +22,8 @@ use swarmbench_protocol::failure::Failures;
 /// Runs, or games of several holders, that are read at once.
 const CHUNK: i64 = 256;
 
-/// Changes that are queued; beyond them everything is read again.
-const CHANGES_MAX: usize = 4096;
+/// Changes that are remembered; who missed older ones reads everything again.
+const CHANGES_MAX: usize = 65_536;
 
 /// Writes the result of an episode, in the transaction of its end.
 pub(super) async fn add(
@@ -59,16 +60,20 @@ pub(super) async fn add(
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Change {
     Run(RunKey),
+    /// An entrant of a competition is described otherwise.
+    Entrant(EntryKey),
+    /// An entrant has started an attempt.
+    Started(EntryKey),
     /// Games were read from files.
     Imports,
     /// A game that counts has ended, or does not count any more.
     Episode(EpisodeKey),
 }
 
-/// What was committed and concerns boards, until the cache of boards takes it.
-#[derive(Debug)]
+/// What was committed lately and concerns boards.
+#[derive(Debug, Default)]
 pub struct Changes {
-    pending: Mutex<Option<Vec<Change>>>,
+    log: Mutex<Log>,
     /// How often something was committed that a board, or a list of a competition, may show.
     revision: AtomicU64,
     /// How many games were measured.
@@ -77,21 +82,36 @@ pub struct Changes {
     voided: AtomicU64,
 }
 
-impl Default for Changes {
-    fn default() -> Self {
-        Self {
-            pending: Mutex::new(Some(Vec::new())),
-            revision: AtomicU64::new(0),
-            measured: AtomicU64::new(0),
-            voided: AtomicU64::new(0),
-        }
+/// A place in the log of changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LogPosition(u64);
+
+#[derive(Debug, Default)]
+struct Log {
+    changes: VecDeque<Change>,
+    /// How many changes came before the first of them.
+    before: u64,
+}
+
+impl Log {
+    fn end(&self) -> u64 {
+        self.before + self.changes.len() as u64
     }
 }
 
 impl Changes {
-    /// The changes since the last call; `None` if anything may have changed.
-    pub fn take(&self) -> Option<Vec<Change>> {
-        self.pending.lock().expect("nothing panics while it holds this").replace(Vec::new())
+    /// The end of the log. What is read after this call includes all earlier changes.
+    pub fn position(&self) -> LogPosition {
+        LogPosition(self.log().end())
+    }
+
+    /// The changes since a position, and the end of the log; `None` if anything may have changed.
+    pub fn since(&self, position: LogPosition) -> (LogPosition, Option<Vec<Change>>) {
+        let log = self.log();
+        let missed =
+            position.0.checked_sub(log.before).and_then(|missed| usize::try_from(missed).ok());
+        let changes = missed.map(|missed| log.changes.iter().skip(missed).copied().collect());
+        (LogPosition(log.end()), changes)
     }
 
     /// Another number than before, once something was committed that a board, or a list of a competition, may show.
@@ -121,12 +141,17 @@ impl Changes {
                 Entry::EndRun { run, .. } | Entry::VoidRun { run, .. } => {
                     self.add(Change::Run(*run));
                 }
+                Entry::SetEntrant { entry, .. }
+                | Entry::RenameEntrant { entry, .. }
+                | Entry::EraseEntrant { entry, .. } => self.add(Change::Entrant(*entry)),
+                Entry::DescribeEntrant(facts) => self.add(Change::Entrant(facts.entry)),
+                Entry::OpenRun(row) => {
+                    if let Some((entry, _)) = row.attempt {
+                        self.add(Change::Started(entry));
+                    }
+                }
                 // The entry does not name the runs.
-                Entry::SetEntrant { .. }
-                | Entry::DescribeEntrant(_)
-                | Entry::RenameEntrant { .. }
-                | Entry::EraseEntrant { .. }
-                | Entry::Reveal { .. } => self.add_all(),
+                Entry::Reveal { .. } => self.add_all(),
                 Entry::Import { .. } => self.add(Change::Imports),
                 Entry::Measured { .. } => {
                     self.measured.fetch_add(1, Ordering::AcqRel);
@@ -134,7 +159,6 @@ impl Changes {
                 }
                 // Boards show what is over; lists of a competition show more.
                 Entry::Open(_)
-                | Entry::OpenRun(_)
                 | Entry::AddCompetition(_)
                 | Entry::ChangeCompetition { .. }
                 | Entry::CancelCompetition { .. }
@@ -163,16 +187,23 @@ impl Changes {
 
     /// Notes that anything may have changed.
     fn add_all(&self) {
-        *self.pending.lock().expect("nothing panics while it holds this") = None;
+        let mut log = self.log();
+        // One more than there were: whoever has read all of them reads everything again, too.
+        log.before = log.end() + 1;
+        log.changes.clear();
     }
 
     fn add(&self, change: Change) {
-        let mut changes = self.pending.lock().expect("nothing panics while it holds this");
-        match &mut *changes {
-            Some(pending) if pending.len() < CHANGES_MAX => pending.push(change),
-            // All is read again, whatever else comes.
-            _ => *changes = None,
+        let mut log = self.log();
+        if log.changes.len() == CHANGES_MAX {
+            log.changes.pop_front();
+            log.before += 1;
         }
+        log.changes.push_back(change);
+    }
+
+    fn log(&self) -> MutexGuard<'_, Log> {
+        self.log.lock().expect("nothing panics while it holds this")
     }
 }
 
@@ -311,6 +342,12 @@ impl Store {
         let query = sqlx::query("SELECT run FROM episodes WHERE key = ?");
         let run: Option<Option<RunKey>> = self.fetch_optional(query.bind(episode.0)).await?;
         Ok(run.flatten())
+    }
+
+    /// The numbers of the runs of an entrant, in order.
+    pub async fn runs_of_entrant(&self, entry: EntryKey) -> Result<Vec<RunKey>, StoreError> {
+        let query = sqlx::query("SELECT key FROM runs WHERE entry = ? ORDER BY key");
+        self.fetch_all(query.bind(entry.0)).await
     }
 
     /// The games of the runs `first..=last`, in order; none for one that has not ended.

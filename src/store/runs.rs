@@ -52,9 +52,8 @@ pub struct RunFilter {
 const SELECT: &str = "
     SELECT r.key, r.id, r.owner, r.definition, r.digest, r.status, r.entry, r.attempt, r.replays,
            r.closes_at, r.voided_at, r.void_reason, r.created_at, r.ended_at,
-           (SELECT n.competition FROM entries n WHERE n.key = r.entry) AS competition,
-           coalesce((SELECT c.revealed_at IS NOT NULL FROM entries n JOIN competitions c ON c.key = n.competition
-                     WHERE n.key = r.entry), 0) AS revealed
+           r.competition,
+           coalesce((SELECT c.revealed_at IS NOT NULL FROM competitions c WHERE c.key = r.competition), 0) AS revealed
     FROM runs r WHERE ";
 
 impl Store {
@@ -184,9 +183,9 @@ pub(super) async fn open(
     row: &RunRow,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "INSERT INTO runs (key, id, owner, suite, digest, definition, model, visibility, status, entry,
+        "INSERT INTO runs (key, id, owner, suite, digest, definition, model, visibility, status, entry, competition,
                            attempt, replays, created_at, idempotency_key, idempotency_body)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, 'running', ?, ?, ?, ?, ?, ?)",
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, 'running', ?9, (SELECT competition FROM entries WHERE key = ?9), ?10, ?11, ?12, ?13, ?14)",
     )
     .bind(row.run.0)
     .bind(&row.id)
@@ -233,8 +232,7 @@ pub(super) async fn extend(
     closes_at: Timestamp,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "UPDATE runs SET closes_at = ? WHERE attempt = ? AND status = 'running'
-             AND entry IN (SELECT key FROM entries WHERE competition = ?)",
+        "UPDATE runs SET closes_at = ? WHERE attempt = ? AND ended_at IS NULL AND competition = ?",
     )
     .bind(closes_at.as_millisecond())
     .bind(number)

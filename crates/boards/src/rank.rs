@@ -42,6 +42,13 @@ impl View {
     pub fn ranked_by(&self) -> &[TaskName] {
         self.sort.as_ref().map_or(&self.tasks, std::slice::from_ref)
     }
+
+    /// Which of two runs gets the higher rank: `Less` where it is the first.
+    #[must_use]
+    pub fn compare(&self, a: &RunResult, b: &RunResult) -> Ordering {
+        let value = |run: &RunResult| Value::of(run.total(self.ranked_by()));
+        value(a).cmp(&value(b))
+    }
 }
 
 /// A row of a board.
@@ -157,10 +164,9 @@ impl PlayerRuns {
     /// What a board shows of them, if there are any.
     fn pick(&self, view: &View) -> Option<Source> {
         let last = self.runs.last()?;
-        let value = |run: &RunResult| Value::of(run.total(view.ranked_by()));
         let shown = match view.pick {
             _ if self.runs.len() == 1 => last,
-            Pick::Best => self.runs.iter().min_by_key(|run| value(run))?,
+            Pick::Best => self.runs.iter().min_by(|a, b| view.compare(a, b))?,
             Pick::Last => last,
             Pick::Mean => self.together.get_or_init(|| {
                 let runs: Vec<&RunResult> = self.runs.iter().map(|run| &**run).collect();

@@ -75,6 +75,19 @@ pub struct TaskResult {
 }
 
 impl RunResult {
+    /// About how many bytes it takes in memory.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let task = |task: &TaskResult| {
+            size_of::<TaskResult>() + task.scores.len() * size_of::<(Seed, f64)>()
+        };
+        let Run { id, player, status, answer_reader, .. } = &self.run;
+        let owner = player.owner.as_ref().map_or(0, |owner| owner.id.len() + owner.name.len());
+        let reader = answer_reader.as_ref().map_or(0, String::len);
+        let texts = id.len() + status.len() + player.model.len() + owner + reader;
+        size_of::<Self>() + texts + self.tasks.iter().map(task).sum::<usize>()
+    }
+
     /// The result of a run.
     #[must_use]
     pub fn new(run: Run, plan: &[Slot], games: &[Game], is_over: bool) -> Self {

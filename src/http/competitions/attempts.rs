@@ -2,9 +2,11 @@
 
 use super::super::page::{PageParams, ROWS_MAX};
 use super::super::prelude::*;
-use crate::competitions::{self};
-use crate::store::competitions::Declared;
-use swarmbench_protocol::competition::{AttemptList, AttemptSummary};
+use crate::competitions::field::Field;
+use crate::competitions::{self, StoredCompetition};
+use crate::ids::RunKey;
+use crate::keys::OwnerKey;
+use swarmbench_protocol::competition::AttemptList;
 
 /// List the attempts of the caller's entrants; organizers and judges see all.
 #[utoipa::path(
@@ -25,37 +27,36 @@ pub(in super::super) async fn list_attempts(
     Id(id): Id,
     Params(params): Params<PageParams>,
 ) -> Result<Response, ApiError> {
-    let number = caller.needs_key()?.number;
+    let owner = caller.needs_key()?.number;
     let competition = app.competition(&caller, &id).await?;
     if caller.reads_all() {
         let question = format!("attempts of {id} {params:?}");
-        let make = async {
-            let field = app.field(competition, Declared::Short).await?;
-            page(&app, &params, app.heavy.render(move || field.summaries(true)).await??).await
-        };
+        let make = page(&app, &params, &competition, None);
         return app.answers.answer(question, Box::pin(make)).await;
     }
-    let own = match number {
-        Some(_) => {
-            competitions::entrants(&app.store, competition.key, number, Declared::Short).await?
-        }
-        None => Vec::new(),
-    };
-    page(&app, &params, app.part_of_field(competition, own).await?.summaries(false)?).await
+    match owner {
+        Some(_) => page(&app, &params, &competition, owner).await,
+        None => Ok(params.page(&app)?.answer()),
+    }
 }
 
-/// A page of attempts. They stay in the order in which they were started, so a place in the list is a cursor.
+/// A page of the attempts of a competition, or of those of one key, in the order in which they were started.
 async fn page(
     app: &App,
     params: &PageParams,
-    attempts: Vec<AttemptSummary>,
+    competition: &StoredCompetition,
+    owner: Option<OwnerKey>,
 ) -> Result<Response, ApiError> {
-    let mut page = params.page(app)?;
-    let items = (1..).zip(attempts).skip_while(|(place, _)| Some(*place) <= page.place());
-    let items: Vec<_> = items.collect();
-    if items.len() > ROWS_MAX as usize {
-        page.needs_permit().await?;
-    }
-    page.add(u32::MAX, items, Ok)?;
-    Ok(page.answer())
+    let read = |after: Option<i64>, limit| async move {
+        let found =
+            app.store.list_attempts(competition.key, owner, after.map(RunKey), limit).await?;
+        let mut entries: Vec<_> = found.iter().map(|attempt| attempt.entry).collect();
+        entries.sort_unstable();
+        entries.dedup();
+        let entrants = competitions::entrants_among(&app.store, competition.key, &entries).await?;
+        let field = Field::read(&app.store, competition, &entrants, found).await?;
+        let runs = field.attempts.iter().map(|(attempt, _)| attempt.run.0);
+        Ok(runs.zip(field.summaries(owner.is_none())?).collect())
+    };
+    params.page(app)?.fill(ROWS_MAX, read, Ok).await
 }

@@ -1,11 +1,11 @@
 //! `GET /api/v1/competitions/{id}/board`.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize, Serializer};
-use swarmbench_analysis::{Definition, Metric};
+use swarmbench_analysis::{Definition as MetricDefinition, Metric};
 use utoipa::IntoParams;
 
 use super::super::boards::Format;
@@ -16,11 +16,13 @@ use super::super::page::{cursor_by, page_limit};
 use super::super::prelude::*;
 use super::super::ranking::Ranking;
 use crate::competitions::StoredCompetition;
+use crate::competitions::standings::Place;
 use crate::measure::method;
-use crate::store::competitions::Declared;
 use crate::store::metrics::stored_method;
+use swarmbench_boards::competition::definition::Definition;
 use swarmbench_boards::competition::phase::{BoardView, board_view};
-use swarmbench_boards::competition::standings::Part;
+use swarmbench_boards::competition::shown;
+use swarmbench_boards::competition::standings::{Part, standings_of};
 use swarmbench_protocol::competition::{CompetitionBoard, CompetitionRow};
 use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::table::{Table, maybe, text as safe_cell};
@@ -178,16 +180,28 @@ impl App {
         let question = format!("{}: {view:?} {part:?} {category:?}", competition.id);
         let make = async {
             let of = self.rankings.results();
-            let field = self.field(competition, Declared::Short).await?;
-            let field = match category {
-                Some(category) => field.in_category(&category),
-                None => field,
-            };
-            let rank = move || field.shown(part, before, view == BoardView::All).map(Ranking::new);
-            Ok(Cached { of, what: self.heavy.render(rank).await?? })
+            let mut places = self.competitions.places(&competition, part, before).await?;
+            if category.is_some() {
+                places.retain(|(entrant, _)| entrant.category == category);
+            }
+            let rank = move || ranking(&competition.definition, &places, view == BoardView::All);
+            Ok(Cached { of, what: self.heavy.render(rank).await? })
         };
         self.rankings.entry(question, Box::pin(make)).await
     }
+}
+
+/// The rows of a board as they are shown, with the results in each task or without.
+fn ranking(definition: &Definition, places: &[Place], with_tasks: bool) -> Ranking {
+    let places: Vec<_> = places.iter().map(|(entrant, played)| (&**entrant, &**played)).collect();
+    let entrants: HashMap<_, _> =
+        places.iter().map(|(entrant, _)| (entrant.id.as_str(), *entrant)).collect();
+    let rows = standings_of(definition, &places);
+    let rows = rows.iter().filter_map(|row| {
+        let entrant = entrants.get(row.row.entrant.as_str())?;
+        Some(shown::row(row, entrant, with_tasks))
+    });
+    Ranking::new(rows.collect())
 }
 
 /// A page of a board.
@@ -231,7 +245,7 @@ impl<'a> Shown<'a> {
     fn with_metrics(mut self, metrics: &[Metric], means: &Means) -> Self {
         if !metrics.is_empty() {
             self.board.metrics = metrics.iter().map(|metric| metric.name().to_owned()).collect();
-            self.board.metrics_method = Some(method(Definition::Paper));
+            self.board.metrics_method = Some(method(MetricDefinition::Paper));
             for row in &mut self.board.items {
                 row.metrics = row
                     .run

@@ -54,10 +54,8 @@ pub(in super::super) async fn cancel_competition(
             competition.key
         };
         // A repeat ends what a stop of the server has left.
-        for attempt in app.store.attempts(cancelled, None).await? {
-            if attempt.status == RunStatus::Running.name() {
-                app.runs.end(attempt.run, RunStatus::Aborted).await?;
-            }
+        for attempt in app.store.running_attempts(cancelled).await? {
+            app.runs.end(attempt, RunStatus::Aborted).await?;
         }
         let competition = app.stored_competition(&id).await?;
         Ok(JsonBody(shown(&competition, app.clock.wall())))

@@ -7,6 +7,7 @@ use utoipa::IntoParams;
 use super::super::extract::optional_flag;
 use super::super::page::{PageParams, ROWS_MAX};
 use super::super::prelude::*;
+use crate::competitions::field::Field;
 use crate::competitions::{self, StoredEntrant};
 use crate::ids::EntryKey;
 use swarmbench_protocol::competition::{EntrantDetail, EntrantList, EntrantSummary};
@@ -94,7 +95,8 @@ pub(in super::super) async fn show_entrant(
             "the results of an entrant can be read with its own key only; the board is at …/board";
         return Err(ApiError::new(Code::Forbidden, detail));
     }
-    let field = app.part_of_field(competition, vec![stored.clone()]).await?;
+    let own = std::slice::from_ref(&stored);
+    let field = Field::of_entrants(&app.store, &competition, own).await?;
     let mut attempts = field.summaries(caller.reads_all())?;
     attempts.drain(..attempts.len().saturating_sub(ATTEMPTS_SHOWN_MAX));
     let contact =

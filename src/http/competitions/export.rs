@@ -13,21 +13,22 @@ use super::super::episodes::journal::JournalReader;
 use super::super::page::ROWS_MAX;
 use super::super::prelude::*;
 use super::super::stream::Parts;
-use super::Field;
 use crate::budget::Reservation;
+use crate::competitions::field::Field;
 use crate::competitions::{self, StoredCompetition, StoredEntrant};
-use crate::ids::{CompetitionKey, EpisodeId};
+use crate::ids::{EpisodeId, RunKey};
 use crate::store::StoreError;
 use crate::store::audit::ShownAction;
-use crate::store::competitions::Declared;
+use crate::store::competitions::{Declared, StoredAttempt};
 use crate::store::journals::{GAMES_AT_ONCE, StoredJournal};
 use crate::store::port::StoredEpisode;
+use swarmbench_boards::competition::definition::Definition;
 use swarmbench_boards::competition::entrant::Entrant;
 use swarmbench_boards::competition::export::{
     Action, Attempt, Board, CANCEL, CHANGE, Competition, End, Episode, FIRST_FORMAT, FORMAT, Game,
     Line, Writer, fits_first_format,
 };
-use swarmbench_boards::competition::standings::Part;
+use swarmbench_boards::competition::standings::{Part, Played, standings_of};
 
 /// Export a competition (JSON Lines): its seeds and salt, its entrants, every attempt with the complete journals of
 /// its games, and the board.
@@ -78,9 +79,8 @@ pub(in super::super) async fn export_competition(
     let needs_newer = !fits_first_format(&competition.definition)
         || actions.iter().any(|action| [CHANGE, CANCEL].contains(&action.action.as_str()));
     let format = params.format.unwrap_or(if needs_newer { FORMAT } else { FIRST_FORMAT });
-    let field = app.field(competition, Declared::Short).await?;
-    let lines = app.streams.in_parts(Reader::new(app.clone(), &field, actions, format)?).await?;
-    drop(field);
+    let lines = Reader::new(app.clone(), competition, actions, format).await?;
+    let lines = app.streams.in_parts(lines).await?;
     let name = format!("attachment; filename=\"{id}.jsonl\"");
     let kind = [
         (header::CONTENT_TYPE, accept::file_type(&headers, "application/x-ndjson").to_owned()),
@@ -120,19 +120,46 @@ async fn actions(app: &App, competition: &StoredCompetition) -> Result<Vec<Actio
 /// Bytes that an entrant, an attempt or a game takes in memory until it is written.
 const RECORD_BYTES: usize = 512;
 
-/// Writes an export piece by piece: it keeps the results of all games, but only a few rounds of one.
+/// Bytes of the result of an attempt that counts, without its games, and of one of these.
+const RESULT_BYTES: usize = 2048;
+const SCORE_BYTES: usize = 16;
+
+/// Attempts that are read at once.
+const ATTEMPTS_AT_ONCE: u32 = 64;
+
+/// Writes an export piece by piece: it keeps what counts of each entrant, but only a few attempts and a few rounds of a game.
 struct Reader {
     app: App,
     writer: Writer,
+    competition: StoredCompetition,
+    /// As the file has it.
+    definition: Definition,
+    is_first_format: bool,
+    /// Without what they declared at length.
+    entrants: Vec<StoredEntrant>,
+    /// What each of them has played, of the attempts that were read.
+    played: Vec<Played>,
+    left: Left,
     /// What comes next, but for the journals of games.
     pieces: VecDeque<Piece>,
     /// The next games, whose journals were read or begun.
     begun: VecDeque<(u32, StoredJournal)>,
     journal: Option<JournalReader>,
     episodes: usize,
-    competition: CompetitionKey,
-    /// The memory of the pieces and of the journals that were begun.
+    /// The memory of all this.
     _room: Reservation,
+}
+
+/// What is to be read of the attempts.
+#[derive(Clone, Copy, Debug)]
+enum Left {
+    Attempts {
+        after: Option<RunKey>,
+        /// The last one when the export began: each up to it has its entrant.
+        last: RunKey,
+    },
+    Board,
+    Nothing,
 }
 
 enum Piece {
@@ -147,17 +174,27 @@ enum Piece {
 }
 
 impl Reader {
-    fn new(app: App, field: &Field, actions: Vec<Action>, format: u32) -> Result<Self, ApiError> {
+    async fn new(
+        app: App,
+        competition: StoredCompetition,
+        actions: Vec<Action>,
+        format: u32,
+    ) -> Result<Self, ApiError> {
         let hex = |bytes: &[u8]| data_encoding::HEXLOWER.encode(bytes);
+        // Entrants after the attempts: each attempt has its entrant, also if another one registers meanwhile.
+        let last = app.store.last_attempt(competition.key).await?;
+        let entrants =
+            competitions::entrants(&app.store, competition.key, None, Declared::Short).await?;
         let StoredCompetition {
             id, definition, sealed, commitment, created_at, revealed_at, ..
-        } = &field.competition;
+        } = &competition;
         let seeds = sealed.seeds.iter().map(|seed| hex(seed)).collect();
         let mut pieces = VecDeque::new();
         let record = |pieces: &mut VecDeque<Piece>, line| {
             pieces.push_back(Piece::Record(Box::new(line)));
         };
-        let competition = Competition {
+        let games = definition.games();
+        let head = Competition {
             format,
             id: id.clone(),
             definition: definition.clone(),
@@ -167,26 +204,86 @@ impl Reader {
             salt: hex(&sealed.salt),
             seeds,
         };
-        let is_first = format == FIRST_FORMAT;
-        let competition = if is_first { competition.in_first_format() } else { competition };
-        let definition = competition.definition.clone();
-        record(&mut pieces, Line::Competition(Box::new(competition)));
-        for action in actions.into_iter().filter(|_| !is_first) {
+        let is_first_format = format == FIRST_FORMAT;
+        let head = if is_first_format { head.in_first_format() } else { head };
+        let definition = head.definition.clone();
+        record(&mut pieces, Line::Competition(Box::new(head)));
+        for action in actions.into_iter().filter(|_| !is_first_format) {
             record(&mut pieces, Line::Action(action));
         }
-        for StoredEntrant { entrant, published, .. } in &field.entrants {
+        for StoredEntrant { entrant, published, .. } in &entrants {
             let mut entrant = entrant.clone();
             entrant.name = published.clone().unwrap_or(entrant.name);
-            let entrant = if is_first { entrant.in_first_format() } else { entrant };
+            let entrant = if is_first_format { entrant.in_first_format() } else { entrant };
             pieces.push_back(Piece::Entrant(Box::new(entrant)));
         }
-        for (stored, games) in &field.attempts {
+        let of_entrant = 2 * RECORD_BYTES + RESULT_BYTES + games * SCORE_BYTES;
+        let of_attempts = ATTEMPTS_AT_ONCE as usize * (1 + games) * RECORD_BYTES;
+        // Journals that were read take about as much as one part of the export.
+        let bytes = entrants.len() * of_entrant + of_attempts + app.limits.stream_part_bytes_max;
+        Ok(Self {
+            _room: app.registry.room(bytes)?,
+            app,
+            writer: Writer::default(),
+            competition,
+            definition,
+            is_first_format,
+            played: vec![Played::default(); entrants.len()],
+            entrants,
+            left: last.map_or(Left::Board, |last| Left::Attempts { after: None, last }),
+            pieces,
+            begun: VecDeque::new(),
+            journal: None,
+            episodes: 0,
+        })
+    }
+
+    /// Reads what comes next of the attempts, or makes the board; false if all was read.
+    async fn read(&mut self) -> Result<bool, StoreError> {
+        match self.left {
+            Left::Attempts { after, last } => {
+                let competition = self.competition.key;
+                let store = &self.app.store;
+                let mut found =
+                    store.list_attempts(competition, None, after, ATTEMPTS_AT_ONCE).await?;
+                found.retain(|attempt| attempt.run <= last);
+                let newest = found.last().map(|attempt| attempt.run);
+                self.add_attempts(found).await?;
+                self.left = match newest {
+                    Some(newest) if newest < last => Left::Attempts { after: Some(newest), last },
+                    _ => Left::Board,
+                };
+            }
+            Left::Board => {
+                let entrants = self.entrants.iter().map(|stored| &stored.entrant);
+                let places: Vec<_> = entrants.zip(&self.played).collect();
+                let ranked = standings_of(&self.definition, &places);
+                let rows = ranked.into_iter().map(|standing| standing.row).collect();
+                self.pieces.push_back(Piece::Record(Box::new(Line::Board(Board { rows }))));
+                self.pieces.push_back(Piece::End);
+                self.left = Left::Nothing;
+            }
+            Left::Nothing => return Ok(false),
+        }
+        Ok(true)
+    }
+
+    async fn add_attempts(&mut self, attempts: Vec<StoredAttempt>) -> Result<(), StoreError> {
+        let Self { app, competition, definition, entrants, played, pieces, .. } = self;
+        let field = Field::read(&app.store, competition, entrants, attempts).await?;
+        for pair in &field.attempts {
+            let (stored, games) = pair;
+            let place = field.place_of(stored);
+            let place = place.ok_or_else(|| StoreError::broken("an attempt without an entrant"))?;
+            let entrant = &entrants[place].entrant;
+            let of_board = field.attempt(pair)?.part(definition, Part::Final);
+            played[place].add(definition, entrant, &of_board);
             let is_broken = stored.void_reason.is_some();
             let games: Vec<_> = games.iter().filter(|game| game.is_over() && !is_broken).collect();
             let attempt = Attempt {
-                entrant: field.entrant_of(stored)?.entrant.id.clone(),
+                entrant: entrant.id.clone(),
                 attempt: stored.number,
-                replays: stored.replays.filter(|_| !is_first),
+                replays: stored.replays.filter(|_| !self.is_first_format),
                 run: stored.id.clone(),
                 status: stored.status.clone(),
                 created_at: stored.created_at,
@@ -201,40 +298,22 @@ impl Reader {
                     })
                     .collect(),
             };
-            record(&mut pieces, Line::Attempt(attempt));
+            pieces.push_back(Piece::Record(Box::new(Line::Attempt(attempt))));
             for game in games.into_iter().filter(|game| game.counts()) {
                 pieces.push_back(Piece::Episode { slot: game.slot, id: game.id.clone() });
             }
         }
-        let ranked = field.standings(&definition, Part::Final, None)?;
-        let rows = ranked.into_iter().map(|standing| standing.row).collect();
-        record(&mut pieces, Line::Board(Board { rows }));
-        pieces.push_back(Piece::End);
-        let games: usize = field.attempts.iter().map(|(_, games)| games.len()).sum();
-        let records = field.entrants.len() + field.attempts.len() + games;
-        // Journals that were read take about as much as one part of the export.
-        let bytes = records * RECORD_BYTES + app.limits.stream_part_bytes_max;
-        Ok(Self {
-            _room: app.registry.room(bytes)?,
-            competition: field.competition.key,
-            app,
-            writer: Writer::default(),
-            pieces,
-            begun: VecDeque::new(),
-            journal: None,
-            episodes: 0,
-        })
+        Ok(())
     }
 
     /// Reads the journals of the next games, about as many as `bytes_max` bytes have room for.
     async fn begin(&mut self, bytes_max: usize) -> Result<(), StoreError> {
-        let next = self.pieces.iter().map_while(|piece| match piece {
+        let next = self.pieces.iter().filter_map(|piece| match piece {
             Piece::Episode { slot, id } => Some((*slot, id.clone())),
             Piece::Record(_) | Piece::Entrant(_) | Piece::End => None,
         });
         let (slots, ids): (Vec<_>, Vec<_>) = next.take(GAMES_AT_ONCE).unzip();
         let journals = self.app.store.journals(&ids, bytes_max).await?;
-        self.pieces.drain(..journals.len());
         self.begun.extend(slots.into_iter().zip(journals));
         Ok(())
     }
@@ -246,7 +325,7 @@ impl Reader {
             Some(Piece::Record(line)) => *line,
             Some(Piece::Entrant(entrant)) => {
                 let found =
-                    competitions::find_entrant(&self.app.store, self.competition, &entrant.id)
+                    competitions::find_entrant(&self.app.store, self.competition.key, &entrant.id)
                         .await?;
                 let missing =
                     || StoreError::Missing(format!("{} is not there any more", entrant.id).into());
@@ -279,17 +358,21 @@ impl Parts for Reader {
                     Some(lines) => out.extend_from_slice(&lines),
                     None => self.journal = None,
                 }
-            } else if let Some((slot, journal)) = self.begun.pop_front() {
+            } else if let Some(Piece::Episode { .. }) = self.pieces.front() {
+                if self.begun.is_empty() {
+                    self.begin(bytes_max).await?;
+                }
+                let missing = || StoreError::Missing("a game is not there any more".into());
+                let (slot, journal) = self.begun.pop_front().ok_or_else(missing)?;
+                self.pieces.pop_front();
                 self.episodes += 1;
                 let header = episode_record(slot, &journal.stored);
                 out.extend_from_slice(self.writer.line(&Line::Episode(header)).as_bytes());
                 self.journal = Some(JournalReader::of(self.app.store.clone(), journal));
             } else if let Some(line) = self.line().await? {
                 out.extend_from_slice(line.as_bytes());
-            } else if self.pieces.is_empty() {
+            } else if !self.read().await? {
                 break;
-            } else {
-                self.begin(bytes_max).await?;
             }
         }
         Ok(Some(out).filter(|part| !part.is_empty()))

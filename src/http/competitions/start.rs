@@ -146,7 +146,7 @@ async fn start(
     if let Some(doubt) = app.clock.doubt() {
         return Err(ApiError::new(Code::Unavailable, doubt.to_string()).retry_after(DOUBT_PAUSE));
     }
-    let attempts = app.store.attempts(competition.key, Some(entrant.key)).await?;
+    let attempts = app.store.attempts_of(entrant.key).await?;
     let earlier: Vec<Started> = attempts
         .iter()
         .map(|attempt| Started {

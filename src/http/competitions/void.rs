@@ -3,11 +3,11 @@
 use serde_json::json;
 
 use super::super::prelude::*;
-use super::Field;
 use crate::competitions;
+use crate::competitions::field::Field;
 use crate::run::RunStatus;
-use crate::store::competitions::Declared;
 use crate::store::entries::Entry;
+use swarmbench_boards::competition::definition::Definition;
 use swarmbench_protocol::competition::{SeenSeeds, VoidedAttempt};
 use swarmbench_protocol::episode::VoidRequest;
 
@@ -46,16 +46,14 @@ pub(in super::super) async fn void_attempt(
     App::run_detached(async move {
         let competition = app.stored_competition(&id).await?;
         let _lock = app.creations.lock(&format!("void {run}")).await;
-        let attempts = app.store.attempts(competition.key, None).await?;
-        let attempt = attempts.into_iter().find(|attempt| attempt.id == run);
+        let attempt = app.store.find_attempt(competition.key, &run).await?;
         let attempt = attempt.ok_or_else(|| ApiError::not_found("the attempt"))?;
+        let entrants =
+            competitions::entrants_among(&app.store, competition.key, &[attempt.entry]).await?;
         if attempt.void_reason.is_none() {
             let number = attempt.replays.unwrap_or(attempt.number);
             let detail = json!({ "competition": id, "attempt": number, "reason": reason });
-            let entrants =
-                competitions::entrants(&app.store, competition.key, None, Declared::Short).await?;
-            let entrant = entrants.iter().find(|entrant| entrant.key == attempt.entry);
-            let entrant = entrant.map(|entrant| &entrant.entrant.id);
+            let entrant = entrants.first().map(|entrant| &entrant.entrant.id);
             let shown = json!({ "entrant": entrant, "attempt": number, "reason": reason });
             let shown = (competition.key, shown);
             let at = app.clock.wall();
@@ -67,22 +65,20 @@ pub(in super::super) async fn void_attempt(
                 app.store.keep(audit_entries).await?;
             }
         }
-        let field = app.field(competition, Declared::Short).await?;
+        let field = Field::of_entrants(&app.store, &competition, &entrants).await?;
         let summary = field.summaries(true)?;
         let summary = summary.into_iter().find(|summary| summary.run == run);
         let attempt = summary.ok_or_else(|| ApiError::not_found("the attempt"))?;
-        let seen = seen(&field, &run);
+        let seen = seen(&competition.definition, &field, &run);
         Ok(axum::Json(VoidedAttempt { attempt, seen }))
     })
     .await
 }
 
 /// What the entrant of a voided attempt has seen of its seeds; none if it will play again on spare seeds.
-fn seen(field: &Field, run: &str) -> Option<SeenSeeds> {
-    let definition = &field.competition.definition;
-    let (voided, games) = field.attempts.iter().find(|(attempt, _)| attempt.id == run)?;
-    let own = field.attempts.iter().filter(|(attempt, _)| attempt.entry == voided.entry);
-    let used = own.filter(|(attempt, _)| attempt.replays.is_some()).count();
+fn seen(definition: &Definition, field: &Field<'_>, run: &str) -> Option<SeenSeeds> {
+    let (_, games) = field.attempts.iter().find(|(attempt, _)| attempt.id == run)?;
+    let used = field.attempts.iter().filter(|(attempt, _)| attempt.replays.is_some()).count();
     if used < definition.spares as usize {
         return None;
     }

@@ -41,6 +41,16 @@ pub struct Entrant {
 }
 
 impl Entrant {
+    /// About how many bytes it takes in memory, without metadata.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let declared = &self.declaration;
+        let texts = [&declared.prompt_template, &declared.template, &self.reason, &self.category]
+            .map(|text| text.as_ref().map_or(0, String::len));
+        let names = self.id.len() + self.name.len() + declared.model.len();
+        size_of::<Self>() + names + texts.into_iter().sum::<usize>()
+    }
+
     /// The same for programs that know [`FIRST_FORMAT`](super::export::FIRST_FORMAT) only.
     #[must_use]
     pub fn in_first_format(self) -> Self {

@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use swarmbench_engine::{Seed, TaskName};
+use swarmbench_engine::Seed;
 use swarmbench_protocol::board::RowDifference;
 use swarmbench_protocol::failure::Failures;
 
@@ -189,6 +189,82 @@ pub fn tasks_of(definition: &Definition, result: &RunResult) -> Vec<TaskRow> {
     .collect()
 }
 
+/// What an entrant has played, as far as the board is concerned: the attempt that counts, and how many there were.
+///
+/// Attempts may be added in any order. It takes as much memory as one result, however many attempts there are.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Played {
+    counting: Option<Counting>,
+    /// Attempts that are over and were not voided.
+    over: u32,
+    voided: u32,
+    /// Attempts that were started and not voided.
+    started: u32,
+}
+
+/// The attempt that counts.
+#[derive(Clone, Debug, PartialEq)]
+struct Counting {
+    result: Arc<RunResult>,
+    number: u32,
+    replays: Option<u32>,
+    ended_at: Option<Timestamp>,
+}
+
+impl Played {
+    /// Adds an attempt of the entrant, each once.
+    pub fn add(&mut self, definition: &Definition, entrant: &Entrant, attempt: &Attempt) {
+        if attempt.voided {
+            self.voided += 1;
+            return;
+        }
+        self.started += 1;
+        if !attempt.is_over {
+            return;
+        }
+        self.over += 1;
+        let started = (attempt.created_at, attempt.run.as_str());
+        let before = self.counting.as_ref().map(|one| {
+            let run = &one.result.run;
+            (started.cmp(&(run.created_at, run.id.as_str())), &one.result)
+        });
+        let of = || Arc::new(result(definition, entrant, attempt));
+        let result = match (before, definition.counts) {
+            (None, _) | (Some((Ordering::Less, _)), Counts::First) => of(),
+            (Some((Ordering::Greater, _)), Counts::Last) => of(),
+            (Some(_), Counts::First | Counts::Last) => return,
+            (Some((order, counting)), Counts::Best) => {
+                let result = of();
+                let view = view(definition);
+                let order = view.compare(&result, counting).then(order);
+                if order.is_ge() {
+                    return;
+                }
+                result
+            }
+        };
+        let Attempt { number, replays, ended_at, .. } = *attempt;
+        self.counting = Some(Counting { result, number, replays, ended_at });
+    }
+
+    /// About how many bytes it takes in memory.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let of = self.counting.as_ref().map_or(0, |one| one.result.bytes());
+        size_of::<Self>() + of
+    }
+
+    fn result(&self) -> Option<&Arc<RunResult>> {
+        self.counting.as_ref().map(|one| &one.result)
+    }
+}
+
+/// What boards show of the attempts that count.
+fn view(definition: &Definition) -> View {
+    // Each entrant has one, which was chosen before.
+    View { tasks: definition.tasks(), sort: None, pick: Pick::Best }
+}
+
 /// The board of a competition: entrants with a rank in its order, then those without a counting attempt, then those who
 /// withdrew or were disqualified.
 #[must_use]
@@ -197,65 +273,50 @@ pub fn standings(
     entrants: &[Entrant],
     attempts: &[Attempt],
 ) -> Vec<Standing> {
-    let pick = match definition.counts {
-        Counts::Best => Pick::Best,
-        // Where the first counts there is one only.
-        Counts::First | Counts::Last => Pick::Last,
-    };
-    let view = View { tasks: definition.tasks(), sort: None, pick };
-    let mut by_entrant: HashMap<&str, Vec<&Attempt>> = HashMap::new();
+    let places: HashMap<&str, usize> =
+        entrants.iter().enumerate().map(|(place, entrant)| (entrant.id.as_str(), place)).collect();
+    let mut played = vec![Played::default(); entrants.len()];
     for attempt in attempts {
-        by_entrant.entry(&attempt.entrant).or_default().push(attempt);
-    }
-    let attempts_of =
-        |entrant: &Entrant| by_entrant.get(entrant.id.as_str()).map_or(&[][..], Vec::as_slice);
-    let counting = |entrant: &Entrant| -> Vec<Arc<RunResult>> {
-        let own = attempts_of(entrant).iter().copied();
-        let mut own: Vec<&Attempt> =
-            own.filter(|attempt| attempt.is_over && !attempt.voided).collect();
-        own.sort_by_key(|attempt| (attempt.created_at, &attempt.run));
-        if definition.counts == Counts::First {
-            own.truncate(1);
+        if let Some(&place) = places.get(attempt.entrant.as_str()) {
+            played[place].add(definition, &entrants[place], attempt);
         }
-        own.iter().map(|attempt| Arc::new(result(definition, entrant, attempt))).collect()
-    };
-    let is_active = |entrant: &&Entrant| entrant.status == EntrantStatus::Active;
-    let (active, gone): (Vec<&Entrant>, Vec<&Entrant>) = entrants.iter().partition(is_active);
-    let runs: Vec<_> = active.iter().flat_map(|entrant| counting(entrant)).collect();
+    }
+    let all: Vec<_> = entrants.iter().zip(&played).collect();
+    standings_of(definition, &all)
+}
+
+/// As [`standings`], of entrants with what each has played.
+#[must_use]
+pub fn standings_of(definition: &Definition, entrants: &[(&Entrant, &Played)]) -> Vec<Standing> {
+    let view = view(definition);
+    let is_active = |(entrant, _): &&(&Entrant, &Played)| entrant.status == EntrantStatus::Active;
+    let (active, gone): (Vec<_>, Vec<_>) =
+        entrants.iter().copied().partition(|one| is_active(&one));
+    let runs: Vec<_> =
+        active.iter().filter_map(|(_, played)| played.result().map(Arc::clone)).collect();
     let mut ranked = rank(&runs, [], &view);
-    let standing = |entrant: &Entrant, of: Option<&Ranked>, difference| {
-        let own = attempts_of(entrant);
-        let row = row(entrant, of, own, &view.tasks, definition);
-        let counts = own.iter().find(|attempt| Some(&attempt.run) == row.run.as_ref());
-        Standing { difference, replays: counts.and_then(|attempt| attempt.replays), row }
+    let by_id: HashMap<&str, (&Entrant, &Played)> =
+        active.iter().map(|&of| (of.0.id.as_str(), of)).collect();
+    let entrant_of = |row: &Ranked| {
+        let owner = row.shown()?.run.player.owner.as_ref()?;
+        by_id.get(owner.id.as_str()).copied()
     };
-    let entrant_of = |row: &Ranked| Some(row.shown()?.run.player.owner.as_ref()?.id.clone());
-    let mut rows: Vec<Standing> = Vec::with_capacity(entrants.len());
-    let by_id: HashMap<&str, &Entrant> = active.iter().map(|e| (e.id.as_str(), *e)).collect();
     if !definition.tie_breaks.is_empty() {
-        let facts = |of: &Ranked| {
-            let entrant = entrant_of(of).and_then(|id| by_id.get(id.as_str()).copied());
-            Facts::of(of, entrant.map_or(&[][..], attempts_of))
-        };
+        let facts = |of: &Ranked| Facts::of(of, entrant_of(of).map(|(_, played)| played));
         break_ties(&mut ranked, &definition.tie_breaks, facts);
     }
+    let mut rows: Vec<Standing> = Vec::with_capacity(entrants.len());
     for (place, of) in ranked.iter().enumerate() {
-        let entrant = entrant_of(of).and_then(|id| by_id.get(id.as_str()));
         let above = difference_above(&ranked, place, &view.tasks);
-        let difference = above.and_then(|(to, of)| Some(row_difference(entrant_of(to)?, of)));
-        rows.extend(entrant.map(|entrant| standing(entrant, Some(of), difference)));
+        let difference =
+            above.and_then(|(to, of)| Some(row_difference(entrant_of(to)?.0.id.clone(), of)));
+        rows.extend(entrant_of(of).map(|one| {
+            let rank = of.rank;
+            Standing { difference, ..standing(definition, &view, rank, one) }
+        }));
     }
-    let ranked: HashSet<String> = rows.iter().map(|of| of.row.entrant.clone()).collect();
-    for entrant in active.iter().filter(|entrant| !ranked.contains(&entrant.id)) {
-        rows.push(standing(entrant, None, None));
-    }
-    for entrant in gone {
-        let mut alone = rank(&counting(entrant), [], &view);
-        for of in &mut alone {
-            of.rank = None;
-        }
-        rows.push(standing(entrant, alone.first(), None));
-    }
+    let without = active.into_iter().filter(|(_, played)| played.counting.is_none());
+    rows.extend(without.chain(gone).map(|one| standing(definition, &view, None, one)));
     rows
 }
 
@@ -264,23 +325,22 @@ struct Facts {
     answers: u64,
     invalid: u64,
     timeouts: u64,
-    attempts: usize,
+    attempts: u32,
     ended_at: Option<Timestamp>,
 }
 
 impl Facts {
-    fn of(ranked: &Ranked, attempts: &[&Attempt]) -> Self {
+    fn of(ranked: &Ranked, played: Option<&Played>) -> Self {
         let shown = ranked.shown();
         let sum = |of: fn(&crate::result::TaskResult) -> u64| {
             shown.map_or(0, |shown| shown.tasks.iter().map(of).sum())
         };
-        let counts = attempts.iter().find(|one| shown.is_some_and(|run| run.run.id == one.run));
         Self {
             answers: sum(|task| task.answers),
             invalid: sum(|task| task.invalid),
             timeouts: sum(|task| task.timeouts),
-            attempts: attempts.iter().filter(|one| !one.voided).count(),
-            ended_at: counts.and_then(|one| one.ended_at),
+            attempts: played.map_or(0, |played| played.started),
+            ended_at: played.and_then(|played| played.counting.as_ref()?.ended_at),
         }
     }
 
@@ -329,18 +389,13 @@ fn break_ties(rows: &mut [Ranked], rules: &[TieBreak], facts: impl Fn(&Ranked) -
     }
 }
 
-fn row(
-    entrant: &Entrant,
-    ranked: Option<&Ranked>,
-    attempts: &[&Attempt],
-    tasks: &[TaskName],
+fn standing(
     definition: &Definition,
-) -> Row {
-    let own = || attempts.iter().copied();
-    let shown = ranked.and_then(Ranked::shown);
-    let count = |of: &dyn Fn(&&Attempt) -> bool| {
-        u32::try_from(own().filter(of).count()).unwrap_or(u32::MAX)
-    };
+    view: &View,
+    rank: Option<u32>,
+    (entrant, played): (&Entrant, &Played),
+) -> Standing {
+    let shown = played.result();
     let sum = |of: fn(&crate::result::TaskResult) -> u64| {
         shown.map_or(0, |shown| shown.tasks.iter().map(of).sum())
     };
@@ -348,25 +403,26 @@ fn row(
     for task in shown.iter().flat_map(|shown| &shown.tasks) {
         failures.add(task.failures);
     }
-    let run = shown.map(|shown| shown.run.id.clone());
-    Row {
-        rank: ranked.and_then(|ranked| ranked.rank),
+    let row = Row {
+        rank,
         entrant: entrant.id.clone(),
-        attempt: own().find(|attempt| Some(&attempt.run) == run.as_ref()).map(|a| a.number),
-        run,
+        attempt: played.counting.as_ref().map(|one| one.number),
+        run: shown.map(|shown| shown.run.id.clone()),
         run_status: shown.map(|shown| shown.run.status.clone()),
         tasks: shown.map_or(Vec::new(), |shown| tasks_of(definition, shown)),
-        total: shown.and_then(|shown| shown.total(tasks)),
+        total: shown.and_then(|shown| shown.total(&view.tasks)),
         answers: sum(|task| task.answers),
         invalid: sum(|task| task.invalid),
         failures,
         timeouts: sum(|task| task.timeouts),
         voided_games: u32::try_from(sum(|task| task.voided.into())).unwrap_or(u32::MAX),
-        attempts: count(&|attempt| attempt.is_over && !attempt.voided),
-        voided_attempts: count(&|attempt| attempt.voided),
+        attempts: played.over,
+        voided_attempts: played.voided,
         decentralization: decentralization(&definition.settings.control)
             .map(|how| how.name().to_owned()),
-    }
+    };
+    let replays = played.counting.as_ref().and_then(|one| one.replays);
+    Standing { row, difference: None, replays }
 }
 
 #[cfg(test)]

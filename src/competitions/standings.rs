@@ -1,0 +1,245 @@
+//! What the entrants of competitions have played, read once and kept up to date with what is committed: a game that ends
+//! costs one entrant's attempts, however many others there are.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use jiff::Timestamp;
+use quick_cache::Weighter;
+use quick_cache::sync::Cache;
+use tokio::sync::Mutex;
+
+use super::field::Field;
+use super::{StoredCompetition, StoredEntrant, entrants_among, list_entrants};
+use crate::ids::{CompetitionKey, EntryKey, RunKey};
+use crate::store::results::{Change, LogPosition};
+use crate::store::{Store, StoreError};
+use swarmbench_boards::competition::definition::Definition;
+use swarmbench_boards::competition::entrant::Entrant;
+use swarmbench_boards::competition::standings::{Attempt, Part, Played};
+
+/// Bytes of what entrants have played, of all boards together.
+const BYTES_MAX: u64 = 96 * 1024 * 1024;
+
+/// Boards that are expected: a competition has one, or a few where a part of it is hidden.
+const BOARDS: usize = 100;
+
+/// Attempts, entrants or changes that are read at once.
+const CHUNK: u32 = 256;
+
+/// An entrant, with what it has played.
+pub type Place = (Arc<Entrant>, Arc<Played>);
+
+/// What the entrants of all competitions have played.
+#[derive(Debug)]
+pub struct CompetitionStandings {
+    store: Store,
+    boards: Cache<Key, Cached, ByBytes>,
+}
+
+/// A board: some seeds of a competition, and what was over at a time.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Key {
+    competition: CompetitionKey,
+    part: Part,
+    before: Option<Timestamp>,
+}
+
+/// A board, with its size when it was put into the cache.
+#[derive(Clone, Debug)]
+struct Cached {
+    board: Arc<Mutex<Content>>,
+    bytes: u64,
+}
+
+#[derive(Debug)]
+struct Content {
+    definition: Definition,
+    /// Up to where the log of changes is included.
+    position: LogPosition,
+    first_read: FirstRead,
+    places: BTreeMap<EntryKey, Place>,
+}
+
+/// How far the first read has come: a request that is dropped leaves it to the next one.
+#[derive(Clone, Copy, Debug)]
+enum FirstRead {
+    /// Attempts up to this one were read.
+    UpTo(Option<RunKey>),
+    Complete,
+}
+
+#[derive(Clone, Debug)]
+struct ByBytes;
+
+impl Weighter<Key, Cached> for ByBytes {
+    fn weight(&self, _: &Key, cached: &Cached) -> u64 {
+        cached.bytes
+    }
+}
+
+impl CompetitionStandings {
+    pub fn new(store: Store) -> Self {
+        Self { store, boards: Cache::with_weighter(BOARDS, BYTES_MAX, ByBytes) }
+    }
+
+    /// All entrants with what they have played on some of the seeds, of all that was over at a time or of all that is; with
+    /// everything that is durable now.
+    pub async fn places(
+        &self,
+        competition: &StoredCompetition,
+        part: Part,
+        before: Option<Timestamp>,
+    ) -> Result<Vec<Place>, StoreError> {
+        let key = Key { competition: competition.key, part, before };
+        let new = || {
+            let content = Content::new(competition, self.store.writer().changes().position());
+            let bytes = content.bytes();
+            Ok::<_, StoreError>(Cached { board: Arc::new(Mutex::new(content)), bytes })
+        };
+        let cached = self.boards.get_or_insert_with(&key, new)?;
+        let mut content = cached.board.lock().await;
+        self.catch_up(competition, &key, &mut content).await?;
+        let places = content.places.values().cloned().collect();
+        let bytes = content.bytes();
+        drop(content);
+        if bytes != cached.bytes {
+            // One that is too large for the cache is read again for each request.
+            self.boards.insert(key, Cached { board: cached.board, bytes });
+        }
+        Ok(places)
+    }
+
+    /// Reads what has changed. The caller may be dropped at any moment: what was not read yet is read by the next one.
+    async fn catch_up(
+        &self,
+        competition: &StoredCompetition,
+        key: &Key,
+        content: &mut Content,
+    ) -> Result<(), StoreError> {
+        let log = self.store.writer().changes();
+        let (end, missed) = log.since(content.position);
+        if missed.is_none() || content.definition != competition.definition {
+            *content = Content::new(competition, end);
+        }
+        while let FirstRead::UpTo(after) = content.first_read {
+            self.add_entrants(competition, content).await?;
+            let found = self.store.list_attempts(competition.key, None, after, CHUNK).await?;
+            let last = found.last().map(|attempt| attempt.run);
+            let entries: BTreeSet<_> = found.iter().map(|attempt| attempt.entry).collect();
+            let entries: Vec<_> = entries.into_iter().collect();
+            let entrants = entrants_among(&self.store, competition.key, &entries).await?;
+            let field = Field::read(&self.store, competition, &entrants, found).await?;
+            for pair in &field.attempts {
+                if let Some((entrant, played)) = content.places.get_mut(&pair.0.entry) {
+                    let attempt = key.part_of(&competition.definition, field.attempt(pair)?);
+                    Arc::make_mut(played).add(&competition.definition, entrant, &attempt);
+                }
+            }
+            content.first_read =
+                last.map_or(FirstRead::Complete, |last| FirstRead::UpTo(Some(last)));
+        }
+        let (end, Some(changes)) = log.since(content.position) else { return Ok(()) };
+        self.add_entrants(competition, content).await?;
+        let changed = self.changed_entrants(competition.key, changes).await?;
+        for some in changed.chunks(CHUNK as usize) {
+            let entrants = entrants_among(&self.store, competition.key, some).await?;
+            for stored in entrants {
+                let place = self.place(competition, key, &stored).await?;
+                content.places.insert(stored.key, place);
+            }
+        }
+        content.position = end;
+        Ok(())
+    }
+
+    /// Adds the entrants that registered since the last one.
+    async fn add_entrants(
+        &self,
+        competition: &StoredCompetition,
+        content: &mut Content,
+    ) -> Result<(), StoreError> {
+        loop {
+            let after = content.places.last_key_value().map(|(&entry, _)| entry);
+            let found = list_entrants(&self.store, competition.key, None, after, CHUNK).await?;
+            let is_last = found.len() < CHUNK as usize;
+            for StoredEntrant { key, entrant, .. } in found {
+                content.places.insert(key, (Arc::new(entrant), Arc::default()));
+            }
+            if is_last {
+                return Ok(());
+            }
+        }
+    }
+
+    /// The entrants, perhaps of other competitions too, whom some changes concern.
+    async fn changed_entrants(
+        &self,
+        competition: CompetitionKey,
+        changes: Vec<Change>,
+    ) -> Result<Vec<EntryKey>, StoreError> {
+        let mut entries = BTreeSet::new();
+        for some in changes.chunks(CHUNK as usize) {
+            let (mut runs, mut episodes) = (Vec::new(), Vec::new());
+            for change in some {
+                match *change {
+                    Change::Run(run) => runs.push(run),
+                    Change::Episode(episode) => episodes.push(episode),
+                    Change::Entrant(entry) | Change::Started(entry) => drop(entries.insert(entry)),
+                    Change::Imports => {}
+                }
+            }
+            if !(runs.is_empty() && episodes.is_empty()) {
+                entries.extend(self.store.entrants_of(competition, &runs, &episodes).await?);
+            }
+        }
+        Ok(entries.into_iter().collect())
+    }
+
+    /// One entrant with all that it has played.
+    async fn place(
+        &self,
+        competition: &StoredCompetition,
+        key: &Key,
+        stored: &StoredEntrant,
+    ) -> Result<Place, StoreError> {
+        let own = std::slice::from_ref(stored);
+        let field = Field::of_entrants(&self.store, competition, own).await?;
+        let mut played = Played::default();
+        for pair in &field.attempts {
+            let attempt = key.part_of(&competition.definition, field.attempt(pair)?);
+            played.add(&competition.definition, &stored.entrant, &attempt);
+        }
+        Ok((Arc::new(stored.entrant.clone()), Arc::new(played)))
+    }
+}
+
+impl Key {
+    /// What of an attempt this board shows.
+    fn part_of(&self, definition: &Definition, attempt: Attempt) -> Attempt {
+        let mut attempt = attempt.part(definition, self.part);
+        if let Some(before) = self.before {
+            attempt.is_over &= attempt.ended_at.is_some_and(|at| at < before);
+        }
+        attempt
+    }
+}
+
+impl Content {
+    fn new(competition: &StoredCompetition, position: LogPosition) -> Self {
+        Self {
+            definition: competition.definition.clone(),
+            position,
+            first_read: FirstRead::UpTo(None),
+            places: BTreeMap::new(),
+        }
+    }
+
+    /// About how many bytes it takes in memory.
+    fn bytes(&self) -> u64 {
+        let place = |(entrant, played): &Place| {
+            size_of::<Place>() + size_of::<EntryKey>() + entrant.bytes() + played.bytes()
+        };
+        (size_of::<Self>() + self.places.values().map(place).sum::<usize>()) as u64
+    }
+}
