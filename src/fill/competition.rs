@@ -1,4 +1,4 @@
-//! A competition that is over, with its entrants.
+//! A competition with its entrants: one that is over, or a large one that is still open.
 
 use std::time::Duration;
 
@@ -19,11 +19,55 @@ use crate::store::competitions::Declared;
 use crate::store::entries::{CompetitionRow, EntrantRow, Entry, Secret};
 use swarmbench_engine::TaskName;
 
-/// Sealed seeds of an attempt; every task is played once on each.
+/// Sealed seeds of an attempt in a competition that is over; every task is played once on each.
 const SEEDS: u32 = 20;
+
+/// Games of an attempt in one that is open: of a single game the total would be its score.
+pub(super) const OPEN_GAMES: u64 = 2;
+
+/// How long a large competition is still open.
+const OPEN_FOR: Duration = Duration::from_hours(30 * 24);
 
 /// The fewest entrants: a board of one tells nothing.
 const ENTRANTS_MIN: u64 = 2;
+
+/// What a competition is like.
+pub(super) struct Shape {
+    entrants: u64,
+    /// Attempts of each.
+    attempts: u32,
+    tasks: Vec<String>,
+    seeds: u32,
+    closes_at: Timestamp,
+    pub(super) is_over: bool,
+}
+
+impl Shape {
+    /// One that is over, of about as many games, with one attempt for each entrant.
+    pub(super) fn over(filling: &Filling, games: u64) -> Self {
+        let tasks = TaskName::ALL.map(|task| task.name().to_owned()).to_vec();
+        Self {
+            entrants: (games / (tasks.len() as u64 * u64::from(SEEDS))).max(ENTRANTS_MIN),
+            attempts: 1,
+            tasks,
+            seeds: SEEDS,
+            closes_at: after(filling.since, SPAN + REST / 2),
+            is_over: true,
+        }
+    }
+
+    /// One that is open, with attempts of two games.
+    pub(super) fn open(filling: &Filling, entrants: u32, attempts: u32) -> Self {
+        Self {
+            entrants: entrants.into(),
+            attempts,
+            tasks: vec![TaskName::Foraging.name().to_owned()],
+            seeds: u32::try_from(OPEN_GAMES).expect("a small number"),
+            closes_at: after(filling.since, SPAN + REST + OPEN_FOR),
+            is_over: false,
+        }
+    }
+}
 
 /// A competition as it was announced, and who takes part.
 pub(super) struct Competition {
@@ -32,24 +76,25 @@ pub(super) struct Competition {
     definition: Announced,
     sealed: Sealed,
     entrants: Vec<(EntryKey, OwnerKey, Declaration)>,
+    pub(super) is_over: bool,
 }
 
 impl Competition {
-    /// Writes a competition with as many entrants as play about `games` games, without their attempts.
+    /// Writes a competition with its entrants, without their attempts.
     pub(super) async fn create(
         filling: &Filling,
         number: u64,
-        games: u64,
+        shape: Shape,
     ) -> Result<Self, FillError> {
+        let Shape { entrants: count, attempts, tasks, seeds, closes_at, is_over } = shape;
         let entropy = filling.entropy(b'c', number);
         let at = filling.since;
         let opens_at = at;
-        let closes_at = after(at, SPAN + REST / 2);
         let definition = Announced {
             name: format!("Cup {}", number + 1),
             description: "Small games by drawn acts.".to_owned(),
-            tasks: TaskName::ALL.map(|task| task.name().to_owned()).to_vec(),
-            seeds: SEEDS,
+            tasks,
+            seeds,
             rules: "paper".to_owned(),
             settings: swarmbench_protocol::suite::SuiteSettings {
                 round_deadline_ms: Some(60_000),
@@ -59,7 +104,7 @@ impl Competition {
             opens_at,
             closes_at,
             entry: Admission::Anybody,
-            attempts: vec![Window { opens_at, closes_at }],
+            attempts: vec![Window { opens_at, closes_at }; attempts as usize],
             spares: 0,
             parallel: 5,
             counts: Counts::Best,
@@ -93,7 +138,6 @@ impl Competition {
         store.keep(vec![Entry::AddCompetition(Box::new(row))]).await?;
         let missing = || StoreError::Missing("the competition is not there".into());
         let key = competitions::find(store, &id).await?.ok_or_else(missing)?.key;
-        let count = (games / definition.games() as u64).max(ENTRANTS_MIN);
         let mut entries = Vec::new();
         for entrant in 0..count {
             let name = format!("Team {}", entrant + 1);
@@ -133,11 +177,12 @@ impl Competition {
         store.keep(entries).await?;
         let stored = competitions::entrants(store, key, None, Declared::Whole).await?;
         let entrants = stored.into_iter().map(|one| (one.key, one.owner, one.entrant.declaration));
-        Ok(Self { key, id, definition, sealed, entrants: entrants.collect() })
+        Ok(Self { key, id, definition, sealed, entrants: entrants.collect(), is_over })
     }
 
-    pub(super) fn entrants(&self) -> usize {
-        self.entrants.len()
+    /// Attempts of all entrants.
+    pub(super) fn attempts(&self) -> usize {
+        self.entrants.len() * self.definition.attempts.len()
     }
 
     /// Games of an attempt.
@@ -149,18 +194,16 @@ impl Competition {
         self.definition.closes_at
     }
 
-    /// An entrant's number, and whose it is.
-    pub(super) fn entry(&self, entrant: usize) -> (EntryKey, OwnerKey) {
-        let (entry, owner, _) = &self.entrants[entrant];
-        (*entry, *owner)
-    }
-
-    /// The only attempt of an entrant.
-    pub(super) fn run(&self, entrant: usize) -> Result<Definition, String> {
-        let (_, _, declaration) = &self.entrants[entrant];
-        let seeds = self.sealed.of_attempt(1, self.definition.seeds);
-        let run = self.definition.run(&self.id, declaration, 1, seeds);
-        run.ok_or_else(|| "there is no attempt".to_owned())
+    /// One of the attempts of all entrants: first the first of each, then the second. Whose it is, its number, and what is played.
+    pub(super) fn attempt(
+        &self,
+        index: usize,
+    ) -> Result<((EntryKey, u32), OwnerKey, Definition), String> {
+        let (entry, owner, declaration) = &self.entrants[index % self.entrants.len()];
+        let number = u32::try_from(index / self.entrants.len() + 1).map_err(|e| e.to_string())?;
+        let seeds = self.sealed.of_attempt(number, self.definition.seeds);
+        let run = self.definition.run(&self.id, declaration, number, seeds);
+        Ok(((*entry, number), *owner, run.ok_or("there is no attempt")?))
     }
 }
 

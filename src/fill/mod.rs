@@ -24,7 +24,7 @@ use crate::run::definition::{self, Definition};
 use crate::run::new_id;
 use crate::store::entries::{Entry, RunRow};
 use crate::store::{OpenError, Store, StoreError};
-use competition::Competition;
+use competition::{Competition, OPEN_GAMES, Shape};
 use game::NewGame;
 
 /// Games of a run.
@@ -55,7 +55,7 @@ const REST: Duration = Duration::from_hours(24);
 /// Pieces that are made, or wait for the disk, at a time: the memory that is used is theirs.
 const PIECES_AT_ONCE: usize = 4;
 
-/// Single episodes of a piece.
+/// Single episodes of a piece, and attempts of few games.
 const PIECE_EPISODES: u64 = 100;
 
 /// What a database is filled with.
@@ -65,6 +65,10 @@ pub struct Fill {
     pub episodes: u64,
     /// How many more that wait for their first act.
     pub unfinished: u64,
+    /// Entrants of one more competition, which is still open; none where it is 0.
+    pub entrants: u32,
+    /// Attempts of each of them, of two games each.
+    pub attempts: u32,
     /// Agents of each.
     pub agents: u16,
     /// Rounds of each, at most: some tasks end earlier.
@@ -115,8 +119,14 @@ enum Piece {
     Run { run: RunKey, first: EpisodeKey },
     /// Episodes of their own, to their end or before their first act.
     Singles { first: EpisodeKey, count: u64, ended: bool },
-    /// An attempt in a competition, with all its games.
-    Attempt { competition: Arc<Competition>, entrant: usize, run: RunKey, first: EpisodeKey },
+    /// Attempts in a competition, with all their games: `count` from the one with this index on.
+    Attempts {
+        competition: Arc<Competition>,
+        index: usize,
+        count: usize,
+        run: RunKey,
+        first: EpisodeKey,
+    },
 }
 
 struct Filling {
@@ -160,7 +170,7 @@ impl Filling {
             acts += of_these;
             progress(episodes, of);
         }
-        for competition in &made.competitions {
+        for competition in made.competitions.iter().filter(|competition| competition.is_over) {
             let at = competition.closes_at();
             filling.store.keep(vec![Entry::Reveal { competition: competition.key, at }]).await?;
         }
@@ -195,7 +205,7 @@ impl Filling {
         let mut made = Made { episodes: 0, runs: 0, competitions: Vec::new() };
         let mut pieces = Vec::new();
         for number in 0..count {
-            let cup = Competition::create(self, number, each).await?;
+            let cup = Competition::create(self, number, Shape::over(self, each)).await?;
             made.competitions.push(Arc::new(cup));
         }
         let mut cups = made.competitions.clone().into_iter();
@@ -205,10 +215,8 @@ impl Filling {
             if made.episodes >= begun
                 && let Some(competition) = cups.next()
             {
-                for entrant in 0..competition.entrants() {
-                    let (run, first) = made.next_run(competition.games());
-                    let competition = Arc::clone(&competition);
-                    pieces.push(Piece::Attempt { competition, entrant, run, first });
+                for index in 0..competition.attempts() {
+                    pieces.push(made.attempts(&competition, index, 1));
                 }
             }
             let (run, first) = made.next_run(RUN_GAMES);
@@ -217,6 +225,16 @@ impl Filling {
                 let first = made.next(PIECE_EPISODES);
                 pieces.push(Piece::Singles { first, count: PIECE_EPISODES, ended: true });
             }
+        }
+        if self.fill.entrants > 0 {
+            let shape = Shape::open(self, self.fill.entrants, self.fill.attempts);
+            let cup = Arc::new(Competition::create(self, count, shape).await?);
+            let at_once = usize::try_from(PIECE_EPISODES).unwrap_or(1);
+            for index in (0..cup.attempts()).step_by(at_once) {
+                let count = at_once.min(cup.attempts() - index);
+                pieces.push(made.attempts(&cup, index, count));
+            }
+            made.competitions.push(cup);
         }
         let mut left = self.fill.unfinished;
         while left > 0 {
@@ -230,7 +248,8 @@ impl Filling {
     /// When an episode is created: they are evenly spread.
     fn at(&self, episode: EpisodeKey) -> Timestamp {
         let millis = u128::from(episode.0.unsigned_abs()) * SPAN.as_millis();
-        let all = self.fill.episodes + self.fill.unfinished;
+        let of_attempts = u64::from(self.fill.entrants) * u64::from(self.fill.attempts);
+        let all = self.fill.episodes + of_attempts * OPEN_GAMES + self.fill.unfinished;
         let millis = millis / u128::from(all.max(1));
         let at = after(self.since, Duration::from_millis(u64::try_from(millis).unwrap_or(0)));
         // The database keeps milliseconds.
@@ -253,10 +272,16 @@ impl Filling {
                 let definition = definition(suite.clone(), format!("model-{}", number % MODELS));
                 self.run(run, first, &definition, None, Some(owner(number)))
             }
-            Piece::Attempt { competition, entrant, run, first } => {
-                let definition = competition.run(entrant)?;
-                let (entry, owner) = competition.entry(entrant);
-                self.run(run, first, &definition, Some((entry, 1)), Some(owner))
+            Piece::Attempts { competition, index, count, run, first } => {
+                let mut entries = Vec::new();
+                let games = competition.games().cast_signed();
+                for (index, place) in (index..).zip(0_i64..).take(count) {
+                    let (attempt, owner, definition) = competition.attempt(index)?;
+                    let (run, first) = (RunKey(run.0 + place), EpisodeKey(first.0 + place * games));
+                    let of = self.run(run, first, &definition, Some(attempt), Some(owner))?;
+                    entries.extend(of);
+                }
+                Ok(entries)
             }
             Piece::Singles { first, count, ended } => {
                 let mut entries = Vec::new();
@@ -337,7 +362,7 @@ impl Piece {
         match self {
             Self::Run { .. } => RUN_GAMES,
             Self::Singles { count, .. } => *count,
-            Self::Attempt { competition, .. } => competition.games(),
+            Self::Attempts { competition, count, .. } => competition.games() * *count as u64,
         }
     }
 }
@@ -354,6 +379,15 @@ impl Made {
     fn next_run(&mut self, games: u64) -> (RunKey, EpisodeKey) {
         self.runs += 1;
         (RunKey(self.runs.cast_signed()), self.next(games))
+    }
+
+    /// The next attempts in a competition.
+    fn attempts(&mut self, competition: &Arc<Competition>, index: usize, count: usize) -> Piece {
+        let (run, first) = (RunKey(self.runs.cast_signed() + 1), self.episodes + 1);
+        let first = EpisodeKey(first.cast_signed());
+        self.runs += count as u64;
+        self.episodes += count as u64 * competition.games();
+        Piece::Attempts { competition: Arc::clone(competition), index, count, run, first }
     }
 
     /// The number of the first of the next episodes.

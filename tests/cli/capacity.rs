@@ -14,11 +14,24 @@ fn json(args: &[&str]) -> Value {
 fn a_filled_database_is_sound_and_can_be_measured() {
     let folder = tempfile::tempdir().expect("a folder");
     let db = folder.path().join("filled.db").display().to_string();
-    let args =
-        ["capacity", "fill", "--episodes", "300", "--unfinished", "5", "--db", &db, "--json"];
+    let args = [
+        "capacity",
+        "fill",
+        "--episodes",
+        "300",
+        "--unfinished",
+        "5",
+        "--entrants",
+        "3",
+        "--attempts",
+        "40",
+        "--db",
+        &db,
+        "--json",
+    ];
     let filled = json(&args);
     let episodes = filled["episodes"].as_u64().expect("a number");
-    assert!(episodes >= 305, "{filled}");
+    assert!(episodes >= 545, "{filled}");
     let again = swarmbench(&args);
     assert!(!again.status.success() && text(&again.stderr).contains("exists"));
 
@@ -40,7 +53,7 @@ fn a_filled_database_is_sound_and_can_be_measured() {
         let mut lines = reads["lines"].as_array().expect("lines").iter();
         lines.any(|line| line["read"] == read && line["latency"]["count"] == 8)
     };
-    for read in ["leaderboard", "an episode", "its scores", "its board"] {
+    for read in ["leaderboard", "an episode", "its scores", "its board", "50 of its attempts"] {
         assert!(named(read), "{read}: {measured}");
     }
     assert!(!folder.path().join("capacity").exists());

@@ -170,6 +170,14 @@ fn kinds(episodes: &Listed, runs: &Listed, cups: &Listed) -> Vec<(&'static str, 
         ("its scores", each(episodes.ids(), &|id| format!("/api/v1/episodes/{id}/scores"))),
         ("a competition", each(cups.ids(), &|id| format!("/api/v1/competitions/{id}"))),
         ("its board", each(cups.ids(), &|id| format!("/api/v1/competitions/{id}/board"))),
+        (
+            "50 rows of its board",
+            each(cups.ids(), &|id| format!("/api/v1/competitions/{id}/board?limit=50")),
+        ),
+        (
+            "50 of its attempts",
+            each(cups.ids(), &|id| format!("/api/v1/competitions/{id}/attempts?limit=50")),
+        ),
         ("its entrants", each(cups.ids(), &|id| format!("/api/v1/competitions/{id}/entrants"))),
     ]
 }

@@ -15,7 +15,8 @@ use crate::store::rebuild;
     after_help = "The games are played by drawn acts, and written as the server writes them: every journal can be \
     verified, and boards, lists and competitions have rows. The same options and seed make the same games.\n\nExamples:\n  \
     swarmbench capacity fill --db big.db\n  \
-    swarmbench capacity fill --db small.db --episodes 2000 --agents 12 --rounds 100"
+    swarmbench capacity fill --db small.db --episodes 2000 --agents 12 --rounds 100\n  \
+    swarmbench capacity fill --db cup.db --episodes 1000 --entrants 10000 --attempts 100"
 )]
 pub(in crate::cli) struct Args {
     /// The database to make; it must not exist.
@@ -27,6 +28,12 @@ pub(in crate::cli) struct Args {
     /// More episodes that wait for their first act.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=10_000_000))]
     unfinished: u64,
+    /// Entrants of one more competition, which stays open for 30 days.
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=100_000))]
+    entrants: u32,
+    /// Attempts of each of them, of two games each.
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=100))]
+    attempts: u32,
     /// Agents of each.
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u16).range(2..=16))]
     agents: u16,
@@ -42,8 +49,8 @@ pub(in crate::cli) struct Args {
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let Args { db, episodes, unfinished, agents, rounds, seed, json } = args;
-    let wanted = Fill { episodes, unfinished, agents, rounds, seed };
+    let Args { db, episodes, unfinished, entrants, attempts, agents, rounds, seed, json } = args;
+    let wanted = Fill { episodes, unfinished, entrants, attempts, agents, rounds, seed };
     if db.exists() {
         bail!("{} exists: name a file that does not", db.display());
     }

@@ -228,21 +228,21 @@ impl Played {
             let run = &one.result.run;
             (started.cmp(&(run.created_at, run.id.as_str())), &one.result)
         });
-        let of = || Arc::new(result(definition, entrant, attempt));
-        let result = match (before, definition.counts) {
-            (None, _) | (Some((Ordering::Less, _)), Counts::First) => of(),
-            (Some((Ordering::Greater, _)), Counts::Last) => of(),
-            (Some(_), Counts::First | Counts::Last) => return,
-            (Some((order, counting)), Counts::Best) => {
-                let result = of();
-                let view = view(definition);
-                let order = view.compare(&result, counting).then(order);
-                if order.is_ge() {
-                    return;
-                }
-                result
-            }
+        let may_count = |order: Ordering| match definition.counts {
+            Counts::First => order.is_lt(),
+            Counts::Last => order.is_gt(),
+            Counts::Best => true,
         };
+        if before.is_some_and(|(order, _)| !may_count(order)) {
+            return;
+        }
+        let result = Arc::new(result(definition, entrant, attempt));
+        if let Some((order, counting)) = before
+            && definition.counts == Counts::Best
+            && view(definition).compare(&result, counting).then(order).is_ge()
+        {
+            return;
+        }
         let Attempt { number, replays, ended_at, .. } = *attempt;
         self.counting = Some(Counting { result, number, replays, ended_at });
     }
@@ -427,6 +427,8 @@ fn standing(
 
 #[cfg(test)]
 mod tests {
+    use swarmbench_engine::TaskName;
+
     use super::super::definition::tests::{at, definition};
     use super::*;
 
