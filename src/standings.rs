@@ -103,6 +103,10 @@ impl Standings {
     async fn catch_up(&self, cached: &mut CachedBoards) -> Result<(), StoreError> {
         let (position, changes) = self.store.writer().changes().since(cached.position);
         match changes {
+            // Their runs were on no board before; reading everything once costs less than each of them.
+            Some(changes) if changes.contains(&Change::Revealed) => {
+                *cached = CachedBoards::new(position);
+            }
             Some(changes) => {
                 cached.position = position;
                 cached.changes.extend(changes);
@@ -121,8 +125,8 @@ impl Standings {
                         self.read_run(cached, run).await?;
                     }
                 }
-                // Boards show what is over.
-                Change::Started(_) => {}
+                // Boards show what is over, and read everything where a competition was revealed.
+                Change::Started(_) | Change::Revealed => {}
                 Change::Imports => {
                     // Many games are imported together: one read serves all.
                     cached.changes.retain(|change| *change != Change::Imports);

@@ -54,7 +54,6 @@ struct Cached {
 
 #[derive(Debug)]
 struct Content {
-    definition: Definition,
     /// Up to where the log of changes is included.
     position: LogPosition,
     first_read: FirstRead,
@@ -93,7 +92,7 @@ impl CompetitionStandings {
     ) -> Result<Vec<Place>, StoreError> {
         let key = Key { competition: competition.key, part, before };
         let new = || {
-            let content = Content::new(competition, self.store.writer().changes().position());
+            let content = Content::new(self.store.writer().changes().position());
             let bytes = content.bytes();
             Ok::<_, StoreError>(Cached { board: Arc::new(Mutex::new(content)), bytes })
         };
@@ -119,8 +118,9 @@ impl CompetitionStandings {
     ) -> Result<(), StoreError> {
         let log = self.store.writer().changes();
         let (end, missed) = log.since(content.position);
-        if missed.is_none() || content.definition != competition.definition {
-            *content = Content::new(competition, end);
+        // What an organizer may change of a competition does not change what its games are worth.
+        if missed.is_none() {
+            *content = Content::new(end);
         }
         while let FirstRead::UpTo(after) = content.first_read {
             self.add_entrants(competition, content).await?;
@@ -186,7 +186,7 @@ impl CompetitionStandings {
                     Change::Run(run) => runs.push(run),
                     Change::Episode(episode) => episodes.push(episode),
                     Change::Entrant(entry) | Change::Started(entry) => drop(entries.insert(entry)),
-                    Change::Imports => {}
+                    Change::Imports | Change::Revealed => {}
                 }
             }
             if !(runs.is_empty() && episodes.is_empty()) {
@@ -226,13 +226,8 @@ impl Key {
 }
 
 impl Content {
-    fn new(competition: &StoredCompetition, position: LogPosition) -> Self {
-        Self {
-            definition: competition.definition.clone(),
-            position,
-            first_read: FirstRead::UpTo(None),
-            places: BTreeMap::new(),
-        }
+    const fn new(position: LogPosition) -> Self {
+        Self { position, first_read: FirstRead::UpTo(None), places: BTreeMap::new() }
     }
 
     /// About how many bytes it takes in memory.

@@ -64,6 +64,8 @@ pub enum Change {
     Entrant(EntryKey),
     /// An entrant has started an attempt.
     Started(EntryKey),
+    /// All attempts of a competition may be on boards now.
+    Revealed,
     /// Games were read from files.
     Imports,
     /// A game that counts has ended, or does not count any more.
@@ -105,7 +107,7 @@ impl Changes {
         LogPosition(self.log().end())
     }
 
-    /// The changes since a position, and the end of the log; `None` if anything may have changed.
+    /// The changes since a position, and the end of the log; `None` if some are not remembered.
     pub fn since(&self, position: LogPosition) -> (LogPosition, Option<Vec<Change>>) {
         let log = self.log();
         let missed =
@@ -150,8 +152,7 @@ impl Changes {
                         self.add(Change::Started(entry));
                     }
                 }
-                // The entry does not name the runs.
-                Entry::Reveal { .. } => self.add_all(),
+                Entry::Reveal { .. } => self.add(Change::Revealed),
                 Entry::Import { .. } => self.add(Change::Imports),
                 Entry::Measured { .. } => {
                     self.measured.fetch_add(1, Ordering::AcqRel);
@@ -183,14 +184,6 @@ impl Changes {
             // After what it refers to.
             self.revision.fetch_add(1, Ordering::AcqRel);
         }
-    }
-
-    /// Notes that anything may have changed.
-    fn add_all(&self) {
-        let mut log = self.log();
-        // One more than there were: whoever has read all of them reads everything again, too.
-        log.before = log.end() + 1;
-        log.changes.clear();
     }
 
     fn add(&self, change: Change) {

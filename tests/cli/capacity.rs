@@ -53,7 +53,7 @@ fn a_filled_database_is_sound_and_can_be_measured() {
         let mut lines = reads["lines"].as_array().expect("lines").iter();
         lines.any(|line| line["read"] == read && line["latency"]["count"] == 8)
     };
-    for read in ["leaderboard", "an episode", "its scores", "its board", "50 of its attempts"] {
+    for read in ["leaderboard", "an episode", "its scores", "its board", "50 rows of its board"] {
         assert!(named(read), "{read}: {measured}");
     }
     assert!(!folder.path().join("capacity").exists());

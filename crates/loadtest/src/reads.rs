@@ -118,7 +118,7 @@ pub async fn run(
     let runs = listed(target, &tally, "/api/v1/runs?limit=50").await;
     let cups = listed(target, &tally, "/api/v1/competitions?limit=50").await;
     let mut lines = Vec::new();
-    for (read, paths) in kinds(&episodes, &runs, &cups) {
+    for (read, paths) in kinds(&episodes, &runs, &cups, target.key().is_some()) {
         if !paths.is_empty() {
             progress(read, 0, requests as u64);
             lines.push(line(target, &tally, read, paths, (requests, clients)).await);
@@ -128,7 +128,12 @@ pub async fn run(
 }
 
 /// The kinds of requests, with different ones of each.
-fn kinds(episodes: &Listed, runs: &Listed, cups: &Listed) -> Vec<(&'static str, Vec<String>)> {
+fn kinds(
+    episodes: &Listed,
+    runs: &Listed,
+    cups: &Listed,
+    has_key: bool,
+) -> Vec<(&'static str, Vec<String>)> {
     let each = |values: Vec<&str>, path: &dyn Fn(&str) -> String| {
         values.into_iter().map(path).collect::<Vec<_>>()
     };
@@ -174,9 +179,12 @@ fn kinds(episodes: &Listed, runs: &Listed, cups: &Listed) -> Vec<(&'static str, 
             "50 rows of its board",
             each(cups.ids(), &|id| format!("/api/v1/competitions/{id}/board?limit=50")),
         ),
+        // Without a key nobody may list them.
         (
             "50 of its attempts",
-            each(cups.ids(), &|id| format!("/api/v1/competitions/{id}/attempts?limit=50")),
+            each(cups.ids().into_iter().filter(|_| has_key).collect(), &|id| {
+                format!("/api/v1/competitions/{id}/attempts?limit=50")
+            }),
         ),
         ("its entrants", each(cups.ids(), &|id| format!("/api/v1/competitions/{id}/entrants"))),
     ]
