@@ -5,7 +5,7 @@ use sqlx::SqlSafeStr as _;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 
 /// Version, description and text of each file in `migrations`.
-const FILES: [(i64, &str, &str); 13] = [
+const FILES: [(i64, &str, &str); 14] = [
     (1, "journal", include_str!("../migrations/0001_journal.sql")),
     (2, "keys", include_str!("../migrations/0002_keys.sql")),
     (3, "runs", include_str!("../migrations/0003_runs.sql")),
@@ -19,6 +19,7 @@ const FILES: [(i64, &str, &str); 13] = [
     (11, "competitions", include_str!("../migrations/0011_competitions.sql")),
     (12, "teams", include_str!("../migrations/0012_teams.sql")),
     (13, "attempts", include_str!("../migrations/0013_attempts.sql")),
+    (14, "columns", include_str!("../migrations/0014_columns.sql")),
 ];
 
 /// All migrations, oldest first.

@@ -19,7 +19,7 @@ use swarmbench::http::limits::Limits;
 use swarmbench::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use swarmbench::keys::OwnerKey;
 use swarmbench::store::Store;
-use swarmbench::store::entries::{ActRow, Entry, Held};
+use swarmbench::store::entries::{ActRow, Entry, Held, brief_of};
 use swarmbench::store::port::{
     Committed, EpisodeStore, Reply, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
 };
@@ -291,10 +291,11 @@ async fn a_replay_reads_no_texts() {
     let response = Some("ACTION: STAY".to_owned());
     let short = Decision { response, ..stay() }.record(AgentId(1), 0);
     let row = |record: &ActRecord, agent| {
-        let record = RawRecord::write(record);
+        let (record, brief) = (RawRecord::write(record), record.clone().brief());
+        let brief = brief_of(&record, || brief);
         let at = "2026-03-01T12:00:00Z".parse().expect("a time");
         let (episode, round, source) = (EpisodeKey(1), 4, Source::Player);
-        Entry::Act(ActRow { episode, round, agent, waiting_for: 0, source, at, record })
+        Entry::Act(ActRow { episode, round, agent, waiting_for: 0, source, at, record, brief })
     };
     let rows = vec![row(&long, AgentId(0)), row(&short, AgentId(1))];
     bench.journal.keep(rows).await.expect("kept");

@@ -97,6 +97,7 @@ impl NewGame {
                     source,
                     at: now,
                     record,
+                    brief: None,
                 }));
             }
             world.step(&acts);

@@ -10,6 +10,7 @@ use std::time::Duration;
 use futures::TryStreamExt;
 use jiff::Timestamp;
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 use serde_json::value::RawValue;
 use sha2::{Digest, Sha256};
 use sqlx::error::BoxDynError;
@@ -18,7 +19,8 @@ use sqlx::{ConnectOptions, Connection, Row as _};
 
 use super::OpenError;
 use super::again::{StoredJournal, play_again};
-use super::competitions::{RawCompetition, damaged_looks};
+use super::competitions::{RawCompetition, damaged_looks, without_texts};
+use super::entries::brief_of;
 use super::files::may_lack_log;
 use super::foreign::is_foreign;
 use super::metrics::stored_method;
@@ -31,7 +33,7 @@ use crate::store::imports::ImportHash;
 use crate::store::results::read_failures;
 use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
-use swarmbench_journal::record::{ActRecord, End, Opening, RawRecord};
+use swarmbench_journal::record::{ActRecord, End, Opening, RawRecord, Record, Seats};
 use swarmbench_journal::replay::Report;
 
 /// Damages that are listed; further ones are counted.
@@ -213,14 +215,10 @@ async fn schema(
     Ok(lost.map_or(Ok(()), |(name, _)| Err(format!("{name} is not as the migrations make it"))))
 }
 
-/// Episodes, and forks of which a server is writing the rounds.
-const EPISODES_AND_FORKING: &str =
-    "(SELECT key FROM episodes UNION ALL SELECT episode AS key FROM forking)";
-
 /// Columns that name a row of another table: the table, the column, and the key of the other.
 const REFERENCES: [(&str, &str, &str, &str); 26] = [
-    ("acts", "episode", EPISODES_AND_FORKING, "key"),
-    ("rounds", "episode", EPISODES_AND_FORKING, "key"),
+    ("acts", "episode", "episodes", "key"),
+    ("rounds", "episode", "episodes", "key"),
     ("tokens", "episode", "episodes", "key"),
     ("tokens", "run", "runs", "key"),
     ("seats", "episode", "episodes", "key"),
@@ -247,17 +245,24 @@ const REFERENCES: [(&str, &str, &str, &str); 26] = [
     ("unmeasured", "episode", "episodes", "key"),
 ];
 
+/// Tables of which rows may come before their episodes, in forks that a server is writing.
+const OF_FORKS: [&str; 2] = ["acts", "rounds"];
+
 async fn references(database: &mut SqliteConnection, checked: &mut Checked) {
     for (table, column, other, key) in REFERENCES {
-        let query = format!(
-            "SELECT count(*) FROM {table} WHERE {column} IS NOT NULL AND {column} NOT IN (SELECT {key} FROM {other})"
+        // PostgreSQL finds rows that are not there by an index, but not numbers that are in no list.
+        let mut query = format!(
+            "SELECT count(*) FROM {table} t WHERE t.{column} IS NOT NULL
+                 AND NOT EXISTS (SELECT 1 FROM {other} o WHERE o.{key} = t.{column})"
         );
+        if OF_FORKS.contains(&table) {
+            query += " AND NOT EXISTS (SELECT 1 FROM forking f WHERE f.episode = t.episode)";
+        }
         let count = sqlx::query_scalar::<_, i64>(sqlx::AssertSqlSafe(query));
         let result = count.fetch_one(&mut *database).await.map(|count| {
             if count == 0 {
                 return Ok(());
             }
-            let other = if other == EPISODES_AND_FORKING { "episodes" } else { other };
             Err(format!("{count} rows have a {column} that is not in {other}"))
         });
         checked.note_result(&format!("the table {table}"), result);
@@ -265,24 +270,25 @@ async fn references(database: &mut SqliteConnection, checked: &mut Checked) {
 }
 
 /// What holds for every row of a table. Each statement gives the names of the rows for which it does not hold.
-const STATEMENTS: [(&str, &str); 16] = [
+const STATEMENTS: [(&str, &str); 12] = [
     (
         "its status does not fit its times",
         "SELECT id FROM episodes WHERE CASE
              WHEN status IN ('waiting', 'running') THEN ended_at IS NOT NULL OR ending IS NOT NULL OR reason IS NOT NULL
              WHEN status IN ('finished', 'aborted', 'abandoned') THEN ended_at IS NULL OR ending IS NULL OR reason IS NULL
-             ELSE 1 END",
+             ELSE TRUE END",
     ),
     (
         "it was voided with no reason, or the other way round",
-        "SELECT id FROM episodes WHERE (voided_at IS NULL) <> (void_reason IS NULL) OR revealed NOT IN (0, 1)
+        "SELECT id FROM episodes WHERE (voided_at IS NULL) <> (void_reason IS NULL) OR revealed NOT IN (FALSE, TRUE)
          UNION ALL SELECT id FROM runs WHERE (voided_at IS NULL) <> (void_reason IS NULL)",
     ),
     (
         "its place in a run is not known",
         "SELECT id FROM episodes WHERE (run IS NULL) <> (slot IS NULL)
          UNION ALL SELECT id FROM runs WHERE (entry IS NULL) <> (attempt IS NULL)
-         UNION ALL SELECT id FROM runs r WHERE competition IS NOT (SELECT competition FROM entries WHERE key = r.entry)",
+         UNION ALL SELECT id FROM runs r
+             WHERE competition IS DISTINCT FROM (SELECT competition FROM entries WHERE key = r.entry)",
     ),
     (
         "it is a fork of no episode, or of no round",
@@ -300,7 +306,7 @@ const STATEMENTS: [(&str, &str); 16] = [
         "SELECT id FROM runs WHERE CASE
              WHEN status = 'running' THEN ended_at IS NOT NULL
              WHEN status IN ('finished', 'aborted', 'abandoned', 'closed') THEN ended_at IS NULL
-             ELSE 1 END",
+             ELSE TRUE END",
     ),
     (
         "it is finished, and has a game that is not",
@@ -310,50 +316,47 @@ const STATEMENTS: [(&str, &str); 16] = [
     (
         "it is no key",
         "SELECT id FROM keys WHERE role NOT IN ('member', 'judge', 'organizer', 'entrant') OR length(hash) <> 32
-             OR id NOT GLOB 'key_*'",
-    ),
-    (
-        "it is no token of an episode or a run",
-        "SELECT hex(hash) FROM tokens WHERE length(hash) <> 32 OR (episode IS NULL) = (run IS NULL)",
+             OR substr(id, 1, 4) <> 'key_'",
     ),
     (
         "its times are in no order",
         "SELECT id FROM competitions WHERE opens_at >= closes_at OR revealed_at < closes_at
-             OR (cancelled_at IS NULL) <> (cancel_reason IS NULL) OR hidden NOT IN (0, 1)",
+             OR (cancelled_at IS NULL) <> (cancel_reason IS NULL) OR hidden NOT IN (FALSE, TRUE)",
     ),
     (
         "its status is none",
-        "SELECT id FROM entries WHERE status NOT IN ('active', 'withdrawn', 'disqualified') OR vouched NOT IN (0, 1)",
-    ),
-    ("it is no invitation", "SELECT hex(hash) FROM invitations WHERE length(hash) <> 32"),
-    (
-        "its text is no JSON",
-        "SELECT 'audit ' || number FROM audit WHERE NOT json_valid(detail)
-         UNION ALL SELECT 'claim ' || holder || ' of episode ' || episode FROM claims WHERE NOT json_valid(agent_meta)
-         UNION ALL SELECT id FROM imports WHERE NOT json_valid(settings)",
+        "SELECT id FROM entries
+         WHERE status NOT IN ('active', 'withdrawn', 'disqualified') OR vouched NOT IN (FALSE, TRUE)",
     ),
     (
         "who decided is not in its record",
         "SELECT 'act of agent ' || agent || ' in round ' || round || ' of episode ' || episode FROM acts
              WHERE source IS NOT NULL
-               AND source IS NOT CASE json_extract(record, '$.source') WHEN 'player' THEN 0 WHEN 'clock' THEN 1 END",
+               AND source IS DISTINCT FROM CASE WHEN record LIKE '%\"source\":\"player\"%' THEN 0
+                                                WHEN record LIKE '%\"source\":\"clock\"%' THEN 1 END",
     ),
     (
         "its seats and its claims do not fit",
         "SELECT 'episode ' || s.episode FROM seats s WHERE NOT EXISTS (
              SELECT 1 FROM claims c WHERE c.episode = s.episode AND c.holder = s.holder AND c.model = s.model
-                 AND c.owner IS s.owner AND c.player IS s.player)",
+                 AND c.owner IS NOT DISTINCT FROM s.owner AND c.player IS NOT DISTINCT FROM s.player)",
     ),
+];
+
+/// The same of rows that are named by a hash.
+const OF_HASHES: [(&str, &str); 2] = [
     (
-        "its holder is not the one in the record of seats",
-        "SELECT 'seat ' || s.agent || ' of episode ' || s.episode
-         FROM seats s JOIN episodes e ON e.key = s.episode
-         WHERE s.agent NOT BETWEEN 0 AND json_extract(e.opening, '$.config.num_agents') - 1
-            OR (e.seating IS NOT NULL AND NOT EXISTS (
-                SELECT 1 FROM json_each(e.seating, '$.seats') r
-                WHERE json_extract(r.value, '$.agent') = 'Agent_' || s.agent
-                    AND json_extract(r.value, '$.holder') = s.holder))",
+        "it is no token of an episode or a run",
+        "SELECT hash FROM tokens WHERE length(hash) <> 32 OR (episode IS NULL) = (run IS NULL)",
     ),
+    ("it is no invitation", "SELECT hash FROM invitations WHERE length(hash) <> 32"),
+];
+
+/// Names and texts of rows whose text is to be JSON, but has no meaning to the server.
+const JSON_TEXTS: [&str; 3] = [
+    "SELECT 'audit ' || number, detail FROM audit",
+    "SELECT 'claim ' || holder || ' of episode ' || episode, agent_meta FROM claims",
+    "SELECT id, settings FROM imports",
 ];
 
 /// What follows from texts beside it.
@@ -370,6 +373,50 @@ async fn texts(database: &mut SqliteConnection, checked: &mut Checked) {
         }),
         Err(error) => checked.note("the table looks", unreadable(&error)),
     }
+    let is_json = |row: &SqliteRow| {
+        let read = serde_json::from_str::<IgnoredAny>(row.try_get(1)?);
+        Ok(read.map(drop).map_err(|_| "its text is no JSON".to_owned()))
+    };
+    for query in JSON_TEXTS {
+        each_named(database, checked, query, is_json).await;
+    }
+    let briefs = "SELECT 'act of agent ' || agent || ' in round ' || round || ' of episode ' || episode, brief, record
+                  FROM acts WHERE brief IS NOT NULL";
+    each_named(database, checked, briefs, |row| {
+        let record: RawRecord = get(row, 2)?;
+        let act: ActRecord = record.read().map_err(decode)?;
+        let is_same = brief_of(&record, || act.brief()) == Some(get(row, 1)?);
+        Ok(if is_same {
+            Ok(())
+        } else {
+            Err("what replays read of it is not its record".to_owned())
+        })
+    })
+    .await;
+}
+
+/// Checks the rows of a query, whose first column is a name, one after the other.
+async fn each_named(
+    database: &mut SqliteConnection,
+    checked: &mut Checked,
+    query: &'static str,
+    check: impl Fn(&SqliteRow) -> Result<Result<(), String>, sqlx::Error>,
+) {
+    let mut rows = sqlx::query(query).fetch(database);
+    let mut problems = 0;
+    while problems < PROBLEMS_MAX {
+        let row = match rows.try_next().await {
+            Ok(Some(row)) => row,
+            Ok(None) => return,
+            Err(error) => return checked.note("the rows", unreadable(&error)),
+        };
+        let result = check(&row);
+        if !matches!(result, Ok(Ok(()))) {
+            problems += 1;
+            let name = row.try_get::<String, _>(0).unwrap_or_else(|_| "a row".to_owned());
+            checked.note_result(&name, result);
+        }
+    }
 }
 
 async fn statements(database: &mut SqliteConnection, checked: &mut Checked) {
@@ -378,6 +425,16 @@ async fn statements(database: &mut SqliteConnection, checked: &mut Checked) {
         let names = sqlx::query_scalar::<_, String>(sqlx::AssertSqlSafe(query));
         match names.fetch_all(&mut *database).await {
             Ok(names) => names.into_iter().for_each(|name| checked.note(name, problem)),
+            Err(error) => checked.note("the rows", unreadable(&error)),
+        }
+    }
+    for (problem, query) in OF_HASHES {
+        let query = format!("{query} LIMIT {PROBLEMS_MAX}");
+        let hashes = sqlx::query_scalar::<_, Vec<u8>>(sqlx::AssertSqlSafe(query));
+        match hashes.fetch_all(&mut *database).await {
+            Ok(hashes) => hashes.into_iter().for_each(|hash| {
+                checked.note(data_encoding::HEXUPPER.encode(&hash), problem);
+            }),
             Err(error) => checked.note("the rows", unreadable(&error)),
         }
     }
@@ -425,9 +482,14 @@ async fn definitions(database: &mut SqliteConnection, formats: &Formats, checked
         Ok(Ok(()))
     })
     .await;
-    let entries = "SELECT key, id, model, declaration, template FROM entries";
+    let entries = "SELECT key, id, model, declaration, brief, template FROM entries";
     each(database, checked, entries, |row| {
-        let (model, template) = (formats.declaration)(get(row, "declaration")?).map_err(decode)?;
+        let declaration: String = get(row, "declaration")?;
+        let brief = row.try_get::<Option<&str>, _>("brief")?;
+        if brief.is_some_and(|brief| without_texts(&declaration).ok().as_deref() != Some(brief)) {
+            return Ok(Err("what lists read of its declaration is not in it".to_owned()));
+        }
+        let (model, template) = (formats.declaration)(declaration).map_err(decode)?;
         let is_same = model == row.try_get::<&str, _>("model")?
             && template == row.try_get::<Option<String>, _>("template")?;
         Ok(if is_same {
@@ -613,6 +675,9 @@ async fn episode(
     if let Err(problem) = columns(&row, &report.opening, report.end.as_ref())? {
         return Ok(Err(problem));
     }
+    if let Err(problem) = seats(database, key, &report, stored.seating.as_ref()).await? {
+        return Ok(Err(problem));
+    }
     if let Err(problem) = open_acts(database, key, &report).await? {
         return Ok(Err(problem));
     }
@@ -714,6 +779,40 @@ fn columns(
     }
     if row.try_get::<i64, _>("created_at")? != opening.created_at.as_millisecond() {
         return Ok(Err("it was created at another time than its journal tells".to_owned()));
+    }
+    Ok(Ok(()))
+}
+
+/// The table of who holds which seat. Once all have holders, it follows from the record of seats.
+async fn seats(
+    database: &mut SqliteConnection,
+    key: EpisodeKey,
+    report: &Report,
+    record: Option<&RawRecord>,
+) -> Result<Result<(), String>, sqlx::Error> {
+    let query = sqlx::query("SELECT agent, holder FROM seats WHERE episode = ? ORDER BY agent");
+    let rows = query.bind(key.0).fetch_all(database).await?;
+    let record = match record.map(RawRecord::read).transpose().map_err(decode)? {
+        None => None,
+        Some(Record::Seats(record)) => Some(record),
+        Some(Record::Opening(_) | Record::Round(_) | Record::End(_)) => {
+            return Ok(Err("its record of seats is another one".to_owned()));
+        }
+    };
+    for row in rows {
+        let (agent, holder) = (row.try_get::<i64, _>("agent")?, row.try_get::<i64, _>("holder")?);
+        let name = format!("Agent_{agent}");
+        let place = usize::try_from(agent).unwrap_or(usize::MAX);
+        let is_held = |record: &Seats| {
+            let seat = record.seats.get(place);
+            seat.is_some_and(|seat| seat.agent == name && i64::from(seat.holder) == holder)
+        };
+        let exists = (0..i64::from(report.opening.config.num_agents)).contains(&agent);
+        if !exists || !record.as_ref().is_none_or(is_held) {
+            return Ok(Err(format!(
+                "the holder of the seat of {name} is not the one in its record of seats"
+            )));
+        }
     }
     Ok(Ok(()))
 }

@@ -1,14 +1,17 @@
 //! The tables `competitions`, `entries` and `invitations`.
 
+use std::collections::BTreeMap;
+
 use futures::TryStreamExt;
 use jiff::Timestamp;
+use serde_json::value::RawValue;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{Connection, QueryBuilder, Row as _, Sqlite};
 
 use super::Store;
 use super::StoreError;
 use super::entries::{CompetitionRow, EntrantFacts, EntrantRow, Secret};
-use super::rows::{FromRow, from_row, get};
+use super::rows::{FromRow, from_row, get, push_list};
 use super::runs::void_reason;
 use crate::ids::{CompetitionKey, EntryKey, EpisodeKey, RunKey, TokenHash};
 use crate::keys::OwnerKey;
@@ -109,10 +112,12 @@ pub enum Declared {
 fn select_entrants(declared: Declared) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new("SELECT key, id, competition, owner, name, template, ");
     query.push(match declared {
-        Declared::Whole => "declaration",
-        Declared::Short => "json_remove(declaration, '$.prompt_template', '$.agent_meta')",
+        Declared::Whole => "declaration, FALSE AS is_to_be_cut",
+        Declared::Short => {
+            "coalesce(brief, declaration) AS declaration, brief IS NULL AS is_to_be_cut"
+        }
     });
-    query.push(" AS declaration, status, reason, vouched, registered_at, address, erased_at, published, category, terms, contact FROM entries ");
+    query.push(", status, reason, vouched, registered_at, address, erased_at, published, category, terms, contact FROM entries ");
     query
 }
 
@@ -156,7 +161,7 @@ impl Store {
     ) -> Result<Vec<RawCompetition>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(COMPETITION);
         query.push("WHERE key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
-        query.push(" AND hidden <= ").push_bind(all);
+        query.push(" AND (NOT hidden OR ").push_bind(all).push(")");
         query.push(" ORDER BY key DESC LIMIT ").push_bind(limit);
         self.fetch_all(query.build()).await
     }
@@ -322,12 +327,9 @@ impl Store {
         entries: &[EntryKey],
     ) -> Result<Vec<RawEntrant>, StoreError> {
         let mut query = select_entrants(Declared::Short);
-        query.push("WHERE +competition = ").push_bind(competition.0).push(" AND key IN (");
-        let mut keys = query.separated(", ");
-        for entry in entries {
-            keys.push_bind(entry.0);
-        }
-        query.push(") ORDER BY key");
+        query.push("WHERE +competition = ").push_bind(competition.0).push(" AND key IN ");
+        push_list(&mut query, entries.iter().map(|entry| entry.0));
+        query.push(" ORDER BY key");
         self.fetch_all(query.build()).await
     }
 
@@ -414,22 +416,25 @@ impl Store {
         runs: &[RunKey],
         episodes: &[EpisodeKey],
     ) -> Result<Vec<EntryKey>, StoreError> {
-        fn add(query: &mut QueryBuilder<Sqlite>, all: impl Iterator<Item = i64>) {
-            let mut keys = query.separated(", ");
-            for key in all {
-                keys.push_bind(key);
-            }
-        }
-        let mut query = QueryBuilder::<Sqlite>::new("SELECT entry FROM runs WHERE key IN (");
-        add(&mut query, runs.iter().map(|run| run.0));
-        query.push(") AND +competition = ").push_bind(competition.0);
+        let mut query = QueryBuilder::<Sqlite>::new("SELECT entry FROM runs WHERE key IN ");
+        push_list(&mut query, runs.iter().map(|run| run.0));
+        query.push(" AND +competition = ").push_bind(competition.0);
         query.push(
-            " UNION SELECT r.entry FROM episodes e JOIN runs r ON r.key = e.run WHERE e.key IN (",
+            " UNION SELECT r.entry FROM episodes e JOIN runs r ON r.key = e.run WHERE e.key IN ",
         );
-        add(&mut query, episodes.iter().map(|episode| episode.0));
-        query.push(") AND +r.competition = ").push_bind(competition.0);
+        push_list(&mut query, episodes.iter().map(|episode| episode.0));
+        query.push(" AND +r.competition = ").push_bind(competition.0);
         self.fetch_all(query.build()).await
     }
+}
+
+/// What an entrant declared, without the prompt template and the free metadata, which may be large.
+pub(super) fn without_texts(declaration: &str) -> Result<String, serde_json::Error> {
+    let mut fields: BTreeMap<String, Box<RawValue>> = serde_json::from_str(declaration)?;
+    for large in ["prompt_template", "agent_meta"] {
+        fields.remove(large);
+    }
+    serde_json::to_string(&fields)
 }
 
 pub(super) async fn add(
@@ -510,10 +515,12 @@ pub(super) async fn add_entrant(
     connection: &mut SqliteConnection,
     row: &EntrantRow,
 ) -> Result<(), sqlx::Error> {
-    let added = sqlx::query(
-        "INSERT INTO entries (id, competition, owner, name, model, declaration, template, status, vouched, registered_at, address,
-                              category, terms, contact)
-         VALUES (?, ?, (SELECT number FROM keys WHERE id = ?), ?, ?, ?, ?, 'active', ?, ?, ?, ?, ?, ?)",
+    let brief = without_texts(&row.declaration).map_err(|e| sqlx::Error::Encode(e.into()))?;
+    let added: i64 = sqlx::query_scalar(
+        "INSERT INTO entries (id, competition, owner, name, model, declaration, brief, template, status, vouched, registered_at,
+                              address, category, terms, contact)
+         VALUES (?, ?, (SELECT number FROM keys WHERE id = ?), ?, ?, ?, ?, ?, 'active', ?, ?, ?, ?, ?, ?)
+         RETURNING key",
     )
     .bind(&row.id)
     .bind(row.competition.0)
@@ -521,6 +528,7 @@ pub(super) async fn add_entrant(
     .bind(&row.name)
     .bind(&row.model)
     .bind(&row.declaration)
+    .bind(brief)
     .bind(&row.template)
     .bind(row.vouched)
     .bind(row.at.as_millisecond())
@@ -528,7 +536,7 @@ pub(super) async fn add_entrant(
     .bind(&row.category)
     .bind(row.terms)
     .bind(&row.contact)
-    .execute(&mut *connection)
+    .fetch_one(&mut *connection)
     .await?;
     add_looks(connection, row.competition.0, &row.name, &row.model).await?;
     sqlx::query("UPDATE competitions SET entrants = entrants + 1 WHERE key = ?")
@@ -537,7 +545,7 @@ pub(super) async fn add_entrant(
         .await?;
     if let Some(hash) = row.invitation {
         sqlx::query("UPDATE invitations SET entry = ? WHERE hash = ?")
-            .bind(added.last_insert_rowid())
+            .bind(added)
             .bind(&hash.0[..])
             .execute(connection)
             .await?;
@@ -554,7 +562,9 @@ async fn add_looks(
 ) -> Result<(), sqlx::Error> {
     for (kind, written) in [("name", name), ("model", model)] {
         for look in looks(written) {
-            sqlx::query("INSERT OR IGNORE INTO looks (competition, kind, look, written) VALUES (?, ?, ?, ?)")
+            let insert = "INSERT INTO looks (competition, kind, look, written) VALUES (?, ?, ?, ?)
+                          ON CONFLICT DO NOTHING";
+            sqlx::query(insert)
                 .bind(competition)
                 .bind(kind)
                 .bind(look)
@@ -611,7 +621,8 @@ pub(super) async fn set_entrant(
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE competitions
-         SET entrants = entrants + (?1 = 'active') - (SELECT status = 'active' FROM entries WHERE key = ?2)
+         SET entrants = entrants + CASE WHEN ?1 = 'active' THEN 1 ELSE 0 END
+             - (SELECT CASE WHEN status = 'active' THEN 1 ELSE 0 END FROM entries WHERE key = ?2)
          WHERE key = (SELECT competition FROM entries WHERE key = ?2)",
     )
     .bind(status)
@@ -727,7 +738,7 @@ pub(super) async fn reveal(
         .execute(&mut *connection)
         .await?;
     sqlx::query(
-        "UPDATE episodes SET revealed = 1 WHERE run IN (
+        "UPDATE episodes SET revealed = TRUE WHERE run IN (
              SELECT r.key FROM runs r JOIN entries n ON n.key = r.entry WHERE n.competition = ?)",
     )
     .bind(competition.0)
@@ -741,11 +752,36 @@ from_row! {
         key, id, definition, salt, seeds, commitment, created_at, revealed_at, cancelled_at, cancel_reason, hidden,
     }
     StoredInvitation { hash, label, entrant, created_at, revoked_at }
-    RawEntrant {
-        key, id, competition, owner, name, declaration, template, status, reason, vouched, registered_at,
-        address, erased_at, published, category, terms, contact,
-    }
     EntrantRoom { active, has_name, has_look_of_model, of_owner }
+}
+
+impl FromRow for RawEntrant {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let mut declaration: String = get(row, "declaration")?;
+        if get(row, "is_to_be_cut")? {
+            declaration =
+                without_texts(&declaration).map_err(|error| sqlx::Error::Decode(error.into()))?;
+        }
+        Ok(Self {
+            key: get(row, "key")?,
+            id: get(row, "id")?,
+            competition: get(row, "competition")?,
+            owner: get(row, "owner")?,
+            name: get(row, "name")?,
+            declaration,
+            template: get(row, "template")?,
+            status: get(row, "status")?,
+            reason: get(row, "reason")?,
+            vouched: get(row, "vouched")?,
+            registered_at: get(row, "registered_at")?,
+            address: get(row, "address")?,
+            erased_at: get(row, "erased_at")?,
+            published: get(row, "published")?,
+            category: get(row, "category")?,
+            terms: get(row, "terms")?,
+            contact: get(row, "contact")?,
+        })
+    }
 }
 
 impl FromRow for StoredAttempt {

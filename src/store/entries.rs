@@ -8,7 +8,7 @@ use crate::keys::{KeyRow, OwnerKey};
 use crate::store::metrics::MetricsRow;
 use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
-use swarmbench_journal::record::{RawRecord, Source};
+use swarmbench_journal::record::{ActRecord, RawRecord, Source};
 use swarmbench_protocol::import::ImportConfig;
 
 /// One change of the database.
@@ -170,7 +170,10 @@ impl Entry {
     pub fn bytes(&self) -> usize {
         let text = match self {
             Self::Open(row) => row.record.as_str().len() + row.tokens.len() * size_of::<TokenRow>(),
-            Self::Act(row) => row.record.as_str().len(),
+            Self::Act(row) => {
+                let brief = row.brief.as_ref().map_or(0, |brief| brief.as_str().len());
+                row.record.as_str().len() + brief
+            }
             Self::End(row) => row.record.as_str().len(),
             Self::Seat(row) => row.record.as_str().len(),
             Self::OpenRun(row) => row.definition.len(),
@@ -391,6 +394,21 @@ pub struct ActRow {
     pub source: Source,
     pub at: Timestamp,
     pub record: RawRecord,
+    /// What is read in place of a large record by whoever needs none of its texts; see [`brief_of`].
+    pub brief: Option<RawRecord>,
+}
+
+/// Records of more bytes are stored a second time without their texts, if they have any. Those of fewer are read as they
+/// are, which costs less.
+const WHOLE_BYTES_MAX: usize = 512;
+
+/// What is stored beside a record: where it is large, the same without its texts, which `brief` gives; none if it has no texts.
+pub fn brief_of(
+    record: &RawRecord,
+    brief: impl FnOnce() -> Option<ActRecord>,
+) -> Option<RawRecord> {
+    let is_large = record.as_str().len() > WHOLE_BYTES_MAX;
+    is_large.then(brief).flatten().map(|brief| RawRecord::write(&brief))
 }
 
 /// A resolved round; its acts are rows of their own.

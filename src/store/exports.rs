@@ -1,12 +1,17 @@
 //! Rounds with all that is stored of them, for exports.
 
+use std::collections::BTreeSet;
+
+use futures::TryStreamExt;
 use jiff::Timestamp;
+use serde::Deserialize;
+use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
 use swarmbench_engine::AgentId;
 
 use super::Store;
 use super::StoreError;
-use super::rows::{FromRow, get};
+use super::rows::{FromRow, from_row, get};
 use crate::ids::EpisodeKey;
 use swarmbench_journal::record::ActRecord;
 
@@ -33,16 +38,13 @@ impl Store {
     /// When an episode started, if it has: when it was created or started by hand, or when its last seat was taken.
     pub async fn started_at(&self, episode: EpisodeKey) -> Result<Option<Timestamp>, StoreError> {
         let query = sqlx::query(
-            "SELECT CASE WHEN (e.seating IS NOT NULL
-                               OR NOT EXISTS (SELECT 1 FROM claims c WHERE c.episode = e.key))
-                          AND (e.started_at IS NOT NULL
-                               OR json_extract(e.opening, '$.config.start') <> 'manual')
-                    THEN max(e.created_at, coalesce(e.started_at, 0), coalesce(
-                             (SELECT max(s.claimed_at) FROM seats s WHERE s.episode = e.key), 0)) END
+            "SELECT e.opening, e.created_at, e.started_at,
+                    e.seating IS NOT NULL OR NOT EXISTS (SELECT 1 FROM claims c WHERE c.episode = e.key) AS is_seated,
+                    (SELECT max(s.claimed_at) FROM seats s WHERE s.episode = e.key) AS claimed_at
              FROM episodes e WHERE e.key = ?",
         );
-        let found: Option<Option<Timestamp>> = self.fetch_optional(query.bind(episode.0)).await?;
-        Ok(found.flatten())
+        let found: Option<Start> = self.fetch_optional(query.bind(episode.0)).await?;
+        found.map_or(Ok(None), Start::at)
     }
 
     /// The different messages of the rounds before `end`.
@@ -52,10 +54,18 @@ impl Store {
         end: u32,
     ) -> Result<Vec<String>, StoreError> {
         let query = sqlx::query(
-            "SELECT DISTINCT record ->> 'message' AS message FROM acts
-             WHERE episode = ? AND round < ? AND message IS NOT NULL ORDER BY message",
+            "SELECT coalesce(brief, record) FROM acts WHERE episode = ? AND round < ? ORDER BY round, agent",
         );
-        self.fetch_all(query.bind(episode.0).bind(end)).await
+        let mut reading = self.read().await?;
+        let mut rows = query.bind(episode.0).bind(end).fetch(&mut *reading);
+        // Most acts have no message, and many the same.
+        let mut messages = BTreeSet::new();
+        while let Some(row) = rows.try_next().await? {
+            let Said { message } =
+                serde_json::from_str(row.try_get(0)?).map_err(StoreError::decode)?;
+            messages.extend(message);
+        }
+        Ok(messages.into_iter().collect())
     }
 
     /// The resolved rounds `from..to` of an episode with their acts, in order: all of the acts but the answers and
@@ -73,13 +83,14 @@ impl Store {
         let mut rounds: Vec<LoggedRound> =
             self.fetch_all(query.bind(episode.0).bind(from).bind(to)).await?;
         let query = sqlx::query(
-            "SELECT round, agent, at, json_remove(record, '$.response', '$.reasoning') AS record
-             FROM acts
+            "SELECT round, agent, at, coalesce(brief, record) AS record FROM acts
              WHERE episode = ? AND round >= ? AND round < ? ORDER BY round, agent",
         );
         let acts: Vec<(u32, _, _, ActRecord)> =
             self.fetch_all(query.bind(episode.0).bind(from).bind(to)).await?;
         for (number, agent, at, record) in acts {
+            // Acts of early versions are read with their texts.
+            let record = ActRecord { response: None, reasoning: None, ..record };
             // Acts of a round that is not resolved belong to none.
             if let Some(round) = rounds.iter_mut().find(|round| round.round == number) {
                 round.acts.push(LoggedAct { agent, at, record });
@@ -87,6 +98,43 @@ impl Store {
         }
         Ok(rounds)
     }
+}
+
+/// What an act says.
+#[derive(Deserialize)]
+struct Said {
+    message: Option<String>,
+}
+
+/// What the start of an episode follows from.
+struct Start {
+    opening: String,
+    created_at: Timestamp,
+    started_at: Option<Timestamp>,
+    /// Whether all seats have holders.
+    is_seated: bool,
+    claimed_at: Option<Timestamp>,
+}
+
+impl Start {
+    fn at(self) -> Result<Option<Timestamp>, StoreError> {
+        #[derive(Deserialize)]
+        struct Opening {
+            config: Config,
+        }
+        #[derive(Deserialize)]
+        struct Config {
+            start: String,
+        }
+        let Self { opening, created_at, started_at, is_seated, claimed_at } = self;
+        let Opening { config } = serde_json::from_str(&opening).map_err(StoreError::decode)?;
+        let has_started = is_seated && (started_at.is_some() || config.start != "manual");
+        Ok(has_started.then(|| created_at.max(started_at.max(claimed_at).unwrap_or(created_at))))
+    }
+}
+
+from_row! {
+    Start { opening, created_at, started_at, is_seated, claimed_at }
 }
 
 impl FromRow for LoggedRound {

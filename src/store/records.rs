@@ -1,10 +1,11 @@
 //! The tables `acts` and `rounds`, and the store as a journal.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 
 use futures::FutureExt;
 use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
+use sqlx::{QueryBuilder, Sqlite};
 use swarmbench_engine::AgentId;
 
 use super::Store;
@@ -12,7 +13,7 @@ use super::StoreError;
 use super::port::{
     Committed, EpisodeStore, Reply, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
 };
-use super::rows::{FromRow, from_row, get};
+use super::rows::{FromRow, LISTED_AT_ONCE, from_row, get, push_list};
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use crate::keys::OwnerKey;
 use crate::store::entries::{Entry, Held};
@@ -20,10 +21,6 @@ use swarmbench_journal::record::{ActRecord, RawRecord};
 
 /// Bytes of records that are read in one piece, before others have their turn on the thread.
 const PIECE_BYTES: u64 = 128 * 1024;
-
-/// Records of more bytes are read for a replay without their texts. Those of fewer are read as they are, which
-/// costs less.
-const WHOLE_BYTES_MAX: u32 = 512;
 
 /// Acts without their texts that are parsed in one piece.
 const ACTS_OF_A_PIECE: usize = 512;
@@ -130,9 +127,9 @@ impl Store {
         bytes_max: usize,
     ) -> Result<ActsPart, StoreError> {
         let query = sqlx::query(
-            "SELECT round, count(*), sum(octet_length(record)) FROM (
+            "SELECT round, count(*), CAST(sum(octet_length(record)) AS BIGINT) FROM (
                  SELECT round, record FROM acts WHERE episode = ? AND (round, agent) >= (?, ?) AND round < ?
-                 ORDER BY round, agent LIMIT ?)
+                 ORDER BY round, agent LIMIT ?) AS part
              GROUP BY round ORDER BY round",
         );
         let query = query.bind(episode.0).bind(from.0).bind(from.1.0).bind(end);
@@ -162,7 +159,7 @@ impl Store {
         last: u32,
     ) -> Result<Vec<(u32, String)>, StoreError> {
         let query = sqlx::query(
-            "SELECT round, group_concat(record, ',' ORDER BY agent) FROM acts
+            "SELECT round, string_agg(record, ',' ORDER BY agent) FROM acts
              WHERE episode = ? AND (round, agent) >= (?, ?) AND round <= ? GROUP BY round ORDER BY round",
         );
         self.fetch_all(query.bind(episode.0).bind(from.0).bind(from.1.0).bind(last)).await
@@ -248,13 +245,18 @@ impl Store {
         episode: EpisodeKey,
         rounds: &[u32],
     ) -> Result<Vec<f64>, StoreError> {
-        let last: Vec<u32> = rounds.iter().map(|rounds| rounds - 1).collect();
-        let last = serde_json::to_string(&last).expect("numbers");
-        let query = sqlx::query(
-            "SELECT score FROM rounds WHERE episode = ? AND round IN (SELECT value FROM json_each(?))
-             ORDER BY round",
-        );
-        self.fetch_all(query.bind(episode.0).bind(last)).await
+        let last: BTreeSet<u32> = rounds.iter().map(|rounds| rounds - 1).collect();
+        let last: Vec<u32> = last.into_iter().collect();
+        let mut scores = Vec::with_capacity(last.len());
+        for some in last.chunks(LISTED_AT_ONCE) {
+            let mut query =
+                QueryBuilder::<Sqlite>::new("SELECT score FROM rounds WHERE episode = ");
+            query.push_bind(episode.0).push(" AND round IN ");
+            push_list(&mut query, some.iter().copied());
+            query.push(" ORDER BY round");
+            scores.extend(self.fetch_all::<f64>(query.build()).await?);
+        }
+        Ok(scores)
     }
 }
 
@@ -330,13 +332,11 @@ impl EpisodeStore for Store {
         async move {
             // One row a round: a row costs more than the acts in it. Records have no line breaks.
             let query = sqlx::query(
-                "SELECT round, group_concat(
-                     agent || ' ' || waiting_for || ' ' || octet_length(record) || ' ' ||
-                     CASE WHEN octet_length(record) > ?
-                     THEN json_remove(record, '$.response', '$.reasoning') ELSE record END, char(10))
+                "SELECT round, string_agg(agent || ' ' || waiting_for || ' ' || octet_length(record) || ' '
+                                          || coalesce(brief, record), ?)
                  FROM acts WHERE episode = ? AND round >= ? AND round < ? GROUP BY round ORDER BY round",
             );
-            let query = query.bind(WHOLE_BYTES_MAX).bind(episode.0).bind(from).bind(to);
+            let query = query.bind("\n").bind(episode.0).bind(from).bind(to);
             let read: Vec<(u32, String)> = self.fetch_all(query).await?;
             let (mut rounds, mut unpaused) = (Vec::with_capacity(read.len()), 0);
             for (round, lines) in read {

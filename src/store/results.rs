@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard};
 
+use futures::TryStreamExt;
 use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{QueryBuilder, Sqlite};
@@ -16,7 +17,7 @@ use super::templates::opening;
 use crate::ids::{EntryKey, EpisodeKey, RunKey};
 use crate::store::entries::Entry;
 use swarmbench_journal::Tally;
-use swarmbench_journal::record::RawRecord;
+use swarmbench_journal::record::{ActRecord, RawRecord};
 use swarmbench_protocol::failure::Failures;
 
 /// Runs, or games of several holders, that are read at once.
@@ -36,10 +37,17 @@ pub(super) async fn add(
 ) -> Result<(), sqlx::Error> {
     let count = |number: u64| i64::try_from(number).unwrap_or(i64::MAX);
     sqlx::query(
-        "INSERT OR REPLACE INTO results (episode, task, seed, score, rounds, status, acts, invalid, clock_outs,
+        "INSERT INTO results (episode, task, seed, score, rounds, status, acts, invalid, clock_outs,
                               prompt_tokens, completion_tokens, failures)
-         SELECT key, task, ?, ?, ?, status, ?, ?, ?, ?, ?, ?
-         FROM episodes WHERE key = ?",
+         SELECT key, task, CAST(? AS BIGINT), CAST(? AS DOUBLE PRECISION), CAST(? AS BIGINT), status,
+                CAST(? AS BIGINT), CAST(? AS BIGINT), CAST(? AS BIGINT), CAST(? AS BIGINT), CAST(? AS BIGINT),
+                CAST(? AS TEXT)
+         FROM episodes WHERE key = ?
+         ON CONFLICT (episode) DO UPDATE SET
+             task = excluded.task, seed = excluded.seed, score = excluded.score, rounds = excluded.rounds,
+             status = excluded.status, acts = excluded.acts, invalid = excluded.invalid,
+             clock_outs = excluded.clock_outs, prompt_tokens = excluded.prompt_tokens,
+             completion_tokens = excluded.completion_tokens, failures = excluded.failures",
     )
     .bind(i64::from(seed))
     .bind(score)
@@ -311,23 +319,31 @@ impl Store {
             return Ok(tally);
         }
         // A game that boards do not count has no row of its own. Of a fork only the rounds of its own are counted.
+        let mut tally = Tally::default();
+        self.each_act(episode, |act| tally.add(&act)).await?;
+        // As it would be stored.
+        let most = |number: u64| number.min(i64::MAX.unsigned_abs());
+        let (prompt_tokens, completion_tokens) =
+            (most(tally.prompt_tokens), most(tally.completion_tokens));
+        Ok(Tally { prompt_tokens, completion_tokens, ..tally })
+    }
+
+    /// Reads the acts of an episode's own rounds one after the other, without their texts: all of them are never in memory.
+    async fn each_act(
+        &self,
+        episode: EpisodeKey,
+        mut see: impl FnMut(ActRecord),
+    ) -> Result<(), StoreError> {
         let query = sqlx::query(
-            "WITH first AS (SELECT coalesce(fork_round, 0) AS round FROM episodes WHERE key = ?1)
-             SELECT count(*) FILTER (WHERE source = 'player') AS acts,
-                    count(*) FILTER (WHERE source = 'player' AND NOT valid) AS invalid,
-                    count(*) FILTER (WHERE source = 'clock') AS clock_outs,
-                    CAST(total(prompt_tokens) AS INTEGER) AS prompt_tokens,
-                    CAST(total(completion_tokens) AS INTEGER) AS completion_tokens,
-                    (SELECT json_group_object(kind, times) FROM
-                        (SELECT record ->> 'failure' AS kind, count(*) AS times FROM acts
-                         WHERE episode = ?1 AND round >= (SELECT round FROM first) AND kind IS NOT NULL
-                         GROUP BY kind)) AS failures
-             FROM (SELECT record ->> 'source' AS source, record ->> 'valid' AS valid,
-                          record ->> '$.usage.prompt_tokens' AS prompt_tokens,
-                          record ->> '$.usage.completion_tokens' AS completion_tokens
-                   FROM acts WHERE episode = ?1 AND round >= (SELECT round FROM first))",
+            "SELECT coalesce(brief, record) FROM acts
+             WHERE episode = ?1 AND round >= (SELECT coalesce(fork_round, 0) FROM episodes WHERE key = ?1)",
         );
-        self.fetch_one(query.bind(episode.0)).await
+        let mut reading = self.read().await?;
+        let mut rows = query.bind(episode.0).fetch(&mut *reading);
+        while let Some(row) = rows.try_next().await? {
+            see(get(&row, 0)?);
+        }
+        Ok(())
     }
 
     /// The run of an episode, if it belongs to one.
@@ -353,7 +369,7 @@ impl Store {
             "SELECT e.run, s.task, s.seed, s.score, s.acts, s.invalid, s.clock_outs, s.failures,
                     e.key IN (SELECT key FROM episodes WHERE voided_at IS NOT NULL) AS voided
              FROM episodes e INDEXED BY episodes_by_run LEFT JOIN results s ON s.episode = e.key
-             WHERE e.run BETWEEN ? AND ? ORDER BY e.run, e.slot, e.key",
+             WHERE e.run BETWEEN ? AND ? ORDER BY e.run, e.slot NULLS FIRST, e.key",
         );
         self.fetch_all(query.bind(first.0).bind(last.0)).await
     }
@@ -389,8 +405,8 @@ impl Store {
             return Ok(None);
         };
         let query = sqlx::query(
-            "SELECT DISTINCT s.model, coalesce(s.model = 'built-in/' || s.player, 0)
-                        OR coalesce(k.role = 'organizer', 0), s.owner, s.holder
+            "SELECT DISTINCT s.model, coalesce(s.model = 'built-in/' || s.player, FALSE)
+                        OR coalesce(k.role = 'organizer', FALSE), s.owner, s.holder
              FROM seats s LEFT JOIN keys k ON k.number = s.owner
              WHERE s.episode = ? ORDER BY s.holder, s.model",
         );
@@ -404,7 +420,7 @@ fn select_runs() -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(
         "SELECT r.key, r.id, r.suite, r.digest, r.definition, r.status, r.created_at,
                 coalesce(n.id, k.id) AS owner, coalesce(n.name, k.name) AS name,
-                coalesce(n.vouched, 0) OR coalesce(k.role = 'organizer', 0) AS vouched
+                coalesce(n.vouched, FALSE) OR coalesce(k.role = 'organizer', FALSE) AS vouched
          FROM runs r LEFT JOIN keys k ON k.number = r.owner LEFT JOIN entries n ON n.key = r.entry
          LEFT JOIN competitions c ON c.key = n.competition WHERE ",
     );

@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 use sqlx::error::BoxDynError;
 use sqlx::query::Query;
 use sqlx::sqlite::{SqliteArguments, SqliteRow};
-use sqlx::{ColumnIndex, Decode, Row as _, Sqlite, Type};
+use sqlx::{ColumnIndex, Decode, Encode, QueryBuilder, Row as _, Sqlite, Type};
 use swarmbench_engine::{AgentId, Seed};
 
 use super::entries::Secret;
@@ -155,6 +155,25 @@ const CHUNKS: [usize; 20] =
 /// Prepared statements that a connection which writes keeps: all sizes of the tables into which rows are inserted in pieces,
 /// and the others.
 pub(super) const STATEMENTS_KEPT: usize = 256;
+
+/// Values that one list of a query has at most: SQLite takes 32,766 parameters.
+pub(super) const LISTED_AT_ONCE: usize = 1000;
+
+/// Adds `(…)` with a parameter for each value, to stand behind `IN`. Without values nothing is in it.
+pub(super) fn push_list<'q, T: Encode<'q, Sqlite> + Type<Sqlite>>(
+    query: &mut QueryBuilder<Sqlite>,
+    values: impl Iterator<Item = T>,
+) {
+    query.push("(");
+    let mut list = query.separated(", ");
+    let mut is_empty = true;
+    for value in values {
+        list.push_bind(value);
+        is_empty = false;
+    }
+    // PostgreSQL takes no empty list, and nothing equals NULL.
+    query.push(if is_empty { "NULL)" } else { ")" });
+}
 
 /// Cuts rows into pieces of few different lengths.
 pub(super) fn chunks<T>(rows: &[T]) -> impl Iterator<Item = &[T]> {

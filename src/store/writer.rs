@@ -36,7 +36,7 @@ use crate::keys::KeyRow;
 use crate::store::entries::{ActRow, EndRow, Entry, OpeningRow, RoundRow, TokenRow};
 use crate::store::port::Committed;
 use crate::telemetry;
-use swarmbench_journal::record::Source;
+use swarmbench_journal::record::{RawRecord, Source};
 
 /// Jobs that one transaction takes at most, so that the first does not wait for ever.
 const GROUP_MAX: usize = 1024;
@@ -470,11 +470,13 @@ async fn write(
             }
             Entry::Seat(row) => super::seats::seat(connection, row).await?,
             Entry::ReplaceTokens { episode, holder, tokens } => {
-                sqlx::query("DELETE FROM tokens WHERE episode = ? AND holder IS ?")
-                    .bind(episode.0)
-                    .bind(holder)
-                    .execute(&mut *connection)
-                    .await?;
+                sqlx::query(
+                    "DELETE FROM tokens WHERE episode = ? AND holder IS NOT DISTINCT FROM ?",
+                )
+                .bind(episode.0)
+                .bind(holder)
+                .execute(&mut *connection)
+                .await?;
                 insert_tokens(connection, *episode, tokens).await?;
             }
             Entry::AddKey(row) => add_key(connection, row).await?,
@@ -705,8 +707,8 @@ async fn insert_acts(
     acts: &[&ActRow],
 ) -> Result<(), sqlx::Error> {
     static INSERT: Insert = Insert::new(
-        "acts (episode, round, agent, waiting_for, source, at, record)",
-        "(?, ?, ?, ?, ?, ?, ?)",
+        "acts (episode, round, agent, waiting_for, source, at, record, brief)",
+        "(?, ?, ?, ?, ?, ?, ?, ?)",
     );
     for (rows, statement) in INSERT.statements(acts) {
         let mut query = sqlx::query(statement);
@@ -718,7 +720,8 @@ async fn insert_acts(
                 .bind(act.waiting_for)
                 .bind(source_code(act.source))
                 .bind(act.at.as_millisecond())
-                .bind(act.record.as_str());
+                .bind(act.record.as_str())
+                .bind(act.brief.as_ref().map(RawRecord::as_str));
         }
         query.execute(&mut *connection).await?;
     }
@@ -756,7 +759,7 @@ mod tests {
     use crate::ids::RunKey;
     use crate::store::Store;
     use crate::store::port::EpisodeStore;
-    use swarmbench_journal::record::{Decision, RawRecord};
+    use swarmbench_journal::record::Decision;
 
     fn act(episode: i64, round: u32) -> Entry {
         Entry::Act(ActRow {
@@ -767,6 +770,7 @@ mod tests {
             source: Source::Clock,
             at: jiff::Timestamp::UNIX_EPOCH,
             record: RawRecord::write(&Decision::clock_ran_out().record(AgentId(0), 0)),
+            brief: None,
         })
     }
 

@@ -114,6 +114,7 @@ async fn commits(database: &Path) {
                     source: Source::Player,
                     at: clock.now(),
                     record: RawRecord::write(&decision.record(agent, 0)),
+                    brief: None,
                 };
                 next += 1;
                 vec![Entry::Act(row)]

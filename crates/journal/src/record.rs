@@ -427,6 +427,25 @@ impl Decision {
         }
     }
 
+    /// Its record without the answer of a language model and the reasoning: no state follows from these, and they may be
+    /// large. `None` where it has neither.
+    #[must_use]
+    pub fn brief_record(&self, agent: AgentId, bank_spent_ms: u64) -> Option<ActRecord> {
+        let Self { source, act, valid, failure, response, usage, reasoning } = self;
+        (response.is_some() || reasoning.is_some()).then(|| {
+            let brief = Self {
+                source: *source,
+                act: act.clone(),
+                valid: *valid,
+                failure: *failure,
+                response: None,
+                usage: *usage,
+                reasoning: None,
+            };
+            brief.record(agent, bank_spent_ms)
+        })
+    }
+
     /// Bytes of the texts that a player sent with it.
     #[must_use]
     pub fn text_bytes(&self) -> u64 {
@@ -441,6 +460,13 @@ impl ActRecord {
     #[must_use]
     pub fn taken_over(self) -> Self {
         Self { response: None, usage: None, reasoning: None, bank_spent_ms: 0, ..self }
+    }
+
+    /// Without the answer of a language model and the reasoning; `None` where it has neither.
+    #[must_use]
+    pub fn brief(self) -> Option<Self> {
+        let has_texts = self.response.is_some() || self.reasoning.is_some();
+        has_texts.then_some(Self { response: None, reasoning: None, ..self })
     }
 
     /// Whether it is as a fork takes it over.

@@ -35,7 +35,7 @@ use crate::budget::Reservation;
 use crate::fair::{Party, Rank};
 use crate::store::StoreError;
 use crate::store::entries::{
-    ActRow, ClaimRow, EndRow, Entry, Holder, RoundRow, SeatingRow, TokenRow,
+    ActRow, ClaimRow, EndRow, Entry, Holder, RoundRow, SeatingRow, TokenRow, brief_of,
 };
 use crate::work::Cancelled;
 use commit::{ActKind, AfterCommit};
@@ -540,7 +540,8 @@ impl Actor {
     }
 
     fn act_entry(&mut self, at: Timestamp, agent: AgentId, recorded: RecordedAct) -> Entry {
-        let RecordedAct { decision, record, waiting_for, .. } = recorded;
+        let RecordedAct { decision, bank_spent_ms, record, waiting_for } = recorded;
+        let brief = brief_of(&record, || decision.brief_record(agent, bank_spent_ms));
         let source = decision.source;
         let bytes = record.as_str().len() as u64;
         self.bytes += bytes;
@@ -548,7 +549,7 @@ impl Actor {
         self.host.quotas.add_bytes(self.episode.key, bytes, at);
         let at = self.stamp(at);
         let (episode, round) = (self.episode.key, self.world.round());
-        Entry::Act(ActRow { episode, round, agent, waiting_for, source, at, record })
+        Entry::Act(ActRow { episode, round, agent, waiting_for, source, at, record, brief })
     }
 
     /// Steps the engine by the acts of the open round and writes the round's record, and the end

@@ -364,8 +364,11 @@ impl Registry {
                 }
                 entries.extend(taken.acts.iter().map(|act| {
                     let PastAct { agent, waiting_for, source, .. } = *act;
-                    let record = act.record.clone();
-                    Entry::Act(ActRow { episode, round, agent, waiting_for, source, at, record })
+                    // It was taken over without its texts.
+                    let (record, brief) = (act.record.clone(), None);
+                    let row =
+                        ActRow { episode, round, agent, waiting_for, source, at, record, brief };
+                    Entry::Act(row)
                 }));
                 let (digest, score, head) = (taken.digest, taken.score, *head);
                 entries.push(Entry::Round(RoundRow { episode, round, digest, score, head, at }));

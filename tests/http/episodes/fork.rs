@@ -533,7 +533,7 @@ async fn what_a_crash_leaves_of_a_fork_is_deleted() {
     // As if the last commit had never come: acts and rounds without an episode.
     app.tamper(
         "INSERT INTO forking (episode) VALUES (1000000);
-         INSERT INTO acts SELECT 1000000, round, agent, waiting_for, at, record, source FROM acts WHERE episode = 1;
+         INSERT INTO acts SELECT 1000000, round, agent, waiting_for, at, record, source, brief FROM acts WHERE episode = 1;
          INSERT INTO rounds SELECT 1000000, round, digest, score, head, at FROM rounds WHERE episode = 1;",
     )
     .await;
