@@ -83,7 +83,7 @@ impl Store {
     ) -> Result<Vec<ShownAction>, StoreError> {
         let query = sqlx::query(
             "SELECT number, at, action, subject, shown FROM audit
-             WHERE competition = ?1 AND number < ?2 AND (?3 IS NULL OR action = ?3)
+             WHERE competition = ?1 AND number < ?2 AND (CAST(?3 AS TEXT) IS NULL OR action = ?3)
              ORDER BY number DESC LIMIT ?4",
         );
         let before = before.unwrap_or(i64::MAX);

@@ -1,17 +1,18 @@
 //! The table `episodes`.
 
+use jiff::Timestamp;
 use serde::Deserialize;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Sqlite};
 
 use super::Store;
 use super::StoreError;
-use super::rows::{FromRow, get};
+use super::rows::{FromRow, get, push_list};
 use super::templates::{listed_opening, opening};
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use crate::keys::OwnerKey;
 use crate::store::port::{StoredEpisode, Unfinished};
-use swarmbench_journal::record::RawRecord;
+use swarmbench_journal::record::{End, RawRecord, RecordedConfig, end_record};
 
 /// What a list of episodes is filtered by.
 #[derive(Clone, Debug, Default)]
@@ -91,14 +92,11 @@ enum Detail {
     All,
 }
 
-/// The end record. A large one is returned without its open acts, and its text is not read for that: they are among
-/// the acts of the episode.
+/// The end record. The text of a large one is not read: it is made again without its open acts, which are among the acts
+/// of the episode.
 const END: &str = "
-    CASE WHEN octet_length(e.ending) > 65536
-         THEN json_object('kind', 'end', 'status', e.status, 'reason', e.reason,
-                          'rounds', coalesce(r.round + 1, 0), 'score', coalesce(r.score, 0.0),
-                          'open_acts', json_array())
-         ELSE e.ending END AS \"end\", ";
+    CASE WHEN octet_length(e.ending) <= 65536 THEN e.ending END AS \"end\",
+    coalesce(octet_length(e.ending) > 65536, FALSE) AS has_large_end, ";
 
 /// The end record unless it is long: it tells the rounds and the score, so that a list reads no rounds of episodes that have
 /// ended, each of which is on a page of its own.
@@ -107,7 +105,7 @@ const SHORT_END: &str = "CASE WHEN octet_length(e.ending) <= 1024 THEN e.ending 
 /// Asks for episodes; the caller adds a condition.
 fn select(detail: Detail) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(
-        "SELECT e.key AS episode, e.id, e.owner, e.run, e.revealed, coalesce(e.own_games, 0) AS own_games, ",
+        "SELECT e.key AS episode, e.id, e.owner, e.run, e.revealed, coalesce(e.own_games, FALSE) AS own_games, ",
     );
     query.push(if detail == Detail::Listed { listed_opening!() } else { opening!() });
     query.push(
@@ -118,15 +116,16 @@ fn select(detail: Detail) -> QueryBuilder<Sqlite> {
     );
     match detail {
         Detail::Listed | Detail::Summary => query
-            .push("e.created_at AS newest_at, NULL AS \"end\", NULL AS last_act_at, ")
+            .push("CAST(NULL AS TEXT) AS \"end\", FALSE AS has_large_end, CAST(NULL AS BIGINT) AS last_act_at, ")
+            .push(NO_TIMES)
             .push(SHORT_END)
             .push(" AS short_end"),
         Detail::All => query
-            .push(NEWEST_AT)
-            .push(" AS newest_at, ")
             .push(END)
             .push(LAST_ACT_AT)
-            .push(" AS last_act_at, NULL AS short_end"),
+            .push(" AS last_act_at, ")
+            .push(TIMES)
+            .push("CAST(NULL AS TEXT) AS short_end"),
     };
     query.push(
         " FROM episodes e
@@ -142,25 +141,33 @@ fn select(detail: Detail) -> QueryBuilder<Sqlite> {
 
 /// Where it waits and has, or had, open seats: every holder of a key may claim one.
 const CLAIMABLE: &str = "(e.status = 'waiting' AND e.visibility <> 'sealed'
-                          AND coalesce(e.open_seats, json_extract(e.opening, '$.config.open_seats') IS NOT NULL))";
+                          AND coalesce(e.open_seats, FALSE))";
 
-/// The models that held seats: those of the record of seats, or else the creator's.
-const MODELS: &str = "
-    (SELECT e.model WHERE e.seating IS NULL
-     UNION ALL SELECT json_extract(h.value, '$.model') FROM json_each(e.seating, '$.holders') h)";
+/// Whether the record of seats tells who holds them. It tells what the table of seats has; where that has no rows, the creator
+/// holds all of them, for a player that the server hosts.
+const IS_SEATED: &str =
+    "(e.seating IS NOT NULL AND EXISTS (SELECT 1 FROM seats s WHERE s.episode = e.key))";
 
-const IS_MIXED: &str = "(coalesce(json_array_length(e.seating, '$.holders'), 0) > 1)";
+/// Whether the record of seats has several holders.
+const IS_MIXED: &str = "
+    (e.seating IS NOT NULL
+     AND coalesce((SELECT min(s.holder) < max(s.holder) FROM seats s WHERE s.episode = e.key), FALSE))";
 
-/// When the newest record came.
-const NEWEST_AT: &str = "
-    max(e.created_at, coalesce(e.started_at, 0), coalesce(r.at, 0), coalesce(e.ended_at, 0),
-        coalesce((SELECT max(a.at) FROM acts a
-                  WHERE a.episode = e.key AND a.round >= coalesce(r.round, 0)), 0))";
+/// When records came, the newest of which is looked for.
+const TIMES: &str = "
+    e.started_at, e.ended_at AS over_at, r.at AS round_at,
+    (SELECT max(a.at) FROM acts a WHERE a.episode = e.key AND a.round >= coalesce(r.round, 0)) AS act_at, ";
 
-/// The last act of a player, or else the manual start: a clock that runs out is no act.
+const NO_TIMES: &str = "
+    CAST(NULL AS BIGINT) AS started_at, CAST(NULL AS BIGINT) AS over_at, CAST(NULL AS BIGINT) AS round_at,
+    CAST(NULL AS BIGINT) AS act_at, ";
+
+/// The last act of a player, or else the manual start: a clock that runs out is no act. Acts of early versions tell only in
+/// their records who decided; there the quotes of a text are escaped.
 const LAST_ACT_AT: &str = "
     coalesce((SELECT a.at FROM acts a
-              WHERE a.episode = e.key AND coalesce(a.source = 0, json_extract(a.record, '$.source') = 'player')
+              WHERE a.episode = e.key
+                AND coalesce(a.source, CASE WHEN a.record LIKE '%\"source\":\"player\"%' THEN 0 ELSE 1 END) = 0
               ORDER BY a.round DESC, a.at DESC LIMIT 1),
              e.started_at)";
 
@@ -181,12 +188,8 @@ impl Store {
         ids: &[EpisodeId],
     ) -> Result<Vec<StoredEpisode>, StoreError> {
         let mut query = select(Detail::Summary);
-        query.push("e.id IN (");
-        let mut list = query.separated(", ");
-        for id in ids {
-            list.push_bind(id.as_str());
-        }
-        query.push(")");
+        query.push("e.id IN ");
+        push_list(&mut query, ids.iter().map(EpisodeId::as_str));
         self.fetch_all(query.build()).await
     }
 
@@ -242,13 +245,17 @@ impl Store {
             [("status", &filter.status), ("task", &filter.task), ("model", &filter.model)]
         {
             if let Some(value) = value {
-                // With the sign SQLite takes no index for it.
-                query.push(if leads == Some(column) { " AND e." } else { " AND +e." });
-                query.push(column).push(" = ").push_bind(value);
+                query.push(" AND e.").push(column);
+                // SQLite takes no index for a text that is made.
+                query.push(if leads == Some(column) { " = " } else { " || '' = " });
+                query.push_bind(value);
             }
         }
         if let Some(model) = &filter.played_by {
-            query.push(" AND ").push_bind(model).push(" IN ").push(MODELS);
+            query.push(" AND CASE WHEN ").push(IS_SEATED);
+            query
+                .push(" THEN EXISTS (SELECT 1 FROM seats s WHERE s.episode = e.key AND s.model = ");
+            query.push_bind(model).push(") ELSE e.model = ").push_bind(model).push(" END");
         }
         if let Some(mixed) = filter.mixed {
             query.push(" AND ").push(IS_MIXED).push(" = ").push_bind(mixed);
@@ -296,7 +303,7 @@ impl Store {
                 query.push_bind(run.0)
             }
             Readable::Only(id) => query.push(" AND e.id = ").push_bind(id.as_str()),
-            Readable::Nothing => query.push(" AND 0"),
+            Readable::Nothing => query.push(" AND FALSE"),
         };
         query.push(" ORDER BY e.key DESC LIMIT ").push_bind(limit);
         self.fetch_all(query.build()).await
@@ -305,8 +312,8 @@ impl Store {
     /// All episodes that have not ended, those with a round clock first.
     pub async fn unfinished_episodes(&self) -> Result<Vec<Unfinished>, StoreError> {
         let query = sqlx::query(
-            "SELECT key, id, owner, clocked, iif(clocked, json_extract(opening, '$.config'), NULL) AS config,
-                    iif(clocked, (SELECT max(round) + 1 FROM rounds WHERE episode = key), NULL) AS rounds
+            "SELECT key, id, owner, clocked, CASE WHEN clocked THEN opening END AS opening,
+                    CASE WHEN clocked THEN (SELECT max(round) + 1 FROM rounds WHERE episode = key) END AS rounds
              FROM episodes WHERE status IN ('waiting', 'running') ORDER BY clocked DESC, key",
         );
         self.fetch_all(query).await
@@ -315,11 +322,11 @@ impl Store {
     /// How many bytes the acts of all episodes of each key take.
     pub async fn bytes_by_owner(&self) -> Result<Vec<(OwnerKey, u64)>, StoreError> {
         let query = sqlx::query(
-            "SELECT owner, sum(bytes) FROM (
+            "SELECT owner, CAST(sum(bytes) AS BIGINT) FROM (
                  SELECT owner, bytes FROM episodes WHERE owner IS NOT NULL AND bytes IS NOT NULL
                  UNION ALL
                  SELECT e.owner, octet_length(a.record) FROM episodes e JOIN acts a ON a.episode = e.key
-                 WHERE e.status IN ('waiting', 'running') AND e.owner IS NOT NULL)
+                 WHERE e.status IN ('waiting', 'running') AND e.owner IS NOT NULL) AS kept
              GROUP BY owner",
         );
         self.fetch_all(query).await
@@ -341,12 +348,12 @@ impl Store {
     /// order, from the few competitions on: SQLite would begin with all episodes.
     pub async fn bytes_by_competition(&self) -> Result<Vec<(CompetitionKey, u64)>, StoreError> {
         let query = sqlx::query(
-            "SELECT competition, coalesce(sum(bytes), 0) FROM (
+            "SELECT competition, CAST(coalesce(sum(bytes), 0) AS BIGINT) FROM (
                  SELECT n.competition, coalesce(e.bytes, (
-                            SELECT sum(octet_length(a.record)) FROM acts a WHERE a.episode = e.key)) AS bytes
-                 FROM competitions c CROSS JOIN entries n ON n.competition = c.key
-                 CROSS JOIN runs r ON r.entry = n.key CROSS JOIN episodes e ON e.run = r.key
-                 WHERE c.revealed_at IS NULL)
+                            SELECT CAST(sum(octet_length(a.record)) AS BIGINT)
+                            FROM acts a WHERE a.episode = e.key)) AS bytes
+                 FROM competitions c CROSS JOIN entries n CROSS JOIN runs r CROSS JOIN episodes e
+                 WHERE c.revealed_at IS NULL AND n.competition = c.key AND r.entry = n.key AND e.run = r.key) AS kept
              GROUP BY competition",
         );
         self.fetch_all(query).await
@@ -376,6 +383,18 @@ impl FromRow for StoredEpisode {
             // A layout may have a score, but before the first round none is shown.
             (rounds, score) = (end.rounds, if end.rounds > 0 { end.score } else { 0.0 });
         }
+        let (status, reason): (String, Option<String>) = (get(row, "status")?, get(row, "reason")?);
+        let end = if get(row, "has_large_end")? {
+            Some(end_without_acts(&status, reason.as_deref(), rounds, score))
+        } else {
+            get(row, "end")?
+        };
+        let created_at = get(row, "created_at")?;
+        let mut newest_at = created_at;
+        for column in ["started_at", "over_at", "round_at", "act_at"] {
+            newest_at =
+                get::<Option<Timestamp>>(row, column)?.map_or(newest_at, |at| at.max(newest_at));
+        }
         Ok(Self {
             episode: get(row, "episode")?,
             id: get(row, "id")?,
@@ -386,20 +405,26 @@ impl FromRow for StoredEpisode {
             opening: get(row, "opening")?,
             first_round: get(row, "first_round")?,
             seating: get(row, "seating")?,
-            status: get(row, "status")?,
-            reason: get(row, "reason")?,
-            end: get(row, "end")?,
+            status,
+            reason,
+            end,
             head: get(row, "head")?,
             act_bytes: get(row, "bytes")?,
             rounds,
             score,
-            created_at: get(row, "created_at")?,
-            newest_at: get(row, "newest_at")?,
+            created_at,
+            newest_at,
             last_act_at: get(row, "last_act_at")?,
             ended_at: get(row, "ended_at")?,
             void_reason: get(row, "void_reason")?,
         })
     }
+}
+
+/// An end record without the acts of the open round.
+fn end_without_acts(status: &str, reason: Option<&str>, rounds: u32, score: f64) -> RawRecord {
+    let (status, reason) = (status.to_owned(), reason.unwrap_or_default().to_owned());
+    end_record(End { status, reason, rounds, score, open_acts: Vec::new() })
 }
 
 /// What an end record tells of the rounds.
@@ -409,11 +434,18 @@ struct Standing {
     score: f64,
 }
 
+/// What an opening tells of the settings.
+#[derive(Deserialize)]
+struct Configured {
+    config: RecordedConfig,
+}
+
 impl FromRow for Unfinished {
     fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
         // Settings that cannot be read are reported by the recovery of the episode.
-        let config = get::<Option<String>>(row, "config")?
-            .and_then(|config| serde_json::from_str(&config).ok());
+        let config = get::<Option<String>>(row, "opening")?
+            .and_then(|opening| serde_json::from_str(&opening).ok())
+            .map(|Configured { config }| config);
         let rounds = get::<Option<u32>>(row, "rounds")?.unwrap_or(0);
         Ok(Self {
             episode: get(row, "key")?,

@@ -12,13 +12,10 @@ use swarmbench_boards::{Game, Slot};
 use swarmbench_journal::Tally;
 
 use super::results::failures;
-use super::rows::{FromRow, get};
+use super::rows::{FromRow, LISTED_AT_ONCE, get, push_list};
 use super::runs::void_reason;
 use super::{Store, StoreError};
 use crate::ids::{EpisodeId, EpisodeKey, RunKey};
-
-/// Runs whose games one query reads: SQLite takes 32,766 parameters at most.
-const RUNS_AT_ONCE: usize = 1000;
 
 /// Bytes of the games of ended runs that are cached: a row of the database costs far more to read than to copy.
 const GAMES_BYTES_MAX: u64 = 32 * 1024 * 1024;
@@ -127,7 +124,7 @@ impl Store {
                 None => missing.push(run),
             }
         }
-        for some in missing.chunks(RUNS_AT_ONCE) {
+        for some in missing.chunks(LISTED_AT_ONCE) {
             let mut read = BTreeMap::new();
             let ended = self.ended_of(some).await?;
             self.add_games(some, &mut read).await?;
@@ -147,13 +144,10 @@ impl Store {
     /// Which of these runs have ended, in order.
     async fn ended_of(&self, runs: &[RunKey]) -> Result<Vec<RunKey>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(
-            "SELECT key FROM runs WHERE ended_at IS NOT NULL AND key IN (",
+            "SELECT key FROM runs WHERE ended_at IS NOT NULL AND key IN ",
         );
-        let mut keys = query.separated(", ");
-        for run in runs {
-            keys.push_bind(run.0);
-        }
-        query.push(") ORDER BY key");
+        push_list(&mut query, runs.iter().map(|run| run.0));
+        query.push(" ORDER BY key");
         self.fetch_all(query.build()).await
     }
 
@@ -169,13 +163,10 @@ impl Store {
                     coalesce(r.rounds, (SELECT max(round) + 1 FROM rounds WHERE episode = e.key), 0)
                         AS rounds,
                     r.acts, r.invalid, r.clock_outs, r.prompt_tokens, r.completion_tokens, r.failures
-             FROM episodes e LEFT JOIN results r ON r.episode = e.key WHERE e.run IN (",
+             FROM episodes e LEFT JOIN results r ON r.episode = e.key WHERE e.run IN ",
         );
-        let mut keys = query.separated(", ");
-        for run in runs {
-            keys.push_bind(run.0);
-        }
-        query.push(") ORDER BY e.run, e.slot, e.key");
+        push_list(&mut query, runs.iter().map(|run| run.0));
+        query.push(" ORDER BY e.run, e.slot NULLS FIRST, e.key");
         for (run, game) in self.fetch_all::<(RunKey, StoredGame)>(query.build()).await? {
             all.entry(run).or_default().push(game);
         }

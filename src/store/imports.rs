@@ -1,5 +1,7 @@
 //! The tables `imports` and `import_rounds`: games that were read from files.
 
+use std::collections::BTreeSet;
+
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};
 use sqlx::sqlite::SqliteConnection;
@@ -9,7 +11,7 @@ use swarmbench_protocol::import::ImportConfig;
 use super::Store;
 use super::StoreError;
 use super::entries::{ImportRow, ImportedRound};
-use super::rows::{chunks, from_row};
+use super::rows::{LISTED_AT_ONCE, chunks, from_row, push_list};
 use crate::ids::ImportKey;
 
 /// Computes the digest of an imported game, state by state.
@@ -134,12 +136,18 @@ impl Store {
         key: ImportKey,
         states: &[u32],
     ) -> Result<Vec<f64>, StoreError> {
-        let states = serde_json::to_string(states).expect("numbers");
-        let query = sqlx::query(
-            "SELECT score FROM import_rounds
-             WHERE import = ? AND round IN (SELECT value FROM json_each(?)) ORDER BY round",
-        );
-        self.fetch_all(query.bind(key.0).bind(states)).await
+        let states: BTreeSet<u32> = states.iter().copied().collect();
+        let states: Vec<u32> = states.into_iter().collect();
+        let mut scores = Vec::with_capacity(states.len());
+        for some in states.chunks(LISTED_AT_ONCE) {
+            let mut query =
+                QueryBuilder::<Sqlite>::new("SELECT score FROM import_rounds WHERE import = ");
+            query.push_bind(key.0).push(" AND round IN ");
+            push_list(&mut query, some.iter().copied());
+            query.push(" ORDER BY round");
+            scores.extend(self.fetch_all::<f64>(query.build()).await?);
+        }
+        Ok(scores)
     }
 
     /// All imported games, as far as results are compared; the oldest first.
@@ -187,10 +195,10 @@ pub(super) async fn keep(
     }
     let settings =
         serde_json::to_string(&row.settings).map_err(|e| sqlx::Error::Encode(e.into()))?;
-    let inserted = sqlx::query(
+    let inserted: i64 = sqlx::query_scalar(
         "INSERT INTO imports (id, digest, run_id, meta, model, task, seed, settings, score, rounds,
                               acts, imported_at)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) RETURNING key",
     )
     .bind(&row.id)
     .bind(&row.digest[..])
@@ -204,9 +212,9 @@ pub(super) async fn keep(
     .bind(row.resolved)
     .bind(acts)
     .bind(at.as_millisecond())
-    .execute(&mut *connection)
+    .fetch_one(&mut *connection)
     .await?;
-    insert_rounds(connection, inserted.last_insert_rowid(), &row.rounds).await
+    insert_rounds(connection, inserted, &row.rounds).await
 }
 
 async fn insert_rounds(

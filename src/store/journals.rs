@@ -7,7 +7,7 @@ use sqlx::{QueryBuilder, Sqlite};
 
 use super::port::{StoredEpisode, StoredRound};
 use super::records::ActReader;
-use super::rows::{FromRow, get};
+use super::rows::{FromRow, get, push_list};
 use super::{Store, StoreError};
 use crate::ids::{EpisodeId, EpisodeKey};
 use swarmbench_journal::record::RawRecord;
@@ -65,15 +65,15 @@ impl Store {
         let keys: Vec<_> = journals.iter().map(|journal| journal.stored.episode).collect();
         let place: HashMap<_, _> = keys.iter().zip(0..).map(|(key, place)| (*key, place)).collect();
         let place = |key| place.get(&key).copied().unwrap_or(0_usize);
-        let query = "SELECT episode, round, digest, score, head FROM rounds WHERE episode IN (";
+        let query = "SELECT episode, round, digest, score, head FROM rounds WHERE episode IN ";
         let mut query = about_games(query, &keys);
         query.push(" ORDER BY episode, round");
         let rounds: Vec<(EpisodeKey, StoredRound)> = self.fetch_all(query.build()).await?;
         for (episode, round) in rounds {
             journals[place(episode)].rounds.push(round);
         }
-        let query = "SELECT episode, round, group_concat(record, ',' ORDER BY agent)
-                     FROM acts WHERE episode IN (";
+        let query = "SELECT episode, round, string_agg(record, ',' ORDER BY agent)
+                     FROM acts WHERE episode IN ";
         let mut query = about_games(query, &keys);
         query.push(" GROUP BY episode, round ORDER BY episode, round");
         let acts: Vec<(EpisodeKey, u32, String)> = self.fetch_all(query.build()).await?;
@@ -84,7 +84,7 @@ impl Store {
         for journal in &mut *journals {
             journal.acts.set_read(of_games.remove(&journal.stored.episode).unwrap_or_default());
         }
-        let mut query = about_games("SELECT key, ending FROM episodes WHERE key IN (", &keys);
+        let mut query = about_games("SELECT key, ending FROM episodes WHERE key IN ", &keys);
         let ends: Vec<(EpisodeKey, Option<RawRecord>)> = self.fetch_all(query.build()).await?;
         for (episode, end) in ends {
             journals[place(episode)].end = end;
@@ -103,11 +103,7 @@ fn bytes_of(stored: &StoredEpisode) -> Option<u64> {
 /// A query with a list of games at its end.
 fn about_games(query: &str, keys: &[EpisodeKey]) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(query);
-    let mut list = query.separated(", ");
-    for key in keys {
-        list.push_bind(key.0);
-    }
-    query.push(")");
+    push_list(&mut query, keys.iter().map(|key| key.0));
     query
 }
 

@@ -3,20 +3,21 @@
 
 use std::collections::BTreeMap;
 
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
-use sqlx::sqlite::{SqliteConnection, SqliteRow};
-use sqlx::{QueryBuilder, Row as _, Sqlite};
+use sqlx::sqlite::SqliteConnection;
+use sqlx::{QueryBuilder, Sqlite};
 use swarmbench_analysis::{Definition, Hash1, METRICS_REVISION, Metric, Metrics};
 
-use super::rows::{FromRow, from_row, get};
+use super::rows::{LISTED_AT_ONCE, from_row, push_list};
 use super::{Store, StoreError};
 use crate::ids::EpisodeKey;
 
 /// Games that wait to be measured. Those that end while there are more are measured when their metrics are first read.
 pub const UNMEASURED_MAX: i64 = 65_536;
 
-/// Runs of which games are read at once.
-const RUNS_AT_ONCE: usize = 256;
+/// Games of which the values are read at once.
+const GAMES_AT_ONCE: usize = 256;
 
 /// The metrics of a game.
 #[derive(Clone, Debug)]
@@ -56,8 +57,7 @@ impl Measured {
     /// # Errors
     /// If the text was not written by this revision.
     pub fn read(stored: &str) -> Result<Self, StoreError> {
-        let broken = |error| StoreError::broken(format!("metrics of a game: {error}"));
-        serde_json::from_str(stored).map_err(broken)
+        serde_json::from_str(stored).map_err(unreadable)
     }
 
     /// Whether texts were left out of a comparison.
@@ -80,6 +80,11 @@ impl Measured {
             Definition::Toolkit => &self.toolkit,
         }
     }
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "it maps errors")]
+fn unreadable(error: serde_json::Error) -> StoreError {
+    StoreError::broken(format!("metrics of a game: {error}"))
 }
 
 impl MetricsRow {
@@ -110,7 +115,7 @@ pub(super) async fn queue(
     // Numbers follow each other, so the first and the last tell how many there are about.
     sqlx::query(
         "INSERT INTO unmeasured (episode)
-         SELECT ? WHERE coalesce((SELECT max(number) FROM unmeasured)
+         SELECT CAST(? AS BIGINT) WHERE coalesce((SELECT max(number) FROM unmeasured)
                                - (SELECT min(number) FROM unmeasured), 0) < ?",
     )
     .bind(episode.0)
@@ -125,7 +130,8 @@ pub(super) async fn add(
     row: &MetricsRow,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "INSERT OR REPLACE INTO metrics (episode, embedder, revision, measured) VALUES (?, ?, ?, ?)",
+        "INSERT INTO metrics (episode, embedder, revision, measured) VALUES (?, ?, ?, ?)
+         ON CONFLICT (episode, embedder) DO UPDATE SET revision = excluded.revision, measured = excluded.measured",
     )
     .bind(row.episode.0)
     .bind(&row.embedder)
@@ -171,40 +177,84 @@ impl Store {
         metrics: &[Metric],
         (embedder, revision): (&str, u32),
     ) -> Result<BTreeMap<RunTask, Vec<Option<f64>>>, StoreError> {
-        let mut means = BTreeMap::new();
-        for some in runs.chunks(RUNS_AT_ONCE) {
-            let mut query = QueryBuilder::<Sqlite>::new("SELECT r.id, e.task");
-            for metric in metrics {
-                let path = format!("$.paper.{}[0]", metric.name());
-                query.push(", avg(json_extract(m.measured, ").push_bind(path).push("))");
-            }
-            query.push(
-                " FROM runs r JOIN episodes e ON e.run = r.key JOIN metrics m ON m.episode = e.key
-                 WHERE e.voided_at IS NULL AND m.embedder = ",
+        let mut games = Vec::new();
+        for some in runs.chunks(LISTED_AT_ONCE) {
+            let mut query = QueryBuilder::<Sqlite>::new(
+                "SELECT r.id, e.task, e.key FROM runs r JOIN episodes e ON e.run = r.key
+                 WHERE e.voided_at IS NULL AND r.id IN ",
             );
-            query.push_bind(embedder).push(" AND m.revision = ").push_bind(revision);
-            query.push(" AND r.id IN (");
-            let mut ids = query.separated(", ");
-            for id in some {
-                ids.push_bind(id);
-            }
-            query.push(") GROUP BY r.id, e.task");
-            let rows: Vec<Means> = self.fetch_all(query.build()).await?;
-            means.extend(rows.into_iter().map(|row| (row.of, row.means)));
+            push_list(&mut query, some.iter());
+            games.extend(self.fetch_all::<(String, String, EpisodeKey)>(query.build()).await?);
         }
-        Ok(means)
+        // In the order of their numbers, as a sum of floats depends on the order.
+        games.sort_unstable_by_key(|(.., episode)| *episode);
+        let mut means = BTreeMap::new();
+        for some in games.chunks(GAMES_AT_ONCE) {
+            let mut query = QueryBuilder::<Sqlite>::new(
+                "SELECT episode, measured FROM metrics WHERE embedder = ",
+            );
+            query.push_bind(embedder).push(" AND revision = ").push_bind(revision);
+            query.push(" AND episode IN ");
+            push_list(&mut query, some.iter().map(|(.., episode)| episode.0));
+            query.push(" ORDER BY episode");
+            let read: Vec<(EpisodeKey, String)> = self.fetch_all(query.build()).await?;
+            for (episode, measured) in read {
+                let place = some.binary_search_by_key(&episode, |(.., episode)| *episode);
+                let Ok(place) = place else { continue };
+                let (run, task, _) = &some[place];
+                let of = means.entry((run.clone(), task.clone()));
+                let sums: &mut Vec<Sum> = of.or_insert_with(|| vec![Sum::default(); metrics.len()]);
+                let values = PaperValues::read(&measured)?;
+                for (sum, metric) in sums.iter_mut().zip(metrics) {
+                    if let Some((Some(value), _)) = values.paper.get(metric.name()) {
+                        sum.add(*value);
+                    }
+                }
+            }
+            tokio::task::yield_now().await;
+        }
+        let means = means.into_iter().map(|(of, sums)| (of, sums.iter().map(Sum::mean).collect()));
+        Ok(means.collect())
     }
 }
 
-struct Means {
-    of: RunTask,
-    means: Vec<Option<f64>>,
+/// Of the values of a game, those of the definition `paper`.
+#[derive(Deserialize)]
+struct PaperValues<'a> {
+    #[serde(borrow)]
+    paper: BTreeMap<&'a str, (Option<f64>, IgnoredAny)>,
 }
 
-impl FromRow for Means {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
-        let means = (2..row.len()).map(|column| get(row, column)).collect::<Result<_, _>>()?;
-        Ok(Self { of: (get(row, 0)?, get(row, 1)?), means })
+impl<'a> PaperValues<'a> {
+    fn read(stored: &'a str) -> Result<Self, StoreError> {
+        serde_json::from_str(stored).map_err(unreadable)
+    }
+}
+
+/// A sum of floats with what its additions lose (Neumaier's), so that means are those that `avg` of SQLite gives.
+#[derive(Clone, Debug, Default)]
+struct Sum {
+    sum: f64,
+    lost: f64,
+    count: u32,
+}
+
+impl Sum {
+    fn add(&mut self, value: f64) {
+        let next = self.sum + value;
+        self.lost += if self.sum.abs() > value.abs() {
+            (self.sum - next) + value
+        } else {
+            (value - next) + self.sum
+        };
+        self.sum = next;
+        self.count += 1;
+    }
+
+    /// `None` of nothing.
+    fn mean(&self) -> Option<f64> {
+        let sum = if self.lost.is_finite() { self.sum + self.lost } else { self.sum };
+        (self.count > 0).then(|| sum / f64::from(self.count))
     }
 }
 

@@ -101,9 +101,9 @@ async fn all(
     let differing = count(
         database,
         "SELECT count(*) FROM (
-             SELECT episode FROM (SELECT * FROM results EXCEPT SELECT * FROM earlier)
+             SELECT episode FROM (SELECT * FROM results EXCEPT SELECT * FROM earlier) AS made
              UNION
-             SELECT episode FROM (SELECT * FROM earlier EXCEPT SELECT * FROM results))",
+             SELECT episode FROM (SELECT * FROM earlier EXCEPT SELECT * FROM results) AS lost) AS differing",
     )
     .await?;
     run(database, "DROP TABLE earlier").await?;

@@ -53,8 +53,14 @@ const SELECT: &str = "
     SELECT r.key, r.id, r.owner, r.definition, r.digest, r.status, r.entry, r.attempt, r.replays,
            r.closes_at, r.voided_at, r.void_reason, r.created_at, r.ended_at,
            r.competition,
-           coalesce((SELECT c.revealed_at IS NOT NULL FROM competitions c WHERE c.key = r.competition), 0) AS revealed
+           coalesce((SELECT c.revealed_at IS NOT NULL FROM competitions c WHERE c.key = r.competition), FALSE)
+               AS revealed
     FROM runs r WHERE ";
+
+/// Runs that anybody may see.
+const PUBLIC: &str = "
+    (r.visibility = 'public' OR (r.ended_at IS NOT NULL AND (r.visibility <> 'sealed'
+        OR EXISTS (SELECT 1 FROM competitions c WHERE c.key = r.competition AND c.revealed_at IS NOT NULL))))";
 
 impl Store {
     /// Finds a run by its public id.
@@ -86,20 +92,18 @@ impl Store {
                 query.push(" AND r.").push(column).push(" = ").push_bind(value);
             }
         }
-        let public = "(r.visibility = 'public' OR (r.ended_at IS NOT NULL
-                        AND (r.visibility <> 'sealed' OR revealed)))";
         match &filter.readable {
             Readable::All => &mut query,
-            Readable::Public | Readable::And(_) => query.push(" AND ").push(public),
+            Readable::Public | Readable::And(_) => query.push(" AND ").push(PUBLIC),
             Readable::AndOf(owner) => {
-                query.push(" AND (").push(public).push(" OR r.owner = ");
+                query.push(" AND (").push(PUBLIC).push(" OR r.owner = ");
                 query.push_bind(owner.0).push(")")
             }
             Readable::AndOfRun(run) => {
-                query.push(" AND (").push(public).push(" OR r.key = ").push_bind(run.0).push(")")
+                query.push(" AND (").push(PUBLIC).push(" OR r.key = ").push_bind(run.0).push(")")
             }
             Readable::OnlyOfRun(run) => query.push(" AND r.key = ").push_bind(run.0),
-            Readable::Only(_) | Readable::Nothing => query.push(" AND 0"),
+            Readable::Only(_) | Readable::Nothing => query.push(" AND FALSE"),
         };
         query.push(" ORDER BY r.key DESC LIMIT ").push_bind(limit);
         self.fetch_all(query.build()).await
@@ -114,7 +118,7 @@ impl Store {
     ) -> Result<Vec<(RunKey, bool)>, StoreError> {
         let query = sqlx::query(
             "SELECT key, status = 'running' FROM runs
-             WHERE owner = ? AND +suite = ? AND (created_at >= ? OR status = 'running') ORDER BY key",
+             WHERE owner = ? AND suite || '' = ? AND (created_at >= ? OR status = 'running') ORDER BY key",
         );
         let query = query.bind(owner.0).bind(suite).bind(from.as_millisecond());
         self.fetch_all(query).await

@@ -11,7 +11,8 @@ const TEMPLATE_BYTES_MIN: usize = 256;
 /// The column `opening` of a query over episodes `e`: the record to the byte.
 macro_rules! opening {
     () => {
-        "coalesce((SELECT substr(e.opening, 1, e.template_at) || t.text || substr(e.opening, e.template_at + 1)
+        "coalesce((SELECT substr(e.opening, 1, CAST(e.template_at AS INTEGER)) || t.text
+                          || substr(e.opening, CAST(e.template_at + 1 AS INTEGER))
                    FROM templates t WHERE t.key = e.template), e.opening) AS opening"
     };
 }
@@ -22,8 +23,8 @@ pub(super) use opening;
 macro_rules! listed_opening {
     () => {
         concat!(
-            "CASE WHEN e.template IS NOT NULL AND instr(e.opening, '\"custom_template\":true') = 0
-                       AND instr(substr(e.opening, e.template_at + 1), '\"prompt_template\":\"') = 0
+            "CASE WHEN e.template IS NOT NULL AND e.opening NOT LIKE '%\"custom_template\":true%'
+                       AND substr(e.opening, CAST(e.template_at + 1 AS INTEGER)) NOT LIKE '%\"prompt_template\":\"%'
                   THEN e.opening
                   ELSE (SELECT ", crate::store::templates::opening!(), ") END AS opening"
         )
