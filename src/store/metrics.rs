@@ -234,26 +234,26 @@ impl<'a> PaperValues<'a> {
 /// A sum of floats with what its additions lose (Neumaier's), so that means are those that `avg` of SQLite gives.
 #[derive(Clone, Debug, Default)]
 struct Sum {
-    sum: f64,
+    rounded: f64,
     lost: f64,
     count: u32,
 }
 
 impl Sum {
     fn add(&mut self, value: f64) {
-        let next = self.sum + value;
-        self.lost += if self.sum.abs() > value.abs() {
-            (self.sum - next) + value
+        let next = self.rounded + value;
+        self.lost += if self.rounded.abs() > value.abs() {
+            (self.rounded - next) + value
         } else {
-            (value - next) + self.sum
+            (value - next) + self.rounded
         };
-        self.sum = next;
+        self.rounded = next;
         self.count += 1;
     }
 
     /// `None` of nothing.
     fn mean(&self) -> Option<f64> {
-        let sum = if self.lost.is_finite() { self.sum + self.lost } else { self.sum };
+        let sum = if self.lost.is_finite() { self.rounded + self.lost } else { self.rounded };
         (self.count > 0).then(|| sum / f64::from(self.count))
     }
 }
