@@ -116,6 +116,16 @@ impl Disk for HostDisk {
     }
 }
 
+/// The disk of a database on another host, which does not report its space: whoever operates it watches it.
+#[derive(Clone, Copy, Debug)]
+pub struct OtherHostsDisk;
+
+impl Disk for OtherHostsDisk {
+    fn space(&self) -> Option<DiskSpace> {
+        None
+    }
+}
+
 /// A disk of 100 MiB, for tests.
 #[derive(Debug)]
 pub struct ManualDisk(AtomicU8);

@@ -2,7 +2,6 @@
 
 use std::io;
 use std::net::SocketAddr;
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -18,7 +17,7 @@ use crate::episode::actor::Spawn;
 use crate::episode::quota::Quotas;
 use crate::episode::registry::Registry;
 use crate::fair::Party;
-use crate::host::{Disk, HostDisk, memory_bytes, raise_open_files};
+use crate::host::{Disk, HostDisk, OtherHostsDisk, memory_bytes, raise_open_files};
 use crate::hosted;
 use crate::http::limits::Limits;
 use crate::http::{Access, App, Foundation, Front, Source, serve::serve};
@@ -26,7 +25,7 @@ use crate::measure;
 use crate::run::RunError;
 use crate::run::manager::{self, Runs};
 use crate::store::port::EpisodeStore;
-use crate::store::{OpenError, Store, StoreError};
+use crate::store::{Location, OpenError, Store, StoreError};
 use crate::telemetry;
 use crate::work::Workers;
 use swarmbench_clock::{BEAT, Clock, Entropy, ServerClock, SystemEntropy, after, millis};
@@ -125,9 +124,10 @@ impl Server {
         self.0.store.writer().failed().clone()
     }
 
-    pub async fn open(database: &Path, parts: Parts) -> Result<Self, StartError> {
+    pub async fn open(database: impl Into<Location>, parts: Parts) -> Result<Self, StartError> {
         telemetry::metrics();
-        let store = Store::open(database).await?;
+        let database = database.into();
+        let store = Store::open(&database).await?;
         let Parts { clock, entropy, disk, limits, access, pages } = parts;
         let last_key = store.last_key().await?;
         let has_keys = store.has_keys().await?;
@@ -158,7 +158,10 @@ impl Server {
             last_key,
         )
         .with_budget(Budget::new(limits.memory_bytes_max, limits.memory_of_free_percent_max));
-        let disk = disk.unwrap_or_else(|| Arc::new(HostDisk::of(database)));
+        let disk = disk.unwrap_or_else(|| match database.file() {
+            Some(file) => Arc::new(HostDisk::of(file)),
+            None => Arc::new(OtherHostsDisk),
+        });
         let stop = CancellationToken::new();
         let runs = Runs::new(manager::Parts {
             store: store.clone(),

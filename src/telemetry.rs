@@ -97,6 +97,14 @@ pub struct Frequent {
     pub commit_seconds: Histogram,
 }
 
+/// Notes a commit of this many entries.
+pub fn note_commit(entries: usize, took: std::time::Duration) {
+    let frequent = frequent();
+    frequent.commits.increment(1);
+    frequent.commit_seconds.record(took);
+    frequent.commit_entries.increment(entries as u64);
+}
+
 /// See [`Frequent`].
 pub fn frequent() -> &'static Frequent {
     static FREQUENT: OnceLock<Frequent> = OnceLock::new();

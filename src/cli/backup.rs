@@ -2,9 +2,11 @@
 
 use std::path::PathBuf;
 
+use anyhow::bail;
 use indicatif::{HumanBytes, HumanCount};
 
 use super::output::{self, progress_bar, set};
+use crate::store::Location;
 use crate::store::backup::{Backup, back_up};
 
 #[derive(Debug, clap::Args)]
@@ -19,15 +21,22 @@ pub(super) struct Args {
     file: PathBuf,
     /// The database of the server.
     #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
-    db: PathBuf,
+    db: Location,
     /// As JSON.
     #[arg(long)]
     json: bool,
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+    let Some(db) = args.db.file() else {
+        bail!(
+            "{} is a database of PostgreSQL, which has backups of its own: pg_basebackup with an archive of the log for all of \
+             the server, or pg_dump for this database (docs/operate/postgres.md)",
+            args.db
+        );
+    };
     let bar = progress_bar("{bar:30} {bytes} of at most {total_bytes}");
-    let backup = back_up(&args.db, &args.file, |written, of| set(&bar, written, of)).await;
+    let backup = back_up(db, &args.file, |written, of| set(&bar, written, of)).await;
     bar.finish_and_clear();
     let Backup { episodes, acts, rounds, bytes } = backup?;
     if args.json {
@@ -35,7 +44,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             "file": args.file, "episodes": episodes, "acts": acts, "rounds": rounds, "bytes": bytes,
         }));
     }
-    let (db, file) = (args.db.display(), args.file.display());
+    let (db, file) = (db.display(), args.file.display());
     out!(
         "{file}: {} episodes, {} acts, {} rounds, {}; read again and found sound",
         HumanCount(episodes),

@@ -1,13 +1,11 @@
 //! `swarmbench board`
 
-use std::path::PathBuf;
-
 use anyhow::Context;
 use indicatif::HumanCount;
 
 use super::output::{self, progress_bar, set};
-use crate::store::OpenError;
 use crate::store::rebuild::{RebuildError, Rebuilt, rebuild, rebuild_metrics};
+use crate::store::{Location, OpenError};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
@@ -19,9 +17,9 @@ pub(super) enum Command {
         ends this early, and the metrics of the other games stay as they are."
     )]
     Rebuild {
-        /// The database file, while no server uses it.
+        /// The database, while no server uses it: a file, or postgres://USER@HOST/DATABASE.
         #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
-        db: PathBuf,
+        db: Location,
         /// Also replay every episode.
         #[arg(long)]
         replay: bool,
@@ -55,11 +53,11 @@ pub(super) async fn run(command: Command) -> anyhow::Result<()> {
     };
     if json {
         return output::json(&serde_json::json!({
-            "database": db, "replayed": replay, "results": rows, "changed": differing, "measured": measured,
+            "database": db.to_string(), "replayed": replay, "results": rows, "changed": differing, "measured": measured,
         }));
     }
     let how = if replay { "rebuilt from replayed journals" } else { "rebuilt from the journals" };
-    out!("{}: {} results {how}", db.display(), HumanCount(rows));
+    out!("{db}: {} results {how}", HumanCount(rows));
     match differing {
         0 => out!("None has changed."),
         _ => out!("{} have changed: boards may show other numbers.", HumanCount(differing)),

@@ -13,6 +13,7 @@ use tokio::sync::oneshot;
 use super::output;
 use super::play::{bar, play_one, player, request, scores};
 use crate::server::{Parts, Server};
+use crate::store::Location;
 use crate::telemetry::{LogFormat, start_logs};
 use swarmbench_client::client::Client;
 use swarmbench_protocol::episode::{EpisodeRequest, EpisodeSummary};
@@ -21,7 +22,7 @@ use swarmbench_protocol::episode::{EpisodeRequest, EpisodeSummary};
 pub(super) struct Args {
     /// The database file; default: a new one in the directory for temporary files.
     #[arg(long)]
-    db: Option<PathBuf>,
+    db: Option<Location>,
     /// The port on 127.0.0.1; default: any free one.
     #[arg(long, default_value_t = 0)]
     port: u16,
@@ -42,7 +43,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     }
     let db = match args.db {
         Some(db) => db,
-        None => fresh_database()?,
+        None => fresh_database()?.into(),
     };
     let server = Server::open(&db, Parts::default()).await?;
     let listener = TcpListener::bind(("127.0.0.1", args.port)).await.with_context(|| {
@@ -67,10 +68,10 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     if let Some(played) = played {
         if args.json {
             let games: Vec<_> = played.iter().map(|(_, summary)| summary).collect();
-            output::json(&json!({ "server": base, "database": db, "games": games }))?;
+            output::json(&json!({ "server": base, "database": db.to_string(), "games": games }))?;
         } else {
             out!("\n{}\n", scores(played.iter().map(|(player, summary)| (*player, summary))));
-            out!("The database is {}", db.display());
+            out!("The database is {db}");
             out!("{}", how_to_join(&base));
             if !args.exit {
                 out!("The server runs until Ctrl-C.");

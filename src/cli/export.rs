@@ -19,8 +19,8 @@ use crate::dataset::files::{Archive, Files, Folder, has_games};
 use crate::dataset::tables::TableName;
 use crate::episode::Status;
 use crate::ids::EpisodeId;
-use crate::store::Store;
 use crate::store::episodes::{Filter, Readable};
+use crate::store::{Location, Store};
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -40,7 +40,7 @@ pub(super) struct Args {
     to: PathBuf,
     /// The database of the server.
     #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
-    db: PathBuf,
+    db: Location,
     /// Download from this server instead: all episodes that your key may read.
     #[arg(long, conflicts_with = "imported")]
     server: Option<String>,

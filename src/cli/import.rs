@@ -10,9 +10,9 @@ use super::options::open_database;
 use super::output::{self, progress_bar, set};
 use crate::dataset::bounds::Bounds;
 use crate::dataset::read::{Problem, Skipped, Taker, read};
-use crate::store::Store;
 use crate::store::entries::Entry;
 use crate::store::entries::ImportRow;
+use crate::store::{Location, Store};
 use swarmbench_clock::{Clock, SystemClock};
 
 #[derive(Debug, clap::Args)]
@@ -28,7 +28,7 @@ pub(super) struct Args {
     from: PathBuf,
     /// The database file, while no server uses it.
     #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
-    db: PathBuf,
+    db: Location,
     /// As JSON.
     #[arg(long)]
     json: bool,

@@ -1,6 +1,5 @@
 //! `swarmbench key`
 
-use std::path::PathBuf;
 
 use anyhow::{anyhow, bail};
 use jiff::{Span, SpanRelativeTo, Timestamp};
@@ -10,6 +9,7 @@ use super::options::{Source, client, open_database};
 use super::output::{self, cell, table};
 use super::pages::Page;
 use crate::keys::{Key, KeyRow, Role};
+use crate::store::Location;
 use crate::store::entries::{AuditRow, Entry};
 use swarmbench_clock::{Clock, SystemClock, SystemEntropy};
 use swarmbench_protocol::key::{CreatedKey, KeyRequest};
@@ -63,9 +63,9 @@ enum Command {
 /// Where the keys are stored: in a database that no server uses, or on a running server.
 #[derive(Debug, clap::Args)]
 struct KeyStore {
-    /// The database file, while no server uses it.
+    /// The database, while no server uses it: a file, or postgres://USER@HOST/DATABASE.
     #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
-    db: PathBuf,
+    db: Location,
     /// The address of the running server; needs an organizer's key.
     #[arg(long)]
     server: Option<String>,

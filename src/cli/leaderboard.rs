@@ -1,6 +1,6 @@
 //! `swarmbench leaderboard` and `swarmbench cross-play`
 
-use std::path::PathBuf;
+use std::path::Path;
 
 use comfy_table::{CellAlignment, ContentArrangement, Table};
 use swarmbench_engine::{AnswerReader, TaskName};
@@ -8,6 +8,7 @@ use swarmbench_engine::{AnswerReader, TaskName};
 use super::options::{ServerArgs, Source, open_database, rules};
 use super::output::{self, mean, rank, reasons, table, total};
 use crate::standings::Standings;
+use crate::store::Location;
 use swarmbench_boards::collection::Question;
 use swarmbench_boards::cross_play::pairs;
 use swarmbench_boards::page;
@@ -84,15 +85,15 @@ pub(super) struct CrossPlayArgs {
 struct SourceArgs {
     #[command(flatten)]
     server: ServerArgs,
-    /// Instead of a server: a database file that no server uses.
+    /// Instead of a server: a database that no server uses, a file or postgres://USER@HOST/DATABASE.
     #[arg(long)]
-    db: Option<PathBuf>,
+    db: Option<Location>,
 }
 
 impl SourceArgs {
     async fn open(self) -> anyhow::Result<Source> {
         let Some(db) = self.db else { return Ok(Source::Server(self.server.client().await?)) };
-        anyhow::ensure!(db.is_file(), "there is no database {}", db.display());
+        anyhow::ensure!(db.file().is_none_or(Path::is_file), "there is no database {db}");
         Ok(Source::Database(open_database(&db, "name it with --server instead").await?))
     }
 }

@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::options::ServerArgs;
 use super::output::{progress_bar, set, table};
-use crate::migrations::migrator;
+use crate::migrations;
 use crate::telemetry;
 use swarmbench_client::client::Client;
 use swarmbench_loadtest::connection::{Answers, Target};
@@ -138,7 +138,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         return Ok(bare_handler::serve(telemetry::render).await?);
     }
     if args.bare_acts {
-        return Ok(bare_acts::serve(telemetry::render, &migrator()).await?);
+        return Ok(bare_acts::serve(telemetry::render, &migrations::sqlite()).await?);
     }
     let ServerArgs { server, key } = args.server.clone();
     let target = Target::new(&server, key).await?;
@@ -230,7 +230,7 @@ async fn measure(
         report.obs = Some(done);
     }
     if named(Scenario::Acts) {
-        let tables = migrator();
+        let tables = migrations::sqlite();
         for (&episodes, by_seats) in args.writers.iter().flat_map(|n| [(n, true), (n, false)]) {
             let each = if by_seats { SEATS } else { 1 };
             let episodes = scaled("acts", episodes.into(), connections_max / each);

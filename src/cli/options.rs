@@ -1,12 +1,11 @@
 //! Options that several commands share, and what they open.
 
-use std::path::Path;
 
 use anyhow::{Context, bail};
 
 use swarmbench_engine::RuleSet;
 
-use crate::store::{OpenError, Store};
+use crate::store::{Location, OpenError, Store};
 use swarmbench_client::client::Client;
 use swarmbench_client::llm::ApiKey;
 
@@ -50,7 +49,10 @@ pub(super) enum Source {
 }
 
 /// Opens a database. If a server uses it, the error says `what_to_do`.
-pub(super) async fn open_database(db: &Path, what_to_do: &'static str) -> anyhow::Result<Store> {
+pub(super) async fn open_database(
+    db: &Location,
+    what_to_do: &'static str,
+) -> anyhow::Result<Store> {
     match Store::open(db).await {
         Err(error @ OpenError::InUse(_)) => {
             Err(error).context(format!("a server runs on this database: {what_to_do}"))

@@ -9,6 +9,7 @@ use ipnet::IpNet;
 use crate::http::limits::Limits;
 use crate::http::{Access, Source};
 use crate::server::{Parts, Server, fit_memory, fit_open_files, listen};
+use crate::store::Location;
 use crate::telemetry::{LogFormat, start_logs};
 
 #[derive(Debug, clap::Args)]
@@ -16,9 +17,10 @@ pub(super) struct Args {
     /// The address and port to listen on.
     #[arg(long, env = "SWARMBENCH_ADDR", default_value = "127.0.0.1:8080")]
     addr: SocketAddr,
-    /// The database file; created if it does not exist. Only one server at a time can use it.
+    /// The database, which one server at a time can use: a file of SQLite, created if it does not exist; or
+    /// postgres://USER@HOST/DATABASE, with the password in PGPASSWORD, ~/.pgpass, or a file: ?password_file=FILE.
     #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
-    db: PathBuf,
+    db: Location,
     /// While no keys exist, let everyone who can reach the server create, watch and abort
     /// episodes, not only programs on this machine.
     #[arg(long, env = "SWARMBENCH_OPEN", value_parser = clap::builder::FalseyValueParser::new())]
@@ -128,7 +130,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
              Create a key first: swarmbench key create --name YOU --role organizer --db {}; or listen on 127.0.0.1; \
              or add --open if everyone who can reach it may use it",
             args.addr,
-            args.db.display()
+            args.db
         );
     }
     if args.open && server.has_keys() {
@@ -137,7 +139,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let listener = listen(args.addr)
         .with_context(|| format!("cannot listen on {}; is another server there?", args.addr))?;
     let addr = listener.local_addr()?;
-    tracing::info!(%addr, db = %args.db.display(), "serving; documentation at http://{addr}/docs");
+    tracing::info!(%addr, db = %args.db, "serving; documentation at http://{addr}/docs");
     server.run(listener, stop).await?;
     tracing::info!("stopped");
     Ok(())

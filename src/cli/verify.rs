@@ -11,6 +11,7 @@ use swarmbench_engine::physics::Solver;
 
 use super::output::{self, cell, fields, progress_bar, rank, set, table, total};
 use crate::competitions;
+use crate::store::Location;
 use crate::store::check::{Damage, check};
 use swarmbench_boards::competition::export::Action;
 use swarmbench_boards::competition::standings::Row;
@@ -33,7 +34,7 @@ pub(super) struct Args {
     file: Option<PathBuf>,
     /// Check a whole database instead.
     #[arg(long, conflicts_with_all = ["file", "competition", "head", "commitment", "solver", "parent"])]
-    db: Option<PathBuf>,
+    db: Option<Location>,
     /// The file is the export of a competition: check its commitment and that every game has the seed and the
     /// settings of its place in the plan, replay all games, and recompute the board.
     #[arg(long)]
@@ -90,7 +91,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     }
 }
 
-async fn run_database(db: &Path, as_json: bool) -> anyhow::Result<()> {
+async fn run_database(db: &Location, as_json: bool) -> anyhow::Result<()> {
     let bar = progress_bar("{bar:30} episode {pos} of {len}, {eta} left");
     let checked = check(db, &competitions::FORMATS, |done, of| set(&bar, done, of)).await;
     bar.finish_and_clear();
@@ -98,12 +99,12 @@ async fn run_database(db: &Path, as_json: bool) -> anyhow::Result<()> {
     if as_json {
         let damage = |Damage { subject, problem }: &Damage| json!({ "subject": subject, "problem": problem });
         output::json(&json!({
-            "database": db, "episodes": checked.episodes, "rounds": checked.rounds, "sound": checked.is_sound(),
+            "database": db.to_string(), "episodes": checked.episodes, "rounds": checked.rounds, "sound": checked.is_sound(),
             "damages": checked.damages.iter().map(damage).collect::<Vec<_>>(), "more_damages": checked.more_damages,
         }))?;
     } else {
         let (episodes, rounds) = (HumanCount(checked.episodes), HumanCount(checked.rounds));
-        out!("{}: {episodes} episodes with {rounds} rounds were played again", db.display());
+        out!("{db}: {episodes} episodes with {rounds} rounds were played again");
         for Damage { subject, problem } in &checked.damages {
             out!("damaged: {subject}: {problem}");
         }
@@ -115,7 +116,7 @@ async fn run_database(db: &Path, as_json: bool) -> anyhow::Result<()> {
         return Ok(());
     }
     let count = checked.damages.len() as u64 + checked.more_damages;
-    bail!("{} is damaged in {count} places; go back to a backup that is sound", db.display())
+    bail!("{db} is damaged in {count} places; go back to a backup that is sound")
 }
 
 fn run_file(args: &Args, file: &Path) -> anyhow::Result<()> {

@@ -6,7 +6,6 @@
 mod competition;
 mod game;
 
-use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -23,7 +22,7 @@ use crate::keys::{Key, KeyRow, OwnerKey, Role};
 use crate::run::definition::{self, Definition};
 use crate::run::new_id;
 use crate::store::entries::{Entry, RunRow};
-use crate::store::{OpenError, Store, StoreError};
+use crate::store::{Location, OpenError, Store, StoreError};
 use competition::{Competition, OPEN_GAMES, Shape};
 use game::NewGame;
 
@@ -103,11 +102,11 @@ pub enum FillError {
 
 /// Fills a new database; `progress` gets how many episodes of how many are durable.
 pub async fn fill(
-    path: &Path,
+    location: &Location,
     fill: Fill,
     progress: impl FnMut(u64, u64),
 ) -> Result<Filled, FillError> {
-    let store = Store::open(path).await?;
+    let store = Store::open(location).await?;
     let filled = Filling::new(store.clone(), fill).all(progress).await;
     store.close().await;
     filled

@@ -73,9 +73,7 @@ fn problems(app: &App) -> Vec<String> {
             "a commit failed: nothing is acknowledged until the server is restarted".to_owned(),
         );
     }
-    if writer.is_locked_out() {
-        problems.push("another program has locked the database: nothing can be written".to_owned());
-    }
+    problems.extend(writer.blocked().map(|blocked| blocked.to_string()));
     problems.extend(app.clock.doubt().map(|doubt| doubt.to_string()));
     if !app.ready.load(Ordering::Acquire) {
         problems.push("unfinished episodes are still being recovered".to_owned());

@@ -1,12 +1,11 @@
 //! Replays an episode of the database: its lines are read as they are needed, so that memory does not grow with
 //! the journal.
 
+use super::sql::{Connection, FromRow, query};
 use std::io::{BufReader, Read};
 
-use sqlx::sqlite::SqliteConnection;
 use swarmbench_engine::physics::Solver;
 
-use super::rows::FromRow;
 use crate::ids::EpisodeKey;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{RawRecord, next_line, round_record};
@@ -29,7 +28,7 @@ pub(super) struct StoredJournal {
 
 /// Plays an episode again, line by line of its journal.
 pub(super) async fn play_again(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     stored: &StoredJournal,
 ) -> Result<Result<Report, String>, sqlx::Error> {
     let head = stored.ending.as_ref().map(|(_, head)| *head);
@@ -41,7 +40,7 @@ pub(super) async fn play_again(
 
 /// Reads the journal of an episode, line by line, on a thread of its own.
 pub(super) async fn read_journal<T: Send + 'static>(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     stored: &StoredJournal,
     read: impl FnOnce(BufReader<Lines>) -> Result<T, String> + Send + 'static,
 ) -> Result<Result<T, String>, sqlx::Error> {
@@ -57,7 +56,7 @@ pub(super) async fn read_journal<T: Send + 'static>(
 }
 
 async fn send_lines(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     stored: &StoredJournal,
     lines: &tokio::sync::mpsc::Sender<Vec<u8>>,
 ) -> Result<(), sqlx::Error> {
@@ -84,15 +83,15 @@ async fn send_lines(
 }
 
 async fn round_line(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     episode: EpisodeKey,
     round: u32,
 ) -> Result<(String, Head), sqlx::Error> {
-    let query = "SELECT record FROM acts WHERE episode = ? AND round = ? ORDER BY agent";
-    let acts = sqlx::query(query).bind(episode.0).bind(round).fetch_all(&mut *database).await?;
+    let text = "SELECT record FROM acts WHERE episode = $1 AND round = $2 ORDER BY agent";
+    let acts = query(text).bind(episode.0).bind(round).fetch_all(&mut *database).await?;
     let acts = acts.iter().map(RawRecord::from_row).collect::<Result<Vec<_>, _>>()?;
-    let query = "SELECT digest, score, head FROM rounds WHERE episode = ? AND round = ?";
-    let row = sqlx::query(query).bind(episode.0).bind(round).fetch_one(database).await?;
+    let text = "SELECT digest, score, head FROM rounds WHERE episode = $1 AND round = $2";
+    let row = query(text).bind(episode.0).bind(round).fetch_one(database).await?;
     let (digest, score, head): ([u8; 32], f64, Head) = FromRow::from_row(&row)?;
     let digest = data_encoding::HEXLOWER.encode(&digest);
     let record = round_record(round, acts.iter(), &digest, score);

@@ -2,21 +2,17 @@
 
 use jiff::Timestamp;
 use serde_json::Value;
-use sqlx::sqlite::SqliteConnection;
 
 use super::Store;
 use super::StoreError;
-use super::rows::from_row;
+use super::sql::{Connection, from_row, query};
 use crate::ids::CompetitionKey;
 use crate::store::entries::AuditRow;
 
-pub(super) async fn add(
-    connection: &mut SqliteConnection,
-    row: &AuditRow,
-) -> Result<(), sqlx::Error> {
-    sqlx::query(
+pub(super) async fn add(connection: &mut Connection, row: &AuditRow) -> Result<(), sqlx::Error> {
+    query(
         "INSERT INTO audit (at, who, action, subject, detail, competition, shown)
-         VALUES (?, ?, ?, ?, ?, ?, ?)",
+         VALUES ($1, $2, $3, $4, $5, $6, $7)",
     )
     .bind(row.at.as_millisecond())
     .bind(&row.who)
@@ -65,9 +61,9 @@ impl Store {
         before: Option<i64>,
         limit: u32,
     ) -> Result<Vec<StoredAuditEntry>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT number, at, who, action, subject, detail FROM audit
-             WHERE number < ? ORDER BY number DESC LIMIT ?",
+             WHERE number < $1 ORDER BY number DESC LIMIT $2",
         );
         self.fetch_all(query.bind(before.unwrap_or(i64::MAX)).bind(limit)).await
     }
@@ -81,10 +77,10 @@ impl Store {
         before: Option<i64>,
         limit: u32,
     ) -> Result<Vec<ShownAction>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT number, at, action, subject, shown FROM audit
-             WHERE competition = ?1 AND number < ?2 AND (CAST(?3 AS TEXT) IS NULL OR action = ?3)
-             ORDER BY number DESC LIMIT ?4",
+             WHERE competition = $1 AND number < $2 AND (CAST($3 AS TEXT) IS NULL OR action = $3)
+             ORDER BY number DESC LIMIT $4",
         );
         let before = before.unwrap_or(i64::MAX);
         let query = query.bind(competition.0).bind(before).bind(only).bind(limit);

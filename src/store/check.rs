@@ -4,9 +4,6 @@
 //! not grow meanwhile. What cannot be read is damage, and the check continues after it. Memory does not grow with the
 //! database.
 
-use std::path::Path;
-use std::time::Duration;
-
 use futures::TryStreamExt;
 use jiff::Timestamp;
 use serde::Deserialize;
@@ -14,19 +11,17 @@ use serde::de::IgnoredAny;
 use serde_json::value::RawValue;
 use sha2::{Digest, Sha256};
 use sqlx::error::BoxDynError;
-use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteRow};
-use sqlx::{ConnectOptions, Connection, Row as _};
+use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{ConnectOptions as _, Connection as _};
 
-use super::OpenError;
 use super::again::{StoredJournal, play_again};
 use super::competitions::{RawCompetition, damaged_looks, without_texts};
 use super::entries::brief_of;
-use super::files::may_lack_log;
-use super::foreign::is_foreign;
 use super::metrics::stored_method;
 use super::rebuild::{self, RebuildError};
-use super::rows::{FromRow, get};
+use super::sql::{Begin, Connection, Engine, FromRow, Row, Statement, get, query};
 use super::templates::{self, opening};
+use super::{Location, OpenError, postgres, sqlite};
 use crate::ids::EpisodeKey;
 use crate::migrations;
 use crate::store::imports::ImportHash;
@@ -104,34 +99,26 @@ pub struct Formats {
 
 /// Checks all of a database. `progress` is called with how many episodes of how many are done.
 pub async fn check(
-    path: &Path,
+    location: &Location,
     formats: &Formats,
     mut progress: impl FnMut(u64, u64),
 ) -> Result<Checked, OpenError> {
-    if !path.is_file() {
-        return Err(OpenError::Missing(path.to_owned()));
-    }
-    if may_lack_log(path) {
-        return Err(OpenError::Linked(path.to_owned()));
-    }
-    if is_foreign(path).await {
-        return Err(OpenError::Foreign(path.to_owned()));
-    }
-    let options = SqliteConnectOptions::new()
-        .filename(path)
-        .read_only(true)
-        .busy_timeout(Duration::from_secs(10))
-        .disable_statement_logging();
     let mut checked = Checked::default();
-    let mut connection = match options.connect().await {
-        Ok(connection) => connection,
-        Err(error) => {
-            checked.note("the file", format!("it cannot be opened: {error}"));
-            return Ok(checked);
+    let mut connection = match location {
+        Location::File(path) => {
+            sqlite::check_readable(path).await?;
+            match sqlite::read_options(path).connect().await {
+                Ok(connection) => Connection::Sqlite(connection),
+                Err(error) => {
+                    checked.note("the file", format!("it cannot be opened: {error}"));
+                    return Ok(checked);
+                }
+            }
         }
+        Location::Postgres(address) => postgres::open_to_read(address).await?.1,
     };
     pages(&mut connection, &mut checked).await;
-    if tables(&mut connection, path, &mut checked).await? {
+    if tables(&mut connection, location, &mut checked).await? {
         references(&mut connection, &mut checked).await;
         statements(&mut connection, &mut checked).await;
         texts(&mut connection, &mut checked).await;
@@ -144,11 +131,13 @@ pub async fn check(
     Ok(checked)
 }
 
-/// Pages, indexes and types, as far as SQLite can tell.
-async fn pages(database: &mut SqliteConnection, checked: &mut Checked) {
+/// Pages, indexes and types, as far as SQLite can tell. PostgreSQL has checksums and `amcheck` for that.
+async fn pages(database: &mut Connection, checked: &mut Checked) {
+    if database.is_postgres() {
+        return;
+    }
     let pragma = format!("PRAGMA integrity_check({PROBLEMS_MAX})");
-    let reported =
-        sqlx::query_scalar::<_, String>(sqlx::AssertSqlSafe(pragma)).fetch_all(database).await;
+    let reported = Statement::of(pragma).all::<String>(database).await;
     match reported {
         Ok(problems) => {
             for problem in problems.into_iter().filter(|problem| problem != "ok") {
@@ -161,18 +150,17 @@ async fn pages(database: &mut SqliteConnection, checked: &mut Checked) {
 
 /// Whether the tables are there to be checked: exactly those of this version.
 async fn tables(
-    database: &mut SqliteConnection,
-    path: &Path,
+    database: &mut Connection,
+    location: &Location,
     checked: &mut Checked,
 ) -> Result<bool, OpenError> {
-    let rows =
-        sqlx::query("SELECT version, checksum, success FROM _sqlx_migrations ORDER BY version")
-            .fetch_all(&mut *database)
-            .await;
+    let rows = query("SELECT version, checksum, success FROM _sqlx_migrations ORDER BY version")
+        .fetch_all(&mut *database)
+        .await;
     let applied = rows.and_then(|rows| {
-        let read = |row: &SqliteRow| {
-            let checksum = row.try_get::<Vec<u8>, _>("checksum")?;
-            Ok((row.try_get::<i64, _>("version")?, checksum, row.try_get::<bool, _>("success")?))
+        let read = |row: &Row| {
+            let checksum = row.try_get::<Vec<u8>>("checksum")?;
+            Ok((row.try_get::<i64>("version")?, checksum, row.try_get::<bool>("success")?))
         };
         rows.iter().map(read).collect::<Result<Vec<_>, sqlx::Error>>()
     });
@@ -183,7 +171,8 @@ async fn tables(
             return Ok(false);
         }
     };
-    let migrator = migrations::migrator();
+    let migrator =
+        if database.is_postgres() { migrations::postgres() } else { migrations::sqlite() };
     let known: Vec<_> =
         migrator.iter().map(|known| (known.version, known.checksum.to_vec(), true)).collect();
     if applied == known {
@@ -192,7 +181,7 @@ async fn tables(
         return Ok(true);
     }
     if checked.is_sound() && applied.iter().zip(&known).all(|(one, other)| one == other) {
-        return Err(OpenError::Tables(path.to_owned()));
+        return Err(OpenError::Tables(location.to_string()));
     }
     checked.note("the tables", "the note of which migrations made them is damaged");
     Ok(false)
@@ -200,16 +189,18 @@ async fn tables(
 
 /// Whether all tables and indexes are those that the migrations make.
 async fn schema(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     migrator: &sqlx::migrate::Migrator,
 ) -> Result<Result<(), String>, sqlx::Error> {
-    let query = "SELECT name, sql FROM sqlite_schema WHERE sql IS NOT NULL AND name NOT GLOB '_sqlx*' ORDER BY name";
+    const OBJECTS: &str = "SELECT name, sql FROM sqlite_schema WHERE sql IS NOT NULL AND name NOT GLOB '_sqlx*' ORDER BY name";
+    // The catalogue of PostgreSQL has no texts to compare.
+    let Engine::Sqlite(database) = database.engine() else { return Ok(Ok(())) };
     let mut fresh =
         SqliteConnectOptions::new().in_memory(true).disable_statement_logging().connect().await?;
     migrator.run(&mut fresh).await.map_err(|error| sqlx::Error::Migrate(Box::new(error)))?;
-    let made: Vec<(String, String)> = sqlx::query_as(query).fetch_all(&mut fresh).await?;
+    let made: Vec<(String, String)> = sqlx::query_as(OBJECTS).fetch_all(&mut fresh).await?;
     fresh.close().await?;
-    let stored: Vec<(String, String)> = sqlx::query_as(query).fetch_all(database).await?;
+    let stored: Vec<(String, String)> = sqlx::query_as(OBJECTS).fetch_all(database).await?;
     // An operator may have added something.
     let lost = made.iter().find(|made| !stored.contains(made));
     Ok(lost.map_or(Ok(()), |(name, _)| Err(format!("{name} is not as the migrations make it"))))
@@ -248,7 +239,7 @@ const REFERENCES: [(&str, &str, &str, &str); 26] = [
 /// Tables of which rows may come before their episodes, in forks that a server is writing.
 const OF_FORKS: [&str; 2] = ["acts", "rounds"];
 
-async fn references(database: &mut SqliteConnection, checked: &mut Checked) {
+async fn references(database: &mut Connection, checked: &mut Checked) {
     for (table, column, other, key) in REFERENCES {
         // PostgreSQL finds rows that are not there by an index, but not numbers that are in no list.
         let mut query = format!(
@@ -258,8 +249,8 @@ async fn references(database: &mut SqliteConnection, checked: &mut Checked) {
         if OF_FORKS.contains(&table) {
             query += " AND NOT EXISTS (SELECT 1 FROM forking f WHERE f.episode = t.episode)";
         }
-        let count = sqlx::query_scalar::<_, i64>(sqlx::AssertSqlSafe(query));
-        let result = count.fetch_one(&mut *database).await.map(|count| {
+        let count = Statement::of(query);
+        let result = count.one::<i64>(database).await.map(|count| {
             if count == 0 {
                 return Ok(());
             }
@@ -360,7 +351,7 @@ const JSON_TEXTS: [&str; 3] = [
 ];
 
 /// What follows from texts beside it.
-async fn texts(database: &mut SqliteConnection, checked: &mut Checked) {
+async fn texts(database: &mut Connection, checked: &mut Checked) {
     match templates::damaged(database).await {
         Ok(keys) => keys.into_iter().for_each(|key| {
             checked.note(format!("template {key}"), "its hash is not that of its text");
@@ -373,8 +364,8 @@ async fn texts(database: &mut SqliteConnection, checked: &mut Checked) {
         }),
         Err(error) => checked.note("the table looks", unreadable(&error)),
     }
-    let is_json = |row: &SqliteRow| {
-        let read = serde_json::from_str::<IgnoredAny>(row.try_get(1)?);
+    let is_json = |row: &Row| {
+        let read = serde_json::from_str::<IgnoredAny>(row.text(1)?);
         Ok(read.map(drop).map_err(|_| "its text is no JSON".to_owned()))
     };
     for query in JSON_TEXTS {
@@ -397,12 +388,12 @@ async fn texts(database: &mut SqliteConnection, checked: &mut Checked) {
 
 /// Checks the rows of a query, whose first column is a name, one after the other.
 async fn each_named(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     checked: &mut Checked,
-    query: &'static str,
-    check: impl Fn(&SqliteRow) -> Result<Result<(), String>, sqlx::Error>,
+    text: &'static str,
+    check: impl Fn(&Row) -> Result<Result<(), String>, sqlx::Error>,
 ) {
-    let mut rows = sqlx::query(query).fetch(database);
+    let mut rows = query(text).fetch(database);
     let mut problems = 0;
     while problems < PROBLEMS_MAX {
         let row = match rows.try_next().await {
@@ -413,25 +404,25 @@ async fn each_named(
         let result = check(&row);
         if !matches!(result, Ok(Ok(()))) {
             problems += 1;
-            let name = row.try_get::<String, _>(0).unwrap_or_else(|_| "a row".to_owned());
+            let name = row.try_get::<String>(0).unwrap_or_else(|_| "a row".to_owned());
             checked.note_result(&name, result);
         }
     }
 }
 
-async fn statements(database: &mut SqliteConnection, checked: &mut Checked) {
+async fn statements(database: &mut Connection, checked: &mut Checked) {
     for (problem, query) in STATEMENTS {
         let query = format!("{query} LIMIT {PROBLEMS_MAX}");
-        let names = sqlx::query_scalar::<_, String>(sqlx::AssertSqlSafe(query));
-        match names.fetch_all(&mut *database).await {
+        let names = Statement::of(query);
+        match names.all::<String>(database).await {
             Ok(names) => names.into_iter().for_each(|name| checked.note(name, problem)),
             Err(error) => checked.note("the rows", unreadable(&error)),
         }
     }
     for (problem, query) in OF_HASHES {
         let query = format!("{query} LIMIT {PROBLEMS_MAX}");
-        let hashes = sqlx::query_scalar::<_, Vec<u8>>(sqlx::AssertSqlSafe(query));
-        match hashes.fetch_all(&mut *database).await {
+        let hashes = Statement::of(query);
+        match hashes.all::<Vec<u8>>(database).await {
             Ok(hashes) => hashes.into_iter().for_each(|hash| {
                 checked.note(data_encoding::HEXUPPER.encode(&hash), problem);
             }),
@@ -441,7 +432,7 @@ async fn statements(database: &mut SqliteConnection, checked: &mut Checked) {
 }
 
 /// What was decided about runs, competitions and entrants, and the hashes that follow from it.
-async fn definitions(database: &mut SqliteConnection, formats: &Formats, checked: &mut Checked) {
+async fn definitions(database: &mut Connection, formats: &Formats, checked: &mut Checked) {
     let runs = "SELECT key, id, definition, digest, model, suite FROM runs";
     each(database, checked, runs, |row| {
         #[derive(Deserialize)]
@@ -453,12 +444,12 @@ async fn definitions(database: &mut SqliteConnection, formats: &Formats, checked
         struct Suite {
             name: String,
         }
-        let run: Run = parsed(row.try_get("definition")?)?;
+        let run: Run = parsed(row.text("definition")?)?;
         let suite: Suite = parsed(run.suite.get())?;
         let digest = data_encoding::HEXLOWER.encode(&Sha256::digest(run.suite.get())[..6]);
-        let is_same = digest == row.try_get::<&str, _>("digest")?
-            && run.model == row.try_get::<&str, _>("model")?
-            && suite.name == row.try_get::<&str, _>("suite")?;
+        let is_same = digest == row.text("digest")?
+            && run.model == row.text("model")?
+            && suite.name == row.text("suite")?;
         Ok(if is_same {
             Ok(())
         } else {
@@ -485,13 +476,13 @@ async fn definitions(database: &mut SqliteConnection, formats: &Formats, checked
     let entries = "SELECT key, id, model, declaration, brief, template FROM entries";
     each(database, checked, entries, |row| {
         let declaration: String = get(row, "declaration")?;
-        let brief = row.try_get::<Option<&str>, _>("brief")?;
-        if brief.is_some_and(|brief| without_texts(&declaration).ok().as_deref() != Some(brief)) {
+        let brief = row.try_get::<Option<String>>("brief")?;
+        if brief.is_some() && without_texts(&declaration).ok() != brief {
             return Ok(Err("what lists read of its declaration is not in it".to_owned()));
         }
         let (model, template) = (formats.declaration)(declaration).map_err(decode)?;
-        let is_same = model == row.try_get::<&str, _>("model")?
-            && template == row.try_get::<Option<String>, _>("template")?;
+        let is_same =
+            model == row.text("model")? && template == row.try_get::<Option<String>>("template")?;
         Ok(if is_same {
             Ok(())
         } else {
@@ -511,22 +502,22 @@ fn decode(problem: impl Into<BoxDynError>) -> sqlx::Error {
 
 /// Checks all rows of a table that has a key and an id, a few at a time.
 async fn each(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     checked: &mut Checked,
     select: &str,
-    check: impl Fn(&SqliteRow) -> Result<Result<(), String>, sqlx::Error>,
+    check: impl Fn(&Row) -> Result<Result<(), String>, sqlx::Error>,
 ) {
     let mut last = i64::MIN;
     loop {
-        let query = format!("{select} WHERE key > ? ORDER BY key LIMIT ?");
-        let rows = sqlx::query(sqlx::AssertSqlSafe(query)).bind(last).bind(CHUNK);
+        let query = format!("{select} WHERE key > $1 ORDER BY key LIMIT $2");
+        let rows = Statement::of(query).bind(last).bind(CHUNK);
         let rows = match rows.fetch_all(&mut *database).await {
             Ok(rows) if rows.is_empty() => return,
             Ok(rows) => rows,
             Err(error) => return checked.note("the rows", unreadable(&error)),
         };
         for row in &rows {
-            let id = row.try_get::<String, _>("id").unwrap_or_else(|_| "a row".to_owned());
+            let id = row.try_get::<String>("id").unwrap_or_else(|_| "a row".to_owned());
             match row.try_get("key") {
                 Ok(key) => last = key,
                 Err(error) => return checked.note(id, unreadable(&error)),
@@ -537,16 +528,16 @@ async fn each(
 }
 
 /// Imported games: their digest follows from all but their acts.
-async fn imports(database: &mut SqliteConnection, checked: &mut Checked) {
+async fn imports(database: &mut Connection, checked: &mut Checked) {
     let mut last = i64::MIN;
     loop {
-        let next = "SELECT key, id, digest, run_id, meta, score, rounds FROM imports WHERE key > ? ORDER BY key LIMIT 1";
-        let row = match sqlx::query(next).bind(last).fetch_optional(&mut *database).await {
+        let next = "SELECT key, id, digest, run_id, meta, score, rounds FROM imports WHERE key > $1 ORDER BY key LIMIT 1";
+        let row = match query(next).bind(last).fetch_optional(&mut *database).await {
             Ok(Some(row)) => row,
             Ok(None) => return,
             Err(error) => return checked.note("the imports", unreadable(&error)),
         };
-        let id = row.try_get::<String, _>("id").unwrap_or_else(|_| "an import".to_owned());
+        let id = row.try_get::<String>("id").unwrap_or_else(|_| "an import".to_owned());
         match row.try_get("key") {
             Ok(key) => last = key,
             Err(error) => return checked.note(id, unreadable(&error)),
@@ -557,26 +548,26 @@ async fn imports(database: &mut SqliteConnection, checked: &mut Checked) {
 }
 
 async fn import(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     key: i64,
-    row: &SqliteRow,
+    row: &Row,
 ) -> Result<Result<(), String>, sqlx::Error> {
-    let mut digest = ImportHash::new(row.try_get("run_id")?, row.try_get("meta")?);
+    let mut digest = ImportHash::new(row.text("run_id")?, row.text("meta")?);
     let mut last: Option<(i64, f64)> = None;
-    let query =
-        "SELECT round, score, state, acts FROM import_rounds WHERE import = ? ORDER BY round";
-    let mut rounds = sqlx::query(query).bind(key).fetch(database);
+    let text =
+        "SELECT round, score, state, acts FROM import_rounds WHERE import = $1 ORDER BY round";
+    let mut rounds = query(text).bind(key).fetch(database);
     while let Some(round) = rounds.try_next().await? {
         let number = round.try_get("round")?;
         if number != last.map_or(0, |(round, _)| round + 1) {
             return Ok(Err(format!("before round {number} one is missing")));
         }
         let score = round.try_get("score")?;
-        digest.add(score, round.try_get("state")?);
+        digest.add(score, round.text("state")?);
         last = Some((number, score));
-        let acts = round.try_get::<Option<&[u8]>, _>("acts")?;
+        let acts = round.try_get::<Option<Vec<u8>>>("acts")?;
         let unpacked = acts.map(|acts| {
-            std::io::copy(&mut flate2::read::GzDecoder::new(acts), &mut std::io::sink())
+            std::io::copy(&mut flate2::read::GzDecoder::new(acts.as_slice()), &mut std::io::sink())
         });
         if let Some(Err(error)) = unpacked {
             return Ok(Err(format!("the acts of round {number} cannot be unpacked: {error}")));
@@ -591,23 +582,23 @@ async fn import(
 }
 
 async fn episodes(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     checked: &mut Checked,
     progress: &mut impl FnMut(u64, u64),
 ) {
-    let count = sqlx::query_scalar::<_, i64>("SELECT count(*) FROM episodes");
-    let of = count.fetch_one(&mut *database).await.unwrap_or_default().unsigned_abs();
+    let count = query("SELECT count(*) FROM episodes");
+    let of = count.one::<i64>(database).await.unwrap_or_default().unsigned_abs();
     let mut last = i64::MIN;
     let mut done = 0;
     loop {
-        let next = sqlx::query("SELECT key, id FROM episodes WHERE key > ? ORDER BY key LIMIT ?");
+        let next = query("SELECT key, id FROM episodes WHERE key > $1 ORDER BY key LIMIT $2");
         let rows = match next.bind(last).bind(CHUNK).fetch_all(&mut *database).await {
             Ok(rows) if rows.is_empty() => return,
             Ok(rows) => rows,
             Err(error) => return checked.note("the episodes", unreadable(&error)),
         };
         for row in rows {
-            let id = row.try_get::<String, _>("id").unwrap_or_else(|_| "an episode".to_owned());
+            let id = row.try_get::<String>("id").unwrap_or_else(|_| "an episode".to_owned());
             match row.try_get("key") {
                 Ok(key) => last = key,
                 Err(error) => return checked.note(id, unreadable(&error)),
@@ -627,25 +618,22 @@ async fn episodes(
 
 /// Checks an episode as it is at one moment; returns how many rounds it has.
 async fn in_one_view(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     key: EpisodeKey,
 ) -> Result<Result<u32, String>, sqlx::Error> {
-    let mut view = database.begin().await?;
-    let judged = episode(&mut view, key).await;
-    view.rollback().await?;
-    judged
+    database.transaction(Begin::Read, async |view| episode(view, key).await).await
 }
 
 async fn episode(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     key: EpisodeKey,
 ) -> Result<Result<u32, String>, sqlx::Error> {
-    let query = concat!("SELECT ", opening!(), ", seating, ending, head, id, task, model, visibility, status, reason, clocked, open_seats, created_at,
+    let text = concat!("SELECT ", opening!(), ", seating, ending, head, id, task, model, visibility, status, reason, clocked, open_seats, created_at,
                         coalesce(fork_round, 0) AS first_round,
                         (SELECT id FROM runs WHERE runs.key = e.run) AS run,
                         (SELECT id FROM episodes parent WHERE parent.key = e.fork_of) AS fork_of
-                 FROM episodes e WHERE key = ?");
-    let row = sqlx::query(query).bind(key.0).fetch_one(&mut *database).await?;
+                 FROM episodes e WHERE key = $1");
+    let row = query(text).bind(key.0).fetch_one(&mut *database).await?;
     let raw = |column| get::<Option<RawRecord>>(&row, column);
     let Some(opening) = raw("opening")? else { return Ok(Err("it has no opening".to_owned())) };
     let (seating, ending) = (raw("seating")?, raw("ending")?);
@@ -689,19 +677,19 @@ async fn episode(
 
 /// The stored metrics of an episode, which follow from the journal. Those of earlier revisions cannot be computed any more.
 async fn metrics(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     key: EpisodeKey,
     id: &str,
 ) -> Result<Result<(), String>, sqlx::Error> {
-    let query = "SELECT embedder, revision, measured FROM metrics WHERE episode = ?";
-    for row in sqlx::query(query).bind(key.0).fetch_all(&mut *database).await? {
+    let text = "SELECT embedder, revision, measured FROM metrics WHERE episode = $1";
+    for row in query(text).bind(key.0).fetch_all(&mut *database).await? {
         let (embedder, revision) = stored_method();
         let known = 1..=revision;
-        let is_known = known.contains(&row.try_get::<u32, _>("revision").unwrap_or(0));
-        if row.try_get::<&str, _>("embedder")? != embedder || !is_known {
+        let is_known = known.contains(&row.try_get::<u32>("revision").unwrap_or(0));
+        if row.text("embedder")? != embedder || !is_known {
             return Ok(Err(format!("{NO_METRICS} they were computed in an unknown way")));
         }
-        if row.try_get::<u32, _>("revision")? < revision {
+        if row.try_get::<u32>("revision")? < revision {
             continue;
         }
         let measured = match rebuild::measured(database, key, id.to_owned()).await {
@@ -709,7 +697,7 @@ async fn metrics(
             Err(RebuildError::Sqlite(error)) => return Err(error),
             Err(error) => return Ok(Err(error.to_string())),
         };
-        if row.try_get::<&str, _>("measured")? != measured.measured {
+        if row.text("measured")? != measured.measured {
             return Ok(Err(format!("{NO_METRICS} its own are others")));
         }
     }
@@ -721,29 +709,29 @@ const NO_METRICS: &str =
 
 /// The head of the chain after a round.
 async fn head_after(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     key: EpisodeKey,
     round: u32,
 ) -> Result<Option<Head>, sqlx::Error> {
-    let query = sqlx::query("SELECT head FROM rounds WHERE episode = ? AND round = ?");
+    let query = query("SELECT head FROM rounds WHERE episode = $1 AND round = $2");
     let row = query.bind(key.0).bind(round).fetch_optional(database).await?;
     row.map(|row| get(&row, 0)).transpose()
 }
 
 /// How many rounds there are, where none is missing.
 async fn rounds(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     key: EpisodeKey,
 ) -> Result<Result<u32, String>, sqlx::Error> {
-    let query = "SELECT count(*), coalesce(max(round) + 1, 0) FROM rounds WHERE episode = ?";
-    let row = sqlx::query(query).bind(key.0).fetch_one(database).await?;
-    let (count, next) = (row.try_get::<u32, _>(0)?, row.try_get::<u32, _>(1)?);
+    let text = "SELECT count(*), coalesce(max(round) + 1, 0) FROM rounds WHERE episode = $1";
+    let row = query(text).bind(key.0).fetch_one(database).await?;
+    let (count, next) = (row.try_get::<u32>(0)?, row.try_get::<u32>(1)?);
     Ok(if count == next { Ok(count) } else { Err(format!("it has {count} of {next} rounds")) })
 }
 
 /// The columns beside the records by which lists are filtered.
 fn columns(
-    row: &SqliteRow,
+    row: &Row,
     opening: &Opening,
     end: Option<&End>,
 ) -> Result<Result<(), String>, sqlx::Error> {
@@ -758,26 +746,26 @@ fn columns(
         ("fork_of", opening.fork.as_ref().map(|fork| fork.episode.as_str())),
     ];
     for (column, value) in expected {
-        if row.try_get::<Option<&str>, _>(column)? != value {
+        if row.try_get::<Option<String>>(column)?.as_deref() != value {
             return Ok(Err(format!("its {column} is not the one in its journal")));
         }
     }
-    if row.try_get::<u32, _>("first_round")? != opening.first_round() {
+    if row.try_get::<u32>("first_round")? != opening.first_round() {
         return Ok(Err("it is a fork of another round than its journal tells".to_owned()));
     }
     if let Some(end) = end
-        && row.try_get::<&str, _>("status")? != end.status
+        && row.text("status")? != end.status
     {
         return Ok(Err("its status is not the one in its journal".to_owned()));
     }
-    if config.round_deadline_ms.is_some() && !row.try_get::<bool, _>("clocked")? {
+    if config.round_deadline_ms.is_some() && !row.try_get::<bool>("clocked")? {
         return Ok(Err("it has a clock, and would not be taken up for it".to_owned()));
     }
     let has_open_seats = !config.open_seats.is_empty();
-    if row.try_get::<Option<bool>, _>("open_seats")?.is_some_and(|open| open != has_open_seats) {
+    if row.try_get::<Option<bool>>("open_seats")?.is_some_and(|open| open != has_open_seats) {
         return Ok(Err("whether it has open seats is not as in its journal".to_owned()));
     }
-    if row.try_get::<i64, _>("created_at")? != opening.created_at.as_millisecond() {
+    if row.try_get::<i64>("created_at")? != opening.created_at.as_millisecond() {
         return Ok(Err("it was created at another time than its journal tells".to_owned()));
     }
     Ok(Ok(()))
@@ -785,12 +773,12 @@ fn columns(
 
 /// The table of who holds which seat. Once all have holders, it follows from the record of seats.
 async fn seats(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     key: EpisodeKey,
     report: &Report,
     record: Option<&RawRecord>,
 ) -> Result<Result<(), String>, sqlx::Error> {
-    let query = sqlx::query("SELECT agent, holder FROM seats WHERE episode = ? ORDER BY agent");
+    let query = query("SELECT agent, holder FROM seats WHERE episode = $1 ORDER BY agent");
     let rows = query.bind(key.0).fetch_all(database).await?;
     let record = match record.map(RawRecord::read).transpose().map_err(decode)? {
         None => None,
@@ -800,7 +788,7 @@ async fn seats(
         }
     };
     for row in rows {
-        let (agent, holder) = (row.try_get::<i64, _>("agent")?, row.try_get::<i64, _>("holder")?);
+        let (agent, holder) = (row.try_get::<i64>("agent")?, row.try_get::<i64>("holder")?);
         let name = format!("Agent_{agent}");
         let place = usize::try_from(agent).unwrap_or(usize::MAX);
         let is_held = |record: &Seats| {
@@ -819,17 +807,17 @@ async fn seats(
 
 /// The acts of the round that was not resolved: those of the end, where there is one.
 async fn open_acts(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     key: EpisodeKey,
     report: &Report,
 ) -> Result<Result<(), String>, sqlx::Error> {
-    let query = "SELECT round, agent, record FROM acts WHERE episode = ? AND round >= ? ORDER BY round, agent";
-    let rows = sqlx::query(query).bind(key.0).bind(report.rounds).fetch_all(database).await?;
+    let text = "SELECT round, agent, record FROM acts WHERE episode = $1 AND round >= $2 ORDER BY round, agent";
+    let rows = query(text).bind(key.0).bind(report.rounds).fetch_all(database).await?;
     let mut acts = Vec::new();
     for row in rows {
-        let act: ActRecord = parsed(row.try_get("record")?)?;
-        let agent = format!("Agent_{}", row.try_get::<u16, _>("agent")?);
-        if row.try_get::<u32, _>("round")? != report.rounds || act.agent != agent {
+        let act: ActRecord = parsed(row.text("record")?)?;
+        let agent = format!("Agent_{}", row.try_get::<u16>("agent")?);
+        if row.try_get::<u32>("round")? != report.rounds || act.agent != agent {
             return Ok(Err(format!("an act of {agent} belongs to no round")));
         }
         acts.push(act);
@@ -840,14 +828,14 @@ async fn open_acts(
 
 /// The row that boards are made of, which follows from the journal.
 async fn result(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     key: EpisodeKey,
     report: &Report,
 ) -> Result<Result<(), String>, sqlx::Error> {
-    let query = "SELECT task, seed, score, rounds, status, acts, invalid, clock_outs, prompt_tokens, completion_tokens,
+    let text = "SELECT task, seed, score, rounds, status, acts, invalid, clock_outs, prompt_tokens, completion_tokens,
                         failures
-                 FROM results WHERE episode = ?";
-    let row = sqlx::query(query).bind(key.0).fetch_optional(database).await?;
+                 FROM results WHERE episode = $1";
+    let row = query(text).bind(key.0).fetch_optional(database).await?;
     let end = report.end.as_ref().filter(|_| report.opening.counts());
     let (row, end) = match (row, end) {
         (None, None) => return Ok(Ok(())),
@@ -855,11 +843,11 @@ async fn result(
         (None, Some(_)) => return Ok(Err(format!("{NO_RESULT} it has none"))),
         (Some(_), None) => return Ok(Err(format!("{NO_RESULT} it has one, and is to have none"))),
     };
-    let count = |column| row.try_get::<i64, _>(column).map(i64::unsigned_abs);
+    let count = |column| row.try_get::<i64>(column).map(i64::unsigned_abs);
     let tally = Tally {
         acts: count("acts")?,
         invalid: count("invalid")?,
-        failures: read_failures(row.try_get("failures")?)?,
+        failures: read_failures(row.text("failures")?)?,
         timeouts: count("clock_outs")?,
         prompt_tokens: count("prompt_tokens")?,
         completion_tokens: count("completion_tokens")?,
@@ -871,11 +859,11 @@ async fn result(
         ..report.tally
     };
     let is_same = tally == played
-        && row.try_get::<&str, _>("task")? == report.opening.config.task
-        && row.try_get::<i64, _>("seed")? == i64::from(report.opening.config.seed)
-        && row.try_get::<f64, _>("score")?.to_bits() == report.score.to_bits()
-        && row.try_get::<u32, _>("rounds")? == report.rounds
-        && row.try_get::<&str, _>("status")? == end.status;
+        && row.text("task")? == report.opening.config.task
+        && row.try_get::<i64>("seed")? == i64::from(report.opening.config.seed)
+        && row.try_get::<f64>("score")?.to_bits() == report.score.to_bits()
+        && row.try_get::<u32>("rounds")? == report.rounds
+        && row.text("status")? == end.status;
     Ok(if is_same { Ok(()) } else { Err(format!("{NO_RESULT} its own is another")) })
 }
 

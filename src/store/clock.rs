@@ -5,6 +5,7 @@ use serde::Deserialize;
 
 use super::Store;
 use super::StoreError;
+use super::sql::query;
 
 /// The action of the audit log by which an organizer confirmed the time of day.
 pub const CONFIRMED: &str = "clock.confirm";
@@ -32,12 +33,12 @@ const NEWEST: &str = "
         UNION ALL
         SELECT max(at) FROM (SELECT coalesce(revealed_at, created_at) AS at FROM competitions) AS decided
         UNION ALL
-        SELECT max(at) FROM (SELECT at FROM audit WHERE action <> ? ORDER BY number DESC LIMIT 100) AS done
+        SELECT max(at) FROM (SELECT at FROM audit WHERE action <> $1 ORDER BY number DESC LIMIT 100) AS done
     ) AS newest";
 
 /// The last time at which an organizer confirmed the time of day, and what was noted of it.
 const LAST_CONFIRMED: &str = "
-    SELECT at, detail FROM audit WHERE action = ? ORDER BY number DESC LIMIT 1";
+    SELECT at, detail FROM audit WHERE action = $1 ORDER BY number DESC LIMIT 1";
 
 /// What is noted where an organizer confirms the time of day.
 #[derive(Deserialize)]
@@ -50,7 +51,7 @@ impl Store {
     /// The earliest time of day that is possible, as the newest entry came then; none without entries.
     /// Entries that an organizer knew when confirming an earlier time do not count.
     pub async fn newest_at(&self) -> Result<Option<Timestamp>, StoreError> {
-        let query = sqlx::query(LAST_CONFIRMED).bind(CONFIRMED);
+        let query = query(LAST_CONFIRMED).bind(CONFIRMED);
         let confirmed: Option<(Timestamp, String)> = self.fetch_optional(query).await?;
         let newest = self.newest_entry_at().await?;
         if let Some((at, detail)) = confirmed {
@@ -64,6 +65,6 @@ impl Store {
 
     /// When the newest entry came, but for confirmations of the time of day.
     pub async fn newest_entry_at(&self) -> Result<Option<Timestamp>, StoreError> {
-        self.fetch_one(sqlx::query(NEWEST).bind(CONFIRMED)).await
+        self.fetch_one(query(NEWEST).bind(CONFIRMED)).await
     }
 }

@@ -5,14 +5,12 @@ use std::collections::BTreeMap;
 use futures::TryStreamExt;
 use jiff::Timestamp;
 use serde_json::value::RawValue;
-use sqlx::sqlite::{SqliteConnection, SqliteRow};
-use sqlx::{Connection, QueryBuilder, Row as _, Sqlite};
 
 use super::Store;
 use super::StoreError;
 use super::entries::{CompetitionRow, EntrantFacts, EntrantRow, Secret};
-use super::rows::{FromRow, from_row, get, push_list};
 use super::runs::void_reason;
+use super::sql::{Begin, Builder, Connection, FromRow, Row, from_row, get, query};
 use crate::ids::{CompetitionKey, EntryKey, EpisodeKey, RunKey, TokenHash};
 use crate::keys::OwnerKey;
 use swarmbench_protocol::names::looks;
@@ -109,8 +107,8 @@ pub enum Declared {
     Short,
 }
 
-fn select_entrants(declared: Declared) -> QueryBuilder<Sqlite> {
-    let mut query = QueryBuilder::new("SELECT key, id, competition, owner, name, template, ");
+fn select_entrants(declared: Declared) -> Builder<'static> {
+    let mut query = Builder::new("SELECT key, id, competition, owner, name, template, ");
     query.push(match declared {
         Declared::Whole => "declaration, FALSE AS is_to_be_cut",
         Declared::Short => {
@@ -147,7 +145,7 @@ const ATTEMPT: &str = "
 impl Store {
     /// Finds a competition by its public id.
     pub async fn find_competition(&self, id: &str) -> Result<Option<RawCompetition>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(COMPETITION);
+        let mut query = Builder::new(COMPETITION);
         query.push("WHERE id = ").push_bind(id);
         self.fetch_optional(query.build()).await
     }
@@ -159,7 +157,7 @@ impl Store {
         before: Option<CompetitionKey>,
         limit: u32,
     ) -> Result<Vec<RawCompetition>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(COMPETITION);
+        let mut query = Builder::new(COMPETITION);
         query.push("WHERE key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
         query.push(" AND (NOT hidden OR ").push_bind(all).push(")");
         query.push(" ORDER BY key DESC LIMIT ").push_bind(limit);
@@ -168,8 +166,8 @@ impl Store {
 
     /// The public ids of the competitions that have closed and are not open to all yet.
     pub async fn closing_competitions(&self, now: Timestamp) -> Result<Vec<String>, StoreError> {
-        let query = sqlx::query(
-            "SELECT id FROM competitions WHERE revealed_at IS NULL AND closes_at <= ? ORDER BY key",
+        let query = query(
+            "SELECT id FROM competitions WHERE revealed_at IS NULL AND closes_at <= $1 ORDER BY key",
         );
         self.fetch_all(query.bind(now.as_millisecond())).await
     }
@@ -213,14 +211,14 @@ impl Store {
         owner: Option<OwnerKey>,
     ) -> Result<EntrantRoom, StoreError> {
         let ([name, other_name], [look, other_look]) = (looks(name), looks(model));
-        let query = sqlx::query(
-            "SELECT (SELECT entrants FROM competitions WHERE key = ?1) AS active,
+        let query = query(
+            "SELECT (SELECT entrants FROM competitions WHERE key = $1) AS active,
                     EXISTS (SELECT 1 FROM looks
-                            WHERE competition = ?1 AND kind = 'name' AND look IN (?3, ?4)) AS has_name,
-                    EXISTS (SELECT 1 FROM looks WHERE competition = ?1 AND kind = 'model' AND look IN (?5, ?6)
-                            AND written != ?7) AS has_look_of_model,
+                            WHERE competition = $1 AND kind = 'name' AND look IN ($3, $4)) AS has_name,
+                    EXISTS (SELECT 1 FROM looks WHERE competition = $1 AND kind = 'model' AND look IN ($5, $6)
+                            AND written != $7) AS has_look_of_model,
                     (SELECT count(*) FROM entries INDEXED BY entries_by_owner
-                     WHERE owner = ?2 AND competition = ?1) AS of_owner",
+                     WHERE owner = $2 AND competition = $1) AS of_owner",
         )
         .bind(competition.0)
         .bind(owner.map(|owner| owner.0))
@@ -240,9 +238,9 @@ impl Store {
         name: &str,
     ) -> Result<bool, StoreError> {
         let [look, other_look] = looks(name);
-        let query = sqlx::query(
-            "SELECT EXISTS (SELECT 1 FROM looks WHERE competition = ?1 AND kind = 'name' AND look IN (?2, ?3)
-                            AND written <> (SELECT name FROM entries WHERE key = ?4))",
+        let query = query(
+            "SELECT EXISTS (SELECT 1 FROM looks WHERE competition = $1 AND kind = 'name' AND look IN ($2, $3)
+                            AND written <> (SELECT name FROM entries WHERE key = $4))",
         )
         .bind(competition.0)
         .bind(look)
@@ -256,8 +254,8 @@ impl Store {
         &self,
         owner: OwnerKey,
     ) -> Result<Option<CompetitionKey>, StoreError> {
-        let query = "SELECT competition FROM entries WHERE owner = ? ORDER BY key LIMIT 1";
-        self.fetch_optional(sqlx::query(query).bind(owner.0)).await
+        let text = "SELECT competition FROM entries WHERE owner = $1 ORDER BY key LIMIT 1";
+        self.fetch_optional(query(text).bind(owner.0)).await
     }
 
     /// Lists the entrants of a competition, or those of one key, in the order in which they registered, from the one after
@@ -287,7 +285,7 @@ impl Store {
         competition: CompetitionKey,
         hash: TokenHash,
     ) -> Result<Option<StoredInvitation>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(INVITATION);
+        let mut query = Builder::new(INVITATION);
         query.push("WHERE i.competition = ").push_bind(competition.0);
         query.push(" AND i.hash = ").push_bind(hash.0.to_vec());
         self.fetch_optional(query.build()).await
@@ -299,7 +297,7 @@ impl Store {
         competition: CompetitionKey,
         label: &str,
     ) -> Result<Vec<StoredInvitation>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(INVITATION);
+        let mut query = Builder::new(INVITATION);
         query.push("WHERE i.competition = ").push_bind(competition.0);
         query.push(" AND i.label = ").push_bind(label);
         query.push(" AND i.entry IS NULL AND i.revoked_at IS NULL ORDER BY i.created_at, i.hash");
@@ -313,7 +311,7 @@ impl Store {
         skip: u32,
         limit: u32,
     ) -> Result<Vec<StoredInvitation>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(INVITATION);
+        let mut query = Builder::new(INVITATION);
         query.push("WHERE i.competition = ").push_bind(competition.0);
         query.push(" ORDER BY i.created_at, i.hash LIMIT ").push_bind(limit);
         query.push(" OFFSET ").push_bind(skip);
@@ -328,14 +326,14 @@ impl Store {
     ) -> Result<Vec<RawEntrant>, StoreError> {
         let mut query = select_entrants(Declared::Short);
         query.push("WHERE +competition = ").push_bind(competition.0).push(" AND key IN ");
-        push_list(&mut query, entries.iter().map(|entry| entry.0));
+        query.push_list(entries.iter().map(|entry| entry.0));
         query.push(" ORDER BY key");
         self.fetch_all(query.build()).await
     }
 
     /// The attempts of an entrant in the order in which they were started.
     pub async fn attempts_of(&self, entry: EntryKey) -> Result<Vec<StoredAttempt>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(ATTEMPT);
+        let mut query = Builder::new(ATTEMPT);
         query.push("WHERE r.entry = ").push_bind(entry.0).push(" ORDER BY r.key");
         self.fetch_all(query.build()).await
     }
@@ -349,7 +347,7 @@ impl Store {
         after: Option<RunKey>,
         limit: u32,
     ) -> Result<Vec<StoredAttempt>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(ATTEMPT);
+        let mut query = Builder::new(ATTEMPT);
         match owner {
             None => query.push("WHERE r.competition = ").push_bind(competition.0),
             // The few attempts of one key are found by its entrants.
@@ -370,7 +368,7 @@ impl Store {
         competition: CompetitionKey,
         run: &str,
     ) -> Result<Option<StoredAttempt>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(ATTEMPT);
+        let mut query = Builder::new(ATTEMPT);
         query.push("WHERE r.id = ").push_bind(run);
         query.push(" AND +r.competition = ").push_bind(competition.0);
         self.fetch_optional(query.build()).await
@@ -381,8 +379,8 @@ impl Store {
         &self,
         competition: CompetitionKey,
     ) -> Result<Option<RunKey>, StoreError> {
-        let query = "SELECT key FROM runs WHERE competition = ? ORDER BY key DESC LIMIT 1";
-        self.fetch_optional(sqlx::query(query).bind(competition.0)).await
+        let text = "SELECT key FROM runs WHERE competition = $1 ORDER BY key DESC LIMIT 1";
+        self.fetch_optional(query(text).bind(competition.0)).await
     }
 
     /// The attempts of a competition that have not ended, in the order in which they were started.
@@ -390,21 +388,21 @@ impl Store {
         &self,
         competition: CompetitionKey,
     ) -> Result<Vec<RunKey>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT key FROM runs INDEXED BY runs_open
-             WHERE competition = ? AND ended_at IS NULL ORDER BY key",
+             WHERE competition = $1 AND ended_at IS NULL ORDER BY key",
         );
         self.fetch_all(query.bind(competition.0)).await
     }
 
     /// Whether an attempt of a competition, or a game of one, has not ended. Voided games do not matter.
     pub async fn has_open_attempts(&self, competition: CompetitionKey) -> Result<bool, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT EXISTS (SELECT 1 FROM runs INDEXED BY runs_open
-                            WHERE competition = ?1 AND ended_at IS NULL)
+                            WHERE competition = $1 AND ended_at IS NULL)
                  OR EXISTS (SELECT 1 FROM episodes e INDEXED BY episodes_open JOIN runs r ON r.key = e.run
                             WHERE e.run IS NOT NULL AND e.ended_at IS NULL AND e.voided_at IS NULL
-                              AND r.competition = ?1)",
+                              AND r.competition = $1)",
         );
         self.fetch_one(query.bind(competition.0)).await
     }
@@ -416,13 +414,13 @@ impl Store {
         runs: &[RunKey],
         episodes: &[EpisodeKey],
     ) -> Result<Vec<EntryKey>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new("SELECT entry FROM runs WHERE key IN ");
-        push_list(&mut query, runs.iter().map(|run| run.0));
+        let mut query = Builder::new("SELECT entry FROM runs WHERE key IN ");
+        query.push_list(runs.iter().map(|run| run.0));
         query.push(" AND +competition = ").push_bind(competition.0);
         query.push(
             " UNION SELECT r.entry FROM episodes e JOIN runs r ON r.key = e.run WHERE e.key IN ",
         );
-        push_list(&mut query, episodes.iter().map(|episode| episode.0));
+        query.push_list(episodes.iter().map(|episode| episode.0));
         query.push(" AND +r.competition = ").push_bind(competition.0);
         self.fetch_all(query.build()).await
     }
@@ -438,12 +436,12 @@ pub(super) fn without_texts(declaration: &str) -> Result<String, serde_json::Err
 }
 
 pub(super) async fn add(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     row: &CompetitionRow,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query(
+    query(
         "INSERT INTO competitions (id, definition, salt, seeds, commitment, opens_at, closes_at, created_at)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8)",
     )
     .bind(&row.id)
     .bind(&row.definition)
@@ -459,13 +457,13 @@ pub(super) async fn add(
 }
 
 pub(super) async fn change(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     competition: CompetitionKey,
     definition: &str,
     closes_at: Timestamp,
     hidden: bool,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE competitions SET definition = ?, closes_at = ?, hidden = ? WHERE key = ?")
+    query("UPDATE competitions SET definition = $1, closes_at = $2, hidden = $3 WHERE key = $4")
         .bind(definition)
         .bind(closes_at.as_millisecond())
         .bind(hidden)
@@ -476,14 +474,14 @@ pub(super) async fn change(
 }
 
 pub(super) async fn cancel(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     competition: CompetitionKey,
     reason: &str,
     at: Timestamp,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query(
-        "UPDATE competitions SET cancelled_at = ?, cancel_reason = ?
-         WHERE key = ? AND cancelled_at IS NULL",
+    query(
+        "UPDATE competitions SET cancelled_at = $1, cancel_reason = $2
+         WHERE key = $3 AND cancelled_at IS NULL",
     )
     .bind(at.as_millisecond())
     .bind(reason)
@@ -494,14 +492,14 @@ pub(super) async fn cancel(
 }
 
 pub(super) async fn revoke_invitations(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     hashes: &[TokenHash],
     at: Timestamp,
 ) -> Result<(), sqlx::Error> {
     for hash in hashes {
-        sqlx::query(
-            "UPDATE invitations SET revoked_at = ?
-             WHERE hash = ? AND entry IS NULL AND revoked_at IS NULL",
+        query(
+            "UPDATE invitations SET revoked_at = $1
+             WHERE hash = $2 AND entry IS NULL AND revoked_at IS NULL",
         )
         .bind(at.as_millisecond())
         .bind(&hash.0[..])
@@ -512,14 +510,14 @@ pub(super) async fn revoke_invitations(
 }
 
 pub(super) async fn add_entrant(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     row: &EntrantRow,
 ) -> Result<(), sqlx::Error> {
     let brief = without_texts(&row.declaration).map_err(|e| sqlx::Error::Encode(e.into()))?;
-    let added: i64 = sqlx::query_scalar(
+    let added: i64 = query(
         "INSERT INTO entries (id, competition, owner, name, model, declaration, brief, template, status, vouched, registered_at,
                               address, category, terms, contact)
-         VALUES (?, ?, (SELECT number FROM keys WHERE id = ?), ?, ?, ?, ?, ?, 'active', ?, ?, ?, ?, ?, ?)
+         VALUES ($1, $2, (SELECT number FROM keys WHERE id = $3), $4, $5, $6, $7, $8, 'active', $9, $10, $11, $12, $13, $14)
          RETURNING key",
     )
     .bind(&row.id)
@@ -536,15 +534,15 @@ pub(super) async fn add_entrant(
     .bind(&row.category)
     .bind(row.terms)
     .bind(&row.contact)
-    .fetch_one(&mut *connection)
+    .one(connection)
     .await?;
     add_looks(connection, row.competition.0, &row.name, &row.model).await?;
-    sqlx::query("UPDATE competitions SET entrants = entrants + 1 WHERE key = ?")
+    query("UPDATE competitions SET entrants = entrants + 1 WHERE key = $1")
         .bind(row.competition.0)
         .execute(&mut *connection)
         .await?;
     if let Some(hash) = row.invitation {
-        sqlx::query("UPDATE invitations SET entry = ? WHERE hash = ?")
+        query("UPDATE invitations SET entry = $1 WHERE hash = $2")
             .bind(added)
             .bind(&hash.0[..])
             .execute(connection)
@@ -555,16 +553,17 @@ pub(super) async fn add_entrant(
 
 /// Inserts the looks of an entrant's name and model, by which similar ones are found.
 async fn add_looks(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     competition: i64,
     name: &str,
     model: &str,
 ) -> Result<(), sqlx::Error> {
     for (kind, written) in [("name", name), ("model", model)] {
         for look in looks(written) {
-            let insert = "INSERT INTO looks (competition, kind, look, written) VALUES (?, ?, ?, ?)
+            let insert =
+                "INSERT INTO looks (competition, kind, look, written) VALUES ($1, $2, $3, $4)
                           ON CONFLICT DO NOTHING";
-            sqlx::query(insert)
+            query(insert)
                 .bind(competition)
                 .bind(kind)
                 .bind(look)
@@ -577,35 +576,35 @@ async fn add_looks(
 }
 
 /// Inserts the looks for entrants of databases of earlier versions.
-pub(super) async fn add_missing_looks(
-    connection: &mut SqliteConnection,
-) -> Result<(), sqlx::Error> {
-    let rows = sqlx::query(
+pub(super) async fn add_missing_looks(connection: &mut Connection) -> Result<(), sqlx::Error> {
+    let entrants: Vec<(i64, String, String)> = query(
         "SELECT competition, name, model FROM entries WHERE NOT EXISTS (SELECT 1 FROM looks)",
     )
-    .fetch_all(&mut *connection)
+    .all(connection)
     .await?;
-    let mut transaction = connection.begin().await?;
-    for row in rows {
-        let (name, model): (&str, &str) = (row.try_get("name")?, row.try_get("model")?);
-        add_looks(&mut transaction, row.try_get("competition")?, name, model).await?;
+    if entrants.is_empty() {
+        return Ok(());
     }
-    transaction.commit().await
+    let add_all = async |connection: &mut Connection| {
+        for (competition, name, model) in &entrants {
+            add_looks(connection, *competition, name, model).await?;
+        }
+        Ok(())
+    };
+    connection.transaction(Begin::Write, add_all).await
 }
 
 /// Names and models whose looks are not theirs, or are of no entrant.
-pub(super) async fn damaged_looks(
-    connection: &mut SqliteConnection,
-) -> Result<Vec<String>, sqlx::Error> {
-    let query = "SELECT l.look, l.written, EXISTS (
+pub(super) async fn damaged_looks(connection: &mut Connection) -> Result<Vec<String>, sqlx::Error> {
+    let text = "SELECT l.look, l.written, EXISTS (
                      SELECT 1 FROM entries n WHERE n.competition = l.competition
                          AND l.written = CASE l.kind WHEN 'name' THEN n.name WHEN 'model' THEN n.model END) AS is_used
                  FROM looks l";
-    let mut rows = sqlx::query(query).fetch(connection);
+    let mut rows = query(text).fetch(connection);
     let mut damaged = Vec::new();
     while let Some(row) = rows.try_next().await? {
-        let (look, written): (&str, &str) = (row.try_get("look")?, row.try_get("written")?);
-        if !row.try_get::<bool, _>("is_used")? || !looks(written).iter().any(|own| own == look) {
+        let (look, written) = (row.text("look")?, row.text("written")?);
+        if !row.try_get::<bool>("is_used")? || !looks(written).iter().any(|own| own == look) {
             damaged.push(written.to_owned());
         }
     }
@@ -613,23 +612,23 @@ pub(super) async fn damaged_looks(
 }
 
 pub(super) async fn set_entrant(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     entry: EntryKey,
     status: &str,
     reason: Option<&str>,
     vouched: bool,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query(
+    query(
         "UPDATE competitions
-         SET entrants = entrants + CASE WHEN ?1 = 'active' THEN 1 ELSE 0 END
-             - (SELECT CASE WHEN status = 'active' THEN 1 ELSE 0 END FROM entries WHERE key = ?2)
-         WHERE key = (SELECT competition FROM entries WHERE key = ?2)",
+         SET entrants = entrants + CASE WHEN $1 = 'active' THEN 1 ELSE 0 END
+             - (SELECT CASE WHEN status = 'active' THEN 1 ELSE 0 END FROM entries WHERE key = $2)
+         WHERE key = (SELECT competition FROM entries WHERE key = $2)",
     )
     .bind(status)
     .bind(entry.0)
     .execute(&mut *connection)
     .await?;
-    sqlx::query("UPDATE entries SET status = ?, reason = ?, vouched = ? WHERE key = ?")
+    query("UPDATE entries SET status = $1, reason = $2, vouched = $3 WHERE key = $4")
         .bind(status)
         .bind(reason)
         .bind(vouched)
@@ -640,10 +639,10 @@ pub(super) async fn set_entrant(
 }
 
 pub(super) async fn describe(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     facts: &EntrantFacts,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE entries SET category = ?, terms = ?, contact = ? WHERE key = ?")
+    query("UPDATE entries SET category = $1, terms = $2, contact = $3 WHERE key = $4")
         .bind(&facts.category)
         .bind(facts.terms)
         .bind(&facts.contact)
@@ -655,48 +654,47 @@ pub(super) async fn describe(
 
 /// Gives an entrant another name. The old one is free for others.
 pub(super) async fn rename(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     entry: EntryKey,
     name: &str,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query(
+    query(
         "DELETE FROM looks WHERE kind = 'name' AND (competition, written) IN
-             (SELECT competition, name FROM entries WHERE key = ?)",
+             (SELECT competition, name FROM entries WHERE key = $1)",
     )
     .bind(entry.0)
     .execute(&mut *connection)
     .await?;
-    let renamed =
-        sqlx::query("UPDATE entries SET name = ? WHERE key = ? RETURNING competition, model")
-            .bind(name)
-            .bind(entry.0)
-            .fetch_one(&mut *connection)
-            .await?;
-    add_looks(connection, renamed.try_get("competition")?, name, renamed.try_get("model")?).await
+    let renamed = query("UPDATE entries SET name = $1 WHERE key = $2 RETURNING competition, model")
+        .bind(name)
+        .bind(entry.0)
+        .fetch_one(&mut *connection)
+        .await?;
+    add_looks(connection, renamed.try_get("competition")?, name, renamed.text("model")?).await
 }
 
 /// Erases the name of an entrant, its contact, and from where it came. A file that is published already keeps its name.
 pub(super) async fn erase(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     entry: EntryKey,
     name: &str,
     at: Timestamp,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query(
-        "UPDATE entries SET address = NULL, contact = NULL, erased_at = ?1,
+    query(
+        "UPDATE entries SET address = NULL, contact = NULL, erased_at = $1,
              published = (SELECT entries.name FROM competitions c
                           WHERE c.key = entries.competition AND c.revealed_at IS NOT NULL)
-         WHERE key = ?2 AND erased_at IS NULL",
+         WHERE key = $2 AND erased_at IS NULL",
     )
     .bind(at.as_millisecond())
     .bind(entry.0)
     .execute(&mut *connection)
     .await?;
     // Keys that were made for the entrant have its name, or those of its members.
-    sqlx::query(
-        "UPDATE keys SET name = ?1, revoked_at = coalesce(revoked_at, ?2)
+    query(
+        "UPDATE keys SET name = $1, revoked_at = coalesce(revoked_at, $2)
          WHERE role = 'entrant'
-             AND (SELECT owner FROM entries WHERE key = ?3) IN (number, acts_for)",
+             AND (SELECT owner FROM entries WHERE key = $3) IN (number, acts_for)",
     )
     .bind(name)
     .bind(at.as_millisecond())
@@ -707,14 +705,14 @@ pub(super) async fn erase(
 }
 
 pub(super) async fn add_invitations(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     competition: CompetitionKey,
     codes: &[(TokenHash, String)],
     at: Timestamp,
 ) -> Result<(), sqlx::Error> {
     for (hash, label) in codes {
-        sqlx::query(
-            "INSERT INTO invitations (hash, competition, label, created_at) VALUES (?, ?, ?, ?)",
+        query(
+            "INSERT INTO invitations (hash, competition, label, created_at) VALUES ($1, $2, $3, $4)",
         )
         .bind(&hash.0[..])
         .bind(competition.0)
@@ -728,18 +726,18 @@ pub(super) async fn add_invitations(
 
 /// Opens a competition and all its episodes to all.
 pub(super) async fn reveal(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     competition: CompetitionKey,
     at: Timestamp,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE competitions SET revealed_at = coalesce(revealed_at, ?) WHERE key = ?")
+    query("UPDATE competitions SET revealed_at = coalesce(revealed_at, $1) WHERE key = $2")
         .bind(at.as_millisecond())
         .bind(competition.0)
         .execute(&mut *connection)
         .await?;
-    sqlx::query(
+    query(
         "UPDATE episodes SET revealed = TRUE WHERE run IN (
-             SELECT r.key FROM runs r JOIN entries n ON n.key = r.entry WHERE n.competition = ?)",
+             SELECT r.key FROM runs r JOIN entries n ON n.key = r.entry WHERE n.competition = $1)",
     )
     .bind(competition.0)
     .execute(connection)
@@ -756,7 +754,7 @@ from_row! {
 }
 
 impl FromRow for RawEntrant {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
         let mut declaration: String = get(row, "declaration")?;
         if get(row, "is_to_be_cut")? {
             declaration =
@@ -785,7 +783,7 @@ impl FromRow for RawEntrant {
 }
 
 impl FromRow for StoredAttempt {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
         Ok(Self {
             run: get(row, "key")?,
             id: get(row, "id")?,

@@ -411,6 +411,14 @@ pub fn brief_of(
     is_large.then(brief).flatten().map(|brief| RawRecord::write(&brief))
 }
 
+/// Who decided, as the table of acts has it.
+pub(super) const fn source_code(source: Source) -> u8 {
+    match source {
+        Source::Player => 0,
+        Source::Clock => 1,
+    }
+}
+
 /// A resolved round; its acts are rows of their own.
 #[derive(Clone, Debug)]
 pub struct RoundRow {

@@ -2,12 +2,10 @@
 
 use jiff::Timestamp;
 use serde::Deserialize;
-use sqlx::sqlite::SqliteRow;
-use sqlx::{QueryBuilder, Sqlite};
 
 use super::Store;
 use super::StoreError;
-use super::rows::{FromRow, get, push_list};
+use super::sql::{Builder, FromRow, Row, get, query};
 use super::templates::{listed_opening, opening};
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use crate::keys::OwnerKey;
@@ -103,8 +101,8 @@ const END: &str = "
 const SHORT_END: &str = "CASE WHEN octet_length(e.ending) <= 1024 THEN e.ending END";
 
 /// Asks for episodes; the caller adds a condition.
-fn select(detail: Detail) -> QueryBuilder<Sqlite> {
-    let mut query = QueryBuilder::new(
+fn select(detail: Detail) -> Builder<'static> {
+    let mut query = Builder::new(
         "SELECT e.key AS episode, e.id, e.owner, e.run, e.revealed, coalesce(e.own_games, FALSE) AS own_games, ",
     );
     query.push(if detail == Detail::Listed { listed_opening!() } else { opening!() });
@@ -189,7 +187,7 @@ impl Store {
     ) -> Result<Vec<StoredEpisode>, StoreError> {
         let mut query = select(Detail::Summary);
         query.push("e.id IN ");
-        push_list(&mut query, ids.iter().map(EpisodeId::as_str));
+        query.push_list(ids.iter().map(EpisodeId::as_str));
         self.fetch_all(query.build()).await
     }
 
@@ -311,7 +309,7 @@ impl Store {
 
     /// All episodes that have not ended, those with a round clock first.
     pub async fn unfinished_episodes(&self) -> Result<Vec<Unfinished>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT key, id, owner, clocked, CASE WHEN clocked THEN opening END AS opening,
                     CASE WHEN clocked THEN (SELECT max(round) + 1 FROM rounds WHERE episode = key) END AS rounds
              FROM episodes WHERE status IN ('waiting', 'running') ORDER BY clocked DESC, key",
@@ -321,7 +319,7 @@ impl Store {
 
     /// How many bytes the acts of all episodes of each key take.
     pub async fn bytes_by_owner(&self) -> Result<Vec<(OwnerKey, u64)>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT owner, CAST(sum(bytes) AS BIGINT) FROM (
                  SELECT owner, bytes FROM episodes WHERE owner IS NOT NULL AND bytes IS NOT NULL
                  UNION ALL
@@ -336,7 +334,7 @@ impl Store {
     pub async fn accounts(
         &self,
     ) -> Result<Vec<(EpisodeKey, Option<OwnerKey>, Option<CompetitionKey>)>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT e.key, e.owner, n.competition
              FROM episodes e LEFT JOIN runs r ON r.key = e.run LEFT JOIN entries n ON n.key = r.entry
              WHERE e.status IN ('waiting', 'running')",
@@ -347,7 +345,7 @@ impl Store {
     /// How many bytes the acts of all episodes of each competition take that is not open to all yet. The joins are in this
     /// order, from the few competitions on: SQLite would begin with all episodes.
     pub async fn bytes_by_competition(&self) -> Result<Vec<(CompetitionKey, u64)>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT competition, CAST(coalesce(sum(bytes), 0) AS BIGINT) FROM (
                  SELECT n.competition, coalesce(e.bytes, (
                             SELECT CAST(sum(octet_length(a.record)) AS BIGINT)
@@ -361,7 +359,7 @@ impl Store {
 
     /// The number of the newest episode, 0 where there is none.
     pub async fn last_key(&self) -> Result<i64, StoreError> {
-        self.fetch_one(sqlx::query("SELECT coalesce(max(key), 0) FROM episodes")).await
+        self.fetch_one(query("SELECT coalesce(max(key), 0) FROM episodes")).await
     }
 
     /// The episode that was created with an idempotency key, and the hash of the body sent then.
@@ -369,14 +367,13 @@ impl Store {
         &self,
         key: &str,
     ) -> Result<Option<(EpisodeId, Vec<u8>)>, StoreError> {
-        let query =
-            sqlx::query("SELECT id, idempotency_body FROM episodes WHERE idempotency_key = ?");
+        let query = query("SELECT id, idempotency_body FROM episodes WHERE idempotency_key = $1");
         self.fetch_optional(query.bind(key)).await
     }
 }
 
 impl FromRow for StoredEpisode {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
         let (mut rounds, mut score) = (get(row, "rounds")?, get(row, "score")?);
         if let Some(end) = get::<Option<RawRecord>>(row, "short_end")? {
             let end: Standing = end.read().map_err(|error| sqlx::Error::Decode(error.into()))?;
@@ -441,7 +438,7 @@ struct Configured {
 }
 
 impl FromRow for Unfinished {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
         // Settings that cannot be read are reported by the recovery of the episode.
         let config = get::<Option<String>>(row, "opening")?
             .and_then(|opening| serde_json::from_str(&opening).ok())

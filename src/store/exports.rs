@@ -5,13 +5,11 @@ use std::collections::BTreeSet;
 use futures::TryStreamExt;
 use jiff::Timestamp;
 use serde::Deserialize;
-use sqlx::Row as _;
-use sqlx::sqlite::SqliteRow;
 use swarmbench_engine::AgentId;
 
 use super::Store;
 use super::StoreError;
-use super::rows::{FromRow, from_row, get};
+use super::sql::{FromRow, Row, from_row, get, query};
 use crate::ids::EpisodeKey;
 use swarmbench_journal::record::ActRecord;
 
@@ -37,11 +35,11 @@ pub struct LoggedAct {
 impl Store {
     /// When an episode started, if it has: when it was created or started by hand, or when its last seat was taken.
     pub async fn started_at(&self, episode: EpisodeKey) -> Result<Option<Timestamp>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT e.opening, e.created_at, e.started_at,
                     e.seating IS NOT NULL OR NOT EXISTS (SELECT 1 FROM claims c WHERE c.episode = e.key) AS is_seated,
                     (SELECT max(s.claimed_at) FROM seats s WHERE s.episode = e.key) AS claimed_at
-             FROM episodes e WHERE e.key = ?",
+             FROM episodes e WHERE e.key = $1",
         );
         let found: Option<Start> = self.fetch_optional(query.bind(episode.0)).await?;
         found.map_or(Ok(None), Start::at)
@@ -53,8 +51,8 @@ impl Store {
         episode: EpisodeKey,
         end: u32,
     ) -> Result<Vec<String>, StoreError> {
-        let query = sqlx::query(
-            "SELECT coalesce(brief, record) FROM acts WHERE episode = ? AND round < ? ORDER BY round, agent",
+        let query = query(
+            "SELECT coalesce(brief, record) FROM acts WHERE episode = $1 AND round < $2 ORDER BY round, agent",
         );
         let mut reading = self.read().await?;
         let mut rows = query.bind(episode.0).bind(end).fetch(&mut *reading);
@@ -62,7 +60,7 @@ impl Store {
         let mut messages = BTreeSet::new();
         while let Some(row) = rows.try_next().await? {
             let Said { message } =
-                serde_json::from_str(row.try_get(0)?).map_err(StoreError::decode)?;
+                serde_json::from_str(row.text(0)?).map_err(StoreError::decode)?;
             messages.extend(message);
         }
         Ok(messages.into_iter().collect())
@@ -76,18 +74,18 @@ impl Store {
         from: u32,
         to: u32,
     ) -> Result<Vec<LoggedRound>, StoreError> {
-        let query = sqlx::query(
+        let rounds = query(
             "SELECT round, digest, at FROM rounds
-             WHERE episode = ? AND round >= ? AND round < ? ORDER BY round",
+             WHERE episode = $1 AND round >= $2 AND round < $3 ORDER BY round",
         );
         let mut rounds: Vec<LoggedRound> =
-            self.fetch_all(query.bind(episode.0).bind(from).bind(to)).await?;
-        let query = sqlx::query(
+            self.fetch_all(rounds.bind(episode.0).bind(from).bind(to)).await?;
+        let acts = query(
             "SELECT round, agent, at, coalesce(brief, record) AS record FROM acts
-             WHERE episode = ? AND round >= ? AND round < ? ORDER BY round, agent",
+             WHERE episode = $1 AND round >= $2 AND round < $3 ORDER BY round, agent",
         );
         let acts: Vec<(u32, _, _, ActRecord)> =
-            self.fetch_all(query.bind(episode.0).bind(from).bind(to)).await?;
+            self.fetch_all(acts.bind(episode.0).bind(from).bind(to)).await?;
         for (number, agent, at, record) in acts {
             // Acts of early versions are read with their texts.
             let record = ActRecord { response: None, reasoning: None, ..record };
@@ -138,7 +136,7 @@ from_row! {
 }
 
 impl FromRow for LoggedRound {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
         Ok(Self {
             round: get(row, "round")?,
             digest: get(row, "digest")?,

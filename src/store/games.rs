@@ -6,14 +6,12 @@ use std::sync::Arc;
 use jiff::Timestamp;
 use quick_cache::Weighter;
 use quick_cache::sync::Cache;
-use sqlx::sqlite::SqliteRow;
-use sqlx::{QueryBuilder, Sqlite};
 use swarmbench_boards::{Game, Slot};
 use swarmbench_journal::Tally;
 
 use super::results::failures;
-use super::rows::{FromRow, LISTED_AT_ONCE, get, push_list};
 use super::runs::void_reason;
+use super::sql::{Builder, FromRow, LISTED_AT_ONCE, Row, get};
 use super::{Store, StoreError};
 use crate::ids::{EpisodeId, EpisodeKey, RunKey};
 
@@ -143,10 +141,8 @@ impl Store {
 
     /// Which of these runs have ended, in order.
     async fn ended_of(&self, runs: &[RunKey]) -> Result<Vec<RunKey>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(
-            "SELECT key FROM runs WHERE ended_at IS NOT NULL AND key IN ",
-        );
-        push_list(&mut query, runs.iter().map(|run| run.0));
+        let mut query = Builder::new("SELECT key FROM runs WHERE ended_at IS NOT NULL AND key IN ");
+        query.push_list(runs.iter().map(|run| run.0));
         query.push(" ORDER BY key");
         self.fetch_all(query.build()).await
     }
@@ -156,7 +152,7 @@ impl Store {
         runs: &[RunKey],
         all: &mut BTreeMap<RunKey, Vec<StoredGame>>,
     ) -> Result<(), StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(
+        let mut query = Builder::new(
             "SELECT e.run, e.key, e.id, e.slot, e.status, e.reason, e.ended_at, e.voided_at, e.void_reason,
                     coalesce(r.score, (SELECT score FROM rounds WHERE episode = e.key
                                        ORDER BY round DESC LIMIT 1), 0.0) AS score,
@@ -165,7 +161,7 @@ impl Store {
                     r.acts, r.invalid, r.clock_outs, r.prompt_tokens, r.completion_tokens, r.failures
              FROM episodes e LEFT JOIN results r ON r.episode = e.key WHERE e.run IN ",
         );
-        push_list(&mut query, runs.iter().map(|run| run.0));
+        query.push_list(runs.iter().map(|run| run.0));
         query.push(" ORDER BY e.run, e.slot NULLS FIRST, e.key");
         for (run, game) in self.fetch_all::<(RunKey, StoredGame)>(query.build()).await? {
             all.entry(run).or_default().push(game);
@@ -175,7 +171,7 @@ impl Store {
 }
 
 impl FromRow for (RunKey, StoredGame) {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
         let count = |column| Ok::<_, sqlx::Error>(get::<Option<u64>>(row, column)?.unwrap_or(0));
         let game = StoredGame {
             episode: get(row, "key")?,

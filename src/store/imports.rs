@@ -4,14 +4,12 @@ use std::collections::BTreeSet;
 
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};
-use sqlx::sqlite::SqliteConnection;
-use sqlx::{QueryBuilder, Row as _, Sqlite};
 use swarmbench_protocol::import::ImportConfig;
 
 use super::Store;
 use super::StoreError;
 use super::entries::{ImportRow, ImportedRound};
-use super::rows::{LISTED_AT_ONCE, chunks, from_row, push_list};
+use super::sql::{Builder, Connection, LISTED_AT_ONCE, chunks, from_row, query};
 use crate::ids::ImportKey;
 
 /// Computes the digest of an imported game, state by state.
@@ -98,7 +96,7 @@ impl Store {
         before: Option<ImportKey>,
         limit: u32,
     ) -> Result<Vec<StoredImport>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(SELECT);
+        let mut query = Builder::new(SELECT);
         query.push("key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
         for (column, value) in [("task", &filter.task), ("model", &filter.model)] {
             if let Some(value) = value {
@@ -111,7 +109,7 @@ impl Store {
 
     /// Finds an imported game.
     pub async fn find_import(&self, id: &str) -> Result<Option<StoredImport>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(SELECT);
+        let mut query = Builder::new(SELECT);
         query.push("id = ").push_bind(id);
         self.fetch_optional(query.build()).await
     }
@@ -123,9 +121,9 @@ impl Store {
         from: u32,
         to: u32,
     ) -> Result<Vec<ImportedRound>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT round, score, state, acts FROM import_rounds
-             WHERE import = ? AND round >= ? AND round < ? ORDER BY round",
+             WHERE import = $1 AND round >= $2 AND round < $3 ORDER BY round",
         );
         self.fetch_all(query.bind(key.0).bind(from).bind(to)).await
     }
@@ -140,10 +138,9 @@ impl Store {
         let states: Vec<u32> = states.into_iter().collect();
         let mut scores = Vec::with_capacity(states.len());
         for some in states.chunks(LISTED_AT_ONCE) {
-            let mut query =
-                QueryBuilder::<Sqlite>::new("SELECT score FROM import_rounds WHERE import = ");
+            let mut query = Builder::new("SELECT score FROM import_rounds WHERE import = ");
             query.push_bind(key.0).push(" AND round IN ");
-            push_list(&mut query, some.iter().copied());
+            query.push_list(some.iter().copied());
             query.push(" ORDER BY round");
             scores.extend(self.fetch_all::<f64>(query.build()).await?);
         }
@@ -152,9 +149,9 @@ impl Store {
 
     /// All imported games, as far as results are compared; the oldest first.
     pub async fn imported_games(&self) -> Result<Vec<ImportedGame>, StoreError> {
-        let query =
+        let text =
             "SELECT id, model, task, seed, settings, score, rounds FROM imports ORDER BY key";
-        self.fetch_all(sqlx::query(query)).await
+        self.fetch_all(query(text)).await
     }
 }
 
@@ -168,12 +165,12 @@ from_row! {
 
 /// Keeps a game. One that is there already gets acts where it has none; else nothing changes.
 pub(super) async fn keep(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     row: &ImportRow,
     at: Timestamp,
 ) -> Result<(), sqlx::Error> {
     let acts = i64::try_from(row.acts).unwrap_or(i64::MAX);
-    let found = sqlx::query("SELECT key, acts FROM imports WHERE digest = ?")
+    let found = query("SELECT key, acts FROM imports WHERE digest = $1")
         .bind(&row.digest[..])
         .fetch_optional(&mut *connection)
         .await?;
@@ -182,12 +179,12 @@ pub(super) async fn keep(
         if old > 0 || acts == 0 {
             return Ok(());
         }
-        sqlx::query("UPDATE imports SET acts = ? WHERE key = ?")
+        query("UPDATE imports SET acts = $1 WHERE key = $2")
             .bind(acts)
             .bind(key)
             .execute(&mut *connection)
             .await?;
-        sqlx::query("DELETE FROM import_rounds WHERE import = ?")
+        query("DELETE FROM import_rounds WHERE import = $1")
             .bind(key)
             .execute(&mut *connection)
             .await?;
@@ -195,10 +192,10 @@ pub(super) async fn keep(
     }
     let settings =
         serde_json::to_string(&row.settings).map_err(|e| sqlx::Error::Encode(e.into()))?;
-    let inserted: i64 = sqlx::query_scalar(
+    let inserted: i64 = query(
         "INSERT INTO imports (id, digest, run_id, meta, model, task, seed, settings, score, rounds,
                               acts, imported_at)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) RETURNING key",
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12) RETURNING key",
     )
     .bind(&row.id)
     .bind(&row.digest[..])
@@ -212,21 +209,20 @@ pub(super) async fn keep(
     .bind(row.resolved)
     .bind(acts)
     .bind(at.as_millisecond())
-    .fetch_one(&mut *connection)
+    .one(connection)
     .await?;
     insert_rounds(connection, inserted, &row.rounds).await
 }
 
 async fn insert_rounds(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     key: i64,
     rounds: &[ImportedRound],
 ) -> Result<(), sqlx::Error> {
     for chunk in chunks(rounds) {
-        let mut insert = QueryBuilder::<Sqlite>::new(
-            "INSERT INTO import_rounds (import, round, score, state, acts) ",
-        );
-        insert.push_values(chunk, |mut row, round| {
+        let mut insert =
+            Builder::new("INSERT INTO import_rounds (import, round, score, state, acts) ");
+        insert.push_rows(chunk, |row, round| {
             row.push_bind(key)
                 .push_bind(round.round)
                 .push_bind(round.score)

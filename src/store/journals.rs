@@ -2,12 +2,9 @@
 
 use std::collections::{HashMap, VecDeque};
 
-use sqlx::sqlite::SqliteRow;
-use sqlx::{QueryBuilder, Sqlite};
-
 use super::port::{StoredEpisode, StoredRound};
 use super::records::ActReader;
-use super::rows::{FromRow, get, push_list};
+use super::sql::{Builder, FromRow, Row, get};
 use super::{Store, StoreError};
 use crate::ids::{EpisodeId, EpisodeKey};
 use swarmbench_journal::record::RawRecord;
@@ -65,16 +62,16 @@ impl Store {
         let keys: Vec<_> = journals.iter().map(|journal| journal.stored.episode).collect();
         let place: HashMap<_, _> = keys.iter().zip(0..).map(|(key, place)| (*key, place)).collect();
         let place = |key| place.get(&key).copied().unwrap_or(0_usize);
-        let query = "SELECT episode, round, digest, score, head FROM rounds WHERE episode IN ";
-        let mut query = about_games(query, &keys);
+        let text = "SELECT episode, round, digest, score, head FROM rounds WHERE episode IN ";
+        let mut query = about_games(text, &keys);
         query.push(" ORDER BY episode, round");
         let rounds: Vec<(EpisodeKey, StoredRound)> = self.fetch_all(query.build()).await?;
         for (episode, round) in rounds {
             journals[place(episode)].rounds.push(round);
         }
-        let query = "SELECT episode, round, string_agg(record, ',' ORDER BY agent)
+        let text = "SELECT episode, round, string_agg(record, ',' ORDER BY agent)
                      FROM acts WHERE episode IN ";
-        let mut query = about_games(query, &keys);
+        let mut query = about_games(text, &keys);
         query.push(" GROUP BY episode, round ORDER BY episode, round");
         let acts: Vec<(EpisodeKey, u32, String)> = self.fetch_all(query.build()).await?;
         let mut of_games = HashMap::<_, VecDeque<_>>::new();
@@ -84,7 +81,7 @@ impl Store {
         for journal in &mut *journals {
             journal.acts.set_read(of_games.remove(&journal.stored.episode).unwrap_or_default());
         }
-        let mut query = about_games("SELECT key, ending FROM episodes WHERE key IN ", &keys);
+        let query = about_games("SELECT key, ending FROM episodes WHERE key IN ", &keys);
         let ends: Vec<(EpisodeKey, Option<RawRecord>)> = self.fetch_all(query.build()).await?;
         for (episode, end) in ends {
             journals[place(episode)].end = end;
@@ -101,14 +98,14 @@ fn bytes_of(stored: &StoredEpisode) -> Option<u64> {
 }
 
 /// A query with a list of games at its end.
-fn about_games(query: &str, keys: &[EpisodeKey]) -> QueryBuilder<Sqlite> {
-    let mut query = QueryBuilder::new(query);
-    push_list(&mut query, keys.iter().map(|key| key.0));
+fn about_games(query: &str, keys: &[EpisodeKey]) -> Builder<'static> {
+    let mut query = Builder::new(query);
+    query.push_list(keys.iter().map(|key| key.0));
     query
 }
 
 impl FromRow for (EpisodeKey, StoredRound) {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
         Ok((get(row, "episode")?, StoredRound::from_row(row)?))
     }
 }

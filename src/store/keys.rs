@@ -1,10 +1,8 @@
 //! The table `keys`.
 
-use sqlx::{QueryBuilder, Sqlite};
-
 use super::Store;
 use super::StoreError;
-use super::rows::from_row;
+use super::sql::{Builder, from_row, query};
 use crate::ids::TokenHash;
 use crate::keys::{Key, OwnerKey};
 
@@ -22,7 +20,7 @@ impl Store {
         after: Option<OwnerKey>,
         limit: u32,
     ) -> Result<Vec<Key>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(SELECT);
+        let mut query = Builder::new(SELECT);
         query.push("WHERE number > ").push_bind(after.map_or(-1, |key| key.0));
         query.push(" ORDER BY number LIMIT ").push_bind(limit);
         self.fetch_all(query.build()).await
@@ -30,29 +28,29 @@ impl Store {
 
     /// The key with this number, revoked and expired ones too.
     pub async fn key(&self, number: OwnerKey) -> Result<Option<Key>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(SELECT);
+        let mut query = Builder::new(SELECT);
         query.push("WHERE number = ").push_bind(number.0);
         self.fetch_optional(query.build()).await
     }
 
     /// Whether a key was ever made.
     pub async fn has_keys(&self) -> Result<bool, StoreError> {
-        self.fetch_one(sqlx::query("SELECT EXISTS (SELECT 1 FROM keys)")).await
+        self.fetch_one(query("SELECT EXISTS (SELECT 1 FROM keys)")).await
     }
 
     /// The key whose token has this hash, revoked and expired ones too. That of a member of a team has the number of the
     /// team's first key, and so its rights.
     pub async fn find_key(&self, hash: TokenHash) -> Result<Option<Key>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT coalesce(acts_for, number) AS number, id, role, name, created_at, expires_at, revoked_at
-             FROM keys WHERE hash = ?",
+             FROM keys WHERE hash = $1",
         );
         self.fetch_optional(query.bind(&hash.0[..])).await
     }
 
     /// The keys of a team beside its first one, revoked ones too, in the order in which they were made.
     pub async fn team_keys(&self, first: OwnerKey) -> Result<Vec<Key>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(SELECT);
+        let mut query = Builder::new(SELECT);
         query.push("WHERE acts_for = ").push_bind(first.0).push(" ORDER BY number");
         self.fetch_all(query.build()).await
     }

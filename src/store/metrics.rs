@@ -5,11 +5,9 @@ use std::collections::BTreeMap;
 
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
-use sqlx::sqlite::SqliteConnection;
-use sqlx::{QueryBuilder, Sqlite};
 use swarmbench_analysis::{Definition, Hash1, METRICS_REVISION, Metric, Metrics};
 
-use super::rows::{LISTED_AT_ONCE, from_row, push_list};
+use super::sql::{Builder, Connection, LISTED_AT_ONCE, from_row, query};
 use super::{Store, StoreError};
 use crate::ids::EpisodeKey;
 
@@ -109,14 +107,14 @@ pub type RunTask = (String, String);
 
 /// Queues a game that has ended, in the transaction of its end.
 pub(super) async fn queue(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     episode: EpisodeKey,
 ) -> Result<(), sqlx::Error> {
     // Numbers follow each other, so the first and the last tell how many there are about.
-    sqlx::query(
+    query(
         "INSERT INTO unmeasured (episode)
-         SELECT CAST(? AS BIGINT) WHERE coalesce((SELECT max(number) FROM unmeasured)
-                               - (SELECT min(number) FROM unmeasured), 0) < ?",
+         SELECT CAST($1 AS BIGINT) WHERE coalesce((SELECT max(number) FROM unmeasured)
+                               - (SELECT min(number) FROM unmeasured), 0) < $2",
     )
     .bind(episode.0)
     .bind(UNMEASURED_MAX)
@@ -125,12 +123,9 @@ pub(super) async fn queue(
     Ok(())
 }
 
-pub(super) async fn add(
-    connection: &mut SqliteConnection,
-    row: &MetricsRow,
-) -> Result<(), sqlx::Error> {
-    sqlx::query(
-        "INSERT INTO metrics (episode, embedder, revision, measured) VALUES (?, ?, ?, ?)
+pub(super) async fn add(connection: &mut Connection, row: &MetricsRow) -> Result<(), sqlx::Error> {
+    query(
+        "INSERT INTO metrics (episode, embedder, revision, measured) VALUES ($1, $2, $3, $4)
          ON CONFLICT (episode, embedder) DO UPDATE SET revision = excluded.revision, measured = excluded.measured",
     )
     .bind(row.episode.0)
@@ -142,18 +137,15 @@ pub(super) async fn add(
     Ok(())
 }
 
-pub(super) async fn dequeue(
-    connection: &mut SqliteConnection,
-    number: i64,
-) -> Result<(), sqlx::Error> {
-    let query = sqlx::query("DELETE FROM unmeasured WHERE number = ?").bind(number);
+pub(super) async fn dequeue(connection: &mut Connection, number: i64) -> Result<(), sqlx::Error> {
+    let query = query("DELETE FROM unmeasured WHERE number = $1").bind(number);
     query.execute(connection).await.map(drop)
 }
 
 impl Store {
     /// The games that were queued first.
     pub async fn unmeasured(&self, limit: u32) -> Result<Vec<Unmeasured>, StoreError> {
-        let query = sqlx::query("SELECT number, episode FROM unmeasured ORDER BY number LIMIT ?");
+        let query = query("SELECT number, episode FROM unmeasured ORDER BY number LIMIT $1");
         self.fetch_all(query.bind(limit)).await
     }
 
@@ -163,8 +155,8 @@ impl Store {
         episode: EpisodeKey,
         (embedder, revision): (&str, u32),
     ) -> Result<Option<String>, StoreError> {
-        let query = sqlx::query(
-            "SELECT measured FROM metrics WHERE episode = ? AND embedder = ? AND revision = ?",
+        let query = query(
+            "SELECT measured FROM metrics WHERE episode = $1 AND embedder = $2 AND revision = $3",
         );
         self.fetch_optional(query.bind(episode.0).bind(embedder).bind(revision)).await
     }
@@ -179,23 +171,21 @@ impl Store {
     ) -> Result<BTreeMap<RunTask, Vec<Option<f64>>>, StoreError> {
         let mut games = Vec::new();
         for some in runs.chunks(LISTED_AT_ONCE) {
-            let mut query = QueryBuilder::<Sqlite>::new(
+            let mut query = Builder::new(
                 "SELECT r.id, e.task, e.key FROM runs r JOIN episodes e ON e.run = r.key
                  WHERE e.voided_at IS NULL AND r.id IN ",
             );
-            push_list(&mut query, some.iter());
+            query.push_list(some.iter());
             games.extend(self.fetch_all::<(String, String, EpisodeKey)>(query.build()).await?);
         }
         // In the order of their numbers, as a sum of floats depends on the order.
         games.sort_unstable_by_key(|(.., episode)| *episode);
         let mut means = BTreeMap::new();
         for some in games.chunks(GAMES_AT_ONCE) {
-            let mut query = QueryBuilder::<Sqlite>::new(
-                "SELECT episode, measured FROM metrics WHERE embedder = ",
-            );
+            let mut query = Builder::new("SELECT episode, measured FROM metrics WHERE embedder = ");
             query.push_bind(embedder).push(" AND revision = ").push_bind(revision);
             query.push(" AND episode IN ");
-            push_list(&mut query, some.iter().map(|(.., episode)| episode.0));
+            query.push_list(some.iter().map(|(.., episode)| episode.0));
             query.push(" ORDER BY episode");
             let read: Vec<(EpisodeKey, String)> = self.fetch_all(query.build()).await?;
             for (episode, measured) in read {

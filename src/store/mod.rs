@@ -1,11 +1,11 @@
-//! The database: SQLite, one file, one process.
+//! The database: a file of SQLite, or a database of PostgreSQL; one process writes to it.
 //!
-//! All that is written goes through one task that commits in groups (`writer.rs`); readers have
-//! connections of their own and never wait for it (WAL).
+//! All that is written goes through one task that commits in groups (`writer`); readers have connections of their own and
+//! never wait for it. A file a table has its queries, in texts that both engines take (`sql`); what only one of them has is in
+//! `sqlite` and `postgres`.
 
 mod again;
 pub mod audit;
-pub mod backup;
 pub mod check;
 pub mod clock;
 pub mod competitions;
@@ -13,55 +13,57 @@ pub mod entries;
 pub mod episodes;
 mod error;
 pub mod exports;
-mod files;
-mod foreign;
 mod forks;
 pub mod games;
 pub mod imports;
 pub mod journals;
 pub mod keys;
+mod location;
 pub mod metrics;
 pub mod port;
+mod postgres;
 mod readers;
 pub mod rebuild;
 pub mod records;
 pub mod results;
-mod rows;
 pub mod runs;
 pub mod seats;
+mod sql;
+mod sqlite;
 mod templates;
 pub mod tokens;
 mod writer;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
-use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqliteSynchronous};
-use sqlx::{ConnectOptions, Row as _};
+use sqlx::ConnectOptions as _;
 
-use crate::migrations::migrator;
+use crate::migrations;
 use entries::Entry;
 pub use error::{Stopped, StoreError};
-pub use files::Lost;
-use files::{Files, Lock};
+pub use location::{Address, Location, LocationError};
 use port::{Committed, Reply};
+pub use postgres::session::SessionError;
+use readers::ReaderOptions;
 pub use readers::{
     READERS_MAX, READERS_WAITING_MAX, READERS_WAITING_PER_GROUP_MAX, patiently, patiently_blocking,
 };
-pub use writer::WriterState;
-
-/// The oldest SQLite that cannot lose commits where two connections checkpoint at once.
-const SQLITE_VERSION_MIN: (u32, u32, u32) = (3, 51, 3);
+use sql::{Connection, FromRow, Statement, query};
+use sqlite::SQLITE_VERSION_MIN;
+pub use sqlite::backup;
+pub use sqlite::files::Lost;
+use sqlite::files::{Files, Lock};
+pub use writer::{Blocked, WriterState};
 
 /// The database could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
     /// Another process has it.
     #[error(
-        "the database {0} is in use by another process: stop that one, or name another file with --db"
+        "the database {0} is in use by another process: stop that one, or name another database with --db"
     )]
-    InUse(PathBuf),
+    InUse(String),
     /// The database, or the lock file beside it, cannot be opened or locked.
     #[error("{path} cannot be opened and locked")]
     Lock { path: PathBuf, source: std::io::Error },
@@ -88,16 +90,18 @@ pub enum OpenError {
         "the tables of {0} are those of another version of this program; `swarmbench serve` of this version brings \
          older ones up to date"
     )]
-    Tables(PathBuf),
+    Tables(String),
     /// It is linked with an unsafe version.
     #[error("SQLite {0} can lose commits; at least {major}.{minor}.{patch} is needed",
         major = SQLITE_VERSION_MIN.0, minor = SQLITE_VERSION_MIN.1, patch = SQLITE_VERSION_MIN.2)]
     Version(String),
     #[error("the database {path} cannot be opened")]
     Sqlite { path: PathBuf, source: sqlx::Error },
+    #[error(transparent)]
+    Postgres(#[from] SessionError),
     /// Its tables are those of another version.
-    #[error("the tables of {path} cannot be brought up to date")]
-    Migrate { path: PathBuf, source: sqlx::migrate::MigrateError },
+    #[error("the tables of {location} cannot be brought up to date")]
+    Migrate { location: String, source: sqlx::migrate::MigrateError },
 }
 
 /// An open database. Cloning shares it.
@@ -107,59 +111,82 @@ pub struct Store {
     writer: writer::Writer,
     ended_games: Arc<games::EndedGames>,
     files: Files,
-    /// Held as long as the database is open; none where it is only read.
+    /// Held as long as a file is open; none where it is only read, and of PostgreSQL.
     lock: Arc<Mutex<Option<Lock>>>,
 }
 
 impl Store {
-    /// Opens a database, creating it where there is none, and takes it for this process alone.
-    pub async fn open(path: &Path) -> Result<Self, OpenError> {
-        let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
-        let OpenedDatabase { lock, files, options, connection } =
-            open_exclusively(path, true).await?;
-        let options = readers::cached(options.read_only(true).create_if_missing(false));
-        let readers = readers::Readers::open(options).await.map_err(failed)?;
-        let writer = writer::Writer::spawn(connection, files.clone());
-        let ended_games = Arc::new(games::EndedGames::new());
-        Ok(Self { readers, writer, ended_games, files, lock: Arc::new(Mutex::new(Some(lock))) })
+    /// Opens a database and takes it for this process alone. A file is created where there is none.
+    pub async fn open(location: impl Into<Location>) -> Result<Self, OpenError> {
+        match location.into() {
+            Location::File(path) => {
+                let failed = |source| OpenError::Sqlite { path: path.clone(), source };
+                let sqlite::Opened { connection, options, files, lock } =
+                    sqlite::open(&path, true).await?;
+                let options = readers::cached(options.read_only(true).create_if_missing(false));
+                let options = ReaderOptions::Sqlite(options);
+                let readers = readers::Readers::open(options).await.map_err(failed)?;
+                let group = writer::Group::Sqlite(connection, files.clone());
+                Ok(Self::of(readers, writer::Writer::spawn(group), files, Some(lock)))
+            }
+            Location::Postgres(address) => {
+                let postgres::Opened { node, readers } = postgres::open(&address).await?;
+                let failed =
+                    |source| SessionError::Failed { location: address.to_string(), source };
+                let readers = ReaderOptions::Postgres(readers);
+                let readers = readers::Readers::open(readers).await.map_err(failed)?;
+                let group = writer::Group::Postgres(Box::new(node));
+                Ok(Self::of(readers, writer::Writer::spawn(group), Files::default(), None))
+            }
+        }
     }
 
     /// Opens a database only to read it, also while a server has it. What is handed to the writer is
     /// refused.
-    pub async fn open_to_read(path: &Path) -> Result<Self, OpenError> {
-        if !path.is_file() {
-            return Err(OpenError::Missing(path.to_owned()));
-        }
-        if files::may_lack_log(path) {
-            return Err(OpenError::Linked(path.to_owned()));
-        }
-        if foreign::is_foreign(path).await {
-            return Err(OpenError::Foreign(path.to_owned()));
-        }
-        let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
-        let options = SqliteConnectOptions::new()
-            .filename(path)
-            .read_only(true)
-            .busy_timeout(Duration::from_secs(10))
-            .disable_statement_logging();
-        let mut connection = options.connect().await.map_err(failed)?;
-        let newest: Option<i64> = sqlx::query_scalar("SELECT max(version) FROM _sqlx_migrations")
-            .fetch_one(&mut connection)
+    pub async fn open_to_read(location: impl Into<Location>) -> Result<Self, OpenError> {
+        let location = location.into();
+        let (mut connection, options, known) = read_connection(&location).await?;
+        let failed = |source| location.failed(source);
+        let newest: Option<i64> = query("SELECT max(version) FROM _sqlx_migrations")
+            .one(&mut connection)
             .await
             .map_err(failed)?;
-        let readers = readers::Readers::open(options).await.map_err(failed)?;
-        let known = migrator().iter().map(|migration| migration.version).max();
+        drop(connection.close().await);
         if newest != known {
-            return Err(OpenError::Tables(path.to_owned()));
+            return Err(OpenError::Tables(location.to_string()));
         }
-        let writer = writer::Writer::none();
+        let readers = readers::Readers::open(options).await.map_err(failed)?;
+        Ok(Self::of(readers, writer::Writer::none(), Files::default(), None))
+    }
+
+    fn of(
+        readers: readers::Readers,
+        writer: writer::Writer,
+        files: Files,
+        lock: Option<Lock>,
+    ) -> Self {
         let ended_games = Arc::new(games::EndedGames::new());
-        Ok(Self { readers, writer, ended_games, files: Files::default(), lock: Arc::default() })
+        Self { readers, writer, ended_games, files, lock: Arc::new(Mutex::new(lock)) }
     }
 
     /// A connection that reads, for the party of this task.
     async fn read(&self) -> Result<readers::Reading, StoreError> {
         self.readers.get().await
+    }
+
+    async fn fetch_all<T: FromRow>(&self, query: Statement<'_>) -> Result<Vec<T>, StoreError> {
+        Ok(query.all(&mut *self.read().await?).await?)
+    }
+
+    async fn fetch_one<T: FromRow>(&self, query: Statement<'_>) -> Result<T, StoreError> {
+        Ok(query.one(&mut *self.read().await?).await?)
+    }
+
+    async fn fetch_optional<T: FromRow>(
+        &self,
+        query: Statement<'_>,
+    ) -> Result<Option<T>, StoreError> {
+        Ok(query.optional(&mut *self.read().await?).await?)
     }
 
     /// Hands entries to the writer; see [`crate::store::port::EpisodeStore::append`].
@@ -177,7 +204,7 @@ impl Store {
         self.writer.state()
     }
 
-    /// Commits what was handed over, and closes the file. The writer is the last to leave, so that
+    /// Commits what was handed over, and closes the database. The writer is the last to leave, so that
     /// SQLite puts everything into the one file. Then others may have it.
     pub async fn close(self) {
         self.readers.close().await;
@@ -192,61 +219,87 @@ impl Store {
         self.files.check()
     }
 
+    /// Bytes that the database takes.
+    pub async fn bytes(&self) -> Result<u64, StoreError> {
+        let mut reading = self.read().await?;
+        let size = if reading.is_postgres() {
+            "SELECT pg_database_size(current_database())"
+        } else {
+            "SELECT page_count * page_size FROM pragma_page_count, pragma_page_size"
+        };
+        Ok(query(size).one::<i64>(&mut reading).await?.unsigned_abs())
+    }
+
     /// Whether the database can be read.
     pub async fn ping(&self) -> Result<(), StoreError> {
-        sqlx::query("SELECT 1").execute(&mut *self.read().await?).await?;
+        query("SELECT 1").execute(&mut *self.read().await?).await?;
         Ok(())
     }
 }
 
-/// A database that only this process uses. The lock has to be dropped last.
-struct OpenedDatabase {
-    connection: SqliteConnection,
-    options: SqliteConnectOptions,
-    files: Files,
-    lock: Lock,
+impl Location {
+    /// An error of the engine while it is opened or read.
+    fn failed(&self, source: sqlx::Error) -> OpenError {
+        match self {
+            Self::File(path) => OpenError::Sqlite { path: path.clone(), source },
+            Self::Postgres(address) => {
+                SessionError::Failed { location: address.to_string(), source }.into()
+            }
+        }
+    }
 }
 
-/// Opens a database for this process alone, and brings its tables up to date.
-async fn open_exclusively(path: &Path, create: bool) -> Result<OpenedDatabase, OpenError> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
-        return Err(OpenError::Folder(folder.to_owned()));
+/// A connection that only reads, how further ones are made, and the newest migration that this program knows.
+async fn read_connection(
+    location: &Location,
+) -> Result<(Connection, ReaderOptions, Option<i64>), OpenError> {
+    match location {
+        Location::File(path) => {
+            sqlite::check_readable(path).await?;
+            let options = sqlite::read_options(path);
+            let connection = options.connect().await.map_err(|error| location.failed(error))?;
+            let known = migrations::newest(&migrations::sqlite());
+            Ok((Connection::Sqlite(connection), ReaderOptions::Sqlite(options), known))
+        }
+        Location::Postgres(address) => {
+            let (server, connection) = postgres::open_to_read(address).await?;
+            let known = migrations::newest(&migrations::postgres());
+            Ok((connection, ReaderOptions::Postgres(server.readers()), known))
+        }
     }
-    let lock = Lock::take(path, create)?;
-    if foreign::is_foreign(path).await {
-        return Err(OpenError::Foreign(path.to_owned()));
-    }
-    let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
-    // The file was made with its lock, if it had to be.
-    let options = SqliteConnectOptions::new()
-        .filename(path)
-        .create_if_missing(false)
-        .journal_mode(SqliteJournalMode::Wal)
-        .synchronous(SqliteSynchronous::Full)
-        .busy_timeout(Duration::from_secs(10))
-        .statement_cache_capacity(rows::STATEMENTS_KEPT)
-        .disable_statement_logging();
-    let mut connection = options.connect().await.map_err(failed)?;
-    check_version(&mut connection).await.map_err(failed)??;
-    migrator()
-        .run(&mut connection)
-        .await
-        .map_err(|source| OpenError::Migrate { path: path.to_owned(), source })?;
-    competitions::add_missing_looks(&mut connection).await.map_err(failed)?;
-    forks::delete_incomplete(&mut connection).await.map_err(failed)?;
-    let files = Files::of(path, &lock)
-        .map_err(|source| OpenError::Lock { path: path.to_owned(), source })?;
-    files.check()?;
-    Ok(OpenedDatabase { connection, options, files, lock })
 }
 
-async fn check_version(
-    connection: &mut SqliteConnection,
-) -> Result<Result<(), OpenError>, sqlx::Error> {
-    let version: String =
-        sqlx::query("SELECT sqlite_version()").fetch_one(connection).await?.try_get(0)?;
-    let parts: Vec<u32> = version.split('.').filter_map(|part| part.parse().ok()).collect();
-    let safe = matches!(parts[..], [a, b, c, ..] if (a, b, c) >= SQLITE_VERSION_MIN);
-    Ok(if safe { Ok(()) } else { Err(OpenError::Version(version)) })
+/// What is done before a server, or a command that writes, uses a database.
+async fn prepare(connection: &mut Connection) -> Result<(), sqlx::Error> {
+    competitions::add_missing_looks(connection).await?;
+    forks::delete_incomplete(connection).await
+}
+
+/// A connection for a command that writes while no server has the database.
+struct Alone {
+    connection: Connection,
+    /// Of a file. Dropped last.
+    _lock: Option<Lock>,
+}
+
+impl Alone {
+    async fn open(location: &Location) -> Result<Self, OpenError> {
+        match location {
+            Location::File(path) => {
+                if !path.is_file() {
+                    return Err(OpenError::Missing(path.clone()));
+                }
+                let sqlite::Opened { connection, lock, .. } = sqlite::open(path, false).await?;
+                Ok(Self { connection, _lock: Some(lock) })
+            }
+            Location::Postgres(address) => {
+                let connection = postgres::open_alone(address).await?;
+                Ok(Self { connection, _lock: None })
+            }
+        }
+    }
+
+    async fn close(self) -> Result<(), sqlx::Error> {
+        self.connection.close().await
+    }
 }

@@ -3,11 +3,11 @@
 use std::ops::{Deref, DerefMut};
 use std::time::Duration;
 
-use sqlx::Sqlite;
-use sqlx::pool::PoolConnection;
-use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqlitePool, SqlitePoolOptions};
+use sqlx::postgres::{PgConnectOptions, PgPool, PgPoolOptions};
+use sqlx::sqlite::{SqliteConnectOptions, SqlitePool, SqlitePoolOptions};
 
 use super::StoreError;
+use super::sql::Connection;
 use crate::fair::{FairLimit, Party, Permit, Rank, Shares};
 
 /// Connections that read for running games, for players and entries, and for the server itself.
@@ -56,27 +56,40 @@ pub(super) struct Readers {
 /// Connections for one purpose, shared fairly.
 #[derive(Clone, Debug)]
 struct Lane {
-    pool: SqlitePool,
+    pool: Pool,
     permits: FairLimit,
+}
+
+#[derive(Clone, Debug)]
+enum Pool {
+    Sqlite(SqlitePool),
+    Postgres(PgPool),
+}
+
+/// How readers connect.
+#[derive(Clone)]
+pub(super) enum ReaderOptions {
+    Sqlite(SqliteConnectOptions),
+    Postgres(PgConnectOptions),
 }
 
 /// A connection that reads until this is dropped.
 pub(super) struct Reading {
     // Dropped before the permit.
-    connection: PoolConnection<Sqlite>,
+    connection: Connection,
     _permit: Permit,
 }
 
 impl Deref for Reading {
-    type Target = SqliteConnection;
+    type Target = Connection;
 
-    fn deref(&self) -> &SqliteConnection {
+    fn deref(&self) -> &Connection {
         &self.connection
     }
 }
 
 impl DerefMut for Reading {
-    fn deref_mut(&mut self) -> &mut SqliteConnection {
+    fn deref_mut(&mut self) -> &mut Connection {
         &mut self.connection
     }
 }
@@ -87,14 +100,47 @@ pub(super) fn cached(options: SqliteConnectOptions) -> SqliteConnectOptions {
     options.pragma("cache_size", format!("-{CACHE_KIB}"))
 }
 
+impl Pool {
+    async fn open(options: ReaderOptions, slots: usize) -> Result<Self, sqlx::Error> {
+        let slots = u32::try_from(slots).unwrap_or(u32::MAX);
+        Ok(match options {
+            ReaderOptions::Sqlite(options) => {
+                let pool =
+                    SqlitePoolOptions::new().max_connections(slots).acquire_timeout(PATIENCE);
+                let options = options.row_buffer_size(ROWS_BUFFERED_MAX);
+                Self::Sqlite(pool.connect_with(options).await?)
+            }
+            ReaderOptions::Postgres(options) => {
+                // A connection that broke is noticed when it is given back, or by the query that uses it.
+                let pool = PgPoolOptions::new()
+                    .max_connections(slots)
+                    .acquire_timeout(PATIENCE)
+                    .test_before_acquire(false)
+                    .idle_timeout(None)
+                    .max_lifetime(None);
+                Self::Postgres(pool.connect_with(options).await?)
+            }
+        })
+    }
+
+    async fn acquire(&self) -> Result<Connection, sqlx::Error> {
+        Ok(match self {
+            Self::Sqlite(pool) => Connection::PooledSqlite(pool.acquire().await?),
+            Self::Postgres(pool) => Connection::PooledPostgres(pool.acquire().await?),
+        })
+    }
+
+    async fn close(&self) {
+        match self {
+            Self::Sqlite(pool) => pool.close().await,
+            Self::Postgres(pool) => pool.close().await,
+        }
+    }
+}
+
 impl Lane {
-    async fn open(options: SqliteConnectOptions, slots: usize) -> Result<Self, sqlx::Error> {
-        let options = options.row_buffer_size(ROWS_BUFFERED_MAX);
-        let pool = SqlitePoolOptions::new()
-            .max_connections(u32::try_from(slots).unwrap_or(u32::MAX))
-            .acquire_timeout(PATIENCE)
-            .connect_with(options)
-            .await?;
+    async fn open(options: ReaderOptions, slots: usize) -> Result<Self, sqlx::Error> {
+        let pool = Pool::open(options, slots).await?;
         let shares = Shares {
             slots,
             reserve: 0,
@@ -109,7 +155,7 @@ impl Lane {
 }
 
 impl Readers {
-    pub(super) async fn open(options: SqliteConnectOptions) -> Result<Self, sqlx::Error> {
+    pub(super) async fn open(options: ReaderOptions) -> Result<Self, sqlx::Error> {
         Ok(Self {
             games: Lane::open(options.clone(), GAMES).await?,
             others: Lane::open(options, READERS_MAX).await?,
@@ -152,7 +198,7 @@ mod tests {
         let options = SqliteConnectOptions::new()
             .filename(directory.path().join("test.db"))
             .create_if_missing(true);
-        let readers = Readers::open(options).await.expect("a database");
+        let readers = Readers::open(ReaderOptions::Sqlite(options)).await.expect("a database");
         let party = |number| Party::of(Group::Owner(OwnerKey(number)));
         let look = |number| Rank::Normal.scope(party(number).scope(readers.get()));
         let mut held = Vec::new();
@@ -176,7 +222,7 @@ mod tests {
         let options = SqliteConnectOptions::new()
             .filename(directory.path().join("test.db"))
             .create_if_missing(true);
-        let readers = Readers::open(options).await.expect("a database");
+        let readers = Readers::open(ReaderOptions::Sqlite(options)).await.expect("a database");
         let party = Party::of(Group::Owner(OwnerKey(1)));
         let look = || Rank::Normal.scope(party.scope(readers.get()));
         let mut held = Vec::new();

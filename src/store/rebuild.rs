@@ -1,19 +1,16 @@
 //! Rebuilds the table `results` from the journals.
 
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use futures::TryStreamExt;
-use sqlx::sqlite::SqliteConnection;
-use sqlx::{Connection, Row as _};
 use swarmbench_analysis::journal::measure;
 use swarmbench_analysis::{Embedder, Hash1, Options};
 
 use super::again::{StoredJournal, play_again, read_journal};
 use super::metrics::{self, Measured, MetricsRow};
-use super::rows::get;
+use super::sql::{Begin, Connection, get, query};
 use super::templates::opening;
-use super::{OpenError, OpenedDatabase, open_exclusively, results};
+use super::{Alone, Location, OpenError, results};
 use crate::ids::EpisodeKey;
 use swarmbench_journal::Tally;
 use swarmbench_journal::record::{ActRecord, RawRecord, Record};
@@ -24,8 +21,6 @@ const CHUNK: i64 = 256;
 /// Why the results were not made again. Then they are as they were.
 #[derive(Debug, thiserror::Error)]
 pub enum RebuildError {
-    #[error("there is no database {0}: name the one of the server with --db")]
-    NoDatabase(PathBuf),
     #[error(transparent)]
     Open(#[from] OpenError),
     /// It cannot be read or written.
@@ -51,25 +46,19 @@ pub struct Rebuilt {
 /// memory that does not grow with the journals. Where `replay` is set every episode is also played again, and every
 /// hash, digest, act and score compared. `progress` is called with how many episodes of how many are done.
 pub async fn rebuild(
-    path: &Path,
+    location: &Location,
     replay: bool,
     mut progress: impl FnMut(u64, u64),
 ) -> Result<Rebuilt, RebuildError> {
-    if !path.is_file() {
-        return Err(RebuildError::NoDatabase(path.to_owned()));
-    }
-    // The lock is held until the connection is closed.
-    let OpenedDatabase { mut connection, lock, .. } = open_exclusively(path, false).await?;
-    let mut transaction = connection.begin_with("BEGIN IMMEDIATE").await?;
-    let rebuilt = all(&mut transaction, replay, &mut progress).await?;
-    transaction.commit().await?;
-    connection.close().await?;
-    drop(lock);
+    let mut database = Alone::open(location).await?;
+    let work = async |connection: &mut Connection| all(connection, replay, &mut progress).await;
+    let rebuilt = database.connection.transaction(Begin::Write, work).await?;
+    database.close().await?;
     Ok(rebuilt)
 }
 
 async fn all(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     replay: bool,
     progress: &mut impl FnMut(u64, u64),
 ) -> Result<Rebuilt, RebuildError> {
@@ -80,8 +69,8 @@ async fn all(
             .await?;
     let (mut last, mut done) = (i64::MIN, 0);
     loop {
-        let ended = sqlx::query(
-            "SELECT key, id FROM episodes WHERE key > ? AND ended_at IS NOT NULL ORDER BY key LIMIT ?",
+        let ended = query(
+            "SELECT key, id FROM episodes WHERE key > $1 AND ended_at IS NOT NULL ORDER BY key LIMIT $2",
         )
         .bind(last)
         .bind(CHUNK)
@@ -113,90 +102,94 @@ async fn all(
 /// Measures all games that have ended again, and stores their metrics; some at a time, so that what was done stays done
 /// where it is interrupted. `progress` is called with how many games of how many are done.
 pub async fn rebuild_metrics(
-    path: &Path,
+    location: &Location,
     mut progress: impl FnMut(u64, u64),
 ) -> Result<u64, RebuildError> {
-    let OpenedDatabase { mut connection, lock, .. } = open_exclusively(path, false).await?;
+    let mut database = Alone::open(location).await?;
+    let connection = &mut database.connection;
     let of = count(
-        &mut connection,
+        connection,
         "SELECT count(*) FROM episodes e WHERE ended_at IS NOT NULL AND EXISTS (
              SELECT 1 FROM rounds WHERE episode = e.key)",
     )
     .await?;
     let (mut last, mut done) = (i64::MIN, 0);
     loop {
-        let ended = sqlx::query(
-            "SELECT key, id FROM episodes e WHERE key > ? AND ended_at IS NOT NULL AND EXISTS (
-                 SELECT 1 FROM rounds WHERE episode = e.key) ORDER BY key LIMIT ?",
+        let ended = query(
+            "SELECT key, id FROM episodes e WHERE key > $1 AND ended_at IS NOT NULL AND EXISTS (
+                 SELECT 1 FROM rounds WHERE episode = e.key) ORDER BY key LIMIT $2",
         )
         .bind(last)
         .bind(CHUNK)
-        .fetch_all(&mut connection)
+        .fetch_all(connection)
         .await?;
         if ended.is_empty() {
             break;
         }
-        let mut transaction = connection.begin_with("BEGIN IMMEDIATE").await?;
-        for row in ended {
-            last = row.try_get("key")?;
-            let row = measured(&mut transaction, EpisodeKey(last), row.try_get("id")?).await?;
-            metrics::add(&mut transaction, &row).await?;
-            done += 1;
-            progress(done, of);
-        }
-        transaction.commit().await?;
+        let measure_all = async |connection: &mut Connection| {
+            for row in ended {
+                last = row.try_get("key")?;
+                let row = measured(connection, EpisodeKey(last), row.try_get("id")?).await?;
+                metrics::add(connection, &row).await?;
+                done += 1;
+                progress(done, of);
+            }
+            Ok::<_, RebuildError>(())
+        };
+        connection.transaction(Begin::Write, measure_all).await?;
     }
-    run(&mut connection, "DELETE FROM unmeasured").await?;
-    connection.close().await?;
-    drop(lock);
+    run(connection, "DELETE FROM unmeasured").await?;
+    database.close().await?;
     Ok(done)
 }
 
 /// Measures the games that wait for it, as a server does in the background.
 pub async fn measure_queued(
-    path: &Path,
+    location: &Location,
     mut progress: impl FnMut(u64, u64),
 ) -> Result<u64, RebuildError> {
-    let OpenedDatabase { mut connection, lock, .. } = open_exclusively(path, false).await?;
-    let of = count(&mut connection, "SELECT count(*) FROM unmeasured").await?;
+    let mut database = Alone::open(location).await?;
+    let connection = &mut database.connection;
+    let of = count(connection, "SELECT count(*) FROM unmeasured").await?;
     let mut done = 0;
     loop {
-        let queued = sqlx::query(
+        let queued = query(
             "SELECT u.number, e.key, e.id FROM unmeasured u JOIN episodes e ON e.key = u.episode
-             ORDER BY u.number LIMIT ?",
+             ORDER BY u.number LIMIT $1",
         )
         .bind(CHUNK)
-        .fetch_all(&mut connection)
+        .fetch_all(connection)
         .await?;
         if queued.is_empty() {
             break;
         }
-        let mut transaction = connection.begin_with("BEGIN IMMEDIATE").await?;
-        for row in queued {
-            let episode = EpisodeKey(row.try_get("key")?);
-            let measured = measured(&mut transaction, episode, row.try_get("id")?).await?;
-            metrics::add(&mut transaction, &measured).await?;
-            metrics::dequeue(&mut transaction, row.try_get("number")?).await?;
-            done += 1;
-            progress(done, of);
-        }
-        transaction.commit().await?;
+        let measure_all = async |connection: &mut Connection| {
+            for row in queued {
+                let episode = EpisodeKey(row.try_get("key")?);
+                let measured = measured(connection, episode, row.try_get("id")?).await?;
+                metrics::add(connection, &measured).await?;
+                metrics::dequeue(connection, row.try_get("number")?).await?;
+                done += 1;
+                progress(done, of);
+            }
+            Ok::<_, RebuildError>(())
+        };
+        connection.transaction(Begin::Write, measure_all).await?;
     }
-    connection.close().await?;
-    drop(lock);
+    database.close().await?;
     Ok(done)
 }
 
 /// The metrics of a game, from its journal.
 pub(super) async fn measured(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     episode: EpisodeKey,
     id: String,
 ) -> Result<MetricsRow, RebuildError> {
-    let row = sqlx::query(concat!(
+    let row = query(concat!(
         "SELECT ",
         opening!(),
-        ", seating, coalesce(fork_round, 0) AS first_round FROM episodes e WHERE key = ?"
+        ", seating, coalesce(fork_round, 0) AS first_round FROM episodes e WHERE key = $1"
     ))
     .bind(episode.0)
     .fetch_one(&mut *database)
@@ -216,26 +209,26 @@ pub(super) async fn measured(
     Ok(MetricsRow::new(episode, &measured))
 }
 
-async fn run(database: &mut SqliteConnection, statement: &'static str) -> Result<(), sqlx::Error> {
-    sqlx::query(statement).execute(database).await.map(drop)
+async fn run(database: &mut Connection, statement: &'static str) -> Result<(), sqlx::Error> {
+    query(statement).execute(database).await.map(drop)
 }
 
-async fn count(database: &mut SqliteConnection, query: &'static str) -> Result<u64, sqlx::Error> {
-    sqlx::query_scalar::<_, i64>(query).fetch_one(database).await.map(i64::unsigned_abs)
+async fn count(database: &mut Connection, text: &'static str) -> Result<u64, sqlx::Error> {
+    query(text).one::<i64>(database).await.map(i64::unsigned_abs)
 }
 
 /// Makes the row of an episode again, if it is to have one.
 async fn one(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     episode: EpisodeKey,
     id: String,
     replay: bool,
 ) -> Result<(), RebuildError> {
     let broken = |problem: String| RebuildError::Journal { episode: id.clone(), problem };
-    let row = sqlx::query(concat!(
+    let row = query(concat!(
         "SELECT ",
         opening!(),
-        ", seating, ending, head, status FROM episodes e WHERE key = ?"
+        ", seating, ending, head, status FROM episodes e WHERE key = $1"
     ))
     .bind(episode.0)
     .fetch_one(&mut *database)
@@ -258,7 +251,7 @@ async fn one(
         Err(error) => return Err(broken(error.to_string())),
     };
     let head = get(&row, "head")?;
-    if end.status != row.try_get::<String, _>("status")? {
+    if end.status != row.try_get::<String>("status")? {
         return Err(broken("it ended otherwise than its journal says".to_owned()));
     }
     // A layout may have a score before its first round.
@@ -285,24 +278,24 @@ async fn one(
 
 /// How many rounds were resolved, and the score after them; `None` before the first.
 async fn standing(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     episode: EpisodeKey,
 ) -> Result<Option<(u32, f64)>, sqlx::Error> {
-    let last = "SELECT round, score FROM rounds WHERE episode = ? ORDER BY round DESC LIMIT 1";
-    let row = sqlx::query(last).bind(episode.0).fetch_optional(database).await?;
-    row.map(|row| Ok((row.try_get::<u32, _>(0)? + 1, row.try_get(1)?))).transpose()
+    let last = "SELECT round, score FROM rounds WHERE episode = $1 ORDER BY round DESC LIMIT 1";
+    let row = query(last).bind(episode.0).fetch_optional(database).await?;
+    row.map(|row| Ok((row.try_get::<u32>(0)? + 1, row.try_get(1)?))).transpose()
 }
 
 /// Counts the acts, those of a round that was not resolved any more, too.
 async fn tally(
-    database: &mut SqliteConnection,
+    database: &mut Connection,
     episode: EpisodeKey,
 ) -> Result<Result<Tally, String>, sqlx::Error> {
     let mut tally = Tally::default();
-    let query = sqlx::query("SELECT record FROM acts WHERE episode = ?").bind(episode.0);
+    let query = query("SELECT record FROM acts WHERE episode = $1").bind(episode.0);
     let mut acts = query.fetch(database);
     while let Some(row) = acts.try_next().await? {
-        match serde_json::from_str::<ActRecord>(row.try_get(0)?) {
+        match serde_json::from_str::<ActRecord>(row.text(0)?) {
             Ok(act) => tally.add(&act),
             Err(error) => return Ok(Err(format!("an act cannot be read: {error}"))),
         }

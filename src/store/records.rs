@@ -4,8 +4,6 @@ use std::collections::{BTreeSet, VecDeque};
 
 use futures::FutureExt;
 use jiff::Timestamp;
-use sqlx::sqlite::SqliteRow;
-use sqlx::{QueryBuilder, Sqlite};
 use swarmbench_engine::AgentId;
 
 use super::Store;
@@ -13,7 +11,7 @@ use super::StoreError;
 use super::port::{
     Committed, EpisodeStore, Reply, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
 };
-use super::rows::{FromRow, LISTED_AT_ONCE, from_row, get, push_list};
+use super::sql::{Builder, FromRow, LISTED_AT_ONCE, Row, from_row, get, query};
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use crate::keys::OwnerKey;
 use crate::store::entries::{Entry, Held};
@@ -108,9 +106,9 @@ impl Store {
     ) -> Result<ActsPart, StoreError> {
         let (last, next) = self.part_end(episode, from, end, bytes_max).await?;
         let Some(last) = last else { return Ok(ActsPart::default()) };
-        let query = sqlx::query(
+        let query = query(
             "SELECT round, record FROM acts
-             WHERE episode = ? AND (round, agent) >= (?, ?) AND (round, agent) <= (?, ?)
+             WHERE episode = $1 AND (round, agent) >= ($2, $3) AND (round, agent) <= ($4, $5)
              ORDER BY round, agent",
         );
         let query = query.bind(episode.0).bind(from.0).bind(from.1.0).bind(last.0).bind(last.1.0);
@@ -126,10 +124,10 @@ impl Store {
         end: u32,
         bytes_max: usize,
     ) -> Result<ActsPart, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT round, count(*), CAST(sum(octet_length(record)) AS BIGINT) FROM (
-                 SELECT round, record FROM acts WHERE episode = ? AND (round, agent) >= (?, ?) AND round < ?
-                 ORDER BY round, agent LIMIT ?) AS part
+                 SELECT round, record FROM acts WHERE episode = $1 AND (round, agent) >= ($2, $3) AND round < $4
+                 ORDER BY round, agent LIMIT $5) AS part
              GROUP BY round ORDER BY round",
         );
         let query = query.bind(episode.0).bind(from.0).bind(from.1.0).bind(end);
@@ -158,9 +156,9 @@ impl Store {
         from: ActPlace,
         last: u32,
     ) -> Result<Vec<(u32, String)>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT round, string_agg(record, ',' ORDER BY agent) FROM acts
-             WHERE episode = ? AND (round, agent) >= (?, ?) AND round <= ? GROUP BY round ORDER BY round",
+             WHERE episode = $1 AND (round, agent) >= ($2, $3) AND round <= $4 GROUP BY round ORDER BY round",
         );
         self.fetch_all(query.bind(episode.0).bind(from.0).bind(from.1.0).bind(last)).await
     }
@@ -173,10 +171,10 @@ impl Store {
         end: u32,
         bytes_max: usize,
     ) -> Result<(Option<ActPlace>, Option<ActPlace>), StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT round, agent, octet_length(record) FROM acts
-             WHERE episode = ? AND (round, agent) >= (?, ?) AND round < ?
-             ORDER BY round, agent LIMIT ?",
+             WHERE episode = $1 AND (round, agent) >= ($2, $3) AND round < $4
+             ORDER BY round, agent LIMIT $5",
         );
         let query = query.bind(episode.0).bind(from.0).bind(from.1.0).bind(end);
         let acts: Vec<(u32, AgentId, u64)> =
@@ -201,9 +199,9 @@ impl Store {
         episode: EpisodeKey,
         bytes_max: usize,
     ) -> Result<Option<(usize, Option<RawRecord>)>, StoreError> {
-        let query = sqlx::query(
-            "SELECT octet_length(ending), CASE WHEN octet_length(ending) <= ? THEN ending END
-             FROM episodes WHERE key = ?",
+        let query = query(
+            "SELECT octet_length(ending), CASE WHEN octet_length(ending) <= $1 THEN ending END
+             FROM episodes WHERE key = $2",
         );
         let query = query.bind(i64::try_from(bytes_max).unwrap_or(i64::MAX)).bind(episode.0);
         let (bytes, record): (Option<u64>, _) = self.fetch_one(query).await?;
@@ -217,9 +215,9 @@ impl Store {
         from: u32,
         to: u32,
     ) -> Result<Vec<StoredRound>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT round, digest, score, head FROM rounds
-             WHERE episode = ? AND round >= ? AND round < ? ORDER BY round",
+             WHERE episode = $1 AND round >= $2 AND round < $3 ORDER BY round",
         );
         self.fetch_all(query.bind(episode.0).bind(from).bind(to)).await
     }
@@ -233,9 +231,8 @@ impl Store {
         round: u32,
         agent: AgentId,
     ) -> Result<Option<TimedAct>, StoreError> {
-        let query = sqlx::query(
-            "SELECT record, at FROM acts WHERE episode = ? AND round = ? AND agent = ?",
-        );
+        let query =
+            query("SELECT record, at FROM acts WHERE episode = $1 AND round = $2 AND agent = $3");
         self.fetch_optional(query.bind(episode.0).bind(round).bind(agent.0)).await
     }
 
@@ -249,10 +246,9 @@ impl Store {
         let last: Vec<u32> = last.into_iter().collect();
         let mut scores = Vec::with_capacity(last.len());
         for some in last.chunks(LISTED_AT_ONCE) {
-            let mut query =
-                QueryBuilder::<Sqlite>::new("SELECT score FROM rounds WHERE episode = ");
+            let mut query = Builder::new("SELECT score FROM rounds WHERE episode = ");
             query.push_bind(episode.0).push(" AND round IN ");
-            push_list(&mut query, some.iter().copied());
+            query.push_list(some.iter().copied());
             query.push(" ORDER BY round");
             scores.extend(self.fetch_all::<f64>(query.build()).await?);
         }
@@ -273,7 +269,7 @@ from_row! {
 }
 
 impl FromRow for (AgentId, StoredAct) {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
         let record = get(row, "record")?;
         let act =
             StoredAct { record, bytes: get(row, "bytes")?, waiting_for: get(row, "waiting_for")? };
@@ -316,8 +312,8 @@ impl EpisodeStore for Store {
 
     fn entrant(&self, run: RunKey) -> Reply<'_, Option<(CompetitionKey, OwnerKey)>> {
         async move {
-        let query = sqlx::query(
-            "SELECT e.competition, e.owner FROM runs r JOIN entries e ON e.key = r.entry WHERE r.key = ?",
+        let query = query(
+            "SELECT e.competition, e.owner FROM runs r JOIN entries e ON e.key = r.entry WHERE r.key = $1",
         );
         self.fetch_optional(query.bind(run.0)).await
         }
@@ -331,10 +327,10 @@ impl EpisodeStore for Store {
     fn acts(&self, episode: EpisodeKey, from: u32, to: u32) -> Reply<'_, Vec<(u32, RoundActs)>> {
         async move {
             // One row a round: a row costs more than the acts in it. Records have no line breaks.
-            let query = sqlx::query(
+            let query = query(
                 "SELECT round, string_agg(agent || ' ' || waiting_for || ' ' || octet_length(record) || ' '
-                                          || coalesce(brief, record), ?)
-                 FROM acts WHERE episode = ? AND round >= ? AND round < ? GROUP BY round ORDER BY round",
+                                          || coalesce(brief, record), $1)
+                 FROM acts WHERE episode = $2 AND round >= $3 AND round < $4 GROUP BY round ORDER BY round",
             );
             let query = query.bind("\n").bind(episode.0).bind(from).bind(to);
             let read: Vec<(u32, String)> = self.fetch_all(query).await?;
@@ -358,9 +354,9 @@ impl EpisodeStore for Store {
 
     fn round_acts(&self, episode: EpisodeKey, round: u32) -> Reply<'_, RoundActs> {
         async move {
-            let rows = sqlx::query(
+            let rows = query(
                 "SELECT round, agent, waiting_for, octet_length(record) AS bytes, record FROM acts
-             WHERE episode = ? AND round = ? ORDER BY agent",
+             WHERE episode = $1 AND round = $2 ORDER BY agent",
             )
             .bind(episode.0)
             .bind(round)
@@ -384,9 +380,9 @@ impl EpisodeStore for Store {
 
     fn act(&self, episode: EpisodeKey, round: u32, agent: AgentId) -> Reply<'_, Option<StoredAct>> {
         async move {
-            let query = sqlx::query(
+            let query = query(
                 "SELECT agent, waiting_for, octet_length(record) AS bytes, record FROM acts
-             WHERE episode = ? AND round = ? AND agent = ?",
+             WHERE episode = $1 AND round = $2 AND agent = $3",
             );
             let found =
                 self.fetch_optional(query.bind(episode.0).bind(round).bind(agent.0)).await?;

@@ -6,13 +6,11 @@ use std::sync::{Mutex, MutexGuard};
 
 use futures::TryStreamExt;
 use jiff::Timestamp;
-use sqlx::sqlite::{SqliteConnection, SqliteRow};
-use sqlx::{QueryBuilder, Sqlite};
 use swarmbench_engine::Seed;
 
 use super::Store;
 use super::StoreError;
-use super::rows::{FromRow, get};
+use super::sql::{Builder, Connection, FromRow, Row, get, query};
 use super::templates::opening;
 use crate::ids::{EntryKey, EpisodeKey, RunKey};
 use crate::store::entries::Entry;
@@ -28,7 +26,7 @@ const CHANGES_MAX: usize = 65_536;
 
 /// Writes the result of an episode, in the transaction of its end.
 pub(super) async fn add(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     episode: EpisodeKey,
     seed: Seed,
     score: f64,
@@ -36,13 +34,13 @@ pub(super) async fn add(
     tally: Tally,
 ) -> Result<(), sqlx::Error> {
     let count = |number: u64| i64::try_from(number).unwrap_or(i64::MAX);
-    sqlx::query(
+    query(
         "INSERT INTO results (episode, task, seed, score, rounds, status, acts, invalid, clock_outs,
                               prompt_tokens, completion_tokens, failures)
-         SELECT key, task, CAST(? AS BIGINT), CAST(? AS DOUBLE PRECISION), CAST(? AS BIGINT), status,
-                CAST(? AS BIGINT), CAST(? AS BIGINT), CAST(? AS BIGINT), CAST(? AS BIGINT), CAST(? AS BIGINT),
-                CAST(? AS TEXT)
-         FROM episodes WHERE key = ?
+         SELECT key, task, CAST($1 AS BIGINT), CAST($2 AS DOUBLE PRECISION), CAST($3 AS BIGINT), status,
+                CAST($4 AS BIGINT), CAST($5 AS BIGINT), CAST($6 AS BIGINT), CAST($7 AS BIGINT), CAST($8 AS BIGINT),
+                CAST($9 AS TEXT)
+         FROM episodes WHERE key = $10
          ON CONFLICT (episode) DO UPDATE SET
              task = excluded.task, seed = excluded.seed, score = excluded.score, rounds = excluded.rounds,
              status = excluded.status, acts = excluded.acts, invalid = excluded.invalid,
@@ -311,9 +309,9 @@ impl Store {
 
     /// What the acts of an episode were.
     pub async fn tally_of(&self, episode: EpisodeKey) -> Result<Tally, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT acts, invalid, clock_outs, prompt_tokens, completion_tokens, failures
-             FROM results WHERE episode = ?",
+             FROM results WHERE episode = $1",
         );
         if let Some(tally) = self.fetch_optional(query.bind(episode.0)).await? {
             return Ok(tally);
@@ -334,9 +332,9 @@ impl Store {
         episode: EpisodeKey,
         mut see: impl FnMut(ActRecord),
     ) -> Result<(), StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT coalesce(brief, record) FROM acts
-             WHERE episode = ?1 AND round >= (SELECT coalesce(fork_round, 0) FROM episodes WHERE key = ?1)",
+             WHERE episode = $1 AND round >= (SELECT coalesce(fork_round, 0) FROM episodes WHERE key = $1)",
         );
         let mut reading = self.read().await?;
         let mut rows = query.bind(episode.0).fetch(&mut *reading);
@@ -348,14 +346,14 @@ impl Store {
 
     /// The run of an episode, if it belongs to one.
     pub async fn run_of(&self, episode: EpisodeKey) -> Result<Option<RunKey>, StoreError> {
-        let query = sqlx::query("SELECT run FROM episodes WHERE key = ?");
+        let query = query("SELECT run FROM episodes WHERE key = $1");
         let run: Option<Option<RunKey>> = self.fetch_optional(query.bind(episode.0)).await?;
         Ok(run.flatten())
     }
 
     /// The numbers of the runs of an entrant, in order.
     pub async fn runs_of_entrant(&self, entry: EntryKey) -> Result<Vec<RunKey>, StoreError> {
-        let query = sqlx::query("SELECT key FROM runs WHERE entry = ? ORDER BY key");
+        let query = query("SELECT key FROM runs WHERE entry = $1 ORDER BY key");
         self.fetch_all(query.bind(entry.0)).await
     }
 
@@ -365,11 +363,11 @@ impl Store {
         first: RunKey,
         last: RunKey,
     ) -> Result<Vec<(RunKey, Option<BoardGame>)>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT e.run, s.task, s.seed, s.score, s.acts, s.invalid, s.clock_outs, s.failures,
                     e.key IN (SELECT key FROM episodes WHERE voided_at IS NOT NULL) AS voided
              FROM episodes e INDEXED BY episodes_by_run LEFT JOIN results s ON s.episode = e.key
-             WHERE e.run BETWEEN ? AND ? ORDER BY e.run, e.slot NULLS FIRST, e.key",
+             WHERE e.run BETWEEN $1 AND $2 ORDER BY e.run, e.slot NULLS FIRST, e.key",
         );
         self.fetch_all(query.bind(first.0).bind(last.0)).await
     }
@@ -380,8 +378,8 @@ impl Store {
         &self,
         after: Option<EpisodeKey>,
     ) -> Result<(Vec<BoardMixed>, Option<EpisodeKey>), StoreError> {
-        let query = sqlx::query(
-            "SELECT DISTINCT episode FROM seats WHERE episode > ? ORDER BY episode LIMIT ?",
+        let query = query(
+            "SELECT DISTINCT episode FROM seats WHERE episode > $1 ORDER BY episode LIMIT $2",
         );
         let after = after.map_or(i64::MIN, |episode| episode.0);
         let episodes: Vec<EpisodeKey> = self.fetch_all(query.bind(after).bind(CHUNK)).await?;
@@ -394,21 +392,21 @@ impl Store {
 
     /// A game of several holders, if it is finished, counts, and anybody may read it.
     pub async fn mixed_game(&self, episode: EpisodeKey) -> Result<Option<BoardMixed>, StoreError> {
-        let query = sqlx::query(concat!(
+        let game = query(concat!(
             "SELECT ",
             opening!(),
             ", r.score FROM results r JOIN episodes e ON e.key = r.episode
-             WHERE r.episode = ? AND r.status = 'finished' AND e.voided_at IS NULL
+             WHERE r.episode = $1 AND r.status = 'finished' AND e.voided_at IS NULL
                AND (e.visibility <> 'sealed' OR e.revealed)"
         ));
-        let Some((opening, score)) = self.fetch_optional(query.bind(episode.0)).await? else {
+        let Some((opening, score)) = self.fetch_optional(game.bind(episode.0)).await? else {
             return Ok(None);
         };
-        let query = sqlx::query(
+        let query = query(
             "SELECT DISTINCT s.model, coalesce(s.model = 'built-in/' || s.player, FALSE)
                         OR coalesce(k.role = 'organizer', FALSE), s.owner, s.holder
              FROM seats s LEFT JOIN keys k ON k.number = s.owner
-             WHERE s.episode = ? ORDER BY s.holder, s.model",
+             WHERE s.episode = $1 ORDER BY s.holder, s.model",
         );
         let models: Vec<(String, bool, Option<i64>)> =
             self.fetch_all(query.bind(episode.0)).await?;
@@ -416,8 +414,8 @@ impl Store {
     }
 }
 
-fn select_runs() -> QueryBuilder<Sqlite> {
-    let mut query = QueryBuilder::new(
+fn select_runs() -> Builder<'static> {
+    let mut query = Builder::new(
         "SELECT r.key, r.id, r.suite, r.digest, r.definition, r.status, r.created_at,
                 coalesce(n.id, k.id) AS owner, coalesce(n.name, k.name) AS name,
                 coalesce(n.vouched, FALSE) OR coalesce(k.role = 'organizer', FALSE) AS vouched
@@ -429,7 +427,7 @@ fn select_runs() -> QueryBuilder<Sqlite> {
 }
 
 impl FromRow for Tally {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
         Ok(Self {
             acts: get(row, "acts")?,
             invalid: get(row, "invalid")?,
@@ -442,7 +440,7 @@ impl FromRow for Tally {
 }
 
 /// Why answers of a game were invalid; none for a game without a result.
-pub(super) fn failures(row: &SqliteRow) -> Result<Failures, sqlx::Error> {
+pub(super) fn failures(row: &Row) -> Result<Failures, sqlx::Error> {
     let stored: Option<String> = get(row, "failures")?;
     read_failures(stored.as_deref().unwrap_or("{}"))
 }
@@ -458,7 +456,7 @@ fn json(failures: &Failures) -> String {
 }
 
 impl FromRow for BoardRun {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
         let owner = get::<Option<String>>(row, "owner")?.zip(get(row, "name")?);
         Ok(Self {
             run: get(row, "key")?,
@@ -477,7 +475,7 @@ impl FromRow for BoardRun {
 }
 
 impl FromRow for (RunKey, Option<BoardGame>) {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
         let run = get(row, "run")?;
         let Some(task) = get(row, "task")? else { return Ok((run, None)) };
         let game = BoardGame {

@@ -1,13 +1,11 @@
 //! The table `runs`.
 
 use jiff::Timestamp;
-use sqlx::sqlite::{SqliteConnection, SqliteRow};
-use sqlx::{QueryBuilder, Sqlite};
 
 use super::Store;
 use super::StoreError;
 use super::episodes::Readable;
-use super::rows::{FromRow, get};
+use super::sql::{Builder, Connection, FromRow, Row, get, query};
 use crate::ids::{CompetitionKey, EntryKey, RunKey, TokenHash};
 use crate::keys::OwnerKey;
 use crate::store::entries::RunRow;
@@ -65,13 +63,13 @@ const PUBLIC: &str = "
 impl Store {
     /// Finds a run by its public id.
     pub async fn find_run(&self, id: &str) -> Result<Option<StoredRun>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(SELECT);
+        let mut query = Builder::new(SELECT);
         query.push("r.id = ").push_bind(id);
         self.fetch_optional(query.build()).await
     }
 
     pub async fn run(&self, run: RunKey) -> Result<Option<StoredRun>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(SELECT);
+        let mut query = Builder::new(SELECT);
         query.push("r.key = ").push_bind(run.0);
         self.fetch_optional(query.build()).await
     }
@@ -83,7 +81,7 @@ impl Store {
         before: Option<RunKey>,
         limit: u32,
     ) -> Result<Vec<StoredRun>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(SELECT);
+        let mut query = Builder::new(SELECT);
         query.push("r.key < ").push_bind(before.map_or(i64::MAX, |run| run.0));
         for (column, value) in
             [("status", &filter.status), ("model", &filter.model), ("suite", &filter.suite)]
@@ -116,9 +114,9 @@ impl Store {
         suite: &str,
         from: Timestamp,
     ) -> Result<Vec<(RunKey, bool)>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT key, status = 'running' FROM runs
-             WHERE owner = ? AND suite || '' = ? AND (created_at >= ? OR status = 'running') ORDER BY key",
+             WHERE owner = $1 AND suite || '' = $2 AND (created_at >= $3 OR status = 'running') ORDER BY key",
         );
         let query = query.bind(owner.0).bind(suite).bind(from.as_millisecond());
         self.fetch_all(query).await
@@ -126,7 +124,7 @@ impl Store {
 
     /// The runs that have not ended, and those of which a game has not, in order.
     pub async fn unfinished_runs(&self) -> Result<Vec<RunKey>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT key FROM runs WHERE status = 'running'
              UNION SELECT run FROM episodes WHERE run IS NOT NULL AND ended_at IS NULL AND voided_at IS NULL
              UNION SELECT run FROM episodes INDEXED BY episodes_voided
@@ -138,7 +136,7 @@ impl Store {
 
     /// The number of the newest run, 0 where there is none.
     pub async fn last_run_key(&self) -> Result<i64, StoreError> {
-        self.fetch_one(sqlx::query("SELECT coalesce(max(key), 0) FROM runs")).await
+        self.fetch_one(query("SELECT coalesce(max(key), 0) FROM runs")).await
     }
 
     /// The run that was created with an idempotency key, and the hash of the body sent then.
@@ -146,7 +144,7 @@ impl Store {
         &self,
         key: &str,
     ) -> Result<Option<(StoredRun, Vec<u8>)>, StoreError> {
-        let query = sqlx::query("SELECT id, idempotency_body FROM runs WHERE idempotency_key = ?");
+        let query = query("SELECT id, idempotency_body FROM runs WHERE idempotency_key = $1");
         let row: Option<(String, Vec<u8>)> = self.fetch_optional(query.bind(key)).await?;
         let Some((id, body)) = row else { return Ok(None) };
         Ok(self.find_run(&id).await?.map(|run| (run, body)))
@@ -154,7 +152,7 @@ impl Store {
 }
 
 impl FromRow for StoredRun {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
         let entry: Option<EntryKey> = get(row, "entry")?;
         Ok(Self {
             run: get(row, "key")?,
@@ -176,20 +174,17 @@ impl FromRow for StoredRun {
 }
 
 /// Why something was voided, if it was.
-pub(super) fn void_reason(row: &SqliteRow) -> Result<Option<String>, sqlx::Error> {
+pub(super) fn void_reason(row: &Row) -> Result<Option<String>, sqlx::Error> {
     let voided: Option<Timestamp> = get(row, "voided_at")?;
     let reason: Option<String> = get(row, "void_reason")?;
     Ok(voided.map(|_| reason.unwrap_or_default()))
 }
 
-pub(super) async fn open(
-    connection: &mut SqliteConnection,
-    row: &RunRow,
-) -> Result<(), sqlx::Error> {
-    sqlx::query(
+pub(super) async fn open(connection: &mut Connection, row: &RunRow) -> Result<(), sqlx::Error> {
+    query(
         "INSERT INTO runs (key, id, owner, suite, digest, definition, model, visibility, status, entry, competition,
                            attempt, replays, created_at, idempotency_key, idempotency_body)
-         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, 'running', ?9, (SELECT competition FROM entries WHERE key = ?9), ?10, ?11, ?12, ?13, ?14)",
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, 'running', $9, (SELECT competition FROM entries WHERE key = $9), $10, $11, $12, $13, $14)",
     )
     .bind(row.run.0)
     .bind(&row.id)
@@ -214,12 +209,12 @@ pub(super) async fn open(
 }
 
 pub(super) async fn end(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     run: RunKey,
     status: &str,
     at: Timestamp,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE runs SET status = ?, ended_at = ? WHERE key = ? AND ended_at IS NULL")
+    query("UPDATE runs SET status = $1, ended_at = $2 WHERE key = $3 AND ended_at IS NULL")
         .bind(status)
         .bind(at.as_millisecond())
         .bind(run.0)
@@ -230,13 +225,13 @@ pub(super) async fn end(
 
 /// Extends the window of the running attempts with a number; the ends of games that were opened before stay.
 pub(super) async fn extend(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     competition: CompetitionKey,
     number: u32,
     closes_at: Timestamp,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query(
-        "UPDATE runs SET closes_at = ? WHERE attempt = ? AND ended_at IS NULL AND competition = ?",
+    query(
+        "UPDATE runs SET closes_at = $1 WHERE attempt = $2 AND ended_at IS NULL AND competition = $3",
     )
     .bind(closes_at.as_millisecond())
     .bind(number)
@@ -248,37 +243,35 @@ pub(super) async fn extend(
 
 /// Voids a run; voiding it again keeps the first reason.
 pub(super) async fn void(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     run: RunKey,
     reason: &str,
     at: Timestamp,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query(
-        "UPDATE runs SET voided_at = ?, void_reason = ? WHERE key = ? AND voided_at IS NULL",
-    )
-    .bind(at.as_millisecond())
-    .bind(reason)
-    .bind(run.0)
-    .execute(connection)
-    .await?;
+    query("UPDATE runs SET voided_at = $1, void_reason = $2 WHERE key = $3 AND voided_at IS NULL")
+        .bind(at.as_millisecond())
+        .bind(reason)
+        .bind(run.0)
+        .execute(connection)
+        .await?;
     Ok(())
 }
 
 pub(super) async fn replace_token(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     run: RunKey,
     hash: TokenHash,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM tokens WHERE run = ?").bind(run.0).execute(&mut *connection).await?;
+    query("DELETE FROM tokens WHERE run = $1").bind(run.0).execute(&mut *connection).await?;
     add_token(connection, run, hash).await
 }
 
 async fn add_token(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     run: RunKey,
     hash: TokenHash,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("INSERT INTO tokens (hash, run) VALUES (?, ?)")
+    query("INSERT INTO tokens (hash, run) VALUES ($1, $2)")
         .bind(&hash.0[..])
         .bind(run.0)
         .execute(connection)

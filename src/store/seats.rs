@@ -1,13 +1,11 @@
 //! The tables `claims` and `seats`: who holds which seat of an episode.
 
 use jiff::Timestamp;
-use sqlx::Sqlite;
-use sqlx::sqlite::SqliteConnection;
 use swarmbench_engine::AgentId;
 
 use super::Store;
 use super::StoreError;
-use super::rows::from_row;
+use super::sql::{Builder, Connection, from_row, query};
 use crate::ids::EpisodeKey;
 use crate::keys::OwnerKey;
 use crate::store::entries::{ClaimRow, Held, Holder, SeatingRow};
@@ -30,17 +28,16 @@ impl Store {
     /// All seats of an episode that have holders and were noted, in order; nothing where the creator
     /// simply holds all.
     pub async fn held_seats(&self, episode: EpisodeKey) -> Result<Vec<HeldSeat>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT s.agent, s.holder, k.name, s.model, s.player, s.claimed_at
-             FROM seats s LEFT JOIN keys k ON k.number = s.owner WHERE s.episode = ? ORDER BY s.agent",
+             FROM seats s LEFT JOIN keys k ON k.number = s.owner WHERE s.episode = $1 ORDER BY s.agent",
         );
         self.fetch_all(query.bind(episode.0)).await
     }
 
     /// The number of the claim that was made with an idempotency key, and the hash of the body sent then.
     pub async fn claimed_with(&self, key: &str) -> Result<Option<(u32, Vec<u8>)>, StoreError> {
-        let query =
-            sqlx::query("SELECT holder, idempotency_body FROM claims WHERE idempotency_key = ?");
+        let query = query("SELECT holder, idempotency_body FROM claims WHERE idempotency_key = $1");
         self.fetch_optional(query.bind(key)).await
     }
 
@@ -51,13 +48,13 @@ impl Store {
         holder: u32,
     ) -> Result<Vec<AgentId>, StoreError> {
         let query =
-            sqlx::query("SELECT agent FROM seats WHERE episode = ? AND holder = ? ORDER BY agent");
+            query("SELECT agent FROM seats WHERE episode = $1 AND holder = $2 ORDER BY agent");
         self.fetch_all(query.bind(episode.0).bind(holder)).await
     }
 
     /// The holders of seats of an episode, with their seats.
     pub(super) async fn read_holders(&self, episode: EpisodeKey) -> Result<Vec<Held>, StoreError> {
-        let query = sqlx::query("SELECT * FROM claims WHERE episode = ? ORDER BY holder");
+        let query = query("SELECT * FROM claims WHERE episode = $1 ORDER BY holder");
         let holders: Vec<Holder> = self.fetch_all(query.bind(episode.0)).await?;
         let mut all = Vec::with_capacity(holders.len());
         for holder in holders {
@@ -69,7 +66,7 @@ impl Store {
 
     /// The public id of a key.
     pub(super) async fn read_key_id(&self, owner: OwnerKey) -> Result<Option<String>, StoreError> {
-        let query = sqlx::query("SELECT id FROM keys WHERE number = ?");
+        let query = query("SELECT id FROM keys WHERE number = $1");
         self.fetch_optional(query.bind(owner.0)).await
     }
 }
@@ -80,15 +77,12 @@ from_row! {
 }
 
 /// Inserts a claim, without its tokens.
-pub(super) async fn claim(
-    connection: &mut SqliteConnection,
-    row: &ClaimRow,
-) -> Result<(), sqlx::Error> {
+pub(super) async fn claim(connection: &mut Connection, row: &ClaimRow) -> Result<(), sqlx::Error> {
     let Holder { number, owner, key, model, agent_meta, player, at } = &row.holder;
-    sqlx::query(
+    query(
         "INSERT INTO claims (episode, holder, owner, key, model, agent_meta, player, claimed_at,
                              idempotency_key, idempotency_body)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10)",
     )
     .bind(row.episode.0)
     .bind(number)
@@ -103,10 +97,10 @@ pub(super) async fn claim(
     .execute(&mut *connection)
     .await?;
     for chunk in row.agents.chunks(SEATS_AT_ONCE) {
-        let mut insert = sqlx::QueryBuilder::<Sqlite>::new(
+        let mut insert = Builder::new(
             "INSERT INTO seats (episode, agent, holder, owner, model, player, claimed_at) ",
         );
-        insert.push_values(chunk, |mut values, agent| {
+        insert.push_rows(chunk, |values, agent| {
             values
                 .push_bind(row.episode.0)
                 .push_bind(agent.0)
@@ -125,11 +119,8 @@ pub(super) async fn claim(
 const SEATS_AT_ONCE: usize = 256;
 
 /// Keeps the record of who holds which seat.
-pub(super) async fn seat(
-    connection: &mut SqliteConnection,
-    row: &SeatingRow,
-) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE episodes SET seating = ?, head = ? WHERE key = ?")
+pub(super) async fn seat(connection: &mut Connection, row: &SeatingRow) -> Result<(), sqlx::Error> {
+    query("UPDATE episodes SET seating = $1, head = $2 WHERE key = $3")
         .bind(row.record.as_str())
         .bind(&row.head.0[..])
         .bind(row.episode.0)

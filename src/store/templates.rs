@@ -1,9 +1,8 @@
 //! The table `templates`: prompt templates, which many openings have in common.
 
+use super::sql::{Connection, query};
 use futures::TryStreamExt;
 use sha2::{Digest, Sha256};
-use sqlx::Row as _;
-use sqlx::sqlite::SqliteConnection;
 
 /// Shorter templates stay in their openings.
 const TEMPLATE_BYTES_MIN: usize = 256;
@@ -60,32 +59,30 @@ impl<'a> Cut<'a> {
     /// Keeps the template, and returns its key and where it belongs.
     pub(super) async fn keep(
         &self,
-        connection: &mut SqliteConnection,
+        connection: &mut Connection,
     ) -> Result<(i64, i64), sqlx::Error> {
         let hash: [u8; 32] = Sha256::digest(self.template).into();
-        let find = "SELECT key FROM templates WHERE hash = ?";
-        let found: Option<i64> =
-            sqlx::query_scalar(find).bind(&hash[..]).fetch_optional(&mut *connection).await?;
+        let find = "SELECT key FROM templates WHERE hash = $1";
+        let found: Option<i64> = query(find).bind(&hash[..]).optional(connection).await?;
         if let Some(key) = found {
             return Ok((key, self.at));
         }
-        let added =
-            sqlx::query_scalar("INSERT INTO templates (hash, text) VALUES (?, ?) RETURNING key")
-                .bind(&hash[..])
-                .bind(self.template)
-                .fetch_one(connection)
-                .await?;
+        let added = query("INSERT INTO templates (hash, text) VALUES ($1, $2) RETURNING key")
+            .bind(&hash[..])
+            .bind(self.template)
+            .one(connection)
+            .await?;
         Ok((added, self.at))
     }
 }
 
 /// The keys of templates that are not those whose hash stands beside them.
-pub(super) async fn damaged(connection: &mut SqliteConnection) -> Result<Vec<i64>, sqlx::Error> {
-    let mut rows = sqlx::query("SELECT key, hash, text FROM templates").fetch(connection);
+pub(super) async fn damaged(connection: &mut Connection) -> Result<Vec<i64>, sqlx::Error> {
+    let mut rows = query("SELECT key, hash, text FROM templates").fetch(connection);
     let mut damaged = Vec::new();
     while let Some(row) = rows.try_next().await? {
-        let hash: [u8; 32] = Sha256::digest(row.try_get::<&str, _>("text")?).into();
-        if row.try_get::<&[u8], _>("hash")? != hash {
+        let hash: [u8; 32] = Sha256::digest(row.text("text")?).into();
+        if row.try_get::<Vec<u8>>("hash")? != hash {
             damaged.push(row.try_get("key")?);
         }
     }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use swarmbench_engine::AgentId;
 
-use super::rows::from_row;
+use super::sql::{from_row, query};
 use super::{Store, StoreError};
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey, TokenHash};
 use crate::keys::{Key, OwnerKey};
@@ -47,13 +47,13 @@ pub enum Seats {
 impl Store {
     /// The rights of the token with this hash, if it is known.
     pub async fn find_token(&self, hash: TokenHash) -> Result<Option<Grant>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT e.id, CASE WHEN t.holder IS NULL THEN coalesce(e.owner, r.owner) ELSE c.owner END AS owner,
                     t.agent, t.holder, t.run, t.episode,
                     (SELECT n.competition FROM entries n WHERE n.key = r.entry) AS competition
              FROM tokens t LEFT JOIN episodes e ON e.key = t.episode LEFT JOIN runs r ON r.key = t.run
              LEFT JOIN claims c ON c.episode = t.episode AND c.holder = t.holder
-             WHERE t.hash = ?",
+             WHERE t.hash = $1",
         );
         let Some(found) = self.fetch_optional(query.bind(&hash.0[..])).await? else {
             return Ok(None);

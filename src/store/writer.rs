@@ -1,61 +1,45 @@
-//! The one task that writes: it takes everything that is queued into one transaction.
+//! The one task that writes: it takes everything that is queued into one commit.
 //!
 //! Under load a commit carries what came in while the one before was on its way to the disk, so the
-//! cost of a commit is shared. Three things can go wrong, and each costs as little as it can:
+//! cost of a commit is shared. Four things can go wrong, and each costs as little as it can:
 //!
 //! - A statement is refused, by a constraint say. The transaction is rolled back and its jobs are
 //!   written again, each behind a savepoint: that job alone gets an error, the others are committed.
 //!   Nothing was acknowledged yet, so this is safe, and a group without such a job costs nothing more.
-//! - Another program holds the lock of the database. Beginning is tried again for [`BEGIN_PATIENCE`].
-//! - The disk fails, or a commit. Nothing is acknowledged any more, as nobody can know what the disk
-//!   still holds of it: the writer refuses everything until the server is restarted.
+//! - Another program holds the lock of a file of SQLite. Beginning is tried again for [`PATIENCE`].
+//! - PostgreSQL is not reached, or ends the transaction for a reason of its own, such as a full disk. The group is tried
+//!   again, for [`PATIENCE`] or until it is known whether it was committed (`postgres::group`).
+//! - The disk fails, or a commit of SQLite, or another server has taken the database. Nothing is acknowledged any more, as
+//!   nobody can know what is still stored: the writer refuses everything until the server is restarted.
 //!
 //! The records of an episode are a chain. After one of its jobs was refused, all later ones would
 //! leave a gap in the chain, so they are refused, too, until the episode was recovered from what is
 //! on the disk ([`WriterState::recovered`]).
 
 use std::collections::HashSet;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex as StdMutex, MutexGuard as StdMutexGuard};
 use std::time::{Duration, Instant};
 
-use sqlx::sqlite::SqliteConnection;
-use sqlx::{Connection, QueryBuilder, Sqlite};
 use tokio::sync::{Mutex, mpsc};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-use super::competitions;
-use super::files::Files;
 use super::results::Changes;
-use super::rows::{Insert, chunks};
+use super::sql::{Builder, Connection, chunks, query};
+use super::sqlite::files::Files;
 use super::templates::Cut;
-use super::{Stopped, StoreError};
+use super::{Stopped, StoreError, competitions, postgres, sqlite};
 use crate::ids::EpisodeKey;
 use crate::keys::KeyRow;
-use crate::store::entries::{ActRow, EndRow, Entry, OpeningRow, RoundRow, TokenRow};
+use crate::store::entries::{EndRow, Entry, OpeningRow, TokenRow};
 use crate::store::port::Committed;
-use crate::telemetry;
-use swarmbench_journal::record::{RawRecord, Source};
 
 /// Jobs that one transaction takes at most, so that the first does not wait for ever.
 const GROUP_MAX: usize = 1024;
 
-/// How long SQLite itself waits for the lock of the database before it says that it is busy.
-const BUSY_TIMEOUT: Duration = Duration::from_secs(1);
-
-/// How long beginning is tried again in all for the jobs of a transaction, while another program holds the lock.
-const BEGIN_PATIENCE: Duration = Duration::from_mins(1);
-
-/// The first and the longest pause between two tries.
-const BEGIN_PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(1));
-
-/// Primary result codes of SQLite after which the state of the file or of the transaction is not
-/// known: `NOMEM`, `READONLY`, `IOERR`, `CORRUPT`, `FULL`, `CANTOPEN`, `PROTOCOL`, `MISUSE` and `NOTADB`.
-const FATAL_CODES: [u32; 9] = [7, 8, 10, 11, 13, 14, 15, 21, 26];
-
-/// `BUSY` and `LOCKED`.
-const BUSY_CODES: [u32; 2] = [5, 6];
+/// How long a commit is tried again in all, while another program holds the lock or the database is not reached.
+const PATIENCE: Duration = Duration::from_mins(1);
 
 /// Entries that are written together or not at all, and the callback for the outcome.
 struct Job {
@@ -64,13 +48,32 @@ struct Job {
     committed: Committed,
 }
 
-type Outcome = Result<(), StoreError>;
+pub(super) type Outcome = Result<(), StoreError>;
+
+/// Why a transaction, or a part of it, was not written.
+pub(super) enum Failure {
+    /// What is stored, or will be, is not known, or belongs to another server.
+    Fatal(sqlx::Error),
+    /// A statement was refused; the transaction can be rolled back.
+    Refused(sqlx::Error),
+    /// The database is not reached, or has ended the transaction: the same may be done again.
+    Away(sqlx::Error),
+}
+
+/// Why nothing can be written for a while.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Blocked {
+    #[error("another program has locked the database: nothing can be written")]
+    LockedOut,
+    #[error("the database is not reached: nothing can be written until it is back")]
+    Away,
+}
 
 /// The state of the writer, shared with readers.
 #[derive(Debug, Default)]
 pub struct WriterState {
     failed: CancellationToken,
-    locked_out: AtomicBool,
+    blocked: StdMutex<Option<(Blocked, Instant)>>,
     backlog_jobs: AtomicUsize,
     backlog_bytes: AtomicUsize,
     changes: Changes,
@@ -89,9 +92,9 @@ impl WriterState {
         &self.failed
     }
 
-    /// Whether another program has held the lock of the database for a while: nothing can be written.
-    pub fn is_locked_out(&self) -> bool {
-        self.locked_out.load(Ordering::Acquire)
+    /// Why nothing can be written at the moment, if so.
+    pub fn blocked(&self) -> Option<Blocked> {
+        self.blocking().map(|(blocked, _)| blocked)
     }
 
     /// What boards have to read again.
@@ -118,8 +121,12 @@ impl WriterState {
         self.broken.lock().expect("nothing panics while it holds this")
     }
 
+    fn blocking(&self) -> StdMutexGuard<'_, Option<(Blocked, Instant)>> {
+        self.blocked.lock().expect("nothing panics while it holds this")
+    }
+
     /// Whether a job continues the chain of an episode whose chain has a gap.
-    fn continues_broken(&self, entries: &[Entry]) -> bool {
+    pub(super) fn continues_broken(&self, entries: &[Entry]) -> bool {
         let broken = self.broken();
         !broken.is_empty()
             && entries.iter().filter_map(Entry::chain).any(|episode| broken.contains(&episode))
@@ -143,11 +150,80 @@ impl WriterState {
         self.backlog_bytes.fetch_sub(bytes, Ordering::Relaxed);
     }
 
-    fn fail(&self, error: &dyn std::fmt::Display) {
+    /// Notes that nothing can be written; logged once.
+    pub(super) fn set_blocked(&self, why: Blocked, error: &dyn std::fmt::Display) {
+        let mut blocking = self.blocking();
+        if blocking.is_none() {
+            *blocking = Some((why, Instant::now()));
+            tracing::warn!(%error, "{why}");
+        }
+    }
+
+    /// Notes that something was written again.
+    pub(super) fn set_unblocked(&self) {
+        if let Some((_, since)) = self.blocking().take() {
+            let waited_ms = swarmbench_clock::millis(since.elapsed());
+            tracing::info!(waited_ms, "writing continues");
+        }
+    }
+
+    pub(super) fn fail(&self, error: &dyn std::fmt::Display) {
         if !self.has_failed() {
             self.failed.cancel();
             metrics::counter!("swarmbench_commit_failures_total").increment(1);
             tracing::error!(%error, "a commit failed: nothing is acknowledged until a restart");
+        }
+    }
+}
+
+/// Who commits groups of jobs, by engine.
+pub(super) enum Group {
+    Sqlite(Connection, Files),
+    Postgres(Box<postgres::group::Node>),
+}
+
+impl Group {
+    async fn set_up(&mut self) {
+        match self {
+            Self::Sqlite(connection, _) => sqlite::group::set_up(connection).await,
+            Self::Postgres(_) => {}
+        }
+    }
+
+    /// Writes jobs in one commit, which is tried until the deadline; the outcome of each, in their order.
+    async fn keep(
+        &mut self,
+        state: &WriterState,
+        jobs: &[Vec<Entry>],
+        deadline: Instant,
+    ) -> Vec<Outcome> {
+        match self {
+            Self::Sqlite(connection, files) => {
+                sqlite::group::keep(connection, files, state, jobs, deadline).await
+            }
+            Self::Postgres(node) => node.keep(state, jobs, deadline).await,
+        }
+    }
+
+    /// Waits until it is time to see whether the database is still there. The file of SQLite is looked at elsewhere.
+    async fn watch_pause(&self) {
+        match self {
+            Self::Sqlite(..) => std::future::pending().await,
+            Self::Postgres(_) => tokio::time::sleep(postgres::group::WATCH).await,
+        }
+    }
+
+    async fn watch(&mut self, state: &WriterState) {
+        match self {
+            Self::Sqlite(..) => {}
+            Self::Postgres(node) => node.watch(state).await,
+        }
+    }
+
+    async fn close(self) -> Result<(), sqlx::Error> {
+        match self {
+            Self::Sqlite(connection, _) => connection.close().await,
+            Self::Postgres(node) => node.leave().await,
         }
     }
 }
@@ -161,11 +237,11 @@ pub(super) struct Writer {
 }
 
 impl Writer {
-    pub(super) fn spawn(connection: SqliteConnection, files: Files) -> Self {
+    pub(super) fn spawn(group: Group) -> Self {
         let (queue, jobs) = mpsc::unbounded_channel();
         let state = Arc::new(WriterState::default());
         let stop = CancellationToken::new();
-        let task = tokio::spawn(run(connection, files, jobs, Arc::clone(&state), stop.clone()));
+        let task = tokio::spawn(run(group, jobs, Arc::clone(&state), stop.clone()));
         Self { queue, state, stop, task: Arc::new(Mutex::new(Some(task))) }
     }
 
@@ -201,18 +277,12 @@ impl Writer {
 }
 
 async fn run(
-    mut connection: SqliteConnection,
-    files: Files,
+    mut group: Group,
     mut queue: mpsc::UnboundedReceiver<Job>,
     state: Arc<WriterState>,
     stop: CancellationToken,
 ) {
-    let busy_timeout = format!("PRAGMA busy_timeout = {}", BUSY_TIMEOUT.as_millis());
-    if let Err(error) =
-        sqlx::query(sqlx::AssertSqlSafe(busy_timeout)).execute(&mut connection).await
-    {
-        tracing::warn!(%error, "a locked database is noticed late");
-    }
+    group.set_up().await;
     let mut jobs = Vec::with_capacity(GROUP_MAX);
     loop {
         let taken = tokio::select! {
@@ -222,16 +292,17 @@ async fn run(
                 queue.close();
                 queue.recv_many(&mut jobs, GROUP_MAX).await
             }
+            () = group.watch_pause() => {
+                group.watch(&state).await;
+                continue;
+            }
         };
         if taken == 0 {
             break;
         }
         let (jobs, receipts): (Vec<_>, Vec<_>) =
             jobs.drain(..).map(|job| (job.entries, (job.bytes, job.committed))).unzip();
-        let outcomes = {
-            let deadline = Instant::now() + BEGIN_PATIENCE;
-            keep(&mut connection, &files, &state, &jobs, deadline).await
-        };
+        let outcomes = group.keep(&state, &jobs, Instant::now() + PATIENCE).await;
         for (entries, outcome) in jobs.iter().zip(&outcomes) {
             if outcome.is_ok() {
                 // Before the senders are notified: a client that knows of an end finds it on the board.
@@ -243,215 +314,50 @@ async fn run(
             committed(outcome);
         }
     }
-    if let Err(error) = connection.close().await {
+    if let Err(error) = group.close().await {
         tracing::warn!(%error, "the database was not closed cleanly");
     }
 }
 
-/// Writes jobs in one transaction, which begins by the deadline; the outcome of each, in their order.
-async fn keep(
-    connection: &mut SqliteConnection,
-    files: &Files,
-    state: &WriterState,
-    jobs: &[Vec<Entry>],
-    deadline: Instant,
-) -> Vec<Outcome> {
-    let all = |outcome: &Outcome| jobs.iter().map(|_| outcome.clone()).collect();
-    if state.has_failed() {
-        return all(&Err(StoreError::Failed));
-    }
-    let kept = if jobs.iter().any(|job| state.continues_broken(job)) {
-        commit_each(connection, state, jobs, deadline).await
-    } else {
-        match commit_all(connection, state, jobs, deadline).await {
-            Err(Failure::Refused(_)) => commit_each(connection, state, jobs, deadline).await,
-            committed => committed.map(|()| all(&Ok(()))),
-        }
-    };
-    // What went into a file that was removed is not kept, whatever SQLite says.
-    let kept = kept.and_then(|outcomes| match files.check() {
-        Ok(()) => Ok(outcomes),
-        Err(lost) => Err(Failure::Fatal(sqlx::Error::Io(std::io::Error::other(lost)))),
-    });
-    match kept {
-        Ok(outcomes) => outcomes,
-        Err(Failure::Fatal(error)) => {
-            state.fail(&error);
-            all(&Err(error.into()))
-        }
-        // Nothing was written: all senders get the error, and may send again.
-        Err(Failure::Refused(error)) => {
-            let error = StoreError::from(error);
-            jobs.iter().map(|job| refuse(state, job, error.clone())).collect()
-        }
-    }
-}
-
-/// Why a transaction, or a part of it, was not written.
-enum Failure {
-    /// What the file holds, or will hold, is not known.
-    Fatal(sqlx::Error),
-    /// A statement was refused; the transaction can be rolled back.
-    Refused(sqlx::Error),
-}
-
-impl Failure {
-    fn of(error: sqlx::Error) -> Self {
-        let is_refusal = match &error {
-            sqlx::Error::Database(_) => !has_code(&error, &FATAL_CODES),
-            sqlx::Error::Encode(_) | sqlx::Error::Decode(_) => true,
-            _ => false,
-        };
-        if is_refusal { Self::Refused(error) } else { Self::Fatal(error) }
-    }
-}
-
-/// Whether SQLite gave one of these primary result codes; the code that is given may be an extended one.
-fn has_code(error: &sqlx::Error, codes: &[u32]) -> bool {
-    let code = error.as_database_error().and_then(|error| error.code()?.parse::<u32>().ok());
-    code.is_some_and(|code| codes.contains(&(code & 0xff)))
-}
-
-/// Writes all entries of all jobs, or nothing where a statement is refused.
-async fn commit_all(
-    connection: &mut SqliteConnection,
-    state: &WriterState,
-    jobs: &[Vec<Entry>],
-    deadline: Instant,
-) -> Result<(), Failure> {
-    let started = Instant::now();
-    let entries = || jobs.iter().flatten();
-    let count = entries().count();
-    if count == 0 {
-        // A barrier: what was queued before is durable by now.
-        return Ok(());
-    }
-    begin(connection, state, deadline).await?;
-    if let Err(error) = write(connection, entries()).await {
-        return Err(roll_back(connection, Failure::of(error)).await);
-    }
-    commit(connection, count, started).await
-}
-
-/// Writes jobs one by one: those that are refused leave no trace, and the others are committed.
-async fn commit_each(
-    connection: &mut SqliteConnection,
-    state: &WriterState,
-    jobs: &[Vec<Entry>],
-    deadline: Instant,
-) -> Result<Vec<Outcome>, Failure> {
-    let started = Instant::now();
-    begin(connection, state, deadline).await?;
-    let mut outcomes = Vec::with_capacity(jobs.len());
-    for job in jobs {
-        if state.continues_broken(job) {
-            outcomes.push(refuse(state, job, StoreError::Gap));
-            continue;
-        }
-        match write_one(connection, job).await {
-            Ok(()) => outcomes.push(Ok(())),
-            Err(Failure::Refused(error)) => {
-                metrics::counter!("swarmbench_jobs_refused_total").increment(1);
-                tracing::error!(%error, "the database rejected an entry: it is not stored, all others are");
-                outcomes.push(refuse(state, job, error.into()));
-            }
-            Err(fatal) => return Err(roll_back(connection, fatal).await),
-        }
-    }
-    let count = jobs.iter().map(Vec::len).sum();
-    commit(connection, count, started).await?;
-    Ok(outcomes)
-}
-
-fn refuse(state: &WriterState, job: &[Entry], error: StoreError) -> Outcome {
+/// The outcome of a job that is not written.
+pub(super) fn refuse(state: &WriterState, job: &[Entry], error: StoreError) -> Outcome {
     state.note_refused(job);
     if job.is_empty() { Ok(()) } else { Err(error) }
 }
 
-/// Writes the entries of one job behind a savepoint.
-async fn write_one(connection: &mut SqliteConnection, entries: &[Entry]) -> Result<(), Failure> {
-    execute(connection, "SAVEPOINT job").await?;
-    let written = write(connection, entries.iter()).await.map_err(Failure::of);
-    if let Err(Failure::Refused(_)) = written {
-        execute(connection, "ROLLBACK TO job").await?;
-    }
-    execute(connection, "RELEASE job").await?;
-    written
-}
-
-/// Runs a statement that the transaction needs.
-async fn execute(
-    connection: &mut SqliteConnection,
-    statement: &'static str,
-) -> Result<(), Failure> {
-    sqlx::query(statement).execute(connection).await.map(|_| ()).map_err(Failure::Fatal)
-}
-
-/// Begins a transaction; tries again by the deadline where another program holds the lock.
-async fn begin(
-    connection: &mut SqliteConnection,
+/// Writes the entries of one job behind a savepoint of the open transaction; one that is refused leaves no trace.
+pub(super) async fn write_alone(
+    connection: &mut Connection,
     state: &WriterState,
-    deadline: Instant,
-) -> Result<(), Failure> {
-    let started = Instant::now();
-    let (mut pause, longest) = BEGIN_PAUSES;
-    let begun = loop {
-        let Err(error) = sqlx::query("BEGIN IMMEDIATE").execute(&mut *connection).await else {
-            break Ok(());
-        };
-        if !has_code(&error, &BUSY_CODES) {
-            break Err(Failure::of(error));
-        }
-        metrics::counter!("swarmbench_begin_retries_total").increment(1);
-        if !state.locked_out.swap(true, Ordering::AcqRel) {
-            tracing::warn!(%error, "another program has locked the database: nothing can be written");
-        }
-        let left = deadline.saturating_duration_since(Instant::now());
-        if left.is_zero() {
-            break Err(Failure::Refused(error));
-        }
-        tokio::time::sleep(pause.min(left)).await;
-        pause = (pause * 2).min(longest);
+    job: &[Entry],
+    failure: fn(sqlx::Error) -> Failure,
+) -> Result<Outcome, Failure> {
+    if state.continues_broken(job) {
+        return Ok(refuse(state, job, StoreError::Gap));
+    }
+    let fatal = |error| match failure(error) {
+        // The transaction needs these statements.
+        Failure::Refused(error) => Failure::Fatal(error),
+        other => other,
     };
-    if begun.is_ok() && state.locked_out.swap(false, Ordering::AcqRel) {
-        tracing::info!(
-            waited_ms = swarmbench_clock::millis(started.elapsed()),
-            "writing continues"
-        );
+    query("SAVEPOINT job").execute(connection).await.map_err(fatal)?;
+    let written = write(connection, job.iter()).await.map_err(failure);
+    if let Err(Failure::Refused(_)) = written {
+        query("ROLLBACK TO job").execute(connection).await.map_err(fatal)?;
     }
-    begun
-}
-
-/// Ends a transaction of which nothing is to stay.
-async fn roll_back(connection: &mut SqliteConnection, failure: Failure) -> Failure {
-    match execute(connection, "ROLLBACK").await {
-        Ok(()) => failure,
-        // SQLite has rolled back by itself, or cannot: nothing is written any more.
-        Err(fatal) => match failure {
-            Failure::Fatal(_) => failure,
-            Failure::Refused(_) => fatal,
-        },
+    if let Err(lost @ (Failure::Fatal(_) | Failure::Away(_))) = written {
+        return Err(lost);
     }
-}
-
-async fn commit(
-    connection: &mut SqliteConnection,
-    entries: usize,
-    started: Instant,
-) -> Result<(), Failure> {
-    if let Err(fatal) = execute(connection, "COMMIT").await {
-        return Err(roll_back(connection, fatal).await);
-    }
-    let frequent = telemetry::frequent();
-    frequent.commits.increment(1);
-    frequent.commit_seconds.record(started.elapsed());
-    frequent.commit_entries.increment(entries as u64);
-    Ok(())
+    query("RELEASE job").execute(connection).await.map_err(fatal)?;
+    let Err(Failure::Refused(error)) = written else { return Ok(Ok(())) };
+    metrics::counter!("swarmbench_jobs_refused_total").increment(1);
+    tracing::error!(%error, "the database rejected an entry: it is not stored, all others are");
+    Ok(refuse(state, job, error.into()))
 }
 
 /// Writes entries into the open transaction.
-async fn write(
-    connection: &mut SqliteConnection,
+pub(super) async fn write(
+    connection: &mut Connection,
     entries: impl Iterator<Item = &Entry>,
 ) -> Result<(), sqlx::Error> {
     let mut acts = Vec::new();
@@ -470,13 +376,11 @@ async fn write(
             }
             Entry::Seat(row) => super::seats::seat(connection, row).await?,
             Entry::ReplaceTokens { episode, holder, tokens } => {
-                sqlx::query(
-                    "DELETE FROM tokens WHERE episode = ? AND holder IS NOT DISTINCT FROM ?",
-                )
-                .bind(episode.0)
-                .bind(holder)
-                .execute(&mut *connection)
-                .await?;
+                query("DELETE FROM tokens WHERE episode = $1 AND holder IS NOT DISTINCT FROM $2")
+                    .bind(episode.0)
+                    .bind(holder)
+                    .execute(&mut *connection)
+                    .await?;
                 insert_tokens(connection, *episode, tokens).await?;
             }
             Entry::AddKey(row) => add_key(connection, row).await?,
@@ -509,7 +413,7 @@ async fn write(
                 competitions::erase(connection, *entry, name, *at).await?;
             }
             Entry::ReplaceKey { id, hash } => {
-                sqlx::query("UPDATE keys SET hash = ? WHERE id = ?")
+                query("UPDATE keys SET hash = $1 WHERE id = $2")
                     .bind(&hash.0[..])
                     .bind(id)
                     .execute(&mut *connection)
@@ -545,21 +449,24 @@ async fn write(
             Entry::Audit(row) => super::audit::add(connection, row).await?,
         }
     }
-    insert_acts(connection, &acts).await?;
-    insert_rounds(connection, &rounds).await
+    if connection.is_postgres() {
+        postgres::rows::insert(connection, &acts, &rounds).await
+    } else {
+        sqlite::rows::insert(connection, &acts, &rounds).await
+    }
 }
 
-async fn open(connection: &mut SqliteConnection, row: &OpeningRow) -> Result<(), sqlx::Error> {
+async fn open(connection: &mut Connection, row: &OpeningRow) -> Result<(), sqlx::Error> {
     let cut = Cut::of(row.record.as_str());
     let template = match &cut {
         Some(cut) => Some(cut.keep(connection).await?),
         None => None,
     };
-    sqlx::query(
+    query(
         "INSERT INTO episodes (key, id, owner, run, slot, opening, task, model, visibility, status,
                                clocked, head, created_at, idempotency_key, idempotency_body,
                                fork_of, fork_round, template, template_at, open_seats, own_games)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21)",
     )
     .bind(row.episode.0)
     .bind(row.id.as_str())
@@ -591,11 +498,11 @@ async fn open(connection: &mut SqliteConnection, row: &OpeningRow) -> Result<(),
 }
 
 async fn start(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     episode: EpisodeKey,
     at: jiff::Timestamp,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE episodes SET status = 'running', started_at = ? WHERE key = ?")
+    query("UPDATE episodes SET status = 'running', started_at = $1 WHERE key = $2")
         .bind(at.as_millisecond())
         .bind(episode.0)
         .execute(connection)
@@ -603,10 +510,10 @@ async fn start(
     Ok(())
 }
 
-async fn end(connection: &mut SqliteConnection, row: &EndRow) -> Result<(), sqlx::Error> {
-    sqlx::query(
+async fn end(connection: &mut Connection, row: &EndRow) -> Result<(), sqlx::Error> {
+    query(
         "UPDATE episodes
-         SET status = ?, reason = ?, ending = ?, head = ?, bytes = ?, ended_at = ? WHERE key = ?",
+         SET status = $1, reason = $2, ending = $3, head = $4, bytes = $5, ended_at = $6 WHERE key = $7",
     )
     .bind(row.status)
     .bind(row.reason)
@@ -628,13 +535,13 @@ async fn end(connection: &mut SqliteConnection, row: &EndRow) -> Result<(), sqlx
 }
 
 async fn void(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     episode: EpisodeKey,
     reason: &str,
     at: jiff::Timestamp,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query(
-        "UPDATE episodes SET voided_at = ?, void_reason = ? WHERE key = ? AND voided_at IS NULL",
+    query(
+        "UPDATE episodes SET voided_at = $1, void_reason = $2 WHERE key = $3 AND voided_at IS NULL",
     )
     .bind(at.as_millisecond())
     .bind(reason)
@@ -644,10 +551,10 @@ async fn void(
     Ok(())
 }
 
-async fn add_key(connection: &mut SqliteConnection, row: &KeyRow) -> Result<(), sqlx::Error> {
+async fn add_key(connection: &mut Connection, row: &KeyRow) -> Result<(), sqlx::Error> {
     let key = &row.key;
-    sqlx::query(
-        "INSERT INTO keys (id, hash, role, name, created_at, expires_at, acts_for) VALUES (?, ?, ?, ?, ?, ?, ?)",
+    query(
+        "INSERT INTO keys (id, hash, role, name, created_at, expires_at, acts_for) VALUES ($1, $2, $3, $4, $5, $6, $7)",
     )
     .bind(&key.id)
     .bind(&row.hash.0[..])
@@ -663,11 +570,11 @@ async fn add_key(connection: &mut SqliteConnection, row: &KeyRow) -> Result<(), 
 
 /// Revokes a key; one that was revoked keeps its time.
 async fn revoke_key(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     id: &str,
     at: jiff::Timestamp,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE keys SET revoked_at = coalesce(revoked_at, ?) WHERE id = ?")
+    query("UPDATE keys SET revoked_at = coalesce(revoked_at, $1) WHERE id = $2")
         .bind(at.as_millisecond())
         .bind(id)
         .execute(connection)
@@ -676,76 +583,19 @@ async fn revoke_key(
 }
 
 async fn insert_tokens(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     episode: EpisodeKey,
     tokens: &[TokenRow],
 ) -> Result<(), sqlx::Error> {
     for chunk in chunks(tokens) {
-        let mut insert =
-            QueryBuilder::<Sqlite>::new("INSERT INTO tokens (hash, episode, agent, holder) ");
-        insert.push_values(chunk, |mut row, token| {
+        let mut insert = Builder::new("INSERT INTO tokens (hash, episode, agent, holder) ");
+        insert.push_rows(chunk, |row, token| {
             row.push_bind(&token.hash.0[..])
                 .push_bind(episode.0)
                 .push_bind(token.agent.map(|agent| agent.0))
                 .push_bind(token.holder);
         });
         insert.build().execute(&mut *connection).await?;
-    }
-    Ok(())
-}
-
-/// Who decided, as the table of acts has it.
-const fn source_code(source: Source) -> u8 {
-    match source {
-        Source::Player => 0,
-        Source::Clock => 1,
-    }
-}
-
-async fn insert_acts(
-    connection: &mut SqliteConnection,
-    acts: &[&ActRow],
-) -> Result<(), sqlx::Error> {
-    static INSERT: Insert = Insert::new(
-        "acts (episode, round, agent, waiting_for, source, at, record, brief)",
-        "(?, ?, ?, ?, ?, ?, ?, ?)",
-    );
-    for (rows, statement) in INSERT.statements(acts) {
-        let mut query = sqlx::query(statement);
-        for act in rows {
-            query = query
-                .bind(act.episode.0)
-                .bind(act.round)
-                .bind(act.agent.0)
-                .bind(act.waiting_for)
-                .bind(source_code(act.source))
-                .bind(act.at.as_millisecond())
-                .bind(act.record.as_str())
-                .bind(act.brief.as_ref().map(RawRecord::as_str));
-        }
-        query.execute(&mut *connection).await?;
-    }
-    Ok(())
-}
-
-async fn insert_rounds(
-    connection: &mut SqliteConnection,
-    rounds: &[&RoundRow],
-) -> Result<(), sqlx::Error> {
-    static INSERT: Insert =
-        Insert::new("rounds (episode, round, digest, score, head, at)", "(?, ?, ?, ?, ?, ?)");
-    for (rows, statement) in INSERT.statements(rounds) {
-        let mut query = sqlx::query(statement);
-        for round in rows {
-            query = query
-                .bind(round.episode.0)
-                .bind(round.round)
-                .bind(&round.digest[..])
-                .bind(round.score)
-                .bind(&round.head.0[..])
-                .bind(round.at.as_millisecond());
-        }
-        query.execute(&mut *connection).await?;
     }
     Ok(())
 }
@@ -757,9 +607,10 @@ mod tests {
 
     use super::*;
     use crate::ids::RunKey;
+    use crate::store::entries::ActRow;
     use crate::store::Store;
     use crate::store::port::EpisodeStore;
-    use swarmbench_journal::record::Decision;
+    use swarmbench_journal::record::{Decision, RawRecord, Source};
 
     fn act(episode: i64, round: u32) -> Entry {
         Entry::Act(ActRow {
@@ -776,7 +627,7 @@ mod tests {
 
     async fn store() -> (tempfile::TempDir, Store) {
         let folder = tempfile::tempdir().expect("a folder");
-        let store = Store::open(&folder.path().join("a.db")).await.expect("it opens");
+        let store = Store::open(folder.path().join("a.db")).await.expect("it opens");
         (folder, store)
     }
 
@@ -828,30 +679,6 @@ mod tests {
             kept.iter().take(100).all(|kept| *kept) && !kept.iter().skip(100).any(|kept| *kept)
         );
         store.close().await;
-    }
-
-    #[tokio::test]
-    async fn jobs_are_refused_at_their_deadline_while_another_program_holds_the_lock() {
-        let (folder, store) = store().await;
-        store.close().await;
-        let path = folder.path().join("a.db");
-        let options = sqlx::sqlite::SqliteConnectOptions::new().filename(&path);
-        let options = options.busy_timeout(Duration::ZERO);
-        let mut other = SqliteConnection::connect_with(&options).await.expect("it opens");
-        let mut own = SqliteConnection::connect_with(&options).await.expect("it opens");
-        let files = Files::default();
-        let state = WriterState::default();
-        execute(&mut other, "BEGIN IMMEDIATE").await.unwrap_or_else(|_| panic!("it is free"));
-        let (started, patience) = (Instant::now(), Duration::from_secs(1));
-        let jobs = [vec![act(1, 0)], vec![act(2, 0)]];
-        let kept = keep(&mut own, &files, &state, &jobs, started + patience).await;
-        assert!(kept.iter().all(Result::is_err) && state.is_locked_out() && !state.has_failed());
-        let waited = started.elapsed();
-        assert!(patience <= waited && waited < patience * 19 / 10, "{waited:?}");
-        execute(&mut other, "ROLLBACK").await.unwrap_or_else(|_| panic!("it was begun"));
-        let jobs = [vec![act(3, 0)]];
-        let kept = keep(&mut own, &files, &state, &jobs, Instant::now() + patience).await;
-        assert!(kept.iter().all(Result::is_ok) && !state.is_locked_out());
     }
 
     #[tokio::test]

@@ -1,14 +1,14 @@
 //! `swarmbench capacity fill`
 
-use std::path::PathBuf;
+use std::path::Path;
 use std::time::Instant;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use indicatif::{HumanBytes, HumanCount};
 
 use crate::cli::output::{self, fields, progress_bar, set};
 use crate::fill::{Fill, Filled, fill};
-use crate::store::rebuild;
+use crate::store::{Location, Store, rebuild};
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -21,7 +21,7 @@ use crate::store::rebuild;
 pub(in crate::cli) struct Args {
     /// The database to make; it must not exist.
     #[arg(long)]
-    db: PathBuf,
+    db: Location,
     /// Episodes; a few more are made, so that all runs are complete.
     #[arg(long, default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
     episodes: u64,
@@ -51,8 +51,8 @@ pub(in crate::cli) struct Args {
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let Args { db, episodes, unfinished, entrants, attempts, agents, rounds, seed, json } = args;
     let wanted = Fill { episodes, unfinished, entrants, attempts, agents, rounds, seed };
-    if db.exists() {
-        bail!("{} exists: name a file that does not", db.display());
+    if db.file().is_some_and(Path::exists) {
+        bail!("{db} exists: name a file that does not");
     }
     let bar = progress_bar("{bar:30} game {human_pos} of {human_len}, {eta} left");
     let started = Instant::now();
@@ -64,15 +64,17 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     bar.finish_and_clear();
     measured?;
     let seconds = started.elapsed().as_secs_f64();
-    let bytes = std::fs::metadata(&db).with_context(|| format!("{}", db.display()))?.len();
+    let store = Store::open_to_read(&db).await?;
+    let bytes = store.bytes().await?;
+    store.close().await;
     if json {
         return output::json(&serde_json::json!({
-            "database": db, "episodes": episodes, "runs": runs, "competitions": competitions, "bytes": bytes, "acts": acts,
+            "database": db.to_string(), "episodes": episodes, "runs": runs, "competitions": competitions, "bytes": bytes, "acts": acts,
             "seconds": seconds, "organizer": organizer.reveal(),
         }));
     }
     let rows = [
-        ("database", format!("{}, {}", db.display(), HumanBytes(bytes))),
+        ("database", format!("{db}, {}", HumanBytes(bytes))),
         ("games", format!("{}, of {} runs", HumanCount(episodes), HumanCount(runs))),
         (
             "bytes",

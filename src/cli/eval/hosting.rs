@@ -1,6 +1,6 @@
 //! The server of an evaluation: a temporary one, or one that runs already.
 
-use std::path::PathBuf;
+use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
 use tokio::net::TcpListener;
@@ -9,7 +9,7 @@ use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 use crate::server::{Parts, Server, StartError};
-use crate::store::OpenError;
+use crate::store::{Location, OpenError};
 use crate::telemetry::{LogFormat, start_logs_of};
 use swarmbench_client::client::Client;
 
@@ -29,8 +29,8 @@ pub(super) struct Hosting {
     #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
     key: Option<String>,
     /// Or play on a server of one's own over this database; created where there is none (swarmbench.db).
-    #[arg(long, value_name = "FILE")]
-    db: Option<PathBuf>,
+    #[arg(long, value_name = "DATABASE")]
+    db: Option<Location>,
     /// Games at once (4).
     #[arg(long, value_name = "GAMES", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub(super) parallel: Option<u32>,
@@ -47,12 +47,12 @@ impl Hosting {
     pub(super) fn place(&self) -> String {
         match self.joined() {
             Some(server) => format!("--server {server}"),
-            None => format!("--db {}", self.database().display()),
+            None => format!("--db {}", self.database()),
         }
     }
 
-    fn database(&self) -> PathBuf {
-        self.db.clone().unwrap_or_else(|| DATABASE.into())
+    fn database(&self) -> Location {
+        self.db.clone().unwrap_or_else(|| Location::from(Path::new(DATABASE)))
     }
 
     /// Whether an attempt in a competition can be played there, with the key of an entrant.
@@ -96,7 +96,7 @@ impl Hosting {
         {
             bail!(
                 "{} has keys, so its games belong to somebody: show yours with --key or SWARMBENCH_KEY",
-                self.database().display()
+                self.database()
             );
         }
         Ok((client, hosted))
@@ -113,7 +113,7 @@ pub(super) struct Hosted {
 }
 
 impl Hosted {
-    async fn open(db: PathBuf, stop_playing: CancellationToken) -> anyhow::Result<Self> {
+    async fn open(db: Location, stop_playing: CancellationToken) -> anyhow::Result<Self> {
         // Nobody else reads the log of this server, and a full disk is reported nowhere else.
         start_logs_of(LogFormat::Text, "swarmbench::store=error");
         let server = match Server::open(&db, Parts::default()).await {
@@ -140,7 +140,7 @@ impl Hosted {
             // The other end is dropped when it is done.
             drop(stopped.await);
         }));
-        note!("{} is served at {base} meanwhile: watch the games there", db.display());
+        note!("{} is served at {base} meanwhile: watch the games there", db);
         Ok(Self { base, has_keys, failed, stop, serving })
     }
 

@@ -13,9 +13,9 @@ use super::{Condition, Games, Selected, Value, games_told, told};
 use crate::dataset::export::{Export, Selection};
 use crate::dataset::rows::{self, Lines, Row};
 use crate::dataset::tables::TableName;
-use crate::store::Store;
 use crate::store::episodes::{Filter, Readable};
 use crate::store::port::StoredEpisode;
+use crate::store::{Location, Store};
 
 /// Where games are.
 #[derive(Clone, Debug, clap::Args)]
@@ -26,7 +26,7 @@ pub(in super::super) struct Source {
     from: Vec<PathBuf>,
     /// Instead of a server: its database. It is only read; its server may keep running.
     #[arg(long)]
-    db: Option<PathBuf>,
+    db: Option<Location>,
     #[command(flatten)]
     pub(in super::super) server: ServerArgs,
 }
@@ -156,7 +156,7 @@ fn file_of(path: &Path, table: TableName) -> anyhow::Result<PathBuf> {
     })
 }
 
-fn of_database<R: Reader>(db: &Path, wanted: &Wanted, mut reader: R) -> anyhow::Result<R> {
+fn of_database<R: Reader>(db: &Location, wanted: &Wanted, mut reader: R) -> anyhow::Result<R> {
     let Wanted { table, task, episodes } = wanted;
     let runtime = tokio::runtime::Handle::current();
     let store = runtime.block_on(Store::open_to_read(db))?;

@@ -9,7 +9,7 @@ use sqlx::{ConnectOptions, Connection as _};
 const NOT_A_DATABASE: &str = "26";
 
 /// Whether a file is no database, or has tables and none of this program. A file that cannot be read is not judged here.
-pub(super) async fn is_foreign(path: &Path) -> bool {
+pub(in crate::store) async fn is_foreign(path: &Path) -> bool {
     let options =
         SqliteConnectOptions::new().filename(path).read_only(true).disable_statement_logging();
     let of_no_database = |error: &sqlx::Error| {

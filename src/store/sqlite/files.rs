@@ -14,10 +14,10 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::OpenError;
+use crate::store::OpenError;
 
 /// What the files of a database may be used for: by their owner alone, as hashes of tokens and sealed seeds are in them.
-pub(super) const MODE: u32 = 0o600;
+pub(in crate::store) const MODE: u32 = 0o600;
 
 /// The databases that this process has taken. Another path to one of them is found here, before the file is opened.
 static TAKEN: Mutex<BTreeSet<Identity>> = Mutex::new(BTreeSet::new());
@@ -28,7 +28,7 @@ fn taken() -> MutexGuard<'static, BTreeSet<Identity>> {
 
 /// The database is taken for this process as long as this exists.
 #[derive(Debug)]
-pub(super) struct Lock {
+pub(in crate::store) struct Lock {
     database: Identity,
     /// The database itself, and the file beside it by which versions before this one keep each other out.
     files: [File; 2],
@@ -48,9 +48,9 @@ impl Drop for Lock {
 
 impl Lock {
     /// Takes a database, whatever path leads to it. With `create` an empty file is made where there is none.
-    pub(super) fn take(path: &Path, create: bool) -> Result<Self, OpenError> {
+    pub(in crate::store) fn take(path: &Path, create: bool) -> Result<Self, OpenError> {
         if identity(path).is_ok_and(|database| taken().contains(&database)) {
-            return Err(OpenError::InUse(path.to_owned()));
+            return Err(OpenError::InUse(path.display().to_string()));
         }
         let beside = lock(path, &beside(path, ".lock"), true)?;
         let file = lock(path, path, create)?;
@@ -68,7 +68,7 @@ impl Lock {
 
 /// Whether what was written last may be missing where a database is read by this name: SQLite finds its log by the name,
 /// and a file with several names (hard links) may have its log beside another one.
-pub(super) fn may_lack_log(path: &Path) -> bool {
+pub(in crate::store) fn may_lack_log(path: &Path) -> bool {
     path.metadata().is_ok_and(|about| about.nlink() > 1)
         && path.canonicalize().is_ok_and(|path| !beside(&path, "-wal").exists())
 }
@@ -93,7 +93,7 @@ fn lock(path: &Path, file_path: &Path, create: bool) -> Result<File, OpenError> 
         .map_err(failed)?;
     match file.try_lock() {
         Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(OpenError::InUse(path.to_owned())),
+        Err(TryLockError::WouldBlock) => Err(OpenError::InUse(path.display().to_string())),
         Err(TryLockError::Error(source)) => Err(failed(source)),
     }
 }
@@ -123,7 +123,7 @@ pub enum Lost {
 
 /// The files that SQLite has open, by their names and what these stood for when they were opened.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Files(Arc<Watched>);
+pub(in crate::store) struct Files(Arc<Watched>);
 
 #[derive(Debug, Default)]
 struct Watched {
@@ -140,7 +140,7 @@ fn identity(path: &Path) -> io::Result<Identity> {
 
 impl Files {
     /// Those of a database that SQLite has opened. `lock` was taken before; another file may have got the name since.
-    pub(super) fn of(path: &Path, lock: &Lock) -> io::Result<Self> {
+    pub(in crate::store) fn of(path: &Path, lock: &Lock) -> io::Result<Self> {
         // SQLite follows symbolic links, too, and puts its files beside the database itself.
         let path = path.canonicalize()?;
         let beside = ["-wal", "-shm"].map(|end| beside(&path, end));
@@ -156,7 +156,7 @@ impl Files {
     }
 
     /// Whether all of them are where they were. Where one is not, that is logged once.
-    pub(super) fn check(&self) -> Result<(), Lost> {
+    pub(in crate::store) fn check(&self) -> Result<(), Lost> {
         let lost = self.0.files.iter().find_map(|(path, opened)| match identity(path) {
             Ok(now) if now == *opened => None,
             Ok(_) => Some(Lost::Replaced(path.clone())),

@@ -13,8 +13,8 @@ use rustix::fs::statvfs;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{ConnectOptions, Connection, Row};
 
-use super::OpenError;
 use super::files::{MODE, may_lack_log};
+use crate::store::OpenError;
 
 /// How often progress is reported.
 const TICK: Duration = Duration::from_millis(100);

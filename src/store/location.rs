@@ -1,0 +1,223 @@
+//! Where a database is: the value of `--db`.
+
+use std::fmt;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use percent_encoding::percent_decode_str;
+use sqlx::postgres::PgConnectOptions;
+
+/// A file of SQLite, or a database of PostgreSQL.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Location {
+    File(PathBuf),
+    Postgres(Address),
+}
+
+/// The address of a database of PostgreSQL. What is shown of it has no password.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Address {
+    url: String,
+    /// The file with the password, if one is named.
+    password_file: Option<PathBuf>,
+}
+
+/// Parameters of an address that are passed on, and [`PASSWORD_FILE`]. Others would be ignored without a word.
+const PARAMETERS: [&str; 9] =
+    ["sslmode", "sslrootcert", "sslcert", "sslkey", "host", "port", "dbname", "user", "password"];
+
+/// The parameter that names a file with the password, as containers get secrets.
+const PASSWORD_FILE: &str = "password_file";
+
+const SCHEMES: [&str; 2] = ["postgres://", "postgresql://"];
+
+#[derive(Debug, thiserror::Error)]
+pub enum LocationError {
+    #[error("the name of the database file is empty")]
+    Empty,
+    #[error(
+        "{0}:// is no engine of this program: name a file for SQLite, or postgres://USER@HOST:PORT/DATABASE"
+    )]
+    Scheme(String),
+    #[error(
+        "an address of PostgreSQL has no parameter {0:?}: there are {parameters} and {PASSWORD_FILE}",
+        parameters = PARAMETERS.join(", ")
+    )]
+    Parameter(String),
+    #[error("it is no address of PostgreSQL, as in postgres://USER@HOST:PORT/DATABASE: {0}")]
+    Address(String),
+}
+
+impl Location {
+    /// The file of SQLite, if it is one.
+    pub fn file(&self) -> Option<&Path> {
+        match self {
+            Self::File(path) => Some(path),
+            Self::Postgres(_) => None,
+        }
+    }
+}
+
+impl From<&Path> for Location {
+    fn from(path: &Path) -> Self {
+        Self::File(path.to_owned())
+    }
+}
+
+impl From<&PathBuf> for Location {
+    fn from(path: &PathBuf) -> Self {
+        Self::File(path.clone())
+    }
+}
+
+impl From<&Self> for Location {
+    fn from(location: &Self) -> Self {
+        location.clone()
+    }
+}
+
+impl From<PathBuf> for Location {
+    fn from(path: PathBuf) -> Self {
+        Self::File(path)
+    }
+}
+
+impl FromStr for Location {
+    type Err = LocationError;
+
+    fn from_str(text: &str) -> Result<Self, LocationError> {
+        if SCHEMES.iter().any(|scheme| text.starts_with(scheme)) {
+            return Address::parse(text).map(Self::Postgres);
+        }
+        if let Some((scheme, _)) = text.split_once("://") {
+            return Err(LocationError::Scheme(scheme.to_owned()));
+        }
+        if text.is_empty() {
+            return Err(LocationError::Empty);
+        }
+        Ok(Self::File(text.into()))
+    }
+}
+
+impl fmt::Display for Location {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::File(path) => path.display().fmt(f),
+            Self::Postgres(address) => address.fmt(f),
+        }
+    }
+}
+
+impl Address {
+    fn parse(text: &str) -> Result<Self, LocationError> {
+        let (base, parameters) = text.split_once('?').unwrap_or((text, ""));
+        let mut passed = Vec::new();
+        let mut password_file = None;
+        for parameter in parameters.split('&').filter(|parameter| !parameter.is_empty()) {
+            let (name, value) = parameter.split_once('=').unwrap_or((parameter, ""));
+            if name == PASSWORD_FILE {
+                password_file =
+                    Some(PathBuf::from(&*percent_decode_str(value).decode_utf8_lossy()));
+            } else if PARAMETERS.contains(&name) {
+                passed.push(parameter);
+            } else {
+                return Err(LocationError::Parameter(name.to_owned()));
+            }
+        }
+        let url = if passed.is_empty() {
+            base.to_owned()
+        } else {
+            format!("{base}?{}", passed.join("&"))
+        };
+        // An address that cannot be parsed may have a password at any place of it, so it is not shown.
+        PgConnectOptions::from_str(&url)
+            .map_err(|error| LocationError::Address(error.to_string()))?;
+        Ok(Self { url, password_file })
+    }
+
+    /// How to connect to it. Where the address names no password it is that of `PGPASSWORD`, or of `~/.pgpass`.
+    ///
+    /// # Errors
+    /// If the file with the password cannot be read.
+    pub(super) fn options(&self) -> Result<PgConnectOptions, (PathBuf, io::Error)> {
+        let options = PgConnectOptions::from_str(&self.url).expect("it was parsed before");
+        match &self.password_file {
+            None => Ok(options),
+            Some(path) => match fs::read_to_string(path) {
+                Ok(text) => Ok(options.password(text.trim_end_matches(['\r', '\n']))),
+                Err(error) => Err((path.clone(), error)),
+            },
+        }
+    }
+}
+
+impl fmt::Display for Address {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let options = PgConnectOptions::from_str(&self.url).map_err(|_| fmt::Error)?;
+        let user = options.get_username();
+        let database = options.get_database().unwrap_or(user);
+        match options.get_socket() {
+            Some(socket) => write!(f, "postgres://{user}@{}/{database}", socket.display()),
+            None => {
+                let (host, port) = (options.get_host(), options.get_port());
+                write!(f, "postgres://{user}@{host}:{port}/{database}")
+            }
+        }
+    }
+}
+
+/// As [`Display`](fmt::Display): without the password.
+impl fmt::Debug for Address {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_location_is_a_file_or_an_address() {
+        let parse = |text: &str| text.parse::<Location>();
+        assert_eq!(parse("a/b.db").expect("a file"), Location::File("a/b.db".into()));
+        let refused = |text| parse(text).expect_err("refused").to_string();
+        assert!(refused("mysql://a/b").contains("postgres://USER@HOST:PORT/DATABASE"));
+        assert!(refused("").contains("empty"));
+        assert!(refused("postgres://a/b?pool=3").contains("no parameter \"pool\""));
+        assert!(refused("postgres://a:notaport/b").contains("no address of PostgreSQL"));
+    }
+
+    #[test]
+    fn a_password_is_never_shown() {
+        let secret = "h%40rd2guess";
+        for url in [
+            format!("postgres://me:{secret}@db.example:5433/swarm?sslmode=require"),
+            format!("postgresql://me@db.example:5433/swarm?password={secret}"),
+        ] {
+            let location: Location = url.parse().expect("an address");
+            let shown = format!("{location} {location:?}");
+            assert!(!shown.contains("2guess"), "{shown}");
+            assert_eq!(location.to_string(), "postgres://me@db.example:5433/swarm");
+        }
+    }
+
+    #[test]
+    fn a_password_may_be_in_a_file() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("secret");
+        fs::write(&file, "from a file\n").expect("written");
+        let parse = |file: &Path| {
+            let url = format!("postgres://me@db.example/swarm?password_file={}", file.display());
+            let Location::Postgres(address) = url.parse().expect("an address") else {
+                panic!("an address")
+            };
+            address
+        };
+        assert!(parse(&file).options().is_ok());
+        let (missing, _) = parse(&folder.path().join("other")).options().expect_err("no such file");
+        assert!(missing.ends_with("other"));
+    }
+}

@@ -1,0 +1,366 @@
+//! The writer of PostgreSQL: a group of jobs is one commit, which counts up the row of this server in `nodes`.
+//!
+//! Whoever takes the database over deletes that row, so nothing that was queued before can be written afterwards. And where the
+//! connection breaks while a commit is under way, the number in the row says whether it was done: nothing is guessed, and
+//! nothing is written twice. So PostgreSQL may be restarted, or fail over, and it is a pause.
+
+use std::time::{Duration, Instant};
+
+use super::session::{self, Server, SessionError};
+use crate::store::StoreError;
+use crate::store::entries::Entry;
+use crate::store::sql::{Connection, query};
+use crate::store::writer::{self, Blocked, Failure, Outcome, WriterState};
+use crate::telemetry;
+
+/// How often the row of this server is looked at while nothing is written.
+pub(in crate::store) const WATCH: Duration = Duration::from_secs(1);
+
+/// The first and the longest pause between two tries to connect.
+const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(1));
+
+/// How long an old session of this server is waited for after it was told to end.
+const TERMINATE_PATIENCE: Duration = Duration::from_secs(5);
+
+/// The right to write to a database of PostgreSQL.
+pub(in crate::store) struct Node {
+    server: Server,
+    /// None while the database is not reached.
+    connection: Option<Connection>,
+    /// The number of this server in `nodes`, which no other server ever gets.
+    incarnation: i64,
+    /// How many commits of this server are known to be done.
+    committed: i64,
+}
+
+/// A commit that was sent, and whose answer is not known.
+struct Sent {
+    outcomes: Vec<Outcome>,
+}
+
+/// Why the row of this server is not as it was left: nothing may be acknowledged any more.
+#[derive(Debug, thiserror::Error)]
+enum Excluded {
+    #[error("another server has taken the database over")]
+    TakenOver,
+    #[error(
+        "the database has {found} commits of this server, and {known} were acknowledged: it was restored from a backup, or a \
+         standby without the last commits took over"
+    )]
+    Lost { found: i64, known: i64 },
+}
+
+impl From<Excluded> for Failure {
+    fn from(excluded: Excluded) -> Self {
+        Self::Fatal(sqlx::Error::Io(std::io::Error::other(excluded)))
+    }
+}
+
+/// Excludes all servers that had the database before and are not connected now: none of them commits anything any more. Waits
+/// for a commit that one of them has under way.
+pub(in crate::store) async fn exclude_others(
+    connection: &mut Connection,
+) -> Result<(), sqlx::Error> {
+    query("DELETE FROM nodes").execute(connection).await.map(drop)
+}
+
+/// What an error means for the transaction in which it came, by the class of its code.
+pub(in crate::store) fn failure(error: sqlx::Error) -> Failure {
+    let Some(code) = session::sqlstate(&error) else {
+        return match error {
+            sqlx::Error::Encode(_) | sqlx::Error::Decode(_) | sqlx::Error::ColumnDecode { .. } => {
+                Failure::Refused(error)
+            }
+            _ => Failure::Away(error),
+        };
+    };
+    match &code[..2] {
+        // A value, a constraint, a limit, or a statement that is wrong for this one job.
+        "21" | "22" | "23" | "42" | "54" => Failure::Refused(error),
+        // A lost connection, a full disk, no memory, a server that ends or starts, and all else: the transaction is not done.
+        _ => Failure::Away(error),
+    }
+}
+
+impl Node {
+    /// Gets a number for a process that has the lock of the database.
+    pub(in crate::store) async fn join(
+        server: Server,
+        mut connection: Connection,
+    ) -> Result<Self, SessionError> {
+        let failed = |error| server.failed(error);
+        let at = now_ms(&mut connection).await.map_err(failed)?;
+        let joined =
+            query("INSERT INTO nodes (name, started_at) VALUES ($1, $2) RETURNING incarnation");
+        let name = process_name();
+        let incarnation = joined.bind(&name).bind(at).one(&mut connection).await.map_err(failed)?;
+        session::set_name(&mut connection, &session_name(incarnation)).await.map_err(failed)?;
+        Ok(Self { server, connection: Some(connection), incarnation, committed: 0 })
+    }
+
+    /// Writes jobs in one commit; the outcome of each, in their order. While the database is not reached it tries again: until
+    /// the deadline, or without end where a commit was sent and nobody knows yet whether it is done.
+    pub(in crate::store) async fn keep(
+        &mut self,
+        state: &WriterState,
+        jobs: &[Vec<Entry>],
+        deadline: Instant,
+    ) -> Vec<Outcome> {
+        let all = |outcome: &Outcome| jobs.iter().map(|_| outcome.clone()).collect();
+        if state.has_failed() {
+            return all(&Err(StoreError::Failed));
+        }
+        if jobs.iter().all(Vec::is_empty) {
+            // A barrier: what was queued before is durable by now.
+            return all(&Ok(()));
+        }
+        let mut one_by_one = jobs.iter().any(|job| state.continues_broken(job));
+        let mut sent = None;
+        let (mut pause, longest) = PAUSES;
+        loop {
+            match self.attempt(state, jobs, one_by_one, &mut sent).await {
+                Ok(outcomes) => {
+                    state.set_unblocked();
+                    return outcomes;
+                }
+                Err(Failure::Refused(_)) if !one_by_one => one_by_one = true,
+                Err(Failure::Refused(error)) => {
+                    // No job alone is at fault.
+                    let error = StoreError::from(error);
+                    return jobs
+                        .iter()
+                        .map(|job| writer::refuse(state, job, error.clone()))
+                        .collect();
+                }
+                Err(Failure::Fatal(error)) => {
+                    state.fail(&error);
+                    return all(&Err(error.into()));
+                }
+                Err(Failure::Away(error)) => {
+                    self.connection = None;
+                    state.set_blocked(Blocked::Away, &error);
+                    if sent.is_none() && Instant::now() >= deadline {
+                        let error = StoreError::from(error);
+                        return jobs
+                            .iter()
+                            .map(|job| writer::refuse(state, job, error.clone()))
+                            .collect();
+                    }
+                    tokio::time::sleep(pause).await;
+                    pause = (pause * 2).min(longest);
+                }
+            }
+        }
+    }
+
+    /// Whether this server still has the database. To be asked now and then while nothing is written.
+    pub(in crate::store) async fn watch(&mut self, state: &WriterState) {
+        if state.has_failed() {
+            return;
+        }
+        match self.reach().await {
+            Ok(_) => state.set_unblocked(),
+            Err(Failure::Fatal(error)) => state.fail(&error),
+            Err(Failure::Away(error) | Failure::Refused(error)) => {
+                self.connection = None;
+                state.set_blocked(Blocked::Away, &error);
+            }
+        }
+    }
+
+    /// Gives the database back.
+    pub(in crate::store) async fn leave(mut self) -> Result<(), sqlx::Error> {
+        let Some(mut connection) = self.connection.take() else { return Ok(()) };
+        let row = query("DELETE FROM nodes WHERE incarnation = $1").bind(self.incarnation);
+        row.execute(&mut connection).await?;
+        connection.close().await
+    }
+
+    async fn attempt(
+        &mut self,
+        state: &WriterState,
+        jobs: &[Vec<Entry>],
+        one_by_one: bool,
+        sent: &mut Option<Sent>,
+    ) -> Result<Vec<Outcome>, Failure> {
+        if self.connection.is_none() || sent.is_some() {
+            let is_done = self.reach().await?;
+            match (sent.take(), is_done) {
+                (Some(sent), true) => {
+                    self.committed += 1;
+                    return Ok(sent.outcomes);
+                }
+                (None, true) => {
+                    let (found, known) = (self.committed + 1, self.committed);
+                    return Err(Excluded::Lost { found, known }.into());
+                }
+                (_, false) => {}
+            }
+        }
+        let started = Instant::now();
+        let connection = self.connection.as_mut().expect("it was reached");
+        let place = Place { incarnation: self.incarnation, before: self.committed };
+        let outcomes = if one_by_one {
+            commit_each(connection, state, jobs, place, sent).await?
+        } else {
+            commit_all(connection, jobs, place, sent).await?
+        };
+        *sent = None;
+        self.committed += 1;
+        telemetry::note_commit(jobs.iter().map(Vec::len).sum(), started.elapsed());
+        Ok(outcomes)
+    }
+
+    /// Connects where there is no connection, and reads the row of this server: whether there is a commit more than the known ones.
+    async fn reach(&mut self) -> Result<bool, Failure> {
+        if self.connection.is_none() {
+            let connection = self.server.try_connect().await.map_err(Failure::Away)?;
+            let mut connection = Connection::Postgres(connection);
+            self.server.set_up_writer(&mut connection).await.map_err(failure)?;
+            self.lock_again(&mut connection).await?;
+            self.connection = Some(connection);
+        }
+        let connection = self.connection.as_mut().expect("it is connected");
+        let row =
+            query("SELECT committed FROM nodes WHERE incarnation = $1").bind(self.incarnation);
+        let found: Option<i64> = row.optional(connection).await.map_err(failure)?;
+        let known = self.committed;
+        match found.ok_or(Excluded::TakenOver)? {
+            found if found == known => Ok(false),
+            found if found == known + 1 => Ok(true),
+            found => Err(Excluded::Lost { found, known }.into()),
+        }
+    }
+
+    /// Takes the lock of the database for a new session. The old session of this server may still have it, where PostgreSQL has
+    /// not noticed that its connection broke.
+    async fn lock_again(&self, connection: &mut Connection) -> Result<(), Failure> {
+        let own = session_name(self.incarnation);
+        let until = Instant::now() + TERMINATE_PATIENCE;
+        while !session::try_lock(connection).await.map_err(failure)? {
+            let holder = session::lock_holder(connection).await.map_err(failure)?;
+            match holder {
+                Some((name, pid)) if name == own => {
+                    session::terminate(connection, pid).await.map_err(failure)?;
+                }
+                // Another server has the lock, or takes it at this moment: then the row of this one is gone.
+                Some(_) if Instant::now() >= until => return Err(Excluded::TakenOver.into()),
+                Some(_) | None => {}
+            }
+            tokio::time::sleep(PAUSES.0).await;
+        }
+        session::set_name(connection, &own).await.map_err(failure)
+    }
+}
+
+/// Where a commit belongs: behind the commits of this server that are known to be done.
+#[derive(Clone, Copy)]
+pub(in crate::store) struct Place {
+    pub(in crate::store) incarnation: i64,
+    pub(in crate::store) before: i64,
+}
+
+/// Writes all entries of all jobs, or nothing where a statement is refused.
+async fn commit_all(
+    connection: &mut Connection,
+    jobs: &[Vec<Entry>],
+    place: Place,
+    sent: &mut Option<Sent>,
+) -> Result<Vec<Outcome>, Failure> {
+    let outcomes: Vec<Outcome> = jobs.iter().map(|_| Ok(())).collect();
+    let only_rows =
+        jobs.iter().flatten().all(|entry| matches!(entry, Entry::Act(_) | Entry::Round(_)));
+    if only_rows {
+        // One statement, which commits by itself: no transaction of this process is ever open while it sleeps.
+        *sent = Some(Sent { outcomes: outcomes.clone() });
+        let written = super::rows::append(connection, place, jobs.iter().flatten()).await;
+        let is_ours = written.map_err(|error| settled(failure(error), sent))?;
+        return if is_ours { Ok(outcomes) } else { Err(not_ours()) };
+    }
+    begin(connection, place).await?;
+    if let Err(error) = writer::write(connection, jobs.iter().flatten()).await {
+        return Err(roll_back(connection, failure(error)).await);
+    }
+    commit(connection, outcomes, sent).await
+}
+
+/// Writes jobs one by one: those that are refused leave no trace, and the others are committed.
+async fn commit_each(
+    connection: &mut Connection,
+    state: &WriterState,
+    jobs: &[Vec<Entry>],
+    place: Place,
+    sent: &mut Option<Sent>,
+) -> Result<Vec<Outcome>, Failure> {
+    begin(connection, place).await?;
+    let mut outcomes = Vec::with_capacity(jobs.len());
+    for job in jobs {
+        outcomes.push(writer::write_alone(connection, state, job, failure).await?);
+    }
+    commit(connection, outcomes, sent).await
+}
+
+/// Begins a transaction at its place behind all earlier ones of this server.
+async fn begin(connection: &mut Connection, place: Place) -> Result<(), Failure> {
+    query("BEGIN").execute(connection).await.map_err(failure)?;
+    let counted = query(
+        "UPDATE nodes SET committed = committed + 1 WHERE incarnation = $1 AND committed = $2",
+    );
+    let counted = counted.bind(place.incarnation).bind(place.before).execute(connection).await;
+    match counted.map_err(failure)? {
+        1 => Ok(()),
+        _ => Err(roll_back(connection, not_ours()).await),
+    }
+}
+
+async fn commit(
+    connection: &mut Connection,
+    outcomes: Vec<Outcome>,
+    sent: &mut Option<Sent>,
+) -> Result<Vec<Outcome>, Failure> {
+    *sent = Some(Sent { outcomes: outcomes.clone() });
+    match query("COMMIT").execute(connection).await {
+        Ok(_) => Ok(outcomes),
+        Err(error) => Err(settled(failure(error), sent)),
+    }
+}
+
+/// A commit that was answered with an error is not done, and one that was not answered may be.
+fn settled(failure: Failure, sent: &mut Option<Sent>) -> Failure {
+    match &failure {
+        Failure::Refused(_) | Failure::Fatal(_) => *sent = None,
+        Failure::Away(_) => {}
+    }
+    failure
+}
+
+/// The row of this server is not at the place of this commit: it was taken over, or an earlier try was done after all. What
+/// it is tells the row, which is read next.
+fn not_ours() -> Failure {
+    Failure::Away(sqlx::Error::Protocol("the row of this server in `nodes` has changed".to_owned()))
+}
+
+async fn roll_back(connection: &mut Connection, failure: Failure) -> Failure {
+    match query("ROLLBACK").execute(connection).await {
+        Ok(_) => failure,
+        Err(error) => Failure::Away(error),
+    }
+}
+
+/// What the session of a server calls itself.
+fn session_name(incarnation: i64) -> String {
+    format!("swarmbench/{incarnation}")
+}
+
+/// Host and process, for people who look at `nodes`.
+fn process_name() -> String {
+    let host = rustix::system::uname().nodename().to_string_lossy().into_owned();
+    format!("{host}, process {}", std::process::id())
+}
+
+/// The time of day by the database's clock.
+async fn now_ms(connection: &mut Connection) -> Result<i64, sqlx::Error> {
+    query("SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000 AS bigint)")
+        .one(connection)
+        .await
+}

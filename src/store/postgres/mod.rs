@@ -1,0 +1,67 @@
+//! PostgreSQL: a database on another machine, which one server at a time may write to.
+
+pub(super) mod group;
+pub(super) mod rows;
+pub(super) mod session;
+
+use sqlx::postgres::PgConnectOptions;
+
+use super::OpenError;
+use super::location::Address;
+use super::sql::{Connection, Engine};
+use crate::migrations;
+use group::Node;
+use session::{Server, SessionError};
+
+/// A database that only this process writes to.
+pub(super) struct Opened {
+    pub(super) node: Node,
+    pub(super) readers: PgConnectOptions,
+}
+
+/// Takes a database for this process alone, after it was checked that what is acknowledged stays; and brings its tables up to
+/// date.
+pub(super) async fn open(address: &Address) -> Result<Opened, OpenError> {
+    let server = Server::at(address)?;
+    let readers = server.readers();
+    let connection = take(&server).await?;
+    let node = Node::join(server, connection).await?;
+    Ok(Opened { node, readers })
+}
+
+/// A connection for a command that writes while no server has the database.
+pub(super) async fn open_alone(address: &Address) -> Result<Connection, OpenError> {
+    let server = Server::at(address)?;
+    take(&server).await
+}
+
+async fn take(server: &Server) -> Result<Connection, OpenError> {
+    let mut connection = Connection::Postgres(server.connect().await?);
+    server.check(&mut connection).await?;
+    server.refuse_pooler(&mut connection).await?;
+    server.refuse_foreign(&mut connection).await?;
+    let failed = |error| server.failed(error);
+    if !session::try_lock(&mut connection).await.map_err(failed)? {
+        let holder = session::lock_holder(&mut connection).await.map_err(failed)?;
+        let by = holder.map_or_else(
+            || "another server".to_owned(),
+            |(name, pid)| format!("{name}, process {pid} of PostgreSQL"),
+        );
+        return Err(OpenError::InUse(format!("{} ({by})", server.location())));
+    }
+    server.set_up_writer(&mut connection).await.map_err(failed)?;
+    let Engine::Postgres(raw) = connection.engine() else { unreachable!("it is of PostgreSQL") };
+    let migrated = migrations::postgres().run(raw).await;
+    migrated
+        .map_err(|source| OpenError::Migrate { location: server.location().to_owned(), source })?;
+    group::exclude_others(&mut connection).await.map_err(failed)?;
+    super::prepare(&mut connection).await.map_err(failed)?;
+    Ok(connection)
+}
+
+/// A connection that only reads, also while a server has the database.
+pub(super) async fn open_to_read(address: &Address) -> Result<(Server, Connection), SessionError> {
+    let server = Server::at(address)?;
+    let connection = Connection::Postgres(server.connect().await?);
+    Ok((server, connection))
+}

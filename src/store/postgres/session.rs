@@ -1,0 +1,276 @@
+//! Connections to PostgreSQL, and what has to be true of a server before anything is written to it.
+
+use std::time::Duration;
+
+use sqlx::ConnectOptions as _;
+use sqlx::postgres::{PgConnectOptions, PgConnection};
+
+use crate::store::location::Address;
+use crate::store::sql::{Connection, query};
+
+/// The oldest PostgreSQL that this program is tested with.
+const VERSION_MIN: i64 = 150_000;
+
+/// How long connecting may take.
+const CONNECT_PATIENCE: Duration = Duration::from_secs(10);
+
+/// Prepared statements that a connection keeps.
+const STATEMENTS_KEPT: usize = 256;
+
+/// Why a database of PostgreSQL cannot be used. Each says what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    #[error("the file with the password, {path}, cannot be read")]
+    PasswordFile { path: std::path::PathBuf, source: std::io::Error },
+    #[error(
+        "nothing answers at {0}: is PostgreSQL running there, and does it listen on this address?"
+    )]
+    Unreachable(String, #[source] sqlx::Error),
+    #[error(
+        "PostgreSQL refuses the user of {0}: check user and password (PGPASSWORD, ~/.pgpass, or password_file in the \
+         address), and pg_hba.conf"
+    )]
+    Login(String, #[source] sqlx::Error),
+    #[error("there is no database {0}: create it with `createdb`, with an encoding of UTF8")]
+    NoDatabase(String),
+    #[error(
+        "PostgreSQL at {0} has no connection left: raise max_connections, this program needs ten"
+    )]
+    Full(String),
+    #[error("PostgreSQL at {location} is version {version}: 15 or newer is needed")]
+    Version { location: String, version: i64 },
+    #[error(
+        "{location} has {setting} = {value}: what is acknowledged could be lost. Set {setting} = {wanted} in \
+         postgresql.conf, and reload"
+    )]
+    Unsafe { location: String, setting: &'static str, value: String, wanted: &'static str },
+    #[error(
+        "{0} has the encoding {1}: create a database with `createdb --encoding UTF8 --template template0`"
+    )]
+    Encoding(String, String),
+    #[error("{0} is a standby, or only to be read: name the primary")]
+    Standby(String),
+    #[error(
+        "between this server and {0} is a pooler that gives each transaction another session: name PostgreSQL itself, \
+         or set the pooler to pool_mode = session"
+    )]
+    Pooler(String),
+    #[error(
+        "the database {location} is in use by {by}: stop that server, or name another database with --db"
+    )]
+    InUse { location: String, by: String },
+    #[error(
+        "{0} has tables of another program: create a database for this one, with `createdb`, and name it with --db"
+    )]
+    Foreign(String),
+    #[error("the database {location} cannot be used")]
+    Failed { location: String, source: sqlx::Error },
+}
+
+/// How to connect, for one purpose.
+#[derive(Clone)]
+pub(in crate::store) struct Server {
+    options: PgConnectOptions,
+    location: String,
+}
+
+impl Server {
+    pub(in crate::store) fn at(address: &Address) -> Result<Self, SessionError> {
+        let options = address
+            .options()
+            .map_err(|(path, source)| SessionError::PasswordFile { path, source })?;
+        let options = options
+            .statement_cache_capacity(STATEMENTS_KEPT)
+            .application_name("swarmbench")
+            // Short queries: compiling them takes longer than they do. A connection of ours may be idle for days.
+            .options([("jit", "off"), ("idle_session_timeout", "0")])
+            .disable_statement_logging();
+        Ok(Self { options, location: address.to_string() })
+    }
+
+    pub(in crate::store) fn location(&self) -> &str {
+        &self.location
+    }
+
+    /// Options of connections that only read.
+    pub(in crate::store) fn readers(&self) -> PgConnectOptions {
+        self.options.clone().options([("default_transaction_read_only", "on")])
+    }
+
+    /// A connection; the error says what is wrong.
+    pub(in crate::store) async fn connect(&self) -> Result<PgConnection, SessionError> {
+        self.try_connect().await.map_err(|error| self.explain(error))
+    }
+
+    pub(in crate::store) async fn try_connect(&self) -> Result<PgConnection, sqlx::Error> {
+        let connecting = self.options.connect();
+        let connected = tokio::time::timeout(CONNECT_PATIENCE, connecting).await;
+        connected.unwrap_or_else(|_| {
+            let late = std::io::Error::from(std::io::ErrorKind::TimedOut);
+            Err(sqlx::Error::Io(late))
+        })
+    }
+
+    pub(in crate::store) fn failed(&self, source: sqlx::Error) -> SessionError {
+        SessionError::Failed { location: self.location.clone(), source }
+    }
+
+    fn explain(&self, error: sqlx::Error) -> SessionError {
+        let location = self.location.clone();
+        match sqlstate(&error).as_deref() {
+            Some(code) if code.starts_with("28") => SessionError::Login(location, error),
+            Some("3D000") => SessionError::NoDatabase(location),
+            Some("53300") => SessionError::Full(location),
+            Some(_) => self.failed(error),
+            None => SessionError::Unreachable(location, error),
+        }
+    }
+
+    /// Checks that what is acknowledged by this server stays.
+    pub(in crate::store) async fn check(
+        &self,
+        connection: &mut Connection,
+    ) -> Result<(), SessionError> {
+        let location = || self.location.clone();
+        let settings = query(
+            "SELECT CAST(current_setting('server_version_num') AS bigint), current_setting('server_encoding'),
+                    pg_is_in_recovery() OR current_setting('transaction_read_only') = 'on'",
+        );
+        let (version, encoding, is_read_only): (i64, String, bool) =
+            settings.one(connection).await.map_err(|error| self.failed(error))?;
+        if version < VERSION_MIN {
+            return Err(SessionError::Version { location: location(), version: version / 10_000 });
+        }
+        if encoding != "UTF8" {
+            return Err(SessionError::Encoding(location(), encoding));
+        }
+        if is_read_only {
+            return Err(SessionError::Standby(location()));
+        }
+        for (setting, wanted) in [("fsync", "on"), ("full_page_writes", "on")] {
+            let value: String = self.setting(connection, setting).await?;
+            if value != wanted {
+                return Err(SessionError::Unsafe { location: location(), setting, value, wanted });
+            }
+        }
+        // Each session may choose it, and the one that writes does.
+        let value = self.setting(connection, "synchronous_commit").await?;
+        if value == "off" {
+            tracing::warn!(
+                "synchronous_commit is off in {}: this server sets it to on for what it writes",
+                self.location
+            );
+        }
+        Ok(())
+    }
+
+    async fn setting(
+        &self,
+        connection: &mut Connection,
+        name: &'static str,
+    ) -> Result<String, SessionError> {
+        let value = query("SELECT current_setting($1)").bind(name).one(connection).await;
+        value.map_err(|error| self.failed(error))
+    }
+
+    /// Refuses a pooler that shares sessions: what a session is set to, or has locked, would be another's. Two connections
+    /// show it: while one has a transaction open, the other has lost what it was set to, or finds what the first one set.
+    pub(in crate::store) async fn refuse_pooler(
+        &self,
+        one: &mut Connection,
+    ) -> Result<(), SessionError> {
+        let failed = |error| self.failed(error);
+        let mut other = Connection::Postgres(self.connect().await?);
+        query("SET swarmbench.session = 'one'").execute(one).await.map_err(failed)?;
+        query("BEGIN").execute(&mut other).await.map_err(failed)?;
+        let session = || query("SELECT coalesce(current_setting('swarmbench.session', true), '')");
+        let of_other: String = session().one(&mut other).await.map_err(failed)?;
+        let of_one: String = session().one(one).await.map_err(failed)?;
+        query("ROLLBACK").execute(&mut other).await.map_err(failed)?;
+        other.close().await.map_err(failed)?;
+        if of_other == "one" || of_one != "one" {
+            return Err(SessionError::Pooler(self.location.clone()));
+        }
+        Ok(())
+    }
+
+    /// Refuses a database with tables of another program.
+    pub(in crate::store) async fn refuse_foreign(
+        &self,
+        connection: &mut Connection,
+    ) -> Result<(), SessionError> {
+        let tables = query(
+            "SELECT count(*), count(*) FILTER (WHERE tablename IN ('_sqlx_migrations', 'episodes'))
+             FROM pg_tables WHERE schemaname = current_schema()",
+        );
+        let (all, own): (i64, i64) = tables.one(connection).await.map_err(|e| self.failed(e))?;
+        if all > 0 && own == 0 {
+            return Err(SessionError::Foreign(self.location.clone()));
+        }
+        Ok(())
+    }
+
+    /// Sets a session to what the writer needs.
+    pub(in crate::store) async fn set_up_writer(
+        &self,
+        connection: &mut Connection,
+    ) -> Result<(), sqlx::Error> {
+        for setting in [
+            // At least on: what the operator has set may wait for standbys, too.
+            "SELECT set_config('synchronous_commit', CASE current_setting('synchronous_commit')
+                 WHEN 'remote_apply' THEN 'remote_apply' ELSE 'on' END, false)",
+            "SET default_transaction_read_only = off",
+            // A writer that was stopped in the middle of a transaction must not hold its locks for ever.
+            "SET idle_in_transaction_session_timeout = '60s'",
+            "SET statement_timeout = 0",
+            "SET lock_timeout = 0",
+        ] {
+            query(setting).execute(connection).await?;
+        }
+        Ok(())
+    }
+}
+
+/// The code of an error of PostgreSQL, if it is one.
+pub(in crate::store) fn sqlstate(error: &sqlx::Error) -> Option<String> {
+    error.as_database_error().and_then(|error| error.code()).map(Into::into)
+}
+
+/// The number of the advisory lock that the writer of a database has. Others may use advisory locks, too.
+const LOCK: i64 = 0x5377_6172_6d42_656e;
+
+/// Takes the database for this session, if no other has it.
+pub(in crate::store) async fn try_lock(connection: &mut Connection) -> Result<bool, sqlx::Error> {
+    query("SELECT pg_try_advisory_lock($1)").bind(LOCK).one(connection).await
+}
+
+/// Who has the database: the name that its session gave itself, and the process of PostgreSQL that serves it.
+pub(in crate::store) async fn lock_holder(
+    connection: &mut Connection,
+) -> Result<Option<(String, i64)>, sqlx::Error> {
+    let holder = query(
+        "SELECT coalesce(a.application_name, ''), l.pid
+         FROM pg_locks l LEFT JOIN pg_stat_activity a ON a.pid = l.pid
+         WHERE l.locktype = 'advisory' AND l.granted AND l.database = (SELECT oid FROM pg_database WHERE datname = current_database())
+             AND CAST(l.classid AS bigint) = $1 >> 32 AND CAST(l.objid AS bigint) = $1 & 4294967295",
+    );
+    holder.bind(LOCK).optional(connection).await
+}
+
+/// Gives the session a name, by which [`lock_holder`] knows it.
+pub(in crate::store) async fn set_name(
+    connection: &mut Connection,
+    name: &str,
+) -> Result<(), sqlx::Error> {
+    let set = query("SELECT set_config('application_name', $1, false)").bind(name);
+    set.execute(connection).await.map(drop)
+}
+
+/// Ends another session.
+pub(in crate::store) async fn terminate(
+    connection: &mut Connection,
+    pid: i64,
+) -> Result<(), sqlx::Error> {
+    let end = query("SELECT pg_terminate_backend(CAST($1 AS integer))").bind(pid);
+    end.execute(connection).await.map(drop)
+}

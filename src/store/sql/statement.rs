@@ -1,0 +1,390 @@
+//! A statement: its text with the placeholders `$1`, `$2`, …, and their values.
+
+use std::borrow::Cow;
+use std::fmt::Write as _;
+
+use futures::stream::{self, BoxStream, StreamExt as _};
+use sqlx::postgres::PgArguments;
+use sqlx::sqlite::SqliteArguments;
+use sqlx::{Arguments as _, AssertSqlSafe, Encode, Postgres, SqlSafeStr as _, SqlStr, Type};
+
+use super::connection::{Connection, Engine};
+use super::row::{FromRow, Row};
+
+/// The value of a placeholder. Also `NULL` has a type, which PostgreSQL needs.
+#[derive(Clone, Debug)]
+pub(in crate::store) enum Value<'q> {
+    Int(Option<i64>),
+    Bool(Option<bool>),
+    Real(Option<f64>),
+    Text(Option<Cow<'q, str>>),
+    Bytes(Option<Cow<'q, [u8]>>),
+}
+
+/// What can be the value of a placeholder.
+pub(in crate::store) trait Bind<'q> {
+    const NULL: Value<'q>;
+
+    fn value(self) -> Value<'q>;
+}
+
+macro_rules! binds {
+    ($($type:ty => $kind:ident $of:expr;)*) => {$(
+        impl<'q> Bind<'q> for $type {
+            const NULL: Value<'q> = Value::$kind(None);
+
+            fn value(self) -> Value<'q> {
+                Value::$kind(Some($of(self)))
+            }
+        }
+    )*};
+}
+
+binds! {
+    i64 => Int |number| number;
+    u32 => Int i64::from;
+    u16 => Int i64::from;
+    u8 => Int i64::from;
+    &'q u32 => Int |number: &u32| i64::from(*number);
+    bool => Bool |truth| truth;
+    f64 => Real |number| number;
+    &'q str => Text Cow::Borrowed;
+    &'q String => Text |text: &'q String| Cow::Borrowed(text.as_str());
+    String => Text Cow::Owned;
+    &'q [u8] => Bytes Cow::Borrowed;
+    &'q Vec<u8> => Bytes |bytes: &'q Vec<u8>| Cow::Borrowed(bytes.as_slice());
+    Vec<u8> => Bytes Cow::Owned;
+}
+
+impl<'q, T: Bind<'q>> Bind<'q> for Option<T> {
+    const NULL: Value<'q> = T::NULL;
+
+    fn value(self) -> Value<'q> {
+        self.map_or(T::NULL, T::value)
+    }
+}
+
+impl<'q, T> Bind<'q> for &'q Option<T>
+where
+    &'q T: Bind<'q>,
+{
+    const NULL: Value<'q> = <&'q T>::NULL;
+
+    fn value(self) -> Value<'q> {
+        self.as_ref().value()
+    }
+}
+
+/// A text of SQL and its values.
+#[must_use = "a statement does nothing until it is executed"]
+pub(in crate::store) struct Statement<'q> {
+    text: SqlStr,
+    values: Vec<Value<'q>>,
+}
+
+/// A statement whose text is known when the program is compiled.
+pub(in crate::store) fn query<'q>(text: &'static str) -> Statement<'q> {
+    Statement { text: SqlStr::from_static(text), values: Vec::new() }
+}
+
+impl<'q> Statement<'q> {
+    /// A statement whose text was put together from parts of the program; never from what anybody sent.
+    pub(in crate::store) fn of(text: String) -> Self {
+        Self { text: AssertSqlSafe(text).into_sql_str(), values: Vec::new() }
+    }
+
+    /// The value of the next placeholder.
+    pub(in crate::store) fn bind(mut self, value: impl Bind<'q>) -> Self {
+        self.values.push(value.value());
+        self
+    }
+
+    /// Returns how many rows it has changed.
+    pub(in crate::store) async fn execute(
+        self,
+        connection: &mut Connection,
+    ) -> Result<u64, sqlx::Error> {
+        match connection.engine() {
+            Engine::Sqlite(connection) => {
+                let done = self.for_sqlite()?.execute(connection).await?;
+                Ok(done.rows_affected())
+            }
+            Engine::Postgres(connection) => {
+                let done = Box::pin(self.for_postgres()?.execute(connection)).await?;
+                Ok(done.rows_affected())
+            }
+        }
+    }
+
+    pub(in crate::store) async fn fetch_all(
+        self,
+        connection: &mut Connection,
+    ) -> Result<Vec<Row>, sqlx::Error> {
+        match connection.engine() {
+            Engine::Sqlite(connection) => {
+                let rows = self.for_sqlite()?.fetch_all(connection).await?;
+                Ok(rows.into_iter().map(Row::Sqlite).collect())
+            }
+            Engine::Postgres(connection) => {
+                let rows = Box::pin(self.for_postgres()?.fetch_all(connection)).await?;
+                Ok(rows.into_iter().map(Row::Postgres).collect())
+            }
+        }
+    }
+
+    pub(in crate::store) async fn fetch_optional(
+        self,
+        connection: &mut Connection,
+    ) -> Result<Option<Row>, sqlx::Error> {
+        match connection.engine() {
+            Engine::Sqlite(connection) => {
+                Ok(self.for_sqlite()?.fetch_optional(connection).await?.map(Row::Sqlite))
+            }
+            Engine::Postgres(connection) => {
+                Ok(Box::pin(self.for_postgres()?.fetch_optional(connection)).await?.map(Row::Postgres))
+            }
+        }
+    }
+
+    pub(in crate::store) async fn fetch_one(
+        self,
+        connection: &mut Connection,
+    ) -> Result<Row, sqlx::Error> {
+        self.fetch_optional(connection).await?.ok_or(sqlx::Error::RowNotFound)
+    }
+
+    /// The first row as a value.
+    pub(in crate::store) async fn one<T: FromRow>(
+        self,
+        connection: &mut Connection,
+    ) -> Result<T, sqlx::Error> {
+        T::from_row(&self.fetch_one(connection).await?)
+    }
+
+    /// The first row as a value, if there is one.
+    pub(in crate::store) async fn optional<T: FromRow>(
+        self,
+        connection: &mut Connection,
+    ) -> Result<Option<T>, sqlx::Error> {
+        self.fetch_optional(connection).await?.as_ref().map(T::from_row).transpose()
+    }
+
+    /// All rows as values.
+    pub(in crate::store) async fn all<T: FromRow>(
+        self,
+        connection: &mut Connection,
+    ) -> Result<Vec<T>, sqlx::Error> {
+        self.fetch_all(connection).await?.iter().map(T::from_row).collect()
+    }
+
+    /// Row by row, for answers that are too large to be kept.
+    pub(in crate::store) fn fetch<'c>(
+        self,
+        connection: &'c mut Connection,
+    ) -> BoxStream<'c, Result<Row, sqlx::Error>>
+    where
+        'q: 'c,
+    {
+        match connection.engine() {
+            Engine::Sqlite(connection) => match self.for_sqlite() {
+                Ok(query) => query.fetch(connection).map(|row| row.map(Row::Sqlite)).boxed(),
+                Err(error) => stream::once(async { Err(error) }).boxed(),
+            },
+            Engine::Postgres(connection) => match self.for_postgres() {
+                Ok(query) => query.fetch(connection).map(|row| row.map(Row::Postgres)).boxed(),
+                Err(error) => stream::once(async { Err(error) }).boxed(),
+            },
+        }
+    }
+
+    fn for_sqlite(
+        self,
+    ) -> Result<sqlx::query::Query<'static, sqlx::Sqlite, SqliteArguments>, sqlx::Error> {
+        let mut arguments = SqliteArguments::default();
+        let added = self.values.into_iter().try_for_each(|value| match value {
+            Value::Int(number) => arguments.add(number),
+            Value::Bool(truth) => arguments.add(truth),
+            Value::Real(number) => arguments.add(number),
+            Value::Text(text) => arguments.add(text),
+            Value::Bytes(bytes) => arguments.add(bytes),
+        });
+        added.map_err(sqlx::Error::Encode)?;
+        Ok(sqlx::query_with(self.text, arguments))
+    }
+
+    fn for_postgres(
+        self,
+    ) -> Result<sqlx::query::Query<'static, Postgres, PgArguments>, sqlx::Error> {
+        fn add<'t, T: Encode<'t, Postgres> + Type<Postgres>>(
+            arguments: &mut PgArguments,
+            value: T,
+        ) -> Result<(), sqlx::error::BoxDynError> {
+            arguments.add(value)
+        }
+        let mut arguments = PgArguments::default();
+        let added = self.values.iter().try_for_each(|value| match value {
+            Value::Int(number) => add(&mut arguments, number),
+            Value::Bool(truth) => add(&mut arguments, truth),
+            Value::Real(number) => add(&mut arguments, number),
+            Value::Text(text) => add(&mut arguments, text.as_deref().map(without_nul).as_deref()),
+            Value::Bytes(bytes) => add(&mut arguments, bytes.as_deref()),
+        });
+        added.map_err(sqlx::Error::Encode)?;
+        Ok(sqlx::query_with(without_hints(self.text), arguments))
+    }
+}
+
+/// What a character that PostgreSQL has no place for is compared as: U+FFFF is no character of any text.
+const NUL_STAND_IN: &str = "\u{ffff}";
+
+/// PostgreSQL refuses texts with U+0000. Nothing that is stored has one, so what is searched for with one is not found.
+fn without_nul(text: &str) -> Cow<'_, str> {
+    if text.contains('\0') { text.replace('\0', NUL_STAND_IN).into() } else { text.into() }
+}
+
+/// The hint by which a query of SQLite names an index.
+const HINT: &str = "INDEXED BY ";
+
+/// The text without hints for SQLite.
+fn without_hints(text: SqlStr) -> SqlStr {
+    if !text.as_str().contains(HINT) {
+        return text;
+    }
+    let mut parts = text.as_str().split(HINT);
+    let mut plain = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let name = part.find(|c: char| !(c.is_ascii_lowercase() || c == '_'));
+        plain.push_str(&part[name.unwrap_or(part.len())..]);
+    }
+    AssertSqlSafe(plain).into_sql_str()
+}
+
+/// A statement that is put together.
+pub(in crate::store) struct Builder<'q> {
+    text: String,
+    values: Vec<Value<'q>>,
+}
+
+impl<'q> Builder<'q> {
+    pub(in crate::store) fn new(text: impl Into<String>) -> Self {
+        Self { text: text.into(), values: Vec::new() }
+    }
+
+    /// Adds a part of the program's own; never what anybody sent.
+    pub(in crate::store) fn push(&mut self, text: &str) -> &mut Self {
+        self.text.push_str(text);
+        self
+    }
+
+    /// Adds a placeholder and its value.
+    pub(in crate::store) fn push_bind(&mut self, value: impl Bind<'q>) -> &mut Self {
+        self.values.push(value.value());
+        write!(self.text, "${}", self.values.len()).expect("a String takes any text");
+        self
+    }
+
+    /// Adds `(…)` with a placeholder for each value, to stand behind `IN`. Without values nothing is in it.
+    pub(in crate::store) fn push_list<T: Bind<'q>>(
+        &mut self,
+        values: impl IntoIterator<Item = T>,
+    ) -> &mut Self {
+        let before = self.values.len();
+        self.text.push('(');
+        for value in values {
+            if self.values.len() > before {
+                self.text.push_str(", ");
+            }
+            self.push_bind(value);
+        }
+        // PostgreSQL takes no empty list, and nothing equals NULL.
+        self.text.push_str(if self.values.len() == before { "NULL)" } else { ")" });
+        self
+    }
+
+    /// Adds the rows of an `INSERT`.
+    pub(in crate::store) fn push_rows<T>(
+        &mut self,
+        rows: impl IntoIterator<Item = T>,
+        mut values: impl FnMut(&mut RowOfValues<'_, 'q>, T),
+    ) -> &mut Self {
+        self.text.push_str("VALUES ");
+        for (place, row) in rows.into_iter().enumerate() {
+            self.text.push_str(if place > 0 { ", (" } else { "(" });
+            values(&mut RowOfValues { builder: self, is_first: true }, row);
+            self.text.push(')');
+        }
+        self
+    }
+
+    pub(in crate::store) fn build(self) -> Statement<'q> {
+        Statement { values: self.values, ..Statement::of(self.text) }
+    }
+}
+
+/// A row of an `INSERT`, value by value.
+pub(in crate::store) struct RowOfValues<'b, 'q> {
+    builder: &'b mut Builder<'q>,
+    is_first: bool,
+}
+
+impl<'q> RowOfValues<'_, 'q> {
+    pub(in crate::store) fn push_bind(&mut self, value: impl Bind<'q>) -> &mut Self {
+        if !std::mem::take(&mut self.is_first) {
+            self.builder.text.push_str(", ");
+        }
+        self.builder.push_bind(value);
+        self
+    }
+}
+
+/// Rows that one statement inserts. Every statement is a way to the thread of the database and back, so that the acts of a
+/// round of up to 16 seats are one, and others few; and there are few sizes, so that all statements stay prepared.
+pub(in crate::store) const CHUNKS: [usize; 20] =
+    [256, 128, 64, 32, 16, 15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1];
+
+/// Values that one list of a query has at most: SQLite takes 32,766 parameters.
+pub(in crate::store) const LISTED_AT_ONCE: usize = 1000;
+
+/// Cuts rows into pieces of few different lengths.
+pub(in crate::store) fn chunks<T>(rows: &[T]) -> impl Iterator<Item = &[T]> {
+    let mut rest = rows;
+    std::iter::from_fn(move || {
+        let size = CHUNKS.into_iter().find(|&size| size <= rest.len())?;
+        let (chunk, after) = rest.split_at(size);
+        rest = after;
+        Some(chunk)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_builder_numbers_its_placeholders() {
+        let mut query = Builder::new("SELECT a FROM b WHERE c = ");
+        query.push_bind(1_i64).push(" AND d IN ").push_list(["x", "y"]);
+        let query = query.build();
+        assert_eq!(query.text.as_str(), "SELECT a FROM b WHERE c = $1 AND d IN ($2, $3)");
+        assert_eq!(query.values.len(), 3);
+        let mut insert = Builder::new("INSERT INTO b (c, d) ");
+        insert.push_rows([1_u32, 2], |row, number| {
+            row.push_bind(number).push_bind(None::<&str>);
+        });
+        assert_eq!(insert.build().text.as_str(), "INSERT INTO b (c, d) VALUES ($1, $2), ($3, $4)");
+    }
+
+    #[test]
+    fn hints_of_sqlite_are_left_out_for_postgres() {
+        let plain = without_hints(SqlStr::from_static(
+            "SELECT 1 FROM a x INDEXED BY a_by_b WHERE y IN (SELECT y FROM c INDEXED BY c_by_y)",
+        ));
+        assert_eq!(plain.as_str(), "SELECT 1 FROM a x  WHERE y IN (SELECT y FROM c )");
+    }
+
+    #[test]
+    fn a_text_with_a_nul_is_compared_as_one_that_nothing_equals() {
+        assert_eq!(without_nul("plain"), "plain");
+        assert_eq!(without_nul("a\0b"), "a\u{ffff}b");
+    }
+}

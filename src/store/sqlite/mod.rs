@@ -1,0 +1,96 @@
+//! SQLite: one file, one process.
+
+pub mod backup;
+pub(super) mod files;
+mod foreign;
+pub(super) mod group;
+pub(super) mod rows;
+
+use std::path::Path;
+use std::time::Duration;
+
+use sqlx::ConnectOptions as _;
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqliteSynchronous};
+
+use super::OpenError;
+use super::sql::{Connection, query};
+use crate::migrations;
+use files::{Files, Lock};
+
+/// The oldest SQLite that cannot lose commits where two connections checkpoint at once.
+pub(super) const SQLITE_VERSION_MIN: (u32, u32, u32) = (3, 51, 3);
+
+/// Prepared statements that the connection which writes keeps: all sizes of the tables into which rows are inserted in pieces,
+/// and the others.
+const STATEMENTS_KEPT: usize = 256;
+
+/// A database that only this process uses. The lock has to be dropped last.
+pub(super) struct Opened {
+    pub(super) connection: Connection,
+    pub(super) options: SqliteConnectOptions,
+    pub(super) files: Files,
+    pub(super) lock: Lock,
+}
+
+/// Opens a database for this process alone, and brings its tables up to date.
+pub(super) async fn open(path: &Path, create: bool) -> Result<Opened, OpenError> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+        return Err(OpenError::Folder(folder.to_owned()));
+    }
+    let lock = Lock::take(path, create)?;
+    if foreign::is_foreign(path).await {
+        return Err(OpenError::Foreign(path.to_owned()));
+    }
+    let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
+    // The file was made with its lock, if it had to be.
+    let options = SqliteConnectOptions::new()
+        .filename(path)
+        .create_if_missing(false)
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Full)
+        .busy_timeout(Duration::from_secs(10))
+        .statement_cache_capacity(STATEMENTS_KEPT)
+        .disable_statement_logging();
+    let mut connection: SqliteConnection = options.connect().await.map_err(failed)?;
+    let migrated = migrations::sqlite().run(&mut connection).await;
+    migrated
+        .map_err(|source| OpenError::Migrate { location: path.display().to_string(), source })?;
+    let mut connection = Connection::Sqlite(connection);
+    check_version(&mut connection).await.map_err(failed)??;
+    super::prepare(&mut connection).await.map_err(failed)?;
+    let files = Files::of(path, &lock)
+        .map_err(|source| OpenError::Lock { path: path.to_owned(), source })?;
+    files.check()?;
+    Ok(Opened { connection, options, files, lock })
+}
+
+/// Refuses a file that is no database of this program, or may lack what was written last.
+pub(super) async fn check_readable(path: &Path) -> Result<(), OpenError> {
+    if !path.is_file() {
+        return Err(OpenError::Missing(path.to_owned()));
+    }
+    if files::may_lack_log(path) {
+        return Err(OpenError::Linked(path.to_owned()));
+    }
+    if foreign::is_foreign(path).await {
+        return Err(OpenError::Foreign(path.to_owned()));
+    }
+    Ok(())
+}
+
+/// How to connect to a database that another process may use.
+pub(super) fn read_options(path: &Path) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(path)
+        .read_only(true)
+        .busy_timeout(Duration::from_secs(10))
+        .disable_statement_logging()
+}
+
+async fn check_version(connection: &mut Connection) -> Result<Result<(), OpenError>, sqlx::Error> {
+    let version: String = query("SELECT sqlite_version()").one(connection).await?;
+    let parts: Vec<u32> = version.split('.').filter_map(|part| part.parse().ok()).collect();
+    let safe = matches!(parts[..], [a, b, c, ..] if (a, b, c) >= SQLITE_VERSION_MIN);
+    Ok(if safe { Ok(()) } else { Err(OpenError::Version(version)) })
+}
