@@ -17,7 +17,7 @@ pub(super) enum Command {
         ends this early, and the metrics of the other games stay as they are."
     )]
     Rebuild {
-        /// The database, while no server uses it: a file, or postgres://USER@HOST/DATABASE.
+        /// The database, while no server uses it: a file, or `postgres://USER@HOST/DATABASE`.
         #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
         db: Location,
         /// Also replay every episode.

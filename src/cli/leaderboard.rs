@@ -85,7 +85,7 @@ pub(super) struct CrossPlayArgs {
 struct SourceArgs {
     #[command(flatten)]
     server: ServerArgs,
-    /// Instead of a server: a database that no server uses, a file or postgres://USER@HOST/DATABASE.
+    /// Instead of a server: a database that no server uses, a file or `postgres://USER@HOST/DATABASE`.
     #[arg(long)]
     db: Option<Location>,
 }

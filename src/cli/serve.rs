@@ -18,7 +18,7 @@ pub(super) struct Args {
     #[arg(long, env = "SWARMBENCH_ADDR", default_value = "127.0.0.1:8080")]
     addr: SocketAddr,
     /// The database, which one server at a time can use: a file of SQLite, created if it does not exist; or
-    /// postgres://USER@HOST/DATABASE, with the password in PGPASSWORD, ~/.pgpass, or a file: ?password_file=FILE.
+    /// `postgres://USER@HOST/DATABASE`, with the password in PGPASSWORD, in ~/.pgpass, or in a file: `?password_file=FILE`.
     #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
     db: Location,
     /// While no keys exist, let everyone who can reach the server create, watch and abort

@@ -99,12 +99,13 @@ pub struct Formats {
 
 /// Checks all of a database. `progress` is called with how many episodes of how many are done.
 pub async fn check(
-    location: &Location,
+    location: impl Into<Location>,
     formats: &Formats,
     mut progress: impl FnMut(u64, u64),
 ) -> Result<Checked, OpenError> {
+    let location = location.into();
     let mut checked = Checked::default();
-    let mut connection = match location {
+    let mut connection = match &location {
         Location::File(path) => {
             sqlite::check_readable(path).await?;
             match sqlite::read_options(path).connect().await {
@@ -118,7 +119,7 @@ pub async fn check(
         Location::Postgres(address) => postgres::open_to_read(address).await?.1,
     };
     pages(&mut connection, &mut checked).await;
-    if tables(&mut connection, location, &mut checked).await? {
+    if tables(&mut connection, &location, &mut checked).await? {
         references(&mut connection, &mut checked).await;
         statements(&mut connection, &mut checked).await;
         texts(&mut connection, &mut checked).await;

@@ -46,11 +46,11 @@ pub struct Rebuilt {
 /// memory that does not grow with the journals. Where `replay` is set every episode is also played again, and every
 /// hash, digest, act and score compared. `progress` is called with how many episodes of how many are done.
 pub async fn rebuild(
-    location: &Location,
+    location: impl Into<Location>,
     replay: bool,
     mut progress: impl FnMut(u64, u64),
 ) -> Result<Rebuilt, RebuildError> {
-    let mut database = Alone::open(location).await?;
+    let mut database = Alone::open(&location.into()).await?;
     let work = async |connection: &mut Connection| all(connection, replay, &mut progress).await;
     let rebuilt = database.connection.transaction(Begin::Write, work).await?;
     database.close().await?;
@@ -102,10 +102,10 @@ async fn all(
 /// Measures all games that have ended again, and stores their metrics; some at a time, so that what was done stays done
 /// where it is interrupted. `progress` is called with how many games of how many are done.
 pub async fn rebuild_metrics(
-    location: &Location,
+    location: impl Into<Location>,
     mut progress: impl FnMut(u64, u64),
 ) -> Result<u64, RebuildError> {
-    let mut database = Alone::open(location).await?;
+    let mut database = Alone::open(&location.into()).await?;
     let connection = &mut database.connection;
     let of = count(
         connection,
@@ -145,10 +145,10 @@ pub async fn rebuild_metrics(
 
 /// Measures the games that wait for it, as a server does in the background.
 pub async fn measure_queued(
-    location: &Location,
+    location: impl Into<Location>,
     mut progress: impl FnMut(u64, u64),
 ) -> Result<u64, RebuildError> {
-    let mut database = Alone::open(location).await?;
+    let mut database = Alone::open(&location.into()).await?;
     let connection = &mut database.connection;
     let of = count(connection, "SELECT count(*) FROM unmeasured").await?;
     let mut done = 0;
