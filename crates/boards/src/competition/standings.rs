@@ -11,6 +11,7 @@ use std::sync::Arc;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use swarmbench_engine::Seed;
+use swarmbench_prompt::Identity;
 use swarmbench_protocol::board::RowDifference;
 use swarmbench_protocol::failure::Failures;
 
@@ -155,6 +156,9 @@ pub fn decentralization(control: &str) -> Option<Decentralization> {
 #[must_use]
 pub fn result(definition: &Definition, entrant: &Entrant, attempt: &Attempt) -> RunResult {
     let declaration = &entrant.declaration;
+    // Rows that are equal otherwise are ordered by what names a player. In a published file that is what journal.md says, in every
+    // version of the program: its own words in prompts are no part of it.
+    let prompt = Identity { template: declaration.template_digest(), ..Identity::default() };
     let run = Run {
         id: attempt.run.clone(),
         player: Player {
@@ -162,7 +166,7 @@ pub fn result(definition: &Definition, entrant: &Entrant, attempt: &Attempt) -> 
             model: declaration.model.clone(),
             temperature: declaration.temperature,
             top_p: declaration.top_p,
-            prompt: declaration.prompt(),
+            prompt,
         },
         status: attempt.status.clone(),
         created_at: attempt.created_at,
@@ -427,6 +431,7 @@ fn standing(
 
 #[cfg(test)]
 mod tests {
+    use sha2::{Digest, Sha256};
     use swarmbench_engine::TaskName;
 
     use super::super::definition::tests::{at, definition};
@@ -541,6 +546,31 @@ mod tests {
             ]
         );
         assert_eq!(rows[5].total, Some(18.0), "it is shown");
+    }
+
+    /// The order of what is equal is a part of published files, so it depends on nothing but what journal.md names.
+    #[test]
+    fn equal_rows_are_in_the_order_of_names_that_never_change() {
+        let mut entrants = ["a", "b", "c", "d"].map(entrant);
+        for one in &mut entrants {
+            one.declaration.model = "model".to_owned();
+            let meta = serde_json::Map::from_iter([("system_message".to_owned(), "hello".into())]);
+            one.declaration.agent_meta = meta;
+        }
+        let name = |id: &str| {
+            let mut hash = Sha256::new();
+            for part in [id, "model", "", "", ""] {
+                hash.update((part.len() as u64).to_be_bytes());
+                hash.update(part);
+            }
+            hash.finalize()
+        };
+        let attempts = ["a", "b", "c", "d"].map(|id| attempt(id, 1, 10, 1.0));
+        let rows = standings(&definition(), &entrants, &attempts);
+        let ids: Vec<&str> = rows.iter().map(|row| row.entrant.as_str()).collect();
+        let mut expected = ["a", "b", "c", "d"];
+        expected.sort_by_key(|id| name(id));
+        assert_eq!(ids, expected);
     }
 
     #[test]
