@@ -12,7 +12,8 @@ import json
 import math
 import struct
 import sys
-from collections import defaultdict
+from collections import Counter, defaultdict
+from fractions import Fraction
 
 TASKS = ["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"]
 # The fields of all objects; those that need not be there end in a question mark.
@@ -20,17 +21,18 @@ FIELDS = {
     "window": "opens_at closes_at", "board": "kind rows", "end of the file": "kind episodes",
     "competition": "kind format id definition created_at revealed_at commitment salt seeds",
     "definition": "name description tasks seeds rules settings idle_timeout_ms opens_at closes_at entry attempts"
-    " parallel counts board board_freezes_at? entries_per_key spares? attempts_per_day?",
+    " parallel counts board board_freezes_at? entries_per_key spares? attempts_per_day? public_seeds? tie_breaks?"
+    " terms? own_games? categories?", "terms": "version text",
     "action": "kind at action subject detail", "change": "field from to",
     "settings": "control num_agents width height view_size memory max_round noise max_delay round_deadline_ms bank_ms"
     " answer_reader?",
     "entrant": "kind id name model temperature? top_p? agent_meta? prompt_template? status reason? vouched"
-    " registered_at",
+    " registered_at category? terms?",
     "attempt": "kind entrant attempt replays? run status created_at ended_at voided? games",
     "game": "slot episode voided?", "episode": "kind slot episode lines head",
     "opening": "kind format episode rules_revision created_at config agent_meta prompt_template digest run salt?"
     " prompt_revision?",
-    "act": "agent source action message? to? valid response? usage? reasoning? bank_spent_ms?",
+    "act": "agent source action message? to? valid failure? response? usage? reasoning? bank_spent_ms?",
     "round": "kind round acts digest score", "end": "kind status reason rounds score open_acts",
 }
 ENDINGS = ["finished task_done", "finished rounds_played", "aborted aborted", "aborted closed", "abandoned idle"]
@@ -103,6 +105,12 @@ def check_competition(competition):
     has_fields("settings", definition["settings"])
     same("the tasks, sorted", sorted(definition["tasks"]), sorted(set(definition["tasks"]) & set(TASKS)))
     check(definition["counts"] in ("best", "last", "first"), "it does not say which attempt counts")
+    newer = {"spares", "attempts_per_day", "public_seeds", "tie_breaks", "terms", "own_games", "categories"}
+    check(competition["format"] == 2 or not newer & definition.keys(), f"format 1 has none of {newer}")
+    check(0 <= definition.get("public_seeds", 0) < definition["seeds"], "there are no seeds for the final board")
+    check(set(definition.get("tie_breaks", [])) <= set(TIE_BREAKS), "a rule for equal totals does not exist")
+    if "terms" in definition:
+        has_fields("terms", definition["terms"])
     opens_at, closes_at = definition["opens_at"], definition["closes_at"]
     check(max(time(opens_at), time(competition["created_at"])) < time(closes_at), "it closes too early")
     for window in definition["attempts"]:
@@ -145,22 +153,34 @@ def read_action(record, competition, changes):
             changes.append((record["at"], change))
 
 
+def check_entrant(record, definition):
+    check(record["status"] in ("active", "withdrawn", "disqualified"), "an entrant has no status")
+    check(record.get("category") in definition.get("categories", [None]), "it has no category of the competition")
+    newest = definition.get("terms", {"version": 0})["version"]
+    check(record.get("terms", 0) <= newest, "an entrant accepted terms that do not exist")
+
+
 class Attempt:
-    def __init__(self, record, window, tasks, seeds):
+    def __init__(self, record, window, tasks, seeds, public=0):
         self.record, self.window = record, window
         # In whose place it counts.
         self.number = record.get("replays", record.get("attempt"))
         self.plan = [(task, seed) for task in tasks for seed in seeds]
+        # The first seeds made the board before the end; that of the file is made of the others.
+        self.slots = [slot for slot in range(len(self.plan)) if slot % len(seeds) >= public]
         self.voided = "voided" in record
         self.counts = record["status"] != "running" and not self.voided
-        self.void_slots = [game["slot"] for game in record["games"] if "voided" in game]
+        self.void_slots = [game["slot"] for game in record["games"] if "voided" in game and game["slot"] in self.slots]
         # Of games that count; scores are by slot.
-        self.scores, self.acts = {}, {"answers": 0, "invalid": 0, "timeouts": 0}
+        self.scores, self.acts, self.failures = {}, {"answers": 0, "invalid": 0, "timeouts": 0}, Counter()
 
     def add(self, slot, rounds, end):
         self.scores[slot] = end["score"]
         for act in [act for record in rounds for act in record["acts"]] + end["open_acts"]:
             has_fields("act", act)
+            check("failure" not in act or not act["valid"], "a valid answer has a failure")
+            if slot not in self.slots:
+                continue
             if act["source"] == "clock":
                 self.acts["timeouts"] += 1
                 check((act["action"], act["valid"]) == (None, True) and "message" not in act, "the clock does nothing")
@@ -168,9 +188,10 @@ class Attempt:
                 same("the source of an act", act["source"], "player")
                 self.acts["answers"] += 1
                 self.acts["invalid"] += not act["valid"]
+                self.failures.update([act["failure"]] if "failure" in act else [])
 
     def task(self, name):
-        slots = [slot for slot, (task, _) in enumerate(self.plan) if task == name]
+        slots = [slot for slot in self.slots if self.plan[slot][0] == name]
         planned = [slot for slot in slots if slot in self.scores or slot not in self.void_slots]
         planned.sort(key=lambda slot: self.plan[slot][1])
         scores = [self.scores.get(slot, 0.0) for slot in planned]
@@ -238,7 +259,7 @@ def read_attempt(reader, record, competition, seeds, entrants, attempts, changes
     entrant, window = entrants[record["entrant"]], windows_of(definition)[number - 1]
     ends = ends_of(definition, number, changes)
     same("a spare attempt plays another one again", "replays" in record, number > len(definition["attempts"]))
-    attempt = Attempt(record, window, definition["tasks"], seeds[number - 1])
+    attempt = Attempt(record, window, definition["tasks"], seeds[number - 1], definition.get("public_seeds", 0))
     runs = [other.record["run"] for own in attempts.values() for other in own]
     check(record["run"] not in runs, "a run is there twice")
     own = attempts[entrant["id"]]
@@ -285,20 +306,37 @@ def row_of(entrant, own, definition):
     row |= {name: shown.record.get(name) for name in ("attempt", "run")}
     row |= {"tasks": shown.tasks(), "total": attempt and attempt.total(), "voided_games": len(shown.void_slots)}
     row |= {"attempts": sum(one.counts for one in own), "voided_attempts": sum(one.voided for one in own)}
+    row |= {"failures": dict(shown.failures)} if shown.failures else {}
     return row | shown.acts
+
+
+def share(part, whole):
+    return Fraction(part, whole) if whole else Fraction(0)
+
+
+TIE_BREAKS = {  # The smaller one is ahead.
+    "invalid": lambda row, own: share(row["invalid"], row["answers"]),
+    "timeouts": lambda row, own: share(row["timeouts"], row["answers"] + row["timeouts"]),
+    "attempts": lambda row, own: sum(not one.voided for one in own),
+    "earliest": lambda row, own: next(time(one.record["ended_at"]) for one in own if one.record["run"] == row["run"]),
+}
 
 
 def board(definition, entrants, attempts):
     ranked, waiting, gone = [], [], []
     for entrant in entrants.values():
         row = row_of(entrant, attempts[entrant["id"]], definition)
-        part = gone if entrant["status"] != "active" else waiting if row["attempt"] is None else ranked
-        part.append((-comparable(row["total"]), entrant["model"].encode(), name_of_row(entrant), row))
+        if entrant["status"] != "active" or row["attempt"] is None:
+            (waiting if entrant["status"] == "active" else gone).append(row)
+            continue
+        rules = [TIE_BREAKS[name] for name in definition.get("tie_breaks", [])]
+        value = (-comparable(row["total"]), [rule(row, attempts[entrant["id"]]) for rule in rules])
+        ranked.append((value, entrant["model"].encode(), name_of_row(entrant), row))
     ranked.sort(key=lambda row: row[:3])
     values = [value for value, *_ in ranked]
     for value, _, _, row in ranked:
         row["rank"] = None if row["total"] is None else values.index(value) + 1
-    return [row for *_, row in ranked + waiting + gone]
+    return [row for *_, row in ranked] + waiting + gone
 
 
 def verify(reader, commitment, head):
@@ -314,7 +352,7 @@ def verify(reader, commitment, head):
             read_attempt(reader, record, competition, seeds, entrants, attempts, changes)
         else:
             check(record["id"] not in entrants and not attempts, "an entrant is out of place")
-            check(record["status"] in ("active", "withdrawn", "disqualified"), "an entrant has no status")
+            check_entrant(record, competition["definition"])
             entrants[record["id"]] = record
     rows = board(competition["definition"], entrants, attempts)
     same("the number of rows", len(record["rows"]), len(rows))

@@ -1,5 +1,9 @@
 //! The published file of a competition verifies, and every change of it is found.
 
+use std::path::Path;
+use std::process::Command;
+
+use reqwest::Method;
 use serde_json::{Value, json};
 use swarmbench_boards::competition::export::{Line, Writer};
 use swarmbench_boards::competition::sealed::Sealed;
@@ -8,7 +12,7 @@ use swarmbench_boards::competition::{EntrantStatus, definition::Counts};
 use swarmbench_engine::physics::Solver;
 use swarmbench_journal::chain::Head;
 
-use crate::cup::{Cup, Entrant, server};
+use crate::cup::{Attempt, Cup, Entrant, server};
 
 /// The export of a closed competition of two entrants: `blue` has two attempts, of which the second counts, `red` one
 /// that was voided and one that counts; and of `green`, who was disqualified.
@@ -339,3 +343,117 @@ async fn every_forgery_is_found_though_its_chain_fits() {
     assert_eq!(check(&forged, Expected::default()).expect("consistent").entrants.len(), 2);
     check(&forged, Expected { commitment: None, head: Some(honest) }).expect_err("another file");
 }
+
+/// What the program that was written from the documents says of a file; the error where it refuses it.
+fn example(file: &str) -> Result<String, String> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("cup.jsonl");
+    std::fs::write(&path, file).expect("a file");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let run = Command::new("python3")
+        .arg(root.join("examples/verify_competition.py"))
+        .arg(path)
+        .output()
+        .expect("python3");
+    let said = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    if run.status.success() { Ok(said(&run.stdout)) } else { Err(said(&run.stderr)) }
+}
+
+/// All seats of all open games answer with a text that names no action, and then with one that does.
+async fn answer_badly(app: &crate::app::TestApp, attempt: &Attempt) {
+    for response in ["I refuse", "", "ACTION: STAY"] {
+        let seen = attempt.look(app).await;
+        let act = |seen: &Value| {
+            json!({
+                "episode": seen["episode"], "agent": seen["agent"], "round": seen["round"], "response": response,
+            })
+        };
+        let acts: Vec<Value> = crate::app::list(&seen["observations"]).iter().map(act).collect();
+        let body = json!({ "acts": acts });
+        app.post("/swarm/act").token(&attempt.swarm).json(&body).ok().await;
+    }
+}
+
+#[tokio::test]
+async fn a_program_that_was_written_from_the_documents_checks_all_that_a_file_may_have() {
+    let app = server().await;
+    let mut suite = crate::cup::request()["suite"].clone();
+    suite["public_seeds"] = json!(1);
+    let cup = Cup::open(
+        &app,
+        json!({
+            "suite": suite, "parallel": 4, "spares": 1, "attempts_per_day": 5, "terms": "one entrant for each team",
+            "categories": ["models", "people"], "own_games": "ended",
+            "tie_breaks": ["invalid", "timeouts", "attempts", "earliest"],
+        }),
+    )
+    .await;
+    let change =
+        |change: Value| app.call(Method::PATCH, &cup.path("")).token(&app.organizer).json(&change);
+    change(json!({ "closes_at": "2026-03-01T13:30:00Z" })).ok().await;
+    let mut attempts = Vec::new();
+    for (name, category) in [("blue", "models"), ("red", "people"), ("green", "models")] {
+        // One model, and a system message: nothing but the name of the row orders what is equal.
+        let entry = json!({
+            "name": name, "model": "m", "category": category, "accepts_terms": 1,
+            "agent_meta": { "system_message": "You are one of many." },
+        });
+        let made = app.post(&cup.path("/entrants")).json(&entry).ok().await;
+        let text = |field: &str| made[field].as_str().expect("a text").to_owned();
+        let entrant = Entrant { id: text("id"), key: text("key") };
+        attempts.push((cup.start(&app, &entrant).await, entrant));
+    }
+    // Two play alike, but for a game and its invalid answers.
+    answer_badly(&app, &attempts[0].0).await;
+    attempts[0].0.play(&app, 0).await;
+    attempts[1].0.play(&app, 0).await;
+    cup.void(&app, &attempts[1].0, "a power cut").await;
+    cup.start(&app, &attempts[1].1).await.play(&app, 0).await;
+    change(json!({ "terms": "logs are published" })).ok().await;
+    attempts[2].0.play(&app, 0).await;
+    crate::cup::pass_minutes(&app, 90).await;
+    cup.closed(&app).await;
+    let file = cup.export(&app).await;
+    check(&file, Expected::default()).expect("it is true");
+    let said = example(&file).unwrap_or_else(|problem| panic!("{problem}"));
+    let names: Vec<&str> = said.lines().take(3).filter_map(|line| line.split(' ').nth(1)).collect();
+    let rows = cup.rows(&app, None).await;
+    let shown: Vec<_> = rows.iter().map(|row| row["entrant"]["name"].as_str()).collect();
+    assert_eq!(shown, names.iter().map(|name| Some(*name)).collect::<Vec<_>>(), "{said}");
+    assert_eq!(names[2], "blue", "it has invalid answers");
+    let first = app.get(&format!("/api/v1/exports/competitions/{}?format=1", cup.id)).send().await;
+    example(&first.text()).unwrap_or_else(|problem| panic!("{problem}"));
+
+    // It finds what is changed in a file whose hashes fit.
+    let known = File::read(&file);
+    for (says, change) in FORGERIES {
+        let problem = example(&known.forged(change)).expect_err(says);
+        assert!(problem.contains(says), "{says}: {problem}");
+    }
+}
+
+/// What is forged, and what the program says of it.
+type Forgery = (&'static str, fn(&mut Line));
+
+const FORGERIES: [Forgery; 4] = [
+    ("row", |line| {
+        if let Line::Competition(competition) = line {
+            competition.definition.tie_breaks.clear();
+        }
+    }),
+    ("row", |line| {
+        if let Line::Competition(competition) = line {
+            competition.definition.public_seeds = 0;
+        }
+    }),
+    ("category", |line| {
+        if let Line::Entrant(entrant) = line {
+            entrant.category = None;
+        }
+    }),
+    ("terms", |line| {
+        if let Line::Entrant(entrant) = line {
+            entrant.terms = Some(3);
+        }
+    }),
+];
