@@ -36,6 +36,9 @@ export async function checkFile(stream, onProgress) {
   }
 }
 
+/** 2 has what organizers did, spare attempts, parts and rules for equal totals; 1 is without these. */
+const FORMATS = [1, 2];
+
 class File {
   /**
    * @param {AsyncGenerator<Uint8Array<ArrayBuffer>>} lines
@@ -45,8 +48,10 @@ class File {
     this.lines = lines;
     this.progress = progress;
     this.chain = new Chain();
-    /** @type {Map<string, number | null>} */
-    this.totals = new Map();
+    /** What was played in each run. @type {Map<string, {total: number | null, endedAt: string}>} */
+    this.played = new Map();
+    /** Attempts of each entrant that were not voided. @type {Map<string, number>} */
+    this.attempts = new Map();
   }
 
   async line() {
@@ -62,10 +67,13 @@ class File {
 
   async check() {
     const competition = await this.record();
-    check(competition.kind === "competition" && competition.format === 1, "this is not the file of a competition, in format 1");
+    const isKnown = competition.kind === "competition" && FORMATS.includes(competition.format);
+    check(isKnown, "this is not the file of a competition in a format that this page knows");
+    const { definition, format } = competition;
     const seeds = await seedsOf(competition);
     const entrants = new Set();
     let record = await this.record();
+    for (; record.kind === "action"; record = await this.record()) check(format > 1, "the first format has no actions");
     for (; record.kind === "entrant"; record = await this.record()) {
       check(!entrants.has(record.id), "an entrant is there twice");
       entrants.add(record.id);
@@ -73,12 +81,13 @@ class File {
     for (; record.kind === "attempt"; record = await this.record()) {
       check(entrants.has(record.entrant), "an attempt has no entrant");
       const own = seeds[record.attempt - 1];
-      check(own !== undefined && !this.totals.has(record.run), "an attempt has no place");
-      this.totals.set(record.run, await this.attempt(record, competition.definition, own));
+      check(own !== undefined && !this.played.has(record.run), "an attempt has no place");
+      this.played.set(record.run, { total: await this.attempt(record, definition, own), endedAt: record.ended_at });
+      if (record.voided === undefined) this.attempts.set(record.entrant, (this.attempts.get(record.entrant) ?? 0) + 1);
     }
     check(record.kind === "board", "a record is out of place");
     const { rows } = record;
-    this.checkBoard(rows, entrants);
+    this.checkBoard(rows, entrants, definition.tie_breaks ?? []);
     const end = await this.record();
     check(end.kind === "end" && end.episodes === this.progress.games, "it does not have as many games as it says");
     check(Boolean((await this.lines.next()).done), "there is something after the end");
@@ -105,7 +114,9 @@ class File {
       check(!scores.has(game.slot), "a game was played twice");
       scores.set(game.slot, await this.game(game, place, attempt.run));
     }
-    return totalOf(definition.tasks, plan, scores, voided);
+    // The first seeds made the board before the end; the others make that of the file.
+    const isShown = (/** @type {number} */ slot) => slot % seeds.length >= (definition.public_seeds ?? 0);
+    return totalOf(definition.tasks, plan, scores, voided, isShown);
   }
 
   /**
@@ -130,29 +141,77 @@ class File {
     return end.score;
   }
 
-  /** @param {any[]} rows @param {Set<string>} entrants */
-  checkBoard(rows, entrants) {
+  /** @param {any[]} rows @param {Set<string>} entrants @param {string[]} tieBreaks */
+  checkBoard(rows, entrants, tieBreaks) {
     check(rows.length === entrants.size, "the board does not have a row for each entrant");
     for (const row of rows) {
       check(entrants.delete(row.entrant), "the board has a row without an entrant");
-      if (row.run !== null) check(this.totals.get(row.run) === row.total, "a total does not follow from the scores");
+      if (row.run !== null) check(this.played.get(row.run)?.total === row.total, "a total does not follow from the scores");
       entrants.add(row.entrant);
     }
-    const totals = rows.filter((row) => row.rank !== null).map((row) => row.total);
-    check(totals.every((total, index) => index === 0 || total <= totals[index - 1] + 1e-9), "the ranks are not in the order of the totals");
+    const ranked = rows.filter((row) => row.rank !== null);
+    ranked.forEach((row, index) => {
+      const above = ranked[index - 1];
+      const order = above ? this.compare(above, row, tieBreaks) : -1;
+      check(order <= 0, "the ranks are not in the order of the totals");
+      check(row.rank === (order === 0 ? above.rank : index + 1), "a rank is another one than its place");
+    });
+  }
+
+  /** Below 0 where `a` is ahead of `b`, 0 where they share a rank. @param {any} a @param {any} b @param {string[]} tieBreaks */
+  compare(a, b, tieBreaks) {
+    const byTotal = comparable(b.total) - comparable(a.total);
+    if (byTotal !== 0) return byTotal;
+    for (const rule of tieBreaks) {
+      const order = this.compareBy(rule, a, b);
+      if (order !== 0) return order;
+    }
+    return 0;
+  }
+
+  /** @param {string} rule @param {any} a @param {any} b */
+  compareBy(rule, a, b) {
+    switch (rule) {
+      case "invalid":
+        return compareShares([a.invalid, a.answers], [b.invalid, b.answers]);
+      case "timeouts":
+        return compareShares([a.timeouts, a.answers + a.timeouts], [b.timeouts, b.answers + b.timeouts]);
+      case "attempts":
+        return (this.attempts.get(a.entrant) ?? 0) - (this.attempts.get(b.entrant) ?? 0);
+      case "earliest":
+        return this.endOf(a) - this.endOf(b);
+      default:
+        throw new Mismatch("equal totals are ordered by a rule that this page does not know");
+    }
+  }
+
+  /** @param {any} row */
+  endOf({ run }) {
+    return Date.parse(this.played.get(run)?.endedAt ?? "");
   }
 }
 
+/** Totals that are equal for the board are equal. @param {number} total */
+const comparable = (total) => Math.round(total * 1e9);
+
+/** Shares without rounding; nothing of nothing is 0. @param {[number, number]} a @param {[number, number]} b */
+function compareShares([part, whole], [otherPart, otherWhole]) {
+  const times = (/** @type {number} */ left, /** @type {number} */ right) => BigInt(left) * BigInt(Math.max(right, 1));
+  const difference = times(part, otherWhole) - times(otherPart, whole);
+  return Number(difference > 0n) - Number(difference < 0n);
+}
+
 /**
- * The seeds of the rules, attempt by attempt, after the commitment was checked.
+ * The seeds of the rules, attempt by attempt, spare ones last, after the commitment was checked.
  * @param {any} competition
  */
 async function seedsOf({ salt, seeds, commitment, definition }) {
   const sealed = seeds.map(bytesOf);
-  check(seeds.length === definition.seeds * definition.attempts.length, "it has another number of seeds than it says");
+  const attempts = definition.attempts.length + (definition.spares ?? 0);
+  check(seeds.length === definition.seeds * attempts, "it has another number of seeds than it says");
   check(hex(await sha256(bytesOf(salt), ...sealed)) === commitment, "salt and seeds do not fit the commitment");
   const ofRules = await Promise.all(sealed.map(seedOfRules));
-  return definition.attempts.map((_, index) => ofRules.slice(index * definition.seeds, (index + 1) * definition.seeds));
+  return Array.from({ length: attempts }, (_, index) => ofRules.slice(index * definition.seeds, (index + 1) * definition.seeds));
 }
 
 /** The first 8 bytes of the hash of a sealed seed, without the last 11 bits. @param {Uint8Array<ArrayBuffer>} sealed */
@@ -167,11 +226,12 @@ async function seedOfRules(sealed) {
  * @param {{task: string, seed: number}[]} plan
  * @param {Map<number, number>} scores by slot
  * @param {Set<number>} voided slots
+ * @param {(slot: number) => boolean} isShown whether the board is made of it
  */
-function totalOf(tasks, plan, scores, voided) {
+function totalOf(tasks, plan, scores, voided, isShown) {
   let total = 0;
   for (const task of TASKS.filter((name) => tasks.includes(name))) {
-    const slots = plan.map((place, slot) => ({ ...place, slot })).filter((place) => place.task === task);
+    const slots = plan.map((place, slot) => ({ ...place, slot })).filter(({ task: name, slot }) => name === task && isShown(slot));
     const counting = slots.filter(({ slot }) => scores.has(slot) || !voided.has(slot)).sort((a, b) => a.seed - b.seed);
     if (counting.length === 0) return null;
     total += counting.reduce((sum, { slot }) => sum + (scores.get(slot) ?? 0), 0) / counting.length;

@@ -66,8 +66,8 @@ export function Verification({ competition }) {
     ${findings && html`<${Result} findings=${findings} board=${board} competition=${competition} given=${given} />`}
     <h3>What this page cannot check</h3>
     <p>
-      That the rounds of each game follow from the answers, and that it has the settings and times that it should: for that every
-      game has to be played again. This program does it, with no server:
+      That the rounds of each game follow from the answers, how many of these were invalid, and that it has the settings and times that it
+      should: for that every game has to be played again. This program does it, with no server:
     </p>
     <${Commands} label="How to verify everything" lines=${[`swarmbench verify --competition ${competition.id}.jsonl --commitment ${competition.commitment}`]} />
   `;
