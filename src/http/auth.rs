@@ -15,7 +15,7 @@ use crate::episode::actor::Handle;
 use crate::episode::quota::Purpose;
 use crate::episode::spec::Visibility;
 use crate::fair::{Group, Party};
-use crate::ids::{EpisodeId, RunKey};
+use crate::ids::{CompetitionKey, EpisodeId, RunKey};
 use crate::keys::{Key, OwnerKey, Role};
 use crate::store::entries::{AuditRow, Entry};
 use crate::store::episodes::Readable;
@@ -278,8 +278,8 @@ impl Caller {
         matches!(self, Self::Key(key) if key.number.is_some() && key.number == owner)
     }
 
-    /// The audit entry of what an organizer did to something of another owner. None if the caller is not an organizer, or
-    /// is the owner.
+    /// The audit entry of what an organizer did to something of another owner; everybody sees it in the competition to which that
+    /// belongs, if any. None if the caller is not an organizer, or is the owner.
     pub(super) fn audit_foreign(
         &self,
         owner: Option<OwnerKey>,
@@ -287,12 +287,13 @@ impl Caller {
         action: &'static str,
         subject: &str,
         detail: serde_json::Value,
+        competition: Option<CompetitionKey>,
     ) -> Option<Entry> {
         match self {
             Self::Key(key) if self.is_organizer() && key.number != owner => {
                 let who = key.id.clone();
                 let subject = subject.to_owned();
-                let shown = None;
+                let shown = competition.map(|competition| (competition, detail.clone()));
                 Some(Entry::Audit(Box::new(AuditRow { at, who, action, subject, detail, shown })))
             }
             _ => None,

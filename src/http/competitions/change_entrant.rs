@@ -48,10 +48,17 @@ pub(in super::super) async fn change_entrant(
         let before = app.entrant(&competition, &entrant).await?;
         wanted.check(&caller, &before)?;
         let mut entries = Vec::new();
+        let has_contact = wanted.contact.is_some();
+        // What it was and is called is not noted: it may be erased.
+        let mut rewritten = Vec::new();
         if let Some(name) = wanted.name.filter(|name| *name != before.entrant.name) {
             check_not_over(&competition)?;
             check_name(&app, &competition, &before, &name).await?;
             entries.push(Entry::RenameEntrant { entry: before.key, name });
+            rewritten.push("name");
+        }
+        if has_contact {
+            rewritten.push("contact");
         }
         let Wanted { status, reason, vouched, category, accepts_terms, contact, .. } = wanted;
         let entry = before.key;
@@ -74,17 +81,24 @@ pub(in super::super) async fn change_entrant(
                 contact: contact.or(before.contact).filter(|contact| !contact.is_empty()),
             })));
         }
-        if status.is_some() || vouched.is_some() || category.is_some() {
+        let is_decided = status.is_some() || vouched.is_some() || category.is_some();
+        let mut shown = json!({});
+        if is_decided {
             let reason = if status.is_some() { reason } else { old.reason };
             let status = status.unwrap_or(old.status).name();
             let vouched = vouched.unwrap_or(old.vouched);
-            let mut shown = json!({ "status": status, "reason": reason, "vouched": vouched });
+            shown = json!({ "status": status, "reason": reason, "vouched": vouched });
             if let Some(to) = &category {
                 shown["category"] = json!({ "from": old.category, "to": to });
             }
+            entries.push(Entry::SetEntrant { entry, status, reason, vouched });
+        }
+        if !rewritten.is_empty() {
+            shown["rewritten"] = json!(rewritten);
+        }
+        if is_decided || !rewritten.is_empty() {
             let mut detail = shown.clone();
             detail["competition"] = json!(id);
-            entries.push(Entry::SetEntrant { entry, status, reason, vouched });
             let shown = Some((competition.key, shown));
             entries.extend(caller.audit_entry(&app, "entrant.change", &entrant, detail, shown));
         }

@@ -159,16 +159,19 @@ pub(in super::super) async fn revoke_codes(
             );
         }
         let at = app.clock.wall();
-        let hashes: Vec<TokenHash> = found.iter().map(|code| code.hash).collect();
-        let labels: Vec<&str> = found.iter().map(|code| code.label.as_str()).collect();
-        let audit_entry = organizer.audit_entry_shown(
-            &app,
-            "competition.codes.revoke",
-            &id,
-            json!({ "labels": labels }),
-            (stored.key, json!({ "codes": hashes.len() })),
-        );
-        app.store.keep(vec![Entry::RevokeInvitations { hashes, at }, audit_entry]).await?;
+        let new = found.iter().filter(|code| code.revoked_at.is_none());
+        let (hashes, labels): (Vec<TokenHash>, Vec<&str>) =
+            new.map(|code| (code.hash, code.label.as_str())).unzip();
+        if !hashes.is_empty() {
+            let audit_entry = organizer.audit_entry_shown(
+                &app,
+                "competition.codes.revoke",
+                &id,
+                json!({ "labels": labels }),
+                (stored.key, json!({ "codes": hashes.len() })),
+            );
+            app.store.keep(vec![Entry::RevokeInvitations { hashes, at }, audit_entry]).await?;
+        }
         let revoked = |code: StoredInvitation| {
             let revoked_at = code.revoked_at.or(Some(at));
             summary(StoredInvitation { revoked_at, ..code })

@@ -108,7 +108,8 @@ pub(in super::super) async fn add_member(
         let row = KeyRow { key, hash: token.hash(), acts_for: Some(stored.owner) };
         let mut entries = vec![Entry::AddKey(Box::new(row))];
         let detail = json!({ "competition": id, "member": member.id });
-        entries.extend(caller.audit_entry(&app, "member.add", &entrant, detail, None));
+        let shown = Some((competition.key, json!({})));
+        entries.extend(caller.audit_entry(&app, "member.add", &entrant, detail, shown));
         app.store.keep(entries).await?;
         let body = CreatedMember { member, key: token.reveal().to_owned() };
         Ok(with_tokens(StatusCode::CREATED, body))
@@ -156,7 +157,8 @@ pub(in super::super) async fn remove_member(
             let at = app.clock.wall();
             let mut entries = vec![Entry::RevokeKey { id: member.clone(), at }];
             let detail = json!({ "competition": id, "member": member });
-            entries.extend(caller.audit_entry(&app, "member.remove", &entrant, detail, None));
+            let shown = Some((competition.key, json!({})));
+            entries.extend(caller.audit_entry(&app, "member.remove", &entrant, detail, shown));
             app.store.keep(entries).await?;
         }
         app.tokens.forget(|grant| matches!(grant, Grant::Key(key) if key.id == member));

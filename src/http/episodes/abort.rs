@@ -30,11 +30,13 @@ pub(in super::super) async fn abort_episode(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Json<EpisodeSummary>, ApiError> {
-    let handle = app.owned(&caller, id).await?;
+    let (handle, stored) = app.owned(&caller, id).await?;
     let owner = handle.owner.filter(|_| handle.spec.visibility != Visibility::Sealed);
     let now = app.clock.wall();
+    let competition = app.competition_of_game(stored.run).await?;
+    let subject = handle.id.as_str();
     let audit_entry =
-        caller.audit_foreign(owner, now, "episode.abort", handle.id.as_str(), json!({}));
+        caller.audit_foreign(owner, now, "episode.abort", subject, json!({}), competition);
     handle.abort_with(audit_entry.into_iter().collect()).await?;
     let snapshot = handle.snapshot();
     if snapshot.status != Status::Aborted {

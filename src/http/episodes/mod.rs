@@ -26,7 +26,7 @@ use super::error::{ApiError, Code};
 use crate::episode::Status;
 use crate::episode::actor::Handle;
 use crate::episode::spec::{Spec, Visibility};
-use crate::ids::EpisodeId;
+use crate::ids::{CompetitionKey, EpisodeId, RunKey};
 use crate::store::port::StoredEpisode;
 use swarmbench_journal::record::{Fork, Record};
 use swarmbench_protocol::Seconds;
@@ -76,14 +76,29 @@ impl App {
     }
 
     /// An episode that the caller created.
-    async fn owned(&self, caller: &Caller, id: String) -> Result<Handle, ApiError> {
+    async fn owned(
+        &self,
+        caller: &Caller,
+        id: String,
+    ) -> Result<(Handle, StoredEpisode), ApiError> {
         caller.check_not_judge()?;
         let (stored, spec) = self.known(caller, id).await?;
         if !caller.owns(subject(&stored, &spec)) {
             let detail = "only the creator of an episode may do this: send its swarm token, or the key with which it was created";
             return Err(ApiError::new(Code::Forbidden, detail));
         }
-        self.episode(&stored.id).await
+        Ok((self.episode(&stored.id).await?, stored))
+    }
+
+    /// The competition of which a game is a part: everybody sees there what organizers do to it.
+    async fn competition_of_game(
+        &self,
+        run: Option<RunKey>,
+    ) -> Result<Option<CompetitionKey>, ApiError> {
+        Ok(match run {
+            Some(run) => self.store.run(run).await?.and_then(|run| run.competition),
+            None => None,
+        })
     }
 
     /// What is stored of an episode of which the caller may know. The episode is not recovered for that.

@@ -27,7 +27,7 @@ pub(in super::super) async fn start_episode(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Json<EpisodeSummary>, ApiError> {
-    let handle = app.owned(&caller, id).await?;
+    let (handle, _) = app.owned(&caller, id).await?;
     let snapshot = handle.snapshot();
     if snapshot.status.is_over() {
         let error = ApiError::new(Code::EpisodeOver, "the episode has ended and cannot be started");

@@ -50,10 +50,7 @@ async fn void(
     let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
     if stored.void_reason.is_none() {
         let at = app.clock.wall();
-        let competition = match stored.run {
-            Some(run) => app.store.run(run).await?.and_then(|run| run.competition),
-            None => None,
-        };
+        let competition = app.competition_of_game(stored.run).await?;
         let detail = json!({ "reason": reason });
         let audit = AuditRow {
             at,

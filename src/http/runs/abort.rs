@@ -1,10 +1,10 @@
 //! `DELETE /api/v1/runs/{id}`.
 
 use axum::Json;
-use serde_json::json;
 
 use super::super::prelude::*;
 use crate::run::RunStatus;
+use crate::store::runs::StoredRun;
 use swarmbench_protocol::run::RunDetail;
 
 /// Abort a run and its open games. What was played stays, and counts.
@@ -43,7 +43,9 @@ pub(in super::super) async fn abort_run(
     App::run_detached(async move {
         let run = known.stored.run;
         let at = app.clock.wall();
-        let audit_entry = caller.audit_foreign(known.stored.owner, at, "run.abort", &id, json!({}));
+        let StoredRun { owner, competition, .. } = known.stored;
+        let detail = app.detail_of_run(&known.stored).await?;
+        let audit_entry = caller.audit_foreign(owner, at, "run.abort", &id, detail, competition);
         app.runs.end_with(run, RunStatus::Aborted, audit_entry.into_iter().collect()).await?;
         let known = app.known_run(&caller, &id).await?;
         if known.stored.status != RunStatus::Aborted.name() {

@@ -13,9 +13,12 @@ pub(super) mod token;
 
 use std::collections::VecDeque;
 
+use serde_json::{Value, json};
+
 use super::App;
 use super::auth::{Caller, Opened, Subject};
 use super::error::{ApiError, Code};
+use crate::competitions;
 use crate::episode::spec::Visibility;
 use crate::run::definition::{self, Definition};
 use crate::store::games::StoredGame;
@@ -26,6 +29,18 @@ use swarmbench_journal::Tally;
 use swarmbench_protocol::Seconds;
 use swarmbench_protocol::run::{ActTally, RunDetail, RunGame, RunSummary, SuiteView, TaskResult};
 use swarmbench_protocol::suite::Suite;
+
+impl App {
+    /// What the audit log has of an attempt to which an organizer does something; nothing of other runs.
+    async fn detail_of_run(&self, run: &StoredRun) -> Result<Value, ApiError> {
+        let Some((competition, (entry, number))) = run.competition.zip(run.attempt) else {
+            return Ok(json!({}));
+        };
+        let found = competitions::entrants_among(&self.store, competition, &[entry]).await?;
+        let entrant = found.first().map(|entrant| &entrant.entrant.id);
+        Ok(json!({ "entrant": entrant, "attempt": run.replays.unwrap_or(number) }))
+    }
+}
 
 /// A run of which the caller may know.
 struct Known {

@@ -1,7 +1,6 @@
 //! `POST /api/v1/runs/{id}/token`.
 
 use axum::http::StatusCode;
-use serde_json::json;
 
 use super::super::answer::with_tokens;
 use super::super::prelude::*;
@@ -45,8 +44,9 @@ pub(in super::super) async fn replace_run_token(
         return Err(ApiError::new(Code::Forbidden, detail));
     }
     App::run_detached(async move {
-        let audit_entry =
-            caller.audit_foreign(owner, app.clock.wall(), "run.token", &id, json!({}));
+        let detail = app.detail_of_run(&known.stored).await?;
+        let (at, competition) = (app.clock.wall(), known.stored.competition);
+        let audit_entry = caller.audit_foreign(owner, at, "run.token", &id, detail, competition);
         let token = app.new_run_token(run, audit_entry.into_iter().collect()).await?;
         let body = RunToken { id, swarm_token: token.reveal().to_owned() };
         Ok(with_tokens(StatusCode::OK, body))

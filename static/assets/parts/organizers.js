@@ -19,8 +19,13 @@ const ACTIONS = {
   "entrant.erase": "Erased an entrant",
   "entrant.key": "Replaced the key of an entrant",
   "entrants.exclude": "Excluded entrants",
+  "member.add": "Added a member to a team",
+  "member.remove": "Removed a member from a team",
   "attempt.void": "Voided an attempt",
+  "run.abort": "Ended an attempt",
+  "run.token": "Replaced the token of an attempt",
   "episode.void": "Voided a game",
+  "episode.abort": "Ended a game",
 };
 
 /** Names of entrants that an entry shows; it says how many there are. */
@@ -64,10 +69,11 @@ function Subject({ id, detail, names }) {
 
 /** @param {{detail: any, names: Map<string, string>}} props */
 const Details = ({ detail, names }) => {
-  const { changes = [], entrants = [], reason, status, vouched, codes, text, category } = detail;
+  const { changes = [], entrants = [], reason, status, vouched, codes, text, category, rewritten = [] } = detail;
   return html`${text && html`<${Lines} value=${text} />`}${changes.map((change) => html`<div><${Changed} ...${change} /></div>`)}
     ${status && html`<div>now ${status}${vouched && ", vouched"}</div>`}
     ${category && html`<div><${Changed} field="category" ...${category} /></div>`}
+    ${rewritten.length > 0 && html`<div>another ${rewritten.join(" and another ")}</div>`}
     ${codes > 0 && html`<div>${codes === 1 ? "1 code" : `${codes} codes`}</div>`}
     ${entrants.length > 0 &&
     html`<div>

@@ -152,3 +152,28 @@ async fn as_many_attempts_are_started_on_a_day_as_may_be() {
     app.pass(Duration::from_hours(12));
     assert_eq!(cup.start(&app, &blue).await.number, 2);
 }
+
+#[tokio::test]
+async fn what_organizers_rewrite_is_noted_without_the_words() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let blue = cup.enter(&app, "blue").await;
+    // What an entrant does itself is no deed of an organizer.
+    change(&app, &cup, &blue, &blue.key, &json!({ "name": "sky" })).ok().await;
+    let words = json!({ "name": "azure", "contact": "ada@example.org" });
+    change(&app, &cup, &blue, &app.organizer, &words).ok().await;
+    let seen = app.get(&cup.path("/actions")).ok().await;
+    let items = list(&seen["items"]);
+    assert_eq!(items.len(), 1, "{seen}");
+    assert_eq!(
+        (&items[0]["action"], &items[0]["subject"]),
+        (&json!("entrant.change"), &json!(blue.id))
+    );
+    assert_eq!(items[0]["detail"], json!({ "rewritten": ["name", "contact"] }));
+    let log = app.get("/api/v1/audit").token(&app.organizer).ok().await;
+    assert_eq!(list(&log["items"])[0]["action"], "entrant.change");
+    assert!(!log.to_string().contains("azure") && !log.to_string().contains("ada@"), "{log}");
+    // The same name again is no change.
+    change(&app, &cup, &blue, &app.organizer, &json!({ "name": "azure" })).ok().await;
+    assert_eq!(app.get(&cup.path("/actions")).ok().await, seen);
+}

@@ -247,6 +247,11 @@ async fn unused_codes_are_revoked_and_used_ones_are_not() {
     assert_eq!(fields(&revoke(json!({})).problem(422, "invalid").await), ["labels"]);
     let revoked = revoke(json!({ "labels": ["red"] })).ok().await;
     assert_eq!(texts(&list(&revoked["items"]), "state"), ["revoked", "revoked"]);
+    // Once more changes nothing, and is no deed.
+    let log = actions(&app, &cup).await;
+    let again = revoke(json!({ "codes": [made[1]["code"]] })).ok().await;
+    assert_eq!(texts(&list(&again["items"]), "state"), ["revoked"]);
+    assert_eq!(actions(&app, &cup).await, log);
     let problem = enter("red", &made[1]["code"]).problem(403, "forbidden").await;
     assert!(problem["detail"].to_string().contains("revoked"), "{problem}");
     let all = app.get(&format!("{path}?limit=2")).token(&app.organizer).ok().await;
@@ -293,4 +298,24 @@ async fn many_are_excluded_at_once_after_a_preview_and_one_is_taken_back() {
     assert_eq!(texts(&log, "action"), ["entrant.change", "entrants.exclude"]);
     assert_eq!(list(&log[1]["detail"]["entrants"]).len(), 2);
     assert!(!log[1].to_string().contains("BOT"), "how they were found is for organizers");
+}
+
+#[tokio::test]
+async fn everybody_sees_what_organizers_do_to_attempts_of_others() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let blue = cup.enter(&app, "blue").await;
+    let attempt = cup.start(&app, &blue).await;
+    attempt.act(&app, 4).await;
+    let game = attempt.episodes(&app).await[0]["id"].as_str().expect("an id").to_owned();
+    let run = format!("/api/v1/runs/{}", attempt.run);
+    app.post(&format!("{run}/token")).token(&app.organizer).ok().await;
+    app.delete(&format!("/api/v1/episodes/{game}")).token(&app.organizer).ok().await;
+    app.delete(&run).token(&app.organizer).ok().await;
+    let log = actions(&app, &cup).await;
+    assert_eq!(texts(&log, "action"), ["run.abort", "episode.abort", "run.token"]);
+    assert_eq!(texts(&log, "subject"), [&*attempt.run, &*game, &*attempt.run]);
+    for of_run in [&log[0], &log[2]] {
+        assert_eq!(of_run["detail"], json!({ "entrant": blue.id, "attempt": 1 }));
+    }
 }

@@ -57,6 +57,14 @@ async fn members_of_a_team_have_keys_that_do_the_same() {
     add(&app, &path, &app.organizer, "Alan").ok().await;
     let log = app.get("/api/v1/audit").token(&app.organizer).ok().await;
     assert_eq!(list(&log["items"])[0]["action"], "member.add");
+    // Everybody sees that an organizer changed a team, and nobody who is in it.
+    let alan = list(&app.get(&path).token(&key).ok().await["items"])[2].clone();
+    let of_alan = format!("{path}/{}", text(&alan["id"]));
+    app.call(Method::DELETE, &of_alan).token(&app.organizer).ok().await;
+    let seen = app.get(&cup.path("/actions")).ok().await;
+    assert_eq!(texts(&list(&seen["items"]), "action"), ["member.remove", "member.add"]);
+    assert_eq!(texts(&list(&seen["items"]), "subject"), [&*blue.id, &*blue.id]);
+    assert!(!seen.to_string().contains("Alan") && !seen.to_string().contains("key_"), "{seen}");
 }
 
 #[tokio::test]
