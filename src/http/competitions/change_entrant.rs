@@ -61,6 +61,10 @@ pub(in super::super) async fn change_entrant(
             rewritten.push("contact");
         }
         let Wanted { status, reason, vouched, category, accepts_terms, contact, .. } = wanted;
+        // What is in the published file stays as it is, but for what organizers decide.
+        if accepts_terms.is_some() || (status.is_some() && !caller.is_organizer()) {
+            check_not_over(&competition)?;
+        }
         let entry = before.key;
         let old = before.entrant;
         if category.is_some() || accepts_terms.is_some() || contact.is_some() {
@@ -148,7 +152,9 @@ pub(in super::super) async fn erase_entrant(
             let name = format!("erased {entrant}");
             let mut entries = vec![Entry::EraseEntrant { entry, name, at }];
             let competition = app.stored_competition(&id).await?;
-            if competition.revealed_at.is_none() && before.entrant.status == EntrantStatus::Active {
+            // The reason of one that has left may be its own words. What an organizer decided stays.
+            let stays = before.entrant.status == EntrantStatus::Disqualified;
+            if competition.revealed_at.is_none() && !stays {
                 let status = EntrantStatus::Withdrawn.name();
                 let reason = Some("its personal data were erased".to_owned());
                 let vouched = before.entrant.vouched;

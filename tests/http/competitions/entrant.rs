@@ -177,3 +177,44 @@ async fn what_organizers_rewrite_is_noted_without_the_words() {
     change(&app, &cup, &blue, &app.organizer, &json!({ "name": "azure" })).ok().await;
     assert_eq!(app.get(&cup.path("/actions")).ok().await, seen);
 }
+
+#[tokio::test]
+async fn why_an_entrant_left_is_erased_with_it_and_why_it_was_excluded_is_not() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let (blue, red) = (cup.enter(&app, "blue").await, cup.enter(&app, "red").await);
+    let leaves = json!({ "status": "withdrawn", "reason": "Ada has another cup" });
+    change(&app, &cup, &blue, &blue.key, &leaves).ok().await;
+    let excluded = json!({ "status": "disqualified", "reason": "two teams" });
+    cup.change(&app, &red, excluded).await;
+    for entrant in [&blue, &red] {
+        erase(&app, &cup, entrant, &entrant.key).ok().await;
+    }
+    let board = app.get(&cup.path("/board")).ok().await;
+    assert!(!board.to_string().contains("Ada"), "{board}");
+    let reasons: Vec<_> =
+        list(&board["items"]).iter().map(|row| row["entrant"]["reason"].clone()).collect();
+    assert_eq!(reasons, ["its personal data were erased", "two teams"]);
+}
+
+#[tokio::test]
+async fn an_entrant_changes_nothing_of_a_published_file() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({ "terms": "one entrant for each team" })).await;
+    let entry = json!({ "name": "blue", "model": "m", "accepts_terms": 1 });
+    let made = app.post(&cup.path("/entrants")).json(&entry).ok().await;
+    let text = |field: &str| made[field].as_str().expect("a text").to_owned();
+    let blue = Entrant { id: text("id"), key: text("key") };
+    let call = app.call(Method::PATCH, &cup.path("")).token(&app.organizer);
+    call.json(&json!({ "terms": "logs are published" })).ok().await;
+    app.pass(Duration::from_hours(1));
+    cup.closed(&app).await;
+    let published = cup.export(&app).await;
+    for late in [json!({ "status": "withdrawn" }), json!({ "accepts_terms": 2 })] {
+        change(&app, &cup, &blue, &blue.key, &late).problem(409, "closed").await;
+    }
+    // A contact is no part of it, and neither is the name of an entrant that is erased now.
+    change(&app, &cup, &blue, &blue.key, &json!({ "contact": "ada@example.org" })).ok().await;
+    erase(&app, &cup, &blue, &blue.key).ok().await;
+    assert_eq!(cup.export(&app).await, published);
+}
