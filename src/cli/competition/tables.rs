@@ -215,7 +215,10 @@ pub(super) fn print_board(board: &CompetitionBoard) {
         cells.extend([
             total(row.total),
             below(row.difference.as_ref()),
-            cell(row.attempt),
+            match row.attempt {
+                Some(attempt) if row.on_spare_seeds => format!("{attempt} (on spare seeds)"),
+                attempt => cell(attempt),
+            },
             format!("{:.1} %", 100.0 * row.invalid_share),
             format!("{:.1} %", 100.0 * row.timeout_share),
             row.decentralization.clone().unwrap_or_default(),

@@ -309,7 +309,7 @@ impl Table for Shown<'_> {
             own(&below),
             own(&["prompt"]),
             failures,
-            own(&["category"]),
+            own(&["category", "on_spare_seeds"]),
             metrics,
         ]
         .concat()
@@ -324,6 +324,7 @@ impl Table for Shown<'_> {
         cells.push(row.entrant.prompt.clone());
         cells.extend(row.failures.cells());
         cells.push(safe_cell(row.entrant.category.as_deref().unwrap_or_default()));
+        cells.push(row.on_spare_seeds.to_string());
         cells.extend(of_metrics);
         cells
     }

@@ -91,6 +91,7 @@ async fn the_board_is_public_hidden_or_frozen_and_organizers_see_all_of_it() {
         ("1".to_owned(), "blue".to_owned(), total.to_string())
     );
     assert_eq!(cell("Pursuit_games"), "2");
+    assert_eq!(cell("on_spare_seeds"), "false");
     app.get(&frozen.path("/board?format=xml")).problem(400, "malformed").await;
 }
 
