@@ -79,7 +79,7 @@ async function enter(page, id, changeTerms) {
   const terms = page.getByRole("region", { name: "Terms, version 1" });
   assert.match(await terms.innerText(), /One entrant for each team\.\n<b>Logs<\/b> are published\./, "text only, with its lines");
   assert.match(await fact(page, "Equal totals").innerText(), /^the smaller share of invalid answers, then the attempt that counts and ended earlier\./);
-  assert.equal(await fact(page, "Seeds of the board").innerText(), "2 of 5 seeds make the board until it closes, then the other 3.");
+  assert.equal(await fact(page, "Seeds of the board").innerText(), "Until it closes 2 of 5, then the other 3.");
   await page.getByLabel("Name on the board").fill("blue");
   await page.getByLabel("Model (required)").fill("m");
   await page.getByLabel("Contact").fill("blue@example.org");
@@ -219,3 +219,36 @@ visit(
   },
   { viewport: NARROW },
 );
+
+visit("an entrant practises on open seeds, and sees how its games go", async ({ page, watch }, { program }) => {
+  const made = await competition(program, {
+    name: "Autumn cup",
+    suite: { tasks: ["Pursuit", "Foraging"], seeds: 1, settings: { num_agents: 2, max_round: 2 } },
+    own_games: "ended",
+  });
+  const base = `/api/v1/competitions/${made.id}`;
+  const { key } = await program.post(`${base}/entrants`, { name: "blue", model: "m" }, { token: "" });
+  await open(page, `/competitions/${made.id}`);
+  assert.equal(await page.getByText("Practise").count(), 0, "it takes an entrant's key");
+  await enterKey(page, key);
+  await open(page, `/competitions/${made.id}`);
+  await page.getByText("Practise").click();
+  watch.expect(/422/);
+  await page.getByLabel("Seeds").fill("7 1e99");
+  await page.getByRole("button", { name: "Start a practice run" }).click();
+  await page.getByRole("alert").waitFor();
+  await page.getByLabel("Seeds").fill("7, 8");
+  await page.getByRole("button", { name: "Start a practice run" }).click();
+  await page.getByText("4 games on the seeds 7, 8").waitFor();
+  const shown = await page.getByRole("group", { name: "The token of this practice run" }).innerText();
+  await play(program, String(/swarm_\w+/.exec(shown)), () => ({ action: "STAY" }));
+  await page.getByRole("link", { name: "see how they go" }).click();
+  await page.getByRole("heading", { name: "m on practice for" }).waitFor();
+
+  // The games of an attempt are behind how many have ended.
+  const attempt = await program.post(`${base}/attempts`, {}, { token: key });
+  await play(program, attempt.swarm_token, () => ({ action: "STAY" }));
+  await open(page, `/competitions/${made.id}`);
+  await page.getByRole("link", { name: "2 of 2" }).click();
+  await page.getByRole("heading", { name: "m on a competition" }).waitFor();
+});

@@ -55,7 +55,7 @@ const Attempt = ({ attempt, name, renew }) => html`<tr>
   </td>
   <td>
     <progress value=${attempt.games_ended} max=${attempt.games} aria-label="Games that have ended"></progress>
-    <span class="number"> ${attempt.games_ended} of ${attempt.games}</span>
+    <a class="number" href=${route`/runs/${attempt.run}`}>${attempt.games_ended} of ${attempt.games}</a>
   </td>
   <td class="number">${attempt.status === "running" ? "after its end" : short(attempt.total)}</td>
   <td>${attempt.tasks?.map((task) => html`<div class="small"><${Text} value=${task.task} /> <span class="number">${short(task.mean)}</span></div>`)}</td>
@@ -103,9 +103,9 @@ function Start({ competition, entrants, started }) {
 /** A name that no other start has. */
 const newName = () => Array.from(crypto.getRandomValues(new Uint32Array(4)), (part) => part.toString(36)).join("-");
 
-/** @param {{run: string, token: string}} props */
-const HowToPlay = ({ run, token }) => html`<div role="status">
-  <${Secret} value=${token} label="The token of this attempt">
+/** @param {{run: string, token: string, label?: string}} props */
+export const HowToPlay = ({ run, token, label = "The token of this attempt" }) => html`<div role="status">
+  <${Secret} value=${token} label=${label}>
     <p>
       It plays all agents of all its games: look with <code>GET /swarm/obs</code>, act with <code>POST /swarm/act</code>${" "}
       (<a href="/docs">API</a>). To see it work, a built-in player plays with these lines. Put the token in the place of the dots.

@@ -28,7 +28,7 @@ export function Rules({ competition }) {
     <dd>${COUNTS[competition.counts]}. A game that was not played counts as 0.</dd>
     <dt>Equal totals</dt>
     <dd>${competition.tie_breaks.length > 0 ? `${tieBreaksText(competition.tie_breaks)}. Who is equal in all of it shares a rank.` : "share a rank."}</dd>
-    ${publicSeeds > 0 && html`<dt>Seeds of the board</dt><dd>${publicSeeds} of ${seeds} seeds make the board until it closes, then the other ${seeds - publicSeeds}.</dd>`}
+    ${publicSeeds > 0 && html`<dt>Seeds of the board</dt><dd>Until it closes ${publicSeeds} of ${seeds}, then ${seeds - publicSeeds === 1 ? "the other one" : `the other ${seeds - publicSeeds}`}.</dd>`}
     <dt>Clock</dt>
     <dd>${duration(clocks.round_deadline_s * 1000)} for a round${clocks.bank_s > 0 && `, and ${duration(clocks.bank_s * 1000)} in a game on top`}. A game without an act for ${duration(clocks.idle_timeout_s * 1000)} is abandoned.</dd>
     <dt>Entry</dt>

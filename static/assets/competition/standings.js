@@ -44,8 +44,8 @@ function Filters({ competition, category, part, change }) {
 function partText(part, competition) {
   const { seeds, publicSeeds } = seedsOf(competition);
   const others = seeds - publicSeeds;
-  if (part === "public") return `Public part: ${publicSeeds} of ${seeds} seeds. The other ${others} make the final board.`;
-  if (part === "final") return `Final part: ${others} of ${seeds} seeds. The other ${publicSeeds} make the board before the end.`;
+  if (part === "public") return `Public part: ${publicSeeds} of ${seeds} seeds. The rest is for the final board.`;
+  if (part === "final") return `Final part: ${others} of ${seeds} seeds. The rest is for the board before the end.`;
   return "";
 }
 

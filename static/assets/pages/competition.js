@@ -8,6 +8,7 @@ import { Entrants } from "../competition/entrants.js";
 import { Commitment, Rules } from "../competition/facts.js";
 import { OwnEntrant } from "../competition/own.js";
 import { Phases } from "../competition/phases.js";
+import { Practice } from "../competition/practice.js";
 import { Prose } from "../competition/prose.js";
 import { Standings } from "../competition/standings.js";
 import { Terms } from "../competition/terms.js";
@@ -103,6 +104,7 @@ function Own({ competition, entrants, changes, changed, erased }) {
   const list = usePages(route`/api/v1/competitions/${competition.id}/attempts`, ATTEMPTS_REFRESH_MS);
   const own = useLoaded((signal) => request(`${route`/api/v1/competitions/${competition.id}/entrants`}?own=true`, { signal }), [competition.id, changes], REFRESH_MS);
   return html`<${Attempts} competition=${competition} list=${list} entrants=${entrants} />
+    ${own.value && html`<${Practice} competition=${competition} entrants=${own.value.items} />`}
     ${own.value && html`<${OwnEntrant} competition=${competition} entrants=${own.value.items} changed=${changed} erased=${erased} />`}
     <p class="muted small">An organizer's key shows the attempts of all entrants, and manages them <a href=${`/desk?view=competition&id=${encodeURIComponent(competition.id)}`}>at the desk</a>.</p>`;
 }
