@@ -15,6 +15,7 @@ use super::output::{progress_bar, set, table};
 use crate::migrations;
 use crate::telemetry;
 use swarmbench_client::client::Client;
+use swarmbench_loadtest::bare_commit::Place;
 use swarmbench_loadtest::connection::{Answers, Target};
 use swarmbench_loadtest::games::SEATS;
 use swarmbench_loadtest::latencies::Spread;
@@ -54,6 +55,10 @@ pub(super) struct Args {
     /// acts: where the bare writer puts its database; should be on the disk of the server's own.
     #[arg(long, default_value = ".")]
     dir: PathBuf,
+    /// acts: for a server with PostgreSQL, instead of --dir. The bare writer makes a database of its own beside the one of this
+    /// address, and drops it. Its user must be allowed to create databases; a password is better in PGPASSWORD.
+    #[arg(long, value_name = "postgres://USER@HOST:PORT/DATABASE")]
+    db: Option<String>,
     /// play: how many episodes of 12 seats at once, one line of the grid for each.
     #[arg(long, value_delimiter = ',', default_value = "32,128,512,2048,8192",
           value_parser = clap::value_parser!(u16).range(1..))]
@@ -200,6 +205,20 @@ fn connections(args: &Args, metrics: &Metrics, notes: &mut Vec<String>) -> usize
     most
 }
 
+/// Where bare writers make their databases. Checked here, as clap would print a password that is in a wrong address.
+fn bare_place(args: &Args) -> anyhow::Result<Place> {
+    match &args.db {
+        None => Ok(Place::Folder(args.dir.clone())),
+        Some(url) if url.starts_with("postgres://") || url.starts_with("postgresql://") => {
+            Ok(Place::Postgres(url.clone()))
+        }
+        Some(_) => bail!(
+            "--db is the address of a PostgreSQL, as in postgres://USER@HOST:PORT/DATABASE; a bare writer of SQLite makes a file \
+             in --dir"
+        ),
+    }
+}
+
 /// Runs the scenarios one after the other, so that they do not disturb each other.
 async fn measure(
     args: &Args,
@@ -231,13 +250,14 @@ async fn measure(
     }
     if named(Scenario::Acts) {
         let tables = migrations::sqlite();
+        let place = bare_place(args)?;
         for (&episodes, by_seats) in args.writers.iter().flat_map(|n| [(n, true), (n, false)]) {
             let each = if by_seats { SEATS } else { 1 };
             let episodes = scaled("acts", episodes.into(), connections_max / each);
             let times = (turns, turn);
             let mut bare = Command::new(std::env::current_exe()?);
             bare.args(["loadtest", "--bare-acts"]);
-            let bare = (&*args.dir, &tables, bare);
+            let bare = (&place, &tables, bare);
             let done = acts::run(target, bare, by_seats, episodes, times, progress).await?;
             report.acts.push(done);
         }
@@ -370,8 +390,9 @@ fn show_acts(all: &[acts::Comparison]) {
     }
     if let Some(acts) = all.first() {
         out!(
-            "\nActs that are on the disk, and a bare SQLite writer with groups of the same size (records of {} bytes), \
+            "\nActs that are on the disk, and a bare {} writer with groups of the same size (records of {} bytes), \
              {} turns of {} s",
+            acts.bare_engine,
             acts.record_bytes,
             acts.turns,
             acts.turn_s

@@ -606,6 +606,30 @@ fn a_load_test_measures_everything() {
 }
 
 #[test]
+fn a_load_test_writes_to_the_engine_that_it_is_told() {
+    let args = ["loadtest", "acts", "--json", "--turn", "0.05", "--turns", "1", "--writers", "1"];
+    let to = |db| on_a_server(&[&args[..], &["--db", db]].concat());
+    let refused = to("mysql://me:secret@localhost/games");
+    assert!(!refused.status.success());
+    let why = text(&refused.stderr);
+    assert!(why.contains("postgres://USER@HOST:PORT/DATABASE") && !why.contains("secret"), "{why}");
+    let Ok(db) = std::env::var("SWARMBENCH_TEST_DB") else {
+        eprintln!("NOT RUN in part: it needs a PostgreSQL in SWARMBENCH_TEST_DB (.ci/postgres)");
+        return;
+    };
+    let output = to(&db);
+    let report = report(&output);
+    assert!(output.status.success(), "{report}");
+    for line in [0, 1] {
+        let acts = &report["acts"][line];
+        assert_eq!(acts["bare_engine"], "PostgreSQL", "{report}");
+        for rate in ["bare_acts_per_s", "bare_server_acts_per_s"] {
+            assert!(acts[rate].as_f64().is_some_and(|rate| rate > 0.0), "{rate} in {report}");
+        }
+    }
+}
+
+#[test]
 fn a_load_test_that_meets_errors_fails_and_shows_them() {
     let args = ["loadtest", "play", "--json", "--episodes", "2", "--key", "nobody"];
     let output = on_a_server(&args);

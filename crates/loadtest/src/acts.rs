@@ -1,7 +1,6 @@
 //! How many acts a second become durable, against a bare writer that commits groups of the same size, and a bare server that
 //! only receives, commits and answers.
 
-use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -14,7 +13,7 @@ use tokio::task::JoinSet;
 use tokio::time::MissedTickBehavior;
 
 use super::bare_acts::Setup;
-use super::bare_commit::BareCommit;
+use super::bare_commit::{BareCommit, Place};
 use super::bare_handler::BareHandler;
 use super::connection::{Answers, Target};
 use super::games::{self, Game, SEATS};
@@ -33,6 +32,8 @@ pub struct Comparison {
     pub by: &'static str,
     /// Episodes of 12 seats at once.
     pub episodes: usize,
+    /// The engine of the bare writer and of the bare server's.
+    pub bare_engine: &'static str,
     /// Turns of server and bare writer.
     pub turns: usize,
     /// Duration of a turn.
@@ -65,14 +66,14 @@ pub struct Comparison {
     pub answers: Answers,
 }
 
-/// Runs the server, the bare writer and the bare server in turns; the last two in folders below `dir`. `bare_server` is to call
-/// [`bare_acts::serve`](super::bare_acts::serve).
+/// Runs the server, the bare writer and the bare server in turns; the last two in databases of their own at `place`.
+/// `bare_server` is to call [`bare_acts::serve`](super::bare_acts::serve).
 ///
 /// # Errors
 /// Where the server does not report the size of its groups, or the bare writer cannot write.
 pub async fn run(
     target: &Target,
-    (dir, tables, bare_server): (&Path, &Migrator, Command),
+    (place, tables, bare_server): (&Place, &Migrator, Command),
     by_seats: bool,
     episodes: usize,
     (turns, turn): (usize, Duration),
@@ -86,9 +87,9 @@ pub async fn run(
     players = play(players, &score, Duration::ZERO, None).await;
     let record = record(target, first).await?;
     let record_bytes = record.len();
-    let setup = Setup { dir: dir.to_owned(), episodes: games.len(), record: record.clone() };
+    let setup = Setup { place: place.clone(), episodes: games.len(), record: record.clone() };
     let setup = serde_json::to_vec(&setup).expect("string keys");
-    let mut bare = BareCommit::open(dir, tables, games.len(), record).await?;
+    let mut bare = BareCommit::open(place, tables, games.len(), record).await?;
     let (_bare_server, bare_target) = BareHandler::start(bare_server, &setup).await?;
     let bare_score = Arc::new(Score::default());
     let mut bare_players = players_of(&bare_target, &games, by_seats, progress).await?;
@@ -138,6 +139,7 @@ pub async fn run(
     Ok(Comparison {
         by: if by_seats { "/act" } else { "/swarm/act" },
         episodes: games.len(),
+        bare_engine: place.engine(),
         turns,
         turn_s: turn.as_secs_f64(),
         ratio: median(ratios),

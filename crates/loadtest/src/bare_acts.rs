@@ -2,8 +2,6 @@
 //! together with all that came meanwhile, and then the same receipts are sent every time. No act is parsed, no token is
 //! looked at, no round is played.
 
-use std::path::PathBuf;
-
 use axum::Router;
 use axum::http::{StatusCode, header};
 use axum::routing::{MethodRouter, post};
@@ -12,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use sqlx::migrate::Migrator;
 use tokio::sync::{mpsc, oneshot};
 
-use super::bare_commit::BareCommit;
+use super::bare_commit::{BareCommit, Place};
 use super::bare_handler::{read_body, serve_until_input_ends};
 use super::games::SEATS;
 
@@ -20,10 +18,10 @@ use super::games::SEATS;
 const GROUP_MAX: usize = 1024;
 
 /// What the process gets.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Serialize, Deserialize)]
 pub struct Setup {
-    /// The folder below which its database is made.
-    pub dir: PathBuf,
+    /// Where its database is made.
+    pub place: Place,
     /// Episodes of 12 seats among which the acts are divided.
     pub episodes: usize,
     /// The record of every act.
@@ -40,8 +38,8 @@ type Request = (usize, oneshot::Sender<()>);
 /// Where it cannot listen, the database cannot be made, or the input is not a [`Setup`].
 pub async fn serve(metrics: fn() -> String, tables: &Migrator) -> std::io::Result<()> {
     let setup = read_body(&mut std::io::stdin().lock())?;
-    let Setup { dir, episodes, record } = serde_json::from_slice(&setup)?;
-    let bare = BareCommit::open(&dir, tables, episodes, record).await;
+    let Setup { place, episodes, record } = serde_json::from_slice(&setup)?;
+    let bare = BareCommit::open(&place, tables, episodes, record).await;
     let (queue, requests) = mpsc::unbounded_channel();
     let writer = tokio::spawn(write(bare.map_err(std::io::Error::other)?, requests));
     let receipts = format!("{{\"receipts\":[{}]}}", [RECEIPT; SEATS].join(","));

@@ -1,0 +1,262 @@
+//! The minimum that a writer does for an act: rows like those of the server, in groups of `entries` entries, each group one
+//! durable transaction. In the engine of the server that it is compared with.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use serde::{Deserialize, Serialize};
+use sqlx::migrate::Migrator;
+
+use super::LoadError;
+use super::games::SEATS;
+
+pub mod postgres;
+mod sqlite;
+
+/// Where a bare writer makes a database of its own. It cannot be printed, as it may have a password.
+#[derive(Clone, Serialize, Deserialize)]
+pub enum Place {
+    /// Of SQLite, in a folder of its own below this one.
+    Folder(PathBuf),
+    /// Of PostgreSQL, on the server of this address.
+    Postgres(String),
+}
+
+impl Place {
+    /// The name of the engine, for people.
+    #[must_use]
+    pub const fn engine(&self) -> &'static str {
+        match self {
+            Self::Folder(_) => "SQLite",
+            Self::Postgres(_) => "PostgreSQL",
+        }
+    }
+}
+
+/// A database like a server's that is removed with it.
+pub struct BareCommit {
+    engine: Engine,
+    episodes: usize,
+    /// Acts written so far, of all episodes.
+    acts: usize,
+    /// The record of every act.
+    record: String,
+}
+
+enum Engine {
+    Sqlite(sqlite::Writer),
+    Postgres(Box<postgres::Writer>),
+}
+
+/// The work of one turn.
+#[derive(Clone, Copy, Debug)]
+pub struct Committed {
+    /// Committed acts.
+    pub acts: u64,
+    /// Committed transactions.
+    pub commits: u64,
+    /// Duration of the turn.
+    pub elapsed: Duration,
+}
+
+/// The rows of one commit: acts, and the rounds that they complete, in the order in which a server stores episodes that are
+/// played side by side.
+#[derive(Clone, Copy)]
+struct Group<'a> {
+    /// The number of the first act.
+    first: usize,
+    acts: usize,
+    episodes: usize,
+    record: &'a str,
+}
+
+struct Act {
+    episode: i64,
+    round: i32,
+    agent: i16,
+    waiting_for: i16,
+}
+
+struct Round {
+    episode: i64,
+    round: i32,
+}
+
+const DIGEST: &[u8] = &[0xa5; 32];
+const HEAD: &[u8] = &[0x5a; 32];
+const SCORE: f64 = 1.5;
+const AT_MS: i64 = 1_700_000_000_000;
+
+impl Group<'_> {
+    fn acts(self) -> impl ExactSizeIterator<Item = Act> {
+        (self.first..self.first + self.acts).map(move |act| {
+            let Round { episode, round } = self.round(act / SEATS);
+            let agent = number(act % SEATS);
+            Act { episode, round, agent, waiting_for: number::<i16>(SEATS) - 1 - agent }
+        })
+    }
+
+    fn rounds(self) -> impl ExactSizeIterator<Item = Round> {
+        let completed = self.first / SEATS..(self.first + self.acts) / SEATS;
+        completed.map(move |round| self.round(round))
+    }
+
+    fn round(self, round: usize) -> Round {
+        Round { episode: number(round % self.episodes), round: number(round / self.episodes) }
+    }
+}
+
+impl BareCommit {
+    /// A new database at `place`, for acts with this `record` of `episodes` episodes. That of SQLite has the server's `tables`,
+    /// that of PostgreSQL those that it writes to.
+    ///
+    /// # Errors
+    /// Where it cannot be created.
+    pub async fn open(
+        place: &Place,
+        tables: &Migrator,
+        episodes: usize,
+        record: String,
+    ) -> Result<Self, LoadError> {
+        let failed = LoadError::of("the database of the bare writer cannot be created");
+        let engine = match place {
+            Place::Folder(folder) => Engine::Sqlite(sqlite::Writer::open(folder, tables).await?),
+            Place::Postgres(url) => {
+                let writer = postgres::Writer::open(url).await;
+                Engine::Postgres(Box::new(writer.map_err(|error| failed(&error))?))
+            }
+        };
+        Ok(Self { engine, episodes: episodes.max(1), acts: 0, record })
+    }
+
+    /// Commits groups of about `entries` entries for `time`, and at least one: the acts of whole rounds and the rounds.
+    ///
+    /// # Errors
+    /// Where a commit fails.
+    pub async fn run(&mut self, entries: f64, time: Duration) -> Result<Committed, LoadError> {
+        let failed = LoadError::of("the bare writer cannot commit");
+        // The fraction left over from a group is added to the next, so that the mean size is `entries`.
+        let mut due = 0.0;
+        let started = Instant::now();
+        let mut done = Committed { acts: 0, commits: 0, elapsed: Duration::ZERO };
+        loop {
+            // Of 13 entries 12 are acts.
+            due += entries * 12.0 / 13.0;
+            let acts = floor(due).max(1);
+            due -= float(acts);
+            self.commit_next(acts).await.map_err(|error| failed(&error))?;
+            done.acts += acts as u64;
+            done.commits += 1;
+            done.elapsed = started.elapsed();
+            if done.elapsed >= time {
+                return Ok(done);
+            }
+        }
+    }
+
+    /// Commits the next `acts` acts, and the rounds that they complete.
+    pub(crate) async fn commit_next(&mut self, acts: usize) -> Result<(), sqlx::Error> {
+        let Self { episodes, record, .. } = self;
+        let group = Group { first: self.acts, acts, episodes: *episodes, record };
+        match &mut self.engine {
+            Engine::Sqlite(writer) => writer.commit(group).await?,
+            Engine::Postgres(writer) => writer.commit(group).await?,
+        }
+        self.acts += acts;
+        Ok(())
+    }
+
+    /// Closes the database and removes it.
+    ///
+    /// # Errors
+    /// Where it cannot be closed.
+    pub async fn close(self) -> Result<(), LoadError> {
+        let closed = match self.engine {
+            Engine::Sqlite(writer) => writer.close().await,
+            Engine::Postgres(writer) => writer.close().await,
+        };
+        closed.map_err(|error| LoadError::of("the bare writer cannot be closed")(&error))
+    }
+}
+
+/// A count in the type of a column.
+fn number<T: TryFrom<usize>>(count: usize) -> T {
+    T::try_from(count).unwrap_or_else(|_| panic!("{count} is no value of the column"))
+}
+
+fn float(count: usize) -> f64 {
+    super::float(count as u64)
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "sizes of groups are small and not negative"
+)]
+fn floor(number: f64) -> usize {
+    number.max(0.0) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use sqlx::Row as _;
+
+    use super::*;
+
+    async fn open(place: &Place) -> BareCommit {
+        let tables = concat!(env!("CARGO_MANIFEST_DIR"), "/../../migrations");
+        let tables = Migrator::new(Path::new(tables)).await.expect("the server's tables");
+        BareCommit::open(place, &tables, 3, "{}".to_owned()).await.expect("a database")
+    }
+
+    /// Without time each call makes one commit. Of 19.5 entries 18 are acts.
+    async fn write_two_groups(bare: &mut BareCommit) {
+        for acts in [18, 18] {
+            let done = bare.run(19.5, Duration::ZERO).await.expect("a commit");
+            assert_eq!((done.acts, done.commits), (acts, 1));
+        }
+    }
+
+    const COUNTS: &str = "SELECT (SELECT count(*) FROM acts), (SELECT max(round) FROM acts), (SELECT count(*) FROM rounds)";
+
+    #[tokio::test]
+    async fn groups_are_as_large_as_they_are_to_be() {
+        let mut bare = open(&Place::Folder(std::env::temp_dir())).await;
+        write_two_groups(&mut bare).await;
+        let Engine::Sqlite(writer) = &mut bare.engine else { panic!("it is SQLite") };
+        let row = sqlx::query(COUNTS).fetch_one(&mut writer.connection).await.expect("a row");
+        assert_eq!((row.get::<i64, _>(0), row.get::<i64, _>(1), row.get::<i64, _>(2)), (36, 0, 3));
+        let path = writer.folder().to_owned();
+        bare.close().await.expect("closed");
+        assert!(!path.exists());
+    }
+
+    #[tokio::test]
+    async fn groups_of_postgres_are_the_same() {
+        let Ok(url) = std::env::var("SWARMBENCH_TEST_DB") else {
+            eprintln!("NOT RUN: it needs a PostgreSQL in SWARMBENCH_TEST_DB (.ci/postgres)");
+            return;
+        };
+        let place = Place::Postgres(url.clone());
+        let mut bare = open(&place).await;
+        write_two_groups(&mut bare).await;
+        let Engine::Postgres(writer) = &mut bare.engine else { panic!("it is PostgreSQL") };
+        let row = sqlx::query(COUNTS).fetch_one(writer.connection()).await.expect("a row");
+        assert_eq!((row.get::<i64, _>(0), row.get::<i32, _>(1), row.get::<i64, _>(2)), (36, 0, 3));
+        assert_eq!(
+            postgres::count_fenced(writer).await,
+            0,
+            "a writer whose row is gone writes nothing"
+        );
+        let closed = writer.database().to_owned();
+        bare.close().await.expect("closed");
+        // As it is after an error, or in a task that was aborted.
+        let dropped = open(&place).await;
+        let Engine::Postgres(writer) = &dropped.engine else { panic!("it is PostgreSQL") };
+        let names = [closed, writer.database().to_owned()];
+        drop(dropped);
+        assert_eq!(postgres::databases(&url, &names).await, 0);
+    }
+}

@@ -1,0 +1,201 @@
+//! A bare writer of PostgreSQL: a group is one statement, which counts the commit in the row of its writer, and writes nothing
+//! where that row is gone, as the server's does.
+
+use sqlx::postgres::{PgArguments, PgBindIterExt as _, PgConnectOptions, PgConnection};
+use sqlx::{Arguments as _, AssertSqlSafe, ConnectOptions as _, Connection as _};
+
+use super::{AT_MS, DIGEST, Group, HEAD, SCORE};
+
+/// Tables with the columns and keys of the server's.
+const TABLES: &str = r#"
+    CREATE TABLE nodes (
+        incarnation  bigint PRIMARY KEY,
+        committed    bigint NOT NULL
+    ) WITH (fillfactor = 50);
+    CREATE TABLE acts (
+        episode      bigint   NOT NULL,
+        round        integer  NOT NULL,
+        agent        smallint NOT NULL,
+        waiting_for  smallint NOT NULL,
+        source       smallint,
+        at           bigint   NOT NULL,
+        record       text     COLLATE "C" NOT NULL,
+        brief        text     COLLATE "C",
+        PRIMARY KEY (episode, round, agent)
+    );
+    CREATE TABLE rounds (
+        episode      bigint   NOT NULL,
+        round        integer  NOT NULL,
+        digest       bytea    NOT NULL,
+        score        double precision NOT NULL,
+        head         bytea    NOT NULL,
+        at           bigint   NOT NULL,
+        PRIMARY KEY (episode, round)
+    );
+    INSERT INTO nodes VALUES (1, 0)"#;
+
+/// The writer's row in `nodes`.
+pub const INCARNATION: i64 = 1;
+
+/// Writes the rows of a commit, and counts it: 0 where the writer's row is not at this count, and nothing was written.
+pub const APPEND: &str = "
+    WITH me AS (UPDATE nodes SET committed = committed + 1 WHERE incarnation = $1 AND committed = $2 RETURNING 1),
+         a AS (INSERT INTO acts (episode, round, agent, waiting_for, source, at, record, brief)
+               SELECT t.* FROM me, unnest($3::bigint[], $4::integer[], $5::smallint[], $6::smallint[], $7::smallint[],
+                                          $8::bigint[], $9::text[], $10::text[]) AS t),
+         r AS (INSERT INTO rounds (episode, round, digest, score, head, at)
+               SELECT t.* FROM me, unnest($11::bigint[], $12::integer[], $13::bytea[], $14::double precision[],
+                                          $15::bytea[], $16::bigint[]) AS t)
+    SELECT count(*) FROM me";
+
+/// A database of its own with [`TABLES`], which is dropped with it.
+pub struct Scratch {
+    server: PgConnectOptions,
+    name: Option<String>,
+}
+
+impl Scratch {
+    /// Makes it on the server of a URL, and connects to it. The user of the URL must be allowed to.
+    ///
+    /// # Errors
+    /// Where that does not work.
+    pub async fn create(url: &str) -> Result<(Self, PgConnection), sqlx::Error> {
+        let server: PgConnectOptions = url.parse()?;
+        let server = server.disable_statement_logging();
+        let mut connection = server.connect().await?;
+        // Load tests of other machines may have databases there, too.
+        let name = sqlx::query_scalar(
+            "SELECT 'swarmbench_loadtest_' || replace(gen_random_uuid()::text, '-', '')",
+        );
+        let name: String = name.fetch_one(&mut connection).await?;
+        sqlx::raw_sql(AssertSqlSafe(format!("CREATE DATABASE {name}")))
+            .execute(&mut connection)
+            .await?;
+        let scratch = Self { server, name: Some(name) };
+        connection.close().await?;
+        let mut connection = scratch.options().connect().await?;
+        sqlx::raw_sql(TABLES).execute(&mut connection).await?;
+        // Whatever is usual on this server: an act of the server is on the disk, too.
+        sqlx::raw_sql("SET synchronous_commit = on").execute(&mut connection).await?;
+        Ok((scratch, connection))
+    }
+
+    fn options(&self) -> PgConnectOptions {
+        self.name.iter().fold(self.server.clone(), |options, name| options.database(name))
+    }
+
+    /// Drops the database. Connections to it end.
+    ///
+    /// # Errors
+    /// Where that does not work.
+    pub async fn remove(mut self) -> Result<(), sqlx::Error> {
+        remove(self.server.clone(), self.name.take()).await
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let Some(name) = self.name.take() else { return };
+        let server = self.server.clone();
+        // On a thread, as this one may have a runtime already. A database that cannot be dropped stays behind.
+        let dropped = std::thread::spawn(move || {
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+            runtime.block_on(remove(server, Some(name)))
+        });
+        drop(dropped.join());
+    }
+}
+
+async fn remove(server: PgConnectOptions, name: Option<String>) -> Result<(), sqlx::Error> {
+    let Some(name) = name else { return Ok(()) };
+    let mut connection = server.connect().await?;
+    let text = format!("DROP DATABASE IF EXISTS {name} WITH (FORCE)");
+    sqlx::raw_sql(AssertSqlSafe(text)).execute(&mut connection).await?;
+    connection.close().await
+}
+
+pub(super) struct Writer {
+    connection: PgConnection,
+    scratch: Scratch,
+    /// Commits so far.
+    committed: i64,
+}
+
+impl Writer {
+    pub(super) async fn open(url: &str) -> Result<Self, sqlx::Error> {
+        let (scratch, connection) = Scratch::create(url).await?;
+        Ok(Self { connection, scratch, committed: 0 })
+    }
+
+    pub(super) async fn commit(&mut self, group: Group<'_>) -> Result<(), sqlx::Error> {
+        let arguments = self.arguments(group).map_err(sqlx::Error::Encode)?;
+        let append = sqlx::query_scalar_with(APPEND, arguments);
+        let counted: i64 = append.fetch_one(&mut self.connection).await?;
+        if counted != 1 {
+            return Err(sqlx::Error::Protocol("the row of the bare writer is gone".to_owned()));
+        }
+        self.committed += 1;
+        Ok(())
+    }
+
+    /// Columns of the rows, each an array that is encoded from an iterator, without one in between.
+    fn arguments(&self, group: Group<'_>) -> Result<PgArguments, sqlx::error::BoxDynError> {
+        let (acts, rounds) = (|| group.acts(), || group.rounds());
+        let mut to = PgArguments::default();
+        to.add(INCARNATION)?;
+        to.add(self.committed)?;
+        to.add(acts().map(|act| act.episode).bind_iter())?;
+        to.add(acts().map(|act| act.round).bind_iter())?;
+        to.add(acts().map(|act| act.agent).bind_iter())?;
+        to.add(acts().map(|act| act.waiting_for).bind_iter())?;
+        to.add(acts().map(|_| 0_i16).bind_iter())?;
+        to.add(acts().map(|_| AT_MS).bind_iter())?;
+        to.add(acts().map(|_| group.record).bind_iter())?;
+        to.add(acts().map(|_| None::<&str>).bind_iter())?;
+        to.add(rounds().map(|round| round.episode).bind_iter())?;
+        to.add(rounds().map(|round| round.round).bind_iter())?;
+        to.add(rounds().map(|_| DIGEST).bind_iter())?;
+        to.add(rounds().map(|_| SCORE).bind_iter())?;
+        to.add(rounds().map(|_| HEAD).bind_iter())?;
+        to.add(rounds().map(|_| AT_MS).bind_iter())?;
+        Ok(to)
+    }
+
+    pub(super) async fn close(self) -> Result<(), sqlx::Error> {
+        self.connection.close().await?;
+        self.scratch.remove().await
+    }
+
+    #[cfg(test)]
+    pub(super) fn connection(&mut self) -> &mut PgConnection {
+        &mut self.connection
+    }
+
+    #[cfg(test)]
+    pub(super) fn database(&self) -> &str {
+        self.scratch.name.as_deref().expect("it is not removed")
+    }
+}
+
+/// How many acts a commit adds after the writer's row was deleted.
+#[cfg(test)]
+pub(super) async fn count_fenced(writer: &mut Writer) -> i64 {
+    let count = async |writer: &mut Writer| -> i64 {
+        let count = sqlx::query_scalar("SELECT count(*) FROM acts");
+        count.fetch_one(writer.connection()).await.expect("a count")
+    };
+    let before = count(writer).await;
+    let deleted = sqlx::query("DELETE FROM nodes").execute(writer.connection()).await;
+    deleted.expect("deleted");
+    let group = Group { first: 120, acts: 12, episodes: 1, record: "{}" };
+    writer.commit(group).await.expect_err("it has no row");
+    count(writer).await - before
+}
+
+/// How many databases with these names the server has.
+#[cfg(test)]
+pub(super) async fn databases(url: &str, names: &[String]) -> i64 {
+    let mut connection = PgConnection::connect(url).await.expect("a server");
+    let count = sqlx::query_scalar("SELECT count(*) FROM pg_database WHERE datname = ANY($1)");
+    count.bind(names).fetch_one(&mut connection).await.expect("a count")
+}
