@@ -1,6 +1,5 @@
 //! `swarmbench key`
 
-
 use anyhow::{anyhow, bail};
 use jiff::{Span, SpanRelativeTo, Timestamp};
 use serde_json::json;

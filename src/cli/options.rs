@@ -1,6 +1,5 @@
 //! Options that several commands share, and what they open.
 
-
 use anyhow::{Context, bail};
 
 use swarmbench_engine::RuleSet;

@@ -607,8 +607,8 @@ mod tests {
 
     use super::*;
     use crate::ids::RunKey;
-    use crate::store::entries::ActRow;
     use crate::store::Store;
+    use crate::store::entries::ActRow;
     use crate::store::port::EpisodeStore;
     use swarmbench_journal::record::{Decision, RawRecord, Source};
 

@@ -141,7 +141,9 @@ impl<'q> Statement<'q> {
                 Ok(self.for_sqlite()?.fetch_optional(connection).await?.map(Row::Sqlite))
             }
             Engine::Postgres(connection) => {
-                Ok(Box::pin(self.for_postgres()?.fetch_optional(connection)).await?.map(Row::Postgres))
+                Ok(Box::pin(self.for_postgres()?.fetch_optional(connection))
+                    .await?
+                    .map(Row::Postgres))
             }
         }
     }

@@ -225,7 +225,11 @@ mod tests {
         let (started, patience) = (Instant::now(), Duration::from_secs(1));
         let jobs = [vec![act(1, 0)], vec![act(2, 0)]];
         let kept = keep(&mut own, &files, &state, &jobs, started + patience).await;
-        assert!(kept.iter().all(Result::is_err) && state.blocked() == Some(Blocked::LockedOut) && !state.has_failed());
+        assert!(
+            kept.iter().all(Result::is_err)
+                && state.blocked() == Some(Blocked::LockedOut)
+                && !state.has_failed()
+        );
         let waited = started.elapsed();
         assert!(patience <= waited && waited < patience * 19 / 10, "{waited:?}");
         execute(&mut other, "ROLLBACK").await.unwrap_or_else(|_| panic!("it was begun"));
