@@ -15,7 +15,7 @@ use crate::app::{Episode, TestApp};
 use crate::cup::{Cup, pass_minutes, server};
 
 /// What no hash covers: names and labels, times, and what is only said.
-const UNCHECKED: [(&str, &str); 43] = [
+const UNCHECKED: [(&str, &str); 44] = [
     ("_sqlx_migrations", "description"),
     ("_sqlx_migrations", "execution_time"),
     ("_sqlx_migrations", "installed_on"),
@@ -34,6 +34,7 @@ const UNCHECKED: [(&str, &str); 43] = [
     ("competitions", "definition"),
     ("competitions", "id"),
     ("competitions", "revealed_at"),
+    ("entries", "address"),
     ("entries", "declaration"),
     ("entries", "name"),
     ("entries", "reason"),
@@ -208,4 +209,22 @@ async fn damage_is_named_and_the_command_fails() {
         assert!(said.contains(&expected), "{expected} is not in {said}");
     }
     assert!(!said.contains(&games[2].id), "{said}");
+}
+
+#[tokio::test]
+async fn what_is_stored_a_second_time_is_compared_with_the_records() {
+    let app = TestApp::start().await;
+    let request = json!({ "task": "Synchronization", "num_agents": 2, "max_round": 1 });
+    let episode = app.create(request).await;
+    let response = format!("{} ACTION: SWITCH", "because ".repeat(100));
+    for agent in 0..2 {
+        let act = json!({ "round": 0, "response": response });
+        app.act(episode.seat(agent), &act).await;
+    }
+    assert!(checked(&app.database()).await.is_sound());
+    assert_eq!(app.count("SELECT count(*) FROM acts WHERE brief IS NOT NULL").await, 2);
+    app.tamper("UPDATE acts SET brief = replace(brief, 'Agent_1', 'Agent_0')").await;
+    let found = checked(&app.database()).await.damages;
+    let subjects: Vec<_> = found.iter().map(|damage| damage.subject.as_str()).collect();
+    assert_eq!(subjects, ["act of agent 1 in round 0 of episode 1"], "{found:?}");
 }
