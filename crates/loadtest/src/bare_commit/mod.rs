@@ -206,7 +206,7 @@ mod tests {
     use super::*;
 
     async fn open(place: &Place) -> BareCommit {
-        let tables = concat!(env!("CARGO_MANIFEST_DIR"), "/../../migrations");
+        let tables = concat!(env!("CARGO_MANIFEST_DIR"), "/../../migrations/sqlite");
         let tables = Migrator::new(Path::new(tables)).await.expect("the server's tables");
         BareCommit::open(place, &tables, 3, "{}".to_owned()).await.expect("a database")
     }
