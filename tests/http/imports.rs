@@ -16,7 +16,7 @@ async fn exported_games_are_imported_with_the_same_scores_and_grids() {
     }
     let place = tempfile::tempdir().expect("a folder");
     let path = |name: &str| place.path().join(name).display().to_string();
-    let db = app.database().display().to_string();
+    let db = app.db();
 
     // Beside the running server: a folder, an archive, and the server's own archive.
     let folder = swarmbench(&["export", &path("games"), "--db", &db]).await;
@@ -47,7 +47,7 @@ async fn exported_games_are_imported_with_the_same_scores_and_grids() {
 
     // A server on the database of another organizer.
     let mut there = TestApp::start().await;
-    let other = there.database().display().to_string();
+    let other = there.db();
     let archive = path("games.zip");
     let import = ["import", &archive, "--db", &other];
     let refused = swarmbench(&import).await;
@@ -193,7 +193,7 @@ async fn same_metrics((app, episode): (&TestApp, &Episode), (there, id): (&TestA
 async fn same_tables(app: &TestApp) {
     let place = tempfile::tempdir().expect("a folder");
     let path = |name: &str| place.path().join(name).display().to_string();
-    let db = app.database().display().to_string();
+    let db = app.db();
     let tables = swarmbench(&["export", &path("tables"), "--db", &db, "--format", "jsonl"]).await;
     assert!(tables.status.success(), "{}", text(&tables.stderr));
     let tables = place.path().join("tables");
@@ -237,7 +237,7 @@ async fn with_an_import(private: bool) -> (TestApp, String) {
     let builder = TestApp::builder().keys();
     let mut there = builder.access(|access| access.private = private).start().await;
     there.stop().await;
-    let db = there.database().display().to_string();
+    let db = there.db();
     let output = swarmbench(&["import", &archive.display().to_string(), "--db", &db]).await;
     assert!(output.status.success(), "{}", text(&output.stderr));
     there.start_again().await;
@@ -290,7 +290,7 @@ async fn imported_games_are_listed_page_by_page() {
         .expect("written");
     let mut there = TestApp::start().await;
     there.stop().await;
-    let db = there.database().display().to_string();
+    let db = there.db();
     let output = swarmbench(&["import", &archive.display().to_string(), "--db", &db]).await;
     assert!(output.status.success(), "{}", text(&output.stderr));
     there.start_again().await;

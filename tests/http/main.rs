@@ -15,6 +15,8 @@ mod dice;
 mod game;
 #[path = "../../crates/engine/tests/privacy/oracle.rs"]
 mod oracle;
+#[path = "../support/postgres.rs"]
+mod postgres;
 
 mod across;
 mod agent;

@@ -6,13 +6,19 @@ use std::time::Duration;
 use futures::future::join_all;
 use serde_json::{Value, json};
 
-use crate::app::{Episode, TestApp, number};
+use crate::app::{Episode, TestApp, is_on_postgres, number};
 use crate::cup::{self, Cup};
 
 /// From now on the database refuses acts whose reasoning says so.
 const REFUSE: &str = "CREATE TRIGGER refuse BEFORE INSERT ON acts
     WHEN NEW.record LIKE '%the database refuses this%'
     BEGIN SELECT raise(ABORT, 'refused by a test'); END";
+
+/// The same for PostgreSQL.
+const REFUSE_IN_POSTGRES: &str = "CREATE FUNCTION refuse() RETURNS trigger LANGUAGE plpgsql AS $$
+    BEGIN RAISE EXCEPTION USING ERRCODE = '23514', MESSAGE = 'refused by a test'; END $$;
+    CREATE TRIGGER refuse BEFORE INSERT ON acts FOR EACH ROW
+    WHEN (NEW.record LIKE '%the database refuses this%') EXECUTE FUNCTION refuse()";
 
 fn request(agents: u32) -> Value {
     json!({ "task": "Synchronization", "seed": 1, "num_agents": agents, "max_round": 5 })
@@ -42,7 +48,7 @@ async fn played(app: &TestApp, episode: &Episode) -> String {
 async fn an_entry_that_the_database_refuses_fails_alone() {
     let mut app = TestApp::with_manual_clock().await;
     let (one, other) = (app.create(request(4)).await, app.create(request(4)).await);
-    app.tamper(REFUSE).await;
+    app.tamper_in(REFUSE, REFUSE_IN_POSTGRES).await;
     for round in 0..3 {
         // All at once: some of them are in one transaction.
         let refused = refused(round);
@@ -74,7 +80,7 @@ async fn an_entry_that_the_database_refuses_fails_alone() {
 async fn requests_that_wait_for_a_failed_episode_are_answered() {
     let app = TestApp::builder().manual_clock().start().await;
     let episode = app.create(request(2)).await;
-    app.tamper(REFUSE).await;
+    app.tamper_in(REFUSE, REFUSE_IN_POSTGRES).await;
     let seat = app.get("/obs?after=0&wait=60").token(episode.seat(1));
     let swarm = app.get("/swarm/obs?wait=60").token(&episode.swarm);
     let first = swarm.ok().await;
@@ -94,6 +100,9 @@ async fn requests_that_wait_for_a_failed_episode_are_answered() {
 
 #[tokio::test]
 async fn a_locked_database_is_waited_for() {
+    if is_on_postgres("a_locked_database_is_waited_for") {
+        return;
+    }
     let app = TestApp::start().await;
     let episode = app.create(request(2)).await;
     let mut other = app.other_program().await;

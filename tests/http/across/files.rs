@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use swarmbench::store::{OpenError, Store};
 
 use crate::app::program::{printed, swarmbench_in};
-use crate::app::{Episode, TestApp};
+use crate::app::{Episode, TestApp, is_on_postgres};
 
 fn beside(database: &Path, end: &str) -> PathBuf {
     let mut name = database.to_owned().into_os_string();
@@ -36,6 +36,9 @@ fn locks(file: &Path) -> Vec<String> {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn no_path_leads_a_second_server_into_the_same_file() {
+    if is_on_postgres("no_path_leads_a_second_server_into_the_same_file") {
+        return;
+    }
     let mut app = TestApp::start().await;
     let database = app.database();
     let folder = database.parent().expect("a folder").to_owned();
@@ -117,6 +120,9 @@ async fn nothing_is_acknowledged_into_files_that_are_gone(
     #[case] accident: Accident,
     #[case] end: &str,
 ) {
+    if is_on_postgres("nothing_is_acknowledged_into_files_that_are_gone") {
+        return;
+    }
     let app = TestApp::start().await;
     let episode = game(&app).await;
     app.all_act(&episode, "SWITCH").await;
@@ -152,6 +158,9 @@ async fn nothing_is_acknowledged_into_files_that_are_gone(
 
 #[tokio::test]
 async fn readiness_says_so_before_anybody_acts() {
+    if is_on_postgres("readiness_says_so_before_anybody_acts") {
+        return;
+    }
     let app = TestApp::start().await;
     let away = app.database().with_file_name("away.db");
     fs::rename(app.database(), &away).expect("renamed");
@@ -164,6 +173,9 @@ async fn readiness_says_so_before_anybody_acts() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn only_their_owner_reads_the_files() {
+    if is_on_postgres("only_their_owner_reads_the_files") {
+        return;
+    }
     let app = TestApp::start().await;
     game(&app).await;
     let database = app.database();

@@ -84,9 +84,9 @@ async fn new_episodes_have_new_ids_after_a_restart() {
 async fn a_second_server_on_the_same_database_is_refused_by_name() {
     let mut app = TestApp::start().await;
     let episode = app.create(request()).await;
-    let (database, parts) = (app.database(), app.parts());
+    let (database, parts) = (app.location(), app.parts());
     let refused = Server::open(&database, parts).await.err().expect("a refusal").to_string();
-    assert!(refused.contains(&database.display().to_string()), "{refused}");
+    assert!(refused.contains(&database.to_string()), "{refused}");
     assert!(refused.contains("in use"), "{refused}");
     // The first does not notice.
     app.all_act(&episode, "SWITCH").await;

@@ -13,13 +13,14 @@ use std::time::Duration;
 
 use reqwest::{Client, Method};
 use serde_json::Value;
+use sqlx::{AssertSqlSafe, Connection as _};
 use swarmbench::host::ManualDisk;
 use swarmbench::http::limits::Limits;
 use swarmbench::http::{Access, Source};
 use swarmbench::keys::{Key, KeyRow, Role};
 use swarmbench::server::{Parts, Server, StartError};
-use swarmbench::store::Store;
 use swarmbench::store::entries::Entry;
+use swarmbench::store::{Location, Store};
 use swarmbench_clock::{Clock as _, ManualClock, SeededEntropy, SystemClock};
 use tempfile::TempDir;
 use tokio::net::TcpListener;
@@ -28,6 +29,16 @@ use tokio::task::JoinHandle;
 
 pub(crate) use self::call::{Answer, Call, DOCUMENT, check_problem, fields, list, number, texts};
 pub(crate) use self::episode::{Episode, game, verified};
+use crate::postgres::{self, Scratch};
+
+/// Whether the tests run on PostgreSQL, where a test of the files of SQLite has nothing to do; that it does not run is printed.
+pub(crate) fn is_on_postgres(test: &str) -> bool {
+    let is_on_postgres = postgres::server().is_some();
+    if is_on_postgres {
+        println!("NOT RUN on PostgreSQL, as it is about files of SQLite: {test}");
+    }
+    is_on_postgres
+}
 
 /// Longer than anything takes, so that a test that hangs fails.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(100);
@@ -89,6 +100,7 @@ impl Builder {
     pub(crate) async fn start(self) -> TestApp {
         let mut app = TestApp {
             directory: TempDir::new().expect("a directory"),
+            scratch: Scratch::new().await,
             clock: self.clock,
             disk: Arc::new(ManualDisk::new(50)),
             limits: self.limits,
@@ -99,6 +111,7 @@ impl Builder {
             organizer: self.organizer,
         };
         if let Some(database) = self.database {
+            assert!(app.scratch.is_none(), "a database that is there is a file");
             std::fs::write(app.database(), database).expect("written");
             // Ids that were drawn once are not drawn again.
             app.starts = 1000;
@@ -114,6 +127,8 @@ impl Builder {
 /// A server over a database of its own.
 pub(crate) struct TestApp {
     directory: TempDir,
+    /// The database, where the tests run on PostgreSQL.
+    scratch: Option<Scratch>,
     clock: Option<Arc<ManualClock>>,
     pub(crate) disk: Arc<ManualDisk>,
     limits: Limits,
@@ -153,7 +168,7 @@ impl TestApp {
         let (key, token) =
             Key::new(Role::Organizer, "the organizer", None, now, &entropy).expect("a good name");
         let row = KeyRow { key, hash: token.hash(), acts_for: None };
-        let store = Store::open(&self.database()).await.expect("it opens");
+        let store = Store::open(self.location()).await.expect("it opens");
         store.keep(vec![Entry::AddKey(Box::new(row))]).await.expect("it is kept");
         store.close().await;
         token.reveal().to_owned()
@@ -218,7 +233,7 @@ impl TestApp {
     async fn launch(&mut self) {
         assert!(self.running.is_none(), "it runs");
         let parts = self.parts();
-        let server = Server::open(&self.database(), parts).await.expect("it opens");
+        let server = Server::open(self.location(), parts).await.expect("it opens");
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let base = format!("http://{}", listener.local_addr().expect("an address"));
         let (stop, stopped) = oneshot::channel::<()>();
@@ -243,6 +258,12 @@ impl TestApp {
 
     /// A server over what the disk holds now, as after the end of the process without any notice.
     pub(crate) async fn after_a_crash(&self) -> Self {
+        if let Some(scratch) = &self.scratch {
+            let mut app = self.another();
+            app.scratch = Some(copied(scratch).await);
+            app.start_again().await;
+            return app;
+        }
         let files = std::fs::read_dir(self.directory.path()).expect("a directory");
         let files = files.map(|file| file.expect("a file"));
         self.over(files.map(|file| (file.path(), file.file_name()))).await
@@ -256,8 +277,19 @@ impl TestApp {
 
     /// A server over copies of these files, under these names.
     async fn over(&self, files: impl IntoIterator<Item = (PathBuf, OsString)>) -> Self {
-        let mut app = Self {
+        let mut app = self.another();
+        for (file, name) in files {
+            std::fs::copy(file, app.directory.path().join(name)).expect("a copy");
+        }
+        app.start_again().await;
+        app
+    }
+
+    /// A server of the same kind that does not run, without a database.
+    fn another(&self) -> Self {
+        Self {
             directory: TempDir::new().expect("a directory"),
+            scratch: None,
             clock: self.clock.clone(),
             disk: Arc::clone(&self.disk),
             limits: self.limits,
@@ -266,12 +298,7 @@ impl TestApp {
             client: self.client.clone(),
             running: None,
             organizer: self.organizer.clone(),
-        };
-        for (file, name) in files {
-            std::fs::copy(file, app.directory.path().join(name)).expect("a copy");
         }
-        app.start_again().await;
-        app
     }
 
     /// Stops the server in good order.
@@ -287,7 +314,22 @@ impl TestApp {
         self.start_again().await;
     }
 
+    /// Where the database is.
+    pub(crate) fn location(&self) -> Location {
+        self.db().parse().expect("a location")
+    }
+
+    /// The database as commands name it with `--db`.
+    pub(crate) fn db(&self) -> String {
+        match &self.scratch {
+            Some(scratch) => scratch.url().to_owned(),
+            None => self.database().display().to_string(),
+        }
+    }
+
+    /// The file of the database. A test that asks for it begins with [`is_on_postgres`].
     pub(crate) fn database(&self) -> PathBuf {
+        assert!(self.scratch.is_none(), "PostgreSQL has no file");
         self.directory.path().join("swarmbench.db")
     }
 
@@ -317,17 +359,34 @@ impl TestApp {
 
     /// Changes the database as another program would.
     pub(crate) async fn tamper(&self, statement: &'static str) {
-        let mut database = self.other_program().await;
-        sqlx::raw_sql(statement).execute(&mut database).await.expect("a good statement");
-        sqlx::Connection::close(database).await.expect("it closes");
+        if let Some(scratch) = &self.scratch {
+            let mut database = scratch.connect().await;
+            sqlx::raw_sql(statement).execute(&mut database).await.expect("a good statement");
+            database.close().await.expect("it closes");
+        } else {
+            let mut database = self.other_program().await;
+            sqlx::raw_sql(statement).execute(&mut database).await.expect("a good statement");
+            database.close().await.expect("it closes");
+        }
+    }
+
+    /// The same with the statement of the engine.
+    pub(crate) async fn tamper_in(&self, sqlite: &'static str, postgres: &'static str) {
+        self.tamper(if self.scratch.is_some() { postgres } else { sqlite }).await;
     }
 
     /// The number that a query of another program gives.
     pub(crate) async fn count(&self, query: &'static str) -> i64 {
+        if let Some(scratch) = &self.scratch {
+            let mut database = scratch.connect().await;
+            let count = sqlx::query_scalar(query).fetch_one(&mut database).await;
+            database.close().await.expect("it closes");
+            return count.expect("a number");
+        }
         let mut database = self.other_program().await;
-        let count = sqlx::query_scalar(query).fetch_one(&mut database).await.expect("a number");
-        sqlx::Connection::close(database).await.expect("it closes");
-        count
+        let count = sqlx::query_scalar(query).fetch_one(&mut database).await;
+        database.close().await.expect("it closes");
+        count.expect("a number")
     }
 
     /// Another program's connection to the database.
@@ -360,4 +419,48 @@ impl TestApp {
     pub(crate) fn delete(&self, path: &str) -> Call {
         self.call(Method::DELETE, path)
     }
+}
+
+/// A database with all that another one has, as it is at this moment, whoever uses that.
+async fn copied(from: &Scratch) -> Scratch {
+    let to = Scratch::new().await.expect("there is a server for tests");
+    // Its tables.
+    let location: Location = to.url().parse().expect("an address");
+    Store::open(location).await.expect("it opens").close().await;
+    let (mut source, mut target) = (from.connect().await, to.connect().await);
+    let begin = "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY";
+    sqlx::raw_sql(begin).execute(&mut source).await.expect("a transaction");
+    let tables: Vec<String> = sqlx::query_scalar(
+        "SELECT tablename::text FROM pg_tables
+         WHERE schemaname = 'public' AND tablename NOT IN ('_sqlx_migrations', 'nodes')",
+    )
+    .fetch_all(&mut source)
+    .await
+    .expect("the tables");
+    for table in tables {
+        let out = format!("COPY {table} TO STDOUT (FORMAT binary)");
+        let rows = source.copy_out_raw(&out).await.expect("its rows");
+        let rows: Vec<_> = futures::TryStreamExt::try_collect(rows).await.expect("all of them");
+        let into = format!("COPY {table} FROM STDIN (FORMAT binary)");
+        let mut copy = target.copy_in_raw(&into).await.expect("a copy");
+        for piece in rows {
+            copy.send(piece).await.expect("it is taken");
+        }
+        copy.finish().await.expect("it is complete");
+    }
+    let identities: Vec<(String, String)> = sqlx::query_as(
+        "SELECT table_name::text, column_name::text FROM information_schema.columns
+         WHERE table_schema = 'public' AND identity_generation = 'BY DEFAULT'",
+    )
+    .fetch_all(&mut target)
+    .await
+    .expect("the columns");
+    for (table, column) in identities {
+        let set = format!(
+            "SELECT setval(pg_get_serial_sequence('{table}', '{column}'),
+                           (SELECT coalesce(max({column}), 0) + 1 FROM {table}), false)"
+        );
+        sqlx::raw_sql(AssertSqlSafe(set)).execute(&mut target).await.expect("a number");
+    }
+    to
 }

@@ -286,7 +286,7 @@ async fn boards_follow_from_the_journals_to_the_byte() {
             csv(&app, query).await.body,
         ));
     }
-    let db = app.database().display().to_string();
+    let db = app.db();
     let refused = swarmbench(&["board", "rebuild", "--db", &db]).await;
     assert!(!refused.status.success());
     assert!(
@@ -326,7 +326,7 @@ async fn a_journal_that_was_changed_is_found_and_nothing_is_rebuilt() {
     let mut app = played().await;
     let before = app.get(&format!("{BOARD}?suite=small")).send().await.body;
     app.stop().await;
-    let db = app.database().display().to_string();
+    let db = app.db();
     let refused = async |args: &[&str]| {
         let output = swarmbench(&[&["board", "rebuild", "--db", &db], args].concat()).await;
         assert!(!output.status.success(), "{}", text(&output.stdout));
@@ -354,10 +354,11 @@ async fn sealed_results_are_not_on_the_board_before_they_are_revealed() {
     let owner = offline.owner("the organizer").await;
     offline.run(definition("attempt", 5), owner, &[Did::Scored(7); 5], "finished").await;
     offline.close().await;
-    app.tamper("INSERT INTO competitions (key, id, definition, salt, seeds, commitment, opens_at, closes_at, created_at)
-         VALUES (1, 'cmp_1', '{}', x'00', x'00', x'00', 0, 1, 0);
+    app.tamper(
+        "INSERT INTO competitions (key, id, definition, salt, seeds, commitment, opens_at, closes_at, created_at)
+         SELECT 1, 'cmp_1', '{}', hash, hash, hash, 0, 1, 0 FROM keys;
          INSERT INTO entries (key, id, competition, owner, name, model, declaration, status, vouched, registered_at)
-         VALUES (1, 'ent_1', 1, 1, 'team blue', 'attempt', '{}', 'active', 1, 0);
+         VALUES (1, 'ent_1', 1, 1, 'team blue', 'attempt', '{}', 'active', TRUE, 0);
          UPDATE runs SET entry = 1, attempt = 1;",
     )
     .await;
@@ -493,7 +494,7 @@ async fn the_command_line_shows_a_board_of_a_server() {
     assert!(text(&output.stdout).contains("gemini-2.0-flash *"), "{}", text(&output.stdout));
     let output = swarmbench(&["leaderboard", "--server", &server, "--pick", "worst"]).await;
     assert!(text(&output.stderr).contains("pick must be one of best, last, mean"));
-    let db = app.database().display().to_string();
+    let db = app.db();
     let output = swarmbench(&["leaderboard", "--db", &db]).await;
     assert!(text(&output.stderr).contains("name it with --server"), "{}", text(&output.stderr));
 }

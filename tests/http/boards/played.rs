@@ -114,7 +114,7 @@ pub(super) struct Offline {
 
 impl Offline {
     pub(super) async fn open(app: &TestApp) -> Self {
-        let store = Store::open(&app.database()).await.expect("it opens");
+        let store = Store::open(app.location()).await.expect("it opens");
         let last = store.last_key().await.expect("it is read");
         let noon = "2026-02-28T12:00:00Z".parse().expect("a time");
         let clock = Arc::new(ManualClock::new(noon));

@@ -515,7 +515,7 @@ async fn a_fork_is_recovered_and_forked_again() {
 async fn assert_sound(app: &mut TestApp) {
     app.stop().await;
     let formats = &swarmbench::competitions::FORMATS;
-    let checked = swarmbench::store::check::check(&app.database(), formats, |_, _| ()).await;
+    let checked = swarmbench::store::check::check(app.location(), formats, |_, _| ()).await;
     let checked = checked.expect("it can be checked");
     assert!(checked.is_sound(), "{:?}", checked.damages);
 }

@@ -110,8 +110,7 @@ async fn a_game_is_measured_after_its_end_and_again_by_the_rebuild() {
     assert_eq!(app.count(stored).await, 1);
     app.stop().await;
     app.tamper("UPDATE metrics SET measured = replace(measured, '0.5', '0.75')").await;
-    let database = app.database();
-    let output = swarmbench(&["board", "rebuild", "--db", database.to_str().expect("UTF-8")]).await;
+    let output = swarmbench(&["board", "rebuild", "--db", &app.db()]).await;
     assert!(printed(&output).contains("1 games were measured."), "{}", printed(&output));
     app.start_again().await;
     assert_eq!(app.get(&episode.path("/metrics")).ok().await, first);

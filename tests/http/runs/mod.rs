@@ -150,6 +150,5 @@ async fn until(app: &TestApp, run: &Run, is: impl Fn(&Value) -> bool) -> Value {
 
 /// The number that a query finds in the database.
 async fn stored(app: &TestApp, query: &'static str) -> i64 {
-    let mut database = app.other_program().await;
-    sqlx::query_scalar(query).fetch_one(&mut database).await.expect("a number")
+    app.count(query).await
 }

@@ -13,7 +13,7 @@ use swarmbench_clock::SeededEntropy;
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
 use super::*;
-use crate::app::{fields, number};
+use crate::app::{fields, is_on_postgres, number};
 use crate::cup;
 
 /// The database of which a running game and an announced competition are too large for new ones.
@@ -68,6 +68,11 @@ async fn prove(app: &TestApp, episode: &str) {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_old_game_and_an_old_competition_are_played_on_with_what_no_new_one_may_have() {
+    if is_on_postgres(
+        "an_old_game_and_an_old_competition_are_played_on_with_what_no_new_one_may_have",
+    ) {
+        return;
+    }
     let (mut app, facts) = open(LARGE).await;
     let episode = Episode::of(&facts.running[0]);
     let announced = Cup { id: facts.cups.announced.clone(), created: Value::Null };
@@ -166,6 +171,9 @@ async fn keep_old_run(app: &TestApp) -> (String, String) {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_old_run_is_played_with_the_largest_settings_that_there_were() {
+    if is_on_postgres("an_old_run_is_played_with_the_largest_settings_that_there_were") {
+        return;
+    }
     let mut app = TestApp::builder().manual_clock().keys().start().await;
     app.stop().await;
     let (run, swarm) = keep_old_run(&app).await;

@@ -1,0 +1,85 @@
+//! Databases of PostgreSQL for tests: each is made in the server that `SWARMBENCH_TEST_DB` names, and dropped with its owner.
+
+use std::str::FromStr as _;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use sqlx::postgres::{PgConnectOptions, PgConnection};
+use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _};
+
+/// The variable with the address of a server in which databases may be made: `.ci/postgres` sets it.
+pub(crate) const VARIABLE: &str = "SWARMBENCH_TEST_DB";
+
+/// The address of the server for tests, if there is one.
+pub(crate) fn server() -> Option<String> {
+    std::env::var(VARIABLE).ok().filter(|url| !url.is_empty())
+}
+
+/// A database of its own. It is dropped, whoever uses it, when this is.
+pub(crate) struct Scratch {
+    server: PgConnectOptions,
+    name: String,
+    url: String,
+}
+
+impl Scratch {
+    /// Makes a database; none where there is no server for tests.
+    pub(crate) async fn new() -> Option<Self> {
+        static MADE: AtomicU64 = AtomicU64::new(0);
+        let url = server()?;
+        let options = PgConnectOptions::from_str(&url).expect("an address");
+        let options = options.disable_statement_logging();
+        let number = MADE.fetch_add(1, Ordering::Relaxed);
+        let name = format!("sbt_{}_{number}", std::process::id());
+        let (base, _) = url.rsplit_once('/').expect("an address with a database");
+        let scratch = Self { server: options, url: format!("{base}/{name}"), name };
+        let mut connection = scratch.of_server().await;
+        // Left there by an earlier process with this number.
+        scratch
+            .execute(
+                &mut connection,
+                &format!("DROP DATABASE IF EXISTS {} WITH (FORCE)", scratch.name),
+            )
+            .await;
+        scratch.execute(&mut connection, &format!("CREATE DATABASE {}", scratch.name)).await;
+        drop(connection.close().await);
+        Some(scratch)
+    }
+
+    /// The address of the database.
+    pub(crate) fn url(&self) -> &str {
+        &self.url
+    }
+
+    /// A connection of another program.
+    pub(crate) async fn connect(&self) -> PgConnection {
+        self.server.clone().database(&self.name).connect().await.expect("the database answers")
+    }
+
+    async fn of_server(&self) -> PgConnection {
+        self.server.connect().await.expect("the server for tests answers")
+    }
+
+    async fn execute(&self, connection: &mut PgConnection, statement: &str) {
+        sqlx::raw_sql(AssertSqlSafe(statement.to_owned()))
+            .execute(connection)
+            .await
+            .unwrap_or_else(|error| panic!("{statement}: {error}"));
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let (options, name) = (self.server.clone(), self.name.clone());
+        let dropping = std::thread::spawn(move || {
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+            let Ok(runtime) = runtime else { return };
+            runtime.block_on(async {
+                let Ok(mut connection) = options.connect().await else { return };
+                let statement = format!("DROP DATABASE IF EXISTS {name} WITH (FORCE)");
+                // What is left of it goes with the server.
+                drop(sqlx::raw_sql(AssertSqlSafe(statement)).execute(&mut connection).await);
+            });
+        });
+        drop(dropping.join());
+    }
+}
