@@ -160,6 +160,17 @@ def check_entrant(record, definition):
     check(record.get("terms", 0) <= newest, "an entrant accepted terms that do not exist")
 
 
+def check_changes(definition, changes):
+    """Checks that each change begins with what the one before made of its field, and that the last ones are the definition."""
+    now = {}
+    for change in changes:
+        same(f"a change of {change['field']} begins", now.get(change["field"], change["from"]), change["from"])
+        now[change["field"]] = change["to"]
+    ends = {f"attempts[{place}].closes_at": window["closes_at"] for place, window in enumerate(definition["attempts"])}
+    for field, value in (definition | ends).items():
+        same(f"the last change of {field}", now.get(field, value), value)
+
+
 class Attempt:
     def __init__(self, record, window, tasks, seeds, public=0):
         self.record, self.window = record, window
@@ -354,6 +365,7 @@ def verify(reader, commitment, head):
             check(record["id"] not in entrants and not attempts, "an entrant is out of place")
             check_entrant(record, competition["definition"])
             entrants[record["id"]] = record
+    check_changes(competition["definition"], [change for _, change in changes])
     rows = board(competition["definition"], entrants, attempts)
     same("the number of rows", len(record["rows"]), len(rows))
     for place, (published, row) in enumerate(zip(record["rows"], rows, strict=True), 1):

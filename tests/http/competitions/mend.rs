@@ -1,12 +1,14 @@
 //! Organizers mend a competition: they extend, correct, hide and cancel it, and attempts are played again on spare seeds.
 
 use std::collections::BTreeSet;
+use std::fmt::Write as _;
 use std::time::Duration;
 
 use reqwest::Method;
 use serde_json::{Value, json};
 use swarmbench_boards::competition::verify::{Expected, Fault, Report, verify};
 use swarmbench_engine::physics::Solver;
+use swarmbench_journal::chain::Head;
 
 use crate::app::{Call, TestApp, fields, list, number, texts};
 use crate::cup::{Attempt, Cup, server};
@@ -84,6 +86,35 @@ async fn an_extended_window_holds_for_all_games_that_are_opened_afterwards() {
     let early =
         file.replace("\"from\":\"2026-03-01T12:30:00Z\"", "\"from\":\"2026-03-01T12:29:00Z\"");
     assert!(check(&early).is_err());
+    // What was changed must lead to what the file says.
+    let reread = |from: &str, to: &str| check(&rechained(&file, from, to)).map(|_| ());
+    reread("an hour without the server", "two hours").expect("a reason says nothing of ends");
+    let lie = reread(r#""to":"2026-03-01T13:30:00Z""#, r#""to":"2026-03-01T13:40:00Z""#);
+    let lie = lie.expect_err("another end than that of the definition").to_string();
+    assert!(lie.contains("the last change of"), "{lie}");
+}
+
+/// A file in which a text of its records is another, with hashes that fit.
+fn rechained(file: &str, from: &str, to: &str) -> String {
+    let mut head = Head::START;
+    let mut left = 0;
+    let mut text = String::new();
+    for line in file.lines() {
+        if left > 0 {
+            left -= 1;
+            text.push_str(line);
+            text.push('\n');
+            continue;
+        }
+        let (_, record) = line.split_once(r#","record":"#).expect("a line of a file");
+        let record = record.strip_suffix('}').expect("a line of a file").replace(from, to);
+        let read: Value = serde_json::from_str(&record).expect("JSON");
+        left = if read["kind"] == "episode" { number(&read["lines"]) } else { 0 };
+        head = head.link(record.as_bytes());
+        writeln!(text, r#"{{"hash":"{head}","record":{record}}}"#)
+            .expect("a string takes everything");
+    }
+    text
 }
 
 #[tokio::test]

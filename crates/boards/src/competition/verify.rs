@@ -343,7 +343,10 @@ impl<'a> Checker<'a> {
                     self.entrant(entrant).map_err(|what| reader.wrong(what))?;
                 }
                 Some(Line::Attempt(attempt)) => self.attempt(reader, &Arc::new(attempt))?,
-                Some(Line::Board(board)) => return Ok(board.rows),
+                Some(Line::Board(board)) => {
+                    self.check_changes().map_err(|what| reader.wrong(what))?;
+                    return Ok(board.rows);
+                }
                 Some(Line::Competition(_) | Line::Episode(_) | Line::End(_)) => {
                     return Err(reader.wrong("this record does not belong here"));
                 }
@@ -372,6 +375,25 @@ impl<'a> Checker<'a> {
             self.changes.push((action.at, changed));
         }
         self.actions.push(action);
+        Ok(())
+    }
+
+    /// Checks that what was changed is what the definition has, each change after the one before.
+    fn check_changes(&self) -> Result<(), String> {
+        let definition = serde_json::to_value(self.definition()).unwrap_or_default();
+        let mut now: HashMap<&str, &Value> = HashMap::new();
+        for changed in self.changes.iter().flat_map(|(_, changed)| changed) {
+            let Changed { field, from, to } = changed;
+            if now.insert(field, to).is_some_and(|before| before != from) {
+                return Err(format!("a change of {field} begins with {from}, which it was not"));
+            }
+        }
+        for (field, to) in now {
+            let path = format!("/{}", field.replace('[', "/").replace("].", "/"));
+            if definition.pointer(&path).is_some_and(|is| is != to) {
+                return Err(format!("the last change of {field} is to {to}, which it is not"));
+            }
+        }
         Ok(())
     }
 
