@@ -258,6 +258,19 @@ impl Store {
         self.fetch_optional(query(text).bind(owner.0)).await
     }
 
+    /// The competition for which a key was made, or that of a member of a team, and the public id of its entrant there.
+    pub async fn entrant_of_key(
+        &self,
+        key: OwnerKey,
+    ) -> Result<Option<(CompetitionKey, String)>, StoreError> {
+        let query = sqlx::query(
+            "SELECT competition, id FROM entries
+             WHERE owner = (SELECT coalesce(acts_for, number) FROM keys WHERE number = ?)
+             ORDER BY key LIMIT 1",
+        );
+        self.fetch_optional(query.bind(key.0)).await
+    }
+
     /// Lists the entrants of a competition, or those of one key, in the order in which they registered, from the one after
     /// `after` on; without what only they themselves are shown.
     pub async fn list_entrants(

@@ -4,6 +4,7 @@ use axum::Json;
 use serde_json::json;
 
 use super::super::prelude::*;
+use crate::keys::Role;
 use crate::store::entries::Entry;
 use crate::store::tokens::Grant;
 use swarmbench_protocol::key::KeySummary;
@@ -37,8 +38,20 @@ pub(in super::super) async fn revoke_key(
             let key = app.store.keys().await?.into_iter().find(|key| key.id == id);
             key.ok_or_else(|| ApiError::not_found("the key"))
         };
-        if find().await?.revoked_at.is_none() {
-            let audit_entry = organizer.audit_entry(&app, "key.revoke", &id, json!({}));
+        let key = find().await?;
+        if key.revoked_at.is_none() {
+            let entrant = match key.number.filter(|_| key.role == Role::Entrant) {
+                Some(number) => app.store.entrant_of_key(number).await?,
+                None => None,
+            };
+            let audit_entry = match entrant {
+                // An entrant that cannot play any more is to see why.
+                Some((competition, entrant)) => {
+                    let shown = (competition, json!({ "entrant": entrant }));
+                    organizer.audit_entry_shown(&app, "key.revoke", &id, json!({}), shown)
+                }
+                None => organizer.audit_entry(&app, "key.revoke", &id, json!({})),
+            };
             app.store.keep(vec![Entry::RevokeKey { id: id.clone(), at: now }, audit_entry]).await?;
         }
         app.tokens.forget(|grant| matches!(grant, Grant::Key(key) if key.id == id));

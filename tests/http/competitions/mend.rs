@@ -343,7 +343,16 @@ async fn everybody_sees_what_organizers_do_to_attempts_of_others() {
     app.post(&format!("{run}/token")).token(&app.organizer).ok().await;
     app.delete(&format!("/api/v1/episodes/{game}")).token(&app.organizer).ok().await;
     app.delete(&run).token(&app.organizer).ok().await;
-    let log = actions(&app, &cup).await;
+    let members = cup.path(&format!("/entrants/{}/members", blue.id));
+    let ada = app.post(&members).token(&blue.key).json(&json!({ "name": "Ada" })).ok().await;
+    let key = format!("/api/v1/keys/{}", ada["id"].as_str().expect("an id"));
+    app.delete(&key).token(&app.organizer).ok().await;
+    let mut log = actions(&app, &cup).await;
+    let revoked = log.remove(0);
+    assert_eq!(
+        (&revoked["action"], &revoked["detail"]),
+        (&json!("key.revoke"), &json!({ "entrant": blue.id }))
+    );
     assert_eq!(texts(&log, "action"), ["run.abort", "episode.abort", "run.token"]);
     assert_eq!(texts(&log, "subject"), [&*attempt.run, &*game, &*attempt.run]);
     for of_run in [&log[0], &log[2]] {
