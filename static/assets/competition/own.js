@@ -13,7 +13,7 @@ import { Accepted } from "./terms.js";
 export const ErasingText = () => html`
   <p>
     Erased are the name, the contact, the address from which it entered, and the keys that were made for it and its team, which are not
-    accepted any more. Before the end the entrant is also withdrawn: it has no rank.
+    accepted any more. Before the end the entrant is also withdrawn: it has no rank, and why it had left is erased, too.
   </p>
   <p>
     What stays: the journals of its games, with the model and all answers; the heads of their chains; and files that were published
