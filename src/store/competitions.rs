@@ -263,9 +263,9 @@ impl Store {
         &self,
         key: OwnerKey,
     ) -> Result<Option<(CompetitionKey, String)>, StoreError> {
-        let query = sqlx::query(
+        let query = query(
             "SELECT competition, id FROM entries
-             WHERE owner = (SELECT coalesce(acts_for, number) FROM keys WHERE number = ?)
+             WHERE owner = (SELECT coalesce(acts_for, number) FROM keys WHERE number = $1)
              ORDER BY key LIMIT 1",
         );
         self.fetch_optional(query.bind(key.0)).await

@@ -11,6 +11,9 @@ mod bout;
 mod dice;
 mod honest;
 mod measure;
+#[expect(dead_code, reason = "other tests use other parts")]
+#[path = "../support/postgres.rs"]
+mod postgres;
 #[expect(dead_code, reason = "the campaign shares it and uses other parts")]
 #[path = "../support/server.rs"]
 mod server;

@@ -21,6 +21,7 @@ use crate::clients::{Clients, while_playing};
 use crate::dice::{Dice, seed, tell};
 use crate::ledger::Played;
 use crate::plan::By;
+use crate::postgres::is_on_postgres;
 use crate::server::{Server, Site, until};
 
 /// How many games are played at once.
@@ -81,6 +82,9 @@ impl FaultyDisk {
 #[case::an_error_when_syncing("sync", false)]
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn nothing_is_acknowledged_after_a_failed_commit(#[case] kind: &str, #[case] mends: bool) {
+    if is_on_postgres("nothing_is_acknowledged_after_a_failed_commit") {
+        return;
+    }
     let seed = seed(kind);
     let disk = FaultyDisk::new();
     let site = Site::new();
@@ -119,6 +123,9 @@ async fn nothing_is_acknowledged_after_a_failed_commit(#[case] kind: &str, #[cas
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn writes_that_take_only_a_part_do_no_harm() {
+    if is_on_postgres("writes_that_take_only_a_part_do_no_harm") {
+        return;
+    }
     let seed = seed("short");
     let disk = FaultyDisk::new();
     let site = Site::new();
@@ -142,6 +149,9 @@ async fn writes_that_take_only_a_part_do_no_harm() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_disk_that_is_really_full() {
+    if is_on_postgres("a_disk_that_is_really_full") {
+        return;
+    }
     let seed = seed("full disk");
     let folder = TempDir::new().expect("a folder");
     let tmpfs = mount("tmpfs", folder.path(), "tmpfs", MountFlags::empty(), c"size=2m");

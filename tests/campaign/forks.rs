@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use swarmbench_engine::physics::Solver;
 use swarmbench_journal::replay::verify;
 
-use crate::audit::integrity;
+use crate::audit::check_left_behind;
 use crate::dice::{Dice, seed, tell};
 use crate::server::{Server, Site, complaints};
 
@@ -88,11 +88,7 @@ async fn forks_are_there_whole_or_not_at_all() {
     tell(&format!("{KILLS} kills, {refused} before the answer, {} forks", forks.len()));
     let (status, _, log) = server.terminate().await;
     assert_eq!((status.code(), complaints(&log)), (Some(0), Vec::new()));
-    integrity(site.db()).await;
-    let formats = &swarmbench::competitions::FORMATS;
-    let checked = swarmbench::store::check::check(site.db(), formats, |_, _| ()).await;
-    let checked = checked.expect("it can be checked");
-    assert!(checked.is_sound(), "{:?}", checked.damages);
+    check_left_behind(&site).await;
 }
 
 /// A game of which all but the last round is played; returns its id.

@@ -5,6 +5,7 @@
 //! nobody chose, so time is the host's, and what is waited for has a limit after which the test fails.
 
 mod audit;
+mod away;
 mod clients;
 #[path = "../support/dice.rs"]
 mod dice;
@@ -14,6 +15,9 @@ mod forks;
 mod kills;
 mod ledger;
 mod plan;
+#[expect(dead_code, reason = "other tests use other parts")]
+#[path = "../support/postgres.rs"]
+mod postgres;
 #[expect(dead_code, reason = "the attacks share it and use other parts")]
 #[path = "../support/server.rs"]
 mod server;

@@ -12,7 +12,7 @@ use swarmbench_protocol::observation::Observation;
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 
-use crate::audit::{audit, integrity};
+use crate::audit::{audit, check_left_behind};
 use crate::clients::{Clients, while_playing};
 use crate::dice::{Dice, seed};
 use crate::server::{Server, Site, complaints};
@@ -28,8 +28,7 @@ async fn stop(site: &Site, server: Server) {
     assert_eq!(complaints(&log), Vec::<&String>::new());
     let port = base.trim_start_matches("http://");
     TcpListener::bind(port).await.expect("the port is free");
-    assert!(!site.wal().exists(), "what was written lately is not in the database");
-    integrity(site.db()).await;
+    check_left_behind(site).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

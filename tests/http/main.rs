@@ -15,6 +15,7 @@ mod dice;
 mod game;
 #[path = "../../crates/engine/tests/privacy/oracle.rs"]
 mod oracle;
+#[expect(dead_code, reason = "other tests use other parts")]
 #[path = "../support/postgres.rs"]
 mod postgres;
 

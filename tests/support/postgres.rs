@@ -14,6 +14,15 @@ pub(crate) fn server() -> Option<String> {
     std::env::var(VARIABLE).ok().filter(|url| !url.is_empty())
 }
 
+/// Whether the tests run on PostgreSQL, where a test of the files of SQLite has nothing to do; that it does not run is printed.
+pub(crate) fn is_on_postgres(test: &str) -> bool {
+    let is_on_postgres = server().is_some();
+    if is_on_postgres {
+        println!("NOT RUN on PostgreSQL, as it is about files of SQLite: {test}");
+    }
+    is_on_postgres
+}
+
 /// A database of its own. It is dropped, whoever uses it, when this is.
 pub(crate) struct Scratch {
     server: PgConnectOptions,
@@ -22,6 +31,15 @@ pub(crate) struct Scratch {
 }
 
 impl Scratch {
+    /// As [`Scratch::new`], where nothing can wait: on a thread of its own.
+    pub(crate) fn new_blocking() -> Option<Self> {
+        let making = std::thread::spawn(|| {
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+            runtime.expect("a runtime").block_on(Self::new())
+        });
+        making.join().expect("no panic")
+    }
+
     /// Makes a database; none where there is no server for tests.
     pub(crate) async fn new() -> Option<Self> {
         static MADE: AtomicU64 = AtomicU64::new(0);
@@ -45,9 +63,21 @@ impl Scratch {
         Some(scratch)
     }
 
+    /// Host and port of the server at an address.
+    pub(crate) fn address_of(url: &str) -> String {
+        let (_, host) = url.rsplit_once('@').expect("an address with a user");
+        host.split('/').next().expect("a host").to_owned()
+    }
+
     /// The address of the database.
     pub(crate) fn url(&self) -> &str {
         &self.url
+    }
+
+    /// The address of the database behind another address.
+    pub(crate) fn url_at(&self, address: std::net::SocketAddr) -> String {
+        let (user, _) = self.url.rsplit_once('@').expect("an address with a user");
+        format!("{user}@{address}/{}", self.name)
     }
 
     /// A connection of another program.

@@ -1,6 +1,7 @@
 //! The real binary: started, found, killed, stopped.
 
 use std::io::{BufRead, BufReader};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStderr, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -9,8 +10,11 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
+use swarmbench::store::Location;
 use tempfile::TempDir;
 use tokio::sync::watch;
+
+use crate::postgres::Scratch;
 
 /// Longer than anything takes; a timeout is a failure.
 pub(crate) const PATIENCE: Duration = Duration::from_mins(1);
@@ -61,7 +65,10 @@ impl Door {
 /// A database and what a server over it is started with.
 pub(crate) struct Site {
     folder: Option<TempDir>,
-    db: PathBuf,
+    /// The database, where the tests run on PostgreSQL.
+    scratch: Option<Scratch>,
+    /// The database as the program is told it.
+    db: String,
     pub(crate) door: Arc<Door>,
     runs: AtomicU64,
 }
@@ -73,16 +80,37 @@ impl Site {
     }
 
     pub(crate) fn over(folder: TempDir) -> Self {
-        let db = folder.path().join("swarmbench.db");
-        Self { folder: Some(folder), db, door: Door::new(), runs: AtomicU64::new(0) }
+        let scratch = Scratch::new_blocking();
+        let file = || folder.path().join("swarmbench.db").display().to_string();
+        let db = scratch.as_ref().map_or_else(file, |scratch| scratch.url().to_owned());
+        Self { folder: Some(folder), scratch, db, door: Door::new(), runs: AtomicU64::new(0) }
+    }
+
+    /// The same database, reached at another address; only on PostgreSQL.
+    pub(crate) fn through(mut self, address: SocketAddr) -> Self {
+        let scratch = self.scratch.as_ref().expect("only PostgreSQL is reached by an address");
+        self.db = scratch.url_at(address);
+        self
+    }
+
+    /// Whether the database is one of PostgreSQL.
+    pub(crate) fn is_on_postgres(&self) -> bool {
+        self.scratch.is_some()
     }
 
     pub(crate) fn folder(&self) -> &Path {
         self.folder.as_ref().expect("it is there").path()
     }
 
-    pub(crate) fn db(&self) -> &Path {
+    /// The database, as commands take it with `--db`.
+    pub(crate) fn db(&self) -> &str {
         &self.db
+    }
+
+    /// The database itself, whatever is between it and the server.
+    pub(crate) fn location(&self) -> Location {
+        let direct = self.scratch.as_ref().map_or(self.db.as_str(), Scratch::url);
+        direct.parse().expect("a location")
     }
 
     pub(crate) fn wal(&self) -> PathBuf {

@@ -187,6 +187,7 @@ impl Node {
             let is_done = self.reach().await?;
             match (sent.take(), is_done) {
                 (Some(sent), true) => {
+                    tracing::info!("a commit whose answer was lost is done");
                     self.committed += 1;
                     return Ok(sent.outcomes);
                 }
@@ -194,7 +195,10 @@ impl Node {
                     let (found, known) = (self.committed + 1, self.committed);
                     return Err(Excluded::Lost { found, known }.into());
                 }
-                (_, false) => {}
+                (Some(_), false) => {
+                    tracing::info!("a commit whose answer was lost is not done, and made again");
+                }
+                (None, false) => {}
             }
         }
         let started = Instant::now();

@@ -9,7 +9,8 @@ use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
 use crate::app::program::{swarmbench, text};
-use crate::app::{Episode, TestApp, is_on_postgres, number, verified};
+use crate::app::{Episode, TestApp, number, verified};
+use crate::postgres::is_on_postgres;
 
 /// Runs `swarmbench backup` as its user does.
 async fn backup(db: &Path, file: &Path) -> Output {

@@ -11,8 +11,9 @@ use swarmbench::competitions::FORMATS;
 use swarmbench::store::check::{Checked, check};
 
 use crate::app::program::{printed, swarmbench};
-use crate::app::{Episode, TestApp, is_on_postgres};
+use crate::app::{Episode, TestApp};
 use crate::cup::{Cup, pass_minutes, server};
+use crate::postgres::is_on_postgres;
 
 /// What no hash covers: names and labels, times, and what is only said.
 const UNCHECKED: [(&str, &str); 44] = [

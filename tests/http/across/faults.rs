@@ -6,8 +6,9 @@ use std::time::Duration;
 use futures::future::join_all;
 use serde_json::{Value, json};
 
-use crate::app::{Episode, TestApp, is_on_postgres, number};
+use crate::app::{Episode, TestApp, number};
 use crate::cup::{self, Cup};
+use crate::postgres::is_on_postgres;
 
 /// From now on the database refuses acts whose reasoning says so.
 const REFUSE: &str = "CREATE TRIGGER refuse BEFORE INSERT ON acts

@@ -9,7 +9,8 @@ use serde_json::{Value, json};
 use swarmbench::store::{OpenError, Store};
 
 use crate::app::program::{printed, swarmbench_in};
-use crate::app::{Episode, TestApp, is_on_postgres};
+use crate::app::{Episode, TestApp};
+use crate::postgres::is_on_postgres;
 
 fn beside(database: &Path, end: &str) -> PathBuf {
     let mut name = database.to_owned().into_os_string();

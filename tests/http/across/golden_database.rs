@@ -27,8 +27,9 @@ use swarmbench_journal::replay::verify;
 
 use super::golden::games;
 use crate::app::program::{printed, swarmbench};
-use crate::app::{Call, Episode, TestApp, is_on_postgres, list};
+use crate::app::{Call, Episode, TestApp, list};
 use crate::cup::{Attempt, Cup, Entrant};
+use crate::postgres::is_on_postgres;
 
 mod old_settings;
 

@@ -29,16 +29,7 @@ use tokio::task::JoinHandle;
 
 pub(crate) use self::call::{Answer, Call, DOCUMENT, check_problem, fields, list, number, texts};
 pub(crate) use self::episode::{Episode, game, verified};
-use crate::postgres::{self, Scratch};
-
-/// Whether the tests run on PostgreSQL, where a test of the files of SQLite has nothing to do; that it does not run is printed.
-pub(crate) fn is_on_postgres(test: &str) -> bool {
-    let is_on_postgres = postgres::server().is_some();
-    if is_on_postgres {
-        println!("NOT RUN on PostgreSQL, as it is about files of SQLite: {test}");
-    }
-    is_on_postgres
-}
+use crate::postgres::Scratch;
 
 /// Longer than anything takes, so that a test that hangs fails.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(100);

@@ -13,8 +13,9 @@ use swarmbench_clock::SeededEntropy;
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
 use super::*;
-use crate::app::{fields, is_on_postgres, number};
+use crate::app::{fields, number};
 use crate::cup;
+use crate::postgres::is_on_postgres;
 
 /// The database of which a running game and an announced competition are too large for new ones.
 const LARGE: &str = "0005";
