@@ -140,6 +140,7 @@ async fn a_database_that_goes_away_is_a_pause() {
     let mut server = site.start();
     server.ready().await;
     let clients = Clients::new(seed, site.door.clone());
+    clients.expect_pauses();
     let mut tables = clients.sit_down(TABLES);
     let mut longest = Duration::ZERO;
     let cutting = async {

@@ -70,6 +70,8 @@ pub(crate) struct Clients {
     faulty: AtomicU64,
     /// In this run a client was told that acts are not taken any more.
     failed: AtomicU64,
+    /// The server may say for a while that it is unavailable, and continues later.
+    pauses: AtomicBool,
 }
 
 /// A whole answer.
@@ -127,6 +129,7 @@ impl Clients {
             closing: AtomicBool::new(false),
             faulty: AtomicU64::new(0),
             failed: AtomicU64::new(0),
+            pauses: AtomicBool::new(false),
         })
     }
 
@@ -367,9 +370,18 @@ impl Clients {
 
     /// Notes that a run does not take acts any more, which is fine where its disk may fail.
     fn is_unavailable(&self, run: u64, told: &str) {
+        if self.pauses.load(Ordering::SeqCst) {
+            assert!(told.contains("\"unavailable\"") || told.contains("\"overloaded\""), "{told}");
+            return;
+        }
         assert!(self.is_faulty(run), "run {run} is not available: {told}");
         assert!(told.contains("\"unavailable\""), "{told}");
         self.failed.store(run, Ordering::SeqCst);
+    }
+
+    /// From now on the server may be unavailable for a while, and continues later.
+    pub(crate) fn expect_pauses(&self) {
+        self.pauses.store(true, Ordering::SeqCst);
     }
 
     async fn pause(&self, run: u64) {
