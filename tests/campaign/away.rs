@@ -23,8 +23,14 @@ const CUTS: u64 = 12;
 /// How long it is away once. Acts that were sent before wait as long.
 const LONG: Duration = Duration::from_secs(20);
 
-/// What the server complains about while the database is away: that it is, and requests that had to read it.
-const REASONS: [&str; 2] = ["the database is not reached", "a request failed"];
+/// What the server complains about while the database is away: that it is, connections that broke, and requests that had to
+/// read it.
+const REASONS: [&str; 4] = [
+    "the database is not reached",
+    "testing the connection",
+    "a request failed",
+    "answered status=503",
+];
 
 /// How many games are played at once.
 const TABLES: usize = 6;
