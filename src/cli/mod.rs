@@ -27,6 +27,7 @@ mod loadtest;
 mod man;
 mod mcp;
 mod metrics;
+mod migrate;
 mod no_match;
 mod openapi;
 mod options;
@@ -96,6 +97,8 @@ enum Command {
     Metrics(Box<metrics::Args>),
     /// Copy the database of a server, also while the server runs.
     Backup(backup::Args),
+    /// Move all data of a stopped server to another database: from SQLite to PostgreSQL, or back.
+    Migrate(migrate::Args),
     /// Export episodes in the data format of the public toolkit, or as tables.
     Export(export::Args),
     /// Draw a game, round by round: as an animated GIF, as video, or as pictures.
@@ -140,6 +143,7 @@ pub fn main() -> ExitCode {
         Command::Board(command) => with_runtime(board::run(command)),
         Command::Metrics(args) => with_runtime(metrics::run(*args)),
         Command::Backup(args) => with_runtime(backup::run(args)),
+        Command::Migrate(args) => with_runtime(migrate::run(args)),
         Command::Export(args) => with_runtime(export::run(args)),
         Command::Replay(args) => with_runtime(replay::run(args)),
         Command::Figure(args) => with_runtime(figure::run(*args)),

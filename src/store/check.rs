@@ -104,13 +104,13 @@ pub async fn check(
     mut progress: impl FnMut(u64, u64),
 ) -> Result<Checked, OpenError> {
     let location = location.into();
-    let mut checked = Checked::default();
     let mut connection = match &location {
         Location::File(path) => {
             sqlite::check_readable(path).await?;
             match sqlite::read_options(path).connect().await {
                 Ok(connection) => Connection::Sqlite(connection),
                 Err(error) => {
+                    let mut checked = Checked::default();
                     checked.note("the file", format!("it cannot be opened: {error}"));
                     return Ok(checked);
                 }
@@ -118,17 +118,29 @@ pub async fn check(
         }
         Location::Postgres(address) => postgres::open_to_read(address).await?.1,
     };
-    pages(&mut connection, &mut checked).await;
-    if tables(&mut connection, &location, &mut checked).await? {
-        references(&mut connection, &mut checked).await;
-        statements(&mut connection, &mut checked).await;
-        texts(&mut connection, &mut checked).await;
-        definitions(&mut connection, formats, &mut checked).await;
-        imports(&mut connection, &mut checked).await;
-        episodes(&mut connection, &mut checked, &mut progress).await;
-    }
+    let checked = check_open(&mut connection, &location, formats, &mut progress).await;
     // Nothing was written.
     drop(connection.close().await);
+    checked
+}
+
+/// Checks all of a database that is open.
+pub(super) async fn check_open(
+    connection: &mut Connection,
+    location: &Location,
+    formats: &Formats,
+    progress: &mut impl FnMut(u64, u64),
+) -> Result<Checked, OpenError> {
+    let mut checked = Checked::default();
+    pages(connection, &mut checked).await;
+    if tables(connection, location, &mut checked).await? {
+        references(connection, &mut checked).await;
+        statements(connection, &mut checked).await;
+        texts(connection, &mut checked).await;
+        definitions(connection, formats, &mut checked).await;
+        imports(connection, &mut checked).await;
+        episodes(connection, &mut checked, progress).await;
+    }
     Ok(checked)
 }
 
@@ -202,7 +214,7 @@ async fn schema(
     let made: Vec<(String, String)> = sqlx::query_as(OBJECTS).fetch_all(&mut fresh).await?;
     fresh.close().await?;
     let stored: Vec<(String, String)> = sqlx::query_as(OBJECTS).fetch_all(database).await?;
-    // An operator may have added something.
+    // An operator may have added something, and a copy that is being finished has a table `copying`.
     let lost = made.iter().find(|made| !stored.contains(made));
     Ok(lost.map_or(Ok(()), |(name, _)| Err(format!("{name} is not as the migrations make it"))))
 }

@@ -9,6 +9,7 @@ pub mod audit;
 pub mod check;
 pub mod clock;
 pub mod competitions;
+pub mod copy;
 pub mod entries;
 pub mod episodes;
 mod error;
@@ -99,6 +100,12 @@ pub enum OpenError {
     Sqlite { path: PathBuf, source: sqlx::Error },
     #[error(transparent)]
     Postgres(#[from] SessionError),
+    /// A copy into it was interrupted.
+    #[error(
+        "the database {location} is an unfinished copy: run `swarmbench migrate --from {from} --to {location}` again, which \
+         continues where it stopped"
+    )]
+    Incomplete { location: String, from: String },
     /// Its tables are those of another version.
     #[error("the tables of {location} cannot be brought up to date")]
     Migrate { location: String, source: sqlx::migrate::MigrateError },
@@ -295,6 +302,30 @@ impl Alone {
             Location::Postgres(address) => {
                 let connection = postgres::open_alone(address).await?;
                 Ok(Self { connection, _lock: None })
+            }
+        }
+    }
+
+    /// Takes a database as it is, unfinished or empty. A file is created where there is none.
+    async fn take(location: &Location) -> Result<Self, OpenError> {
+        match location {
+            Location::File(path) => {
+                let (connection, _, lock) = sqlite::take(path, true).await?;
+                Ok(Self { connection, _lock: Some(lock) })
+            }
+            Location::Postgres(address) => {
+                let connection = postgres::take(address).await?;
+                Ok(Self { connection, _lock: None })
+            }
+        }
+    }
+
+    /// Makes the tables of this version where they are missing.
+    async fn make_tables(&mut self, location: &Location) -> Result<(), OpenError> {
+        match location {
+            Location::File(path) => sqlite::bring_up_to_date(&mut self.connection, path).await,
+            Location::Postgres(address) => {
+                postgres::make_tables(&mut self.connection, address).await
             }
         }
     }

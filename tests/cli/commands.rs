@@ -44,7 +44,7 @@ use Shows::{Facts, List, Other};
 /// The arguments of a command, made anew for each time it is run.
 type Arguments = fn(&Site) -> Vec<String>;
 
-const CASES: [(&str, Shows, Arguments); 68] = [
+const CASES: [(&str, Shows, Arguments); 69] = [
     ("demo", Facts, |site| words("--exit --db", [site.new_file("demo.db")])),
     ("serve", Other("runs until it is stopped"), |_| words("--addr no-address", [])),
     ("key create", Facts, |site| words("--name somebody --server", [site.base()])),
@@ -109,6 +109,9 @@ const CASES: [(&str, Shows, Arguments); 68] = [
     ("board rebuild", Facts, |site| words("--db", [site.copy()])),
     ("metrics", Facts, |_| words("", [journal()])),
     ("backup", Facts, |site| words("--db", [site.db(), site.new_file("backup.db")])),
+    ("migrate", Facts, |site| {
+        words("--from", [site.copy(), "--to".to_owned(), site.new_file("moved.db")])
+    }),
     ("export", Facts, |site| words("--db", [site.db(), site.new_file("games")])),
     ("replay", Other("writes a film or a picture"), |site| {
         words("--round 1 --png", [site.new_file("moment.png"), journal()])

@@ -1,17 +1,18 @@
 //! PostgreSQL: a database on another machine, which one server at a time may write to.
 
+pub(super) mod bulk;
 pub(super) mod group;
 pub(super) mod rows;
 pub(super) mod session;
 
 use sqlx::postgres::PgConnectOptions;
 
-use super::OpenError;
 use super::location::Address;
 use super::sql::{Connection, Engine};
+use super::{OpenError, copy};
 use crate::migrations;
 use group::Node;
-use session::{Server, SessionError};
+use session::Server;
 
 /// A database that only this process writes to.
 pub(super) struct Opened {
@@ -24,7 +25,7 @@ pub(super) struct Opened {
 pub(super) async fn open(address: &Address) -> Result<Opened, OpenError> {
     let server = Server::at(address)?;
     let readers = server.readers();
-    let connection = take(&server).await?;
+    let connection = ready(&server).await?;
     let node = Node::join(server, connection).await?;
     Ok(Opened { node, readers })
 }
@@ -32,10 +33,38 @@ pub(super) async fn open(address: &Address) -> Result<Opened, OpenError> {
 /// A connection for a command that writes while no server has the database.
 pub(super) async fn open_alone(address: &Address) -> Result<Connection, OpenError> {
     let server = Server::at(address)?;
-    take(&server).await
+    ready(&server).await
 }
 
-async fn take(server: &Server) -> Result<Connection, OpenError> {
+/// Takes a database, and brings its tables up to date.
+async fn ready(server: &Server) -> Result<Connection, OpenError> {
+    let mut connection = lock(server).await?;
+    refuse_unfinished(server, &mut connection).await?;
+    bring_up_to_date(server, &mut connection).await?;
+    let prepared = super::prepare(&mut connection).await;
+    prepared.map_err(|error| server.failed(error))?;
+    Ok(connection)
+}
+
+/// Takes a database for this process alone, as it is.
+pub(super) async fn take(address: &Address) -> Result<Connection, OpenError> {
+    lock(&Server::at(address)?).await
+}
+
+/// Makes the tables of this version, or those that are missing, in a database that was taken.
+pub(super) async fn make_tables(
+    connection: &mut Connection,
+    address: &Address,
+) -> Result<(), OpenError> {
+    bring_up_to_date(&Server::at(address)?, connection).await
+}
+
+async fn refuse_unfinished(server: &Server, connection: &mut Connection) -> Result<(), OpenError> {
+    let unfinished = copy::unfinished(connection).await.map_err(|error| server.failed(error))?;
+    copy::refuse(unfinished, server.location())
+}
+
+async fn lock(server: &Server) -> Result<Connection, OpenError> {
     let mut connection = Connection::Postgres(server.connect().await?);
     server.check(&mut connection).await?;
     server.refuse_pooler(&mut connection).await?;
@@ -50,18 +79,22 @@ async fn take(server: &Server) -> Result<Connection, OpenError> {
         return Err(OpenError::InUse(format!("{} ({by})", server.location())));
     }
     server.set_up_writer(&mut connection).await.map_err(failed)?;
+    Ok(connection)
+}
+
+async fn bring_up_to_date(server: &Server, connection: &mut Connection) -> Result<(), OpenError> {
     let Engine::Postgres(raw) = connection.engine() else { unreachable!("it is of PostgreSQL") };
     let migrated = migrations::postgres().run(raw).await;
     migrated
         .map_err(|source| OpenError::Migrate { location: server.location().to_owned(), source })?;
-    group::exclude_others(&mut connection).await.map_err(failed)?;
-    super::prepare(&mut connection).await.map_err(failed)?;
-    Ok(connection)
+    group::exclude_others(connection).await.map_err(|error| server.failed(error))?;
+    Ok(())
 }
 
 /// A connection that only reads, also while a server has the database.
-pub(super) async fn open_to_read(address: &Address) -> Result<(Server, Connection), SessionError> {
+pub(super) async fn open_to_read(address: &Address) -> Result<(Server, Connection), OpenError> {
     let server = Server::at(address)?;
-    let connection = Connection::Postgres(server.connect().await?);
+    let mut connection = Connection::Postgres(server.connect().await?);
+    refuse_unfinished(&server, &mut connection).await?;
     Ok((server, connection))
 }

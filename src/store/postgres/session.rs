@@ -200,7 +200,7 @@ impl Server {
         connection: &mut Connection,
     ) -> Result<(), SessionError> {
         let tables = query(
-            "SELECT count(*), count(*) FILTER (WHERE tablename IN ('_sqlx_migrations', 'episodes'))
+            "SELECT count(*), count(*) FILTER (WHERE tablename IN ('_sqlx_migrations', 'episodes', 'copying'))
              FROM pg_tables WHERE schemaname = current_schema()",
         );
         let (all, own): (i64, i64) = tables.one(connection).await.map_err(|e| self.failed(e))?;

@@ -7,4 +7,4 @@ mod statement;
 
 pub(super) use connection::{Begin, Connection, Engine};
 pub(super) use row::{FromRow, Row, from_row, get};
-pub(super) use statement::{Builder, CHUNKS, LISTED_AT_ONCE, Statement, chunks, query};
+pub(super) use statement::{Builder, CHUNKS, LISTED_AT_ONCE, Statement, Value, chunks, query};

@@ -21,6 +21,19 @@ pub(in crate::store) enum Value<'q> {
     Bytes(Option<Cow<'q, [u8]>>),
 }
 
+impl Value<'_> {
+    /// The same, without a copy of it.
+    pub(in crate::store) fn borrowed(&self) -> Value<'_> {
+        match self {
+            Self::Int(number) => Value::Int(*number),
+            Self::Bool(truth) => Value::Bool(*truth),
+            Self::Real(number) => Value::Real(*number),
+            Self::Text(text) => Value::Text(text.as_deref().map(Cow::Borrowed)),
+            Self::Bytes(bytes) => Value::Bytes(bytes.as_deref().map(Cow::Borrowed)),
+        }
+    }
+}
+
 /// What can be the value of a placeholder.
 pub(in crate::store) trait Bind<'q> {
     const NULL: Value<'q>;
@@ -96,6 +109,12 @@ impl<'q> Statement<'q> {
     /// The value of the next placeholder.
     pub(in crate::store) fn bind(mut self, value: impl Bind<'q>) -> Self {
         self.values.push(value.value());
+        self
+    }
+
+    /// The same of a value whose type is not known here.
+    pub(in crate::store) fn bind_value(mut self, value: Value<'q>) -> Self {
+        self.values.push(value);
         self
     }
 
@@ -280,7 +299,11 @@ impl<'q> Builder<'q> {
 
     /// Adds a placeholder and its value.
     pub(in crate::store) fn push_bind(&mut self, value: impl Bind<'q>) -> &mut Self {
-        self.values.push(value.value());
+        self.push_value(value.value())
+    }
+
+    fn push_value(&mut self, value: Value<'q>) -> &mut Self {
+        self.values.push(value);
         write!(self.text, "${}", self.values.len()).expect("a String takes any text");
         self
     }
@@ -331,10 +354,14 @@ pub(in crate::store) struct RowOfValues<'b, 'q> {
 
 impl<'q> RowOfValues<'_, 'q> {
     pub(in crate::store) fn push_bind(&mut self, value: impl Bind<'q>) -> &mut Self {
+        self.push_value(value.value())
+    }
+
+    pub(in crate::store) fn push_value(&mut self, value: Value<'q>) -> &mut Self {
         if !std::mem::take(&mut self.is_first) {
             self.builder.text.push_str(", ");
         }
-        self.builder.push_bind(value);
+        self.builder.push_value(value);
         self
     }
 }

@@ -14,6 +14,7 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{ConnectOptions, Connection, Row};
 
 use super::files::{MODE, may_lack_log};
+use super::refuse_unfinished;
 use crate::store::OpenError;
 
 /// How often progress is reported.
@@ -81,6 +82,7 @@ pub async fn back_up(
     if may_lack_log(database) {
         return Err(OpenError::Linked(database.to_owned()).into());
     }
+    refuse_unfinished(database).await?;
     let partial = Partial::create(target)?;
     let options = SqliteConnectOptions::new()
         .filename(database)

@@ -5,6 +5,8 @@ use std::path::Path;
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection as _};
 
+use crate::store::copy::UNFINISHED;
+
 /// What SQLite says of a file that is no database.
 const NOT_A_DATABASE: &str = "26";
 
@@ -29,8 +31,9 @@ pub(in crate::store) async fn is_foreign(path: &Path) -> bool {
     drop(connection.close().await);
     match tables {
         Ok(tables) => {
-            let is_own =
-                |table: &String| ["_sqlx_migrations", "episodes"].contains(&table.as_str());
+            // The last one is all that there is of a copy that was hardly begun.
+            let own = ["_sqlx_migrations", "episodes", UNFINISHED];
+            let is_own = |table: &String| own.contains(&table.as_str());
             !tables.is_empty() && !tables.iter().any(is_own)
         }
         Err(error) => of_no_database(&error),

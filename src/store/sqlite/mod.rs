@@ -10,10 +10,10 @@ use std::path::Path;
 use std::time::Duration;
 
 use sqlx::ConnectOptions as _;
-use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqliteSynchronous};
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 
-use super::OpenError;
-use super::sql::{Connection, query};
+use super::sql::{Connection, Engine, query};
+use super::{OpenError, copy};
 use crate::migrations;
 use files::{Files, Lock};
 
@@ -34,6 +34,22 @@ pub(super) struct Opened {
 
 /// Opens a database for this process alone, and brings its tables up to date.
 pub(super) async fn open(path: &Path, create: bool) -> Result<Opened, OpenError> {
+    let (mut connection, options, lock) = take(path, create).await?;
+    copy::refuse_unfinished(&mut connection, &path.into()).await?;
+    bring_up_to_date(&mut connection, path).await?;
+    let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
+    super::prepare(&mut connection).await.map_err(failed)?;
+    let files = Files::of(path, &lock)
+        .map_err(|source| OpenError::Lock { path: path.to_owned(), source })?;
+    files.check()?;
+    Ok(Opened { connection, options, files, lock })
+}
+
+/// Takes a database for this process alone, as it is. The lock has to be dropped last.
+pub(super) async fn take(
+    path: &Path,
+    create: bool,
+) -> Result<(Connection, SqliteConnectOptions, Lock), OpenError> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
         return Err(OpenError::Folder(folder.to_owned()));
@@ -52,17 +68,18 @@ pub(super) async fn open(path: &Path, create: bool) -> Result<Opened, OpenError>
         .busy_timeout(Duration::from_secs(10))
         .statement_cache_capacity(STATEMENTS_KEPT)
         .disable_statement_logging();
-    let mut connection: SqliteConnection = options.connect().await.map_err(failed)?;
-    let migrated = migrations::sqlite().run(&mut connection).await;
-    migrated
-        .map_err(|source| OpenError::Migrate { location: path.display().to_string(), source })?;
-    let mut connection = Connection::Sqlite(connection);
+    let mut connection = Connection::Sqlite(options.connect().await.map_err(failed)?);
     check_version(&mut connection).await.map_err(failed)??;
-    super::prepare(&mut connection).await.map_err(failed)?;
-    let files = Files::of(path, &lock)
-        .map_err(|source| OpenError::Lock { path: path.to_owned(), source })?;
-    files.check()?;
-    Ok(Opened { connection, options, files, lock })
+    Ok((connection, options, lock))
+}
+
+pub(super) async fn bring_up_to_date(
+    connection: &mut Connection,
+    path: &Path,
+) -> Result<(), OpenError> {
+    let Engine::Sqlite(raw) = connection.engine() else { unreachable!("it is of SQLite") };
+    let migrated = migrations::sqlite().run(raw).await;
+    migrated.map_err(|source| OpenError::Migrate { location: path.display().to_string(), source })
 }
 
 /// Refuses a file that is no database of this program, or may lack what was written last.
@@ -76,7 +93,19 @@ pub(super) async fn check_readable(path: &Path) -> Result<(), OpenError> {
     if foreign::is_foreign(path).await {
         return Err(OpenError::Foreign(path.to_owned()));
     }
-    Ok(())
+    refuse_unfinished(path).await
+}
+
+/// Refuses the target of a copy that was interrupted. A file that cannot be read is not judged here.
+pub(super) async fn refuse_unfinished(path: &Path) -> Result<(), OpenError> {
+    let Ok(connection) = read_options(path).connect().await else { return Ok(()) };
+    let mut connection = Connection::Sqlite(connection);
+    let finished = copy::refuse_unfinished(&mut connection, &path.into()).await;
+    drop(connection.close().await);
+    match finished {
+        Err(error @ OpenError::Incomplete { .. }) => Err(error),
+        Ok(()) | Err(_) => Ok(()),
+    }
 }
 
 /// How to connect to a database that another process may use.

@@ -1,0 +1,102 @@
+//! The tables that are copied, with their columns: a test compares them with those that the migrations make.
+
+use super::{Kind, Table};
+
+/// Tables in the order in which they are copied. `by` says how many columns, from the first on, are the primary key, and
+/// `numbered` that the database gives the next number.
+macro_rules! tables {
+    (@ numbered) => { true };
+    (@ given) => { false };
+    ($($name:ident by $keys:literal $how:ident { $($column:ident: $kind:ident),* $(,)? })*) => {
+        pub(super) const TABLES: &[Table] = &[$(Table {
+            name: stringify!($name),
+            keys: $keys,
+            is_numbered: tables!(@ $how),
+            columns: &[$((stringify!($column), Kind::$kind)),*],
+        }),*];
+    };
+}
+
+// `nodes` is left out, as it says which servers of PostgreSQL may write.
+tables! {
+    episodes by 1 given {
+        key: Int, id: Text, opening: Text, task: Text, model: Text, visibility: Text, status: Text,
+        clocked: Bool, head: Bytes, ending: Text, created_at: Int, started_at: Int, ended_at: Int,
+        idempotency_key: Text, idempotency_body: Bytes, owner: Int, bytes: Int, reason: Text,
+        run: Int, slot: Int, seating: Text, voided_at: Int, void_reason: Text, revealed: Bool,
+        fork_of: Int, fork_round: Int, template: Int, template_at: Int, open_seats: Bool,
+        own_games: Bool,
+    }
+    acts by 3 given {
+        episode: Int, round: Int, agent: Int, waiting_for: Int, at: Int, record: Text, source: Int,
+        brief: Text,
+    }
+    rounds by 2 given {
+        episode: Int, round: Int, digest: Bytes, score: Real, head: Bytes, at: Int,
+    }
+    tokens by 1 given {
+        hash: Bytes, episode: Int, agent: Int, holder: Int, run: Int,
+    }
+    keys by 1 numbered {
+        number: Int, id: Text, hash: Bytes, role: Text, name: Text, created_at: Int,
+        expires_at: Int, revoked_at: Int, acts_for: Int,
+    }
+    runs by 1 given {
+        key: Int, id: Text, owner: Int, suite: Text, digest: Text, definition: Text, model: Text,
+        visibility: Text, status: Text, entry: Int, attempt: Int, voided_at: Int, void_reason: Text,
+        created_at: Int, ended_at: Int, idempotency_key: Text, idempotency_body: Bytes,
+        closes_at: Int, replays: Int, competition: Int,
+    }
+    results by 1 given {
+        episode: Int, task: Text, seed: Int, score: Real, rounds: Int, status: Text, acts: Int,
+        invalid: Int, clock_outs: Int, prompt_tokens: Int, completion_tokens: Int, failures: Text,
+    }
+    seats by 2 given {
+        episode: Int, agent: Int, holder: Int, owner: Int, model: Text, player: Text,
+        claimed_at: Int,
+    }
+    claims by 2 given {
+        episode: Int, holder: Int, owner: Int, key: Text, model: Text, agent_meta: Text,
+        player: Text, claimed_at: Int, idempotency_key: Text, idempotency_body: Bytes,
+    }
+    competitions by 1 numbered {
+        key: Int, id: Text, definition: Text, salt: Bytes, seeds: Bytes, commitment: Bytes,
+        opens_at: Int, closes_at: Int, created_at: Int, revealed_at: Int, entrants: Int,
+        cancelled_at: Int, cancel_reason: Text, hidden: Bool,
+    }
+    entries by 1 numbered {
+        key: Int, id: Text, competition: Int, owner: Int, name: Text, model: Text,
+        declaration: Text, template: Text, status: Text, reason: Text, vouched: Bool,
+        registered_at: Int, address: Text, erased_at: Int, published: Text, category: Text,
+        terms: Int, contact: Text, brief: Text,
+    }
+    invitations by 1 given {
+        hash: Bytes, competition: Int, label: Text, entry: Int, created_at: Int, revoked_at: Int,
+    }
+    looks by 4 given {
+        competition: Int, kind: Text, look: Text, written: Text,
+    }
+    audit by 1 numbered {
+        number: Int, at: Int, who: Text, action: Text, subject: Text, detail: Text,
+        competition: Int, shown: Text,
+    }
+    imports by 1 numbered {
+        key: Int, id: Text, digest: Bytes, run_id: Text, meta: Text, model: Text, task: Text,
+        seed: Int, settings: Text, score: Real, rounds: Int, acts: Int, imported_at: Int,
+    }
+    import_rounds by 2 given {
+        import: Int, round: Int, score: Real, state: Text, acts: Bytes,
+    }
+    metrics by 2 given {
+        episode: Int, embedder: Text, revision: Int, measured: Text,
+    }
+    unmeasured by 1 numbered {
+        number: Int, episode: Int,
+    }
+    forking by 1 given {
+        episode: Int,
+    }
+    templates by 1 numbered {
+        key: Int, hash: Bytes, text: Text,
+    }
+}
