@@ -212,7 +212,7 @@ impl Store {
     ) -> Result<EntrantRoom, StoreError> {
         let ([name, other_name], [look, other_look]) = (looks(name), looks(model));
         let query = query(
-            "SELECT (SELECT entrants FROM competitions WHERE key = $1) AS active,
+            "SELECT coalesce((SELECT entrants FROM competitions WHERE key = $1), 0) AS active,
                     EXISTS (SELECT 1 FROM looks
                             WHERE competition = $1 AND kind = 'name' AND look IN ($3, $4)) AS has_name,
                     EXISTS (SELECT 1 FROM looks WHERE competition = $1 AND kind = 'model' AND look IN ($5, $6)
