@@ -20,7 +20,7 @@ pub(super) struct Args {
     /// The file to write; it must not exist.
     file: PathBuf,
     /// The database of the server.
-    #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
+    #[arg(long, env = "SWARMBENCH_DB", hide_env_values = true, default_value = "swarmbench.db")]
     db: Location,
     /// As JSON.
     #[arg(long)]

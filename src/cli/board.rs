@@ -18,7 +18,12 @@ pub(super) enum Command {
     )]
     Rebuild {
         /// The database, while no server uses it: a file, or `postgres://USER@HOST/DATABASE`.
-        #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
+        #[arg(
+            long,
+            env = "SWARMBENCH_DB",
+            hide_env_values = true,
+            default_value = "swarmbench.db"
+        )]
         db: Location,
         /// Also replay every episode.
         #[arg(long)]

@@ -39,7 +39,7 @@ pub(super) struct Args {
     /// The folder to create, or the archive if the name ends in .zip; it must not exist.
     to: PathBuf,
     /// The database of the server.
-    #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
+    #[arg(long, env = "SWARMBENCH_DB", hide_env_values = true, default_value = "swarmbench.db")]
     db: Location,
     /// Download from this server instead: all episodes that your key may read.
     #[arg(long, conflicts_with = "imported")]

@@ -27,7 +27,7 @@ pub(super) struct Args {
     /// The folder, or the zip archive.
     from: PathBuf,
     /// The database file, while no server uses it.
-    #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
+    #[arg(long, env = "SWARMBENCH_DB", hide_env_values = true, default_value = "swarmbench.db")]
     db: Location,
     /// As JSON.
     #[arg(long)]

@@ -63,7 +63,7 @@ enum Command {
 #[derive(Debug, clap::Args)]
 struct KeyStore {
     /// The database, while no server uses it: a file, or `postgres://USER@HOST/DATABASE`.
-    #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
+    #[arg(long, env = "SWARMBENCH_DB", hide_env_values = true, default_value = "swarmbench.db")]
     db: Location,
     /// The address of the running server; needs an organizer's key.
     #[arg(long)]

@@ -19,7 +19,7 @@ pub(super) struct Args {
     addr: SocketAddr,
     /// The database, which one server at a time can use: a file of SQLite, created if it does not exist; or
     /// `postgres://USER@HOST/DATABASE`, with the password in PGPASSWORD, in ~/.pgpass, or in a file: `?password_file=FILE`.
-    #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
+    #[arg(long, env = "SWARMBENCH_DB", hide_env_values = true, default_value = "swarmbench.db")]
     db: Location,
     /// While no keys exist, let everyone who can reach the server create, watch and abort
     /// episodes, not only programs on this machine.

@@ -98,6 +98,9 @@ pub enum FillError {
     /// What was asked for cannot be played.
     #[error("such games cannot be played: {0}")]
     Settings(String),
+    /// Ids of games and times follow from the seed, and would meet those that are there.
+    #[error("{0} has games: name an empty database")]
+    NotEmpty(String),
 }
 
 /// Fills a new database; `progress` gets how many episodes of how many are durable.
@@ -107,6 +110,10 @@ pub async fn fill(
     progress: impl FnMut(u64, u64),
 ) -> Result<Filled, FillError> {
     let store = Store::open(location).await?;
+    if store.last_key().await? > 0 {
+        store.close().await;
+        return Err(FillError::NotEmpty(location.to_string()));
+    }
     let filled = Filling::new(store.clone(), fill).all(progress).await;
     store.close().await;
     filled

@@ -117,6 +117,7 @@ pub async fn check(
             }
         }
         Location::Postgres(address) => postgres::open_to_read(address).await?.1,
+        Location::Unknown(error) => return Err(error.clone().into()),
     };
     let checked = check_open(&mut connection, &location, formats, &mut progress).await;
     // Nothing was written.

@@ -8,9 +8,12 @@ pub enum StoreError {
     /// Too many requests wait for a connection; the same works later.
     #[error("the journal failed: too many read at once")]
     Busy,
-    /// SQLite failed, or rejected an entry.
+    /// The database failed, or rejected an entry.
     #[error("the journal failed: {0}")]
-    Sqlite(Arc<str>),
+    Database(Arc<str>),
+    /// The database is on another machine, and not reached: the same works later.
+    #[error("the journal failed: the database is not reached")]
+    Away,
     /// What is stored cannot be read, or contradicts itself.
     #[error("the journal failed: {0}")]
     Broken(Arc<str>),
@@ -59,7 +62,7 @@ impl From<sqlx::Error> for StoreError {
         match error {
             sqlx::Error::PoolTimedOut => Self::Busy,
             sqlx::Error::Decode(_) | sqlx::Error::ColumnDecode { .. } => Self::Broken(text),
-            _ => Self::Sqlite(text),
+            _ => Self::Database(text),
         }
     }
 }

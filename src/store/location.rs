@@ -1,5 +1,6 @@
 //! Where a database is: the value of `--db`.
 
+use std::convert::Infallible;
 use std::fmt;
 use std::fs;
 use std::io;
@@ -14,6 +15,8 @@ use sqlx::postgres::PgConnectOptions;
 pub enum Location {
     File(PathBuf),
     Postgres(Address),
+    /// None of both. It is refused when it is opened: an error of the command line would show it, with its password.
+    Unknown(LocationError),
 }
 
 /// The address of a database of PostgreSQL. What is shown of it has no password.
@@ -33,7 +36,7 @@ const PASSWORD_FILE: &str = "password_file";
 
 const SCHEMES: [&str; 2] = ["postgres://", "postgresql://"];
 
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LocationError {
     #[error("the name of the database file is empty")]
     Empty,
@@ -55,7 +58,7 @@ impl Location {
     pub fn file(&self) -> Option<&Path> {
         match self {
             Self::File(path) => Some(path),
-            Self::Postgres(_) => None,
+            Self::Postgres(_) | Self::Unknown(_) => None,
         }
     }
 }
@@ -84,20 +87,26 @@ impl From<PathBuf> for Location {
     }
 }
 
-impl FromStr for Location {
-    type Err = LocationError;
-
-    fn from_str(text: &str) -> Result<Self, LocationError> {
+impl From<&str> for Location {
+    fn from(text: &str) -> Self {
         if SCHEMES.iter().any(|scheme| text.starts_with(scheme)) {
-            return Address::parse(text).map(Self::Postgres);
+            return Address::parse(text).map_or_else(Self::Unknown, Self::Postgres);
         }
         if let Some((scheme, _)) = text.split_once("://") {
-            return Err(LocationError::Scheme(scheme.to_owned()));
+            return Self::Unknown(LocationError::Scheme(scheme.to_owned()));
         }
         if text.is_empty() {
-            return Err(LocationError::Empty);
+            return Self::Unknown(LocationError::Empty);
         }
-        Ok(Self::File(text.into()))
+        Self::File(text.into())
+    }
+}
+
+impl FromStr for Location {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        Ok(Self::from(text))
     }
 }
 
@@ -106,6 +115,7 @@ impl fmt::Display for Location {
         match self {
             Self::File(path) => path.display().fmt(f),
             Self::Postgres(address) => address.fmt(f),
+            Self::Unknown(_) => f.write_str("a database that is not known"),
         }
     }
 }
@@ -181,9 +191,13 @@ mod tests {
 
     #[test]
     fn a_location_is_a_file_or_an_address() {
-        let parse = |text: &str| text.parse::<Location>();
-        assert_eq!(parse("a/b.db").expect("a file"), Location::File("a/b.db".into()));
-        let refused = |text| parse(text).expect_err("refused").to_string();
+        assert_eq!(Location::from("a/b.db"), Location::File("a/b.db".into()));
+        let refused = |text| {
+            let Location::Unknown(error) = Location::from(text) else {
+                panic!("{text} is refused")
+            };
+            error.to_string()
+        };
         assert!(refused("mysql://a/b").contains("postgres://USER@HOST:PORT/DATABASE"));
         assert!(refused("").contains("empty"));
         assert!(refused("postgres://a/b?pool=3").contains("no parameter \"pool\""));
@@ -197,7 +211,7 @@ mod tests {
             format!("postgres://me:{secret}@db.example:5433/swarm?sslmode=require"),
             format!("postgresql://me@db.example:5433/swarm?password={secret}"),
         ] {
-            let location: Location = url.parse().expect("an address");
+            let location = Location::from(url.as_str());
             let shown = format!("{location} {location:?}");
             assert!(!shown.contains("2guess"), "{shown}");
             assert_eq!(location.to_string(), "postgres://me@db.example:5433/swarm");
@@ -211,7 +225,7 @@ mod tests {
         fs::write(&file, "from a file\n").expect("written");
         let parse = |file: &Path| {
             let url = format!("postgres://me@db.example/swarm?password_file={}", file.display());
-            let Location::Postgres(address) = url.parse().expect("an address") else {
+            let Location::Postgres(address) = Location::from(url.as_str()) else {
                 panic!("an address")
             };
             address

@@ -100,6 +100,8 @@ pub enum OpenError {
     Sqlite { path: PathBuf, source: sqlx::Error },
     #[error(transparent)]
     Postgres(#[from] SessionError),
+    #[error(transparent)]
+    Location(#[from] LocationError),
     /// A copy into it was interrupted.
     #[error(
         "the database {location} is an unfinished copy: run `swarmbench migrate --from {from} --to {location}` again, which \
@@ -145,6 +147,7 @@ impl Store {
                 let group = writer::Group::Postgres(Box::new(node));
                 Ok(Self::of(readers, writer::Writer::spawn(group), Files::default(), None))
             }
+            Location::Unknown(error) => Err(error.into()),
         }
     }
 
@@ -252,6 +255,7 @@ impl Location {
             Self::Postgres(address) => {
                 SessionError::Failed { location: address.to_string(), source }.into()
             }
+            Self::Unknown(error) => error.clone().into(),
         }
     }
 }
@@ -273,6 +277,7 @@ async fn read_connection(
             let known = migrations::newest(&migrations::postgres());
             Ok((connection, ReaderOptions::Postgres(server.readers()), known))
         }
+        Location::Unknown(error) => Err(error.clone().into()),
     }
 }
 
@@ -303,6 +308,7 @@ impl Alone {
                 let connection = postgres::open_alone(address).await?;
                 Ok(Self { connection, _lock: None })
             }
+            Location::Unknown(error) => Err(error.clone().into()),
         }
     }
 
@@ -317,6 +323,7 @@ impl Alone {
                 let connection = postgres::take(address).await?;
                 Ok(Self { connection, _lock: None })
             }
+            Location::Unknown(error) => Err(error.clone().into()),
         }
     }
 
@@ -327,6 +334,7 @@ impl Alone {
             Location::Postgres(address) => {
                 postgres::make_tables(&mut self.connection, address).await
             }
+            Location::Unknown(error) => Err(error.clone().into()),
         }
     }
 

@@ -123,11 +123,15 @@ impl Pool {
         })
     }
 
-    async fn acquire(&self) -> Result<Connection, sqlx::Error> {
-        Ok(match self {
-            Self::Sqlite(pool) => Connection::PooledSqlite(pool.acquire().await?),
-            Self::Postgres(pool) => Connection::PooledPostgres(pool.acquire().await?),
-        })
+    async fn acquire(&self) -> Result<Connection, StoreError> {
+        match self {
+            Self::Sqlite(pool) => Ok(Connection::PooledSqlite(pool.acquire().await?)),
+            // Whoever has a permit finds a connection, unless none can be made.
+            Self::Postgres(pool) => {
+                let connection = pool.acquire().await.map_err(|_| StoreError::Away)?;
+                Ok(Connection::PooledPostgres(connection))
+            }
+        }
     }
 
     async fn close(&self) {

@@ -53,7 +53,7 @@ pub(super) type Outcome = Result<(), StoreError>;
 /// Why a transaction, or a part of it, was not written.
 pub(super) enum Failure {
     /// What is stored, or will be, is not known, or belongs to another server.
-    Fatal(sqlx::Error),
+    Fatal(Box<dyn std::error::Error + Send + Sync>),
     /// A statement was refused; the transaction can be rolled back.
     Refused(sqlx::Error),
     /// The database is not reached, or has ended the transaction: the same may be done again.
@@ -65,8 +65,12 @@ pub(super) enum Failure {
 pub enum Blocked {
     #[error("another program has locked the database: nothing can be written")]
     LockedOut,
-    #[error("the database is not reached: nothing can be written until it is back")]
+    #[error(
+        "the database is not reached, or ends what is written: nothing can be written until it is back"
+    )]
     Away,
+    #[error("the disk of the database is full: nothing can be written until there is room on it")]
+    Full,
 }
 
 /// The state of the writer, shared with readers.
@@ -170,6 +174,8 @@ impl WriterState {
     pub(super) fn fail(&self, error: &dyn std::fmt::Display) {
         if !self.has_failed() {
             self.failed.cancel();
+            // Whatever it waited for, it does not any more.
+            self.blocking().take();
             metrics::counter!("swarmbench_commit_failures_total").increment(1);
             tracing::error!(%error, "a commit failed: nothing is acknowledged until a restart");
         }
@@ -190,18 +196,20 @@ impl Group {
         }
     }
 
-    /// Writes jobs in one commit, which is tried until the deadline; the outcome of each, in their order.
+    /// Writes jobs in one commit, which is tried until the deadline, and not for long after `stop`; the outcome of each, in
+    /// their order.
     async fn keep(
         &mut self,
         state: &WriterState,
         jobs: &[Vec<Entry>],
         deadline: Instant,
+        stop: &CancellationToken,
     ) -> Vec<Outcome> {
         match self {
             Self::Sqlite(connection, files) => {
                 sqlite::group::keep(connection, files, state, jobs, deadline).await
             }
-            Self::Postgres(node) => node.keep(state, jobs, deadline).await,
+            Self::Postgres(node) => node.keep(state, jobs, deadline, stop).await,
         }
     }
 
@@ -302,7 +310,7 @@ async fn run(
         }
         let (jobs, receipts): (Vec<_>, Vec<_>) =
             jobs.drain(..).map(|job| (job.entries, (job.bytes, job.committed))).unzip();
-        let outcomes = group.keep(&state, &jobs, Instant::now() + PATIENCE).await;
+        let outcomes = group.keep(&state, &jobs, Instant::now() + PATIENCE, &stop).await;
         for (entries, outcome) in jobs.iter().zip(&outcomes) {
             if outcome.is_ok() {
                 // Before the senders are notified: a client that knows of an end finds it on the board.
@@ -337,7 +345,7 @@ pub(super) async fn write_alone(
     }
     let fatal = |error| match failure(error) {
         // The transaction needs these statements.
-        Failure::Refused(error) => Failure::Fatal(error),
+        Failure::Refused(error) => Failure::Fatal(error.into()),
         other => other,
     };
     query("SAVEPOINT job").execute(connection).await.map_err(fatal)?;

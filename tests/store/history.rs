@@ -545,21 +545,20 @@ impl History {
             completion_tokens: draw.maybe(Self::count),
             latency_ms: draw.maybe(Self::count),
         });
-        let record =
-            ActRecord {
-                agent: agent.to_string(),
-                source,
-                action: self.maybe(|_| "STAY".to_owned()),
-                message: self.maybe(Self::said),
-                to: self.dice.one_in(8).then(|| "Agent_0".to_owned()),
-                valid: failure.is_none(),
-                failure,
-                response: self.maybe(Self::said),
-                usage,
-                reasoning: self
-                    .maybe(|draw| if draw.dice.one_in(20) { draw.large() } else { draw.said() }),
-                bank_spent_ms: if self.dice.one_in(4) { self.count() } else { 0 },
-            };
+        let record = ActRecord {
+            agent: agent.to_string(),
+            source,
+            action: self.maybe(|_| "STAY".to_owned()),
+            message: self.maybe(Self::said),
+            to: self.dice.one_in(8).then(|| "Agent_0".to_owned()),
+            valid: failure.is_none(),
+            failure,
+            response: self.maybe(Self::said),
+            usage,
+            reasoning: self
+                .maybe(|draw| if draw.dice.one_in(20) { draw.large() } else { draw.said() }),
+            bank_spent_ms: if self.dice.one_in(4) { self.count() } else { 0 },
+        };
         let brief = record.clone().brief();
         let record = RawRecord::write(&record);
         // Versions before briefs stored none.

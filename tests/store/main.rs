@@ -112,7 +112,8 @@ pub(crate) fn kind<T>(outcome: &Result<T, StoreError>) -> &'static str {
     match outcome {
         Ok(_) => "ok",
         Err(StoreError::Busy) => "busy",
-        Err(StoreError::Sqlite(_)) => "refused",
+        Err(StoreError::Away) => "away",
+        Err(StoreError::Database(_)) => "refused",
         Err(StoreError::Broken(_)) => "broken",
         Err(StoreError::Missing(_)) => "missing",
         Err(StoreError::Failed) => "failed",

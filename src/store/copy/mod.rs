@@ -199,7 +199,7 @@ fn name_of(location: &Location) -> String {
             let whole = path.canonicalize().or_else(|_| std::path::absolute(path));
             whole.unwrap_or_else(|_| path.clone()).display().to_string()
         }
-        Location::Postgres(address) => address.to_string(),
+        Location::Postgres(_) | Location::Unknown(_) => location.to_string(),
     }
 }
 

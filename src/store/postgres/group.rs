@@ -6,11 +6,13 @@
 
 use std::time::{Duration, Instant};
 
+use tokio_util::sync::CancellationToken;
+
 use super::session::{self, Server, SessionError};
-use crate::store::StoreError;
 use crate::store::entries::Entry;
 use crate::store::sql::{Connection, query};
 use crate::store::writer::{self, Blocked, Failure, Outcome, WriterState};
+use crate::store::{Stopped, StoreError};
 use crate::telemetry;
 
 /// How often the row of this server is looked at while nothing is written.
@@ -18,6 +20,15 @@ pub(in crate::store) const WATCH: Duration = Duration::from_secs(1);
 
 /// The first and the longest pause between two tries to connect.
 const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(1));
+
+/// A database that takes longer to answer is not reached, as far as anybody can tell.
+const ANSWER_USUAL: Duration = Duration::from_secs(5);
+
+/// How long an answer of the database is waited for. Then its connection is given up, and what was sent is settled.
+const ANSWER_PATIENCE: Duration = Duration::from_secs(30);
+
+/// How long a server that is told to stop waits for a database that is not reached.
+const STOP_PATIENCE: Duration = Duration::from_secs(5);
 
 /// How long an old session of this server is waited for after it was told to end.
 const TERMINATE_PATIENCE: Duration = Duration::from_secs(5);
@@ -52,7 +63,7 @@ enum Excluded {
 
 impl From<Excluded> for Failure {
     fn from(excluded: Excluded) -> Self {
-        Self::Fatal(sqlx::Error::Io(std::io::Error::other(excluded)))
+        Self::Fatal(excluded.into())
     }
 }
 
@@ -82,6 +93,32 @@ pub(in crate::store) fn failure(error: sqlx::Error) -> Failure {
     }
 }
 
+/// Waits for an answer of the database, for a limited time. That it takes long is noted before that.
+async fn answered<T>(
+    state: &WriterState,
+    asked: impl Future<Output = Result<T, Failure>>,
+) -> Result<T, Failure> {
+    let mut asked = std::pin::pin!(asked);
+    if let Ok(answer) = tokio::time::timeout(ANSWER_USUAL, &mut asked).await {
+        return answer;
+    }
+    let late = || sqlx::Error::Io(std::io::ErrorKind::TimedOut.into());
+    state.set_blocked(Blocked::Away, &late());
+    let left = ANSWER_PATIENCE.saturating_sub(ANSWER_USUAL);
+    tokio::time::timeout(left, asked).await.unwrap_or_else(|_| Err(Failure::Away(late())))
+}
+
+/// The code of an error that comes from a full disk.
+const DISK_FULL: &str = "53100";
+
+fn blocked_by(error: &sqlx::Error) -> Blocked {
+    if session::sqlstate(error).as_deref() == Some(DISK_FULL) {
+        Blocked::Full
+    } else {
+        Blocked::Away
+    }
+}
+
 impl Node {
     /// Gets a number for a process that has the lock of the database.
     pub(in crate::store) async fn join(
@@ -99,54 +136,64 @@ impl Node {
     }
 
     /// Writes jobs in one commit; the outcome of each, in their order. While the database is not reached it tries again: until
-    /// the deadline, or without end where a commit was sent and nobody knows yet whether it is done.
+    /// the deadline, or without end where a commit was sent and nobody knows yet whether it is done; but not for long after
+    /// `stop`.
     pub(in crate::store) async fn keep(
         &mut self,
         state: &WriterState,
         jobs: &[Vec<Entry>],
         deadline: Instant,
+        stop: &CancellationToken,
     ) -> Vec<Outcome> {
-        let all = |outcome: &Outcome| jobs.iter().map(|_| outcome.clone()).collect();
+        let all = |outcome: Outcome| jobs.iter().map(|_| outcome.clone()).collect();
+        let refuse = |error: StoreError| {
+            jobs.iter().map(|job| writer::refuse(state, job, error.clone())).collect()
+        };
         if state.has_failed() {
-            return all(&Err(StoreError::Failed));
+            return all(Err(StoreError::Failed));
         }
         if jobs.iter().all(Vec::is_empty) {
             // A barrier: what was queued before is durable by now.
-            return all(&Ok(()));
+            return all(Ok(()));
         }
         let mut one_by_one = jobs.iter().any(|job| state.continues_broken(job));
         let mut sent = None;
         let (mut pause, longest) = PAUSES;
+        let mut given_up = std::pin::pin!(async {
+            stop.cancelled().await;
+            tokio::time::sleep(STOP_PATIENCE).await;
+        });
         loop {
-            match self.attempt(state, jobs, one_by_one, &mut sent).await {
+            let attempt = self.attempt(state, jobs, one_by_one, &mut sent);
+            let attempted = tokio::select! {
+                attempted = answered(state, attempt) => attempted,
+                () = &mut given_up => {
+                    self.connection = None;
+                    return refuse(StoreError::Stopped(Stopped::Server));
+                }
+            };
+            match attempted {
                 Ok(outcomes) => {
                     state.set_unblocked();
                     return outcomes;
                 }
                 Err(Failure::Refused(_)) if !one_by_one => one_by_one = true,
-                Err(Failure::Refused(error)) => {
-                    // No job alone is at fault.
-                    let error = StoreError::from(error);
-                    return jobs
-                        .iter()
-                        .map(|job| writer::refuse(state, job, error.clone()))
-                        .collect();
-                }
+                // No job alone is at fault.
+                Err(Failure::Refused(error)) => return refuse(error.into()),
                 Err(Failure::Fatal(error)) => {
                     state.fail(&error);
-                    return all(&Err(error.into()));
+                    return all(Err(StoreError::Failed));
                 }
                 Err(Failure::Away(error)) => {
                     self.connection = None;
-                    state.set_blocked(Blocked::Away, &error);
+                    state.set_blocked(blocked_by(&error), &error);
                     if sent.is_none() && Instant::now() >= deadline {
-                        let error = StoreError::from(error);
-                        return jobs
-                            .iter()
-                            .map(|job| writer::refuse(state, job, error.clone()))
-                            .collect();
+                        return refuse(StoreError::Away);
                     }
-                    tokio::time::sleep(pause).await;
+                    tokio::select! {
+                        () = tokio::time::sleep(pause) => {}
+                        () = &mut given_up => return refuse(StoreError::Stopped(Stopped::Server)),
+                    }
                     pause = (pause * 2).min(longest);
                 }
             }
@@ -158,12 +205,12 @@ impl Node {
         if state.has_failed() {
             return;
         }
-        match self.reach().await {
+        match answered(state, self.reach()).await {
             Ok(_) => state.set_unblocked(),
             Err(Failure::Fatal(error)) => state.fail(&error),
             Err(Failure::Away(error) | Failure::Refused(error)) => {
                 self.connection = None;
-                state.set_blocked(Blocked::Away, &error);
+                state.set_blocked(blocked_by(&error), &error);
             }
         }
     }
@@ -189,6 +236,7 @@ impl Node {
                 (Some(sent), true) => {
                     tracing::info!("a commit whose answer was lost is done");
                     self.committed += 1;
+                    self.witness().await?;
                     return Ok(sent.outcomes);
                 }
                 (None, true) => {
@@ -233,6 +281,17 @@ impl Node {
             found if found == known => Ok(false),
             found if found == known + 1 => Ok(true),
             found => Err(Excluded::Lost { found, known }.into()),
+        }
+    }
+
+    /// Commits something after a commit whose answer was lost. That one may still have waited for a standby when its session
+    /// ended; when this one is acknowledged, the standby has both.
+    async fn witness(&mut self) -> Result<(), Failure> {
+        let connection = self.connection.as_mut().expect("it was reached");
+        let touch = query("UPDATE nodes SET name = name WHERE incarnation = $1");
+        match touch.bind(self.incarnation).execute(connection).await.map_err(failure)? {
+            1 => Ok(()),
+            _ => Err(Excluded::TakenOver.into()),
         }
     }
 

@@ -71,12 +71,13 @@ async fn lock(server: &Server) -> Result<Connection, OpenError> {
     server.refuse_foreign(&mut connection).await?;
     let failed = |error| server.failed(error);
     if !session::try_lock(&mut connection).await.map_err(failed)? {
+        // A database that is taken for the first time has no such table yet.
+        let by = session::newest_node(&mut connection).await.ok().flatten();
+        let by = by.unwrap_or_else(|| "another process".to_owned());
         let holder = session::lock_holder(&mut connection).await.map_err(failed)?;
-        let by = holder.map_or_else(
-            || "another server".to_owned(),
-            |(name, pid)| format!("{name}, process {pid} of PostgreSQL"),
-        );
-        return Err(OpenError::InUse(format!("{} ({by})", server.location())));
+        let session =
+            holder.map_or_else(String::new, |(_, pid)| format!(", session {pid} of PostgreSQL"));
+        return Err(OpenError::InUse(format!("{} (by {by}{session})", server.location())));
     }
     server.set_up_writer(&mut connection).await.map_err(failed)?;
     Ok(connection)
@@ -95,6 +96,7 @@ async fn bring_up_to_date(server: &Server, connection: &mut Connection) -> Resul
 pub(super) async fn open_to_read(address: &Address) -> Result<(Server, Connection), OpenError> {
     let server = Server::at(address)?;
     let mut connection = Connection::Postgres(server.connect().await?);
+    server.refuse_empty(&mut connection).await?;
     refuse_unfinished(&server, &mut connection).await?;
     Ok((server, connection))
 }

@@ -55,10 +55,10 @@ pub enum SessionError {
          or set the pooler to pool_mode = session"
     )]
     Pooler(String),
-    #[error(
-        "the database {location} is in use by {by}: stop that server, or name another database with --db"
-    )]
-    InUse { location: String, by: String },
+    #[error("TLS with {0} fails: check sslmode, sslrootcert, sslcert and sslkey in the address")]
+    Tls(String, #[source] sqlx::Error),
+    #[error("{0} has no tables of this program yet: `swarmbench serve` makes them")]
+    Empty(String),
     #[error(
         "{0} has tables of another program: create a database for this one, with `createdb`, and name it with --db"
     )]
@@ -83,7 +83,11 @@ impl Server {
             .statement_cache_capacity(STATEMENTS_KEPT)
             .application_name("swarmbench")
             // Short queries: compiling them takes longer than they do. A connection of ours may be idle for days.
-            .options([("jit", "off"), ("idle_session_timeout", "0")])
+            .options([
+                ("jit", "off"),
+                ("idle_session_timeout", "0"),
+                ("client_min_messages", "warning"),
+            ])
             .disable_statement_logging();
         Ok(Self { options, location: address.to_string() })
     }
@@ -122,7 +126,16 @@ impl Server {
             Some("3D000") => SessionError::NoDatabase(location),
             Some("53300") => SessionError::Full(location),
             Some(_) => self.failed(error),
-            None => SessionError::Unreachable(location, error),
+            None => match &error {
+                sqlx::Error::Tls(_) | sqlx::Error::Configuration(_) => {
+                    SessionError::Tls(location, error)
+                }
+                // The file of a certificate.
+                sqlx::Error::Io(io) if io.kind() == std::io::ErrorKind::NotFound => {
+                    SessionError::Tls(location, error)
+                }
+                _ => SessionError::Unreachable(location, error),
+            },
         }
     }
 
@@ -210,6 +223,20 @@ impl Server {
         Ok(())
     }
 
+    /// Refuses a database without tables of this program.
+    pub(in crate::store) async fn refuse_empty(
+        &self,
+        connection: &mut Connection,
+    ) -> Result<(), SessionError> {
+        self.refuse_foreign(connection).await?;
+        let made =
+            query("SELECT to_regclass('_sqlx_migrations') IS NOT NULL").one(connection).await;
+        if made.map_err(|error| self.failed(error))? {
+            return Ok(());
+        }
+        Err(SessionError::Empty(self.location.clone()))
+    }
+
     /// Sets a session to what the writer needs.
     pub(in crate::store) async fn set_up_writer(
         &self,
@@ -244,7 +271,14 @@ pub(in crate::store) async fn try_lock(connection: &mut Connection) -> Result<bo
     query("SELECT pg_try_advisory_lock($1)").bind(LOCK).one(connection).await
 }
 
-/// Who has the database: the name that its session gave itself, and the process of PostgreSQL that serves it.
+/// Who has the database, as the newest row of `nodes` says: host and process.
+pub(in crate::store) async fn newest_node(
+    connection: &mut Connection,
+) -> Result<Option<String>, sqlx::Error> {
+    query("SELECT name FROM nodes ORDER BY incarnation DESC LIMIT 1").optional(connection).await
+}
+
+/// The session that has the database: the name that it gave itself, and the process of PostgreSQL that serves it.
 pub(in crate::store) async fn lock_holder(
     connection: &mut Connection,
 ) -> Result<Option<(String, i64)>, sqlx::Error> {

@@ -29,7 +29,7 @@ pub(in crate::store) fn failure(error: sqlx::Error) -> Failure {
         sqlx::Error::Encode(_) | sqlx::Error::Decode(_) | sqlx::Error::ColumnDecode { .. } => true,
         _ => false,
     };
-    if is_refusal { Failure::Refused(error) } else { Failure::Fatal(error) }
+    if is_refusal { Failure::Refused(error) } else { Failure::Fatal(error.into()) }
 }
 
 /// Whether SQLite gave one of these primary result codes; the code that is given may be an extended one.
@@ -69,13 +69,13 @@ pub(in crate::store) async fn keep(
     // What went into a file that was removed is not kept, whatever SQLite says.
     let kept = kept.and_then(|outcomes| match files.check() {
         Ok(()) => Ok(outcomes),
-        Err(lost) => Err(Failure::Fatal(sqlx::Error::Io(std::io::Error::other(lost)))),
+        Err(lost) => Err(Failure::Fatal(lost.into())),
     });
     match kept {
         Ok(outcomes) => outcomes,
         Err(Failure::Fatal(error)) => {
             state.fail(&error);
-            all(&Err(error.into()))
+            all(&Err(StoreError::Database(error.to_string().into())))
         }
         // Nothing was written: all senders get the error, and may send again.
         Err(Failure::Refused(error) | Failure::Away(error)) => {
@@ -129,7 +129,11 @@ async fn commit_each(
 
 /// Runs a statement that the transaction needs.
 async fn execute(connection: &mut Connection, statement: &'static str) -> Result<(), Failure> {
-    query(statement).execute(connection).await.map(|_| ()).map_err(Failure::Fatal)
+    query(statement)
+        .execute(connection)
+        .await
+        .map(|_| ())
+        .map_err(|error| Failure::Fatal(error.into()))
 }
 
 /// Begins a transaction; tries again by the deadline where another program holds the lock.
