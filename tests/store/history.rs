@@ -25,7 +25,7 @@ use swarmbench_protocol::import::ImportConfig;
 
 use crate::dice::Dice;
 use crate::game;
-use crate::numbers::{Names, Side};
+use crate::numbers::{Names, Side, UNKNOWN};
 
 /// Texts of players. Those with U+0000 are stored as JSON has them, `\u0000`.
 const SAID: [&str; 10] = [
@@ -114,6 +114,7 @@ pub(crate) struct History {
     worlds: Vec<(Arc<Config>, World)>,
     now_ms: i64,
     next: i64,
+    is_new: bool,
 }
 
 /// How often each kind of job is made, and by whom.
@@ -132,13 +133,13 @@ const KINDS: &Kinds = &[
     (4, History::add_key),
     (2, History::change_key),
     (4, History::import),
-    (6, History::open_run),
+    (10, History::open_run),
     (5, History::change_run),
     (3, History::void),
     (2, History::add_competition),
     (5, History::change_competition),
-    (4, History::add_entrant),
-    (6, History::change_entrant),
+    (8, History::add_entrant),
+    (9, History::change_entrant),
     (3, History::invite),
     (4, History::measured),
     (5, History::audit),
@@ -173,10 +174,18 @@ impl History {
             broken: BTreeSet::new(),
             now_ms: 1_772_366_400_000,
             next: 1,
+            is_new: true,
         }
     }
 
     pub(crate) fn step(&mut self) -> Step {
+        if self.is_new {
+            // Who owns things, and where entrants register.
+            self.is_new = false;
+            let mut jobs: Vec<_> = (0..4).map(|_| self.add_key()).collect();
+            jobs.extend([self.add_competition(), self.add_competition()]);
+            return Step::Jobs(jobs);
+        }
         self.now_ms += i64::try_from(self.dice.below(5000)).expect("small");
         let broken = self.broken.first().copied();
         if let Some(episode) = broken.filter(|_| self.dice.one_in(3)) {
@@ -310,7 +319,7 @@ impl History {
     pub(crate) fn owner(&self) -> Option<OwnerKey> {
         let keys = &self.stored[0];
         if keys.is_empty() || self.dice.one_in(5) {
-            return self.dice.one_in(3).then_some(OwnerKey(1_000_000));
+            return self.dice.one_in(3).then_some(OwnerKey(UNKNOWN));
         }
         Some(OwnerKey(*self.dice.pick(keys)))
     }
@@ -318,7 +327,7 @@ impl History {
     pub(crate) fn competition(&self) -> CompetitionKey {
         let competitions = &self.stored[1];
         if competitions.is_empty() || self.dice.one_in(15) {
-            return CompetitionKey(1_000_000);
+            return CompetitionKey(UNKNOWN);
         }
         CompetitionKey(*self.dice.pick(competitions))
     }
@@ -658,7 +667,7 @@ impl History {
             reason,
             record,
             head: Head(self.bytes()),
-            bytes: if self.dice.one_in(4) { self.count() } else { self.dice.below(5000) as u64 },
+            bytes: if self.dice.one_in(100) { self.count() } else { self.dice.below(5000) as u64 },
             score,
             rounds: round,
             seed,
@@ -718,7 +727,7 @@ impl History {
     fn replace_tokens(&mut self) -> Vec<Entry> {
         let Some(place) = self.episode() else { return Vec::new() };
         let Episode { key, agents, holders, .. } = self.episodes[place];
-        let holder = (holders > 0 && self.dice.one_in(2)).then_some(holders - 1);
+        let holder = (holders > 0 && self.dice.one_in(2)).then(|| holders - 1);
         let tokens = self.some_tokens(agents, holder);
         vec![Entry::ReplaceTokens { episode: key, holder, tokens }]
     }

@@ -14,8 +14,12 @@ mod history;
 mod numbers;
 #[path = "../support/postgres.rs"]
 mod postgres;
+mod schema;
+mod sessions;
+mod values;
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use futures::future::join_all;
 use swarmbench::store::entries::Entry;
@@ -29,7 +33,7 @@ use numbers::Side;
 use postgres::Scratch;
 
 /// Seeds that are played where nobody says how many.
-const SEEDS: u64 = 6;
+const SEEDS: u64 = 3;
 
 /// Steps of a history, and after how many of them both stores are asked everything.
 const STEPS: usize = 120;
@@ -53,7 +57,7 @@ pub(crate) fn location(scratch: &Scratch) -> Location {
 /// One store of each engine, with the same rows.
 pub(crate) struct Pair {
     folder: TempDir,
-    scratch: Scratch,
+    pub(crate) scratch: Scratch,
     pub(crate) sqlite: Side,
     pub(crate) postgres: Side,
 }
@@ -67,12 +71,17 @@ impl Pair {
         Some(Self { folder, scratch, sqlite: Side::of(sqlite), postgres: Side::of(postgres) })
     }
 
+    /// The file of SQLite.
+    pub(crate) fn file(&self) -> PathBuf {
+        self.folder.path().join("a.db")
+    }
+
     /// Closes both stores, and opens them again.
     async fn reopen(&mut self) {
-        for (side, location) in [
-            (&mut self.sqlite, self.folder.path().join("a.db").into()),
-            (&mut self.postgres, location(&self.scratch)),
-        ] {
+        let file = self.file();
+        for (side, location) in
+            [(&mut self.sqlite, file.into()), (&mut self.postgres, location(&self.scratch))]
+        {
             side.store.clone().close().await;
             side.store = Store::open(location).await.expect("it opens again");
         }

@@ -15,6 +15,9 @@ use swarmbench::store::imports::ImportFilter;
 /// Added to the number of a row that is not stored: no engine gives such a number.
 const FAR: i64 = 7_000_000_000;
 
+/// The number, in a history, of what is never stored.
+pub(crate) const UNKNOWN: i64 = 1_000_000;
+
 /// The public ids of rows, each at the place that is its number in a history.
 #[derive(Default)]
 pub(crate) struct Names {
@@ -76,8 +79,9 @@ impl Side {
         self.keys = Table::new(&names.keys, keys);
         let competitions = store.list_competitions(true, None, u32::MAX).await.expect("read");
         let mut entries = Vec::new();
-        for competition in &competitions {
-            let all = store.entrants(competition.key, None, Declared::Short).await.expect("read");
+        let nowhere = CompetitionKey(UNKNOWN + FAR);
+        for competition in competitions.iter().map(|competition| competition.key).chain([nowhere]) {
+            let all = store.entrants(competition, None, Declared::Short).await.expect("read");
             entries.extend(all.into_iter().map(|entrant| (entrant.id, entrant.key.0)));
         }
         self.entries = Table::new(&names.entries, entries.into_iter());

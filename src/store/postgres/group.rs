@@ -79,9 +79,11 @@ pub(in crate::store) async fn exclude_others(
 pub(in crate::store) fn failure(error: sqlx::Error) -> Failure {
     let Some(code) = session::sqlstate(&error) else {
         return match error {
-            sqlx::Error::Encode(_) | sqlx::Error::Decode(_) | sqlx::Error::ColumnDecode { .. } => {
-                Failure::Refused(error)
-            }
+            sqlx::Error::Encode(_)
+            | sqlx::Error::Decode(_)
+            | sqlx::Error::ColumnDecode { .. }
+            // A row that an entry changes is not there.
+            | sqlx::Error::RowNotFound => Failure::Refused(error),
             _ => Failure::Away(error),
         };
     };

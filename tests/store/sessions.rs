@@ -1,0 +1,248 @@
+//! What PostgreSQL alone has: other servers, sessions that end, and a database that another server takes over.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use futures::future::join_all;
+use jiff::Timestamp;
+use sqlx::Connection as _;
+use sqlx::postgres::PgConnection;
+use swarmbench::ids::EpisodeKey;
+use swarmbench::store::entries::{ActRow, AuditRow, Entry, RoundRow};
+use swarmbench::store::port::EpisodeStore as _;
+use swarmbench::store::{OpenError, Store};
+use swarmbench_engine::AgentId;
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::{Decision, RawRecord, Source};
+
+use crate::{location, scratch};
+
+/// Longer than anything takes, so that a test that hangs fails.
+const PATIENCE: Duration = Duration::from_secs(50);
+
+/// Batches that are written while sessions end.
+const BATCHES: u32 = 300;
+
+/// An act and the round that it resolves.
+fn rows(round: u32) -> Vec<Entry> {
+    let (episode, at) = (EpisodeKey(1), Timestamp::UNIX_EPOCH);
+    let record = RawRecord::write(&Decision::clock_ran_out().record(AgentId(0), 0));
+    let (agent, source) = (AgentId(0), Source::Clock);
+    let act = ActRow { episode, round, agent, waiting_for: 0, source, at, record, brief: None };
+    let (digest, head) = ([0; 32], Head([0; 32]));
+    vec![Entry::Act(act), Entry::Round(RoundRow { episode, round, digest, score: 0.5, head, at })]
+}
+
+/// A row that nothing keeps from being there twice.
+fn note(number: u32) -> Entry {
+    Entry::Audit(Box::new(AuditRow {
+        at: Timestamp::UNIX_EPOCH,
+        who: "local".to_owned(),
+        action: "test.note",
+        subject: number.to_string(),
+        detail: serde_json::Value::Null,
+        shown: None,
+    }))
+}
+
+/// Ends all sessions that write; how many there were.
+async fn end_writers(other: &mut PgConnection) -> usize {
+    let ended: Vec<bool> = sqlx::query_scalar(
+        "SELECT pg_terminate_backend(pid) FROM pg_stat_activity
+         WHERE application_name LIKE 'swarmbench/%' AND datname = current_database()",
+    )
+    .fetch_all(other)
+    .await
+    .expect("the sessions end");
+    ended.len()
+}
+
+/// How often each number was noted.
+async fn noted(store: &Store) -> BTreeMap<u32, usize> {
+    let mut noted = BTreeMap::new();
+    for entry in store.audit(None, u32::MAX).await.expect("read") {
+        *noted.entry(entry.subject.parse().expect("a number")).or_default() += 1;
+    }
+    noted
+}
+
+#[tokio::test]
+async fn one_server_has_a_database_and_others_only_read_it() {
+    let test = "one_server_has_a_database_and_others_only_read_it";
+    let Some(scratch) = scratch(test).await else { return };
+    let first = Store::open(location(&scratch)).await.expect("it opens");
+    first.keep(vec![note(1)]).await.expect("kept");
+    match Store::open(location(&scratch)).await {
+        Err(OpenError::InUse(by)) => {
+            assert!(by.contains("swarmbench/"), "{by} says which session has it");
+            assert!(!by.contains(scratch.url()), "{by} has no password");
+        }
+        other => panic!("it is {other:?}"),
+    }
+    let reader = Store::open_to_read(location(&scratch)).await.expect("it opens");
+    first.keep(vec![note(2)]).await.expect("kept");
+    assert_eq!(noted(&reader).await, BTreeMap::from([(1, 1), (2, 1)]));
+    assert!(reader.keep(vec![note(3)]).await.is_err(), "it only reads");
+    reader.close().await;
+    first.close().await;
+    let second = Store::open(location(&scratch)).await.expect("it is free");
+    second.keep(vec![note(4)]).await.expect("kept");
+    assert_eq!(noted(&second).await, BTreeMap::from([(1, 1), (2, 1), (4, 1)]));
+    second.close().await;
+}
+
+#[tokio::test]
+async fn a_database_without_tables_is_not_read() {
+    let Some(scratch) = scratch("a_database_without_tables_is_not_read").await else { return };
+    assert!(Store::open_to_read(location(&scratch)).await.is_err());
+}
+
+#[tokio::test]
+async fn a_session_that_ends_between_batches_is_a_pause() {
+    let test = "a_session_that_ends_between_batches_is_a_pause";
+    let Some(scratch) = scratch(test).await else { return };
+    let store = Store::open(location(&scratch)).await.expect("it opens");
+    let mut other = scratch.connect().await;
+    for number in 0..6 {
+        assert_eq!(end_writers(&mut other).await, 1, "there is one session that writes");
+        let mut batch = vec![note(number)];
+        if number % 2 == 0 {
+            store.keep(rows(number)).await.expect("kept");
+            assert_eq!(end_writers(&mut other).await, 1);
+        } else {
+            batch.extend(rows(number));
+        }
+        store.keep(batch).await.expect("kept");
+    }
+    assert_eq!(noted(&store).await, (0..6).map(|number| (number, 1)).collect());
+    let rounds = store.rounds(EpisodeKey(1), 0, 10).await.expect("read");
+    assert_eq!(rounds.len(), 6);
+    assert!(!store.writer().has_failed() && store.writer().blocked().is_none());
+    store.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn sessions_that_end_during_batches_lose_and_double_nothing() {
+    let test = "sessions_that_end_during_batches_lose_and_double_nothing";
+    let Some(scratch) = scratch(test).await else { return };
+    let store = Store::open(location(&scratch)).await.expect("it opens");
+    let mut other = scratch.connect().await;
+    let is_done = Arc::new(AtomicBool::new(false));
+    let seen = Arc::clone(&is_done);
+    let killer = tokio::spawn(async move {
+        let mut ended = 0;
+        for pause_ms in (1..).map(|number| number * 7 % 40) {
+            if seen.load(Ordering::Relaxed) {
+                break;
+            }
+            ended += end_writers(&mut other).await;
+            // Of different lengths, so that a session ends in all stages of a commit.
+            tokio::time::sleep(Duration::from_millis(pause_ms)).await;
+        }
+        drop(other.close().await);
+        ended
+    });
+    let write = async {
+        let mut number = 0;
+        while number < BATCHES {
+            // Several at once, of which some are acts and rounds alone.
+            let mut batches = Vec::new();
+            for _ in 0..1 + number % 4 {
+                let mut batch = rows(number);
+                if number % 3 != 0 {
+                    batch.push(note(number));
+                }
+                batches.push(store.keep(batch));
+                number += 1;
+            }
+            for kept in join_all(batches).await {
+                kept.expect("it is kept, however long it takes");
+            }
+        }
+        number
+    };
+    let written = tokio::time::timeout(PATIENCE, write).await.expect("it ends");
+    is_done.store(true, Ordering::Relaxed);
+    let ended = killer.await.expect("no panic");
+    assert!(ended > 3, "only {ended} sessions ended");
+    let expected = (0..written).filter(|number| number % 3 != 0).map(|number| (number, 1));
+    assert_eq!(noted(&store).await, expected.collect());
+    let rounds = store.rounds(EpisodeKey(1), 0, u32::MAX).await.expect("read");
+    let rounds: Vec<_> = rounds.into_iter().map(|round| round.round).collect();
+    assert_eq!(rounds, (0..written).collect::<Vec<_>>());
+    let acts = store.acts(EpisodeKey(1), 0, u32::MAX).await.expect("read");
+    assert_eq!(acts.len(), rounds.len());
+    assert!(!store.writer().has_failed());
+    store.close().await;
+}
+
+#[tokio::test]
+async fn a_server_whose_database_was_taken_over_writes_nothing_more() {
+    let test = "a_server_whose_database_was_taken_over_writes_nothing_more";
+    for only_rows in [false, true] {
+        let Some(scratch) = scratch(test).await else { return };
+        let store = Store::open(location(&scratch)).await.expect("it opens");
+        let batch = |number| if only_rows { rows(number) } else { vec![note(number)] };
+        store.keep(batch(0)).await.expect("kept");
+        let mut other = scratch.connect().await;
+        sqlx::query("DELETE FROM nodes").execute(&mut other).await.expect("taken over");
+        let later: Vec<_> = (1..20).map(|number| store.keep(batch(number))).collect();
+        let later = tokio::time::timeout(PATIENCE, join_all(later)).await.expect("they end");
+        assert!(later.iter().all(Result::is_err), "{later:?}");
+        assert!(store.writer().has_failed(), "for good");
+        assert!(store.keep(batch(20)).await.is_err());
+        assert!(store.keep(Vec::new()).await.is_err(), "nobody knows what is durable");
+        // What was acknowledged is still there, and can be read.
+        let found = if only_rows {
+            store.rounds(EpisodeKey(1), 0, u32::MAX).await.expect("read").len()
+        } else {
+            noted(&store).await.len()
+        };
+        assert_eq!(found, 1);
+        other.close().await.expect("it closes");
+        store.close().await;
+    }
+}
+
+#[tokio::test]
+async fn a_server_notices_a_takeover_while_it_writes_nothing() {
+    let test = "a_server_notices_a_takeover_while_it_writes_nothing";
+    let Some(scratch) = scratch(test).await else { return };
+    let store = Store::open(location(&scratch)).await.expect("it opens");
+    let mut other = scratch.connect().await;
+    // Its session ends, and another server has the database before it connects again.
+    end_writers(&mut other).await;
+    sqlx::query("DELETE FROM nodes").execute(&mut other).await.expect("taken over");
+    let failed = tokio::time::timeout(PATIENCE, store.writer().failed().cancelled()).await;
+    assert!(failed.is_ok() && store.writer().has_failed());
+    other.close().await.expect("it closes");
+    store.close().await;
+}
+
+#[tokio::test]
+async fn a_server_that_lost_its_session_is_excluded_by_the_next() {
+    let test = "a_server_that_lost_its_session_is_excluded_by_the_next";
+    let Some(scratch) = scratch(test).await else { return };
+    let first = Store::open(location(&scratch)).await.expect("it opens");
+    first.keep(vec![note(1)]).await.expect("kept");
+    let mut other = scratch.connect().await;
+    // Until the first has noticed it, and has connected again, the next may take the database.
+    let second = loop {
+        end_writers(&mut other).await;
+        match Store::open(location(&scratch)).await {
+            Ok(second) => break second,
+            Err(OpenError::InUse(_)) => {}
+            Err(error) => panic!("{error}"),
+        }
+    };
+    let refused = tokio::time::timeout(PATIENCE, first.keep(vec![note(2)])).await;
+    assert!(refused.expect("it ends").is_err() && first.writer().has_failed());
+    second.keep(vec![note(3)]).await.expect("kept");
+    assert_eq!(noted(&second).await, BTreeMap::from([(1, 1), (3, 1)]));
+    first.close().await;
+    second.keep(vec![note(4)]).await.expect("the first has closed nothing of the second");
+    second.close().await;
+    other.close().await.expect("it closes");
+}
