@@ -435,6 +435,8 @@ impl Store {
         );
         query.push_list(episodes.iter().map(|episode| episode.0));
         query.push(" AND +r.competition = ").push_bind(competition.0);
+        // In the order that a UNION of SQLite has by itself.
+        query.push(" ORDER BY 1");
         self.fetch_all(query.build()).await
     }
 }

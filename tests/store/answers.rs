@@ -248,7 +248,8 @@ impl Questions<'_> {
 
     async fn episodes(&self) {
         for _ in 0..ROUNDS {
-            let (id, key, agent) = (self.id(), self.key(), AgentId(self.number() as u16 % 8));
+            let seat = u16::try_from(self.below(8)).expect("small");
+            let (id, key, agent) = (self.id(), self.key(), AgentId(seat));
             let (from, to) = (self.number(), self.number());
             let bytes_max = self.bytes_max();
             let what = format!("{id} {key:?} {agent} {from}..{to}, {bytes_max} bytes");
@@ -442,6 +443,7 @@ impl Questions<'_> {
         }
     }
 
+    #[expect(clippy::too_many_lines, reason = "it is a list")]
     async fn competition(&self) {
         let (competition, limit) = (self.history.competition(), self.limit());
         let owner = self.maybe(|asked| asked.history.owner()).flatten();
@@ -577,6 +579,8 @@ impl Questions<'_> {
                 self.ask(&what, async |side| side.store.key(side.owner(owner)).await).await;
                 self.ask(&what, async |side| side.store.key_id(side.owner(owner)).await).await;
                 self.ask(&what, async |side| side.store.team_keys(side.owner(owner)).await).await;
+                self.ask(&what, async |side| side.store.entrant_of_key(side.owner(owner)).await)
+                    .await;
             }
             for _ in 0..ROUNDS {
                 let hash = self.hash(&self.history.tokens);
@@ -658,7 +662,7 @@ async fn before_number(side: &Side, history: &History) -> Answer<Option<i64>> {
     let numbers = numbers_of_audit(side).await?;
     // The same place for both sides: nothing is drawn here.
     let place = numbers.len() / 2 + history.episodes.len() % 2;
-    Ok(if history.runs.len() % 2 == 0 { numbers.get(place).copied() } else { None })
+    Ok(if history.runs.len().is_multiple_of(2) { numbers.get(place).copied() } else { None })
 }
 
 /// Who may read, in the numbers of an engine.

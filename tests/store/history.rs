@@ -408,7 +408,8 @@ impl History {
 
     // Jobs.
 
-    fn nothing(&mut self) -> Vec<Entry> {
+    /// It only waits.
+    fn nothing(_: &mut Self) -> Vec<Entry> {
         Vec::new()
     }
 
@@ -818,6 +819,7 @@ impl History {
         let number = u32::try_from(1 + self.dice.below(3)).expect("small");
         let attempt = self.maybe(Self::entrant).flatten().map(|entry| (entry, number));
         self.runs.push(Run { key, id: id.clone(), owner, slots: 0 });
+        let visibility = *self.dice.pick(&["public", "owner", "sealed"]);
         let row = RunRow {
             run: key,
             id,
@@ -826,7 +828,7 @@ impl History {
             digest: self.named(),
             definition: half(&json!({"model": self.said(), "half": HALF}).to_string()),
             model: self.named(),
-            visibility: *self.dice.pick(&["public", "owner", "sealed"]),
+            visibility,
             attempt,
             replays: attempt.is_some_and(|_| self.dice.one_in(4)).then_some(1),
             at: self.at(),
@@ -839,13 +841,10 @@ impl History {
     fn change_run(&mut self) -> Vec<Entry> {
         let Some(Run { key, .. }) = self.run() else { return Vec::new() };
         let run = *key;
+        let status = *self.dice.pick(&["finished", "aborted", "closed"]);
         vec![match self.dice.below(3) {
             0 => Entry::ReplaceRunToken { run, hash: self.hash() },
-            _ => Entry::EndRun {
-                run,
-                status: *self.dice.pick(&["finished", "aborted", "closed"]),
-                at: self.at(),
-            },
+            _ => Entry::EndRun { run, status, at: self.at() },
         }]
     }
 
@@ -933,6 +932,7 @@ impl History {
         // A name is given to those alone that are stored.
         let Some(entry) = self.entrant() else { return Vec::new() };
         let (name, at) = (self.named(), self.at());
+        let status = *self.dice.pick(&["active", "withdrawn", "disqualified"]);
         vec![match self.dice.below(6) {
             0 => Entry::RenameEntrant { entry, name },
             1 => Entry::EraseEntrant { entry, name: format!("Entrant {}", entry.0), at },
@@ -944,7 +944,7 @@ impl History {
             })),
             _ => Entry::SetEntrant {
                 entry,
-                status: *self.dice.pick(&["active", "withdrawn", "disqualified"]),
+                status,
                 reason: self.maybe(Self::named),
                 vouched: self.dice.one_in(2),
             },

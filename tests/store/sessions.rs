@@ -149,7 +149,7 @@ async fn sessions_that_end_during_batches_lose_and_double_nothing() {
         while number < BATCHES {
             // Several at once, of which some are acts and rounds alone.
             let mut batches = Vec::new();
-            for _ in 0..1 + number % 4 {
+            for _ in 0..=number % 4 {
                 let mut batch = rows(number);
                 if number % 3 != 0 {
                     batch.push(note(number));

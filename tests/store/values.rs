@@ -15,6 +15,7 @@ use swarmbench_journal::record::RawRecord;
 use swarmbench_protocol::names;
 
 use crate::Pair;
+use crate::dice::Dice;
 use crate::history::NAMED;
 use crate::numbers::Names;
 
@@ -62,6 +63,52 @@ fn run(key: i64, model: &str) -> Entry {
     }))
 }
 
+fn cup() -> Entry {
+    Entry::AddCompetition(Box::new(CompetitionRow {
+        id: "cup".to_owned(),
+        definition: "{}".to_owned(),
+        salt: Secret(vec![0, 255]),
+        seeds: Secret(Vec::new()),
+        commitment: [9; 32],
+        opens_at: at(0),
+        closes_at: at(i64::from(u32::MAX)),
+        at: at(0),
+    }))
+}
+
+fn key(id: &str, name: &str) -> Entry {
+    let key = Key {
+        number: None,
+        id: id.to_owned(),
+        role: Role::Entrant,
+        name: name.to_owned(),
+        created_at: at(0),
+        expires_at: None,
+        revoked_at: None,
+    };
+    Entry::AddKey(Box::new(KeyRow { key, hash: TokenHash::of(id), acts_for: None }))
+}
+
+/// An entrant of the first competition.
+fn entrant(id: &str, owner: &str, name: &str) -> EntrantRow {
+    EntrantRow {
+        id: id.to_owned(),
+        competition: CompetitionKey(0),
+        owner: owner.to_owned(),
+        name: name.to_owned(),
+        model: name.to_owned(),
+        declaration: "{}".to_owned(),
+        template: None,
+        vouched: false,
+        invitation: None,
+        address: None,
+        category: None,
+        terms: Some(i32::MAX.unsigned_abs()),
+        contact: None,
+        at: at(0),
+    }
+}
+
 fn round(number: u32, score: f64) -> Entry {
     let (digest, head) = ([0; 32], Head([255; 32]));
     let at = at(i64::from(number));
@@ -74,17 +121,7 @@ async fn texts_are_ordered_and_found_by_their_bytes() {
         return;
     };
     let mut names = Names { competitions: vec!["cup".to_owned()], ..Names::default() };
-    let cup = CompetitionRow {
-        id: "cup".to_owned(),
-        definition: "{}".to_owned(),
-        salt: Secret(vec![0, 255]),
-        seeds: Secret(Vec::new()),
-        commitment: [9; 32],
-        opens_at: at(0),
-        closes_at: at(i64::from(u32::MAX)),
-        at: at(0),
-    };
-    let mut first = vec![Entry::AddCompetition(Box::new(cup))];
+    let mut first = vec![cup()];
     for (number, name) in (1..).zip(NAMED) {
         first.extend([opening(number, name), run(number, name)]);
     }
@@ -94,33 +131,9 @@ async fn texts_are_ordered_and_found_by_their_bytes() {
         let id = format!("key_{number}");
         names.keys.push(id.clone());
         names.entries.push(format!("entry_{number}"));
-        let key = Key {
-            number: None,
-            id: id.clone(),
-            role: Role::Entrant,
-            name: name.to_owned(),
-            created_at: at(0),
-            expires_at: None,
-            revoked_at: None,
-        };
-        let hash = TokenHash::of(&id);
-        entrants.push(Entry::AddKey(Box::new(KeyRow { key, hash, acts_for: None })));
-        entrants.push(Entry::AddEntrant(Box::new(EntrantRow {
-            id: format!("entry_{number}"),
-            competition: CompetitionKey(0),
-            owner: id,
-            name: name.to_owned(),
-            model: name.to_owned(),
-            declaration: "{}".to_owned(),
-            template: None,
-            vouched: false,
-            invitation: None,
-            address: None,
-            category: None,
-            terms: Some(i32::MAX.unsigned_abs()),
-            contact: None,
-            at: at(0),
-        })));
+        entrants.push(key(&id, name));
+        let row = entrant(&format!("entry_{number}"), &id, name);
+        entrants.push(Entry::AddEntrant(Box::new(row)));
     }
     assert_eq!(pair.keep(&[entrants], &names).await, [true]);
     for (name, side) in [("SQLite", &pair.sqlite), ("PostgreSQL", &pair.postgres)] {
@@ -210,5 +223,35 @@ async fn numbers_keep_their_bits() {
         assert_eq!(keys, [i64::MAX - 1, 1]);
         assert_eq!(side.store.last_key().await.expect("read"), i64::MAX - 1);
     }
+    pair.close().await;
+}
+
+/// The longest names: PostgreSQL takes about 2,700 bytes into a row of an index, after it has compressed them.
+#[tokio::test]
+async fn the_longest_names_fit_into_indexes() {
+    let Some(mut pair) = Pair::new("the_longest_names_fit_into_indexes").await else { return };
+    // Characters that look like many others, and different ones, which compress badly.
+    let mut chars: Vec<char> =
+        ('\u{80}'..=char::MAX).filter(|c| names::check(&c.to_string(), 1).is_ok()).collect();
+    let bytes = |c: &char| {
+        let name = c.to_string();
+        names::looks(&name).iter().map(String::len).max().unwrap_or(0) + name.len()
+    };
+    chars.sort_by_cached_key(|c| std::cmp::Reverse(bytes(c)));
+    chars.truncate(3000);
+    let dice = Dice::of(1, "names");
+    let mut longest = |count| -> String {
+        (0..count).map(|_| chars.swap_remove(dice.below(chars.len()))).collect()
+    };
+    let (model, name) = (longest(200), longest(100));
+    assert!(names::looks(&model)[0].len() > 3000, "its look is long");
+    let mut names = Names { competitions: vec!["cup".to_owned()], ..Names::default() };
+    names.keys.push("key".to_owned());
+    names.entries.push("entry".to_owned());
+    let jobs = [vec![cup(), key("key", &name), opening(1, &model), run(1, &model)]];
+    assert_eq!(pair.keep(&jobs, &names).await, [true]);
+    let entrant = EntrantRow { model, ..entrant("entry", "key", &name) };
+    let jobs = [vec![Entry::AddEntrant(Box::new(entrant))]];
+    assert_eq!(pair.keep(&jobs, &names).await, [true]);
     pair.close().await;
 }
