@@ -21,10 +21,10 @@ use crate::episode::replay::Rounds;
 use crate::episode::replays::RecoveryError;
 use crate::fair::Party;
 use crate::ids::EpisodeKey;
-use crate::store::Store;
 use crate::store::entries::Entry;
 use crate::store::metrics::{Measured, MetricsRow, Unmeasured, stored_method};
 use crate::store::port::StoredEpisode;
+use crate::store::{Store, StoreError};
 
 /// Queued games that are read at once.
 const QUEUED_AT_ONCE: u32 = 64;
@@ -149,7 +149,10 @@ pub async fn run(store: &Store, host: &Host, clock: &dyn Clock) {
             Ok(true) => {}
             Ok(false) => clock.sleep_until(after(clock.now(), PAUSE)).await,
             Err(error) => {
-                tracing::warn!(%error, "games that have ended cannot be measured; trying again");
+                // That the database is away is logged once, by the writer.
+                if !matches!(error, RecoveryError::Journal(StoreError::Away)) {
+                    tracing::warn!(%error, "games that have ended cannot be measured; trying again");
+                }
                 clock.sleep_until(after(clock.now(), PAUSE)).await;
             }
         }

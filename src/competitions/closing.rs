@@ -11,8 +11,8 @@ use jiff::Timestamp;
 use super::StoredCompetition;
 use crate::run::RunError;
 use crate::run::manager::Runs;
-use crate::store::Store;
 use crate::store::entries::Entry;
+use crate::store::{Store, StoreError};
 use swarmbench_clock::{Clock, after};
 
 /// How often it looks.
@@ -47,6 +47,8 @@ struct Failure {
 async fn close_all(store: &Store, runs: &Runs, clock: &dyn Clock, mut before: Failed) -> Failed {
     let closing = match store.closing_competitions(clock.wall()).await {
         Ok(closing) => closing,
+        // That the database is away is logged once, by the writer.
+        Err(StoreError::Away) => return before,
         Err(error) => {
             tracing::error!(%error, "competitions that have closed cannot be listed");
             return before;

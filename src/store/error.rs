@@ -61,6 +61,8 @@ impl From<sqlx::Error> for StoreError {
         let text = error.to_string().into();
         match error {
             sqlx::Error::PoolTimedOut => Self::Busy,
+            // Between this process and a database on another machine.
+            sqlx::Error::Io(_) | sqlx::Error::Tls(_) | sqlx::Error::Protocol(_) => Self::Away,
             sqlx::Error::Decode(_) | sqlx::Error::ColumnDecode { .. } => Self::Broken(text),
             _ => Self::Database(text),
         }

@@ -3,6 +3,7 @@
 use std::ops::{Deref, DerefMut};
 use std::time::Duration;
 
+use sqlx::Connection as _;
 use sqlx::postgres::{PgConnectOptions, PgPool, PgPoolOptions};
 use sqlx::sqlite::{SqliteConnectOptions, SqlitePool, SqlitePoolOptions};
 
@@ -22,6 +23,9 @@ const CACHE_KIB: u32 = 8 * 1024;
 /// Rows between the thread of a connection and who reads them. All rows of a query are kept anyway; with a smaller
 /// buffer the two threads wake each other for each row.
 const ROWS_BUFFERED_MAX: usize = 4096;
+
+/// A connection that was idle for longer may have broken.
+const IDLE_WHOLE: Duration = Duration::from_millis(500);
 
 /// How long a request waits for a connection to read.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -111,11 +115,19 @@ impl Pool {
                 Self::Sqlite(pool.connect_with(options).await?)
             }
             ReaderOptions::Postgres(options) => {
-                // A connection that broke is noticed when it is given back, or by the query that uses it.
                 let pool = PgPoolOptions::new()
                     .max_connections(slots)
                     .acquire_timeout(PATIENCE)
+                    // One that is in use was whole a moment ago; asking costs as much as a short query.
                     .test_before_acquire(false)
+                    .before_acquire(|connection, last| {
+                        Box::pin(async move {
+                            if last.idle_for > IDLE_WHOLE {
+                                connection.ping().await?;
+                            }
+                            Ok(true)
+                        })
+                    })
                     .idle_timeout(None)
                     .max_lifetime(None);
                 Self::Postgres(pool.connect_with(options).await?)
