@@ -1,38 +1,21 @@
 //! The database: a file of SQLite, or a database of PostgreSQL; one process writes to it.
 //!
 //! All that is written goes through one task that commits in groups (`writer`); readers have connections of their own and
-//! never wait for it. A file a table has its queries, in texts that both engines take (`sql`); what only one of them has is in
-//! `sqlite` and `postgres`.
+//! never wait for it. `model` is what is written and read, `tables` has the queries, a file a table, in texts that both
+//! engines take (`sql`); what only one of them has is in `sqlite` and `postgres`.
 
 mod again;
-pub mod audit;
 pub mod check;
-pub mod clock;
-pub mod competitions;
 pub mod copy;
-pub mod entries;
-pub mod episodes;
 mod error;
-pub mod exports;
-mod forks;
-pub mod games;
-pub mod imports;
-pub mod journals;
-pub mod keys;
 mod location;
-pub mod metrics;
-pub mod port;
+mod model;
 mod postgres;
 mod readers;
 pub mod rebuild;
-pub mod records;
-pub mod results;
-pub mod runs;
-pub mod seats;
 mod sql;
 mod sqlite;
-mod templates;
-pub mod tokens;
+mod tables;
 mod writer;
 
 use std::path::PathBuf;
@@ -44,6 +27,7 @@ use crate::migrations;
 use entries::Entry;
 pub use error::{Stopped, StoreError};
 pub use location::{Address, Location, LocationError};
+pub use model::{entries, port};
 use port::{Committed, Reply};
 pub use postgres::session::SessionError;
 use readers::ReaderOptions;
@@ -55,6 +39,11 @@ use sqlite::SQLITE_VERSION_MIN;
 pub use sqlite::backup;
 pub use sqlite::files::Lost;
 use sqlite::files::{Files, Lock};
+pub use tables::{
+    audit, clock, competitions, episodes, exports, games, imports, journals, keys, metrics,
+    records, results, runs, seats, tokens,
+};
+use tables::{forks, templates};
 pub use writer::{Blocked, WriterState};
 
 /// The database could not be opened.

@@ -7,10 +7,10 @@ use jiff::Timestamp;
 use serde::Deserialize;
 use swarmbench_engine::AgentId;
 
-use super::Store;
-use super::StoreError;
-use super::sql::{FromRow, Row, from_row, get, query};
 use crate::ids::EpisodeKey;
+use crate::store::Store;
+use crate::store::StoreError;
+use crate::store::sql::{FromRow, Row, from_row, get, query};
 use swarmbench_journal::record::ActRecord;
 
 /// A resolved round with all that is stored of it.

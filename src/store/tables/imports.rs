@@ -6,11 +6,11 @@ use jiff::Timestamp;
 use sha2::{Digest, Sha256};
 use swarmbench_protocol::import::ImportConfig;
 
-use super::Store;
-use super::StoreError;
-use super::entries::{ImportRow, ImportedRound};
-use super::sql::{Builder, Connection, LISTED_AT_ONCE, chunks, from_row, query};
 use crate::ids::ImportKey;
+use crate::store::Store;
+use crate::store::StoreError;
+use crate::store::entries::{ImportRow, ImportedRound};
+use crate::store::sql::{Builder, Connection, LISTED_AT_ONCE, chunks, from_row, query};
 
 /// Computes the digest of an imported game, state by state.
 #[derive(Debug)]
@@ -164,7 +164,7 @@ from_row! {
 }
 
 /// Keeps a game. One that is there already gets acts where it has none; else nothing changes.
-pub(super) async fn keep(
+pub(in crate::store) async fn keep(
     connection: &mut Connection,
     row: &ImportRow,
     at: Timestamp,

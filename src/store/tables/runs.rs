@@ -2,13 +2,13 @@
 
 use jiff::Timestamp;
 
-use super::Store;
-use super::StoreError;
-use super::episodes::Readable;
-use super::sql::{Builder, Connection, FromRow, Row, get, query};
 use crate::ids::{CompetitionKey, EntryKey, RunKey, TokenHash};
 use crate::keys::OwnerKey;
+use crate::store::Store;
+use crate::store::StoreError;
 use crate::store::entries::RunRow;
+use crate::store::episodes::Readable;
+use crate::store::sql::{Builder, Connection, FromRow, Row, get, query};
 
 #[derive(Clone, Debug)]
 pub struct StoredRun {
@@ -174,13 +174,16 @@ impl FromRow for StoredRun {
 }
 
 /// Why something was voided, if it was.
-pub(super) fn void_reason(row: &Row) -> Result<Option<String>, sqlx::Error> {
+pub(in crate::store) fn void_reason(row: &Row) -> Result<Option<String>, sqlx::Error> {
     let voided: Option<Timestamp> = get(row, "voided_at")?;
     let reason: Option<String> = get(row, "void_reason")?;
     Ok(voided.map(|_| reason.unwrap_or_default()))
 }
 
-pub(super) async fn open(connection: &mut Connection, row: &RunRow) -> Result<(), sqlx::Error> {
+pub(in crate::store) async fn open(
+    connection: &mut Connection,
+    row: &RunRow,
+) -> Result<(), sqlx::Error> {
     query(
         "INSERT INTO runs (key, id, owner, suite, digest, definition, model, visibility, status, entry, competition,
                            attempt, replays, created_at, idempotency_key, idempotency_body)
@@ -208,7 +211,7 @@ pub(super) async fn open(connection: &mut Connection, row: &RunRow) -> Result<()
     }
 }
 
-pub(super) async fn end(
+pub(in crate::store) async fn end(
     connection: &mut Connection,
     run: RunKey,
     status: &str,
@@ -224,7 +227,7 @@ pub(super) async fn end(
 }
 
 /// Extends the window of the running attempts with a number; the ends of games that were opened before stay.
-pub(super) async fn extend(
+pub(in crate::store) async fn extend(
     connection: &mut Connection,
     competition: CompetitionKey,
     number: u32,
@@ -242,7 +245,7 @@ pub(super) async fn extend(
 }
 
 /// Voids a run; voiding it again keeps the first reason.
-pub(super) async fn void(
+pub(in crate::store) async fn void(
     connection: &mut Connection,
     run: RunKey,
     reason: &str,
@@ -257,7 +260,7 @@ pub(super) async fn void(
     Ok(())
 }
 
-pub(super) async fn replace_token(
+pub(in crate::store) async fn replace_token(
     connection: &mut Connection,
     run: RunKey,
     hash: TokenHash,

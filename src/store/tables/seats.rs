@@ -3,12 +3,12 @@
 use jiff::Timestamp;
 use swarmbench_engine::AgentId;
 
-use super::Store;
-use super::StoreError;
-use super::sql::{Builder, Connection, from_row, query};
 use crate::ids::EpisodeKey;
 use crate::keys::OwnerKey;
+use crate::store::Store;
+use crate::store::StoreError;
 use crate::store::entries::{ClaimRow, Held, Holder, SeatingRow};
+use crate::store::sql::{Builder, Connection, from_row, query};
 
 /// A seat that has a holder, as it is shown.
 #[derive(Clone, Debug)]
@@ -53,7 +53,10 @@ impl Store {
     }
 
     /// The holders of seats of an episode, with their seats.
-    pub(super) async fn read_holders(&self, episode: EpisodeKey) -> Result<Vec<Held>, StoreError> {
+    pub(in crate::store) async fn read_holders(
+        &self,
+        episode: EpisodeKey,
+    ) -> Result<Vec<Held>, StoreError> {
         let query = query("SELECT * FROM claims WHERE episode = $1 ORDER BY holder");
         let holders: Vec<Holder> = self.fetch_all(query.bind(episode.0)).await?;
         let mut all = Vec::with_capacity(holders.len());
@@ -65,7 +68,10 @@ impl Store {
     }
 
     /// The public id of a key.
-    pub(super) async fn read_key_id(&self, owner: OwnerKey) -> Result<Option<String>, StoreError> {
+    pub(in crate::store) async fn read_key_id(
+        &self,
+        owner: OwnerKey,
+    ) -> Result<Option<String>, StoreError> {
         let query = query("SELECT id FROM keys WHERE number = $1");
         self.fetch_optional(query.bind(owner.0)).await
     }
@@ -77,7 +83,10 @@ from_row! {
 }
 
 /// Inserts a claim, without its tokens.
-pub(super) async fn claim(connection: &mut Connection, row: &ClaimRow) -> Result<(), sqlx::Error> {
+pub(in crate::store) async fn claim(
+    connection: &mut Connection,
+    row: &ClaimRow,
+) -> Result<(), sqlx::Error> {
     let Holder { number, owner, key, model, agent_meta, player, at } = &row.holder;
     query(
         "INSERT INTO claims (episode, holder, owner, key, model, agent_meta, player, claimed_at,
@@ -119,7 +128,10 @@ pub(super) async fn claim(connection: &mut Connection, row: &ClaimRow) -> Result
 const SEATS_AT_ONCE: usize = 256;
 
 /// Keeps the record of who holds which seat.
-pub(super) async fn seat(connection: &mut Connection, row: &SeatingRow) -> Result<(), sqlx::Error> {
+pub(in crate::store) async fn seat(
+    connection: &mut Connection,
+    row: &SeatingRow,
+) -> Result<(), sqlx::Error> {
     query("UPDATE episodes SET seating = $1, head = $2 WHERE key = $3")
         .bind(row.record.as_str())
         .bind(&row.head.0[..])

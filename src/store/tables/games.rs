@@ -9,11 +9,11 @@ use quick_cache::sync::Cache;
 use swarmbench_boards::{Game, Slot};
 use swarmbench_journal::Tally;
 
-use super::results::failures;
-use super::runs::void_reason;
-use super::sql::{Builder, FromRow, LISTED_AT_ONCE, Row, get};
-use super::{Store, StoreError};
 use crate::ids::{EpisodeId, EpisodeKey, RunKey};
+use crate::store::results::failures;
+use crate::store::runs::void_reason;
+use crate::store::sql::{Builder, FromRow, LISTED_AT_ONCE, Row, get};
+use crate::store::{Store, StoreError};
 
 /// Bytes of the games of ended runs that are cached: a row of the database costs far more to read than to copy.
 const GAMES_BYTES_MAX: u64 = 32 * 1024 * 1024;
@@ -69,7 +69,7 @@ pub type RunGames = Arc<[StoredGame]>;
 
 /// The games of runs that have ended. They change only where an episode is voided.
 #[derive(Debug)]
-pub(super) struct EndedGames(Cache<RunKey, CachedGames, ByBytes>);
+pub(in crate::store) struct EndedGames(Cache<RunKey, CachedGames, ByBytes>);
 
 #[derive(Clone, Debug)]
 struct CachedGames {
@@ -88,7 +88,7 @@ impl Weighter<RunKey, CachedGames> for ByBytes {
 }
 
 impl EndedGames {
-    pub(super) fn new() -> Self {
+    pub(in crate::store) fn new() -> Self {
         Self(Cache::with_weighter(10_000, GAMES_BYTES_MAX, ByBytes))
     }
 

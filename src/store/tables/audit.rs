@@ -3,13 +3,16 @@
 use jiff::Timestamp;
 use serde_json::Value;
 
-use super::Store;
-use super::StoreError;
-use super::sql::{Connection, from_row, query};
 use crate::ids::CompetitionKey;
+use crate::store::Store;
+use crate::store::StoreError;
 use crate::store::entries::AuditRow;
+use crate::store::sql::{Connection, from_row, query};
 
-pub(super) async fn add(connection: &mut Connection, row: &AuditRow) -> Result<(), sqlx::Error> {
+pub(in crate::store) async fn add(
+    connection: &mut Connection,
+    row: &AuditRow,
+) -> Result<(), sqlx::Error> {
     query(
         "INSERT INTO audit (at, who, action, subject, detail, competition, shown)
          VALUES ($1, $2, $3, $4, $5, $6, $7)",

@@ -6,15 +6,15 @@ use futures::FutureExt;
 use jiff::Timestamp;
 use swarmbench_engine::AgentId;
 
-use super::Store;
-use super::StoreError;
-use super::port::{
-    Committed, EpisodeStore, Reply, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
-};
-use super::sql::{Builder, FromRow, LISTED_AT_ONCE, Row, from_row, get, query};
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use crate::keys::OwnerKey;
+use crate::store::Store;
+use crate::store::StoreError;
 use crate::store::entries::{Entry, Held};
+use crate::store::port::{
+    Committed, EpisodeStore, Reply, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
+};
+use crate::store::sql::{Builder, FromRow, LISTED_AT_ONCE, Row, from_row, get, query};
 use swarmbench_journal::record::{ActRecord, RawRecord};
 
 /// Bytes of records that are read in one piece, before others have their turn on the thread.
@@ -66,7 +66,7 @@ impl ActReader {
     }
 
     /// Gives it all acts of the episode, those of a round joined.
-    pub(super) fn set_read(&mut self, acts: VecDeque<(u32, String)>) {
+    pub(in crate::store) fn set_read(&mut self, acts: VecDeque<(u32, String)>) {
         (self.read, self.unread) = (acts, None);
     }
 

@@ -1,6 +1,6 @@
 //! The table `templates`: prompt templates, which many openings have in common.
 
-use super::sql::{Connection, query};
+use crate::store::sql::{Connection, query};
 use futures::TryStreamExt;
 use sha2::{Digest, Sha256};
 
@@ -15,7 +15,7 @@ macro_rules! opening {
                    FROM templates t WHERE t.key = e.template), e.opening) AS opening"
     };
 }
-pub(super) use opening;
+pub(in crate::store) use opening;
 
 /// As [`opening!`], but without a template that lists do not show: theirs is the built-in one. Names that stand elsewhere in the
 /// opening, in the player's own metadata for instance, leave it whole.
@@ -29,13 +29,13 @@ macro_rules! listed_opening {
         )
     };
 }
-pub(super) use listed_opening;
+pub(in crate::store) use listed_opening;
 
 /// An opening in two parts.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) struct Cut<'a> {
+pub(in crate::store) struct Cut<'a> {
     /// The opening without the text of its template.
-    pub(super) opening: String,
+    pub(in crate::store) opening: String,
     /// The text of the template, as JSON has it between quotes.
     template: &'a str,
     /// Before which character of the opening it belongs.
@@ -44,7 +44,7 @@ pub(super) struct Cut<'a> {
 
 impl<'a> Cut<'a> {
     /// Cuts the template out of an opening, if it has a large one. Whatever is cut, both parts make the same opening again.
-    pub(super) fn of(opening: &'a str) -> Option<Self> {
+    pub(in crate::store) fn of(opening: &'a str) -> Option<Self> {
         const NAME: &str = "\"prompt_template\":\"";
         let begin = opening.find(NAME)? + NAME.len();
         let template = &opening[begin..begin + end_of_string(&opening[begin..])?];
@@ -57,7 +57,7 @@ impl<'a> Cut<'a> {
     }
 
     /// Keeps the template, and returns its key and where it belongs.
-    pub(super) async fn keep(
+    pub(in crate::store) async fn keep(
         &self,
         connection: &mut Connection,
     ) -> Result<(i64, i64), sqlx::Error> {
@@ -77,7 +77,9 @@ impl<'a> Cut<'a> {
 }
 
 /// The keys of templates that are not those whose hash stands beside them.
-pub(super) async fn damaged(connection: &mut Connection) -> Result<Vec<i64>, sqlx::Error> {
+pub(in crate::store) async fn damaged(
+    connection: &mut Connection,
+) -> Result<Vec<i64>, sqlx::Error> {
     let mut rows = query("SELECT key, hash, text FROM templates").fetch(connection);
     let mut damaged = Vec::new();
     while let Some(row) = rows.try_next().await? {

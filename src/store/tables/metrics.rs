@@ -7,9 +7,9 @@ use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use swarmbench_analysis::{Definition, Hash1, METRICS_REVISION, Metric, Metrics};
 
-use super::sql::{Builder, Connection, LISTED_AT_ONCE, from_row, query};
-use super::{Store, StoreError};
 use crate::ids::EpisodeKey;
+use crate::store::sql::{Builder, Connection, LISTED_AT_ONCE, from_row, query};
+use crate::store::{Store, StoreError};
 
 /// Games that wait to be measured. Those that end while there are more are measured when their metrics are first read.
 pub const UNMEASURED_MAX: i64 = 65_536;
@@ -106,7 +106,7 @@ pub struct Unmeasured {
 pub type RunTask = (String, String);
 
 /// Queues a game that has ended, in the transaction of its end.
-pub(super) async fn queue(
+pub(in crate::store) async fn queue(
     connection: &mut Connection,
     episode: EpisodeKey,
 ) -> Result<(), sqlx::Error> {
@@ -123,7 +123,10 @@ pub(super) async fn queue(
     Ok(())
 }
 
-pub(super) async fn add(connection: &mut Connection, row: &MetricsRow) -> Result<(), sqlx::Error> {
+pub(in crate::store) async fn add(
+    connection: &mut Connection,
+    row: &MetricsRow,
+) -> Result<(), sqlx::Error> {
     query(
         "INSERT INTO metrics (episode, embedder, revision, measured) VALUES ($1, $2, $3, $4)
          ON CONFLICT (episode, embedder) DO UPDATE SET revision = excluded.revision, measured = excluded.measured",
@@ -137,7 +140,10 @@ pub(super) async fn add(connection: &mut Connection, row: &MetricsRow) -> Result
     Ok(())
 }
 
-pub(super) async fn dequeue(connection: &mut Connection, number: i64) -> Result<(), sqlx::Error> {
+pub(in crate::store) async fn dequeue(
+    connection: &mut Connection,
+    number: i64,
+) -> Result<(), sqlx::Error> {
     let query = query("DELETE FROM unmeasured WHERE number = $1").bind(number);
     query.execute(connection).await.map(drop)
 }

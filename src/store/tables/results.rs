@@ -8,12 +8,12 @@ use futures::TryStreamExt;
 use jiff::Timestamp;
 use swarmbench_engine::Seed;
 
-use super::Store;
-use super::StoreError;
-use super::sql::{Builder, Connection, FromRow, Row, get, query};
-use super::templates::opening;
 use crate::ids::{EntryKey, EpisodeKey, RunKey};
+use crate::store::Store;
+use crate::store::StoreError;
 use crate::store::entries::Entry;
+use crate::store::sql::{Builder, Connection, FromRow, Row, get, query};
+use crate::store::templates::opening;
 use swarmbench_journal::Tally;
 use swarmbench_journal::record::{ActRecord, RawRecord};
 use swarmbench_protocol::failure::Failures;
@@ -25,7 +25,7 @@ const CHUNK: i64 = 256;
 const CHANGES_MAX: usize = 65_536;
 
 /// Writes the result of an episode, in the transaction of its end.
-pub(super) async fn add(
+pub(in crate::store) async fn add(
     connection: &mut Connection,
     episode: EpisodeKey,
     seed: Seed,
@@ -133,12 +133,12 @@ impl Changes {
     }
 
     /// Another number than before, once an episode was voided.
-    pub(super) fn voided(&self) -> u64 {
+    pub(in crate::store) fn voided(&self) -> u64 {
         self.voided.load(Ordering::Acquire)
     }
 
     /// Notes what is durable now.
-    pub(super) fn note(&self, entries: &[Entry]) {
+    pub(in crate::store) fn note(&self, entries: &[Entry]) {
         for entry in entries {
             match entry {
                 Entry::End(row) if row.counts => self.add(Change::Episode(row.episode)),
@@ -440,13 +440,13 @@ impl FromRow for Tally {
 }
 
 /// Why answers of a game were invalid; none for a game without a result.
-pub(super) fn failures(row: &Row) -> Result<Failures, sqlx::Error> {
+pub(in crate::store) fn failures(row: &Row) -> Result<Failures, sqlx::Error> {
     let stored: Option<String> = get(row, "failures")?;
     read_failures(stored.as_deref().unwrap_or("{}"))
 }
 
 /// Reads the column `failures`.
-pub(super) fn read_failures(stored: &str) -> Result<Failures, sqlx::Error> {
+pub(in crate::store) fn read_failures(stored: &str) -> Result<Failures, sqlx::Error> {
     serde_json::from_str(stored).map_err(|error| sqlx::Error::Decode(error.into()))
 }
 

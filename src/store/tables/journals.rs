@@ -2,11 +2,11 @@
 
 use std::collections::{HashMap, VecDeque};
 
-use super::port::{StoredEpisode, StoredRound};
-use super::records::ActReader;
-use super::sql::{Builder, FromRow, Row, get};
-use super::{Store, StoreError};
 use crate::ids::{EpisodeId, EpisodeKey};
+use crate::store::port::{StoredEpisode, StoredRound};
+use crate::store::records::ActReader;
+use crate::store::sql::{Builder, FromRow, Row, get};
+use crate::store::{Store, StoreError};
 use swarmbench_journal::record::RawRecord;
 
 /// Games that are read at once.

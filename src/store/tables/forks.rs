@@ -1,11 +1,11 @@
 //! The table `forking`: forks that are written in several commits.
 
-use super::sql::{Begin, Builder, Connection, chunks, query};
-use super::{Store, StoreError};
 use crate::ids::{EpisodeId, EpisodeKey};
+use crate::store::sql::{Begin, Builder, Connection, chunks, query};
+use crate::store::{Store, StoreError};
 
 /// Notes forks whose rows come in this commit and later ones.
-pub(super) async fn begin(
+pub(in crate::store) async fn begin(
     connection: &mut Connection,
     episodes: &[EpisodeKey],
 ) -> Result<(), sqlx::Error> {
@@ -20,7 +20,7 @@ pub(super) async fn begin(
 }
 
 /// Notes that a fork is complete.
-pub(super) async fn complete(
+pub(in crate::store) async fn complete(
     connection: &mut Connection,
     episode: EpisodeKey,
 ) -> Result<(), sqlx::Error> {
@@ -29,7 +29,9 @@ pub(super) async fn complete(
 }
 
 /// Deletes what is left of forks that were never completed.
-pub(super) async fn delete_incomplete(connection: &mut Connection) -> Result<(), sqlx::Error> {
+pub(in crate::store) async fn delete_incomplete(
+    connection: &mut Connection,
+) -> Result<(), sqlx::Error> {
     let any = query("SELECT episode FROM forking LIMIT 1").fetch_optional(connection).await?;
     if any.is_none() {
         return Ok(());

@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use swarmbench_engine::AgentId;
 
-use super::sql::{from_row, query};
-use super::{Store, StoreError};
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey, TokenHash};
 use crate::keys::{Key, OwnerKey};
+use crate::store::sql::{from_row, query};
+use crate::store::{Store, StoreError};
 
 /// The rights of a token.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -5,10 +5,10 @@ use futures::future::BoxFuture;
 use jiff::Timestamp;
 use swarmbench_engine::AgentId;
 
-use super::entries::{Entry, Held};
-use super::{Stopped, StoreError};
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use crate::keys::OwnerKey;
+use crate::store::entries::{Entry, Held};
+use crate::store::{Stopped, StoreError};
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{ActRecord, RawRecord, RecordedConfig};
 
@@ -19,7 +19,7 @@ pub type Reply<'a, T> = BoxFuture<'a, Result<T, StoreError>>;
 pub type Committed = Box<dyn FnOnce(Result<(), StoreError>) + Send>;
 
 /// Hands entries over at once, and returns when they are durable.
-pub(super) fn committed(append: impl FnOnce(Committed)) -> Reply<'static, ()> {
+pub(in crate::store) fn committed(append: impl FnOnce(Committed)) -> Reply<'static, ()> {
     let (done, kept) = tokio::sync::oneshot::channel();
     append(Box::new(move |result| drop(done.send(result))));
     async move { kept.await.unwrap_or(Err(StoreError::Stopped(Stopped::Writer))) }.boxed()

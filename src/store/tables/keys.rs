@@ -1,10 +1,10 @@
 //! The table `keys`.
 
-use super::Store;
-use super::StoreError;
-use super::sql::{Builder, from_row, query};
 use crate::ids::TokenHash;
 use crate::keys::{Key, OwnerKey};
+use crate::store::Store;
+use crate::store::StoreError;
+use crate::store::sql::{Builder, from_row, query};
 
 const SELECT: &str = "SELECT number, id, role, name, created_at, expires_at, revoked_at FROM keys ";
 

@@ -412,7 +412,7 @@ pub fn brief_of(
 }
 
 /// Who decided, as the table of acts has it.
-pub(super) const fn source_code(source: Source) -> u8 {
+pub(in crate::store) const fn source_code(source: Source) -> u8 {
     match source {
         Source::Player => 0,
         Source::Clock => 1,

@@ -3,13 +3,13 @@
 use jiff::Timestamp;
 use serde::Deserialize;
 
-use super::Store;
-use super::StoreError;
-use super::sql::{Builder, FromRow, Row, get, query};
-use super::templates::{listed_opening, opening};
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use crate::keys::OwnerKey;
+use crate::store::Store;
+use crate::store::StoreError;
 use crate::store::port::{StoredEpisode, Unfinished};
+use crate::store::sql::{Builder, FromRow, Row, get, query};
+use crate::store::templates::{listed_opening, opening};
 use swarmbench_journal::record::{End, RawRecord, RecordedConfig, end_record};
 
 /// What a list of episodes is filtered by.
@@ -181,7 +181,7 @@ impl Store {
     }
 
     /// What is shown of these episodes, in any order.
-    pub(super) async fn summaries(
+    pub(in crate::store) async fn summaries(
         &self,
         ids: &[EpisodeId],
     ) -> Result<Vec<StoredEpisode>, StoreError> {

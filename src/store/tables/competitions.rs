@@ -6,13 +6,13 @@ use futures::TryStreamExt;
 use jiff::Timestamp;
 use serde_json::value::RawValue;
 
-use super::Store;
-use super::StoreError;
-use super::entries::{CompetitionRow, EntrantFacts, EntrantRow, Secret};
-use super::runs::void_reason;
-use super::sql::{Begin, Builder, Connection, FromRow, Row, from_row, get, query};
 use crate::ids::{CompetitionKey, EntryKey, EpisodeKey, RunKey, TokenHash};
 use crate::keys::OwnerKey;
+use crate::store::Store;
+use crate::store::StoreError;
+use crate::store::entries::{CompetitionRow, EntrantFacts, EntrantRow, Secret};
+use crate::store::runs::void_reason;
+use crate::store::sql::{Begin, Builder, Connection, FromRow, Row, from_row, get, query};
 use swarmbench_protocol::names::looks;
 
 #[derive(Clone, Debug)]
@@ -442,7 +442,7 @@ impl Store {
 }
 
 /// What an entrant declared, without the prompt template and the free metadata, which may be large.
-pub(super) fn without_texts(declaration: &str) -> Result<String, serde_json::Error> {
+pub(in crate::store) fn without_texts(declaration: &str) -> Result<String, serde_json::Error> {
     let mut fields: BTreeMap<String, Box<RawValue>> = serde_json::from_str(declaration)?;
     for large in ["prompt_template", "agent_meta"] {
         fields.remove(large);
@@ -450,7 +450,7 @@ pub(super) fn without_texts(declaration: &str) -> Result<String, serde_json::Err
     serde_json::to_string(&fields)
 }
 
-pub(super) async fn add(
+pub(in crate::store) async fn add(
     connection: &mut Connection,
     row: &CompetitionRow,
 ) -> Result<(), sqlx::Error> {
@@ -471,7 +471,7 @@ pub(super) async fn add(
     Ok(())
 }
 
-pub(super) async fn change(
+pub(in crate::store) async fn change(
     connection: &mut Connection,
     competition: CompetitionKey,
     definition: &str,
@@ -488,7 +488,7 @@ pub(super) async fn change(
     Ok(())
 }
 
-pub(super) async fn cancel(
+pub(in crate::store) async fn cancel(
     connection: &mut Connection,
     competition: CompetitionKey,
     reason: &str,
@@ -506,7 +506,7 @@ pub(super) async fn cancel(
     Ok(())
 }
 
-pub(super) async fn revoke_invitations(
+pub(in crate::store) async fn revoke_invitations(
     connection: &mut Connection,
     hashes: &[TokenHash],
     at: Timestamp,
@@ -524,7 +524,7 @@ pub(super) async fn revoke_invitations(
     Ok(())
 }
 
-pub(super) async fn add_entrant(
+pub(in crate::store) async fn add_entrant(
     connection: &mut Connection,
     row: &EntrantRow,
 ) -> Result<(), sqlx::Error> {
@@ -591,7 +591,9 @@ async fn add_looks(
 }
 
 /// Inserts the looks for entrants of databases of earlier versions.
-pub(super) async fn add_missing_looks(connection: &mut Connection) -> Result<(), sqlx::Error> {
+pub(in crate::store) async fn add_missing_looks(
+    connection: &mut Connection,
+) -> Result<(), sqlx::Error> {
     let entrants: Vec<(i64, String, String)> = query(
         "SELECT competition, name, model FROM entries WHERE NOT EXISTS (SELECT 1 FROM looks)",
     )
@@ -610,7 +612,9 @@ pub(super) async fn add_missing_looks(connection: &mut Connection) -> Result<(),
 }
 
 /// Names and models whose looks are not theirs, or are of no entrant.
-pub(super) async fn damaged_looks(connection: &mut Connection) -> Result<Vec<String>, sqlx::Error> {
+pub(in crate::store) async fn damaged_looks(
+    connection: &mut Connection,
+) -> Result<Vec<String>, sqlx::Error> {
     let text = "SELECT l.look, l.written, EXISTS (
                      SELECT 1 FROM entries n WHERE n.competition = l.competition
                          AND l.written = CASE l.kind WHEN 'name' THEN n.name WHEN 'model' THEN n.model END) AS is_used
@@ -626,7 +630,7 @@ pub(super) async fn damaged_looks(connection: &mut Connection) -> Result<Vec<Str
     Ok(damaged)
 }
 
-pub(super) async fn set_entrant(
+pub(in crate::store) async fn set_entrant(
     connection: &mut Connection,
     entry: EntryKey,
     status: &str,
@@ -653,7 +657,7 @@ pub(super) async fn set_entrant(
     Ok(())
 }
 
-pub(super) async fn describe(
+pub(in crate::store) async fn describe(
     connection: &mut Connection,
     facts: &EntrantFacts,
 ) -> Result<(), sqlx::Error> {
@@ -668,7 +672,7 @@ pub(super) async fn describe(
 }
 
 /// Gives an entrant another name. The old one is free for others.
-pub(super) async fn rename(
+pub(in crate::store) async fn rename(
     connection: &mut Connection,
     entry: EntryKey,
     name: &str,
@@ -689,7 +693,7 @@ pub(super) async fn rename(
 }
 
 /// Erases the name of an entrant, its contact, and from where it came. A file that is published already keeps its name.
-pub(super) async fn erase(
+pub(in crate::store) async fn erase(
     connection: &mut Connection,
     entry: EntryKey,
     name: &str,
@@ -719,7 +723,7 @@ pub(super) async fn erase(
     rename(connection, entry, name).await
 }
 
-pub(super) async fn add_invitations(
+pub(in crate::store) async fn add_invitations(
     connection: &mut Connection,
     competition: CompetitionKey,
     codes: &[(TokenHash, String)],
@@ -740,7 +744,7 @@ pub(super) async fn add_invitations(
 }
 
 /// Opens a competition and all its episodes to all.
-pub(super) async fn reveal(
+pub(in crate::store) async fn reveal(
     connection: &mut Connection,
     competition: CompetitionKey,
     at: Timestamp,

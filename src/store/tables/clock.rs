@@ -3,9 +3,9 @@
 use jiff::Timestamp;
 use serde::Deserialize;
 
-use super::Store;
-use super::StoreError;
-use super::sql::query;
+use crate::store::Store;
+use crate::store::StoreError;
+use crate::store::sql::query;
 
 /// The action of the audit log by which an organizer confirmed the time of day.
 pub const CONFIRMED: &str = "clock.confirm";
