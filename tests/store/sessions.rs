@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use futures::future::join_all;
 use jiff::Timestamp;
 use sqlx::Connection as _;
 use sqlx::postgres::PgConnection;
-use swarmbench::ids::EpisodeKey;
+use swarmbench::ids::{EntryKey, EpisodeKey};
 use swarmbench::store::entries::{ActRow, AuditRow, Entry, RoundRow};
 use swarmbench::store::port::EpisodeStore as _;
 use swarmbench::store::{OpenError, Store};
@@ -175,6 +175,21 @@ async fn sessions_that_end_during_batches_lose_and_double_nothing() {
     let acts = store.acts(EpisodeKey(1), 0, u32::MAX).await.expect("read");
     assert_eq!(acts.len(), rounds.len());
     assert!(!store.writer().has_failed());
+    store.close().await;
+}
+
+#[tokio::test]
+async fn an_entry_about_a_row_that_is_not_there_is_refused_alone() {
+    let test = "an_entry_about_a_row_that_is_not_there_is_refused_alone";
+    let Some(scratch) = scratch(test).await else { return };
+    let store = Store::open(location(&scratch)).await.expect("it opens");
+    let rename = Entry::RenameEntrant { entry: EntryKey(7), name: "nobody".to_owned() };
+    let jobs = [vec![note(1)], vec![note(2), rename], vec![note(3)]];
+    let started = Instant::now();
+    let kept = join_all(jobs.map(|job| store.keep(job))).await;
+    assert_eq!(kept.iter().map(Result::is_ok).collect::<Vec<_>>(), [true, false, true]);
+    assert!(started.elapsed() < PATIENCE / 2, "it is not tried again");
+    assert_eq!(noted(&store).await, BTreeMap::from([(1, 1), (3, 1)]));
     store.close().await;
 }
 
