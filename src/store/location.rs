@@ -168,13 +168,11 @@ impl fmt::Display for Address {
         let options = PgConnectOptions::from_str(&self.url).map_err(|_| fmt::Error)?;
         let user = options.get_username();
         let database = options.get_database().unwrap_or(user);
-        match options.get_socket() {
-            Some(socket) => write!(f, "postgres://{user}@{}/{database}", socket.display()),
-            None => {
-                let (host, port) = (options.get_host(), options.get_port());
-                write!(f, "postgres://{user}@{host}:{port}/{database}")
-            }
+        if let Some(socket) = options.get_socket() {
+            return write!(f, "postgres://{user}@{}/{database}", socket.display());
         }
+        let (host, port) = (options.get_host(), options.get_port());
+        write!(f, "postgres://{user}@{host}:{port}/{database}")
     }
 }
 

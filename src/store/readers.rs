@@ -140,7 +140,7 @@ impl Pool {
             Self::Sqlite(pool) => Ok(Connection::PooledSqlite(pool.acquire().await?)),
             // Whoever has a permit finds a connection, unless none can be made.
             Self::Postgres(pool) => {
-                let connection = pool.acquire().await.map_err(|_| StoreError::Away)?;
+                let connection = Box::pin(pool.acquire()).await.map_err(|_| StoreError::Away)?;
                 Ok(Connection::PooledPostgres(connection))
             }
         }

@@ -6,6 +6,7 @@ use sqlx::{Arguments as _, Row as _};
 use super::group::Place;
 use crate::store::entries::{ActRow, Entry, RoundRow, source_code};
 use crate::store::sql::{Connection, Engine};
+use swarmbench_journal::record::RawRecord;
 
 /// Columns of acts.
 #[derive(Default)]
@@ -112,7 +113,7 @@ fn arguments(
         of_acts.source.push(i16::from(source_code(act.source)));
         of_acts.at.push(act.at.as_millisecond());
         of_acts.record.push(act.record.as_str());
-        of_acts.brief.push(act.brief.as_ref().map(|brief| brief.as_str()));
+        of_acts.brief.push(act.brief.as_ref().map(RawRecord::as_str));
     }
     let mut of_rounds = Rounds::default();
     for round in rounds {

@@ -260,7 +260,7 @@ impl Server {
 
 /// The code of an error of PostgreSQL, if it is one.
 pub(in crate::store) fn sqlstate(error: &sqlx::Error) -> Option<String> {
-    error.as_database_error().and_then(|error| error.code()).map(Into::into)
+    Some(error.as_database_error()?.code()?.into())
 }
 
 /// The number of the advisory lock that the writer of a database has. Others may use advisory locks, too.

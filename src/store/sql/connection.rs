@@ -54,10 +54,9 @@ impl Connection {
         work: impl AsyncFnOnce(&mut Self) -> Result<T, E>,
     ) -> Result<T, E> {
         let first = match (begin, self.is_postgres()) {
-            (Begin::Read, false) => "BEGIN",
+            (Begin::Read, false) | (Begin::Write, true) => "BEGIN",
             (Begin::Write, false) => "BEGIN IMMEDIATE",
             (Begin::Read, true) => "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY",
-            (Begin::Write, true) => "BEGIN",
         };
         query(first).execute(self).await?;
         let done = work(self).await;

@@ -26,7 +26,10 @@ const BUSY_CODES: [u32; 2] = [5, 6];
 pub(in crate::store) fn failure(error: sqlx::Error) -> Failure {
     let is_refusal = match &error {
         sqlx::Error::Database(_) => !has_code(&error, &FATAL_CODES),
-        sqlx::Error::Encode(_) | sqlx::Error::Decode(_) | sqlx::Error::ColumnDecode { .. } => true,
+        sqlx::Error::Encode(_)
+        | sqlx::Error::Decode(_)
+        | sqlx::Error::ColumnDecode { .. }
+        | sqlx::Error::RowNotFound => true,
         _ => false,
     };
     if is_refusal { Failure::Refused(error) } else { Failure::Fatal(error.into()) }

@@ -4,6 +4,7 @@ use std::sync::OnceLock;
 
 use crate::store::entries::{ActRow, RoundRow, source_code};
 use crate::store::sql::{CHUNKS, Connection, Engine, chunks};
+use swarmbench_journal::record::RawRecord;
 
 pub(in crate::store) async fn insert(
     connection: &mut Connection,
@@ -33,7 +34,7 @@ async fn insert_acts(connection: &mut Connection, acts: &[&ActRow]) -> Result<()
                 .bind(source_code(act.source))
                 .bind(act.at.as_millisecond())
                 .bind(act.record.as_str())
-                .bind(act.brief.as_ref().map(|brief| brief.as_str()));
+                .bind(act.brief.as_ref().map(RawRecord::as_str));
         }
         query.execute(&mut *connection).await?;
     }

@@ -55,7 +55,7 @@ impl Store {
             "SELECT coalesce(brief, record) FROM acts WHERE episode = $1 AND round < $2 ORDER BY round, agent",
         );
         let mut reading = self.read().await?;
-        let mut rows = query.bind(episode.0).bind(end).fetch(&mut *reading);
+        let mut rows = query.bind(episode.0).bind(end).fetch(&mut reading);
         // Most acts have no message, and many the same.
         let mut messages = BTreeSet::new();
         while let Some(row) = rows.try_next().await? {

@@ -337,7 +337,7 @@ impl Store {
              WHERE episode = $1 AND round >= (SELECT coalesce(fork_round, 0) FROM episodes WHERE key = $1)",
         );
         let mut reading = self.read().await?;
-        let mut rows = query.bind(episode.0).fetch(&mut *reading);
+        let mut rows = query.bind(episode.0).fetch(&mut reading);
         while let Some(row) = rows.try_next().await? {
             see(get(&row, 0)?);
         }
