@@ -3,6 +3,10 @@
 mod capacity;
 mod commands;
 mod mcp;
+mod migrate;
+#[expect(dead_code, reason = "other tests use other parts")]
+#[path = "../support/postgres.rs"]
+mod postgres;
 
 use std::fs::File;
 use std::path::{Path, PathBuf};

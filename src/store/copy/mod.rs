@@ -157,7 +157,8 @@ pub async fn copy(
     mut progress: impl FnMut(Step),
 ) -> Result<Copied, CopyError> {
     let name = name_of(from);
-    if name == name_of(to) {
+    let is_known = !matches!(from, Location::Unknown(_));
+    if is_known && name == name_of(to) {
         return Err(CopyError::Same(name));
     }
     let mut source = patiently(async || Alone::open(from).await).await?;

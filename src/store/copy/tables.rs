@@ -100,3 +100,48 @@ tables! {
         key: Int, hash: Bytes, text: Text,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use sqlx::sqlite::SqliteConnectOptions;
+    use sqlx::{ConnectOptions as _, Row as _};
+
+    use super::*;
+    use crate::migrations;
+
+    /// Every table and column that the migrations make is copied: that PostgreSQL has the same ones is tested where there is
+    /// one.
+    #[tokio::test]
+    async fn they_are_those_that_the_migrations_make() {
+        let made = SqliteConnectOptions::new().in_memory(true).connect().await;
+        let mut made = made.expect("a database");
+        migrations::sqlite().run(&mut made).await.expect("the tables");
+        let columns = "SELECT t.name, c.name, c.type, c.pk FROM sqlite_schema t JOIN pragma_table_info(t.name) c
+                       WHERE t.type = 'table' AND t.name NOT GLOB '_sqlx*'";
+        let columns = sqlx::query(columns).fetch_all(&mut made).await.expect("columns");
+        let column = |row: &sqlx::sqlite::SqliteRow| -> (String, String, String, i64) {
+            (row.get(0), row.get(1), row.get(2), row.get(3))
+        };
+        let mut made: Vec<_> = columns.iter().map(column).collect();
+        let mut copied: Vec<_> = TABLES
+            .iter()
+            .flat_map(|table| {
+                table.columns.iter().enumerate().map(|(place, (column, kind))| {
+                    let kind = match kind {
+                        // SQLite has no booleans.
+                        Kind::Int | Kind::Bool => "INTEGER",
+                        Kind::Real => "REAL",
+                        Kind::Text => "TEXT",
+                        Kind::Bytes => "BLOB",
+                    };
+                    let key = if place < table.keys { place + 1 } else { 0 };
+                    let key = i64::try_from(key).expect("few columns");
+                    (table.name.to_owned(), (*column).to_owned(), kind.to_owned(), key)
+                })
+            })
+            .collect();
+        made.sort();
+        copied.sort();
+        assert_eq!(copied, made);
+    }
+}
