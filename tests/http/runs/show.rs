@@ -98,9 +98,10 @@ async fn the_player_of_a_sealed_run_sees_only_its_progress() {
     // Only competitions seal runs.
     app.stop().await;
     let seal = "
-        UPDATE runs SET visibility = 'sealed', definition = json_set(definition, '$.visibility', 'sealed');
+        UPDATE runs SET visibility = 'sealed',
+            definition = replace(definition, '\"visibility\":\"public\"', '\"visibility\":\"sealed\"');
         UPDATE episodes SET visibility = 'sealed',
-                            opening = json_set(opening, '$.config.visibility', 'sealed'), template = NULL";
+            opening = replace(opening, '\"visibility\":\"public\"', '\"visibility\":\"sealed\"'), template = NULL";
     app.tamper(seal).await;
     app.start_again().await;
 
