@@ -78,16 +78,10 @@ impl Place {
     /// How many rows were copied so far; none where there is no unfinished copy.
     async fn copied(&self) -> Option<i64> {
         let sum = "SELECT CAST(sum(copied) AS bigint) FROM copying";
-        match &self.scratch {
-            Some(scratch) => {
-                let mut connection = scratch.connect().await;
-                sqlx::query_scalar(sum).fetch_one(&mut connection).await.ok()
-            }
-            None => {
-                let mut connection = read(&self.location).await?;
-                sqlx::query_scalar(sum).fetch_one(&mut connection).await.ok()
-            }
+        if let Some(scratch) = &self.scratch {
+            return sqlx::query_scalar(sum).fetch_one(&mut scratch.connect().await).await.ok();
         }
+        sqlx::query_scalar(sum).fetch_one(&mut read(&self.location).await?).await.ok()
     }
 }
 
@@ -248,9 +242,9 @@ async fn a_copy_that_is_dropped_at_any_step_is_refused_and_continues() {
                 // Nothing is in the target before its texts were searched.
                 steps.fetch_add(usize::from(!matches!(step, Step::Search(_))), Ordering::Relaxed);
             }));
-            let enough = poll_fn(|_| match steps.load(Ordering::Relaxed) >= steps_max {
-                true => Poll::Ready(()),
-                false => Poll::Pending,
+            let enough = poll_fn(|_| {
+                let is_enough = steps.load(Ordering::Relaxed) >= steps_max;
+                if is_enough { Poll::Ready(()) } else { Poll::Pending }
             });
             if let Either::Left((copied, _)) = select(copying, enough).await {
                 break copied.expect("a copy");
