@@ -109,7 +109,7 @@ fn folder() -> PathBuf {
 
 /// The number of the newest migration, as its file has it.
 fn newest_migration() -> String {
-    let files = fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("migrations"));
+    let files = fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("migrations/sqlite"));
     let names = files.expect("migrations").map(|file| file.expect("a file").file_name());
     let newest = names.map(|name| name.into_string().expect("UTF-8")).max();
     newest.expect("one").split('_').next().expect("a number").to_owned()
