@@ -154,7 +154,7 @@ async fn a_disk_that_is_really_full() {
     }
     let seed = seed("full disk");
     let folder = TempDir::new().expect("a folder");
-    let tmpfs = mount("tmpfs", folder.path(), "tmpfs", MountFlags::empty(), c"size=2m");
+    let tmpfs = mount("tmpfs", folder.path(), "tmpfs", MountFlags::empty(), c"size=3m");
     if let Err(error) = tmpfs {
         tell(&format!(
             "full disk: NOT RUN, as no tmpfs may be mounted here ({error}); the injected faults are all there is"
