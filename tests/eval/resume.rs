@@ -164,7 +164,7 @@ async fn a_full_disk_is_reported_and_with_more_space_it_resumes() {
     let (within, whole) =
         (bench.command(&game), bench.command(&[&game[..], &["--verify"]].concat()));
     let mut limited = Command::new("sh");
-    limited.args(["-c", r#"trap "" XFSZ; ulimit -f 1300; exec "$0" "$@""#]);
+    limited.args(["-c", r#"trap "" XFSZ; ulimit -f 1400; exec "$0" "$@""#]);
     limited.arg(within.get_program()).args(within.get_args()).current_dir(bench.folder.path());
     limited.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let told = ["a commit failed", "0 of 3 games", "run the same command again to resume"];
