@@ -156,7 +156,8 @@ impl Played {
         for (token, living) in self.by_holder(&self.alive(self.game.planned.len())) {
             let call = app.get("/swarm/obs?prompt=true&limit=1024").token(token);
             let text = call.send().await.text();
-            let many: Many<'_> = serde_json::from_str(&text).expect("observations");
+            let many: Many<'_> =
+                serde_json::from_str(&text).unwrap_or_else(|error| panic!("{error}: {text}"));
             if many.finished {
                 return None;
             }

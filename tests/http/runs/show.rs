@@ -99,9 +99,11 @@ async fn the_player_of_a_sealed_run_sees_only_its_progress() {
     app.stop().await;
     let seal = "
         UPDATE runs SET visibility = 'sealed',
-            definition = replace(definition, '\"visibility\":\"public\"', '\"visibility\":\"sealed\"');
+            definition = replace(replace(definition, '\"visibility\":\"public\"', '\"visibility\":\"sealed\"'),
+                                 '\"visibility\":\"owner\"', '\"visibility\":\"sealed\"');
         UPDATE episodes SET visibility = 'sealed',
-            opening = replace(opening, '\"visibility\":\"public\"', '\"visibility\":\"sealed\"'), template = NULL";
+            opening = replace(replace(opening, '\"visibility\":\"public\"', '\"visibility\":\"sealed\"'),
+                              '\"visibility\":\"owner\"', '\"visibility\":\"sealed\"'), template = NULL";
     app.tamper(seal).await;
     app.start_again().await;
 
