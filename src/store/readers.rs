@@ -122,10 +122,8 @@ impl Pool {
                     .test_before_acquire(false)
                     .before_acquire(|connection, last| {
                         Box::pin(async move {
-                            if last.idle_for > IDLE_WHOLE {
-                                connection.ping().await?;
-                            }
-                            Ok(true)
+                            // A broken one is closed, and the next one is asked.
+                            Ok(last.idle_for <= IDLE_WHOLE || connection.ping().await.is_ok())
                         })
                     })
                     .idle_timeout(None)

@@ -16,15 +16,22 @@ pub(in crate::store) async fn insert(
 }
 
 async fn insert_acts(connection: &mut Connection, acts: &[&ActRow]) -> Result<(), sqlx::Error> {
-    static INSERT: Insert = Insert::new(
+    // Few acts have a second, brief record, and each value that is bound costs something.
+    static WHOLE: Insert = Insert::new(
+        "acts (episode, round, agent, waiting_for, source, at, record)",
+        "(?, ?, ?, ?, ?, ?, ?)",
+    );
+    static WITH_BRIEF: Insert = Insert::new(
         "acts (episode, round, agent, waiting_for, source, at, record, brief)",
         "(?, ?, ?, ?, ?, ?, ?, ?)",
     );
     let Engine::Sqlite(connection) = connection.engine() else {
         unreachable!("this is the writer of SQLite")
     };
-    for (rows, statement) in INSERT.statements(acts) {
-        let mut query = sqlx::query(statement);
+    for rows in chunks(acts) {
+        let has_brief = rows.iter().any(|act| act.brief.is_some());
+        let insert = if has_brief { &WITH_BRIEF } else { &WHOLE };
+        let mut query = sqlx::query(insert.statement(rows.len()));
         for act in rows {
             query = query
                 .bind(act.episode.0)
@@ -33,8 +40,10 @@ async fn insert_acts(connection: &mut Connection, acts: &[&ActRow]) -> Result<()
                 .bind(act.waiting_for)
                 .bind(source_code(act.source))
                 .bind(act.at.as_millisecond())
-                .bind(act.record.as_str())
-                .bind(act.brief.as_ref().map(RawRecord::as_str));
+                .bind(act.record.as_str());
+            if has_brief {
+                query = query.bind(act.brief.as_ref().map(RawRecord::as_str));
+            }
         }
         query.execute(&mut *connection).await?;
     }
@@ -50,8 +59,8 @@ async fn insert_rounds(
     let Engine::Sqlite(connection) = connection.engine() else {
         unreachable!("this is the writer of SQLite")
     };
-    for (rows, statement) in INSERT.statements(rounds) {
-        let mut query = sqlx::query(statement);
+    for rows in chunks(rounds) {
+        let mut query = sqlx::query(INSERT.statement(rows.len()));
         for round in rows {
             query = query
                 .bind(round.episode.0)
@@ -81,14 +90,7 @@ impl Insert {
         Self { into, row, statements: [const { OnceLock::new() }; CHUNKS.len()] }
     }
 
-    /// Rows in pieces, with the statement of each.
-    fn statements<'r, T>(
-        &'static self,
-        rows: &'r [T],
-    ) -> impl Iterator<Item = (&'r [T], &'static str)> {
-        chunks(rows).map(|rows| (rows, self.statement(rows.len())))
-    }
-
+    /// The statement for this many rows, which has to be the length of a chunk.
     fn statement(&'static self, rows: usize) -> &'static str {
         let size = CHUNKS.iter().position(|&size| size == rows).expect("chunks have these sizes");
         self.statements[size].get_or_init(|| {
