@@ -76,7 +76,7 @@ async fn one_server_has_a_database_and_others_only_read_it() {
     first.keep(vec![note(1)]).await.expect("kept");
     match Store::open(location(&scratch)).await {
         Err(OpenError::InUse(by)) => {
-            assert!(by.contains("swarmbench/"), "{by} says which session has it");
+            assert!(by.contains("process"), "{by} says which process has it");
             assert!(!by.contains(scratch.url()), "{by} has no password");
         }
         other => panic!("it is {other:?}"),

@@ -2,7 +2,7 @@
 //!
 //! Nobody else uses either of them meanwhile. A table is copied in pieces, by its primary key. A piece is one transaction of
 //! the target, so a copy that was interrupted at any moment goes on behind the last row that is there. From before its first
-//! table until all was compared and checked the target has a table [`UNFINISHED`], with which nothing else opens it.
+//! table until all was compared and checked the target has a table `copying`, with which nothing else opens it.
 
 mod tables;
 
