@@ -48,7 +48,7 @@ pub const APPEND: &str = "
                                           $15::bytea[], $16::bigint[]) AS t)
     SELECT count(*) FROM me";
 
-/// A database of its own with [`TABLES`], which is dropped with it.
+/// A database of its own with the two tables, which is dropped with it.
 pub struct Scratch {
     server: PgConnectOptions,
     name: Option<String>,
