@@ -609,7 +609,7 @@ async fn insert_tokens(
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use futures::future::join_all;
     use swarmbench_engine::AgentId;
 
@@ -620,7 +620,7 @@ mod tests {
     use crate::store::port::EpisodeStore;
     use swarmbench_journal::record::{Decision, RawRecord, Source};
 
-    fn act(episode: i64, round: u32) -> Entry {
+    pub(in crate::store) fn act(episode: i64, round: u32) -> Entry {
         Entry::Act(ActRow {
             episode: EpisodeKey(episode),
             round,

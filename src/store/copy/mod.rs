@@ -1,7 +1,7 @@
 //! Copies a whole database into an empty one, of either engine: how a server moves from SQLite to PostgreSQL, and back.
 //!
 //! Nobody else uses either of them meanwhile. A table is copied in pieces, by its primary key. A piece is one transaction of
-//! the target, so a copy that was interrupted at any moment goes on behind the last row that is there. From before its first
+//! the target, so a copy that was interrupted at any moment continues behind the last row that is there. From before its first
 //! table until all was compared and checked the target has a table `copying`, with which nothing else opens it.
 
 mod tables;
@@ -116,11 +116,11 @@ pub enum CopyError {
 pub enum Step {
     /// Texts of the source are searched for characters that the target cannot store.
     Search(&'static str),
-    /// So many rows of so many are in the target.
+    /// How many rows of how many are in the target.
     Copy { table: &'static str, done: u64, of: u64 },
-    /// So many rows were read on both sides.
+    /// How many rows were read on both sides.
     Compare { table: &'static str, done: u64, of: u64 },
-    /// So many episodes of the copy were played again.
+    /// How many episodes of the copy were played again.
     Check { done: u64, of: u64 },
 }
 
@@ -391,7 +391,7 @@ impl Next {
         Self { after, rows: first }
     }
 
-    /// Goes on behind a piece; `None` where it has no rows. PostgreSQL sends all that it is asked for, so no more is asked for
+    /// Continues behind a piece; `None` where it has no rows. PostgreSQL sends all that it is asked for, so no more is asked for
     /// than will probably be taken.
     fn behind(&self, piece: &Piece, keys: usize) -> Option<Self> {
         let after = piece.rows.last()?[..keys].to_vec();

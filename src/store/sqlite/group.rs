@@ -195,26 +195,10 @@ async fn commit(
 #[cfg(test)]
 mod tests {
     use sqlx::ConnectOptions as _;
-    use swarmbench_engine::AgentId;
-    use swarmbench_journal::record::{Decision, RawRecord, Source};
 
     use super::*;
-    use crate::ids::EpisodeKey;
     use crate::store::Store;
-    use crate::store::entries::ActRow;
-
-    fn act(episode: i64, round: u32) -> Entry {
-        Entry::Act(ActRow {
-            episode: EpisodeKey(episode),
-            round,
-            agent: AgentId(0),
-            waiting_for: 0,
-            source: Source::Clock,
-            at: jiff::Timestamp::UNIX_EPOCH,
-            record: RawRecord::write(&Decision::clock_ran_out().record(AgentId(0), 0)),
-            brief: None,
-        })
-    }
+    use crate::store::writer::tests::act;
 
     #[tokio::test]
     async fn jobs_are_refused_at_their_deadline_while_another_program_holds_the_lock() {
