@@ -147,6 +147,12 @@ impl Disk for ManualDisk {
     }
 }
 
+/// This host and this process, for people.
+pub fn process_name() -> String {
+    let host = rustix::system::uname().nodename().to_string_lossy().into_owned();
+    format!("{host}, process {}", std::process::id())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,6 +1,7 @@
 //! Ids that are shown, and tokens that are shown once.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
 
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};
@@ -27,6 +28,93 @@ row_keys! {
     EntryKey;
     /// The number of an imported game in the database.
     ImportKey;
+}
+
+/// Numbers for new rows, each larger than all before.
+#[derive(Debug)]
+pub struct Numbers {
+    next: AtomicI64,
+    /// Of one of several servers, each of which gives numbers of its own: the time in milliseconds, its slot, and a count.
+    slot: Option<i64>,
+}
+
+impl Numbers {
+    /// Bits of a count, of a slot and a count, and how many numbers follow one another at most.
+    const COUNT_BITS: u32 = 12;
+    const SLOT_BITS: u32 = 10 + Self::COUNT_BITS;
+
+    /// Numbers after the last one that was given.
+    pub const fn after(last: i64) -> Self {
+        Self { next: AtomicI64::new(last + 1), slot: None }
+    }
+
+    /// Numbers of one of several servers, which has this slot to itself. They are in the order of time, also between servers.
+    pub const fn of_slot(slot: i16, last: i64) -> Self {
+        Self { next: AtomicI64::new(last + 1), slot: Some(slot as i64) }
+    }
+
+    /// The first of `count` numbers that follow one another.
+    pub fn take(&self, count: usize, now: Timestamp) -> i64 {
+        let count = i64::try_from(count).expect("a few numbers");
+        let first_of = |next: i64| {
+            let Some(slot) = self.slot else { return next };
+            let block = |millis: i64| (millis << Self::SLOT_BITS) | (slot << Self::COUNT_BITS);
+            let now = block(now.as_millisecond());
+            let last = next - 1;
+            // The rest of a block that this server has begun, if it is large enough.
+            let begun = block(last >> Self::SLOT_BITS);
+            let end = begun + (1 << Self::COUNT_BITS);
+            if last < now {
+                now
+            } else if (begun..end).contains(&last) && next + count <= end {
+                next
+            } else {
+                block((last >> Self::SLOT_BITS) + 1)
+            }
+        };
+        let taken = self.next.fetch_update(Ordering::AcqRel, Ordering::Acquire, |next| {
+            Some(first_of(next) + count)
+        });
+        match taken {
+            Ok(before) => first_of(before),
+            Err(_) => unreachable!("there is always a next number"),
+        }
+    }
+}
+
+/// What one server of several on the same database does alone: play a game that belongs to no run, play a run with all its games,
+/// or change a competition.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Place {
+    Game(EpisodeKey),
+    Run(RunKey),
+    Competition(CompetitionKey),
+}
+
+impl Place {
+    /// The place of a game.
+    pub fn of_game(episode: EpisodeKey, run: Option<RunKey>) -> Self {
+        run.map_or(Self::Game(episode), Self::Run)
+    }
+
+    /// As it is stored: the number of its kind, and its own.
+    pub const fn numbers(self) -> (i16, i64) {
+        match self {
+            Self::Game(EpisodeKey(key)) => (0, key),
+            Self::Run(RunKey(key)) => (1, key),
+            Self::Competition(CompetitionKey(key)) => (2, key),
+        }
+    }
+
+    /// The place with these numbers; none where this program knows no such kind.
+    pub const fn from_numbers(kind: i16, key: i64) -> Option<Self> {
+        match kind {
+            0 => Some(Self::Game(EpisodeKey(key))),
+            1 => Some(Self::Run(RunKey(key))),
+            2 => Some(Self::Competition(CompetitionKey(key))),
+            _ => None,
+        }
+    }
 }
 
 /// The public id of an episode: `ep_` and 32 hexadecimal digits that grow with time. Cloning shares it.
@@ -149,6 +237,31 @@ impl std::fmt::Debug for Token {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn several_servers_give_different_numbers_in_the_order_of_time() {
+        let at = |millis| Timestamp::from_millisecond(millis).expect("a time");
+        let alone = Numbers::after(7);
+        assert_eq!((alone.take(1, at(5)), alone.take(3, at(5)), alone.take(1, at(5))), (8, 9, 12));
+        let (one, two) = (Numbers::of_slot(0, 7), Numbers::of_slot(1023, 7));
+        let mut taken = std::collections::BTreeSet::new();
+        let mut last = 0;
+        for millis in [1000, 1000, 1001, 999, 1002] {
+            for count in [1, 4096, 1, 17, 4000, 96] {
+                for numbers in [&one, &two] {
+                    let first = numbers.take(count, at(millis));
+                    let count = i64::try_from(count).expect("few");
+                    assert!((first..first + count).all(|number| taken.insert(number)));
+                    last = last.max(first + count - 1);
+                }
+            }
+        }
+        // A later server of the same slot goes on behind all of them, and time decides between servers.
+        let later = Numbers::of_slot(0, last);
+        assert!(later.take(1, at(1)) > last);
+        assert!(one.take(1, at(5000)) < two.take(1, at(5001)));
+        assert!(two.take(1, at(6000)) < one.take(1, at(6001)));
+    }
     use swarmbench_clock::SeededEntropy;
 
     #[test]

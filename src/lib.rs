@@ -34,6 +34,7 @@ pub mod fair;
 pub mod fill;
 pub mod host;
 pub mod hosted;
+pub mod fleet;
 pub mod http;
 pub mod ids;
 pub mod keys;

@@ -161,6 +161,10 @@ pub async fn run(store: &Store, host: &Host, clock: &dyn Clock) {
 
 /// Measures the first games of the queue, and keeps their metrics in one commit. False where it is empty.
 async fn measure_queued(store: &Store, host: &Host) -> Result<bool, RecoveryError> {
+    // Of several servers one takes from the queue.
+    if store.cluster().is_some_and(|cluster| !cluster.is_oldest()) {
+        return Ok(false);
+    }
     let queued = store.unmeasured(QUEUED_AT_ONCE).await?;
     let mut entries = Vec::with_capacity(queued.len());
     let mut stopped = None;

@@ -5,7 +5,7 @@ use sqlx::SqlSafeStr as _;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 
 /// Version, description and text of each file in `migrations/sqlite`.
-const SQLITE: [(i64, &str, &str); 14] = [
+const SQLITE: [(i64, &str, &str); 15] = [
     (1, "journal", include_str!("../migrations/sqlite/0001_journal.sql")),
     (2, "keys", include_str!("../migrations/sqlite/0002_keys.sql")),
     (3, "runs", include_str!("../migrations/sqlite/0003_runs.sql")),
@@ -20,11 +20,14 @@ const SQLITE: [(i64, &str, &str); 14] = [
     (12, "teams", include_str!("../migrations/sqlite/0012_teams.sql")),
     (13, "attempts", include_str!("../migrations/sqlite/0013_attempts.sql")),
     (14, "columns", include_str!("../migrations/sqlite/0014_columns.sql")),
+    (15, "fleet", include_str!("../migrations/sqlite/0015_fleet.sql")),
 ];
 
 /// The same of `migrations/postgres`. A version makes the same tables and columns in both.
-const POSTGRES: [(i64, &str, &str); 1] =
-    [(14, "tables", include_str!("../migrations/postgres/0014_tables.sql"))];
+const POSTGRES: [(i64, &str, &str); 2] = [
+    (14, "tables", include_str!("../migrations/postgres/0014_tables.sql")),
+    (15, "fleet", include_str!("../migrations/postgres/0015_fleet.sql")),
+];
 
 /// All migrations of SQLite, oldest first.
 pub(crate) fn sqlite() -> Migrator {

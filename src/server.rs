@@ -2,8 +2,9 @@
 
 use std::io;
 use std::net::SocketAddr;
+use std::pin::pin;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use tokio::net::{TcpListener, TcpSocket};
@@ -17,15 +18,17 @@ use crate::episode::actor::Spawn;
 use crate::episode::quota::Quotas;
 use crate::episode::registry::Registry;
 use crate::fair::Party;
+use crate::ids::Numbers;
 use crate::host::{Disk, HostDisk, OtherHostsDisk, memory_bytes, raise_open_files};
 use crate::hosted;
 use crate::http::limits::Limits;
-use crate::http::{Access, App, Foundation, Front, Source, serve::serve};
+use crate::fleet;
+use crate::http::{Access, App, Foundation, Front, NodePeers, Nodes, Source, serve::serve};
 use crate::measure;
 use crate::run::RunError;
-use crate::run::manager::{self, Runs};
+use crate::run::manager::{self, Peers, Runs};
 use crate::store::port::EpisodeStore;
-use crate::store::{Location, OpenError, Store, StoreError};
+use crate::store::{Cluster, Joining, Location, OpenError, Store, StoreError};
 use crate::telemetry;
 use crate::work::Workers;
 use swarmbench_clock::{BEAT, Clock, Entropy, ServerClock, SystemEntropy, after, millis};
@@ -47,6 +50,8 @@ pub struct Parts {
     pub access: Access,
     /// Where the files of pages come from.
     pub pages: Source,
+    /// Of one of several servers on a database: how it joins the others.
+    pub joining: Option<Joining>,
 }
 
 impl Default for Parts {
@@ -58,6 +63,7 @@ impl Default for Parts {
             limits: Limits::default(),
             access: Access::default(),
             pages: Source::default(),
+            joining: None,
         }
     }
 }
@@ -113,22 +119,36 @@ pub enum StartError {
     Open(#[from] OpenError),
     #[error(transparent)]
     Journal(#[from] StoreError),
+    /// The others do not reach it.
+    #[error("{0}")]
+    Unreachable(String),
+    /// The others have taken over what it played.
+    #[error(
+        "the other servers have excluded this one, as it was not seen for too long: start it again, and it joins them anew"
+    )]
+    Excluded,
 }
 
 /// A server over an open database.
-pub struct Server(App);
+pub struct Server {
+    app: App,
+    joining: Option<Joining>,
+}
 
 impl Server {
     /// Cancelled when a commit fails: from then on nothing is acknowledged.
     pub fn failed(&self) -> CancellationToken {
-        self.0.store.writer().failed().clone()
+        self.app.store.writer().failed().clone()
     }
 
     pub async fn open(database: impl Into<Location>, parts: Parts) -> Result<Self, StartError> {
         telemetry::metrics();
         let database = database.into();
-        let store = Store::open(&database).await?;
-        let Parts { clock, entropy, disk, limits, access, pages } = parts;
+        let Parts { clock, entropy, disk, limits, access, pages, joining } = parts;
+        let store = match &joining {
+            Some(joining) => Store::join(&database, joining).await?,
+            None => Store::open(&database).await?,
+        };
         let last_key = store.last_key().await?;
         let has_keys = store.has_keys().await?;
         if let Some(newest) = store.newest_at().await?.filter(|newest| *newest > clock.host()) {
@@ -141,9 +161,16 @@ impl Server {
         for (competition, bytes) in store.bytes_by_competition().await? {
             quotas.note_competition(competition, bytes);
         }
-        for (episode, owner, competition) in store.accounts().await? {
-            quotas.note(episode, Party::within(competition, owner));
+        if store.cluster().is_none() {
+            for (episode, owner, competition) in store.accounts().await? {
+                quotas.note(episode, Party::within(competition, owner));
+            }
         }
+        let slot = store.cluster().map(|cluster| cluster.slot());
+        let numbers = |last| match slot {
+            Some(slot) => Numbers::of_slot(slot, last),
+            None => Numbers::after(last),
+        };
         let journal: Arc<dyn EpisodeStore> = Arc::new(store.clone());
         let workers = Workers::of_this_host();
         // Episodes run on these threads even if a request of low priority recovers them.
@@ -157,7 +184,11 @@ impl Server {
             spawn,
             last_key,
         )
+        .with_numbers(numbers(last_key))
         .with_budget(Budget::new(limits.memory_bytes_max, limits.memory_of_free_percent_max));
+        let nodes = joining.as_ref().zip(store.cluster()).map(|(joining, cluster)| {
+            Arc::new(Nodes::new(store.clone(), Arc::clone(cluster), &joining.secret))
+        });
         let disk = disk.unwrap_or_else(|| match database.file() {
             Some(file) => Arc::new(HostDisk::of(file)),
             None => Arc::new(OtherHostsDisk),
@@ -171,7 +202,8 @@ impl Server {
             disk: Arc::clone(&disk),
             disk_free_percent_min: limits.disk_free_percent_min,
             stop: stop.clone(),
-            last_key: store.last_run_key().await?,
+            numbers: numbers(store.last_run_key().await?),
+            peers: nodes.clone().map(|nodes| Arc::new(NodePeers(nodes)) as Arc<dyn Peers>),
         });
         let app = App::new(Foundation {
             store,
@@ -186,18 +218,19 @@ impl Server {
             pages,
             has_keys,
             stop,
+            nodes,
         });
-        Ok(Self(app))
+        Ok(Self { app, joining })
     }
 
     /// Whether a key was ever created on this server.
     pub fn has_keys(&self) -> bool {
-        self.0.has_keys
+        self.app.has_keys
     }
 
     /// Closes the database without serving.
     pub async fn close(self) {
-        self.0.store.clone().close().await;
+        self.app.store.clone().close().await;
     }
 
     /// Serves until `shutdown` completes. Then waiting requests return, open requests are answered, and queued entries
@@ -207,7 +240,17 @@ impl Server {
         listener: TcpListener,
         shutdown: impl Future<Output = ()> + Send,
     ) -> Result<(), StartError> {
-        let Self(app) = self;
+        self.run_with(listener, None, shutdown).await
+    }
+
+    /// The same of one of several servers, which the others reach by a listener of their own.
+    pub async fn run_with(
+        self,
+        listener: TcpListener,
+        for_nodes: Option<TcpListener>,
+        shutdown: impl Future<Output = ()> + Send,
+    ) -> Result<(), StartError> {
+        let Self { app, joining } = self;
         let stop = app.stop.clone();
         if let Some(hosted) = app.registry.take_hosted() {
             let playing = hosted::run(hosted, Arc::clone(app.registry.host()), stop.clone());
@@ -217,24 +260,80 @@ impl Server {
         }
         let mut services = JoinSet::new();
         services.spawn(watch_clock(Arc::clone(&app.clock)));
-        services.spawn(recover_with_retries(app.clone()));
+        if app.store.cluster().is_none() {
+            services.spawn(recover_with_retries(app.clone()));
+        }
         services.spawn(advance_runs(app.clone()));
         services.spawn(close_competitions(app.clone()));
         services.spawn(measure_games(app.clone()));
         services.spawn(sweep(app.clone()));
         let trusted_proxies = app.access.trusted_proxies.clone();
-        let serving =
-            serve(listener, Front::new(app.clone()), app.limits, trusted_proxies, stop.clone());
+        let front = Front::new(app.clone());
+        // The others speak for all their clients.
+        let of_nodes = Limits { connections_per_address_max: usize::MAX, ..app.limits };
+        let serving_nodes = for_nodes.map(|listener| {
+            let front = front.for_nodes();
+            tokio::spawn(serve(listener, front, of_nodes, Vec::new(), stop.clone()))
+        });
+        let (failed, mut outcome) = (app.store.writer().failed().clone(), Ok(()));
+        let mut shutdown = pin!(shutdown);
+        if let Some((joining, cluster)) = joining.as_ref().zip(app.store.cluster()) {
+            let is_reachable = Arc::new(AtomicBool::new(false));
+            services.spawn(fleet::run(member(&app, cluster, &is_reachable)));
+            tokio::select! {
+                checked = check_reachable(&app, &joining.address) => match checked {
+                    Ok(()) => is_reachable.store(true, Ordering::Release),
+                    Err(problem) => outcome = Err(StartError::Unreachable(problem)),
+                },
+                () = &mut shutdown => {}
+            }
+        }
+        let serving = serve(listener, front, app.limits, trusted_proxies, stop.clone());
         let serving = tokio::spawn(serving);
-        shutdown.await;
+        if outcome.is_ok() {
+            tokio::select! {
+                () = shutdown => {}
+                () = failed.cancelled(), if joining.is_some() => outcome = Err(StartError::Excluded),
+            }
+        }
         tracing::info!("stopping");
         stop.cancel();
         // A panic was already logged.
         drop(serving.await);
+        if let Some(serving) = serving_nodes {
+            drop(serving.await);
+        }
         // They read the database, so it is closed after the last one has stopped.
         services.shutdown().await;
         app.store.clone().close().await;
-        Ok(())
+        outcome
+    }
+}
+
+/// The part of a server among others.
+fn member(app: &App, cluster: &Arc<Cluster>, is_reachable: &Arc<AtomicBool>) -> fleet::Parts {
+    let (ready, revoked) = (app.clone(), app.clone());
+    fleet::Parts {
+        store: app.store.clone(),
+        cluster: Arc::clone(cluster),
+        registry: app.registry.clone(),
+        runs: app.runs.clone(),
+        is_reachable: Arc::clone(is_reachable),
+        stop: app.stop.clone(),
+        ready: Arc::new(move || {
+            ready.ready.store(true, Ordering::Release);
+            let app = ready.clone();
+            drop(tokio::spawn(async move { app.read_boards().await }));
+        }),
+        revoked: Arc::new(move || revoked.forget_tokens()),
+    }
+}
+
+/// Checks that the other servers reach this one.
+async fn check_reachable(app: &App, address: &str) -> Result<(), String> {
+    match &app.nodes {
+        Some(nodes) => nodes.check_reachable(address).await,
+        None => Ok(()),
     }
 }
 

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use swarmbench::episode::quota::Quotas;
 use swarmbench::episode::registry::Registry;
 use swarmbench::host::{Disk, ManualDisk};
+use swarmbench::ids::Numbers;
 use swarmbench::http::limits::Limits;
 use swarmbench::http::{Access, App, Foundation, Front, Source, serve::serve};
 use swarmbench::run::manager::{self, Runs};
@@ -41,7 +42,8 @@ pub(crate) async fn start(
         disk: Arc::clone(&disk),
         disk_free_percent_min: limits.disk_free_percent_min,
         stop: stop.clone(),
-        last_key: 0,
+        numbers: Numbers::after(0),
+        peers: None,
     });
     let app = App::new(Foundation {
         store,
@@ -56,6 +58,7 @@ pub(crate) async fn start(
         pages: Source::default(),
         has_keys: false,
         stop: stop.clone(),
+        nodes: None,
     });
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
     let address = listener.local_addr().expect("an address");

@@ -14,6 +14,8 @@ use serde::Serialize;
 use swarmbench_client::client::ClientError;
 use swarmbench_protocol::failure::Failures;
 
+use crate::server::StartError;
+
 /// Prints a line to the standard output.
 macro_rules! out {
     ($($text:tt)*) => {
@@ -106,6 +108,9 @@ fn hint(error: &anyhow::Error) -> &'static str {
     if is_keyless { "; commands take a key from --key or SWARMBENCH_KEY" } else { "" }
 }
 
+/// The exit code of a server that has to be started again (`EX_TEMPFAIL` of sysexits).
+const START_AGAIN: u8 = 75;
+
 /// Prints the error of a command, if any, and returns the exit code of the process.
 pub(super) fn code(result: anyhow::Result<ExitCode>) -> ExitCode {
     check(io::stdout().flush());
@@ -113,7 +118,10 @@ pub(super) fn code(result: anyhow::Result<ExitCode>) -> ExitCode {
         (Err(_), _) if CUT.load(Ordering::Relaxed) => ExitCode::SUCCESS,
         (Err(error), _) => {
             note!("error: {}{}", in_words(&error), hint(&error));
-            ExitCode::FAILURE
+            match error.downcast_ref::<StartError>() {
+                Some(StartError::Excluded) => ExitCode::from(START_AGAIN),
+                _ => ExitCode::FAILURE,
+            }
         }
         (Ok(_), Some(error)) => {
             note!("error: the standard output cannot be written: {error}");

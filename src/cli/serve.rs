@@ -1,15 +1,17 @@
 //! `swarmbench serve`
 
-use std::net::SocketAddr;
+use std::fs;
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use ipnet::IpNet;
+use tokio::net::TcpListener;
 
 use crate::http::limits::Limits;
 use crate::http::{Access, Source};
 use crate::server::{Parts, Server, fit_memory, fit_open_files, listen};
-use crate::store::Location;
+use crate::store::{Joining, Location};
 use crate::telemetry::{LogFormat, start_logs};
 
 #[derive(Debug, clap::Args)]
@@ -64,6 +66,16 @@ pub(super) struct Args {
     /// Serve the files of pages from this folder in the place of those in the program, for work on them.
     #[arg(long, env = "SWARMBENCH_PAGES", value_name = "FOLDER")]
     pages: Option<PathBuf>,
+    /// Play together with other servers on the same database of PostgreSQL: host and port where they reach this one. This address
+    /// must not be reachable from outside.
+    #[arg(long, env = "SWARMBENCH_NODE", value_name = "HOST:PORT", requires = "cluster_secret_file", value_parser = node)]
+    node: Option<String>,
+    /// Where to listen for the other servers, if it is not the address of --node. Default for a name: all addresses, at the same port.
+    #[arg(long, env = "SWARMBENCH_NODE_LISTEN", value_name = "ADDR:PORT", requires = "node")]
+    node_listen: Option<SocketAddr>,
+    /// A file with the secret that all servers of the cluster have, 16 bytes at least: `openssl rand -hex 32` makes one.
+    #[arg(long, env = "SWARMBENCH_CLUSTER_SECRET_FILE", value_name = "FILE", requires = "node")]
+    cluster_secret_file: Option<PathBuf>,
     /// The log format; `RUST_LOG` sets the log level.
     #[arg(long, env = "SWARMBENCH_LOG_FORMAT", default_value = "text")]
     log_format: LogFormat,
@@ -74,6 +86,52 @@ fn network(text: &str) -> Result<IpNet, String> {
     text.parse()
         .or_else(|_| address())
         .map_err(|_| "an address such as 127.0.0.1 or a network such as 10.0.0.0/8".to_owned())
+}
+
+fn node(text: &str) -> Result<String, String> {
+    let is_of_name = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-');
+    let is_host = |host: &str| {
+        let is_name = !host.is_empty() && host.chars().all(is_of_name);
+        let inner = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
+        is_name || inner.is_some_and(|host| host.parse::<Ipv6Addr>().is_ok())
+    };
+    let is_port = |port: &str| port.parse::<u16>().is_ok_and(|port| port > 0);
+    if text.rsplit_once(':').is_some_and(|(host, port)| is_host(host) && is_port(port)) {
+        Ok(text.to_owned())
+    } else {
+        Err("an address and a port such as 10.0.0.5:7000 or node1.example.org:7000, without http://".to_owned())
+    }
+}
+
+/// Bytes that the secret of a cluster has at least.
+const SECRET_BYTES_MIN: usize = 16;
+
+/// Listens for the other servers of a cluster, if this is to be one of several.
+fn joining(args: &Args) -> anyhow::Result<Option<(TcpListener, Joining)>> {
+    let Some((address, file)) = args.node.as_ref().zip(args.cluster_secret_file.as_ref()) else {
+        return Ok(None);
+    };
+    let secret = fs::read(file)
+        .with_context(|| format!("the secret of the cluster in {} cannot be read", file.display()))?;
+    let secret = secret.trim_ascii();
+    if secret.len() < SECRET_BYTES_MIN {
+        bail!(
+            "the secret in {} has {} bytes, {SECRET_BYTES_MIN} are needed: `openssl rand -hex 32` makes a good one",
+            file.display(),
+            secret.len()
+        );
+    }
+    let usual = || -> Option<SocketAddr> {
+        let port = address.rsplit_once(':')?.1.parse().ok()?;
+        Some(address.parse().unwrap_or_else(|_| (Ipv4Addr::UNSPECIFIED, port).into()))
+    };
+    let at = args.node_listen.or_else(usual).context("--node has no port")?;
+    // Before it joins: whoever had this address is gone then.
+    let listener = listen(at)
+        .with_context(|| format!("cannot listen on {at} for the other servers; is another program there?"))?;
+    let joining =
+        Joining { address: address.clone(), secret: secret.into(), host_ms: crate::fleet::host_ms };
+    Ok(Some((listener, joining)))
 }
 
 fn host(text: &str) -> Result<String, String> {
@@ -100,6 +158,15 @@ fn bytes(text: &str) -> Result<usize, String> {
 /// With less no game fits.
 const MEMORY_LEAST: usize = 16 << 20;
 
+fn access(args: &Args) -> Access {
+    Access {
+        open: args.open,
+        private: args.private,
+        trusted_proxies: args.trusted_proxy.clone(),
+        hosts: args.host.clone(),
+    }
+}
+
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     start_logs(args.log_format);
     let stop = super::asked_to_stop();
@@ -114,14 +181,10 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         ..Limits::default()
     };
     let limits = fit_memory(limits, args.memory_max);
-    let access = Access {
-        open: args.open,
-        private: args.private,
-        trusted_proxies: args.trusted_proxy,
-        hosts: args.host,
-    };
+    let (for_nodes, joining) = joining(&args)?.unzip();
+    let access = access(&args);
     let pages = args.pages.map_or_else(Source::default, Source::Folder);
-    let parts = Parts { limits: fit_open_files(limits), access, pages, ..Parts::default() };
+    let parts = Parts { limits: fit_open_files(limits), access, pages, joining, ..Parts::default() };
     let server = Server::open(&args.db, parts).await?;
     if !args.addr.ip().is_loopback() && !args.open && !server.has_keys() {
         server.close().await;
@@ -140,7 +203,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         .with_context(|| format!("cannot listen on {}; is another server there?", args.addr))?;
     let addr = listener.local_addr()?;
     tracing::info!(%addr, db = %args.db, "serving; documentation at http://{addr}/docs");
-    server.run(listener, stop).await?;
+    server.run_with(listener, for_nodes, stop).await?;
     tracing::info!("stopped");
     Ok(())
 }

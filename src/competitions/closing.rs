@@ -9,6 +9,7 @@ use std::time::Duration;
 use jiff::Timestamp;
 
 use super::StoredCompetition;
+use crate::ids::Place;
 use crate::run::RunError;
 use crate::run::manager::Runs;
 use crate::store::entries::Entry;
@@ -85,6 +86,9 @@ fn failure(id: &str, error: String, last: Option<Failure>, now: Timestamp) -> Fa
 async fn close(store: &Store, runs: &Runs, clock: &dyn Clock, id: &str) -> Result<(), RunError> {
     // What cannot be read is not opened: it could not be closed again.
     let Some(competition) = super::find(store, id).await? else { return Ok(()) };
+    if !is_here(store, Place::Competition(competition.key)).await? {
+        return Ok(());
+    }
     for attempt in store.running_attempts(competition.key).await? {
         // A run ends with its last game; where none is open it may not know yet that its time is over.
         runs.advance(attempt).await?;
@@ -92,6 +96,16 @@ async fn close(store: &Store, runs: &Runs, clock: &dyn Clock, id: &str) -> Resul
     // Attempts whose start began in time have been started.
     let _closed = runs.block_entries().await;
     reveal_if_over(store, clock, &competition).await
+}
+
+/// Whether this server closes a competition, of several that share the database.
+async fn is_here(store: &Store, place: Place) -> Result<bool, StoreError> {
+    match store.cluster() {
+        Some(cluster) if !cluster.has(place) && cluster.preferred(place) != cluster.incarnation() => {
+            Ok(false)
+        }
+        _ => store.take_place(place).await,
+    }
 }
 
 /// Opens everything to all once all games have ended.

@@ -3,8 +3,7 @@
 
 mod creation;
 
-use std::collections::HashMap;
-use std::sync::atomic::AtomicI64;
+use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
@@ -23,7 +22,7 @@ use super::slots::Slots;
 use super::spec::Spec;
 use crate::budget::{Budget, NoMemory, Reservation, SMALL_BYTES};
 use crate::fair::{self, FairLimit, Group, Party, Rank, Shares};
-use crate::ids::{EpisodeId, EpisodeKey, RunKey};
+use crate::ids::{EpisodeId, EpisodeKey, Numbers, Place, RunKey};
 use crate::store::port::{EpisodeStore, StoredEpisode, Unfinished};
 use crate::store::{Stopped, StoreError};
 use crate::work::Workers;
@@ -92,7 +91,7 @@ impl From<StoreError> for FindError {
 pub struct Registry {
     host: Arc<Host>,
     slots: Arc<Mutex<Slots>>,
-    next_key: Arc<AtomicI64>,
+    numbers: Arc<Numbers>,
     /// Until when the search for idle episodes of a group, or of all, pauses: there were too few.
     none_idle_until: Arc<Mutex<HashMap<Option<Group>, Timestamp>>>,
     recoveries: FairLimit,
@@ -125,12 +124,19 @@ impl Registry {
                 hosted: notify_hosted,
             }),
             slots: Arc::default(),
-            next_key: Arc::new(AtomicI64::new(last_key + 1)),
+            numbers: Arc::new(Numbers::after(last_key)),
             none_idle_until: Arc::default(),
             recoveries: recoveries(),
             ended: Arc::new(Mutex::new(Some(ended))),
             hosted: Arc::new(Mutex::new(Some(hosted))),
         }
+    }
+
+    /// With numbers for new episodes that are not simply the next ones.
+    #[must_use]
+    pub fn with_numbers(mut self, numbers: Numbers) -> Self {
+        self.numbers = Arc::new(numbers);
+        self
     }
 
     /// With a budget of memory; without one there is no bound.
@@ -338,7 +344,20 @@ impl Registry {
         let flushed = self.host.journal.keep(Vec::new()).await;
         flushed.map_err(|error| Some(error.into()))?;
         let stored = self.host.journal.episode(id.clone()).await;
-        let stored = stored.map_err(|error| Some(error.into()))?.ok_or(None)?;
+        let mut stored = stored.map_err(|error| Some(error.into()))?.ok_or(None)?;
+        let place = Place::of_game(stored.episode, stored.run);
+        if stored.end.is_none() && !self.host.journal.has(place) {
+            let taken = self.host.journal.take(place).await;
+            if !taken.map_err(|error| Some(error.into()))? {
+                return Err(Some(StoreError::Elsewhere.into()));
+            }
+            // Whoever had it may have written since.
+            let again = self.host.journal.episode(id.clone()).await;
+            stored = again.map_err(|error| Some(error.into()))?.ok_or(None)?;
+        }
+        if let Some(slot) = self.slots().get_mut(id) {
+            slot.place = Some((place, stored.episode));
+        }
         let spec = Arc::new(described(&stored).map_err(FindError::from)?);
         let party = self.host.party(stored.owner, stored.run, &spec).await;
         let party = party.map_err(FindError::from)?;
@@ -393,13 +412,21 @@ impl Registry {
     /// a slot. Returns how many there are, once all are recovered that do not take long; the
     /// others follow, the fastest first.
     pub async fn recover_unfinished(&self) -> Result<usize, StoreError> {
-        let all = self.host.journal.unfinished().await?;
+        Ok(self.adopt(self.host.journal.unfinished().await?).await)
+    }
+
+    /// Recovers unfinished episodes that this server plays from now on, as [`Registry::recover_unfinished`] does.
+    pub async fn adopt(&self, all: Vec<Unfinished>) -> usize {
         let now = self.host.clock.now();
-        for Unfinished { episode, id, owner, clocked, .. } in &all {
+        for Unfinished { episode, id, owner, run, clocked, .. } in &all {
             // One that was requested meanwhile is counted by its recovery, and may have
             // ended since it was listed.
-            if self.slots().add_unfinished(id, now, *clocked) {
+            let mut slots = self.slots();
+            if slots.add_unfinished(id, now, *clocked) {
                 self.host.quotas.note(*episode, Party::of_key(*owner));
+            }
+            if let Some(slot) = slots.get_mut(id) {
+                slot.place = Some((Place::of_game(*episode, *run), *episode));
             }
         }
         let count = all.len();
@@ -416,7 +443,50 @@ impl Registry {
                 tracing::info!("all episodes with clocks are recovered");
             }));
         }
-        Ok(count)
+        count
+    }
+
+    /// Those of these places at which no episode is in memory that anybody uses, or that advances by itself.
+    pub fn idle_places(&self, places: HashSet<Place>) -> HashSet<Place> {
+        let now = self.host.clock.now();
+        let mut idle = places;
+        for (_, slot) in self.slots().all() {
+            if let Some((place, _)) = slot.place
+                && (slot.advances() || !slot.is_idle(now, IDLE_STAYS))
+            {
+                idle.remove(&place);
+            }
+        }
+        idle
+    }
+
+    /// Evicts all episodes of idle places, for another server to play them; all that was handed over is durable then. Returns
+    /// the places of which nothing is left here: others are in use again.
+    pub async fn give_up(&self, places: HashSet<Place>) -> Result<HashSet<Place>, StoreError> {
+        let left = self.idle_places(places);
+        let now = self.host.clock.now();
+        let mut leaving = Vec::new();
+        {
+            let mut slots = self.slots();
+            let of_places = slots.all().filter_map(|(id, slot)| {
+                let (place, episode) = slot.place?;
+                left.contains(&place).then(|| (id.clone(), episode))
+            });
+            let episodes: Vec<(EpisodeId, EpisodeKey)> = of_places.collect();
+            for (id, episode) in episodes {
+                if let Some(slot) = slots.get_mut(&id) {
+                    slot.leave(now);
+                    leaving.extend(slot.leaving.clone());
+                }
+                slots.remove(&id);
+                self.host.quotas.release(episode);
+            }
+        }
+        for actor in leaving {
+            actor.cancelled().await;
+        }
+        self.host.journal.keep(Vec::new()).await?;
+        Ok(left)
     }
 
     /// Recovers episodes in this order, `at_once` of them concurrently.
@@ -535,7 +605,7 @@ mod tests {
         let config = RecordedConfig::of(&Config::check(&settings).expect("good settings"));
         let id = EpisodeId::from_text(key.to_string());
         let played = Some((config, rounds));
-        Unfinished { episode: EpisodeKey(key), id, owner: None, clocked, played }
+        Unfinished { episode: EpisodeKey(key), id, owner: None, run: None, clocked, played }
     }
 
     #[test]

@@ -8,6 +8,7 @@ use tokio::sync::OnceCell;
 use tokio_util::sync::CancellationToken;
 
 use super::actor::{Handle, Times};
+use crate::ids::{EpisodeKey, Place};
 use swarmbench_clock::after;
 
 /// How long an episode whose actor has ended by a fault is left alone before it is recovered once more:
@@ -39,6 +40,8 @@ pub(super) struct Slot {
     /// Of an episode that was in memory since the start of the server. The time of day may have been set
     /// since then, so the journal does not know them.
     pub(super) times: Option<Arc<Times>>,
+    /// Where the episode is played, and its number, as far as that is known.
+    pub(super) place: Option<(Place, EpisodeKey)>,
 }
 
 impl Slot {
@@ -54,6 +57,7 @@ impl Slot {
             in_line: false,
             listed_at: None,
             times: None,
+            place: None,
         }
     }
 
@@ -84,6 +88,14 @@ impl Slot {
     /// Whether the episode has no handles and no requests for so long.
     pub(super) fn is_idle(&self, now: Timestamp, stays: Duration) -> bool {
         !self.is_held() && after(self.used_at, stays) <= now
+    }
+
+    /// Whether it goes on without requests, or soon will.
+    pub(super) fn advances(&self) -> bool {
+        let advances = |handle: &Handle| {
+            handle.spec.advances_by_itself() && !handle.snapshot().status.is_over()
+        };
+        self.in_line || self.handle.get().map_or(self.clocked, advances)
     }
 
     /// Evicts an idle episode, unless it has a running clock; false where it needs no slot any

@@ -80,6 +80,10 @@ impl Slots {
         }
     }
 
+    pub(super) fn all(&self) -> impl Iterator<Item = (&EpisodeId, &Slot)> {
+        self.by_id.iter()
+    }
+
     pub(super) fn awake(&self) -> impl Iterator<Item = (&EpisodeId, &Slot)> {
         self.awake.iter().filter_map(|id| Some((id, self.by_id.get(id)?)))
     }

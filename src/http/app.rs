@@ -17,6 +17,7 @@ use super::heavy::Heavy;
 use super::idempotency::Creations;
 use super::in_flight::InFlight;
 use super::limits::Limits;
+use super::nodes::Nodes;
 use super::pages::Source;
 use super::ranking::Ranking;
 use super::rates::Rates;
@@ -33,10 +34,17 @@ use crate::host::Disk;
 use crate::ids::EpisodeId;
 use crate::run::manager::Runs;
 use crate::standings::Standings;
-use crate::store::Store;
+use crate::store::tokens::Grant;
+use crate::store::{Store, StoreError};
 use crate::telemetry;
 use crate::work::Workers;
-use swarmbench_clock::{Clock, Entropy};
+use swarmbench_clock::{Clock, Entropy, after};
+
+/// How long the answer to a revocation waits until all servers of a cluster act by it: longer than a dead one is waited for.
+const REVOCATION_PATIENCE: Duration = Duration::from_secs(15);
+
+/// How often it looks meanwhile.
+const REVOCATION_PAUSE: Duration = Duration::from_millis(50);
 
 /// How long a request waits for the recovery of an episode.
 const RECOVERY_TIMEOUT: Duration = Duration::from_secs(20);
@@ -75,6 +83,8 @@ pub struct Foundation {
     pub has_keys: bool,
     /// Ends all waits when the server stops.
     pub stop: CancellationToken,
+    /// The other servers of the database, where there may be some.
+    pub nodes: Option<Arc<Nodes>>,
 }
 
 /// See [`App`].
@@ -82,6 +92,7 @@ pub struct Shared {
     foundation: Foundation,
     /// Whether all unfinished episodes with clocks were recovered.
     pub(crate) ready: AtomicBool,
+    pub(super) started_at: jiff::Timestamp,
     /// Tells this run of the server from others.
     pub(super) boot: u64,
     pub(super) rates: Rates,
@@ -119,6 +130,7 @@ impl App {
         let cache = (store.clone(), Arc::clone(clock));
         Self(Arc::new(Shared {
             ready: AtomicBool::new(false),
+            started_at: clock.wall(),
             boot: u64::from_le_bytes(boot),
             rates: Rates::new(limits, Arc::clone(clock)),
             in_flight: Arc::new(InFlight::new(limits.requests_per_address_max)),
@@ -152,6 +164,26 @@ impl App {
     pub fn tidy(&self) {
         self.registry.evict_unused();
         self.rates.forget_idle();
+    }
+
+    /// Lets tokens that are revoked in the store open nothing any more: on no server of the database, when this returns.
+    pub(super) async fn revoked(&self, is_revoked: impl Fn(&Grant) -> bool) -> Result<(), ApiError> {
+        self.tokens.forget(is_revoked);
+        let Some(cluster) = self.store.cluster() else { return Ok(()) };
+        let revision = cluster.announce().await?;
+        let until = after(self.clock.now(), REVOCATION_PATIENCE);
+        while !cluster.all_act_by(revision).await? {
+            if self.clock.now() >= until {
+                return Err(StoreError::Away.into());
+            }
+            self.clock.sleep_until(after(self.clock.now(), REVOCATION_PAUSE)).await;
+        }
+        Ok(())
+    }
+
+    /// Forgets the rights of all tokens, as some were revoked on another server.
+    pub(crate) fn forget_tokens(&self) {
+        self.tokens.forget(|_| true);
     }
 
     /// Refuses what is new while the disk is nearly full.

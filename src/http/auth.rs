@@ -112,7 +112,7 @@ impl FromRequestParts<App> for Caller {
 }
 
 /// The token in the value of the header `Authorization`. An error never shows a part of a token.
-fn bearer(value: &str) -> Result<&str, &'static str> {
+pub(super) fn bearer(value: &str) -> Result<&str, &'static str> {
     let value = value.trim();
     match value.split_once(' ').map(|(scheme, token)| (scheme, token.trim())) {
         Some((scheme, token)) if scheme.eq_ignore_ascii_case("bearer") => Ok(token),

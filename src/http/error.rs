@@ -13,6 +13,7 @@ use axum::response::{IntoResponse, Response};
 
 use swarmbench_engine::SettingErrors;
 
+use super::nodes::IsElsewhere;
 use crate::budget::NoMemory;
 use crate::episode::actor::{ActError, ClaimError, StartError};
 use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
@@ -119,6 +120,8 @@ pub struct ApiError {
     retry_after: Option<Duration>,
     limit: Option<Limit>,
     fields: Vec<FieldProblem>,
+    /// Whether another server of the database has to answer.
+    is_elsewhere: bool,
 }
 
 impl ApiError {
@@ -131,6 +134,7 @@ impl ApiError {
             retry_after: None,
             limit: None,
             fields: Vec::new(),
+            is_elsewhere: false,
         }
     }
 
@@ -247,6 +251,9 @@ impl IntoResponse for ApiError {
         let status = StatusCode::from_u16(problem.status).expect("the table has valid statuses");
         let body = serde_json::to_vec(&problem).expect("a problem has string keys");
         let mut response = (status, body).into_response();
+        if self.is_elsewhere {
+            response.extensions_mut().insert(IsElsewhere);
+        }
         let headers = response.headers_mut();
         headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));
         if let Some(after) = self.retry_after {
@@ -276,6 +283,11 @@ impl From<StoreError> for ApiError {
             let detail = "too many requests read the database; try again later";
             return Self::limit(Code::Overloaded, "readers_max", READERS_MAX, detail)
                 .retry_after(Duration::from_secs(1));
+        }
+        if matches!(error, StoreError::Elsewhere) {
+            let detail = "another server of the cluster plays this, or takes it over at this moment: send the same request again";
+            let error = Self::new(Code::Unavailable, detail).retry_after(Duration::from_secs(1));
+            return Self { is_elsewhere: true, ..error };
         }
         Self::no_journal(&error)
     }

@@ -27,6 +27,7 @@ use super::client::{Client, Peer};
 use super::error::{ApiError, Code};
 use super::in_flight::RequestContext;
 use super::prelude::*;
+use super::nodes::{self, Routed};
 use super::{agent, router, stream, swarm};
 use crate::fair::{Origin, Rank};
 
@@ -35,7 +36,11 @@ const NOSNIFF: HeaderValue = HeaderValue::from_static("nosniff");
 
 /// The whole service. Cloning shares it.
 #[derive(Clone)]
-pub struct Front(Arc<Inner>);
+pub struct Front {
+    inner: Arc<Inner>,
+    /// Whether it is for the other servers of a cluster, and for nobody else.
+    is_for_nodes: bool,
+}
 
 struct Inner {
     app: App,
@@ -57,7 +62,14 @@ impl Front {
     pub fn new(app: App) -> Self {
         let router = router::router(app.clone());
         let plays = Play::ALL.map(|play| Meter::new(play.route(), play.method()));
-        Self(Arc::new(Inner { app, router, requests: AtomicU64::new(0), plays }))
+        let inner = Arc::new(Inner { app, router, requests: AtomicU64::new(0), plays });
+        Self { inner, is_for_nodes: false }
+    }
+
+    /// The same service for the other servers of a cluster.
+    #[must_use]
+    pub fn for_nodes(&self) -> Self {
+        Self { inner: Arc::clone(&self.inner), is_for_nodes: true }
     }
 
     /// Answers a request that came over a connection of `peer`.
@@ -87,7 +99,7 @@ impl Front {
 
     /// The id that came with a request, or else a new one.
     pub(super) fn id_of(&self, request: &Request) -> HeaderValue {
-        let Inner { app, requests, .. } = &*self.0;
+        let Inner { app, requests, .. } = &*self.inner;
         request
             .headers()
             .get(REQUEST_ID)
@@ -103,11 +115,18 @@ impl Front {
         play: Option<Play>,
         context: &mut Option<RequestContext>,
     ) -> Result<Response, ApiError> {
-        let Inner { app, .. } = &*self.0;
-        let trusted = &app.access.trusted_proxies;
-        let client = Client::of(peer, request.headers(), request.uri(), trusted);
-        app.rates.check_address(client.address)?;
-        let in_flight = app.in_flight.take(client.address)?;
+        let Inner { app, .. } = &*self.inner;
+        let (client, in_flight) = if self.is_for_nodes {
+            // The server to which it was sent has counted it.
+            let nodes = app.nodes.as_deref();
+            let refuse = || ApiError::not_found("a cluster");
+            (nodes.ok_or_else(refuse)?.client_of_hop(request.headers())?, None)
+        } else {
+            let trusted = &app.access.trusted_proxies;
+            let client = Client::of(peer, request.headers(), request.uri(), trusted);
+            app.rates.check_address(client.address)?;
+            (client, app.in_flight.take(client.address)?)
+        };
         if play.is_none() {
             request.extensions_mut().insert(client);
         }
@@ -116,7 +135,7 @@ impl Front {
         let front = self.clone();
         // Large futures are boxed: each layer would move them, which costs more than the rest of it.
         let answered =
-            Box::pin(async move { (front.route(request, play).await, Origin::current()) });
+            Box::pin(async move { (front.route(request, play, client).await, Origin::current()) });
         let answered = rank.scope(client.party().scope(answered));
         let (response, origin) =
             if may_run_here { answered.await } else { app.workers.in_background(answered).await? };
@@ -125,9 +144,43 @@ impl Front {
         response
     }
 
-    async fn route(self, request: Request, play: Option<Play>) -> Result<Response, ApiError> {
-        let Inner { app, router, .. } = &*self.0;
+    async fn route(
+        self,
+        request: Request,
+        play: Option<Play>,
+        client: Client,
+    ) -> Result<Response, ApiError> {
+        let Inner { app, .. } = &*self.inner;
         check_host(&request)?;
+        let Some(nodes) = &app.nodes else { return self.handle(request, play).await };
+        if self.is_for_nodes && request.uri().path().starts_with(nodes::PATH) {
+            return nodes.answer(app, request).await;
+        }
+        if is_about_this_server(request.uri().path()) {
+            return self.handle(request, play).await;
+        }
+        nodes.check_may_answer()?;
+        let response = match Box::pin(nodes.route(app, request, client, self.is_for_nodes)).await? {
+            Routed::Answered(response) => response,
+            Routed::Here(request) => {
+                if play.is_none() {
+                    // What other servers have committed is seen by all that is read from now on.
+                    app.store.catch_up().await?;
+                }
+                let response = self.handle(request, play).await.unwrap_or_else(IntoResponse::into_response);
+                // This process may have been stopped, and taken over meanwhile.
+                nodes.check_may_answer()?;
+                response
+            }
+        };
+        if self.is_for_nodes && response.extensions().get::<nodes::IsElsewhere>().is_some() {
+            return Ok(nodes::elsewhere());
+        }
+        Ok(response)
+    }
+
+    async fn handle(&self, request: Request, play: Option<Play>) -> Result<Response, ApiError> {
+        let Inner { app, router, .. } = &*self.inner;
         let is_get = request.method() == Method::GET;
         let response = match play {
             Some(play) => play.call(app, request).await?,
@@ -151,7 +204,7 @@ impl Front {
         let status = response.status();
         let path = response.extensions_mut().remove::<MatchedPath>();
         match play {
-            Some(play) => self.0.plays[play as usize].note(status, taken),
+            Some(play) => self.inner.plays[play as usize].note(status, taken),
             // Only what there is gets a name in the metrics: clients could think of any number of others.
             None if status == StatusCode::METHOD_NOT_ALLOWED => {}
             None => {
@@ -171,6 +224,11 @@ impl Front {
             tracing::debug!(status = status.as_u16(), taken_us, "answered");
         }
     }
+}
+
+/// Whether a route is about the server that was asked, whatever others do.
+fn is_about_this_server(path: &str) -> bool {
+    matches!(path, "/healthz" | "/readyz" | "/metrics")
 }
 
 /// The id of a request: the run of the server in 16 hexadecimal digits, and the number of the request.

@@ -31,6 +31,7 @@ mod in_flight;
 mod keys;
 pub mod limits;
 mod mcp;
+mod nodes;
 pub mod openapi;
 mod page;
 mod pages;
@@ -50,6 +51,7 @@ mod waiting;
 
 pub use app::{Access, App, Foundation};
 pub use front::Front;
+pub use nodes::{NodePeers, Nodes};
 pub use pages::Source;
 
 /// What most handlers need.

@@ -6,11 +6,10 @@
 //! of the server, and the sweep every minute.
 
 use std::collections::{BTreeMap, HashMap};
-use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use futures::StreamExt;
-use futures::future::join_all;
+use futures::future::{BoxFuture, join_all};
 use tokio::sync::{mpsc, watch};
 use tokio_stream::wrappers::UnboundedReceiverStream;
 use tokio_util::sync::CancellationToken;
@@ -23,11 +22,11 @@ use crate::episode::spec::Visibility;
 use crate::episode::{Ending, Status};
 use crate::fair::Party;
 use crate::host::Disk;
-use crate::ids::{EntryKey, EpisodeId, RunKey, Token, TokenKind};
-use crate::store::Store;
+use crate::ids::{EntryKey, EpisodeId, Numbers, Place, RunKey, Token, TokenKind};
 use crate::store::entries::{Entry, RunRow};
 use crate::store::games::StoredGame;
 use crate::store::runs::StoredRun;
+use crate::store::{Store, StoreError};
 use swarmbench_clock::{Clock, Entropy};
 use swarmbench_protocol::suite::Game;
 
@@ -98,7 +97,19 @@ pub struct Parts {
     pub disk_free_percent_min: u32,
     /// Cancelled when the server stops: no more games are opened.
     pub stop: CancellationToken,
-    pub last_key: i64,
+    /// Gives the numbers of new runs.
+    pub numbers: Numbers,
+    /// The other servers of the database, where there may be some.
+    pub peers: Option<Arc<dyn Peers>>,
+}
+
+/// The other servers of a database, each of which plays some of the runs.
+pub trait Peers: Send + Sync {
+    /// Lets the server that plays a run, or takes it, do [`Runs::advance`].
+    fn advance(&self, run: RunKey) -> BoxFuture<'_, Result<(), RunError>>;
+
+    /// Lets the server that plays a run, or takes it, do [`Runs::end_with`], with nothing more to keep.
+    fn end(&self, run: RunKey, status: RunStatus) -> BoxFuture<'_, Result<bool, RunError>>;
 }
 
 /// All runs of a server. Cloning shares them.
@@ -107,7 +118,6 @@ pub struct Runs(Arc<Shared>);
 
 struct Shared {
     parts: Parts,
-    next_key: AtomicI64,
     locks: [tokio::sync::Mutex<()>; LOCKS],
     /// Read by those that enter competitions, written by the one that reveals them.
     entering: tokio::sync::RwLock<()>,
@@ -118,11 +128,20 @@ struct Shared {
     waiting: Mutex<HashMap<RunKey, Full>>,
 }
 
+/// Keeps this server from doing anything with a run.
+pub struct Held<'l> {
+    _lock: Arc<tokio::sync::MutexGuard<'l, ()>>,
+}
+
+fn lock_of(run: RunKey) -> usize {
+    // The last bits of the numbers that several servers give are mostly alike.
+    usize::try_from(run.0 ^ (run.0 >> 22)).unwrap_or(0) % LOCKS
+}
+
 impl Runs {
     /// The runs over a database.
     pub fn new(parts: Parts) -> Self {
         Self(Arc::new(Shared {
-            next_key: AtomicI64::new(parts.last_key + 1),
             parts,
             locks: std::array::from_fn(|_| tokio::sync::Mutex::new(())),
             entering: tokio::sync::RwLock::default(),
@@ -156,8 +175,7 @@ impl Runs {
     }
 
     async fn lock(&self, run: RunKey) -> tokio::sync::MutexGuard<'_, ()> {
-        let number = usize::try_from(run.0).unwrap_or(0) % LOCKS;
-        self.0.locks[number].lock().await
+        self.0.locks[lock_of(run)].lock().await
     }
 
     /// While the guard lives no competition is revealed. A caller that reads the clock and enters one, or
@@ -190,7 +208,7 @@ impl Runs {
         let unknown = || CreateError::Definition(format!("visibility {:?}", definition.visibility));
         let visibility = Visibility::parse(&definition.visibility).ok_or_else(unknown)?;
         let token = definition.player.is_none().then(|| Token::new(TokenKind::Swarm, &**entropy));
-        let run = RunKey(self.0.next_key.fetch_add(1, Ordering::Relaxed));
+        let run = RunKey(self.0.parts.numbers.take(1, now));
         let text = serde_json::to_string(&definition).expect("a definition has string keys");
         let row = RunRow {
             run,
@@ -223,7 +241,64 @@ impl Runs {
     /// run waits for the next call.
     pub async fn advance(&self, run: RunKey) -> Result<(), RunError> {
         let runs = self.clone();
+        self.run_detached(async move {
+            match runs.elsewhere(run).await? {
+                Some(peers) => peers.advance(run).await,
+                None => runs.advance_now(run).await,
+            }
+        })
+        .await
+    }
+
+    /// The other servers, if one of them plays a run, or takes one that nobody plays.
+    async fn elsewhere(&self, run: RunKey) -> Result<Option<&dyn Peers>, RunError> {
+        let Parts { store, peers, .. } = &self.0.parts;
+        let (Some(cluster), Some(peers)) = (store.cluster(), peers) else { return Ok(None) };
+        let place = Place::Run(run);
+        let is_here = cluster.has(place)
+            || (cluster.preferred(place) == cluster.incarnation() && store.take_place(place).await?);
+        Ok((!is_here).then_some(&**peers))
+    }
+
+    /// Refuses what concerns a run that another server plays. Of runs that nobody plays it takes the place.
+    async fn check_here(&self, run: RunKey) -> Result<(), RunError> {
+        if self.0.parts.store.take_place(Place::Run(run)).await? {
+            Ok(())
+        } else {
+            Err(StoreError::Elsewhere.into())
+        }
+    }
+
+    /// Does what another server has asked for: see [`Peers::advance`].
+    pub async fn advance_here(&self, run: RunKey) -> Result<(), RunError> {
+        self.check_here(run).await?;
+        let runs = self.clone();
         self.run_detached(async move { runs.advance_now(run).await }).await
+    }
+
+    /// Does what another server has asked for: see [`Peers::end`].
+    pub async fn end_here(&self, run: RunKey, status: RunStatus) -> Result<bool, RunError> {
+        self.check_here(run).await?;
+        self.end_now(run, status, Vec::new()).await
+    }
+
+    /// Keeps this server from doing anything with runs that nobody follows, while the guards live. Those that are followed are
+    /// left out.
+    pub async fn hold(&self, runs: &[RunKey]) -> HashMap<RunKey, Held<'_>> {
+        let mut held = HashMap::new();
+        let mut locks = BTreeMap::new();
+        for run in runs {
+            if self.open_games().get(run).is_some_and(|games| games.receiver_count() > 0) {
+                continue;
+            }
+            let number = lock_of(*run);
+            if let std::collections::btree_map::Entry::Vacant(free) = locks.entry(number) {
+                let Ok(guard) = self.0.locks[number].try_lock() else { continue };
+                free.insert(Arc::new(guard));
+            }
+            held.insert(*run, Held { _lock: Arc::clone(&locks[&number]) });
+        }
+        held
     }
 
     /// Ends a run: `Aborted` ends its open games, too; after any other status they continue to their end.
@@ -235,6 +310,23 @@ impl Runs {
     /// Ends a run, and keeps what goes with its end in the same transaction: see [`Runs::end`]. Returns whether
     /// it ended now; nothing is kept where it had ended before.
     pub async fn end_with(
+        &self,
+        run: RunKey,
+        status: RunStatus,
+        audit_entries: Vec<Entry>,
+    ) -> Result<bool, RunError> {
+        if let Some(peers) = self.elsewhere(run).await? {
+            if !audit_entries.is_empty() {
+                self.0.parts.store.keep(audit_entries).await?;
+            }
+            peers.end(run, status).await?;
+            // What goes with the end is kept.
+            return Ok(true);
+        }
+        self.end_now(run, status, audit_entries).await
+    }
+
+    async fn end_now(
         &self,
         run: RunKey,
         status: RunStatus,
@@ -270,6 +362,9 @@ impl Runs {
         if let Some(games) = self.open_games().get(&run) {
             return Ok(games.subscribe());
         }
+        if self.stored(run).await?.ended_at.is_none() {
+            self.check_here(run).await?;
+        }
         // Nothing is opened or ended between reading the open games and being notified of changes.
         let _guard = self.lock(run).await;
         let games = self.games(run).await?;
@@ -286,14 +381,19 @@ impl Runs {
     /// open a game.
     pub async fn advance_all(&self) -> Result<usize, RunError> {
         self.open_games().retain(|_, games| games.receiver_count() > 0);
-        let all = self.0.parts.store.unfinished_runs().await?;
+        let store = &self.0.parts.store;
+        let mut all = store.unfinished_runs().await?;
+        if let Some(cluster) = store.cluster() {
+            all.retain(|run| cluster.has(Place::Run(*run)));
+        }
         let count = all.len();
         let all = futures::stream::iter(all);
         all.for_each_concurrent(ADVANCED_AT_ONCE, |run| self.try_advance(run)).await;
         Ok(count)
     }
 
-    async fn try_advance(&self, run: RunKey) {
+    /// Advances a run; an error is logged, as it is tried again later.
+    pub async fn try_advance(&self, run: RunKey) {
         if let Err(error) = self.advance(run).await
             // What is left is done after the start.
             && !self.0.parts.stop.is_cancelled()
@@ -314,6 +414,11 @@ impl Runs {
 
     async fn advance_now(&self, run: RunKey) -> Result<(), RunError> {
         let _guard = self.lock(run).await;
+        let cluster = self.0.parts.store.cluster();
+        if !cluster.is_none_or(|cluster| cluster.has(Place::Run(run))) {
+            // It was given to another server while this waited for the lock.
+            return Err(StoreError::Elsewhere.into());
+        }
         let stored = self.stored(run).await?;
         let done =
             if stored.ended_at.is_none() { self.do_what_is_due(&stored).await } else { Ok(()) };

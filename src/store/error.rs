@@ -26,6 +26,9 @@ pub enum StoreError {
     /// An earlier entry of the episode was refused, and this one would leave a gap in its chain.
     #[error("the journal failed: an earlier entry of the episode was refused")]
     Gap,
+    /// Another server of this database plays it, or takes it over at this moment.
+    #[error("another server of this database plays it")]
+    Elsewhere,
     /// Nothing takes the request any more.
     #[error("the journal failed: {0}")]
     Stopped(Stopped),

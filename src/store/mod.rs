@@ -23,12 +23,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use sqlx::ConnectOptions as _;
 
+use crate::ids::Place;
 use crate::migrations;
 use entries::Entry;
 pub use error::{Stopped, StoreError};
 pub use location::{Address, Location, LocationError};
 pub use model::{entries, port};
 use port::{Committed, Reply};
+pub use postgres::cluster::{
+    ANSWERS_FOR, Beat, CLOCK_OFF_MAX, Cluster, Death, JoinError, Joining, Look, Member,
+    TAKEN_OVER_AFTER, Unowned,
+};
 pub use postgres::session::SessionError;
 use readers::ReaderOptions;
 pub use readers::{
@@ -90,6 +95,12 @@ pub enum OpenError {
     #[error(transparent)]
     Postgres(#[from] SessionError),
     #[error(transparent)]
+    Join(#[from] JoinError),
+    #[error(
+        "several servers cannot share the file {0}: name a database of PostgreSQL with --db, or leave out --node"
+    )]
+    Alone(PathBuf),
+    #[error(transparent)]
     Location(#[from] LocationError),
     /// A copy into it was interrupted.
     #[error(
@@ -111,12 +122,27 @@ pub struct Store {
     files: Files,
     /// Held as long as a file is open; none where it is only read, and of PostgreSQL.
     lock: Arc<Mutex<Option<Lock>>>,
+    /// Of one of several servers.
+    cluster: Option<Arc<Cluster>>,
 }
 
 impl Store {
     /// Opens a database and takes it for this process alone. A file is created where there is none.
     pub async fn open(location: impl Into<Location>) -> Result<Self, OpenError> {
-        match location.into() {
+        Self::open_as(location.into(), None).await
+    }
+
+    /// Opens a database that this process shares with other servers.
+    pub async fn join(
+        location: impl Into<Location>,
+        joining: &Joining,
+    ) -> Result<Self, OpenError> {
+        Self::open_as(location.into(), Some(joining)).await
+    }
+
+    async fn open_as(location: Location, joining: Option<&Joining>) -> Result<Self, OpenError> {
+        match location {
+            Location::File(path) if joining.is_some() => Err(OpenError::Alone(path)),
             Location::File(path) => {
                 let failed = |source| OpenError::Sqlite { path: path.clone(), source };
                 let sqlite::Opened { connection, options, files, lock } =
@@ -128,13 +154,16 @@ impl Store {
                 Ok(Self::of(readers, writer::Writer::spawn(group), files, Some(lock)))
             }
             Location::Postgres(address) => {
-                let postgres::Opened { node, readers } = postgres::open(&address).await?;
+                let postgres::Opened { node, readers } = postgres::open(&address, joining).await?;
                 let failed =
                     |source| SessionError::Failed { location: address.to_string(), source };
                 let readers = ReaderOptions::Postgres(readers);
                 let readers = readers::Readers::open(readers).await.map_err(failed)?;
+                let cluster = node.cluster().cloned();
                 let group = writer::Group::Postgres(Box::new(node));
-                Ok(Self::of(readers, writer::Writer::spawn(group), Files::default(), None))
+                let store =
+                    Self::of(readers, writer::Writer::spawn(group), Files::default(), None);
+                Ok(Self { cluster, ..store })
             }
             Location::Unknown(error) => Err(error.into()),
         }
@@ -165,7 +194,35 @@ impl Store {
         lock: Option<Lock>,
     ) -> Self {
         let ended_games = Arc::new(games::EndedGames::new());
-        Self { readers, writer, ended_games, files, lock: Arc::new(Mutex::new(lock)) }
+        let lock = Arc::new(Mutex::new(lock));
+        Self { readers, writer, ended_games, files, lock, cluster: None }
+    }
+
+    /// This server as one of several on its database, if it is.
+    pub fn cluster(&self) -> Option<&Arc<Cluster>> {
+        self.cluster.as_ref()
+    }
+
+    /// Says that nothing may be written any more, as another server has taken the work of this one over.
+    pub fn set_excluded(&self) {
+        self.writer.state().fail(&"the other servers have excluded this one, as it was not seen for too long");
+    }
+
+    /// Takes a place unless another server has it; whether this one has it now.
+    pub async fn take_place(&self, place: Place) -> Result<bool, StoreError> {
+        let Some(cluster) = &self.cluster else { return Ok(true) };
+        if cluster.has(place) {
+            return Ok(true);
+        }
+        cluster.take(&[place]).await?;
+        Ok(cluster.has(place))
+    }
+
+    /// Notes what the other servers of this database have committed: boards and lists that are read after this show it.
+    pub async fn catch_up(&self) -> Result<(), StoreError> {
+        let Some(cluster) = &self.cluster else { return Ok(()) };
+        let changes = self.writer.state().changes();
+        cluster.read_changes(|effect| changes.apply(effect), || changes.forget()).await
     }
 
     /// A connection that reads, for the party of this task.

@@ -221,6 +221,15 @@ impl Group {
         }
     }
 
+    /// Notes what is durable now.
+    fn note(&self, entries: &[Entry]) {
+        if let Self::Postgres(node) = self
+            && let Some(cluster) = node.cluster()
+        {
+            cluster.note(entries);
+        }
+    }
+
     async fn watch(&mut self, state: &WriterState) {
         match self {
             Self::Sqlite(..) => {}
@@ -315,6 +324,7 @@ async fn run(
             if outcome.is_ok() {
                 // Before the senders are notified: a client that knows of an end finds it on the board.
                 state.changes.note(entries);
+                group.note(entries);
             }
         }
         for ((bytes, committed), outcome) in receipts.into_iter().zip(outcomes) {

@@ -398,6 +398,7 @@ impl EpisodeStore for MemoryJournal {
         let haunted = self.flaw == Some(Flaw::ListsAGhost);
         Box::pin(self.read(move |state| {
             let unfinished = |row: &OpeningRow| Unfinished {
+                run: None,
                 episode: row.episode,
                 id: row.id.clone(),
                 owner: row.owner,

@@ -32,6 +32,7 @@ pub mod key;
 pub mod loopback;
 pub mod metrics;
 pub mod names;
+pub mod node;
 pub mod observation;
 pub mod problem;
 pub mod replay;

@@ -1,6 +1,6 @@
 //! New episodes: from their layout, or from a round of another episode.
 
-use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::atomic::AtomicI64;
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
@@ -22,7 +22,7 @@ use super::super::spec::Spec;
 use super::Registry;
 use crate::budget::{NoMemory, Reservation};
 use crate::fair::{self, Party, Rank};
-use crate::ids::{EpisodeId, EpisodeKey, RunKey};
+use crate::ids::{EpisodeId, EpisodeKey, Place, RunKey};
 use crate::keys::OwnerKey;
 use crate::store::entries::{
     ActRow, ClaimRow, Entry, Holder, OpeningRow, RoundRow, SeatingRow, TokenRow,
@@ -88,8 +88,8 @@ struct Prepared {
     room: Reservation,
 }
 
-/// The place of a new episode in its slot: it is neither recovered nor evicted as long as this is held.
-struct Place {
+/// A new episode in its slot: it is neither recovered nor evicted as long as this is held.
+struct Starting {
     handle: Arc<OnceCell<Handle>>,
     _starting: DropGuard,
 }
@@ -99,7 +99,7 @@ impl Registry {
     pub async fn create(&self, creation: Creation) -> Result<Handle, CreateError> {
         let registry = self.clone();
         let created = self.detached(async move {
-            let first = registry.next_key.fetch_add(1, Ordering::Relaxed);
+            let first = registry.numbers.take(1, registry.host.clock.wall());
             let opened = registry.open_new(EpisodeKey(first), creation).await;
             registry.release_unless_opened(first, 1, opened)
         });
@@ -117,7 +117,7 @@ impl Registry {
         let registry = self.clone();
         self.detached(async move {
             let count = creations.len();
-            let first = registry.next_key.fetch_add(number(count), Ordering::Relaxed);
+            let first = registry.numbers.take(count, registry.host.clock.wall());
             let opened = registry.open_forks(first, creations, fork_of, past).await;
             registry.release_unless_opened(first, count, opened)
         })
@@ -225,7 +225,7 @@ impl Registry {
         }
         // They have their slots before anybody can find them, and nobody recovers or evicts them until they are started: they would
         // get a second actor, from their beginning.
-        let places: Vec<_> = prepared.iter().map(|one| self.place(&one.init.episode.id)).collect();
+        let places: Vec<_> = prepared.iter().map(|one| self.place(&one.init.episode)).collect();
         if let Err(error) = self.keep(&mut prepared, &past).await {
             drop(places);
             for one in &prepared {
@@ -380,7 +380,7 @@ impl Registry {
 
     /// Starts the actor of an episode that is durable now. Where a request has found it already, it was recovered: an
     /// episode never has two actors.
-    async fn start(&self, prepared: Prepared, place: Place) -> Handle {
+    async fn start(&self, prepared: Prepared, place: Starting) -> Handle {
         let Prepared { init, room, .. } = prepared;
         let Running { id, spec, .. } = &init.episode;
         tracing::info!(episode = %id, task = spec.config.task().name(), model = %spec.model, "created");
@@ -399,12 +399,13 @@ impl Registry {
     }
 
     /// A slot for an episode that is being created.
-    fn place(&self, id: &EpisodeId) -> Place {
+    fn place(&self, episode: &Running) -> Starting {
         let starting = CancellationToken::new();
         let mut slots = self.slots();
-        let slot = slots.wake_or_insert(id, self.host.clock.now());
+        let slot = slots.wake_or_insert(&episode.id, self.host.clock.now());
+        slot.place = Some((Place::of_game(episode.key, episode.run), episode.key));
         slot.starting = Some(starting.clone());
-        Place { handle: Arc::clone(&slot.handle), _starting: starting.drop_guard() }
+        Starting { handle: Arc::clone(&slot.handle), _starting: starting.drop_guard() }
     }
 
     /// The seating of a new episode, and the entry for its creator.

@@ -83,13 +83,14 @@ async fn new_tokens(app: &App, handle: &Handle, number: u32) -> Result<Response,
     let rows = rows.chain([row(tokens.swarm.hash(), None)]).collect();
     let entry = Entry::ReplaceTokens { episode: handle.key, holder: Some(number), tokens: rows };
     app.store.keep(vec![entry]).await?;
-    app.tokens.forget(|grant| match grant {
+    app.revoked(|grant| match grant {
         Grant::Seat { episode, agent, .. } => *episode == handle.id && agents.contains(agent),
         Grant::Swarm { episode, seats: Seats::Claimed(seats), .. } => {
             *episode == handle.id && **seats == *agents
         }
         Grant::Swarm { .. } | Grant::Run { .. } | Grant::Key(_) => false,
-    });
+    })
+    .await?;
     Ok(created(handle, &Claimed { number, agents }, &tokens))
 }
 

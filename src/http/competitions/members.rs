@@ -161,7 +161,7 @@ pub(in super::super) async fn remove_member(
             entries.extend(caller.audit_entry(&app, "member.remove", &entrant, detail, shown));
             app.store.keep(entries).await?;
         }
-        app.tokens.forget(|grant| matches!(grant, Grant::Key(key) if key.id == member));
+        app.revoked(|grant| matches!(grant, Grant::Key(key) if key.id == member)).await?;
         Ok(JsonBody(summary(&find().await?)))
     })
     .await

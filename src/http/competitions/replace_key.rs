@@ -57,7 +57,7 @@ pub(in super::super) async fn replace_entrant_key(
         let shown = (competition.key, json!({}));
         let audit_entry = organizer.audit_entry_shown(&app, "entrant.key", &entrant, detail, shown);
         app.store.keep(vec![replace, audit_entry]).await?;
-        app.tokens.forget(|grant| matches!(grant, Grant::Key(one) if one.id == key.id));
+        app.revoked(|grant| matches!(grant, Grant::Key(one) if one.id == key.id)).await?;
         let body = ReplacedKey { entrant, key: token.reveal().to_owned() };
         Ok(with_tokens(StatusCode::CREATED, body))
     })

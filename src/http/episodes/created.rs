@@ -42,9 +42,10 @@ impl Tokens {
         };
         app.store.keep(handles.iter().zip(&all).map(replace).collect()).await?;
         let ids: HashSet<&EpisodeId> = handles.iter().map(|handle| &handle.id).collect();
-        app.tokens.forget(
+        app.revoked(
             |grant| matches!(grant, Grant::Seat { episode, .. } | Grant::Swarm { episode, .. } if ids.contains(episode)),
-        );
+        )
+        .await?;
         Ok(all)
     }
 

@@ -54,7 +54,7 @@ pub(in super::super) async fn revoke_key(
             };
             app.store.keep(vec![Entry::RevokeKey { id: id.clone(), at: now }, audit_entry]).await?;
         }
-        app.tokens.forget(|grant| matches!(grant, Grant::Key(key) if key.id == id));
+        app.revoked(|grant| matches!(grant, Grant::Key(key) if key.id == id)).await?;
         let key = find().await?;
         Ok(Json(key.summary(now)))
     })

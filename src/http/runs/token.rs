@@ -63,7 +63,7 @@ impl App {
     ) -> Result<Token, ApiError> {
         let token = self.runs.replace_token(run, audit_entries).await?;
         let is_old = |grant: &Grant| matches!(grant, Grant::Run { run: of, .. } if *of == run);
-        self.tokens.forget(is_old);
+        self.revoked(is_old).await?;
         Ok(token)
     }
 }

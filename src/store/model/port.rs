@@ -5,7 +5,7 @@ use futures::future::BoxFuture;
 use jiff::Timestamp;
 use swarmbench_engine::AgentId;
 
-use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
+use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, Place, RunKey};
 use crate::keys::OwnerKey;
 use crate::store::entries::{Entry, Held};
 use crate::store::{Stopped, StoreError};
@@ -71,6 +71,8 @@ pub struct Unfinished {
     pub id: EpisodeId,
     /// The key with which it was created, if any.
     pub owner: Option<OwnerKey>,
+    /// The run to which it belongs, if any.
+    pub run: Option<RunKey>,
     /// Whether its rounds have a deadline.
     pub clocked: bool,
     /// Of an episode with deadlines, its settings and how many rounds are resolved: what its recovery costs.
@@ -114,6 +116,17 @@ pub trait EpisodeStore: Send + Sync + 'static {
     /// Takes entries of an episode again, of which one was refused. Until then all later ones are, as they
     /// would leave a gap. To be called when its old actor has ended and all that it handed over was answered.
     fn recovered(&self, _episode: EpisodeKey) {}
+
+    /// Whether this server plays at a place. Where several servers share a database one of them does.
+    fn has(&self, _place: Place) -> bool {
+        true
+    }
+
+    /// Takes a place unless another server has it; whether this one has it now. What is read later has all that another server
+    /// has written there.
+    fn take(&self, _place: Place) -> Reply<'_, bool> {
+        std::future::ready(Ok(true)).boxed()
+    }
 
     /// Finds an episode.
     fn episode(&self, id: EpisodeId) -> Reply<'_, Option<StoredEpisode>>;

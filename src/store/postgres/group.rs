@@ -4,15 +4,17 @@
 //! connection breaks while a commit is under way, the number in the row says whether it was done: nothing is guessed, and
 //! nothing is written twice. So PostgreSQL may be restarted, or fail over, and it is a pause.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use tokio_util::sync::CancellationToken;
 
-use super::session::{self, Server, SessionError};
+use super::cluster::{self, Cluster, Joining};
+use super::session::{self, Server};
 use crate::store::entries::Entry;
 use crate::store::sql::{Connection, query};
 use crate::store::writer::{self, Blocked, Failure, Outcome, WriterState};
-use crate::store::{Stopped, StoreError};
+use crate::store::{OpenError, Stopped, StoreError};
 use crate::telemetry;
 
 /// How often the row of this server is looked at while nothing is written.
@@ -42,6 +44,8 @@ pub(in crate::store) struct Node {
     incarnation: i64,
     /// How many commits of this server are known to be done.
     committed: i64,
+    /// Of one of several servers.
+    cluster: Option<Arc<Cluster>>,
 }
 
 /// A commit that was sent, and whose answer is not known.
@@ -122,19 +126,38 @@ fn blocked_by(error: &sqlx::Error) -> Blocked {
 }
 
 impl Node {
-    /// Gets a number for a process that has the lock of the database.
+    /// Gets a number for a process that has the lock of the database, alone or together with others.
     pub(in crate::store) async fn join(
         server: Server,
         mut connection: Connection,
-    ) -> Result<Self, SessionError> {
+        joining: Option<&Joining>,
+    ) -> Result<Self, OpenError> {
         let failed = |error| server.failed(error);
         let at = now_ms(&mut connection).await.map_err(failed)?;
         let joined =
             query("INSERT INTO nodes (name, started_at) VALUES ($1, $2) RETURNING incarnation");
-        let name = process_name();
+        let name = crate::host::process_name();
         let incarnation = joined.bind(&name).bind(at).one(&mut connection).await.map_err(failed)?;
         session::set_name(&mut connection, &session_name(incarnation)).await.map_err(failed)?;
-        Ok(Self { server, connection: Some(connection), incarnation, committed: 0 })
+        let cluster = match joining {
+            Some(joining) => {
+                match Cluster::join(&server, &mut connection, incarnation, joining).await {
+                    Ok(cluster) => Some(cluster),
+                    Err(refused) => {
+                        let row = query("DELETE FROM nodes WHERE incarnation = $1").bind(incarnation);
+                        row.execute(&mut connection).await.map_err(failed)?;
+                        return Err(refused);
+                    }
+                }
+            }
+            None => None,
+        };
+        Ok(Self { server, connection: Some(connection), incarnation, committed: 0, cluster })
+    }
+
+    /// This server as one of several, if it is.
+    pub(in crate::store) fn cluster(&self) -> Option<&Arc<Cluster>> {
+        self.cluster.as_ref()
     }
 
     /// Writes jobs in one commit; the outcome of each, in their order. While the database is not reached it tries again: until
@@ -222,6 +245,9 @@ impl Node {
         let Some(mut connection) = self.connection.take() else { return Ok(()) };
         let row = query("DELETE FROM nodes WHERE incarnation = $1").bind(self.incarnation);
         row.execute(&mut connection).await?;
+        if let Some(cluster) = &self.cluster {
+            cluster.close().await;
+        }
         connection.close().await
     }
 
@@ -253,7 +279,11 @@ impl Node {
         }
         let started = Instant::now();
         let connection = self.connection.as_mut().expect("it was reached");
-        let place = Place { incarnation: self.incarnation, before: self.committed };
+        let place = Place {
+            incarnation: self.incarnation,
+            before: self.committed,
+            is_shared: self.cluster.is_some(),
+        };
         let outcomes = if one_by_one {
             commit_each(connection, state, jobs, place, sent).await?
         } else {
@@ -302,7 +332,8 @@ impl Node {
     async fn lock_again(&self, connection: &mut Connection) -> Result<(), Failure> {
         let own = session_name(self.incarnation);
         let until = Instant::now() + TERMINATE_PATIENCE;
-        while !session::try_lock(connection).await.map_err(failure)? {
+        let is_shared = self.cluster.is_some();
+        while !session::try_lock(connection, is_shared).await.map_err(failure)? {
             let holder = session::lock_holder(connection).await.map_err(failure)?;
             match holder {
                 Some((name, pid)) if name == own => {
@@ -323,6 +354,8 @@ impl Node {
 pub(in crate::store) struct Place {
     pub(in crate::store) incarnation: i64,
     pub(in crate::store) before: i64,
+    /// Whether other servers play on the database, too.
+    is_shared: bool,
 }
 
 /// Writes all entries of all jobs, or nothing where a statement is refused.
@@ -343,7 +376,14 @@ async fn commit_all(
         return if is_ours { Ok(outcomes) } else { Err(not_ours()) };
     }
     begin(connection, place).await?;
-    if let Err(error) = writer::write(connection, jobs.iter().flatten()).await {
+    let written = async {
+        writer::write(connection, jobs.iter().flatten()).await?;
+        if place.is_shared {
+            cluster::write(connection, place.incarnation, jobs.iter().flatten()).await?;
+        }
+        Ok(())
+    };
+    if let Err(error) = written.await {
         return Err(roll_back(connection, failure(error)).await);
     }
     commit(connection, outcomes, sent).await
@@ -360,7 +400,12 @@ async fn commit_each(
     begin(connection, place).await?;
     let mut outcomes = Vec::with_capacity(jobs.len());
     for job in jobs {
-        outcomes.push(writer::write_alone(connection, state, job, failure).await?);
+        let outcome = writer::write_alone(connection, state, job, failure).await?;
+        if place.is_shared && outcome.is_ok() {
+            let written = cluster::write(connection, place.incarnation, job.iter()).await;
+            written.map_err(failure)?;
+        }
+        outcomes.push(outcome);
     }
     commit(connection, outcomes, sent).await
 }
@@ -413,14 +458,8 @@ async fn roll_back(connection: &mut Connection, failure: Failure) -> Failure {
 }
 
 /// What the session of a server calls itself.
-fn session_name(incarnation: i64) -> String {
+pub(super) fn session_name(incarnation: i64) -> String {
     format!("swarmbench/{incarnation}")
-}
-
-/// Host and process, for people who look at `nodes`.
-fn process_name() -> String {
-    let host = rustix::system::uname().nodename().to_string_lossy().into_owned();
-    format!("{host}, process {}", std::process::id())
 }
 
 /// The time of day by the database's clock.

@@ -1,6 +1,7 @@
-//! PostgreSQL: a database on another machine, which one server at a time may write to.
+//! PostgreSQL: a database on another machine, which one server, or several that know each other, may write to.
 
 pub(super) mod bulk;
+pub(super) mod cluster;
 pub(super) mod group;
 pub(super) mod rows;
 pub(super) mod session;
@@ -11,6 +12,7 @@ use super::location::Address;
 use super::sql::{Connection, Engine};
 use super::{OpenError, copy};
 use crate::migrations;
+use cluster::Joining;
 use group::Node;
 use session::Server;
 
@@ -20,27 +22,33 @@ pub(super) struct Opened {
     pub(super) readers: PgConnectOptions,
 }
 
-/// Takes a database for this process alone, after it was checked that what is acknowledged stays; and brings its tables up to
-/// date.
-pub(super) async fn open(address: &Address) -> Result<Opened, OpenError> {
+/// Takes a database for this process, alone or together with others, after it was checked that what is acknowledged stays; and
+/// brings its tables up to date.
+pub(super) async fn open(address: &Address, joining: Option<&Joining>) -> Result<Opened, OpenError> {
     let server = Server::at(address)?;
     let readers = server.readers();
-    let connection = ready(&server).await?;
-    let node = Node::join(server, connection).await?;
+    let connection = ready(&server, joining).await?;
+    let node = Node::join(server, connection, joining).await?;
     Ok(Opened { node, readers })
 }
 
 /// A connection for a command that writes while no server has the database.
 pub(super) async fn open_alone(address: &Address) -> Result<Connection, OpenError> {
     let server = Server::at(address)?;
-    ready(&server).await
+    ready(&server, None).await
 }
 
 /// Takes a database, and brings its tables up to date.
-async fn ready(server: &Server) -> Result<Connection, OpenError> {
-    let mut connection = lock(server).await?;
+async fn ready(server: &Server, joining: Option<&Joining>) -> Result<Connection, OpenError> {
+    let mut connection = lock(server, joining.is_some()).await?;
     refuse_unfinished(server, &mut connection).await?;
-    bring_up_to_date(server, &mut connection).await?;
+    if let Some(joining) = joining {
+        cluster::check(server, &mut connection, joining).await?;
+    }
+    migrate(server, &mut connection).await?;
+    if joining.is_none() {
+        group::exclude_others(&mut connection).await.map_err(|error| server.failed(error))?;
+    }
     let prepared = super::prepare(&mut connection).await;
     prepared.map_err(|error| server.failed(error))?;
     Ok(connection)
@@ -48,7 +56,7 @@ async fn ready(server: &Server) -> Result<Connection, OpenError> {
 
 /// Takes a database for this process alone, as it is.
 pub(super) async fn take(address: &Address) -> Result<Connection, OpenError> {
-    lock(&Server::at(address)?).await
+    lock(&Server::at(address)?, false).await
 }
 
 /// Makes the tables of this version, or those that are missing, in a database that was taken.
@@ -56,7 +64,9 @@ pub(super) async fn make_tables(
     connection: &mut Connection,
     address: &Address,
 ) -> Result<(), OpenError> {
-    bring_up_to_date(&Server::at(address)?, connection).await
+    let server = Server::at(address)?;
+    migrate(&server, connection).await?;
+    group::exclude_others(connection).await.map_err(|error| server.failed(error).into())
 }
 
 async fn refuse_unfinished(server: &Server, connection: &mut Connection) -> Result<(), OpenError> {
@@ -64,13 +74,13 @@ async fn refuse_unfinished(server: &Server, connection: &mut Connection) -> Resu
     copy::refuse(unfinished, server.location())
 }
 
-async fn lock(server: &Server) -> Result<Connection, OpenError> {
+async fn lock(server: &Server, is_shared: bool) -> Result<Connection, OpenError> {
     let mut connection = Connection::Postgres(server.connect().await?);
     server.check(&mut connection).await?;
     server.refuse_pooler(&mut connection).await?;
     server.refuse_foreign(&mut connection).await?;
     let failed = |error| server.failed(error);
-    if !session::try_lock(&mut connection).await.map_err(failed)? {
+    if !session::try_lock(&mut connection, is_shared).await.map_err(failed)? {
         // A database that is taken for the first time has no such table yet.
         let by = session::newest_node(&mut connection).await.ok().flatten();
         let by = by.unwrap_or_else(|| "another process".to_owned());
@@ -83,13 +93,10 @@ async fn lock(server: &Server) -> Result<Connection, OpenError> {
     Ok(connection)
 }
 
-async fn bring_up_to_date(server: &Server, connection: &mut Connection) -> Result<(), OpenError> {
+async fn migrate(server: &Server, connection: &mut Connection) -> Result<(), OpenError> {
     let Engine::Postgres(raw) = connection.engine() else { unreachable!("it is of PostgreSQL") };
     let migrated = migrations::postgres().run(raw).await;
-    migrated
-        .map_err(|source| OpenError::Migrate { location: server.location().to_owned(), source })?;
-    group::exclude_others(connection).await.map_err(|error| server.failed(error))?;
-    Ok(())
+    migrated.map_err(|source| OpenError::Migrate { location: server.location().to_owned(), source })
 }
 
 /// A connection that only reads, also while a server has the database.

@@ -266,9 +266,17 @@ pub(in crate::store) fn sqlstate(error: &sqlx::Error) -> Option<String> {
 /// The number of the advisory lock that the writer of a database has. Others may use advisory locks, too.
 const LOCK: i64 = 0x5377_6172_6d42_656e;
 
-/// Takes the database for this session, if no other has it.
-pub(in crate::store) async fn try_lock(connection: &mut Connection) -> Result<bool, sqlx::Error> {
-    query("SELECT pg_try_advisory_lock($1)").bind(LOCK).one(connection).await
+/// Takes the database for this session, if no other has it; or shares it with others that do.
+pub(in crate::store) async fn try_lock(
+    connection: &mut Connection,
+    is_shared: bool,
+) -> Result<bool, sqlx::Error> {
+    let lock = if is_shared {
+        "SELECT pg_try_advisory_lock_shared($1)"
+    } else {
+        "SELECT pg_try_advisory_lock($1)"
+    };
+    query(lock).bind(LOCK).one(connection).await
 }
 
 /// Who has the database, as the newest row of `nodes` says: host and process.

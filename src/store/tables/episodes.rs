@@ -3,12 +3,12 @@
 use jiff::Timestamp;
 use serde::Deserialize;
 
-use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
+use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, Place, RunKey};
 use crate::keys::OwnerKey;
 use crate::store::Store;
 use crate::store::StoreError;
 use crate::store::port::{StoredEpisode, Unfinished};
-use crate::store::sql::{Builder, FromRow, Row, get, query};
+use crate::store::sql::{Builder, FromRow, LISTED_AT_ONCE, Row, get, query};
 use crate::store::templates::{listed_opening, opening};
 use swarmbench_journal::record::{End, RawRecord, RecordedConfig, end_record};
 
@@ -169,6 +169,11 @@ const LAST_ACT_AT: &str = "
               ORDER BY a.round DESC, a.at DESC LIMIT 1),
              e.started_at)";
 
+/// Episodes that have not ended, to be followed by a condition or an order.
+const UNFINISHED: &str = "SELECT key, id, owner, run, clocked, CASE WHEN clocked THEN opening END AS opening,
+            CASE WHEN clocked THEN (SELECT max(round) + 1 FROM rounds WHERE episode = key) END AS rounds
+     FROM episodes WHERE status IN ('waiting', 'running')";
+
 impl Store {
     /// Finds an episode by its public id.
     pub async fn find_episode(&self, id: &EpisodeId) -> Result<Option<StoredEpisode>, StoreError> {
@@ -178,6 +183,14 @@ impl Store {
     /// What is shown of an episode: all but its end record and when its last act came.
     pub async fn find_summary(&self, id: &EpisodeId) -> Result<Option<StoredEpisode>, StoreError> {
         self.find(id, Detail::Summary).await
+    }
+
+    /// The numbers of an episode, and of the run to which it belongs, if any.
+    pub async fn keys_of(
+        &self,
+        id: &EpisodeId,
+    ) -> Result<Option<(EpisodeKey, Option<RunKey>)>, StoreError> {
+        self.fetch_optional(query("SELECT key, run FROM episodes WHERE id = $1").bind(id.as_str())).await
     }
 
     /// What is shown of these episodes, in any order.
@@ -309,12 +322,32 @@ impl Store {
 
     /// All episodes that have not ended, those with a round clock first.
     pub async fn unfinished_episodes(&self) -> Result<Vec<Unfinished>, StoreError> {
-        let query = query(
-            "SELECT key, id, owner, clocked, CASE WHEN clocked THEN opening END AS opening,
-                    CASE WHEN clocked THEN (SELECT max(round) + 1 FROM rounds WHERE episode = key) END AS rounds
-             FROM episodes WHERE status IN ('waiting', 'running') ORDER BY clocked DESC, key",
-        );
-        self.fetch_all(query).await
+        let mut query = Builder::new(UNFINISHED);
+        query.push(" ORDER BY clocked DESC, key");
+        self.fetch_all(query.build()).await
+    }
+
+    /// The same of these places.
+    pub async fn unfinished_at(&self, places: &[Place]) -> Result<Vec<Unfinished>, StoreError> {
+        let mut unfinished = Vec::new();
+        let games = places.iter().filter_map(|place| match place {
+            Place::Game(key) => Some(key.0),
+            Place::Run(_) | Place::Competition(_) => None,
+        });
+        let runs = places.iter().filter_map(|place| match place {
+            Place::Run(key) => Some(key.0),
+            Place::Game(_) | Place::Competition(_) => None,
+        });
+        let (games, runs): (Vec<i64>, Vec<i64>) = (games.collect(), runs.collect());
+        for (column, keys) in [(" AND key IN ", games), (" AND run IN ", runs)] {
+            for chunk in keys.chunks(LISTED_AT_ONCE) {
+                let mut query = Builder::new(UNFINISHED);
+                query.push(column).push_list(chunk.iter().copied());
+                unfinished.extend(self.fetch_all::<Unfinished>(query.build()).await?);
+            }
+        }
+        unfinished.sort_by_key(|episode| (!episode.clocked, episode.episode));
+        Ok(unfinished)
     }
 
     /// How many bytes the acts of all episodes of each key take.
@@ -448,6 +481,7 @@ impl FromRow for Unfinished {
             episode: get(row, "key")?,
             id: get(row, "id")?,
             owner: get(row, "owner")?,
+            run: get(row, "run")?,
             clocked: get(row, "clocked")?,
             played: config.map(|config| (config, rounds)),
         })

@@ -28,21 +28,28 @@ pub(in crate::store) async fn complete(
     query.bind(episode.0).execute(connection).await.map(drop)
 }
 
-/// Deletes what is left of forks that were never completed.
+/// Deletes what is left of forks that were never completed, but for those that another server makes now.
 pub(in crate::store) async fn delete_incomplete(
     connection: &mut Connection,
 ) -> Result<(), sqlx::Error> {
-    let any = query("SELECT episode FROM forking LIMIT 1").fetch_optional(connection).await?;
-    if any.is_none() {
+    let left = if connection.is_postgres() {
+        "SELECT episode FROM forking f WHERE NOT EXISTS (SELECT 1 FROM places p WHERE p.kind = 0 AND p.key = f.episode)"
+    } else {
+        "SELECT episode FROM forking"
+    };
+    let left: Vec<i64> = query(left).all(connection).await?;
+    if left.is_empty() {
         return Ok(());
     }
     let delete_all = async |connection: &mut Connection| {
-        for statement in [
-            "DELETE FROM acts WHERE episode IN (SELECT episode FROM forking)",
-            "DELETE FROM rounds WHERE episode IN (SELECT episode FROM forking)",
-            "DELETE FROM forking",
-        ] {
-            query(statement).execute(connection).await?;
+        for episode in &left {
+            for statement in [
+                "DELETE FROM acts WHERE episode = $1",
+                "DELETE FROM rounds WHERE episode = $1",
+                "DELETE FROM forking WHERE episode = $1",
+            ] {
+                query(statement).bind(*episode).execute(connection).await?;
+            }
         }
         Ok(())
     };

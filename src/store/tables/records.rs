@@ -6,7 +6,7 @@ use futures::FutureExt;
 use jiff::Timestamp;
 use swarmbench_engine::AgentId;
 
-use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
+use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, Place, RunKey};
 use crate::keys::OwnerKey;
 use crate::store::Store;
 use crate::store::StoreError;
@@ -296,6 +296,14 @@ impl EpisodeStore for Store {
 
     fn recovered(&self, episode: EpisodeKey) {
         self.writer().recovered(episode);
+    }
+
+    fn has(&self, place: Place) -> bool {
+        self.cluster().is_none_or(|cluster| cluster.has(place))
+    }
+
+    fn take(&self, place: Place) -> Reply<'_, bool> {
+        self.take_place(place).boxed()
     }
 
     fn episode(&self, id: EpisodeId) -> Reply<'_, Option<StoredEpisode>> {

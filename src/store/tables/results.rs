@@ -78,6 +78,67 @@ pub enum Change {
     Episode(EpisodeKey),
 }
 
+/// What an entry changes for boards and lists, as the other servers of a database read it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::store) struct Effect {
+    pub(in crate::store) kind: i16,
+    /// The number of what it concerns, if that has one.
+    pub(in crate::store) key: i64,
+}
+
+impl Effect {
+    const LISTED: i16 = 0;
+    const ENDED: i16 = 1;
+    const VOIDED: i16 = 2;
+    const RUN: i16 = 3;
+    const ENTRANT: i16 = 4;
+    const STARTED: i16 = 5;
+    const REVEALED: i16 = 6;
+    const IMPORTED: i16 = 7;
+    const MEASURED: i16 = 8;
+
+    pub(in crate::store) fn of(entry: &Entry) -> Option<Self> {
+        let (kind, key) = match entry {
+            Entry::End(row) if row.counts => (Self::ENDED, row.episode.0),
+            Entry::VoidEpisode { episode, .. } => (Self::VOIDED, episode.0),
+            Entry::EndRun { run, .. } | Entry::VoidRun { run, .. } => (Self::RUN, run.0),
+            Entry::SetEntrant { entry, .. }
+            | Entry::RenameEntrant { entry, .. }
+            | Entry::EraseEntrant { entry, .. } => (Self::ENTRANT, entry.0),
+            Entry::DescribeEntrant(facts) => (Self::ENTRANT, facts.entry.0),
+            Entry::OpenRun(row) => match row.attempt {
+                Some((entry, _)) => (Self::STARTED, entry.0),
+                None => (Self::LISTED, 0),
+            },
+            Entry::Reveal { .. } => (Self::REVEALED, 0),
+            Entry::Import { .. } => (Self::IMPORTED, 0),
+            Entry::Measured { .. } => (Self::MEASURED, 0),
+            Entry::Open(_)
+            | Entry::AddCompetition(_)
+            | Entry::ChangeCompetition { .. }
+            | Entry::CancelCompetition { .. }
+            | Entry::AddEntrant(_) => (Self::LISTED, 0),
+            Entry::Start { .. }
+            | Entry::BeginForks(_)
+            | Entry::Act(_)
+            | Entry::Round(_)
+            | Entry::End(_)
+            | Entry::Claim(_)
+            | Entry::Seat(_)
+            | Entry::ReplaceTokens { .. }
+            | Entry::AddKey(_)
+            | Entry::RevokeKey { .. }
+            | Entry::ReplaceRunToken { .. }
+            | Entry::ReplaceKey { .. }
+            | Entry::ExtendAttempts { .. }
+            | Entry::AddInvitations { .. }
+            | Entry::RevokeInvitations { .. }
+            | Entry::Audit(_) => return None,
+        };
+        Some(Self { kind, key })
+    }
+}
+
 /// What was committed lately and concerns boards.
 #[derive(Debug, Default)]
 pub struct Changes {
@@ -139,57 +200,43 @@ impl Changes {
 
     /// Notes what is durable now.
     pub(in crate::store) fn note(&self, entries: &[Entry]) {
-        for entry in entries {
-            match entry {
-                Entry::End(row) if row.counts => self.add(Change::Episode(row.episode)),
-                Entry::VoidEpisode { episode, .. } => {
-                    self.voided.fetch_add(1, Ordering::AcqRel);
-                    self.add(Change::Episode(*episode));
-                }
-                Entry::EndRun { run, .. } | Entry::VoidRun { run, .. } => {
-                    self.add(Change::Run(*run));
-                }
-                Entry::SetEntrant { entry, .. }
-                | Entry::RenameEntrant { entry, .. }
-                | Entry::EraseEntrant { entry, .. } => self.add(Change::Entrant(*entry)),
-                Entry::DescribeEntrant(facts) => self.add(Change::Entrant(facts.entry)),
-                Entry::OpenRun(row) => {
-                    if let Some((entry, _)) = row.attempt {
-                        self.add(Change::Started(entry));
-                    }
-                }
-                Entry::Reveal { .. } => self.add(Change::Revealed),
-                Entry::Import { .. } => self.add(Change::Imports),
-                Entry::Measured { .. } => {
-                    self.measured.fetch_add(1, Ordering::AcqRel);
-                    continue;
-                }
-                // Boards show what is over; lists of a competition show more.
-                Entry::Open(_)
-                | Entry::AddCompetition(_)
-                | Entry::ChangeCompetition { .. }
-                | Entry::CancelCompetition { .. }
-                | Entry::AddEntrant(_) => {}
-                Entry::Start { .. }
-                | Entry::BeginForks(_)
-                | Entry::Act(_)
-                | Entry::Round(_)
-                | Entry::End(_)
-                | Entry::Claim(_)
-                | Entry::Seat(_)
-                | Entry::ReplaceTokens { .. }
-                | Entry::AddKey(_)
-                | Entry::RevokeKey { .. }
-                | Entry::ReplaceRunToken { .. }
-                | Entry::ReplaceKey { .. }
-                | Entry::ExtendAttempts { .. }
-                | Entry::AddInvitations { .. }
-                | Entry::RevokeInvitations { .. }
-                | Entry::Audit(_) => continue,
+        entries.iter().filter_map(Effect::of).for_each(|effect| self.apply(effect));
+    }
+
+    /// Notes one thing that is durable now, here or on another server of this database.
+    pub(in crate::store) fn apply(&self, effect: Effect) {
+        let key = effect.key;
+        match effect.kind {
+            Effect::MEASURED => {
+                self.measured.fetch_add(1, Ordering::AcqRel);
+                return;
             }
-            // After what it refers to.
-            self.revision.fetch_add(1, Ordering::AcqRel);
+            Effect::VOIDED => {
+                self.voided.fetch_add(1, Ordering::AcqRel);
+                self.add(Change::Episode(EpisodeKey(key)));
+            }
+            Effect::ENDED => self.add(Change::Episode(EpisodeKey(key))),
+            Effect::RUN => self.add(Change::Run(RunKey(key))),
+            Effect::ENTRANT => self.add(Change::Entrant(EntryKey(key))),
+            Effect::STARTED => self.add(Change::Started(EntryKey(key))),
+            Effect::REVEALED => self.add(Change::Revealed),
+            Effect::IMPORTED => self.add(Change::Imports),
+            // Boards show what is over; lists show more.
+            _ => {}
         }
+        // After what it refers to.
+        self.revision.fetch_add(1, Ordering::AcqRel);
+    }
+
+    /// Some changes are not known: all is read again.
+    pub(in crate::store) fn forget(&self) {
+        let mut log = self.log();
+        log.before += log.changes.len() as u64 + 1;
+        log.changes.clear();
+        drop(log);
+        self.voided.fetch_add(1, Ordering::AcqRel);
+        self.measured.fetch_add(1, Ordering::AcqRel);
+        self.revision.fetch_add(1, Ordering::AcqRel);
     }
 
     fn add(&self, change: Change) {

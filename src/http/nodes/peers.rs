@@ -1,0 +1,178 @@
+//! What servers of a cluster ask each other for themselves.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::body::to_bytes;
+use axum::extract::Request;
+use axum::http::{Method, Uri};
+use axum::response::{IntoResponse as _, Response};
+use axum::Json;
+use bytes::Bytes;
+use futures::FutureExt as _;
+use futures::future::BoxFuture;
+use serde::{Deserialize, Serialize};
+
+use super::super::client::Client;
+use super::super::error::{ApiError, Code};
+use super::super::prelude::*;
+use super::target::Target;
+use super::{Location, Nodes, elsewhere, is_elsewhere};
+use crate::ids::{Place, RunKey};
+use crate::run::manager::Peers;
+use crate::run::{RunError, RunStatus};
+use crate::store::StoreError;
+
+/// What all paths begin with by which servers ask each other.
+pub(in super::super) const PATH: &str = "/cluster/";
+
+/// Bytes of an answer of another server.
+const ANSWER_BYTES_MAX: usize = 64 * 1024;
+
+/// How long another server may take to say who it is.
+const HELLO_PATIENCE: Duration = Duration::from_secs(3);
+
+/// Who a server is.
+#[derive(Debug, Serialize, Deserialize)]
+struct Hello {
+    incarnation: i64,
+}
+
+/// The other servers, for runs that one of them plays.
+pub struct NodePeers(pub Arc<Nodes>);
+
+impl Peers for NodePeers {
+    fn advance(&self, run: RunKey) -> BoxFuture<'_, Result<(), RunError>> {
+        async move { self.0.ask(run, "advance").await.map(drop) }.boxed()
+    }
+
+    fn end(&self, run: RunKey, status: RunStatus) -> BoxFuture<'_, Result<bool, RunError>> {
+        async move { self.0.ask(run, &format!("end/{}", status.name())).await }.boxed()
+    }
+}
+
+impl Nodes {
+    /// Asks the server that plays a run, or takes it, to do something with it.
+    async fn ask(&self, run: RunKey, what: &str) -> Result<bool, RunError> {
+        let target = Target::Place(Place::Run(run));
+        let mut last = StoreError::Elsewhere;
+        for _ in 0..2 {
+            let location = self.locate(target).await?;
+            if location == Location::Here {
+                return Err(StoreError::Elsewhere.into());
+            }
+            let path = format!("{PATH}runs/{}/{what}", run.0);
+            match self.ask_at(Method::POST, &path, &location).await {
+                Some(response) if response.status().is_success() => {
+                    let body = to_bytes(response.into_body(), ANSWER_BYTES_MAX).await;
+                    return Ok(body.is_ok_and(|body| &body[..] == b"true"));
+                }
+                Some(response) if is_elsewhere(&response) => {}
+                Some(_) => last = StoreError::Away,
+                None => {}
+            }
+            self.forget(target);
+        }
+        Err(last.into())
+    }
+
+    /// Asks another server; `None` where it does not answer.
+    async fn ask_at(&self, method: Method, path: &str, at: &Location) -> Option<Response> {
+        let mut request = hyper::Request::new(Bytes::new());
+        *request.method_mut() = method;
+        *request.uri_mut() = path.parse::<Uri>().ok()?;
+        let own = Client { address: std::net::Ipv4Addr::LOCALHOST.into(), is_local: false };
+        self.send(&request, None, own, at).await.ok()
+    }
+
+    /// Checks that the other servers reach this one at its address; an error says what is wrong.
+    pub async fn check_reachable(&self, address: &str) -> Result<(), String> {
+        let me = self.cluster.incarnation();
+        let own = Location::At { incarnation: me, address: address.to_owned() };
+        let nobody = || {
+            format!(
+                "nothing answers at {address}, where the other servers are to reach this one: name an address of this machine with \
+                 --node, and let no firewall be between the servers"
+            )
+        };
+        let other = || {
+            format!("another program answers at {address}, where the other servers are to reach this one: name another with --node")
+        };
+        if self.hello(&own).await.ok_or_else(nobody)? != me {
+            return Err(other());
+        }
+        let members = self.cluster.members();
+        let one = members.iter().find(|member| member.incarnation != me && member.is_ready);
+        let Some(one) = one else { return Ok(()) };
+        let at = Location::At { incarnation: one.incarnation, address: one.address.clone() };
+        let path = format!("{PATH}reach/{me}/{address}");
+        let asked = tokio::time::timeout(HELLO_PATIENCE * 2, self.ask_at(Method::POST, &path, &at)).await;
+        match asked {
+            Ok(Some(response)) if response.status().is_success() => Ok(()),
+            Ok(Some(_)) => Err(format!(
+                "{address}, where the other servers are to reach this one, is not reached from {}: name an address that all of them \
+                 reach with --node",
+                one.address
+            )),
+            // That one is not reached, which is not the fault of this one.
+            Ok(None) | Err(_) => {
+                tracing::warn!(server = one.address, "another server is not reached from this one");
+                Ok(())
+            }
+        }
+    }
+
+    /// Who answers at an address.
+    async fn hello(&self, at: &Location) -> Option<i64> {
+        let path = format!("{PATH}hello");
+        let asked = tokio::time::timeout(HELLO_PATIENCE, self.ask_at(Method::GET, &path, at));
+        let response = asked.await.ok()??;
+        let body = to_bytes(response.into_body(), ANSWER_BYTES_MAX).await.ok()?;
+        serde_json::from_slice::<Hello>(&body).ok().map(|hello| hello.incarnation)
+    }
+
+    /// Answers another server.
+    pub(in super::super) async fn answer(
+        &self,
+        app: &App,
+        request: Request,
+    ) -> Result<Response, ApiError> {
+        let path = request.uri().path().strip_prefix(PATH).unwrap_or_default();
+        let mut parts = path.split('/');
+        match (request.method(), parts.next(), parts.next(), parts.next(), parts.next()) {
+            (&Method::GET, Some("hello"), None, None, None) => {
+                Ok(Json(Hello { incarnation: self.cluster.incarnation() }).into_response())
+            }
+            (&Method::POST, Some("reach"), Some(incarnation), Some(address), None) => {
+                let incarnation = incarnation.parse().map_err(|_| unknown())?;
+                let at = Location::At { incarnation, address: address.to_owned() };
+                if self.hello(&at).await == Some(incarnation) {
+                    Ok(().into_response())
+                } else {
+                    Err(ApiError::new(Code::Unavailable, "it is not reached from here"))
+                }
+            }
+            (&Method::POST, Some("runs"), Some(run), Some(what), status) => {
+                let run = RunKey(run.parse().map_err(|_| unknown())?);
+                let done = match (what, status) {
+                    ("advance", None) => app.runs.advance_here(run).await.map(|()| true),
+                    ("end", Some(status)) => {
+                        let status = RunStatus::parse(status).ok_or_else(unknown)?;
+                        app.runs.end_here(run, status).await
+                    }
+                    _ => return Err(unknown()),
+                };
+                match done {
+                    Ok(done) => Ok(done.to_string().into_response()),
+                    Err(RunError::Store(StoreError::Elsewhere)) => Ok(elsewhere()),
+                    Err(error) => Err(error.into()),
+                }
+            }
+            _ => Err(unknown()),
+        }
+    }
+}
+
+fn unknown() -> ApiError {
+    ApiError::not_found("what another server asks for")
+}
