@@ -231,14 +231,13 @@ async fn several_servers_lose_nothing_and_play_nothing_twice() {
         for (number, fault) in faults.iter().enumerate() {
             let dice = Dice::of(seed, &format!("fault {number}"));
             let (before, acts) = (Instant::now(), *clients.acknowledged.borrow());
+            print!("{:>4}/{} {fault:?}", number + 1, faults.len());
             campaign.suffer(*fault, &dice).await;
             println!(
-                "{:>4}/{} {:>4.0} s {fault:?}: {:.1} s, {} acts",
-                number + 1,
-                faults.len(),
-                began.elapsed().as_secs_f64(),
+                ": {:.1} s, {} acts, {:.0} s in all",
                 before.elapsed().as_secs_f64(),
                 *clients.acknowledged.borrow() - acts,
+                began.elapsed().as_secs_f64(),
             );
         }
     })
@@ -284,10 +283,17 @@ impl Campaign {
             }
             Fault::All => self.kill_all(dice).await,
         }
+        let broken = Instant::now();
         self.fleet.mend().await;
         self.fleet.settle().await;
+        let mended = Instant::now();
         let epoch = self.fleet.doors.next_epoch();
         self.clients.all_checked(epoch).await;
+        print!(
+            ", mended in {:.1} s, looked over in {:.1} s",
+            (mended - broken).as_secs_f64(),
+            mended.elapsed().as_secs_f64(),
+        );
     }
 
     /// The server that plays some game.
