@@ -27,7 +27,7 @@ const EXCLUDED: &str = "the other servers have excluded this one";
 const REASONS_OF_EXCLUDED: [&str; 2] = [EXCLUDED, "another server has taken the database over"];
 
 /// What a server may complain about while others die, and while it does not reach them or the database.
-const REASONS: [&str; 12] = [
+const REASONS: [&str; 18] = [
     "a server is dead: the others take its work over",
     "a server may be dead, and cannot be taken over",
     "work that nobody does cannot be taken",
@@ -39,6 +39,12 @@ const REASONS: [&str; 12] = [
     "sqlx::pool::acquire",
     // A session of a dead server that has just ended by itself.
     "is not a PostgreSQL backend process",
+    "competitions that have closed cannot be listed",
+    "runs cannot be advanced",
+    "old changes cannot be deleted",
+    "boards cannot be read",
+    "games that have ended cannot be measured; trying again",
+    "a game is not measured",
     "a request failed",
     "answered status=503",
 ];
