@@ -28,7 +28,9 @@ impl Secret {
     /// Whether it is the credential of a server for this one.
     pub(super) fn verifies(&self, credential: &str, me: i64) -> bool {
         let Some((from, mac)) = credential.split_once('.') else { return false };
-        let (Ok(from), Ok(mac)) = (from.parse(), HEXLOWER.decode(mac.as_bytes())) else { return false };
+        let (Ok(from), Ok(mac)) = (from.parse(), HEXLOWER.decode(mac.as_bytes())) else {
+            return false;
+        };
         self.mac(from, me).verify_slice(&mac).is_ok()
     }
 }
