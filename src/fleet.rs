@@ -14,9 +14,12 @@ use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
 use crate::episode::registry::Registry;
-use crate::ids::Place;
+use crate::fair::Party;
+use crate::ids::{EpisodeKey, Place};
 use crate::run::manager::Runs;
-use crate::store::{Beat, CLOCK_OFF_MAX, Cluster, Death, Member, Store, StoreError, TAKEN_OVER_AFTER};
+use crate::store::{
+    Beat, CLOCK_OFF_MAX, Cluster, Death, Member, Store, StoreError, TAKEN_OVER_AFTER,
+};
 use swarmbench_clock::{Clock as _, SystemClock};
 
 /// How often this server looks at the others.
@@ -43,8 +46,10 @@ pub struct Parts {
     pub cluster: Arc<Cluster>,
     pub registry: Registry,
     pub runs: Runs,
-    /// Whether others reach this server, so that it takes work.
+    /// Whether others reach this server.
     pub is_reachable: Arc<AtomicBool>,
+    /// Whether it takes nothing, and lets the others answer.
+    pub forwards_only: bool,
     /// Cancelled when this server stops: it takes no more work.
     pub stop: CancellationToken,
     /// Set once it has taken the work that was there for it.
@@ -121,7 +126,9 @@ async fn beat(parts: Arc<Parts>, look: watch::Sender<Seen>) {
 
 fn said(parts: &Parts) -> Beat {
     Beat {
-        is_ready: parts.is_reachable.load(Ordering::Acquire) && !parts.stop.is_cancelled(),
+        is_ready: parts.is_reachable.load(Ordering::Acquire)
+            && !parts.forwards_only
+            && !parts.stop.is_cancelled(),
         episodes: u32::try_from(parts.registry.in_memory()).unwrap_or(u32::MAX),
     }
 }
@@ -134,7 +141,10 @@ fn note_clock(members: &[Member], me: i64, was_off: &mut bool) {
     metrics::gauge!("swarmbench_clock_offset_seconds").set(off_ms as f64 / 1000.0);
     let is_off = u128::from(off_ms.unsigned_abs()) > CLOCK_OFF_MAX.as_millis();
     if is_off && !*was_off {
-        tracing::error!(off_ms, "the clock of this machine is too far from that of the database: synchronize both");
+        tracing::error!(
+            off_ms,
+            "the clock of this machine is too far from that of the database: synchronize both"
+        );
     }
     *was_off = is_off;
 }
@@ -152,14 +162,20 @@ async fn work(parts: Arc<Parts>, mut seen: watch::Receiver<Seen>) {
         if now.up_since.is_none() {
             continue;
         }
-        for member in now.members.iter().filter(|member| member.incarnation != cluster.incarnation()) {
+        for member in
+            now.members.iter().filter(|member| member.incarnation != cluster.incarnation())
+        {
             if let Err(error) = watch_over(cluster, member, now.up_since).await {
                 tracing::warn!(%error, server = member.name, "a server may be dead, and cannot be taken over");
             }
         }
-        let ready = now.members.iter().filter(|member| member.is_ready).map(|member| member.incarnation);
+        let ready =
+            now.members.iter().filter(|member| member.is_ready).map(|member| member.incarnation);
         let ready: Vec<i64> = ready.collect();
         if !ready.contains(&cluster.incarnation()) {
+            if parts.forwards_only && !ready.is_empty() {
+                (parts.ready)();
+            }
             continue;
         }
         let is_due = searched.is_none_or(|at: Instant| at.elapsed() >= SEARCHES_EVERY);
@@ -261,7 +277,12 @@ async fn adopt(parts: &Parts) -> Result<(), StoreError> {
     let mut taken = cluster.take(&wanted).await?;
     taken.retain(|(_, owner)| *owner == cluster.incarnation());
     let places: Vec<Place> = taken.into_iter().map(|(place, _)| place).collect();
-    let episodes = registry.adopt(store.unfinished_at(&places).await?).await;
+    let unfinished = store.unfinished_at(&places).await?;
+    let keys: Vec<EpisodeKey> = unfinished.iter().map(|episode| episode.episode).collect();
+    for (episode, owner, competition) in store.accounts_of(&keys).await? {
+        registry.host().quotas.note(episode, Party::within(competition, owner));
+    }
+    let episodes = registry.adopt(unfinished).await;
     tracing::info!(places = places.len(), episodes, "took what nobody played");
     for place in places {
         if let Place::Run(run) = place {
@@ -276,7 +297,8 @@ async fn give_up(parts: &Parts) -> Result<(), StoreError> {
     let Parts { cluster, registry, runs, .. } = parts;
     let mut leaving: HashSet<Place> = cluster.all_places().into_iter().collect();
     leaving.retain(|place| {
-        !matches!(place, Place::Competition(_)) && cluster.preferred(*place) != cluster.incarnation()
+        !matches!(place, Place::Competition(_))
+            && cluster.preferred(*place) != cluster.incarnation()
     });
     if leaving.is_empty() {
         return Ok(());

@@ -72,9 +72,9 @@ impl Numbers {
                 block((last >> Self::SLOT_BITS) + 1)
             }
         };
-        let taken = self.next.fetch_update(Ordering::AcqRel, Ordering::Acquire, |next| {
-            Some(first_of(next) + count)
-        });
+        let taken = self
+            .next
+            .fetch_update(Ordering::AcqRel, Ordering::Acquire, |next| Some(first_of(next) + count));
         match taken {
             Ok(before) => first_of(before),
             Err(_) => unreachable!("there is always a next number"),

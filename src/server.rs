@@ -18,12 +18,12 @@ use crate::episode::actor::Spawn;
 use crate::episode::quota::Quotas;
 use crate::episode::registry::Registry;
 use crate::fair::Party;
-use crate::ids::Numbers;
+use crate::fleet;
 use crate::host::{Disk, HostDisk, OtherHostsDisk, memory_bytes, raise_open_files};
 use crate::hosted;
 use crate::http::limits::Limits;
-use crate::fleet;
 use crate::http::{Access, App, Foundation, Front, NodePeers, Nodes, Source, serve::serve};
+use crate::ids::Numbers;
 use crate::measure;
 use crate::run::RunError;
 use crate::run::manager::{self, Peers, Runs};
@@ -275,11 +275,13 @@ impl Server {
             let front = front.for_nodes();
             tokio::spawn(serve(listener, front, of_nodes, Vec::new(), stop.clone()))
         });
-        let (failed, mut outcome) = (app.store.writer().failed().clone(), Ok(()));
+        let (excluded, mut outcome) = (app.store.writer().excluded().clone(), Ok(()));
         let mut shutdown = pin!(shutdown);
         if let Some((joining, cluster)) = joining.as_ref().zip(app.store.cluster()) {
             let is_reachable = Arc::new(AtomicBool::new(false));
-            services.spawn(fleet::run(member(&app, cluster, &is_reachable)));
+            let parts = member(&app, cluster, &is_reachable);
+            let parts = fleet::Parts { forwards_only: joining.forwards_only, ..parts };
+            services.spawn(fleet::run(parts));
             tokio::select! {
                 checked = check_reachable(&app, &joining.address) => match checked {
                     Ok(()) => is_reachable.store(true, Ordering::Release),
@@ -293,7 +295,7 @@ impl Server {
         if outcome.is_ok() {
             tokio::select! {
                 () = shutdown => {}
-                () = failed.cancelled(), if joining.is_some() => outcome = Err(StartError::Excluded),
+                () = excluded.cancelled(), if joining.is_some() => outcome = Err(StartError::Excluded),
             }
         }
         tracing::info!("stopping");
@@ -319,11 +321,13 @@ fn member(app: &App, cluster: &Arc<Cluster>, is_reachable: &Arc<AtomicBool>) -> 
         registry: app.registry.clone(),
         runs: app.runs.clone(),
         is_reachable: Arc::clone(is_reachable),
+        forwards_only: false,
         stop: app.stop.clone(),
         ready: Arc::new(move || {
-            ready.ready.store(true, Ordering::Release);
-            let app = ready.clone();
-            drop(tokio::spawn(async move { app.read_boards().await }));
+            if !ready.ready.swap(true, Ordering::AcqRel) {
+                let app = ready.clone();
+                drop(tokio::spawn(async move { app.read_boards().await }));
+            }
         }),
         revoked: Arc::new(move || revoked.forget_tokens()),
     }
@@ -340,6 +344,8 @@ async fn check_reachable(app: &App, address: &str) -> Result<(), String> {
 /// Reads the clock often enough to notice that the process was stopped. Logs each stop, and each doubt about the time
 /// of day once.
 async fn watch_clock(clock: Arc<dyn Clock>) {
+    // Opening the database may have taken long, and nobody read the clock meanwhile: that was no stop.
+    clock.now();
     let mut lost = clock.lost();
     let mut was_in_doubt = false;
     loop {

@@ -172,6 +172,13 @@ const COUNTERS: &[(&str, &str)] = &[
     ("swarmbench_http_requests_total", "Requests, by route, method and status."),
     ("swarmbench_connections_refused_total", "Connections refused, by limit."),
     ("swarmbench_connections_cut_total", "Connections timed out or evicted, by reason."),
+    (
+        "swarmbench_forwarded_total",
+        "Requests forwarded to the server that plays what they are about.",
+    ),
+    ("swarmbench_forwarded_again_total", "Forwarded requests that another server had to answer."),
+    ("swarmbench_takeovers_total", "Dead servers whose work was taken over."),
+    ("swarmbench_fenced_total", "1 once this server was excluded by others."),
     ("swarmbench_errors_total", "Answers with a status of 500 or above, by code."),
 ];
 
@@ -188,6 +195,10 @@ const GAUGES: &[(&str, &str)] = &[
     ("swarmbench_disk_free_percent", "Free space of the database's disk, in percent."),
     ("swarmbench_waits", "Requests that wait for a new state."),
     ("swarmbench_connections", "Open connections."),
+    ("swarmbench_nodes", "Servers on the same database."),
+    ("swarmbench_places", "Games, runs and competitions that this server has taken."),
+    ("swarmbench_lease_seconds", "For how long this server answers if it is not seen again."),
+    ("swarmbench_clock_offset_seconds", "How far the clock is ahead of that of the database."),
 ];
 
 const HISTOGRAMS: &[(&str, &str)] = &[

@@ -27,6 +27,7 @@ const ORDER: &[&str] = &[
     "standings",
     "dataset",
     "fill",
+    "fleet",
     "http",
     "server",
     "cli",

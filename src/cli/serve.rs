@@ -73,6 +73,9 @@ pub(super) struct Args {
     /// Where to listen for the other servers, if it is not the address of --node. Default for a name: all addresses, at the same port.
     #[arg(long, env = "SWARMBENCH_NODE_LISTEN", value_name = "ADDR:PORT", requires = "node")]
     node_listen: Option<SocketAddr>,
+    /// Take no games: answer what is in the database, and let the other servers answer the rest.
+    #[arg(long, env = "SWARMBENCH_FORWARD_ONLY", requires = "node", value_parser = clap::builder::FalseyValueParser::new())]
+    forward_only: bool,
     /// A file with the secret that all servers of the cluster have, 16 bytes at least: `openssl rand -hex 32` makes one.
     #[arg(long, env = "SWARMBENCH_CLUSTER_SECRET_FILE", value_name = "FILE", requires = "node")]
     cluster_secret_file: Option<PathBuf>,
@@ -111,8 +114,9 @@ fn joining(args: &Args) -> anyhow::Result<Option<(TcpListener, Joining)>> {
     let Some((address, file)) = args.node.as_ref().zip(args.cluster_secret_file.as_ref()) else {
         return Ok(None);
     };
-    let secret = fs::read(file)
-        .with_context(|| format!("the secret of the cluster in {} cannot be read", file.display()))?;
+    let secret = fs::read(file).with_context(|| {
+        format!("the secret of the cluster in {} cannot be read", file.display())
+    })?;
     let secret = secret.trim_ascii();
     if secret.len() < SECRET_BYTES_MIN {
         bail!(
@@ -127,10 +131,15 @@ fn joining(args: &Args) -> anyhow::Result<Option<(TcpListener, Joining)>> {
     };
     let at = args.node_listen.or_else(usual).context("--node has no port")?;
     // Before it joins: whoever had this address is gone then.
-    let listener = listen(at)
-        .with_context(|| format!("cannot listen on {at} for the other servers; is another program there?"))?;
-    let joining =
-        Joining { address: address.clone(), secret: secret.into(), host_ms: crate::fleet::host_ms };
+    let listener = listen(at).with_context(|| {
+        format!("cannot listen on {at} for the other servers; is another program there?")
+    })?;
+    let joining = Joining {
+        address: address.clone(),
+        secret: secret.into(),
+        forwards_only: args.forward_only,
+        host_ms: crate::fleet::host_ms,
+    };
     Ok(Some((listener, joining)))
 }
 
@@ -184,7 +193,8 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let (for_nodes, joining) = joining(&args)?.unzip();
     let access = access(&args);
     let pages = args.pages.map_or_else(Source::default, Source::Folder);
-    let parts = Parts { limits: fit_open_files(limits), access, pages, joining, ..Parts::default() };
+    let parts =
+        Parts { limits: fit_open_files(limits), access, pages, joining, ..Parts::default() };
     let server = Server::open(&args.db, parts).await?;
     if !args.addr.ip().is_loopback() && !args.open && !server.has_keys() {
         server.close().await;

@@ -38,7 +38,7 @@ use crate::store::tokens::Grant;
 use crate::store::{Store, StoreError};
 use crate::telemetry;
 use crate::work::Workers;
-use swarmbench_clock::{Clock, Entropy, after};
+use swarmbench_clock::{Clock, Entropy};
 
 /// How long the answer to a revocation waits until all servers of a cluster act by it: longer than a dead one is waited for.
 const REVOCATION_PATIENCE: Duration = Duration::from_secs(15);
@@ -167,18 +167,21 @@ impl App {
     }
 
     /// Lets tokens that are revoked in the store open nothing any more: on no server of the database, when this returns.
-    pub(super) async fn revoked(&self, is_revoked: impl Fn(&Grant) -> bool) -> Result<(), ApiError> {
+    pub(super) async fn revoked(
+        &self,
+        is_revoked: impl Fn(&Grant) -> bool,
+    ) -> Result<(), ApiError> {
         self.tokens.forget(is_revoked);
         let Some(cluster) = self.store.cluster() else { return Ok(()) };
         let revision = cluster.announce().await?;
-        let until = after(self.clock.now(), REVOCATION_PATIENCE);
-        while !cluster.all_act_by(revision).await? {
-            if self.clock.now() >= until {
-                return Err(StoreError::Away.into());
+        let all_act_by_it = async {
+            while !cluster.all_act_by(revision).await? {
+                tokio::time::sleep(REVOCATION_PAUSE).await;
             }
-            self.clock.sleep_until(after(self.clock.now(), REVOCATION_PAUSE)).await;
-        }
-        Ok(())
+            Ok(())
+        };
+        let waited = tokio::time::timeout(REVOCATION_PATIENCE, all_act_by_it).await;
+        waited.unwrap_or(Err(StoreError::Away)).map_err(ApiError::from)
     }
 
     /// Forgets the rights of all tokens, as some were revoked on another server.

@@ -26,8 +26,8 @@ use super::body::is_light;
 use super::client::{Client, Peer};
 use super::error::{ApiError, Code};
 use super::in_flight::RequestContext;
-use super::prelude::*;
 use super::nodes::{self, Routed};
+use super::prelude::*;
 use super::{agent, router, stream, swarm};
 use crate::fair::{Origin, Rank};
 
@@ -159,7 +159,7 @@ impl Front {
         if self.is_for_nodes && request.uri().path().starts_with(nodes::PATH) {
             return nodes.answer(app, request).await;
         }
-        if is_about_this_server(request.uri().path()) {
+        if !is_about_data(request.uri().path()) {
             return self.handle(request, play).await;
         }
         nodes.check_may_answer()?;
@@ -170,7 +170,8 @@ impl Front {
                     // What other servers have committed is seen by all that is read from now on.
                     app.store.catch_up().await?;
                 }
-                let response = self.handle(request, play).await.unwrap_or_else(IntoResponse::into_response);
+                let response =
+                    self.handle(request, play).await.unwrap_or_else(IntoResponse::into_response);
                 // This process may have been stopped, and taken over meanwhile.
                 nodes.check_may_answer()?;
                 response
@@ -229,9 +230,10 @@ impl Front {
     }
 }
 
-/// Whether a route is about the server that was asked, whatever others do.
-fn is_about_this_server(path: &str) -> bool {
-    matches!(path, "/healthz" | "/readyz" | "/metrics")
+/// Whether the answer depends on what is stored, or played: all but pages, documentation, and what is about this server alone.
+fn is_about_data(path: &str) -> bool {
+    path.starts_with("/api/")
+        || matches!(path, "/obs" | "/act" | "/swarm/obs" | "/swarm/act" | "/mcp")
 }
 
 /// The id of a request: the run of the server in 16 hexadecimal digits, and the number of the request.

@@ -256,7 +256,8 @@ impl Runs {
         let (Some(cluster), Some(peers)) = (store.cluster(), peers) else { return Ok(None) };
         let place = Place::Run(run);
         let is_here = cluster.has(place)
-            || (cluster.preferred(place) == cluster.incarnation() && store.take_place(place).await?);
+            || (cluster.preferred(place) == cluster.incarnation()
+                && store.take_place(place).await?);
         Ok((!is_here).then_some(&**peers))
     }
 

@@ -133,10 +133,7 @@ impl Store {
     }
 
     /// Opens a database that this process shares with other servers.
-    pub async fn join(
-        location: impl Into<Location>,
-        joining: &Joining,
-    ) -> Result<Self, OpenError> {
+    pub async fn join(location: impl Into<Location>, joining: &Joining) -> Result<Self, OpenError> {
         Self::open_as(location.into(), Some(joining)).await
     }
 
@@ -161,8 +158,7 @@ impl Store {
                 let readers = readers::Readers::open(readers).await.map_err(failed)?;
                 let cluster = node.cluster().cloned();
                 let group = writer::Group::Postgres(Box::new(node));
-                let store =
-                    Self::of(readers, writer::Writer::spawn(group), Files::default(), None);
+                let store = Self::of(readers, writer::Writer::spawn(group), Files::default(), None);
                 Ok(Self { cluster, ..store })
             }
             Location::Unknown(error) => Err(error.into()),
@@ -205,7 +201,9 @@ impl Store {
 
     /// Says that nothing may be written any more, as another server has taken the work of this one over.
     pub fn set_excluded(&self) {
-        self.writer.state().fail(&"the other servers have excluded this one, as it was not seen for too long");
+        self.writer
+            .state()
+            .exclude(&"the other servers have excluded this one, as it was not seen for too long");
     }
 
     /// Takes a place unless another server has it; whether this one has it now.

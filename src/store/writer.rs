@@ -77,6 +77,7 @@ pub enum Blocked {
 #[derive(Debug, Default)]
 pub struct WriterState {
     failed: CancellationToken,
+    excluded: CancellationToken,
     blocked: StdMutex<Option<(Blocked, Instant)>>,
     backlog_jobs: AtomicUsize,
     backlog_bytes: AtomicUsize,
@@ -94,6 +95,11 @@ impl WriterState {
     /// Cancelled when a commit fails.
     pub fn failed(&self) -> &CancellationToken {
         &self.failed
+    }
+
+    /// Cancelled when other servers have taken over what this one had: it may join them anew.
+    pub fn excluded(&self) -> &CancellationToken {
+        &self.excluded
     }
 
     /// Why nothing can be written at the moment, if so.
@@ -169,6 +175,15 @@ impl WriterState {
             let waited_ms = swarmbench_clock::millis(since.elapsed());
             tracing::info!(waited_ms, "writing continues");
         }
+    }
+
+    /// Notes that other servers have taken over what this one had.
+    pub(super) fn exclude(&self, error: &dyn std::fmt::Display) {
+        if !self.excluded.is_cancelled() {
+            metrics::counter!("swarmbench_fenced_total").increment(1);
+        }
+        self.fail(error);
+        self.excluded.cancel();
     }
 
     pub(super) fn fail(&self, error: &dyn std::fmt::Display) {

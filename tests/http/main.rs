@@ -35,6 +35,7 @@ mod imports;
 mod keys;
 mod limits;
 mod mcp;
+mod nodes;
 mod openapi;
 mod pages;
 mod room;

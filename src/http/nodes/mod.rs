@@ -9,6 +9,7 @@ mod peers;
 mod target;
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use axum::body::{Body, HttpBody as _, to_bytes};
@@ -17,10 +18,13 @@ use axum::http::uri::{Authority, Scheme};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
 use axum::response::{IntoResponse as _, Response};
 use bytes::Bytes;
+use futures::{StreamExt as _, stream};
+use hyper::body::Incoming;
 use hyper_util::client::legacy::Client as HttpClient;
 use hyper_util::client::legacy::connect::HttpConnector;
 use hyper_util::rt::{TokioExecutor, TokioTimer};
 use quick_cache::sync::Cache;
+use tokio_util::sync::CancellationToken;
 
 use super::body::LIGHT_BODY_BYTES_MAX;
 use super::client::Client;
@@ -29,8 +33,8 @@ use super::prelude::*;
 use crate::ids::{CompetitionKey, EpisodeId, Place, RunKey};
 use crate::store::{Cluster, Store, StoreError};
 use credential::Secret;
-pub(super) use peers::PATH;
 pub use peers::NodePeers;
+pub(super) use peers::PATH;
 use target::Target;
 
 /// Places and ids of which is remembered who plays them.
@@ -142,7 +146,8 @@ impl Nodes {
         if self.secret.recipient(hop).ok_or_else(refuse)? != self.cluster.incarnation() {
             return Ok(None);
         }
-        let client = headers.get(CLIENT).and_then(|value| value.to_str().ok()).ok_or_else(refuse)?;
+        let client =
+            headers.get(CLIENT).and_then(|value| value.to_str().ok()).ok_or_else(refuse)?;
         let (address, is_local) = client.split_once(' ').ok_or_else(refuse)?;
         let address = address.parse().map_err(|_| refuse())?;
         Ok(Some(Client { address, is_local: is_local == "local" }))
@@ -172,13 +177,21 @@ impl Nodes {
         let request = Request::from_parts(parts, body);
         if is_hop {
             return match target {
-                Target::Place(place) if !self.takes(place).await? => Ok(Routed::Answered(elsewhere())),
+                Target::Place(place) if !self.takes(place).await? => {
+                    Ok(Routed::Answered(elsewhere()))
+                }
                 _ => Ok(Routed::Here(request)),
             };
         }
         match self.locate(target).await? {
             Location::Here => Ok(Routed::Here(request)),
-            at @ Location::At { .. } => self.forward(request, client, target, at).await,
+            at @ Location::At { .. } => {
+                let routed = self.forward(&app.stop, request, client, target, at).await?;
+                Ok(match routed {
+                    Routed::Answered(response) => Routed::Answered(until_stop(&app.stop, response)),
+                    here @ Routed::Here(_) => here,
+                })
+            }
         }
     }
 
@@ -195,10 +208,18 @@ impl Nodes {
         let owner = match target {
             Target::Anybody => ANYBODY,
             Target::Named(number) => self.cluster.preferred_for(number),
+            Target::New if self.cluster.takes_work() => ANYBODY,
+            Target::New => self.cluster.preferred_for(drawn()),
             Target::Place(place) => self.owner(place).await?,
         };
-        if owner == ANYBODY || owner == self.cluster.incarnation() {
+        if owner == ANYBODY {
             return Ok(Location::Here);
+        }
+        if owner == self.cluster.incarnation() {
+            let is_new = matches!(target, Target::Named(_) | Target::New);
+            // Nobody takes work at this moment.
+            let refused = is_new && !self.cluster.takes_work();
+            return if refused { Err(StoreError::Elsewhere) } else { Ok(Location::Here) };
         }
         let members = self.cluster.members();
         match members.iter().find(|member| member.incarnation == owner) {
@@ -236,6 +257,9 @@ impl Nodes {
                     // It takes the place when it is asked.
                     return Ok(preferred);
                 }
+                if !self.cluster.takes_work() {
+                    return Err(StoreError::Elsewhere);
+                }
                 match self.cluster.take(&[place]).await?.first() {
                     Some((_, owner)) => *owner,
                     None => return Err(StoreError::Elsewhere),
@@ -244,7 +268,11 @@ impl Nodes {
         };
         if owner == me {
             // A commit whose answer was lost has taken it; or it is being given up.
-            return if self.store.take_place(place).await? { Ok(me) } else { Err(StoreError::Elsewhere) };
+            return if self.store.take_place(place).await? {
+                Ok(me)
+            } else {
+                Err(StoreError::Elsewhere)
+            };
         }
         self.owners.insert(place, owner);
         Ok(owner)
@@ -253,6 +281,7 @@ impl Nodes {
     /// Lets another server answer, and the next one that plays it where that does not: once.
     async fn forward(
         &self,
+        stop: &CancellationToken,
         request: Request,
         client: Client,
         target: Target,
@@ -260,12 +289,16 @@ impl Nodes {
     ) -> Result<Routed, ApiError> {
         metrics::counter!("swarmbench_forwarded_total").increment(1);
         let (parts, body) = request.into_parts();
-        let is_small = body.size_hint().upper().is_some_and(|most| most <= LIGHT_BODY_BYTES_MAX as u64);
+        let is_small =
+            body.size_hint().upper().is_some_and(|most| most <= LIGHT_BODY_BYTES_MAX as u64);
         if !is_small {
             // It is passed on as it comes, so it cannot be sent again.
             let request = Request::from_parts(parts, body);
             let id = request.headers().get(REQUEST_ID).cloned();
-            return match self.send(&request_to(&request, Bytes::new()), Some(request.into_body()), client, &at).await {
+            return match self
+                .send(&request_to(&request, Bytes::new()), Some(request.into_body()), client, &at)
+                .await
+            {
                 Ok(response) if !is_elsewhere(&response) => Ok(Routed::Answered(response)),
                 Ok(_) | Err(Failed::NotSent) => {
                     self.forget(target);
@@ -283,7 +316,14 @@ impl Nodes {
         let Location::At { incarnation, .. } = at else {
             return Ok(Routed::Here(with_body(request, bytes)));
         };
-        let answered = self.send(&sent, None, client, &at).await;
+        let answered = match without_wait(&sent) {
+            None => self.send(&sent, None, client, &at).await,
+            Some(at_once) => tokio::select! {
+                answered = self.send(&sent, None, client, &at) => answered,
+                // A server that stops lets nobody wait.
+                () = stop.cancelled() => self.send(&at_once, None, client, &at).await,
+            },
+        };
         match answered {
             Ok(response) if !is_elsewhere(&response) => return Ok(Routed::Answered(response)),
             Err(Failed::Unknown) if !may_repeat => {
@@ -357,7 +397,8 @@ impl Nodes {
         let path = request.uri().path_and_query().cloned();
         let uri = Uri::builder().scheme(Scheme::HTTP).authority(authority);
         let uri = uri.path_and_query(path.map_or_else(|| "/".to_owned(), |path| path.to_string()));
-        let mut sent = hyper::Request::new(body.unwrap_or_else(|| Body::from(request.body().clone())));
+        let mut sent =
+            hyper::Request::new(body.unwrap_or_else(|| Body::from(request.body().clone())));
         *sent.method_mut() = request.method().clone();
         *sent.uri_mut() = uri.build().map_err(|_| Failed::NotSent)?;
         let headers = sent.headers_mut();
@@ -366,11 +407,19 @@ impl Nodes {
         headers.remove(header::EXPECT);
         let credential = self.secret.credential(self.cluster.incarnation(), *incarnation);
         headers.insert(HOP, HeaderValue::try_from(credential).expect("digits"));
-        let shown = format!("{} {}", client.address, if client.is_local { "local" } else { "remote" });
+        let shown =
+            format!("{} {}", client.address, if client.is_local { "local" } else { "remote" });
         headers.insert(CLIENT, HeaderValue::try_from(shown).expect("an address"));
-        match self.http.request(sent).await {
+        // One that is stopped, or cut off, is waited for until the others have taken over what it had.
+        let gone = self.cluster.gone(*incarnation);
+        let answered = tokio::select! {
+            answered = self.http.request(sent) => answered,
+            () = gone => return Err(Failed::Unknown),
+        };
+        match answered {
             Ok(response) => {
-                let mut response = response.map(Body::new);
+                let gone = self.cluster.gone(*incarnation);
+                let mut response = response.map(|body| until_gone(gone, body));
                 let headers = response.headers_mut();
                 OF_A_CONNECTION.iter().for_each(|name| drop(headers.remove(name)));
                 Ok(response)
@@ -382,6 +431,58 @@ impl Nodes {
             }
         }
     }
+}
+
+/// The same request without its wait, if it may wait.
+fn without_wait(request: &hyper::Request<Bytes>) -> Option<hyper::Request<Bytes>> {
+    let uri = request.uri();
+    let may_wait = matches!(uri.path(), "/obs" | "/act" | "/swarm/obs" | "/swarm/act");
+    let query = uri.query().filter(|_| may_wait)?;
+    let is_wait = |part: &&str| part.split('=').next() == Some("wait");
+    query.split('&').find(is_wait)?;
+    let rest: Vec<&str> = query.split('&').filter(|part| !is_wait(part)).collect();
+    let mut at_once = request.clone();
+    *at_once.uri_mut() = format!("{}?{}", uri.path(), rest.join("&")).parse().ok()?;
+    Some(at_once)
+}
+
+/// The body of an answer of another server. It breaks off when that server is gone.
+fn until_gone(gone: impl Future<Output = ()> + Send + 'static, body: Incoming) -> Body {
+    if body.is_end_stream()
+        || body.size_hint().exact().is_some_and(|bytes| bytes <= LIGHT_BODY_BYTES_MAX as u64)
+    {
+        return Body::new(body);
+    }
+    let parts = Body::new(body).into_data_stream();
+    let parts = stream::unfold(Some((parts, Box::pin(gone))), async |state| {
+        let (mut parts, mut gone) = state?;
+        tokio::select! {
+            biased;
+            part = parts.next() => Some((part?, Some((parts, gone)))),
+            () = &mut gone => Some((Err(axum::Error::new("the server that sent it is gone")), None)),
+        }
+    });
+    Body::from_stream(parts)
+}
+
+fn is_event_stream(response: &Response) -> bool {
+    let kind = response.headers().get(header::CONTENT_TYPE);
+    kind.is_some_and(|kind| kind.as_bytes().starts_with(b"text/event-stream"))
+}
+
+/// Ends a stream of events when this server stops.
+fn until_stop(stop: &CancellationToken, response: Response) -> Response {
+    if !is_event_stream(&response) {
+        return response;
+    }
+    let stop = stop.clone().cancelled_owned();
+    response.map(|body| Body::from_stream(body.into_data_stream().take_until(stop)))
+}
+
+/// Another number each time.
+fn drawn() -> u64 {
+    static DRAWN: AtomicU64 = AtomicU64::new(0);
+    DRAWN.fetch_add(1, Ordering::Relaxed)
 }
 
 /// What is sent of a request, with its body.
@@ -406,7 +507,8 @@ fn is_repeatable(request: &Request) -> bool {
 }
 
 fn is_elsewhere(response: &Response) -> bool {
-    response.status() == StatusCode::MISDIRECTED_REQUEST && response.headers().contains_key(ELSEWHERE)
+    response.status() == StatusCode::MISDIRECTED_REQUEST
+        && response.headers().contains_key(ELSEWHERE)
 }
 
 /// The answer to a forwarded request about what this server does not play.

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::Json;
 use axum::body::to_bytes;
 use axum::extract::Request;
 use axum::http::{Method, Uri};
 use axum::response::{IntoResponse as _, Response};
-use axum::Json;
 use bytes::Bytes;
 use futures::FutureExt as _;
 use futures::future::BoxFuture;
@@ -96,17 +96,21 @@ impl Nodes {
             )
         };
         let other = || {
-            format!("another program answers at {address}, where the other servers are to reach this one: name another with --node")
+            format!(
+                "another program answers at {address}, where the other servers are to reach this one: name another with --node"
+            )
         };
         if self.hello(&own).await.ok_or_else(nobody)? != me {
             return Err(other());
         }
-        let members = self.cluster.members();
-        let one = members.iter().find(|member| member.incarnation != me && member.is_ready);
+        let Ok(seen) = self.cluster.look().await else { return Ok(()) };
+        let mut members = seen.members.iter();
+        let one = members.find(|member| member.incarnation != me && member.is_ready);
         let Some(one) = one else { return Ok(()) };
         let at = Location::At { incarnation: one.incarnation, address: one.address.clone() };
         let path = format!("{PATH}reach/{me}/{address}");
-        let asked = tokio::time::timeout(HELLO_PATIENCE * 2, self.ask_at(Method::POST, &path, &at)).await;
+        let asked =
+            tokio::time::timeout(HELLO_PATIENCE * 2, self.ask_at(Method::POST, &path, &at)).await;
         match asked {
             Ok(Some(response)) if response.status().is_success() => Ok(()),
             Ok(Some(_)) => Err(format!(

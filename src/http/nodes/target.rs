@@ -17,6 +17,8 @@ pub(super) enum Target {
     Place(Place),
     /// Something that does not exist yet, and that must not be made twice: the number follows from its name.
     Named(u64),
+    /// Something else that does not exist yet: whoever takes work makes it.
+    New,
 }
 
 /// New competitions are made in one place, so that no two get the same id.
@@ -41,13 +43,20 @@ impl Nodes {
             ("episodes" | "runs", None) if method == Method::POST => Ok(of_name(headers)),
             ("episodes", Some(id)) => {
                 let place = self.place_of(&EpisodeId::from_text(id.to_owned())).await?;
-                Ok(place.map_or(Target::Anybody, Target::Place))
+                let Some(place) = place else { return Ok(Target::Anybody) };
+                if parts.next() == Some("fork") && !self.cluster.is_unfinished(place).await? {
+                    // Nobody plays the parent any more, and the forks are new.
+                    return Ok(of_name(headers));
+                }
+                Ok(Target::Place(place))
             }
             ("runs", Some(id)) => {
                 if let Some(run) = self.runs.get(id) {
                     return Ok(Target::Place(Place::Run(run)));
                 }
-                let Some(found) = self.store.find_run(id).await? else { return Ok(Target::Anybody) };
+                let Some(found) = self.store.find_run(id).await? else {
+                    return Ok(Target::Anybody);
+                };
                 self.runs.insert(id.to_owned(), found.run);
                 Ok(Target::Place(Place::Run(found.run)))
             }
@@ -69,7 +78,9 @@ impl Nodes {
     /// What is played with the token of a request.
     async fn of_token(&self, app: &App, headers: &HeaderMap) -> Result<Target, ApiError> {
         let value = headers.get(header::AUTHORIZATION);
-        let Some(token) = value.and_then(|value| value.to_str().ok()).and_then(|value| auth::bearer(value).ok()) else {
+        let Some(token) =
+            value.and_then(|value| value.to_str().ok()).and_then(|value| auth::bearer(value).ok())
+        else {
             // The handler says what is wrong.
             return Ok(Target::Anybody);
         };
@@ -97,7 +108,7 @@ impl Nodes {
 
 /// Creations with the same `Idempotency-Key` are done by the same server, one after the other.
 fn of_name(headers: &HeaderMap) -> Target {
-    headers.get("idempotency-key").map_or(Target::Anybody, |name| {
+    headers.get("idempotency-key").map_or(Target::New, |name| {
         let hash = TokenHash::of(&String::from_utf8_lossy(name.as_bytes()));
         let first = hash.0.first_chunk().expect("a hash is longer");
         Target::Named(u64::from_le_bytes(*first))

@@ -6,21 +6,22 @@
 //! any more, and answers nothing once it has not been seen for [`ANSWERS_FOR`].
 
 use std::collections::{HashMap, HashSet};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 use sha2::{Digest as _, Sha256};
 use sqlx::postgres::PgArguments;
 use sqlx::{Arguments as _, Row as _};
+use tokio::sync::watch;
 
 use super::group::session_name;
 use super::session::{self, Server};
 use crate::ids::{EpisodeKey, Place, RunKey};
-use crate::store::{OpenError, StoreError};
 use crate::store::entries::Entry;
 use crate::store::results::Effect;
 use crate::store::sql::{Begin, Connection, Engine, query};
+use crate::store::{OpenError, StoreError};
 
 /// A member that was not seen for so long is taken over.
 pub const TAKEN_OVER_AFTER: Duration = Duration::from_secs(6);
@@ -50,6 +51,8 @@ pub struct Joining {
     pub address: String,
     /// What all members know, and nobody else.
     pub secret: Arc<[u8]>,
+    /// Whether it takes nothing, and lets the others answer all that is about what is played.
+    pub forwards_only: bool,
     /// Reads the time of day of this host.
     pub host_ms: fn() -> i64,
 }
@@ -146,6 +149,10 @@ pub struct Cluster {
     places: Mutex<HashMap<Place, State>>,
     /// All members, as they were seen last.
     members: Mutex<Arc<[Member]>>,
+    /// Their numbers; changes when one comes or goes.
+    incarnations: watch::Sender<Vec<i64>>,
+    /// Whether this server takes what nobody has.
+    takes_work: AtomicBool,
     /// Until when this server answers, in milliseconds after `started`.
     answers_until: AtomicU64,
     /// By which revision this server acts.
@@ -195,7 +202,10 @@ pub(in crate::store) async fn check(
     joining: &Joining,
 ) -> Result<(), OpenError> {
     let failed = |error| server.failed(error);
-    let (before, now) = ((joining.host_ms)(), query("SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000 AS bigint)"));
+    let (before, now) = (
+        (joining.host_ms)(),
+        query("SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000 AS bigint)"),
+    );
     let database: i64 = now.one(connection).await.map_err(failed)?;
     let after = (joining.host_ms)();
     let off = i64::midpoint(before, after) - database;
@@ -249,6 +259,8 @@ impl Cluster {
             takes: tokio::sync::Mutex::default(),
             places: Mutex::default(),
             members: Mutex::new(Arc::default()),
+            incarnations: watch::Sender::new(Vec::new()),
+            takes_work: AtomicBool::new(false),
             answers_until: AtomicU64::new(0),
             seen: AtomicU64::new(seen.unsigned_abs()),
             changes: tokio::sync::Mutex::default(),
@@ -272,6 +284,11 @@ impl Cluster {
     pub fn may_answer(&self) -> bool {
         let now = u64::try_from(self.started.elapsed().as_millis()).unwrap_or(u64::MAX);
         now < self.answers_until.load(Ordering::Acquire)
+    }
+
+    /// Whether this server takes what nobody has: it is reached by the others, and does not stop.
+    pub fn takes_work(&self) -> bool {
+        self.takes_work.load(Ordering::Acquire)
     }
 
     /// For how long this server may answer still.
@@ -302,7 +319,25 @@ impl Cluster {
 
     /// Notes the members, as they were seen last.
     pub fn set_members(&self, members: Arc<[Member]>) {
+        let numbers: Vec<i64> = members.iter().map(|member| member.incarnation).collect();
         *self.members.lock().expect("nothing panics while it holds this") = members;
+        self.incarnations.send_if_modified(|known| {
+            let is_new = *known != numbers;
+            *known = numbers;
+            is_new
+        });
+    }
+
+    /// Completes when a member is gone: it has left, or was excluded.
+    pub fn gone(&self, incarnation: i64) -> impl Future<Output = ()> + Send + 'static {
+        let mut known = self.incarnations.subscribe();
+        async move {
+            let is_gone = |known: &Vec<i64>| !known.contains(&incarnation);
+            if known.wait_for(is_gone).await.is_err() {
+                // This server ends.
+                std::future::pending::<()>().await;
+            }
+        }
     }
 
     /// The members, as they were seen last, the oldest first.
@@ -326,7 +361,8 @@ impl Cluster {
     /// The same of anything that has a number.
     pub fn preferred_for(&self, number: u64) -> i64 {
         let members = self.members();
-        let ready = members.iter().filter(|member| member.is_ready).map(|member| member.incarnation);
+        let ready =
+            members.iter().filter(|member| member.is_ready).map(|member| member.incarnation);
         let weight = |member: &i64| mixed(mixed(member.cast_unsigned()) ^ number);
         ready.max_by_key(weight).unwrap_or(self.incarnation)
     }
@@ -364,6 +400,7 @@ impl Cluster {
             })
             .await?;
         let database = found.ok_or(StoreError::Failed)?;
+        self.takes_work.store(beat.is_ready, Ordering::Release);
         self.answers_from(sent);
         let after = host_ms();
         if u128::from(before.abs_diff(after)) > CLOCK_OFF_MAX.as_millis() {
@@ -665,9 +702,7 @@ impl Cluster {
     pub async fn delete_old_changes(&self) -> Result<(), StoreError> {
         let kept = i64::try_from(CHANGES_KEPT.as_millis()).unwrap_or(i64::MAX);
         self.on(&self.takes, Purpose::Takes, async |connection| {
-            let delete = query(
-                "DELETE FROM changes WHERE at < now_ms() - $1",
-            );
+            let delete = query("DELETE FROM changes WHERE at < now_ms() - $1");
             delete.bind(kept).execute(connection).await
         })
         .await?;
@@ -728,7 +763,8 @@ impl Cluster {
             // A beat that a crash of the database has lost was none.
             Purpose::Beats => {
                 query("SET synchronous_commit = off").execute(&mut connection).await?;
-                let lock = query("SELECT pg_try_advisory_lock(CAST($1 AS integer), CAST($2 AS integer))");
+                let lock =
+                    query("SELECT pg_try_advisory_lock(CAST($1 AS integer), CAST($2 AS integer))");
                 let lock = lock.bind(i64::from(ALIVE)).bind(alive_key(self.incarnation));
                 // An old session of this server may still have it.
                 let _: bool = lock.one(&mut connection).await?;
@@ -816,8 +852,7 @@ async fn enter(
     let same: Vec<i64> = query("SELECT incarnation FROM members WHERE address = $1")
         .bind(&joining.address)
         .all(connection)
-        .await
-        ?;
+        .await?;
     for before in same {
         if is_connected(connection, before).await? {
             return Err(JoinError::Address(joining.address.clone()).into());
@@ -837,8 +872,7 @@ async fn enter(
         .bind(env!("CARGO_PKG_VERSION"))
         .bind(i64::from(MEMBERS_MAX - 1))
         .optional::<(i64, i64)>(connection)
-        .await
-        ?;
+        .await?;
     joined.ok_or_else(|| JoinError::Full(location.to_owned()).into())
 }
 
@@ -885,7 +919,8 @@ async fn delete(
     incarnation: i64,
     death: Death,
 ) -> Result<bool, sqlx::Error> {
-    let expired = query("DELETE FROM members WHERE incarnation = $1 AND ($2 OR beat_at < now_ms() - $3)");
+    let expired =
+        query("DELETE FROM members WHERE incarnation = $1 AND ($2 OR beat_at < now_ms() - $3)");
     let expired = expired.bind(incarnation).bind(death == Death::Seen).bind(ttl_ms());
     if expired.execute(connection).await? == 0 {
         return Ok(false);
@@ -986,4 +1021,3 @@ pub(in crate::store) async fn write(
     .await
     .map(drop)
 }
-

@@ -79,6 +79,13 @@ pub(in crate::store) async fn exclude_others(
     query("DELETE FROM nodes").execute(connection).await.map(drop)
 }
 
+fn note_fatal(state: &WriterState, error: &(dyn std::error::Error + Send + Sync + 'static)) {
+    match error.downcast_ref::<Excluded>() {
+        Some(Excluded::TakenOver) => state.exclude(&error),
+        Some(Excluded::Lost { .. }) | None => state.fail(&error),
+    }
+}
+
 /// What an error means for the transaction in which it came, by the class of its code.
 pub(in crate::store) fn failure(error: sqlx::Error) -> Failure {
     let Some(code) = session::sqlstate(&error) else {
@@ -144,7 +151,8 @@ impl Node {
                 match Cluster::join(&server, &mut connection, incarnation, joining).await {
                     Ok(cluster) => Some(cluster),
                     Err(refused) => {
-                        let row = query("DELETE FROM nodes WHERE incarnation = $1").bind(incarnation);
+                        let row =
+                            query("DELETE FROM nodes WHERE incarnation = $1").bind(incarnation);
                         row.execute(&mut connection).await.map_err(failed)?;
                         return Err(refused);
                     }
@@ -206,7 +214,7 @@ impl Node {
                 // No job alone is at fault.
                 Err(Failure::Refused(error)) => return refuse(error.into()),
                 Err(Failure::Fatal(error)) => {
-                    state.fail(&error);
+                    note_fatal(state, &*error);
                     return all(Err(StoreError::Failed));
                 }
                 Err(Failure::Away(error)) => {
@@ -232,7 +240,7 @@ impl Node {
         }
         match answered(state, self.reach()).await {
             Ok(_) => state.set_unblocked(),
-            Err(Failure::Fatal(error)) => state.fail(&error),
+            Err(Failure::Fatal(error)) => note_fatal(state, &*error),
             Err(Failure::Away(error) | Failure::Refused(error)) => {
                 self.connection = None;
                 state.set_blocked(blocked_by(&error), &error);

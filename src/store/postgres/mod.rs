@@ -24,7 +24,10 @@ pub(super) struct Opened {
 
 /// Takes a database for this process, alone or together with others, after it was checked that what is acknowledged stays; and
 /// brings its tables up to date.
-pub(super) async fn open(address: &Address, joining: Option<&Joining>) -> Result<Opened, OpenError> {
+pub(super) async fn open(
+    address: &Address,
+    joining: Option<&Joining>,
+) -> Result<Opened, OpenError> {
     let server = Server::at(address)?;
     let readers = server.readers();
     let connection = ready(&server, joining).await?;

@@ -169,6 +169,11 @@ const LAST_ACT_AT: &str = "
               ORDER BY a.round DESC, a.at DESC LIMIT 1),
              e.started_at)";
 
+/// For whom unfinished episodes are counted.
+const ACCOUNTS: &str = "SELECT e.key, e.owner, n.competition
+     FROM episodes e LEFT JOIN runs r ON r.key = e.run LEFT JOIN entries n ON n.key = r.entry
+     WHERE e.status IN ('waiting', 'running')";
+
 /// Episodes that have not ended, to be followed by a condition or an order.
 const UNFINISHED: &str = "SELECT key, id, owner, run, clocked, CASE WHEN clocked THEN opening END AS opening,
             CASE WHEN clocked THEN (SELECT max(round) + 1 FROM rounds WHERE episode = key) END AS rounds
@@ -190,7 +195,8 @@ impl Store {
         &self,
         id: &EpisodeId,
     ) -> Result<Option<(EpisodeKey, Option<RunKey>)>, StoreError> {
-        self.fetch_optional(query("SELECT key, run FROM episodes WHERE id = $1").bind(id.as_str())).await
+        self.fetch_optional(query("SELECT key, run FROM episodes WHERE id = $1").bind(id.as_str()))
+            .await
     }
 
     /// What is shown of these episodes, in any order.
@@ -367,12 +373,21 @@ impl Store {
     pub async fn accounts(
         &self,
     ) -> Result<Vec<(EpisodeKey, Option<OwnerKey>, Option<CompetitionKey>)>, StoreError> {
-        let query = query(
-            "SELECT e.key, e.owner, n.competition
-             FROM episodes e LEFT JOIN runs r ON r.key = e.run LEFT JOIN entries n ON n.key = r.entry
-             WHERE e.status IN ('waiting', 'running')",
-        );
-        self.fetch_all(query).await
+        self.fetch_all(query(ACCOUNTS)).await
+    }
+
+    /// The same of these episodes.
+    pub async fn accounts_of(
+        &self,
+        episodes: &[EpisodeKey],
+    ) -> Result<Vec<(EpisodeKey, Option<OwnerKey>, Option<CompetitionKey>)>, StoreError> {
+        let mut accounts = Vec::with_capacity(episodes.len());
+        for chunk in episodes.chunks(LISTED_AT_ONCE) {
+            let mut query = Builder::new(ACCOUNTS);
+            query.push(" AND e.key IN ").push_list(chunk.iter().map(|episode| episode.0));
+            accounts.extend(self.fetch_all::<(_, _, _)>(query.build()).await?);
+        }
+        Ok(accounts)
     }
 
     /// How many bytes the acts of all episodes of each competition take that is not open to all yet. The joins are in this

@@ -20,6 +20,7 @@ const VIEWS = {
   runs: { title: "Runs", load: () => import("../desk/runs.js"), forAll: true },
   start: { title: "Start", load: () => import("../desk/start.js"), forAll: true },
   exports: { title: "Exports", load: () => import("../desk/exports.js"), forAll: true },
+  nodes: { title: "Servers", load: () => import("../desk/nodes.js") },
   audit: { title: "Audit log", load: () => import("../desk/audit.js") },
 };
 

@@ -219,7 +219,7 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             () => None,
         },
         "create_key" | "list_keys" | "revoke_key" | "void_episode" | "list_audit"
-        | "confirm_clock" => organizers_alone(kind),
+        | "list_nodes" | "confirm_clock" => organizers_alone(kind),
         of_competitions => refusal_in_competitions(of_competitions, kind, stage),
     }
 }

@@ -20,7 +20,7 @@ use swarmbench::http::{Access, Source};
 use swarmbench::keys::{Key, KeyRow, Role};
 use swarmbench::server::{Parts, Server, StartError};
 use swarmbench::store::entries::Entry;
-use swarmbench::store::{Location, Store};
+use swarmbench::store::{Joining, Location, Store};
 use swarmbench_clock::{Clock as _, ManualClock, SeededEntropy, SystemClock};
 use tempfile::TempDir;
 use tokio::net::TcpListener;
@@ -133,9 +133,17 @@ pub(crate) struct TestApp {
 
 struct Running {
     base: String,
+    servers: Vec<OneServer>,
+}
+
+/// A server, and what stops it.
+struct OneServer {
     stop: oneshot::Sender<()>,
     task: JoinHandle<Result<(), StartError>>,
 }
+
+/// The variable that puts a server before the one that plays, which takes nothing and forwards everything. It needs PostgreSQL.
+const FORWARDING: &str = "SWARMBENCH_TEST_FORWARDING";
 
 impl TestApp {
     pub(crate) fn builder() -> Builder {
@@ -180,7 +188,7 @@ impl TestApp {
     /// Starts a server over the same database.
     pub(crate) async fn start_again(&mut self) {
         self.launch().await;
-        for _ in 0..10_000 {
+        for _ in 0..100_000 {
             if self.problems().await.is_empty() {
                 return;
             }
@@ -223,14 +231,36 @@ impl TestApp {
 
     async fn launch(&mut self) {
         assert!(self.running.is_none(), "it runs");
-        let parts = self.parts();
+        if self.scratch.is_none() || std::env::var_os(FORWARDING).is_none() {
+            let (base, server) = self.start_one(None).await;
+            self.running = Some(Running { base, servers: vec![server] });
+            return;
+        }
+        let (_, playing) = self.start_one(Some(false)).await;
+        // The one in front of it is asked; it stops first.
+        let (base, forwarding) = self.start_one(Some(true)).await;
+        self.running = Some(Running { base, servers: vec![forwarding, playing] });
+    }
+
+    /// Starts a server: alone, or as one of several, which plays or only forwards.
+    async fn start_one(&mut self, forwards: Option<bool>) -> (String, OneServer) {
+        let mut parts = self.parts();
+        let for_nodes = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
+        parts.joining = forwards.map(|forwards_only| Joining {
+            address: for_nodes.local_addr().expect("an address").to_string(),
+            secret: Arc::from(&b"the secret of the tests"[..]),
+            forwards_only,
+            host_ms: swarmbench::fleet::host_ms,
+        });
+        let for_nodes = forwards.map(|_| for_nodes);
         let server = Server::open(self.location(), parts).await.expect("it opens");
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let base = format!("http://{}", listener.local_addr().expect("an address"));
         let (stop, stopped) = oneshot::channel::<()>();
         // The sender may go without a word; that stops it as well.
-        let task = tokio::spawn(server.run(listener, async move { drop(stopped.await) }));
-        self.running = Some(Running { base, stop, task });
+        let stopped = async move { drop(stopped.await) };
+        let task = tokio::spawn(server.run_with(listener, for_nodes, stopped));
+        (base, OneServer { stop, task })
     }
 
     /// Another process would be made of such parts. Every start draws other random bytes.
@@ -244,6 +274,7 @@ impl TestApp {
             limits: self.limits,
             access: self.access.clone(),
             pages: Source::default(),
+            joining: None,
         }
     }
 
@@ -294,9 +325,10 @@ impl TestApp {
 
     /// Stops the server in good order.
     pub(crate) async fn stop(&mut self) {
-        let Running { stop, task, .. } = self.running.take().expect("it runs");
-        stop.send(()).expect("it listens");
-        task.await.expect("no panic").expect("a good end");
+        for OneServer { stop, task } in self.running.take().expect("it runs").servers {
+            stop.send(()).expect("it listens");
+            task.await.expect("no panic").expect("a good end");
+        }
     }
 
     /// Stops the server and starts it over the same database.
