@@ -45,6 +45,9 @@ const NOBODY_LATER: Duration = Duration::from_secs(8);
 /// A server that is not seen for a shorter time keeps what it plays.
 const KEPT: Duration = Duration::from_secs(4);
 
+/// After how many faults the times so far are shown.
+const SHOWN_EVERY: usize = 25;
+
 /// How slow a slow network is, each way.
 const SLOW: Duration = Duration::from_millis(100);
 
@@ -239,6 +242,9 @@ async fn several_servers_lose_nothing_and_play_nothing_twice() {
                 *clients.acknowledged.borrow() - acts,
                 began.elapsed().as_secs_f64(),
             );
+            if (number + 1) % SHOWN_EVERY == 0 {
+                campaign.times.show();
+            }
         }
     })
     .await;

@@ -24,7 +24,11 @@ const START_AGAIN: i32 = 75;
 const EXCLUDED: &str = "the other servers have excluded this one";
 
 /// What a server may complain about that was taken over.
-const REASONS_OF_EXCLUDED: [&str; 2] = [EXCLUDED, "another server has taken the database over"];
+const REASONS_OF_EXCLUDED: [&str; 3] = [
+    EXCLUDED,
+    "another server has taken the database over",
+    "its actor has ended: it is recovered from the journal",
+];
 
 /// What a server may complain about while others die, and while it does not reach them or the database.
 const REASONS: [&str; 18] = [
