@@ -384,8 +384,24 @@ impl Nodes {
         }
     }
 
-    /// Sends a request to another server; with this body in the place of its own where there is one.
+    /// Sends a request to the server that plays what it is about, with this body in the place of its own where there is one. One
+    /// that is stopped, or cut off, is waited for until the others have taken over what it had.
     async fn send(
+        &self,
+        request: &hyper::Request<Bytes>,
+        body: Option<Body>,
+        client: Client,
+        to: &Location,
+    ) -> Result<Response, Failed> {
+        let Location::At { incarnation, .. } = to else { return Err(Failed::NotSent) };
+        let gone = self.cluster.gone(*incarnation);
+        tokio::select! {
+            answered = self.send_now(request, body, client, to) => answered,
+            () = gone => Err(Failed::Unknown),
+        }
+    }
+
+    async fn send_now(
         &self,
         request: &hyper::Request<Bytes>,
         body: Option<Body>,
@@ -410,13 +426,7 @@ impl Nodes {
         let shown =
             format!("{} {}", client.address, if client.is_local { "local" } else { "remote" });
         headers.insert(CLIENT, HeaderValue::try_from(shown).expect("an address"));
-        // One that is stopped, or cut off, is waited for until the others have taken over what it had.
-        let gone = self.cluster.gone(*incarnation);
-        let answered = tokio::select! {
-            answered = self.http.request(sent) => answered,
-            () = gone => return Err(Failed::Unknown),
-        };
-        match answered {
+        match self.http.request(sent).await {
             Ok(response) => {
                 let gone = self.cluster.gone(*incarnation);
                 let mut response = response.map(|body| until_gone(gone, body));

@@ -1,5 +1,6 @@
 //! What servers of a cluster ask each other for themselves.
 
+use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -32,6 +33,16 @@ const ANSWER_BYTES_MAX: usize = 64 * 1024;
 /// How long another server may take to say who it is.
 const HELLO_PATIENCE: Duration = Duration::from_secs(3);
 
+/// In the place of the client of what a server asks for itself.
+const OF_A_SERVER: Client = Client { address: IpAddr::V4(Ipv4Addr::LOCALHOST), is_local: false };
+
+fn question(method: Method, path: &str) -> Option<hyper::Request<Bytes>> {
+    let mut request = hyper::Request::new(Bytes::new());
+    *request.method_mut() = method;
+    *request.uri_mut() = path.parse::<Uri>().ok()?;
+    Some(request)
+}
+
 /// Who a server is.
 #[derive(Debug, Serialize, Deserialize)]
 struct Hello {
@@ -62,7 +73,8 @@ impl Nodes {
                 return Err(StoreError::Elsewhere.into());
             }
             let path = format!("{PATH}runs/{}/{what}", run.0);
-            match self.ask_at(Method::POST, &path, &location).await {
+            let Some(question) = question(Method::POST, &path) else { break };
+            match self.send(&question, None, OF_A_SERVER, &location).await.ok() {
                 Some(response) if response.status().is_success() => {
                     let body = to_bytes(response.into_body(), ANSWER_BYTES_MAX).await;
                     return Ok(body.is_ok_and(|body| &body[..] == b"true"));
@@ -76,13 +88,9 @@ impl Nodes {
         Err(last.into())
     }
 
-    /// Asks another server; `None` where it does not answer.
+    /// Asks another server, which may have joined at this moment; `None` where it does not answer.
     async fn ask_at(&self, method: Method, path: &str, at: &Location) -> Option<Response> {
-        let mut request = hyper::Request::new(Bytes::new());
-        *request.method_mut() = method;
-        *request.uri_mut() = path.parse::<Uri>().ok()?;
-        let own = Client { address: std::net::Ipv4Addr::LOCALHOST.into(), is_local: false };
-        self.send(&request, None, own, at).await.ok()
+        self.send_now(&question(method, path)?, None, OF_A_SERVER, at).await.ok()
     }
 
     /// Checks that the other servers reach this one at its address; an error says what is wrong.
