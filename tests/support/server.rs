@@ -205,6 +205,7 @@ impl Server {
     pub(crate) async fn ready(&mut self) -> Duration {
         let client = reqwest::Client::new();
         let address = self.door.after(self.run - 1).await;
+        let asked = Instant::now();
         loop {
             let answer = client.get(format!("{}/readyz", address.base)).send().await;
             if answer.is_ok_and(|answer| answer.status() == 200) {
@@ -212,7 +213,7 @@ impl Server {
             }
             let gone = self.child.try_wait().expect("it can be asked");
             assert!(gone.is_none(), "it ended by {gone:?}: {:#?}", self.log());
-            assert!(self.started.elapsed() < PATIENCE, "it gets not ready: {:#?}", self.log());
+            assert!(asked.elapsed() < PATIENCE, "it gets not ready: {:#?}", self.log());
             tokio::time::sleep(Duration::from_millis(1)).await;
         }
     }
