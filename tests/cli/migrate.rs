@@ -222,7 +222,7 @@ async fn columns_of_sqlite(path: &str) -> BTreeSet<(String, String)> {
 
 async fn columns_of_postgres(scratch: &Scratch) -> BTreeSet<(String, String)> {
     let columns = "SELECT CAST(table_name AS text), CAST(column_name AS text) FROM information_schema.columns
-                   WHERE table_schema = current_schema() AND table_name NOT IN ('_sqlx_migrations', 'nodes')";
+                   WHERE table_schema = current_schema() AND table_name NOT IN ('_sqlx_migrations', 'changes', 'cluster', 'members', 'nodes', 'places')";
     let rows = sqlx::query(columns).fetch_all(&mut scratch.connect().await).await.expect("columns");
     rows.iter().map(|row| (row.get(0), row.get(1))).collect()
 }
