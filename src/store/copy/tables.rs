@@ -17,7 +17,8 @@ macro_rules! tables {
     };
 }
 
-// `nodes` is left out, as it says which servers of PostgreSQL may write.
+// The tables that say which servers of PostgreSQL may write, and who plays what (`nodes`, `members`, `places`, `cluster`, `changes`), are
+// left out.
 tables! {
     episodes by 1 given {
         key: Int, id: Text, opening: Text, task: Text, model: Text, visibility: Text, status: Text,
