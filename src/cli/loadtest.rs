@@ -546,7 +546,7 @@ fn show_slow(slow: &slow::Report) {
 }
 
 /// A table of numbers, whose first column is text.
-fn numbers(headings: &[&str]) -> Table {
+pub(super) fn numbers(headings: &[&str]) -> Table {
     let mut table = table(headings);
     for column in table.column_iter_mut().skip(1) {
         column.set_cell_alignment(CellAlignment::Right);
@@ -562,6 +562,6 @@ fn micros(number: Option<f64>) -> String {
     number.map_or_else(|| "?".to_owned(), |micros| format!("{micros:.1}"))
 }
 
-fn millis(number: f64) -> String {
+pub(super) fn millis(number: f64) -> String {
     format!("{number:.1}")
 }

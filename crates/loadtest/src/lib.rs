@@ -3,7 +3,8 @@
 //! A crate of its own because it must not share code with what it measures, except for the shapes of the wire.
 //!
 //! - [`play`]: a grid of games, small to large. [`polls`]: many requests that wait. [`slow`]: slow clients.
-//! - [`reads`]: boards, lists and look-ups on a server with many episodes.
+//! - [`reads`]: boards, lists and look-ups on a server with many episodes. [`competition`]: the pages of a large competition
+//!   while its games end.
 //! - [`obs`] against [`bare_handler`], [`acts`] against [`bare_commit`] and [`bare_acts`]: the server beside the best that
 //!   its libraries could do, measured in turns.
 //! - [`connection`]: a client at low cost. [`games`]: episodes to play. [`latencies`], [`metrics`],
@@ -13,6 +14,7 @@ pub mod acts;
 pub mod bare_acts;
 pub mod bare_commit;
 pub mod bare_handler;
+pub mod competition;
 pub mod connection;
 pub mod games;
 pub mod latencies;
