@@ -7,10 +7,12 @@
 //!   while its games end.
 //! - [`obs`] against [`bare_handler`], [`acts`] against [`bare_commit`] and [`bare_acts`]: the server beside the best that
 //!   its libraries could do, measured in turns.
+//! - [`alone`]: one act after the other against one `fdatasync`, and one commit of [`bare_commit`].
 //! - [`connection`]: a client at low cost. [`games`]: episodes to play. [`latencies`], [`metrics`],
 //!   [`rounds`]: shared parts.
 
 pub mod acts;
+pub mod alone;
 pub mod bare_acts;
 pub mod bare_commit;
 pub mod bare_handler;

@@ -27,8 +27,8 @@ const LOOK_AGAIN: Duration = Duration::from_millis(2);
 #[command(
     after_help = "It starts a server of its own on the database, reads boards, lists and look-ups, exports and verifies its \
     first competition, stops the server and rebuilds the results of the boards. No other server may use the database.\n\n\
-    With --ends it first lets new entrants play in the newest competition that is open, in the places of others, and reads its \
-    pages meanwhile. That changes the database: name a copy.\n\n\
+    With --ends it measures the newest competition that is open, and nothing else: it lets new entrants play there, in the places \
+    of others, reads all its pages meanwhile, then exports and verifies it. That changes the database: name a copy.\n\n\
     Examples:\n  \
     swarmbench capacity fill --db big.db && swarmbench capacity measure --db big.db\n  \
     swarmbench capacity measure --db copy-of-cup.db --ends 10\n  \
@@ -67,14 +67,23 @@ struct Report {
     ready_ms: f64,
     /// The first read of the leaderboard after that.
     first_board_ms: f64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    while_games_end: Option<competition::Report>,
-    reads: reads::Report,
+    #[serde(flatten)]
+    part: Part,
     /// The most memory that the server had, in bytes, if the host tells it.
     server_memory_bytes: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    rebuild: Option<Rebuild>,
+}
+
+/// What was measured of a running server.
+#[derive(Debug, Serialize)]
+struct Part {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reads: Option<reads::Report>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    while_games_end: Option<competition::Report>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     competition: Option<File>,
-    rebuild: Rebuild,
 }
 
 #[derive(Debug, Serialize)]
@@ -83,6 +92,7 @@ struct File {
     rounds: u64,
     export_bytes: u64,
     export_seconds: f64,
+    export_memory_bytes: Option<u64>,
     verify_seconds: f64,
     verify_memory_bytes: Option<u64>,
 }
@@ -108,43 +118,60 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let before = Instant::now();
     server.get("/api/v1/leaderboard").await?;
     let first_board_ms = milliseconds(before);
-    let silent: Progress = Arc::new(|_, _, _| ());
-    let while_games_end = match organizer {
-        None => None,
+    let part = match organizer {
+        None => of_all(&server, reads as usize, readers.into(), &dir).await?,
         Some(organizer) => {
             let reading = Duration::from_secs(reading);
             let competition = open_competition(&server).await?;
             let readers = readers.into();
             let plan =
                 competition::Plan { competition, organizer, reading, readers, ends_per_s: ends };
-            Some(competition::run(&server.target, plan, &silent).await?)
+            of_open_competition(&server, plan, &dir).await?
         }
     };
-    let reads = reads::run(&server.target, reads as usize, readers.into(), &silent).await?;
-    if let Some(error) = reads.answers.samples.first() {
-        bail!("{} reads were answered with errors: {error}", reads.answers.errors);
-    }
-    let competition = file(&server, &dir).await?;
     let server_memory_bytes = server.stop().await?.memory_bytes;
-    let rebuild = rebuild(&db).await?;
+    let rebuild = if part.reads.is_some() { Some(rebuild(&db).await?) } else { None };
     let bytes = std::fs::metadata(&db)?.len();
     let database = db;
-    let report = Report {
-        database,
-        bytes,
-        ready_ms,
-        first_board_ms,
-        while_games_end,
-        reads,
-        server_memory_bytes,
-        competition,
-        rebuild,
-    };
+    let report =
+        Report { database, bytes, ready_ms, first_board_ms, part, server_memory_bytes, rebuild };
     if json {
         return output::json(&report);
     }
     show(&report);
     Ok(())
+}
+
+/// Boards, lists and look-ups of all kinds, and a competition that is over.
+async fn of_all(
+    server: &Server,
+    requests: usize,
+    readers: usize,
+    dir: &Path,
+) -> anyhow::Result<Part> {
+    let silent: Progress = Arc::new(|_, _, _| ());
+    let reads = reads::run(&server.target, requests, readers, &silent).await?;
+    if let Some(error) = reads.answers.samples.first() {
+        bail!("{} reads were answered with errors: {error}", reads.answers.errors);
+    }
+    let competition = match revealed_competition(server).await? {
+        Some(id) => Some(file(server, &id, None, dir).await?),
+        None => None,
+    };
+    Ok(Part { reads: Some(reads), while_games_end: None, competition })
+}
+
+/// The pages of a competition while its games end, and its file.
+async fn of_open_competition(
+    server: &Server,
+    plan: competition::Plan,
+    dir: &Path,
+) -> anyhow::Result<Part> {
+    let silent: Progress = Arc::new(|_, _, _| ());
+    let (id, organizer) = (plan.competition.clone(), plan.organizer.clone());
+    let read = competition::run(&server.target, plan, &silent).await?;
+    let file = file(server, &id, Some(&organizer), dir).await?;
+    Ok(Part { reads: None, while_games_end: Some(read), competition: Some(file) })
 }
 
 /// A server of this command, until it is stopped.
@@ -224,15 +251,20 @@ fn ends(text: &str) -> Result<f64, String> {
     ends.ok_or_else(|| "must be from 0 to 1000".to_owned())
 }
 
-/// Exports and verifies the newest competition that is open to all, if there is one.
-async fn file(server: &Server, dir: &Path) -> anyhow::Result<Option<File>> {
+/// The newest competition that is open to all, if there is one.
+async fn revealed_competition(server: &Server) -> anyhow::Result<Option<String>> {
     let listed: Value = serde_json::from_slice(&server.get("/api/v1/competitions").await?)?;
     let all = listed["items"].as_array().map_or(&[][..], Vec::as_slice);
     let open = all.iter().find(|competition| competition["revealed_at"].is_string());
-    let Some(id) = open.and_then(|competition| competition["id"].as_str()) else { return Ok(None) };
+    Ok(open.and_then(|competition| competition["id"].as_str()).map(str::to_owned))
+}
+
+/// Exports and verifies a competition.
+async fn file(server: &Server, id: &str, key: Option<&str>, dir: &Path) -> anyhow::Result<File> {
     let file = tempfile(dir)?;
-    let address = &server.address;
-    let export = Child::start(&["competition", "export", id, "--server", address], Some(&file))?;
+    let mut args = vec!["competition", "export", id, "--server", &server.address];
+    args.extend(key.iter().flat_map(|key| ["--key", key]));
+    let export = Child::start(&args, Some(&file))?;
     let export = export.finished().await?;
     let export_bytes = std::fs::metadata(&file)?.len();
     let verify = Child::start(&["verify", "--competition", "--json", &text(&file)], None)?;
@@ -241,14 +273,15 @@ async fn file(server: &Server, dir: &Path) -> anyhow::Result<Option<File>> {
     let verify = verify?;
     let said: Value = serde_json::from_slice(&verify.output)?;
     let count = |name: &str| said[name].as_u64().unwrap_or(0);
-    Ok(Some(File {
+    Ok(File {
         games: count("episodes"),
         rounds: count("rounds"),
         export_bytes,
         export_seconds: export.seconds,
+        export_memory_bytes: export.memory_bytes,
         verify_seconds: verify.seconds,
         verify_memory_bytes: verify.memory_bytes,
-    }))
+    })
 }
 
 /// A new file for the export.
@@ -282,7 +315,7 @@ fn show(report: &Report) {
     row("start until ready", format!("{ready_ms:.0} ms"));
     row("first read of the leaderboard", format!("{first_board_ms:.0} ms"));
     row("memory of the server, at most", memory(report.server_memory_bytes));
-    if let Some(cup) = &report.competition {
+    if let Some(cup) = &report.part.competition {
         let File { games, rounds, export_bytes, export_seconds, verify_seconds, .. } = *cup;
         let rate = |count: u64, seconds: f64| HumanCount(per_second(count, seconds));
         row(
@@ -304,20 +337,19 @@ fn show(report: &Report) {
             ),
         );
     }
-    let Rebuild { results, seconds, memory_bytes, .. } = report.rebuild;
-    row(
-        "board rebuild",
-        format!(
-            "{} results in {seconds:.1} s, memory {}",
-            HumanCount(results),
-            memory(memory_bytes)
-        ),
-    );
-    out!("{shown}");
-    if let Some(read) = &report.while_games_end {
-        show_pages(read);
+    if let Some(Rebuild { results, seconds, memory_bytes, .. }) = report.rebuild {
+        row(
+            "board rebuild",
+            format!(
+                "{} results in {seconds:.1} s, memory {}",
+                HumanCount(results),
+                memory(memory_bytes)
+            ),
+        );
     }
-    show_reads(&report.reads);
+    out!("{shown}");
+    report.part.while_games_end.iter().for_each(show_pages);
+    report.part.reads.iter().for_each(show_reads);
 }
 
 fn show_pages(report: &competition::Report) {
