@@ -14,6 +14,7 @@ use rustix::net::sockopt::set_tcp_nodelay;
 use rustix::net::{AddressFamily, getpeername};
 use rustix::process::{Pid, PidfdFlags, PidfdGetfdFlags, pidfd_getfd, pidfd_open};
 use rustix::time::{ClockId, clock_gettime};
+use sqlx::migrate::Migrator;
 use sqlx::postgres::{PgArguments, PgBindIterExt as _, PgConnection};
 use sqlx::{Arguments as _, AssertSqlSafe};
 use swarmbench_loadtest::bare_commit::postgres::{APPEND, INCARNATION, Scratch};
@@ -100,8 +101,14 @@ fn main() -> Result<(), Error> {
     runtime.block_on(compare(&url))
 }
 
+/// The server's tables.
+async fn tables() -> Result<Migrator, Error> {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../migrations/postgres");
+    Ok(Migrator::new(std::path::Path::new(folder)).await?)
+}
+
 async fn compare(url: &str) -> Result<(), Error> {
-    let (scratch, connection) = Scratch::create(url).await?;
+    let (scratch, connection) = Scratch::create(url, &tables().await?).await?;
     let mut writer = Writer { connection, committed: 0, acts: 0 };
     let pid = Pid::from_raw(std::process::id().cast_signed()).expect("it is not 0");
     let own = pidfd_open(pid, PidfdFlags::empty())?;
