@@ -586,6 +586,21 @@ impl FairLimit {
         }
     }
 
+    /// A permit for the party, if nobody waits for one and its share has one.
+    pub fn acquire_at_once(&self, party: Party, rank: Rank) -> Option<Permit> {
+        let (grant, mut granted) = oneshot::channel();
+        {
+            let mut queue = lock(&self.queue);
+            if queue.waiting() > 0 {
+                return None;
+            }
+            queue.push(party, rank, grant).ok()?;
+        }
+        dispatch(&self.queue);
+        // Where its share is used up, the request that nobody waits for any more is passed over.
+        granted.try_recv().ok()
+    }
+
     /// A permit for the party, however many wait and however long it takes: for requests whose number is
     /// bounded elsewhere.
     pub async fn acquire_always(&self, party: Party, rank: Rank) -> Permit {
@@ -916,6 +931,21 @@ mod tests {
         }
         let refused = limit.acquire(owner(5), Rank::Normal).await.expect_err("no place to wait");
         assert_eq!(refused, Busy { name: "things_max", slots: 1 });
+    }
+
+    #[tokio::test]
+    async fn a_permit_at_once_passes_nobody_who_waits() {
+        let limit = limit(1);
+        let first = limit.acquire_at_once(owner(1), Rank::Normal).expect("it is free");
+        assert!(limit.acquire_at_once(owner(2), Rank::Normal).is_none());
+        let mut waits = Box::pin(limit.acquire(owner(3), Rank::Normal));
+        assert!(futures::poll!(&mut waits).is_pending());
+        assert!(limit.acquire_at_once(owner(2), Rank::Normal).is_none());
+        drop(first);
+        assert!(limit.acquire_at_once(owner(2), Rank::Normal).is_none(), "it is promised");
+        drop(waits.await.expect("a permit"));
+        drop(limit.acquire_at_once(owner(2), Rank::Normal).expect("it is free"));
+        assert_eq!(limit.load(), (0, 0));
     }
 
     #[tokio::test]

@@ -3,7 +3,7 @@
 //!
 //! All that has to be right is decided by the database ([`Cluster`]). Here is only when it is asked.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::io::ErrorKind;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,7 +18,7 @@ use crate::fair::Party;
 use crate::ids::{EpisodeKey, Place};
 use crate::run::manager::Runs;
 use crate::store::{
-    Beat, CLOCK_OFF_MAX, Cluster, Death, Member, Store, StoreError, TAKEN_OVER_AFTER,
+    ANSWERS_FOR, Beat, CLOCK_OFF_MAX, Cluster, Death, Member, Store, StoreError, TAKEN_OVER_AFTER,
 };
 use swarmbench_clock::{Clock as _, SystemClock};
 
@@ -153,6 +153,7 @@ fn note_clock(members: &[Member], me: i64, was_off: &mut bool) {
 async fn work(parts: Arc<Parts>, mut seen: watch::Receiver<Seen>) {
     let cluster = &parts.cluster;
     let mut known: Vec<i64> = Vec::new();
+    let mut beats = Beats::default();
     let (mut searched, mut tidied, mut deleted) = (None, Instant::now(), Instant::now());
     loop {
         if seen.changed().await.is_err() {
@@ -162,10 +163,12 @@ async fn work(parts: Arc<Parts>, mut seen: watch::Receiver<Seen>) {
         if now.up_since.is_none() {
             continue;
         }
+        beats.see(&now.members);
         for member in
             now.members.iter().filter(|member| member.incarnation != cluster.incarnation())
         {
-            if let Err(error) = watch_over(cluster, member, now.up_since).await {
+            let is_silent = beats.is_silent(member) && now.up_since.is_some_and(is_long_ago);
+            if let Err(error) = watch_over(cluster, member, is_silent).await {
                 tracing::warn!(%error, server = member.name, "a server may be dead, and cannot be taken over");
             }
         }
@@ -216,16 +219,37 @@ const fn count(number: usize) -> f64 {
     number as f64
 }
 
+/// What this server itself has seen of the others' beats. The clock of the database alone could be set forward.
+#[derive(Default)]
+struct Beats(HashMap<i64, (i64, Instant)>);
+
+impl Beats {
+    fn see(&mut self, members: &[Member]) {
+        let now = Instant::now();
+        let last = std::mem::take(&mut self.0);
+        let seen = members.iter().map(|member| {
+            let (number, beat_at) = (member.incarnation, member.beat_at_ms);
+            let same = last.get(&number).filter(|(last, _)| *last == beat_at);
+            (number, (beat_at, same.map_or(now, |(_, since)| *since)))
+        });
+        self.0 = seen.collect();
+    }
+
+    /// Whether no beat of a member has come for longer than it answers without one.
+    fn is_silent(&self, member: &Member) -> bool {
+        self.0.get(&member.incarnation).is_some_and(|(_, since)| since.elapsed() > ANSWERS_FOR)
+    }
+}
+
+/// Whether a member could have shown meanwhile that it lives: while the database was away, none could.
+fn is_long_ago(since: Instant) -> bool {
+    since.elapsed() > TAKEN_OVER_AFTER
+}
+
 /// Takes a member over where it is dead.
-async fn watch_over(
-    cluster: &Cluster,
-    member: &Member,
-    up_since: Option<Instant>,
-) -> Result<(), StoreError> {
-    // When the database was away nobody could say that it lives.
-    let is_up_for_long = up_since.is_some_and(|since| since.elapsed() > TAKEN_OVER_AFTER);
+async fn watch_over(cluster: &Cluster, member: &Member, is_silent: bool) -> Result<(), StoreError> {
     let is_expired = u128::from(member.seen_ms_ago.unsigned_abs()) > TAKEN_OVER_AFTER.as_millis();
-    let death = if is_expired && is_up_for_long {
+    let death = if is_expired && is_silent {
         Death::Expired
     } else if !member.is_connected && is_dead(cluster, member).await {
         Death::Seen

@@ -5,7 +5,7 @@ use sqlx::SqlSafeStr as _;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 
 /// Version, description and text of each file in `migrations/sqlite`.
-const SQLITE: [(i64, &str, &str); 15] = [
+const SQLITE: [(i64, &str, &str); 16] = [
     (1, "journal", include_str!("../migrations/sqlite/0001_journal.sql")),
     (2, "keys", include_str!("../migrations/sqlite/0002_keys.sql")),
     (3, "runs", include_str!("../migrations/sqlite/0003_runs.sql")),
@@ -21,12 +21,14 @@ const SQLITE: [(i64, &str, &str); 15] = [
     (13, "attempts", include_str!("../migrations/sqlite/0013_attempts.sql")),
     (14, "columns", include_str!("../migrations/sqlite/0014_columns.sql")),
     (15, "fleet", include_str!("../migrations/sqlite/0015_fleet.sql")),
+    (16, "lists", include_str!("../migrations/sqlite/0016_lists.sql")),
 ];
 
 /// The same of `migrations/postgres`. A version makes the same tables and columns in both.
-const POSTGRES: [(i64, &str, &str); 2] = [
+const POSTGRES: [(i64, &str, &str); 3] = [
     (14, "tables", include_str!("../migrations/postgres/0014_tables.sql")),
     (15, "fleet", include_str!("../migrations/postgres/0015_fleet.sql")),
+    (16, "lists", include_str!("../migrations/postgres/0016_lists.sql")),
 ];
 
 /// All migrations of SQLite, oldest first.

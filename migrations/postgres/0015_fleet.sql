@@ -24,10 +24,13 @@ CREATE TABLE places (
     kind   smallint NOT NULL,                          -- 0 game, 1 run, 2 competition
     key    bigint   NOT NULL,
     owner  bigint   NOT NULL REFERENCES nodes ON DELETE CASCADE,
+    taking bigint   GENERATED ALWAYS AS IDENTITY,      -- the row is given back by this number, so that an old attempt gives back no newer row
     PRIMARY KEY (kind, key)
 );
 
 CREATE INDEX places_owner ON places (owner);
+
+CREATE UNIQUE INDEX places_taking ON places (taking);
 
 -- One row: what all members have in common.
 CREATE TABLE cluster (

@@ -13,14 +13,17 @@ use serde::Serialize;
 use super::options::ServerArgs;
 use super::output::{progress_bar, set, table};
 use crate::migrations;
+use crate::store::Location;
 use crate::telemetry;
 use swarmbench_client::client::Client;
-use swarmbench_loadtest::bare_commit::Place;
+use swarmbench_loadtest::bare_commit::{Place, Tables};
 use swarmbench_loadtest::connection::{Answers, Target};
 use swarmbench_loadtest::games::SEATS;
 use swarmbench_loadtest::latencies::Spread;
 use swarmbench_loadtest::metrics::Metrics;
-use swarmbench_loadtest::{Progress, acts, bare_acts, bare_handler, obs, play, polls, reads, slow};
+use swarmbench_loadtest::{
+    Progress, acts, alone, bare_acts, bare_handler, obs, play, polls, reads, slow,
+};
 
 /// Open files besides connections: the terminal, the runtime, the database of the bare writer.
 const FILES_RESERVED: u64 = 100;
@@ -39,10 +42,10 @@ pub(super) struct Args {
     /// Print all measurements as JSON instead of tables.
     #[arg(long)]
     json: bool,
-    /// obs, acts: how long server and bare program run in turn, in seconds.
+    /// obs, acts, alone: how long server and bare program run in turn, in seconds.
     #[arg(long, default_value_t = 3.0, value_parser = seconds)]
     turn: f64,
-    /// obs, acts: how many turns each gets.
+    /// obs, acts, alone: how many turns each gets.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
     turns: u16,
     /// obs: connections, each with one request at a time.
@@ -52,13 +55,13 @@ pub(super) struct Args {
     #[arg(long, value_delimiter = ',', default_value = "8,128",
           value_parser = clap::value_parser!(u16).range(1..))]
     writers: Vec<u16>,
-    /// acts: where the bare writer puts its database; should be on the disk of the server's own.
+    /// acts, alone: where the bare writer puts its database, and a file is written; should be on the disk of the server's own.
     #[arg(long, default_value = ".")]
     dir: PathBuf,
-    /// acts: for a server with PostgreSQL, instead of --dir. The bare writer makes a database of its own beside the one of this
-    /// address, and drops it. Its user must be allowed to create databases; a password is better in PGPASSWORD.
+    /// acts, alone: for a server with PostgreSQL. The bare writer makes a database of its own beside the one of this address, and
+    /// drops it. Its user must be allowed to create databases; a password is better in `password_file=` or PGPASSWORD.
     #[arg(long, value_name = "postgres://USER@HOST:PORT/DATABASE")]
-    db: Option<String>,
+    db: Option<Location>,
     /// play: how many episodes of 12 seats at once, one line of the grid for each.
     #[arg(long, value_delimiter = ',', default_value = "32,128,512,2048,8192",
           value_parser = clap::value_parser!(u16).range(1..))]
@@ -101,6 +104,8 @@ enum Scenario {
     Obs,
     /// Durable acts per second, compared with a bare writer that commits groups of the same size.
     Acts,
+    /// One act after the other, compared with one commit of a bare writer and one fdatasync.
+    Alone,
     /// A grid of games, played to the end.
     Play,
     /// Boards, lists and look-ups of what the server has already.
@@ -128,6 +133,8 @@ struct Report {
     obs: Option<obs::Comparison>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     acts: Vec<acts::Comparison>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    alone: Option<alone::Comparison>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     play: Vec<play::Line>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -143,7 +150,9 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         return Ok(bare_handler::serve(telemetry::render).await?);
     }
     if args.bare_acts {
-        return Ok(bare_acts::serve(telemetry::render, &migrations::sqlite()).await?);
+        let (sqlite, postgres) = (migrations::sqlite(), migrations::postgres());
+        let tables = Tables { sqlite: &sqlite, postgres: &postgres };
+        return Ok(bare_acts::serve(telemetry::render, tables).await?);
     }
     let ServerArgs { server, key } = args.server.clone();
     let target = Target::new(&server, key).await?;
@@ -209,10 +218,9 @@ fn connections(args: &Args, metrics: &Metrics, notes: &mut Vec<String>) -> usize
 fn bare_place(args: &Args) -> anyhow::Result<Place> {
     match &args.db {
         None => Ok(Place::Folder(args.dir.clone())),
-        Some(url) if url.starts_with("postgres://") || url.starts_with("postgresql://") => {
-            Ok(Place::Postgres(url.clone()))
-        }
-        Some(_) => bail!(
+        Some(Location::Postgres(address)) => Ok(Place::Postgres(address.with_password()?)),
+        Some(Location::Unknown(error)) => bail!("{error}"),
+        Some(Location::File(_)) => bail!(
             "--db is the address of a PostgreSQL, as in postgres://USER@HOST:PORT/DATABASE; a bare writer of SQLite makes a file \
              in --dir"
         ),
@@ -241,6 +249,8 @@ async fn measure(
     };
     let turn = Duration::from_secs_f64(args.turn);
     let turns = usize::from(args.turns);
+    let (sqlite, postgres) = (migrations::sqlite(), migrations::postgres());
+    let tables = Tables { sqlite: &sqlite, postgres: &postgres };
     if named(Scenario::Obs) {
         let connections = scaled("obs", args.connections.into(), connections_max);
         let mut command = Command::new(std::env::current_exe()?);
@@ -249,7 +259,6 @@ async fn measure(
         report.obs = Some(done);
     }
     if named(Scenario::Acts) {
-        let tables = migrations::sqlite();
         let place = bare_place(args)?;
         for (&episodes, by_seats) in args.writers.iter().flat_map(|n| [(n, true), (n, false)]) {
             let each = if by_seats { SEATS } else { 1 };
@@ -257,10 +266,15 @@ async fn measure(
             let times = (turns, turn);
             let mut bare = Command::new(std::env::current_exe()?);
             bare.args(["loadtest", "--bare-acts"]);
-            let bare = (&place, &tables, bare);
+            let bare = (&place, tables, bare);
             let done = acts::run(target, bare, by_seats, episodes, times, progress).await?;
             report.acts.push(done);
         }
+    }
+    if named(Scenario::Alone) {
+        let place = bare_place(args)?;
+        let beside = (&place, tables, args.dir.as_path());
+        report.alone = Some(alone::run(target, beside, (turns, turn), progress).await?);
     }
     if named(Scenario::Play) {
         for &episodes in &args.episodes {
@@ -293,6 +307,7 @@ async fn measure(
 fn answers(report: &Report) -> impl Iterator<Item = &Answers> {
     (report.obs.iter().map(|obs| &obs.answers))
         .chain(report.acts.iter().map(|acts| &acts.answers))
+        .chain(report.alone.iter().map(|alone| &alone.answers))
         .chain(report.play.iter().map(|line| &line.answers))
         .chain(report.reads.iter().map(|reads| &reads.answers))
         .chain(report.polls.iter().map(|polls| &polls.answers))
@@ -315,6 +330,9 @@ fn show(report: &Report) {
     }
     if let Some(reads) = &report.reads {
         show_reads(reads);
+    }
+    if let Some(alone) = &report.alone {
+        show_alone(alone);
     }
     if let Some(polls) = &report.polls {
         show_polls(polls);
@@ -473,6 +491,21 @@ pub(super) fn show_reads(reads: &reads::Report) {
     out!("{shown}");
 }
 
+fn show_alone(alone: &alone::Comparison) {
+    let mut shown = numbers(&["one at a time", "count", "p50 ms", "p99 ms", "max ms"]);
+    for (name, spread) in [
+        ("/act, until its receipt".to_owned(), alone.act),
+        (format!("a commit of a bare writer of {}", alone.bare_engine), alone.bare_commit),
+        ("fdatasync of a page".to_owned(), alone.fdatasync),
+    ] {
+        let Spread { count, p50_ms, p99_ms, max_ms } = spread;
+        let times = [p50_ms, p99_ms, max_ms].map(exact);
+        shown.add_row([name, count.to_string()].into_iter().chain(times));
+    }
+    out!("\nNothing else is committed meanwhile, {} turns of {} s each", alone.turns, alone.turn_s);
+    out!("{shown}");
+}
+
 fn show_polls(polls: &polls::Report) {
     let mut shown = numbers(&["woken", "requests", "p50 ms", "p99 ms", "max ms"]);
     for (name, spread) in [
@@ -546,7 +579,7 @@ fn show_slow(slow: &slow::Report) {
 }
 
 /// A table of numbers, whose first column is text.
-fn numbers(headings: &[&str]) -> Table {
+pub(super) fn numbers(headings: &[&str]) -> Table {
     let mut table = table(headings);
     for column in table.column_iter_mut().skip(1) {
         column.set_cell_alignment(CellAlignment::Right);
@@ -562,6 +595,11 @@ fn micros(number: Option<f64>) -> String {
     number.map_or_else(|| "?".to_owned(), |micros| format!("{micros:.1}"))
 }
 
-fn millis(number: f64) -> String {
+/// A time of less than a millisecond, too.
+fn exact(number: f64) -> String {
+    format!("{number:.2}")
+}
+
+pub(super) fn millis(number: f64) -> String {
     format!("{number:.1}")
 }

@@ -16,7 +16,9 @@ use crate::store::{Store, StoreError};
 use swarmbench_boards::competition::EntrantStatus;
 use swarmbench_boards::competition::definition::Definition;
 use swarmbench_boards::competition::entrant::{Declaration, Entrant};
+use swarmbench_boards::competition::phase::{BoardView, board_view};
 use swarmbench_boards::competition::sealed::{SEED_BYTES, Sealed};
+use swarmbench_boards::competition::standings::Part;
 use swarmbench_clock::Entropy;
 
 /// A new public id of a competition.
@@ -61,6 +63,21 @@ pub struct StoredEntrant {
     pub contact: Option<String>,
     /// All that others see of it, and what it declared.
     pub entrant: Entrant,
+}
+
+impl StoredCompetition {
+    /// Which seeds make the board that everybody sees, and of what was over at which time; none if nothing is shown.
+    pub fn part_shown_to_all(&self, now: Timestamp) -> Option<(Part, Option<Timestamp>)> {
+        let of_all = self.definition.public_seeds == 0;
+        match board_view(&self.definition, self.revealed_at.is_some(), now) {
+            BoardView::Nothing => None,
+            BoardView::All => Some((Part::Final, None)),
+            BoardView::Totals => Some((if of_all { Part::Final } else { Part::Public }, None)),
+            BoardView::TotalsBefore(at) => {
+                Some((if of_all { Part::Final } else { Part::Public }, Some(at)))
+            }
+        }
+    }
 }
 
 /// How the check of a database reads what was stored of competitions.

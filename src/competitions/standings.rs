@@ -3,6 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use jiff::Timestamp;
 use quick_cache::Weighter;
@@ -35,7 +36,13 @@ pub type Place = (Arc<Entrant>, Arc<Played>);
 pub struct CompetitionStandings {
     store: Store,
     boards: Cache<Key, Cached, ByBytes>,
+    /// The versions that there were of all boards.
+    versions: AtomicU64,
 }
+
+/// What the entrants of a board have played, compared with an earlier moment: the same number says the same.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Version(u64);
 
 /// A board: some seeds of a competition, and what was over at a time.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -54,6 +61,7 @@ struct Cached {
 
 #[derive(Debug)]
 struct Content {
+    version: Version,
     /// Up to where the log of changes is included.
     position: LogPosition,
     first_read: FirstRead,
@@ -79,26 +87,37 @@ impl Weighter<Key, Cached> for ByBytes {
 
 impl CompetitionStandings {
     pub fn new(store: Store) -> Self {
-        Self { store, boards: Cache::with_weighter(BOARDS, BYTES_MAX, ByBytes) }
+        let boards = Cache::with_weighter(BOARDS, BYTES_MAX, ByBytes);
+        Self { store, boards, versions: AtomicU64::default() }
+    }
+
+    fn new_version(&self) -> Version {
+        Version(self.versions.fetch_add(1, Ordering::Relaxed) + 1)
     }
 
     /// All entrants with what they have played on some of the seeds, of all that was over at a time or of all that is; with
-    /// everything that is durable now.
+    /// everything that is durable now. None if nothing differs from the version that is known.
     pub async fn places(
         &self,
         competition: &StoredCompetition,
         part: Part,
         before: Option<Timestamp>,
-    ) -> Result<Vec<Place>, StoreError> {
+        known: Option<Version>,
+    ) -> Result<Option<(Version, Vec<Place>)>, StoreError> {
         let key = Key { competition: competition.key, part, before };
         let new = || {
-            let content = Content::new(self.store.writer().changes().position());
+            let position = self.store.writer().changes().position();
+            let content = Content::new(position, self.new_version());
             let bytes = content.bytes();
             Ok::<_, StoreError>(Cached { board: Arc::new(Mutex::new(content)), bytes })
         };
         let cached = self.boards.get_or_insert_with(&key, new)?;
         let mut content = cached.board.lock().await;
         self.catch_up(competition, &key, &mut content).await?;
+        let version = content.version;
+        if known == Some(version) {
+            return Ok(None);
+        }
         let places = content.places.values().cloned().collect();
         let bytes = content.bytes();
         drop(content);
@@ -106,7 +125,7 @@ impl CompetitionStandings {
             // One that is too large for the cache is read again for each request.
             self.boards.insert(key, Cached { board: cached.board, bytes });
         }
-        Ok(places)
+        Ok(Some((version, places)))
     }
 
     /// Reads what has changed. The caller may be dropped at any moment: what was not read yet is read by the next one.
@@ -120,7 +139,7 @@ impl CompetitionStandings {
         let (end, missed) = log.since(content.position);
         // What an organizer may change of a competition does not change what its games are worth.
         if missed.is_none() {
-            *content = Content::new(end);
+            *content = Content::new(end, self.new_version());
         }
         while let FirstRead::UpTo(after) = content.first_read {
             self.add_entrants(competition, content).await?;
@@ -133,6 +152,7 @@ impl CompetitionStandings {
             for pair in &field.attempts {
                 if let Some((entrant, played)) = content.places.get_mut(&pair.0.entry) {
                     let attempt = key.part_of(&competition.definition, field.attempt(pair)?);
+                    content.version = self.new_version();
                     Arc::make_mut(played).add(&competition.definition, entrant, &attempt);
                 }
             }
@@ -146,7 +166,11 @@ impl CompetitionStandings {
             let entrants = entrants_among(&self.store, competition.key, some).await?;
             for stored in entrants {
                 let place = self.place(competition, key, &stored).await?;
-                content.places.insert(stored.key, place);
+                // Most games that end are not the last of their attempt.
+                if content.places.get(&stored.key) != Some(&place) {
+                    content.places.insert(stored.key, place);
+                    content.version = self.new_version();
+                }
             }
         }
         content.position = end;
@@ -164,6 +188,7 @@ impl CompetitionStandings {
             let found = list_entrants(&self.store, competition.key, None, after, CHUNK).await?;
             let is_last = found.len() < CHUNK as usize;
             for StoredEntrant { key, entrant, .. } in found {
+                content.version = self.new_version();
                 content.places.insert(key, (Arc::new(entrant), Arc::default()));
             }
             if is_last {
@@ -226,8 +251,8 @@ impl Key {
 }
 
 impl Content {
-    const fn new(position: LogPosition) -> Self {
-        Self { position, first_read: FirstRead::UpTo(None), places: BTreeMap::new() }
+    const fn new(position: LogPosition, version: Version) -> Self {
+        Self { version, position, first_read: FirstRead::UpTo(None), places: BTreeMap::new() }
     }
 
     /// About how many bytes it takes in memory.

@@ -26,6 +26,7 @@ use super::sights::Sights;
 use super::stream::Streams;
 use super::tokens::Tokens;
 use super::waiting::Waits;
+use crate::competitions;
 use crate::competitions::standings::CompetitionStandings;
 use crate::episode::actor::Handle;
 use crate::episode::registry::{Location, Registry};
@@ -65,6 +66,9 @@ pub struct Access {
     /// The names by which clients reach `/mcp`, beside addresses and localhost; in lower case.
     pub hosts: Vec<String>,
 }
+
+/// The newest competitions whose boards are read at the start, where they are open.
+const COMPETITIONS_READ_MAX: u32 = 100;
 
 /// What a server is put together from.
 pub struct Foundation {
@@ -118,7 +122,7 @@ pub struct Shared {
     /// Boards and lists.
     pub(super) answers: SharedCache<Answer>,
     /// Boards of competitions, behind their pages.
-    pub(super) rankings: SharedCache<Ranking>,
+    pub(super) rankings: Arc<SharedCache<Arc<Ranking>>>,
 }
 
 impl App {
@@ -147,17 +151,32 @@ impl App {
             standings: Standings::new(store.clone()),
             competitions: CompetitionStandings::new(store.clone()),
             answers: SharedCache::new(ANSWERS_BYTES_MAX, cache.clone()),
-            rankings: SharedCache::new(RANKINGS_BYTES_MAX, cache),
+            rankings: Arc::new(SharedCache::new(RANKINGS_BYTES_MAX, cache)),
             foundation,
         }))
     }
 
-    /// Reads all results, so that the first request for a board does not wait for that.
+    /// Reads all results, and what was played in competitions that are open, so that the first request for a board does not wait
+    /// for that.
     pub async fn read_boards(&self) {
-        if let Err(error) = self.standings.boards().await {
+        let read = async {
+            self.standings.boards().await?;
+            self.read_open_competitions().await
+        };
+        if let Err(error) = read.await {
             // Requests get the same error.
             tracing::warn!(%error, "boards cannot be read");
         }
+    }
+
+    async fn read_open_competitions(&self) -> Result<(), StoreError> {
+        let newest = competitions::list(&self.store, true, None, COMPETITIONS_READ_MAX).await?;
+        for competition in newest.iter().filter(|competition| competition.revealed_at.is_none()) {
+            if let Some((part, before)) = competition.part_shown_to_all(self.clock.wall()) {
+                self.competitions.places(competition, part, before, None).await?;
+            }
+        }
+        Ok(())
     }
 
     /// Evicts unused entries; to be called periodically.

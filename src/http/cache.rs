@@ -1,7 +1,9 @@
 //! A cache of answers that are the same for all callers: boards and lists. Each is computed once for concurrent requests
-//! and cached until a result changes. The ranking behind the pages of a competition's board is cached in the same way.
+//! and cached until a result changes. The ranking behind the pages of a competition's board is cached in the same way; a
+//! large one that is read again and again is made anew by a task of its own, so that no reader waits for it.
 
-use std::sync::Arc;
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use axum::body::Body;
@@ -14,21 +16,31 @@ use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
 
 use super::error::ApiError;
 use super::stream::whole;
-use crate::fair::Rank;
+use crate::fair::{Party, Rank};
 use crate::store::Store;
 use swarmbench_clock::{Clock, after};
 
 /// Bytes of all cached answers.
-pub(super) const ANSWERS_BYTES_MAX: u64 = 48 * 1024 * 1024;
+pub(super) const ANSWERS_BYTES_MAX: u64 = 32 * 1024 * 1024;
 
 /// Bytes of all cached rankings.
-pub(super) const RANKINGS_BYTES_MAX: u64 = 16 * 1024 * 1024;
+pub(super) const RANKINGS_BYTES_MAX: u64 = 32 * 1024 * 1024;
 
 /// An entry of at least this size is large: it takes long to compute, and is computed once a second at most.
 const LARGE_BYTES: usize = 64 * 1024;
 
 /// How long a large entry is served although results have changed.
 const LARGE_FRESH_FOR: Duration = Duration::from_secs(1);
+
+/// How long a followed entry is served after it was last known to be that of all results, or was made. Its task makes it again
+/// after [`LARGE_FRESH_FOR`]; where it is late by more than this, readers wait.
+const FOLLOWED_FRESH_FOR: Duration = Duration::from_secs(3);
+
+/// How long an entry is followed after it was read.
+const FOLLOWED_AFTER_READ: Duration = Duration::from_mins(1);
+
+/// Entries that are followed at once: each may be made once a second.
+const FOLLOWED_MAX: usize = 8;
 
 /// The results from which an entry was computed.
 #[derive(Clone, Copy, Debug)]
@@ -63,6 +75,14 @@ pub(super) struct SharedCache<T> {
     entries: Cache<String, Arc<Cached<T>>, ByBytes>,
     store: Store,
     clock: Arc<dyn Clock>,
+    followed: Mutex<HashMap<String, Followed>>,
+}
+
+/// An entry that a task makes again as long as it is read.
+struct Followed {
+    read_at: Timestamp,
+    /// When it was that of all results.
+    fresh_at: Timestamp,
 }
 
 #[derive(Clone)]
@@ -84,7 +104,7 @@ impl<T: Weighted> SharedCache<T> {
         let options = options.build().expect("both capacities are named");
         let hasher = DefaultHashBuilder::default();
         let entries = Cache::with_options(options, ByBytes, hasher, DefaultLifecycle::default());
-        Self { entries, store, clock }
+        Self { entries, store, clock, followed: Mutex::default() }
     }
 
     /// The results that are known now.
@@ -100,9 +120,19 @@ impl<T: Weighted> SharedCache<T> {
         make: impl Future<Output = Result<Cached<T>, ApiError>>,
     ) -> Result<Arc<Cached<T>>, ApiError> {
         let asked = self.results();
+        let is_valid = |made: &Cached<T>| made.is_valid(asked.revision, self.clock.now());
+        self.entry_where(question, is_valid, make).await
+    }
+
+    async fn entry_where(
+        &self,
+        question: String,
+        is_valid: impl Fn(&Cached<T>) -> bool,
+        make: impl Future<Output = Result<Cached<T>, ApiError>>,
+    ) -> Result<Arc<Cached<T>>, ApiError> {
         loop {
             match self.entries.get_value_or_guard_async(&question).await {
-                Ok(made) if made.is_valid(asked.revision, self.clock.now()) => return Ok(made),
+                Ok(made) if is_valid(&made) => return Ok(made),
                 Ok(old) => {
                     self.entries.remove_if(&question, |made| Arc::ptr_eq(made, &old));
                 }
@@ -117,6 +147,103 @@ impl<T: Weighted> SharedCache<T> {
                 }
             }
         }
+    }
+}
+
+impl<T: Weighted + Send + Sync + 'static> SharedCache<T> {
+    /// As [`SharedCache::entry`]. Once a large entry was computed, a task computes it again after changes, and readers get what
+    /// there is. `make` gets the entry as it was before, and the task ends when `stopped` does.
+    pub(super) async fn followed_entry<F>(
+        self: &Arc<Self>,
+        question: String,
+        make: impl Fn(Option<Arc<Cached<T>>>) -> F + Send + 'static,
+        stopped: impl Future<Output = ()> + Send + 'static,
+    ) -> Result<Arc<Cached<T>>, ApiError>
+    where
+        F: Future<Output = Result<Cached<T>, ApiError>> + Send,
+    {
+        if let Some(made) = self.read_followed(&question) {
+            return Ok(made);
+        }
+        let before = self.entries.peek(&question);
+        let made = self.entry(question.clone(), Box::pin(make(before))).await?;
+        if made.what.bytes() >= LARGE_BYTES && self.begin_to_follow(&question) {
+            let cache = Arc::clone(self);
+            // For all readers, so it is for none of them.
+            let follow = Party::SERVER.scope(Rank::Normal.scope(async move {
+                let leave = Leave { cache: &cache, question: &question };
+                tokio::select! {
+                    () = cache.follow(leave.question, make) => {}
+                    () = stopped => {}
+                }
+            }));
+            tokio::spawn(follow);
+        }
+        Ok(made)
+    }
+
+    /// An entry that a task makes again, if it is young enough.
+    fn read_followed(&self, question: &str) -> Option<Arc<Cached<T>>> {
+        let now = self.clock.now();
+        let mut all = self.all_followed();
+        let followed = all.get_mut(question)?;
+        followed.read_at = now;
+        let is_fresh = now < after(followed.fresh_at, FOLLOWED_FRESH_FOR);
+        drop(all);
+        is_fresh.then(|| self.entries.get(question)).flatten()
+    }
+
+    /// Notes that a task is to follow an entry; false if one does, or as many are followed as may.
+    fn begin_to_follow(&self, question: &str) -> bool {
+        let mut all = self.all_followed();
+        if all.len() >= FOLLOWED_MAX || all.contains_key(question) {
+            return false;
+        }
+        let now = self.clock.now();
+        all.insert(question.to_owned(), Followed { read_at: now, fresh_at: now });
+        true
+    }
+
+    /// Makes an entry again after changes, as long as it is read.
+    async fn follow<F>(&self, question: &str, make: impl Fn(Option<Arc<Cached<T>>>) -> F)
+    where
+        F: Future<Output = Result<Cached<T>, ApiError>>,
+    {
+        loop {
+            self.clock.sleep_until(after(self.clock.now(), LARGE_FRESH_FOR)).await;
+            let results = self.results();
+            let is_read =
+                |followed: &Followed| results.at < after(followed.read_at, FOLLOWED_AFTER_READ);
+            if !self.all_followed().get(question).is_some_and(is_read) {
+                return;
+            }
+            // One that the cache dropped is made when it is read.
+            let Some(before) = self.entries.peek(question) else { return };
+            if before.of.revision < results.revision {
+                // A reader gets the error, if there still is one.
+                let Ok(made) = make(Some(before)).await else { return };
+                self.entries.insert(question.to_owned(), Arc::new(made));
+            }
+            if let Some(followed) = self.all_followed().get_mut(question) {
+                followed.fresh_at = results.at;
+            }
+        }
+    }
+
+    fn all_followed(&self) -> MutexGuard<'_, HashMap<String, Followed>> {
+        self.followed.lock().expect("nothing panics while it holds this")
+    }
+}
+
+/// Nobody follows an entry any more, however its task ends.
+struct Leave<'a, T: Weighted + Send + Sync + 'static> {
+    cache: &'a SharedCache<T>,
+    question: &'a str,
+}
+
+impl<T: Weighted + Send + Sync + 'static> Drop for Leave<'_, T> {
+    fn drop(&mut self) {
+        self.cache.all_followed().remove(self.question);
     }
 }
 
@@ -156,21 +283,38 @@ impl SharedCache<Answer> {
     ) -> Result<Response, ApiError> {
         let make = async {
             let of = self.results();
-            Ok((of, make.await?))
+            Ok(Cached { of, what: Answer::read(make.await?).await? })
         };
-        self.answer_of(question, make).await
+        Ok(self.entry(question, make).await?.what.response())
     }
 
-    /// The same where `make` returns the results from which it computed the answer.
+    /// The same of a list of entrants, which games that end do not change.
+    pub(super) async fn answer_of_entrants(
+        &self,
+        question: String,
+        make: impl Future<Output = Result<Response, ApiError>>,
+    ) -> Result<Response, ApiError> {
+        let now =
+            || Results { revision: self.store.writer().changes().entrants(), at: self.clock.now() };
+        let asked = now().revision;
+        let make = async {
+            let of = now();
+            Ok(Cached { of, what: Answer::read(make.await?).await? })
+        };
+        let is_valid = |made: &Cached<Answer>| made.is_valid(asked, self.clock.now());
+        Ok(self.entry_where(question, is_valid, make).await?.what.response())
+    }
+
+    /// The answer to a question about what is cached itself: computed by `make` once for each of its states, which has the
+    /// results `of`.
     pub(super) async fn answer_of(
         &self,
         question: String,
-        make: impl Future<Output = Result<(Results, Response), ApiError>>,
+        of: Results,
+        make: impl Future<Output = Result<Response, ApiError>>,
     ) -> Result<Response, ApiError> {
-        let make = async {
-            let (of, response) = make.await?;
-            Ok(Cached { of, what: Answer::read(response).await? })
-        };
-        Ok(self.entry(question, make).await?.what.response())
+        let make = async { Ok(Cached { of, what: Answer::read(make.await?).await? }) };
+        let is_valid = |made: &Cached<Answer>| made.of.revision >= of.revision;
+        Ok(self.entry_where(question, is_valid, make).await?.what.response())
     }
 }

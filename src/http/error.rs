@@ -46,6 +46,7 @@ pub enum Code {
     SeatTaken,
     SeatsOpen,
     Closed,
+    Changed,
     TooLarge,
     UnsupportedMediaType,
     Invalid,
@@ -57,7 +58,7 @@ pub enum Code {
 }
 
 impl Code {
-    pub const ALL: [Self; 20] = [
+    pub const ALL: [Self; 21] = [
         Self::Malformed,
         Self::Unauthorized,
         Self::Forbidden,
@@ -70,6 +71,7 @@ impl Code {
         Self::SeatTaken,
         Self::SeatsOpen,
         Self::Closed,
+        Self::Changed,
         Self::TooLarge,
         Self::UnsupportedMediaType,
         Self::Invalid,
@@ -95,6 +97,7 @@ impl Code {
             Self::SeatTaken => ("seat_taken", 409, "The seat has a holder"),
             Self::SeatsOpen => ("seats_open", 409, "Seats are open still"),
             Self::Closed => ("closed", 409, "It is not open now"),
+            Self::Changed => ("changed", 409, "It was changed meanwhile"),
             Self::TooLarge => ("too_large", 413, "The request is too large"),
             Self::UnsupportedMediaType => ("unsupported_media_type", 415, "The body is not JSON"),
             Self::Invalid => ("invalid", 422, "The request is not allowed"),

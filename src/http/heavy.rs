@@ -52,6 +52,11 @@ impl Heavy {
         permit(&self.large_answers, detail).await
     }
 
+    /// The same where one is free at once.
+    pub(super) fn large_answer_at_once(&self) -> Option<Permit> {
+        self.large_answers.acquire_at_once(Party::current(), Rank::Normal)
+    }
+
     pub(super) async fn replay(&self) -> Result<Permit, ApiError> {
         let detail = "too many earlier rounds are being replayed; try again later";
         permit(&self.replays, detail).await

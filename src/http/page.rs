@@ -70,16 +70,19 @@ impl Page {
     where
         F: Future<Output = Result<Vec<R>, StoreError>>,
     {
-        let mut rows_max = rows_max;
         if self.items_max > rows_max as usize {
-            self.needs_permit().await?;
-            rows_max *= PIECES_WITH_PERMIT;
+            self.permit = self.app.heavy.large_answer_at_once();
         }
-        while let Some(wanted) = self.wants(rows_max) {
+        loop {
+            let pieces = if self.permit.is_some() { PIECES_WITH_PERMIT } else { 1 };
+            let Some(wanted) = self.wants(pieces * rows_max) else { return Ok(self.answer()) };
             let rows = read(self.place, wanted).await?;
             self.add(wanted, rows, &mut show)?;
+            // A list that is short is answered while others make long ones, whatever was asked for.
+            if self.wants(rows_max).is_some() {
+                self.needs_permit().await?;
+            }
         }
-        Ok(self.answer())
     }
 
     /// Waits for the permit of an answer that is made in more than one piece.

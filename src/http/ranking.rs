@@ -1,6 +1,9 @@
 //! The board of a competition, behind its pages.
 
+use std::sync::Arc;
+
 use super::cache::Weighted;
+use crate::competitions::standings::Version;
 use swarmbench_protocol::competition::CompetitionRow;
 
 /// All rows of a board in one view.
@@ -9,22 +12,24 @@ pub(super) struct Ranking {
     pub(super) rows: Vec<CompetitionRow>,
     /// The tasks of which results are shown.
     pub(super) tasks: Vec<String>,
+    /// What entrants had played.
+    pub(super) version: Version,
     bytes: usize,
 }
 
-impl Weighted for Ranking {
+impl Weighted for Arc<Ranking> {
     fn bytes(&self) -> usize {
         self.bytes
     }
 }
 
 impl Ranking {
-    pub(super) fn new(rows: Vec<CompetitionRow>) -> Self {
+    pub(super) fn new(rows: Vec<CompetitionRow>, version: Version) -> Self {
         let first = rows.iter().find(|row| !row.tasks.is_empty());
         let tasks = first.map_or(&[][..], |row| &row.tasks);
         let tasks = tasks.iter().map(|task| task.task.clone()).collect();
         let bytes = rows.iter().map(bytes).sum();
-        Self { rows, tasks, bytes }
+        Self { rows, tasks, version, bytes }
     }
 
     /// The index after this entrant; the first if none is named. If the entrant is gone, the number of rows up to it

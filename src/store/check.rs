@@ -275,7 +275,7 @@ async fn references(database: &mut Connection, checked: &mut Checked) {
 }
 
 /// What holds for every row of a table. Each statement gives the names of the rows for which it does not hold.
-const STATEMENTS: [(&str, &str); 12] = [
+const STATEMENTS: [(&str, &str); 13] = [
     (
         "its status does not fit its times",
         "SELECT id FROM episodes WHERE CASE
@@ -294,6 +294,11 @@ const STATEMENTS: [(&str, &str); 12] = [
          UNION ALL SELECT id FROM runs WHERE (entry IS NULL) <> (attempt IS NULL)
          UNION ALL SELECT id FROM runs r
              WHERE competition IS DISTINCT FROM (SELECT competition FROM entries WHERE key = r.entry)",
+    ),
+    (
+        "it is open to all and its competition is not, or the other way round",
+        "SELECT id FROM runs r WHERE revealed <> coalesce(
+             (SELECT c.revealed_at IS NOT NULL FROM competitions c WHERE c.key = r.competition), FALSE)",
     ),
     (
         "it is a fork of no episode, or of no round",

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use percent_encoding::percent_decode_str;
+use sqlx::ConnectOptions as _;
 use sqlx::postgres::PgConnectOptions;
 
 /// A file of SQLite, or a database of PostgreSQL.
@@ -49,6 +50,8 @@ pub enum LocationError {
         parameters = PARAMETERS.join(", ")
     )]
     Parameter(String),
+    #[error("the file with the password, {path}, cannot be read: {problem}")]
+    PasswordFile { path: PathBuf, problem: String },
     #[error("it is no address of PostgreSQL, as in postgres://USER@HOST:PORT/DATABASE: {0}")]
     Address(String),
 }
@@ -145,6 +148,18 @@ impl Address {
         PgConnectOptions::from_str(&url)
             .map_err(|error| LocationError::Address(error.to_string()))?;
         Ok(Self { url, password_file })
+    }
+
+    /// The whole address, with the password of its file: for another process, and never to be shown.
+    ///
+    /// # Errors
+    /// If the file with the password cannot be read.
+    pub fn with_password(&self) -> Result<String, LocationError> {
+        let options = self.options().map_err(|(path, error)| {
+            let problem = error.to_string();
+            LocationError::PasswordFile { path, problem }
+        })?;
+        Ok(options.to_url_lossy().into())
     }
 
     /// How to connect to it. Where the address names no password it is that of `PGPASSWORD`, or of `~/.pgpass`.

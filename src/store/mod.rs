@@ -108,9 +108,27 @@ pub enum OpenError {
          continues where it stopped"
     )]
     Incomplete { location: String, from: String },
-    /// Its tables are those of another version.
+    /// Its tables are those of a later version.
+    #[error(
+        "the tables of {location} are those of a later version of this program (migration {version}): start that version, or name \
+         another database with --db. There is no way back for tables; a backup from before has the older ones"
+    )]
+    Later { location: String, version: i64 },
+    /// Its tables cannot be changed.
     #[error("the tables of {location} cannot be brought up to date")]
     Migrate { location: String, source: sqlx::migrate::MigrateError },
+}
+
+impl OpenError {
+    fn of_migration(location: &str, source: sqlx::migrate::MigrateError) -> Self {
+        let location = location.to_owned();
+        match source {
+            sqlx::migrate::MigrateError::VersionMissing(version) => {
+                Self::Later { location, version }
+            }
+            source => Self::Migrate { location, source },
+        }
+    }
 }
 
 /// An open database. Cloning shares it.

@@ -17,6 +17,7 @@ mod numbers;
 mod postgres;
 mod schema;
 mod sessions;
+mod situations;
 mod values;
 
 use std::collections::BTreeMap;

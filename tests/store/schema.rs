@@ -9,8 +9,8 @@ use swarmbench::store::Store;
 
 use crate::{location, scratch};
 
-/// The table that only PostgreSQL has.
-const OWN: &str = "nodes";
+/// The tables that only PostgreSQL has.
+const OWN: [&str; 5] = ["changes", "cluster", "members", "nodes", "places"];
 
 /// The table of the migrations themselves, which each driver makes.
 const MIGRATIONS: &str = "_sqlx_migrations";
@@ -135,7 +135,7 @@ async fn of_postgres(database: &mut PgConnection) -> Schema {
     .expect("the columns");
     let mut schema = Schema::default();
     for (table, column, kind, may_be_empty, collation) in columns {
-        if table == MIGRATIONS || table == OWN {
+        if table == MIGRATIONS || OWN.contains(&table.as_str()) {
             continue;
         }
         if kind == "text" {
@@ -155,7 +155,7 @@ async fn of_postgres(database: &mut PgConnection) -> Schema {
     .await
     .expect("the indexes");
     for (table, name, is_unique, is_partial, columns) in indexes {
-        if table == MIGRATIONS || table == OWN {
+        if table == MIGRATIONS || OWN.contains(&table.as_str()) {
             continue;
         }
         if is_unique {

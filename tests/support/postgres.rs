@@ -69,6 +69,11 @@ impl Scratch {
         host.split('/').next().expect("a host").to_owned()
     }
 
+    /// The name of the database.
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
     /// The address of the database.
     pub(crate) fn url(&self) -> &str {
         &self.url

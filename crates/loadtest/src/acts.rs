@@ -8,12 +8,11 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use serde_json::value::RawValue;
-use sqlx::migrate::Migrator;
 use tokio::task::JoinSet;
 use tokio::time::MissedTickBehavior;
 
 use super::bare_acts::Setup;
-use super::bare_commit::{BareCommit, Place};
+use super::bare_commit::{BareCommit, Place, Tables};
 use super::bare_handler::BareHandler;
 use super::connection::{Answers, Target};
 use super::games::{self, Game, SEATS};
@@ -73,7 +72,7 @@ pub struct Comparison {
 /// Where the server does not report the size of its groups, or the bare writer cannot write.
 pub async fn run(
     target: &Target,
-    (place, tables, bare_server): (&Place, &Migrator, Command),
+    (place, tables, bare_server): (&Place, Tables<'_>, Command),
     by_seats: bool,
     episodes: usize,
     (turns, turn): (usize, Duration),

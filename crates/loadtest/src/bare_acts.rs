@@ -7,10 +7,9 @@ use axum::http::{StatusCode, header};
 use axum::routing::{MethodRouter, post};
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
-use sqlx::migrate::Migrator;
 use tokio::sync::{mpsc, oneshot};
 
-use super::bare_commit::{BareCommit, Place};
+use super::bare_commit::{BareCommit, Place, Tables};
 use super::bare_handler::{read_body, serve_until_input_ends};
 use super::games::SEATS;
 
@@ -36,7 +35,7 @@ type Request = (usize, oneshot::Sender<()>);
 ///
 /// # Errors
 /// Where it cannot listen, the database cannot be made, or the input is not a [`Setup`].
-pub async fn serve(metrics: fn() -> String, tables: &Migrator) -> std::io::Result<()> {
+pub async fn serve(metrics: fn() -> String, tables: Tables<'_>) -> std::io::Result<()> {
     let setup = read_body(&mut std::io::stdin().lock())?;
     let Setup { place, episodes, record } = serde_json::from_slice(&setup)?;
     let bare = BareCommit::open(&place, tables, episodes, record).await;

@@ -3,16 +3,20 @@
 //! A crate of its own because it must not share code with what it measures, except for the shapes of the wire.
 //!
 //! - [`play`]: a grid of games, small to large. [`polls`]: many requests that wait. [`slow`]: slow clients.
-//! - [`reads`]: boards, lists and look-ups on a server with many episodes.
+//! - [`reads`]: boards, lists and look-ups on a server with many episodes. [`competition`]: the pages of a large competition
+//!   while its games end.
 //! - [`obs`] against [`bare_handler`], [`acts`] against [`bare_commit`] and [`bare_acts`]: the server beside the best that
 //!   its libraries could do, measured in turns.
+//! - [`alone`]: one act after the other against one `fdatasync`, and one commit of [`bare_commit`].
 //! - [`connection`]: a client at low cost. [`games`]: episodes to play. [`latencies`], [`metrics`],
 //!   [`rounds`]: shared parts.
 
 pub mod acts;
+pub mod alone;
 pub mod bare_acts;
 pub mod bare_commit;
 pub mod bare_handler;
+pub mod competition;
 pub mod connection;
 pub mod games;
 pub mod latencies;

@@ -258,6 +258,9 @@ pub struct Competition {
     /// Whether it is in no list but the organizers'.
     #[serde(default)]
     pub hidden: bool,
+    /// Another text after each change of what organizers may change: for `if_revision`. Empty from servers of earlier versions.
+    #[serde(default)]
+    pub revision: String,
 }
 
 /// What entrants accept when they enter.
@@ -289,6 +292,8 @@ pub struct CompetitionChange {
     pub hidden: Option<bool>,
     /// Other terms, as their next version: 1 to 20,000 characters. Who has entered keeps the version that it accepted.
     pub terms: Option<String>,
+    /// The `revision` of the competition as the organizer saw it: where it has another by now, nothing is changed (409 `changed`).
+    pub if_revision: Option<String>,
     /// Why; everybody sees it. 1 to 500 characters.
     pub reason: Option<String>,
 }

@@ -10,10 +10,11 @@ use indicatif::{HumanBytes, HumanCount};
 use serde::Serialize;
 use serde_json::Value;
 use swarmbench_loadtest::connection::{Connection, Target, request};
-use swarmbench_loadtest::{Progress, reads};
+use swarmbench_loadtest::latencies::Spread;
+use swarmbench_loadtest::{Progress, competition, reads};
 
 use super::child::{Child, Finished};
-use crate::cli::loadtest::show_reads;
+use crate::cli::loadtest::{millis, numbers, show_reads};
 use crate::cli::output::{self, table};
 
 /// How long a server may take to be ready.
@@ -26,8 +27,11 @@ const LOOK_AGAIN: Duration = Duration::from_millis(2);
 #[command(
     after_help = "It starts a server of its own on the database, reads boards, lists and look-ups, exports and verifies its \
     first competition, stops the server and rebuilds the results of the boards. No other server may use the database.\n\n\
+    With --ends it measures the newest competition that is open, and nothing else: it lets new entrants play there, in the places \
+    of others, reads all its pages meanwhile, then exports and verifies it. That changes the database: name a copy.\n\n\
     Examples:\n  \
     swarmbench capacity fill --db big.db && swarmbench capacity measure --db big.db\n  \
+    swarmbench capacity measure --db copy-of-cup.db --ends 10\n  \
     swarmbench capacity measure --db small.db --reads 100 --json"
 )]
 pub(in crate::cli) struct Args {
@@ -40,6 +44,12 @@ pub(in crate::cli) struct Args {
     /// Concurrent clients.
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=1000))]
     readers: u16,
+    /// Games that end in a second, in an open competition, while its pages are read; 0 for none.
+    #[arg(long, default_value_t = 0.0, value_parser = ends)]
+    ends: f64,
+    /// How long its pages are read then, in seconds.
+    #[arg(long, default_value_t = 60, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=600))]
+    reading: u64,
     /// Where the export of the competition is written for a while.
     #[arg(long, default_value = ".")]
     dir: PathBuf,
@@ -57,20 +67,32 @@ struct Report {
     ready_ms: f64,
     /// The first read of the leaderboard after that.
     first_board_ms: f64,
-    reads: reads::Report,
+    #[serde(flatten)]
+    part: Part,
     /// The most memory that the server had, in bytes, if the host tells it.
     server_memory_bytes: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    competition: Option<Competition>,
-    rebuild: Rebuild,
+    rebuild: Option<Rebuild>,
+}
+
+/// What was measured of a running server.
+#[derive(Debug, Serialize)]
+struct Part {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reads: Option<reads::Report>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    while_games_end: Option<competition::Report>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    competition: Option<File>,
 }
 
 #[derive(Debug, Serialize)]
-struct Competition {
+struct File {
     games: u64,
     rounds: u64,
     export_bytes: u64,
     export_seconds: f64,
+    export_memory_bytes: Option<u64>,
     verify_seconds: f64,
     verify_memory_bytes: Option<u64>,
 }
@@ -85,41 +107,71 @@ struct Rebuild {
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let Args { db, reads, readers, dir, json } = args;
+    let Args { db, reads, readers, ends, reading, dir, json } = args;
     if !db.is_file() {
         bail!("there is no database {}: `swarmbench capacity fill` makes one", db.display());
     }
+    let organizer = if ends > 0.0 { Some(new_organizer(&db).await?) } else { None };
     let started = Instant::now();
     let server = Server::start(&db).await?;
     let ready_ms = milliseconds(started);
     let before = Instant::now();
     server.get("/api/v1/leaderboard").await?;
     let first_board_ms = milliseconds(before);
-    let silent: Progress = Arc::new(|_, _, _| ());
-    let reads = reads::run(&server.target, reads as usize, readers.into(), &silent).await?;
-    if let Some(error) = reads.answers.samples.first() {
-        bail!("{} reads were answered with errors: {error}", reads.answers.errors);
-    }
-    let competition = competition(&server, &dir).await?;
+    let part = match organizer {
+        None => of_all(&server, reads as usize, readers.into(), &dir).await?,
+        Some(organizer) => {
+            let reading = Duration::from_secs(reading);
+            let competition = open_competition(&server).await?;
+            let readers = readers.into();
+            let plan =
+                competition::Plan { competition, organizer, reading, readers, ends_per_s: ends };
+            of_open_competition(&server, plan, &dir).await?
+        }
+    };
     let server_memory_bytes = server.stop().await?.memory_bytes;
-    let rebuild = rebuild(&db).await?;
+    let rebuild = if part.reads.is_some() { Some(rebuild(&db).await?) } else { None };
     let bytes = std::fs::metadata(&db)?.len();
     let database = db;
-    let report = Report {
-        database,
-        bytes,
-        ready_ms,
-        first_board_ms,
-        reads,
-        server_memory_bytes,
-        competition,
-        rebuild,
-    };
+    let report =
+        Report { database, bytes, ready_ms, first_board_ms, part, server_memory_bytes, rebuild };
     if json {
         return output::json(&report);
     }
     show(&report);
     Ok(())
+}
+
+/// Boards, lists and look-ups of all kinds, and a competition that is over.
+async fn of_all(
+    server: &Server,
+    requests: usize,
+    readers: usize,
+    dir: &Path,
+) -> anyhow::Result<Part> {
+    let silent: Progress = Arc::new(|_, _, _| ());
+    let reads = reads::run(&server.target, requests, readers, &silent).await?;
+    if let Some(error) = reads.answers.samples.first() {
+        bail!("{} reads were answered with errors: {error}", reads.answers.errors);
+    }
+    let competition = match revealed_competition(server).await? {
+        Some(id) => Some(file(server, &id, None, dir).await?),
+        None => None,
+    };
+    Ok(Part { reads: Some(reads), while_games_end: None, competition })
+}
+
+/// The pages of a competition while its games end, and its file.
+async fn of_open_competition(
+    server: &Server,
+    plan: competition::Plan,
+    dir: &Path,
+) -> anyhow::Result<Part> {
+    let silent: Progress = Arc::new(|_, _, _| ());
+    let (id, organizer) = (plan.competition.clone(), plan.organizer.clone());
+    let read = competition::run(&server.target, plan, &silent).await?;
+    let file = file(server, &id, Some(&organizer), dir).await?;
+    Ok(Part { reads: None, while_games_end: Some(read), competition: Some(file) })
 }
 
 /// A server of this command, until it is stopped.
@@ -172,15 +224,47 @@ fn text(path: &Path) -> String {
     path.display().to_string()
 }
 
-/// Exports and verifies the newest competition that is open to all, if there is one.
-async fn competition(server: &Server, dir: &Path) -> anyhow::Result<Option<Competition>> {
+/// A new organizer's key.
+async fn new_organizer(db: &Path) -> anyhow::Result<String> {
+    let name = "capacity measure";
+    let args = ["key", "create", "--name", name, "--role", "organizer", "--db", &text(db)];
+    let made = Child::start(&args, None)?.finished().await?;
+    let said = String::from_utf8(made.output)?;
+    Ok(said.trim().to_owned())
+}
+
+/// The newest competition that can be entered.
+async fn open_competition(server: &Server) -> anyhow::Result<String> {
+    let listed: Value = serde_json::from_slice(&server.get("/api/v1/competitions").await?)?;
+    let all = listed["items"].as_array().map_or(&[][..], Vec::as_slice);
+    let open = all.iter().find(|one| one["phase"] == "open" && one["entry"] == "anybody");
+    match open.and_then(|one| one["id"].as_str()) {
+        Some(id) => Ok(id.to_owned()),
+        None => {
+            bail!("no competition is open: `swarmbench capacity fill --entrants 1000` makes one")
+        }
+    }
+}
+
+fn ends(text: &str) -> Result<f64, String> {
+    let ends = text.parse().ok().filter(|ends| (0.0..=1000.0).contains(ends));
+    ends.ok_or_else(|| "must be from 0 to 1000".to_owned())
+}
+
+/// The newest competition that is open to all, if there is one.
+async fn revealed_competition(server: &Server) -> anyhow::Result<Option<String>> {
     let listed: Value = serde_json::from_slice(&server.get("/api/v1/competitions").await?)?;
     let all = listed["items"].as_array().map_or(&[][..], Vec::as_slice);
     let open = all.iter().find(|competition| competition["revealed_at"].is_string());
-    let Some(id) = open.and_then(|competition| competition["id"].as_str()) else { return Ok(None) };
+    Ok(open.and_then(|competition| competition["id"].as_str()).map(str::to_owned))
+}
+
+/// Exports and verifies a competition.
+async fn file(server: &Server, id: &str, key: Option<&str>, dir: &Path) -> anyhow::Result<File> {
     let file = tempfile(dir)?;
-    let address = &server.address;
-    let export = Child::start(&["competition", "export", id, "--server", address], Some(&file))?;
+    let mut args = vec!["competition", "export", id, "--server", &server.address];
+    args.extend(key.iter().flat_map(|key| ["--key", key]));
+    let export = Child::start(&args, Some(&file))?;
     let export = export.finished().await?;
     let export_bytes = std::fs::metadata(&file)?.len();
     let verify = Child::start(&["verify", "--competition", "--json", &text(&file)], None)?;
@@ -189,14 +273,15 @@ async fn competition(server: &Server, dir: &Path) -> anyhow::Result<Option<Compe
     let verify = verify?;
     let said: Value = serde_json::from_slice(&verify.output)?;
     let count = |name: &str| said[name].as_u64().unwrap_or(0);
-    Ok(Some(Competition {
+    Ok(File {
         games: count("episodes"),
         rounds: count("rounds"),
         export_bytes,
         export_seconds: export.seconds,
+        export_memory_bytes: export.memory_bytes,
         verify_seconds: verify.seconds,
         verify_memory_bytes: verify.memory_bytes,
-    }))
+    })
 }
 
 /// A new file for the export.
@@ -230,8 +315,8 @@ fn show(report: &Report) {
     row("start until ready", format!("{ready_ms:.0} ms"));
     row("first read of the leaderboard", format!("{first_board_ms:.0} ms"));
     row("memory of the server, at most", memory(report.server_memory_bytes));
-    if let Some(cup) = &report.competition {
-        let Competition { games, rounds, export_bytes, export_seconds, verify_seconds, .. } = *cup;
+    if let Some(cup) = &report.part.competition {
+        let File { games, rounds, export_bytes, export_seconds, verify_seconds, .. } = *cup;
         let rate = |count: u64, seconds: f64| HumanCount(per_second(count, seconds));
         row(
             "export of a competition",
@@ -252,17 +337,53 @@ fn show(report: &Report) {
             ),
         );
     }
-    let Rebuild { results, seconds, memory_bytes, .. } = report.rebuild;
-    row(
-        "board rebuild",
-        format!(
-            "{} results in {seconds:.1} s, memory {}",
-            HumanCount(results),
-            memory(memory_bytes)
-        ),
-    );
+    if let Some(Rebuild { results, seconds, memory_bytes, .. }) = report.rebuild {
+        row(
+            "board rebuild",
+            format!(
+                "{} results in {seconds:.1} s, memory {}",
+                HumanCount(results),
+                memory(memory_bytes)
+            ),
+        );
+    }
     out!("{shown}");
-    show_reads(&report.reads);
+    report.part.while_games_end.iter().for_each(show_pages);
+    report.part.reads.iter().for_each(show_reads);
+}
+
+fn show_pages(report: &competition::Report) {
+    out!(
+        "\nPages of {} in turn by {} clients at once, for {:.0} s, while {:.1} games a second end ({} in all)",
+        report.competition,
+        report.readers,
+        report.seconds,
+        report.ended_per_s,
+        report.ended
+    );
+    for is_page in [true, false] {
+        let mut shown =
+            numbers(&["read by", "what", "different", "reads", "p50 ms", "p99 ms", "max ms"]);
+        for line in report.lines.iter().filter(|line| line.is_page == is_page) {
+            let Spread { count, p50_ms, p99_ms, max_ms } = line.latency;
+            let [p50, p99, max] = [p50_ms, p99_ms, max_ms].map(millis);
+            let (by, read) = (line.by.to_owned(), line.read.to_owned());
+            let different = line.different.to_string();
+            shown.add_row([by, read, different, count.to_string(), p50, p99, max]);
+        }
+        if !is_page {
+            out!("\nWhole lists in one answer, read by themselves");
+        }
+        out!("{shown}");
+    }
+    let Spread { p50_ms, p99_ms, .. } = report.acted;
+    out!("receipts of a round: p50 {} ms, p99 {} ms", millis(p50_ms), millis(p99_ms));
+    for (who, answers) in [("readers", &report.reads), ("players", &report.plays)] {
+        if answers.errors + answers.held_back > 0 {
+            let (errors, held_back) = (answers.errors, answers.held_back);
+            out!("answers to {who}: {errors} errors {:?}, {held_back} 429 or 503", answers.samples);
+        }
+    }
 }
 
 #[expect(

@@ -111,6 +111,10 @@ pub(super) struct Change {
     /// A file with other terms; who has entered keeps the version that it accepted.
     #[arg(long, value_name = "FILE")]
     terms: Option<PathBuf>,
+    /// The revision that you saw, from `swarmbench competition show`: if somebody has changed the competition since, nothing is
+    /// changed. Default: the revision that it has when this command starts.
+    #[arg(long, value_name = "REVISION")]
+    if_revision: Option<String>,
     /// Why, visible to all.
     #[arg(long)]
     reason: Option<String>,
@@ -151,7 +155,13 @@ pub(super) async fn run(client: &Client, json: bool, command: Command) -> anyhow
     match command {
         Command::Change(change) => {
             let id = path(&change.id, "");
-            let changed: Competition = client.patch(&id, &change.request()?).await?;
+            let mut request = change.request()?;
+            if request.if_revision.is_none() {
+                let seen: Competition = client.get(&id).await?;
+                // A server of an earlier version has none.
+                request.if_revision = Some(seen.revision).filter(|revision| !revision.is_empty());
+            }
+            let changed: Competition = client.patch(&id, &request).await?;
             show(json, &changed, |changed| out!("{}", tables::competition(changed)))
         }
         Command::Cancel { id, reason } => {
@@ -223,8 +233,18 @@ pub(super) async fn run(client: &Client, json: bool, command: Command) -> anyhow
 
 impl Change {
     fn request(self) -> anyhow::Result<CompetitionChange> {
-        let Self { id: _, name, description, closes_at, window, hide, unhide, terms, reason } =
-            self;
+        let Self {
+            id: _,
+            name,
+            description,
+            closes_at,
+            window,
+            hide,
+            unhide,
+            terms,
+            if_revision,
+            reason,
+        } = self;
         let read = |file: PathBuf| {
             std::fs::read_to_string(&file).with_context(|| format!("{}", file.display()))
         };
@@ -238,6 +258,7 @@ impl Change {
             attempts: Some(windows.collect()),
             hidden: (hide || unhide).then_some(hide),
             terms: terms.map(read).transpose()?,
+            if_revision,
             reason,
         })
     }

@@ -167,6 +167,7 @@ pub(super) fn competition(competition: &Competition) -> Table {
         row("terms", format!("version {}\n{}", terms.version, printable(&terms.text)));
     }
     row("commitment", competition.commitment.clone());
+    row("revision", competition.revision.clone());
     if let (Some(salt), Some(seeds)) = (&competition.salt, &competition.seeds) {
         row("salt", salt.clone());
         row("seeds", seeds.join("\n"));

@@ -104,7 +104,11 @@ pub(in super::super) async fn show_board(
         }
         _ => Part::Public,
     };
-    let part_name = if competition.definition.public_seeds > 0 { part.name() } else { "all" };
+    let (part, part_name) = match competition.definition.public_seeds {
+        // Both parts are the same, and are ranked once.
+        0 => (Part::Final, "all"),
+        _ => (part, part.name()),
+    };
     let (shows, before) = match view {
         BoardView::Nothing => ("nothing", None),
         BoardView::Totals => ("totals", None),
@@ -118,16 +122,14 @@ pub(in super::super) async fn show_board(
     let question =
         format!("board of {id}: {view:?} {what:?} {start:?} {format:?} {metrics:?} {measured:?}");
     let bytes_max = app.limits.answer_bytes_max;
+    let ranked = match view {
+        BoardView::Nothing => Arc::new(Cached { of: app.rankings.results(), what: Arc::default() }),
+        BoardView::Totals | BoardView::TotalsBefore(_) | BoardView::All => {
+            app.ranking(competition, view, before, what).await?
+        }
+    };
+    let of = ranked.of;
     let make = async {
-        let ranked = match view {
-            BoardView::Nothing => {
-                Arc::new(Cached { of: app.rankings.results(), what: Ranking::default() })
-            }
-            BoardView::Totals | BoardView::TotalsBefore(_) | BoardView::All => {
-                app.ranking(competition, view, before, what).await?
-            }
-        };
-        let of = ranked.of;
         let first = ranked.what.after(start.after.as_ref());
         let means = match view {
             BoardView::All if !metrics.is_empty() => {
@@ -145,9 +147,9 @@ pub(in super::super) async fn show_board(
             };
             format.page(bytes_max, start.limit, page)
         };
-        Ok((of, app.heavy.render(write).await?))
+        app.heavy.render(write).await
     };
-    app.answers.answer_of(question, Box::pin(make)).await
+    app.answers.answer_of(question, of, Box::pin(make)).await
 }
 
 /// The part of a board that is asked for.
@@ -176,23 +178,42 @@ impl App {
         view: BoardView,
         before: Option<Timestamp>,
         (part, category): (Part, Option<String>),
-    ) -> Result<Arc<Cached<Ranking>>, ApiError> {
+    ) -> Result<Arc<Cached<Arc<Ranking>>>, ApiError> {
         let question = format!("{}: {view:?} {part:?} {category:?}", competition.id);
-        let make = async {
-            let of = self.rankings.results();
-            let mut places = self.competitions.places(&competition, part, before).await?;
-            if category.is_some() {
-                places.retain(|(entrant, _)| entrant.category == category);
+        let (app, competition) = (self.clone(), Arc::new(competition));
+        let make = move |known: Option<Arc<Cached<Arc<Ranking>>>>| {
+            let (app, competition) = (app.clone(), Arc::clone(&competition));
+            let category = category.clone();
+            async move {
+                let of = app.rankings.results();
+                let known = known.map(|known| Arc::clone(&known.what));
+                let version = known.as_ref().map(|known| known.version);
+                let found = app.competitions.places(&competition, part, before, version).await?;
+                let what = match (found, known) {
+                    (None, Some(known)) => known,
+                    (found, _) => {
+                        let (version, mut places) = found.unwrap_or_default();
+                        if category.is_some() {
+                            places.retain(|(entrant, _)| entrant.category == category);
+                        }
+                        let with_tasks = view == BoardView::All;
+                        let rank = move || {
+                            let rows = ranking(&competition.definition, &places, with_tasks);
+                            Arc::new(Ranking::new(rows, version))
+                        };
+                        app.heavy.render(rank).await?
+                    }
+                };
+                Ok(Cached { of, what })
             }
-            let rank = move || ranking(&competition.definition, &places, view == BoardView::All);
-            Ok(Cached { of, what: self.heavy.render(rank).await? })
         };
-        self.rankings.entry(question, Box::pin(make)).await
+        let stopped = self.stop.clone().cancelled_owned();
+        self.rankings.followed_entry(question, make, stopped).await
     }
 }
 
 /// The rows of a board as they are shown, with the results in each task or without.
-fn ranking(definition: &Definition, places: &[Place], with_tasks: bool) -> Ranking {
+fn ranking(definition: &Definition, places: &[Place], with_tasks: bool) -> Vec<CompetitionRow> {
     let places: Vec<_> = places.iter().map(|(entrant, played)| (&**entrant, &**played)).collect();
     let entrants: HashMap<_, _> =
         places.iter().map(|(entrant, _)| (entrant.id.as_str(), *entrant)).collect();
@@ -201,7 +222,7 @@ fn ranking(definition: &Definition, places: &[Place], with_tasks: bool) -> Ranki
         let entrant = entrants.get(row.row.entrant.as_str())?;
         Some(shown::row(row, entrant, with_tasks))
     });
-    Ranking::new(rows.collect())
+    rows.collect()
 }
 
 /// A page of a board.

@@ -9,12 +9,14 @@ use super::{check_open, shown};
 use crate::store::entries::Entry;
 use swarmbench_boards::competition::change::{Change, Changed};
 use swarmbench_boards::competition::export::CHANGE;
+use swarmbench_boards::competition::shown::revision;
 use swarmbench_protocol::competition::{Competition, CompetitionChange};
 
 /// Change a competition that has not closed: extend it or the windows of its attempts, correct its texts, renew its terms, or hide it.
 ///
 /// A window is never shortened. Games that are open keep the end that they have; all that are opened afterwards have the new one,
-/// also those of attempts that are running. Everybody sees what was changed (`GET …/actions`).
+/// also those of attempts that are running. Everybody sees what was changed (`GET …/actions`). With `if_revision` nothing is
+/// changed where somebody else has changed it meanwhile.
 #[utoipa::path(
     patch,
     path = "/api/v1/competitions/{id}",
@@ -26,7 +28,7 @@ use swarmbench_protocol::competition::{Competition, CompetitionChange};
     responses(
         (status = 200, description = "The competition as it is now", body = Competition),
         (status = 403, description = "`forbidden`: not an organizer's key"),
-        (status = 409, description = "`closed`: it has closed, or was cancelled"),
+        (status = 409, description = "`closed`: it has closed, or was cancelled; `changed`: it has another revision than `if_revision`"),
     )
 )]
 pub(in super::super) async fn change_competition(
@@ -36,8 +38,16 @@ pub(in super::super) async fn change_competition(
     _: Params<Nothing>,
     Json(request, _): Json<CompetitionChange>,
 ) -> Result<JsonBody<Competition>, ApiError> {
-    let CompetitionChange { name, description, closes_at, attempts, hidden, terms, reason } =
-        request;
+    let CompetitionChange {
+        name,
+        description,
+        closes_at,
+        attempts,
+        hidden,
+        terms,
+        if_revision,
+        reason,
+    } = request;
     if let Some(reason) = &reason {
         let mut problems = Problems::default();
         problems.text("reason", reason, app.limits.reason_chars_max);
@@ -59,6 +69,14 @@ pub(in super::super) async fn change_competition(
         let competition = app.stored_competition(&id).await?;
         let now = app.clock.wall();
         check_open(&competition, now)?;
+        let revision = revision(&competition.definition, competition.hidden);
+        if if_revision.is_some_and(|seen| seen != revision) {
+            let detail = format!(
+                "the competition was changed since you looked at it (if_revision), and has revision {revision}: look at it \
+                 again, and send what is still to be changed"
+            );
+            return Err(ApiError::new(Code::Changed, detail));
+        }
         let old = &competition.definition;
         let new = old.changed(&change, now).map_err(|found| {
             let mut problems = Problems::default();

@@ -62,7 +62,7 @@ pub(in super::super) async fn list_entrants(
     if own {
         return make.await;
     }
-    app.answers.answer(format!("entrants of {id} {params:?}"), Box::pin(make)).await
+    app.answers.answer_of_entrants(format!("entrants of {id} {params:?}"), Box::pin(make)).await
 }
 
 /// Show an entrant with its own results, to its holder and to organizers.

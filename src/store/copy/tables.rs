@@ -17,7 +17,8 @@ macro_rules! tables {
     };
 }
 
-// `nodes` is left out, as it says which servers of PostgreSQL may write.
+// The tables that say which servers of PostgreSQL may write, and who plays what (`nodes`, `members`, `places`, `cluster`, `changes`), are
+// left out.
 tables! {
     episodes by 1 given {
         key: Int, id: Text, opening: Text, task: Text, model: Text, visibility: Text, status: Text,
@@ -45,7 +46,7 @@ tables! {
         key: Int, id: Text, owner: Int, suite: Text, digest: Text, definition: Text, model: Text,
         visibility: Text, status: Text, entry: Int, attempt: Int, voided_at: Int, void_reason: Text,
         created_at: Int, ended_at: Int, idempotency_key: Text, idempotency_body: Bytes,
-        closes_at: Int, replays: Int, competition: Int,
+        closes_at: Int, replays: Int, competition: Int, revealed: Bool,
     }
     results by 1 given {
         episode: Int, task: Text, seed: Int, score: Real, rounds: Int, status: Text, acts: Int,

@@ -41,6 +41,9 @@ const MEMBERS_MAX: i16 = 1024;
 /// Old changes are kept for so long; a member that has not read them meanwhile reads everything again.
 const CHANGES_KEPT: Duration = Duration::from_mins(30);
 
+/// How long it waits before it asks a database again that did not answer.
+const PAUSE: Duration = Duration::from_millis(500);
+
 /// Places that one statement takes or gives back.
 const PLACES_AT_ONCE: usize = 1000;
 
@@ -90,7 +93,8 @@ pub struct Member {
     pub name: String,
     pub version: String,
     pub joined_at_ms: i64,
-    /// How long ago it was seen, in milliseconds.
+    /// When it was last seen, and how long ago that was, by the clock of the database.
+    pub beat_at_ms: i64,
     pub seen_ms_ago: i64,
     /// Whether the database has its session: it ends with its process, or with its connection.
     pub is_connected: bool,
@@ -345,10 +349,11 @@ impl Cluster {
         Arc::clone(&self.members.lock().expect("nothing panics while it holds this"))
     }
 
-    /// Whether this is the oldest member, which does what one of them has to. There are never two: a younger one is the oldest
-    /// only when the rows of all older ones are gone.
+    /// Whether this is the oldest member that takes work: it does what one of them has to. For a moment there may be two.
     pub fn is_oldest(&self) -> bool {
-        self.members().first().is_some_and(|oldest| oldest.incarnation == self.incarnation)
+        let members = self.members();
+        let oldest = members.iter().find(|member| member.is_ready);
+        oldest.is_some_and(|oldest| oldest.incarnation == self.incarnation)
     }
 
     /// Which member takes a place that nobody has: for each place another, and the same for all who ask, as long as they see the
@@ -423,7 +428,7 @@ impl Cluster {
             let rows = query(
                 "SELECT m.incarnation, m.address, n.name, m.version, n.started_at,
                         now_ms() - m.beat_at, m.offset_ms, m.is_ready,
-                        m.episodes, m.places, l.objid IS NOT NULL
+                        m.episodes, m.places, l.objid IS NOT NULL, m.beat_at
                  FROM members m JOIN nodes n ON n.incarnation = m.incarnation
                  LEFT JOIN pg_locks l ON l.locktype = 'advisory' AND l.granted AND l.objsubid = 2
                      AND l.database = (SELECT oid FROM pg_database WHERE datname = current_database())
@@ -444,6 +449,7 @@ impl Cluster {
                     episodes: row.try_get(8)?,
                     places: row.try_get(9)?,
                     is_connected: row.try_get(10)?,
+                    beat_at_ms: row.try_get(11)?,
                 })
             });
             let members = members.collect::<Result<_, sqlx::Error>>()?;
@@ -534,30 +540,64 @@ impl Cluster {
         }
     }
 
-    /// Gives back places that [`Cluster::leave`] has begun to: nothing is written there any more.
+    /// Gives back places that [`Cluster::leave`] has begun to: nothing is written there any more. Where the database does not answer,
+    /// nobody knows whether they are given back; then it goes on until that is certain, and this server does nothing there.
     pub async fn release(&self, places: &[Place]) -> Result<(), StoreError> {
         for some in places.chunks(PLACES_AT_ONCE) {
-            self.on(&self.takes, Purpose::Takes, async |connection| {
-                let (kinds, keys) = columns(some);
-                let mut arguments = PgArguments::default();
-                arguments.add(kinds).map_err(sqlx::Error::Encode)?;
-                arguments.add(keys).map_err(sqlx::Error::Encode)?;
-                arguments.add(self.incarnation).map_err(sqlx::Error::Encode)?;
-                let Engine::Postgres(connection) = connection.engine() else { unreachable!("it is of PostgreSQL") };
-                let delete = sqlx::query_with(
-                    "DELETE FROM places p USING unnest($1::smallint[], $2::bigint[]) AS w (kind, key)
-                     WHERE p.kind = w.kind AND p.key = w.key AND p.owner = $3",
-                    arguments,
-                );
-                delete.execute(connection).await.map(drop)
-            })
-            .await?;
+            let takings = loop {
+                match self.takings(some).await {
+                    Err(StoreError::Away) => tokio::time::sleep(PAUSE).await,
+                    answered => break answered?,
+                }
+            };
+            while let Err(error) = self.delete(&takings).await {
+                if !matches!(error, StoreError::Away) {
+                    return Err(error);
+                }
+                tokio::time::sleep(PAUSE).await;
+            }
             let mut held = self.places();
             for place in some {
                 held.remove(place);
             }
         }
         Ok(())
+    }
+
+    /// The numbers of rows by which this server has places.
+    async fn takings(&self, places: &[Place]) -> Result<Vec<i64>, StoreError> {
+        self.on(&self.takes, Purpose::Takes, async |connection| {
+            let (kinds, keys) = columns(places);
+            let mut arguments = PgArguments::default();
+            arguments.add(kinds).map_err(sqlx::Error::Encode)?;
+            arguments.add(keys).map_err(sqlx::Error::Encode)?;
+            arguments.add(self.incarnation).map_err(sqlx::Error::Encode)?;
+            let Engine::Postgres(connection) = connection.engine() else {
+                unreachable!("it is of PostgreSQL")
+            };
+            let rows = sqlx::query_with(
+                "SELECT p.taking FROM places p JOIN unnest($1::smallint[], $2::bigint[]) AS w (kind, key)
+                     ON p.kind = w.kind AND p.key = w.key WHERE p.owner = $3",
+                arguments,
+            );
+            let rows = rows.fetch_all(connection).await?;
+            rows.iter().map(|row| row.try_get(0)).collect()
+        })
+        .await
+    }
+
+    async fn delete(&self, takings: &[i64]) -> Result<(), StoreError> {
+        self.on(&self.takes, Purpose::Takes, async |connection| {
+            let mut arguments = PgArguments::default();
+            arguments.add(takings.to_vec()).map_err(sqlx::Error::Encode)?;
+            let Engine::Postgres(connection) = connection.engine() else {
+                unreachable!("it is of PostgreSQL")
+            };
+            let delete =
+                sqlx::query_with("DELETE FROM places WHERE taking = ANY($1::bigint[])", arguments);
+            delete.execute(connection).await.map(drop)
+        })
+        .await
     }
 
     /// Gives back all places at which everything is over.

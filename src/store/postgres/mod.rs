@@ -6,6 +6,7 @@ pub(super) mod group;
 pub(super) mod rows;
 pub(super) mod session;
 
+use sqlx::migrate::MigrateError;
 use sqlx::postgres::PgConnectOptions;
 
 use super::location::Address;
@@ -14,7 +15,7 @@ use super::{OpenError, copy};
 use crate::migrations;
 use cluster::Joining;
 use group::Node;
-use session::Server;
+use session::{Server, SessionError};
 
 /// A database that only this process writes to.
 pub(super) struct Opened {
@@ -99,7 +100,14 @@ async fn lock(server: &Server, is_shared: bool) -> Result<Connection, OpenError>
 async fn migrate(server: &Server, connection: &mut Connection) -> Result<(), OpenError> {
     let Engine::Postgres(raw) = connection.engine() else { unreachable!("it is of PostgreSQL") };
     let migrated = migrations::postgres().run(raw).await;
-    migrated.map_err(|source| OpenError::Migrate { location: server.location().to_owned(), source })
+    migrated.map_err(|source| match source {
+        MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _)
+            if session::sqlstate(&error).as_deref() == Some(session::FORBIDDEN) =>
+        {
+            SessionError::Forbidden(server.location().to_owned(), error).into()
+        }
+        source => OpenError::of_migration(server.location(), source),
+    })
 }
 
 /// A connection that only reads, also while a server has the database.

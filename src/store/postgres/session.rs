@@ -11,6 +11,9 @@ use crate::store::sql::{Connection, query};
 /// The oldest PostgreSQL that this program is tested with.
 const VERSION_MIN: i64 = 150_000;
 
+/// The code of an error: the role has no right to do it.
+pub(super) const FORBIDDEN: &str = "42501";
+
 /// How long connecting may take.
 const CONNECT_PATIENCE: Duration = Duration::from_secs(10);
 
@@ -38,7 +41,7 @@ pub enum SessionError {
     )]
     Full(String),
     #[error("PostgreSQL at {location} is version {version}: 15 or newer is needed")]
-    Version { location: String, version: i64 },
+    Version { location: String, version: String },
     #[error(
         "{location} has {setting} = {value}: what is acknowledged could be lost. Set {setting} = {wanted} in \
          postgresql.conf, and reload"
@@ -55,6 +58,11 @@ pub enum SessionError {
          or set the pooler to pool_mode = session"
     )]
     Pooler(String),
+    #[error(
+        "the role of {0} may not make tables there: let it own the database (ALTER DATABASE … OWNER TO …), or give it the right \
+         in its schema (GRANT CREATE ON SCHEMA public TO …)"
+    )]
+    Forbidden(String, #[source] sqlx::Error),
     #[error("TLS with {0} fails: check sslmode, sslrootcert, sslcert and sslkey in the address")]
     Tls(String, #[source] sqlx::Error),
     #[error("{0} has no tables of this program yet: `swarmbench serve` makes them")]
@@ -151,9 +159,7 @@ impl Server {
         );
         let (version, encoding, is_read_only): (i64, String, bool) =
             settings.one(connection).await.map_err(|error| self.failed(error))?;
-        if version < VERSION_MIN {
-            return Err(SessionError::Version { location: location(), version: version / 10_000 });
-        }
+        check_version(self.location(), version)?;
         if encoding != "UTF8" {
             return Err(SessionError::Encoding(location(), encoding));
         }
@@ -258,6 +264,19 @@ impl Server {
     }
 }
 
+/// Refuses a version that this program was never tested with.
+fn check_version(location: &str, version: i64) -> Result<(), SessionError> {
+    if version >= VERSION_MIN {
+        return Ok(());
+    }
+    // 9.6.24 is 90624, 14.10 is 140010.
+    let version = match version {
+        100_000.. => (version / 10_000).to_string(),
+        _ => format!("{}.{}", version / 10_000, version / 100 % 100),
+    };
+    Err(SessionError::Version { location: location.to_owned(), version })
+}
+
 /// The code of an error of PostgreSQL, if it is one.
 pub(in crate::store) fn sqlstate(error: &sqlx::Error) -> Option<String> {
     Some(error.as_database_error()?.code()?.into())
@@ -315,4 +334,24 @@ pub(in crate::store) async fn terminate(
 ) -> Result<(), sqlx::Error> {
     let end = query("SELECT pg_terminate_backend(CAST($1 AS integer))").bind(pid);
     end.execute(connection).await.map(drop)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_older_postgres_is_refused_by_its_name() {
+        let refused = |version| check_version("postgres://me@db/swarm", version).err();
+        for (version, name) in [(90_624, "9.6"), (100_023, "10"), (140_010, "14"), (149_999, "14")]
+        {
+            let said = refused(version).expect("it is too old").to_string();
+            let expected =
+                format!("postgres://me@db/swarm is version {name}: 15 or newer is needed");
+            assert!(said.ends_with(&expected), "{said}");
+        }
+        for version in [150_000, 150_014, 160_000, 170_005, 180_000] {
+            assert!(refused(version).is_none(), "{version}");
+        }
+    }
 }

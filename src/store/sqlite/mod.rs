@@ -79,7 +79,7 @@ pub(super) async fn bring_up_to_date(
 ) -> Result<(), OpenError> {
     let Engine::Sqlite(raw) = connection.engine() else { unreachable!("it is of SQLite") };
     let migrated = migrations::sqlite().run(raw).await;
-    migrated.map_err(|source| OpenError::Migrate { location: path.display().to_string(), source })
+    migrated.map_err(|source| OpenError::of_migration(&path.display().to_string(), source))
 }
 
 /// Refuses a file that is no database of this program, or may lack what was written last.

@@ -759,8 +759,12 @@ pub(in crate::store) async fn reveal(
              SELECT r.key FROM runs r JOIN entries n ON n.key = r.entry WHERE n.competition = $1)",
     )
     .bind(competition.0)
-    .execute(connection)
+    .execute(&mut *connection)
     .await?;
+    query("UPDATE runs SET revealed = TRUE WHERE competition = $1")
+        .bind(competition.0)
+        .execute(connection)
+        .await?;
     Ok(())
 }
 

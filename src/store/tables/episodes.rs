@@ -51,6 +51,95 @@ impl Filter {
         }
     }
 
+    /// The parts of what is listed, each of which has an index in the order of the list: with a condition that is one or another,
+    /// a list would walk through all sealed games of a large competition. None where an index by something else finds the few
+    /// that there are.
+    fn parts(&self) -> Option<Vec<Part<'_>>> {
+        if self.run.is_some() || self.fork_of.is_some() {
+            return None;
+        }
+        match &self.readable {
+            Readable::Public => Some(vec![Part::Public]),
+            Readable::And(id) => Some(vec![Part::Public, Part::Episode(id)]),
+            Readable::AndOf(owner) => Some(vec![Part::Public, Part::Own(*owner), Part::Claimable]),
+            Readable::AndOfRun(run) => Some(vec![Part::Public, Part::OfRun(*run)]),
+            Readable::All | Readable::OnlyOfRun(_) | Readable::Only(_) | Readable::Nothing => None,
+        }
+    }
+
+    /// Adds what is filtered by, but for who may read it. The column that leads is looked up in an index.
+    fn push<'q>(
+        &'q self,
+        query: &mut Builder<'q>,
+        before: Option<EpisodeKey>,
+        leads: Option<&str>,
+    ) {
+        query.push("e.key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
+        for (column, value) in
+            [("status", &self.status), ("task", &self.task), ("model", &self.model)]
+        {
+            if let Some(value) = value {
+                query.push(" AND e.").push(column);
+                // SQLite takes no index for a text that is made.
+                query.push(if leads == Some(column) { " = " } else { " || '' = " });
+                query.push_bind(value);
+            }
+        }
+        if let Some(model) = &self.played_by {
+            query.push(" AND CASE WHEN ").push(IS_SEATED);
+            query
+                .push(" THEN EXISTS (SELECT 1 FROM seats s WHERE s.episode = e.key AND s.model = ");
+            query.push_bind(model).push(") ELSE e.model = ").push_bind(model).push(" END");
+        }
+        if let Some(mixed) = self.mixed {
+            query.push(" AND ").push(IS_MIXED).push(" = ").push_bind(mixed);
+        }
+        if let Some(run) = self.run {
+            query.push(" AND e.run = ").push_bind(run.0);
+        }
+        if let Some(parent) = &self.fork_of {
+            query.push(" AND e.fork_of = (SELECT key FROM episodes WHERE id = ");
+            query.push_bind(parent).push(")");
+        }
+        if let Some(forks) = self.forks {
+            query.push(" AND (e.fork_of IS NOT NULL) = ").push_bind(forks);
+        }
+    }
+
+    /// Adds who may read it, as one condition.
+    fn push_readable<'q>(&'q self, query: &mut Builder<'q>) {
+        match &self.readable {
+            Readable::All => {}
+            Readable::Public => {
+                query.push(" AND ").push(PUBLIC);
+            }
+            Readable::And(id) => {
+                query.push(" AND (").push(PUBLIC).push(" OR e.id = ");
+                query.push_bind(id.as_str()).push(")");
+            }
+            Readable::AndOf(owner) => {
+                query.push(" AND (").push(PUBLIC).push(" OR ");
+                Part::Own(*owner).push(query);
+                query.push(" OR ").push(CLAIMABLE).push(")");
+            }
+            Readable::AndOfRun(run) => {
+                query.push(" AND (").push(PUBLIC).push(" OR ");
+                Part::OfRun(*run).push(query);
+                query.push(")");
+            }
+            Readable::OnlyOfRun(run) => {
+                query.push(" AND (e.visibility <> 'sealed' OR e.revealed) AND e.run = ");
+                query.push_bind(run.0);
+            }
+            Readable::Only(id) => {
+                query.push(" AND e.id = ").push_bind(id.as_str());
+            }
+            Readable::Nothing => {
+                query.push(" AND FALSE");
+            }
+        }
+    }
+
     /// What is exported of forks: nothing, as games that begin in the same way are no independent games. All where they are
     /// asked for, or one episode is named.
     pub fn of_forks(wanted: bool, is_named: bool) -> Option<bool> {
@@ -77,6 +166,70 @@ pub enum Readable {
     /// This one alone.
     Only(EpisodeId),
     Nothing,
+}
+
+/// A part of what a list shows.
+enum Part<'a> {
+    /// What anyone may read now.
+    Public,
+    /// What was created with a key.
+    Own(OwnerKey),
+    Claimable,
+    OfRun(RunKey),
+    Episode(&'a EpisodeId),
+}
+
+/// What anyone may read now, in the words of the indexes that have it.
+const PUBLIC: &str = "(e.visibility = 'public' OR (e.ended_at IS NOT NULL
+                        AND (e.visibility <> 'sealed' OR e.revealed)))";
+
+impl<'q> Part<'q> {
+    fn push(&self, query: &mut Builder<'q>) {
+        match self {
+            Self::Public => {
+                query.push(PUBLIC);
+            }
+            Self::Own(owner) => {
+                query
+                    .push("((e.visibility <> 'sealed' OR (e.own_games AND e.ended_at IS NOT NULL)) AND e.owner = ")
+                    .push_bind(owner.0)
+                    .push(")");
+            }
+            Self::Claimable => {
+                query.push(CLAIMABLE);
+            }
+            Self::OfRun(run) => {
+                query.push("(e.visibility <> 'sealed' AND e.run = ").push_bind(run.0).push(")");
+            }
+            Self::Episode(id) => {
+                query.push("e.id = ").push_bind(id.as_str());
+            }
+        }
+    }
+
+    /// The column of the filter that is looked up in an index.
+    fn leads(&self, filter: &Filter) -> Option<&'static str> {
+        match self {
+            Self::Public => filter.leads(),
+            Self::Own(_) | Self::Claimable | Self::OfRun(_) | Self::Episode(_) => None,
+        }
+    }
+
+    /// The index, where SQLite might take another.
+    fn hint(&self, filter: &Filter) -> &'static str {
+        match self {
+            Self::Public => match filter.leads() {
+                Some("status") if filter.status.is_some() => {
+                    " INDEXED BY episodes_public_by_status"
+                }
+                Some("task") => " INDEXED BY episodes_public_by_task",
+                Some("model") => " INDEXED BY episodes_public_by_model",
+                _ => " INDEXED BY episodes_public",
+            },
+            Self::Own(_) => " INDEXED BY episodes_by_owner",
+            Self::Claimable | Self::OfRun(_) | Self::Episode(_) => "",
+        }
+    }
 }
 
 /// Which part of an episode is read.
@@ -256,72 +409,27 @@ impl Store {
         limit: u32,
     ) -> Result<Vec<StoredEpisode>, StoreError> {
         let mut query = select(detail);
-        query.push("e.key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
-        let leads = filter.leads();
-        for (column, value) in
-            [("status", &filter.status), ("task", &filter.task), ("model", &filter.model)]
-        {
-            if let Some(value) = value {
-                query.push(" AND e.").push(column);
-                // SQLite takes no index for a text that is made.
-                query.push(if leads == Some(column) { " = " } else { " || '' = " });
-                query.push_bind(value);
+        match filter.parts() {
+            None => {
+                filter.push(&mut query, before, filter.leads());
+                filter.push_readable(&mut query);
+            }
+            Some(parts) => {
+                query.push("e.key IN (");
+                for (place, part) in parts.iter().enumerate() {
+                    let union = if place == 0 { "" } else { " UNION " };
+                    query.push(union).push("SELECT key FROM (SELECT e.key FROM episodes e");
+                    query.push(part.hint(filter)).push(" WHERE ");
+                    filter.push(&mut query, before, part.leads(filter));
+                    query.push(" AND ");
+                    part.push(&mut query);
+                    query.push(" ORDER BY e.key DESC LIMIT ").push_bind(limit);
+                    // PostgreSQL wants a name for it.
+                    query.push(") AS part");
+                }
+                query.push(")");
             }
         }
-        if let Some(model) = &filter.played_by {
-            query.push(" AND CASE WHEN ").push(IS_SEATED);
-            query
-                .push(" THEN EXISTS (SELECT 1 FROM seats s WHERE s.episode = e.key AND s.model = ");
-            query.push_bind(model).push(") ELSE e.model = ").push_bind(model).push(" END");
-        }
-        if let Some(mixed) = filter.mixed {
-            query.push(" AND ").push(IS_MIXED).push(" = ").push_bind(mixed);
-        }
-        if let Some(run) = filter.run {
-            query.push(" AND e.run = ").push_bind(run.0);
-        }
-        if let Some(parent) = &filter.fork_of {
-            query.push(" AND e.fork_of = (SELECT key FROM episodes WHERE id = ");
-            query.push_bind(parent).push(")");
-        }
-        if let Some(forks) = filter.forks {
-            query.push(" AND (e.fork_of IS NOT NULL) = ").push_bind(forks);
-        }
-        let public = "(e.visibility = 'public' OR (e.ended_at IS NOT NULL
-                        AND (e.visibility <> 'sealed' OR e.revealed)))";
-        match &filter.readable {
-            Readable::All => &mut query,
-            Readable::Public => query.push(" AND ").push(public),
-            Readable::And(id) => {
-                query.push(" AND (").push(public).push(" OR e.id = ");
-                query.push_bind(id.as_str()).push(")")
-            }
-            Readable::AndOf(owner) => {
-                query
-                    .push(" AND (")
-                    .push(public)
-                    .push(
-                        " OR ((e.visibility <> 'sealed' OR (e.own_games AND e.ended_at IS NOT NULL)) AND e.owner = ",
-                    )
-                    .push_bind(owner.0)
-                    .push(") OR ")
-                    .push(CLAIMABLE);
-                query.push(")")
-            }
-            Readable::AndOfRun(run) => {
-                query
-                    .push(" AND (")
-                    .push(public)
-                    .push(" OR (e.visibility <> 'sealed' AND e.run = ");
-                query.push_bind(run.0).push("))")
-            }
-            Readable::OnlyOfRun(run) => {
-                query.push(" AND (e.visibility <> 'sealed' OR e.revealed) AND e.run = ");
-                query.push_bind(run.0)
-            }
-            Readable::Only(id) => query.push(" AND e.id = ").push_bind(id.as_str()),
-            Readable::Nothing => query.push(" AND FALSE"),
-        };
         query.push(" ORDER BY e.key DESC LIMIT ").push_bind(limit);
         self.fetch_all(query.build()).await
     }

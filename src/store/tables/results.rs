@@ -96,6 +96,7 @@ impl Effect {
     const REVEALED: i16 = 6;
     const IMPORTED: i16 = 7;
     const MEASURED: i16 = 8;
+    const ENTERED: i16 = 9;
 
     pub(in crate::store) fn of(entry: &Entry) -> Option<Self> {
         let (kind, key) = match entry {
@@ -116,8 +117,8 @@ impl Effect {
             Entry::Open(_)
             | Entry::AddCompetition(_)
             | Entry::ChangeCompetition { .. }
-            | Entry::CancelCompetition { .. }
-            | Entry::AddEntrant(_) => (Self::LISTED, 0),
+            | Entry::CancelCompetition { .. } => (Self::LISTED, 0),
+            Entry::AddEntrant(_) => (Self::ENTERED, 0),
             Entry::Start { .. }
             | Entry::BeginForks(_)
             | Entry::Act(_)
@@ -145,6 +146,8 @@ pub struct Changes {
     log: Mutex<Log>,
     /// How often something was committed that a board, or a list of a competition, may show.
     revision: AtomicU64,
+    /// How often something was committed that a list of entrants may show.
+    entrants: AtomicU64,
     /// How many games were measured.
     measured: AtomicU64,
     /// How many episodes were voided.
@@ -188,6 +191,11 @@ impl Changes {
         self.revision.load(Ordering::Acquire)
     }
 
+    /// Another number than before, once something was committed that a list of entrants may show.
+    pub fn entrants(&self) -> u64 {
+        self.entrants.load(Ordering::Acquire)
+    }
+
     /// Another number than before, once the metrics of a game were stored.
     pub fn measured(&self) -> u64 {
         self.measured.load(Ordering::Acquire)
@@ -217,7 +225,13 @@ impl Changes {
             }
             Effect::ENDED => self.add(Change::Episode(EpisodeKey(key))),
             Effect::RUN => self.add(Change::Run(RunKey(key))),
-            Effect::ENTRANT => self.add(Change::Entrant(EntryKey(key))),
+            Effect::ENTRANT => {
+                self.entrants.fetch_add(1, Ordering::AcqRel);
+                self.add(Change::Entrant(EntryKey(key)));
+            }
+            Effect::ENTERED => {
+                self.entrants.fetch_add(1, Ordering::AcqRel);
+            }
             Effect::STARTED => self.add(Change::Started(EntryKey(key))),
             Effect::REVEALED => self.add(Change::Revealed),
             Effect::IMPORTED => self.add(Change::Imports),
@@ -236,6 +250,7 @@ impl Changes {
         drop(log);
         self.voided.fetch_add(1, Ordering::AcqRel);
         self.measured.fetch_add(1, Ordering::AcqRel);
+        self.entrants.fetch_add(1, Ordering::AcqRel);
         self.revision.fetch_add(1, Ordering::AcqRel);
     }
 

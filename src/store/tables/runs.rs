@@ -50,15 +50,69 @@ pub struct RunFilter {
 const SELECT: &str = "
     SELECT r.key, r.id, r.owner, r.definition, r.digest, r.status, r.entry, r.attempt, r.replays,
            r.closes_at, r.voided_at, r.void_reason, r.created_at, r.ended_at,
-           r.competition,
-           coalesce((SELECT c.revealed_at IS NOT NULL FROM competitions c WHERE c.key = r.competition), FALSE)
-               AS revealed
+           r.competition, r.revealed
     FROM runs r WHERE ";
 
-/// Runs that anybody may see.
-const PUBLIC: &str = "
-    (r.visibility = 'public' OR (r.ended_at IS NOT NULL AND (r.visibility <> 'sealed'
-        OR EXISTS (SELECT 1 FROM competitions c WHERE c.key = r.competition AND c.revealed_at IS NOT NULL))))";
+/// Runs that anybody may see, in the words of the indexes that have them.
+const PUBLIC: &str = "(r.visibility = 'public' OR (r.ended_at IS NOT NULL
+                        AND (r.visibility <> 'sealed' OR r.revealed)))";
+
+impl RunFilter {
+    /// Which of model, suite and status chooses the index, if any: that of the fewest runs, as far as can be known.
+    const fn leads(&self) -> Option<&'static str> {
+        match self {
+            Self { model: Some(_), .. } => Some("model"),
+            Self { suite: Some(_), .. } => Some("suite"),
+            Self { status: Some(_), .. } => Some("status"),
+            Self { .. } => None,
+        }
+    }
+
+    fn push<'q>(&'q self, query: &mut Builder<'q>, before: Option<RunKey>, leads: Option<&str>) {
+        query.push("r.key < ").push_bind(before.map_or(i64::MAX, |run| run.0));
+        for (column, value) in
+            [("status", &self.status), ("model", &self.model), ("suite", &self.suite)]
+        {
+            if let Some(value) = value {
+                query.push(" AND r.").push(column);
+                // SQLite takes no index for a text that is made.
+                query.push(if leads == Some(column) { " = " } else { " || '' = " });
+                query.push_bind(value);
+            }
+        }
+    }
+
+    /// Adds the runs that anybody may see, and those for which `own` is a condition with an index: each part has its own, as for
+    /// a list of episodes.
+    fn push_parts<'q>(
+        &'q self,
+        query: &mut Builder<'q>,
+        (before, limit): (Option<RunKey>, u32),
+        own: Option<(&str, i64)>,
+    ) {
+        let hint = match self.leads() {
+            None => " INDEXED BY runs_public",
+            Some("model") => " INDEXED BY runs_public_by_model",
+            Some("status") => " INDEXED BY runs_public_by_status",
+            // Those of competitions have no names of others.
+            Some(_) => " INDEXED BY runs_by_suite",
+        };
+        query
+            .push("r.key IN (SELECT key FROM (SELECT r.key FROM runs r")
+            .push(hint)
+            .push(" WHERE ");
+        self.push(query, before, self.leads());
+        query.push(" AND ").push(PUBLIC);
+        query.push(" ORDER BY r.key DESC LIMIT ").push_bind(limit).push(") AS part");
+        if let Some((condition, value)) = own {
+            query.push(" UNION SELECT key FROM (SELECT r.key FROM runs r WHERE ");
+            self.push(query, before, None);
+            query.push(" AND ").push(condition).push_bind(value);
+            query.push(" ORDER BY r.key DESC LIMIT ").push_bind(limit).push(") AS part");
+        }
+        query.push(")");
+    }
+}
 
 impl Store {
     /// Finds a run by its public id.
@@ -82,27 +136,24 @@ impl Store {
         limit: u32,
     ) -> Result<Vec<StoredRun>, StoreError> {
         let mut query = Builder::new(SELECT);
-        query.push("r.key < ").push_bind(before.map_or(i64::MAX, |run| run.0));
-        for (column, value) in
-            [("status", &filter.status), ("model", &filter.model), ("suite", &filter.suite)]
-        {
-            if let Some(value) = value {
-                query.push(" AND r.").push(column).push(" = ").push_bind(value);
-            }
-        }
+        let place = (before, limit);
         match &filter.readable {
-            Readable::All => &mut query,
-            Readable::Public | Readable::And(_) => query.push(" AND ").push(PUBLIC),
+            Readable::Public | Readable::And(_) => filter.push_parts(&mut query, place, None),
             Readable::AndOf(owner) => {
-                query.push(" AND (").push(PUBLIC).push(" OR r.owner = ");
-                query.push_bind(owner.0).push(")")
+                filter.push_parts(&mut query, place, Some(("r.owner = ", owner.0)));
             }
             Readable::AndOfRun(run) => {
-                query.push(" AND (").push(PUBLIC).push(" OR r.key = ").push_bind(run.0).push(")")
+                filter.push_parts(&mut query, place, Some(("r.key = ", run.0)));
             }
-            Readable::OnlyOfRun(run) => query.push(" AND r.key = ").push_bind(run.0),
-            Readable::Only(_) | Readable::Nothing => query.push(" AND FALSE"),
-        };
+            Readable::All => filter.push(&mut query, before, filter.leads()),
+            Readable::OnlyOfRun(run) => {
+                filter.push(&mut query, before, None);
+                query.push(" AND r.key = ").push_bind(run.0);
+            }
+            Readable::Only(_) | Readable::Nothing => {
+                query.push("FALSE");
+            }
+        }
         query.push(" ORDER BY r.key DESC LIMIT ").push_bind(limit);
         self.fetch_all(query.build()).await
     }

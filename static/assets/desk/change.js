@@ -1,6 +1,6 @@
 // Changing a competition, and cancelling it.
 import { html, useState } from "../ui.js";
-import { request, route } from "../api.js";
+import { Problem, request, route } from "../api.js";
 import { ActButton } from "../parts/act.js";
 import { Form } from "../parts/form.js";
 import { localTime } from "../parts/inputs.js";
@@ -60,6 +60,23 @@ export function changeOf(competition, body) {
   };
 }
 
+/** Fields one after the other, those of groups too. @param {ReturnType<typeof fieldsOf>} fields @returns {Field[]} */
+const single = (fields) => fields.flatMap((one) => ("fields" in one ? one.fields : [one]));
+
+/**
+ * The fields of a competition that somebody else has changed meanwhile, with what was typed, and the labels of what they changed.
+ * @param {any} base what was typed into @param {any} now @param {any} body what the form has
+ */
+export function together(base, now, body) {
+  const before = new Map(single(fieldsOf(base)).map((field) => [field.name, field.initial ?? ""]));
+  const typed = (/** @type {Field} */ field) => (field.kind === "time" ? shownEnd(body[field.name]) : (body[field.name] ?? (field.kind === "check" ? false : "")));
+  const kept = (/** @type {Field} */ field) =>
+    before.has(field.name) && typed(field) !== before.get(field.name) ? { ...field, initial: typed(field) } : field;
+  const theirs = single(fieldsOf(now)).filter((field) => before.get(field.name) !== (field.initial ?? ""));
+  const fields = fieldsOf(now).map((one) => ("fields" in one ? { ...one, fields: one.fields.map(kept) } : kept(one)));
+  return { fields, theirs: theirs.map((field) => field.label) };
+}
+
 /** @param {{competition: any, changed: () => void}} props */
 export function Change({ competition, changed }) {
   // What is typed is not lost when the competition is loaded again.
@@ -73,7 +90,19 @@ export function Change({ competition, changed }) {
       setNote("Nothing differs from how it is.");
       return fieldsOf({ ...base });
     }
-    const now = await request(route`/api/v1/competitions/${base.id}`, { method: "PATCH", body: { ...change, reason } });
+    const path = route`/api/v1/competitions/${base.id}`;
+    let now;
+    try {
+      now = await request(path, { method: "PATCH", body: { ...change, reason, if_revision: base.revision } });
+    } catch (error) {
+      if (!(error instanceof Problem && error.code === "changed")) throw error;
+      const theirs = await request(path);
+      const merged = together(base, theirs, body);
+      setBase(theirs);
+      setNote(`Nothing was changed yet: another organizer has changed it meanwhile (${merged.theirs.join(", ") || "a window"}). The form has that now, and what you typed. Send it again if it is still right.`);
+      changed();
+      return merged.fields;
+    }
     setBase(now);
     setNote("It was changed, and everybody sees what.");
     changed();

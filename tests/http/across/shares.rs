@@ -252,6 +252,33 @@ async fn a_board_is_made_once_and_again_when_something_has_changed() {
     assert_eq!(row["entrant"]["status"], "disqualified");
 }
 
+/// However much of a list is asked for: one that is short does not wait until others have their long answers.
+#[tokio::test]
+async fn a_short_list_waits_for_no_long_answer() {
+    let builder = TestApp::builder().manual_clock().keys();
+    let limits = builder.limits(|limits| {
+        limits.large_answers_max = 0;
+        limits.large_answers_waiting_max = 0;
+    });
+    let app = limits.start().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let blue = cup.enter(&app, "blue").await;
+    cup.start(&app, &blue).await;
+    for number in 0..14 {
+        cup.enter(&app, &format!("team {number}")).await;
+    }
+    for list_of in ["/entrants", "/entrants?limit=1000", "/attempts", "/attempts?limit=1000"] {
+        app.get(&cup.path(list_of)).token(&blue.key).ok().await;
+    }
+    for number in 14..20 {
+        cup.enter(&app, &format!("team {number}")).await;
+    }
+    let problem = app.get(&cup.path("/entrants")).problem(503, "overloaded").await;
+    assert_eq!(problem["limit"]["name"], "large_answers_max");
+    app.get(&cup.path("/entrants?limit=16")).ok().await;
+    app.get(&cup.path("/attempts")).token(&blue.key).ok().await;
+}
+
 /// Prints what entries cost on the processors, those of the test's client with them: the last thousand cost what the
 /// first did. Run it with `cargo test --release --test http -- --ignored --nocapture ten_thousand`.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -173,3 +173,41 @@ async fn metrics_are_on_the_board_once_it_is_open_and_before_that_for_organizers
     assert!(head.ends_with("Pursuit_crowding,Synchronization_crowding"), "{head}");
     app.get(&cup.path("/board?metrics=score")).problem(400, "malformed").await;
 }
+
+/// Nobody waits for a large board while it is read again and again, and what is shown is never older than some seconds.
+#[tokio::test]
+async fn a_large_board_is_kept_up_to_date_while_it_is_read() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let blue = cup.enter(&app, "blue").await;
+    // As many as make a large one.
+    for number in 0..120 {
+        cup.enter(&app, &format!("team {number}")).await;
+    }
+    let status = async || {
+        let rows = cup.rows(&app, None).await;
+        assert_eq!(rows.len(), 121);
+        let row = rows.iter().find(|row| row["entrant"]["name"] == "blue").expect("a row");
+        row["entrant"]["status"].as_str().expect("a text").to_owned()
+    };
+    assert_eq!(status().await, "active");
+    // Whoever reads now gets what there is, or what came meanwhile.
+    cup.change(&app, &blue, json!({ "status": "withdrawn" })).await;
+    assert!(["active", "withdrawn"].contains(&&*status().await));
+    // Its task wakes within a second, and the board is there soon.
+    app.pass(Duration::from_secs(1));
+    let mut reads = 0;
+    while status().await != "withdrawn" {
+        reads += 1;
+        assert!(reads < 1000, "it is never made again");
+    }
+    // Had the task been late, readers would wait for the board themselves.
+    cup.change(&app, &blue, json!({ "status": "active" })).await;
+    app.pass(Duration::from_secs(4));
+    assert_eq!(status().await, "active");
+    // A board that nobody reads is not made; the next reader makes it.
+    app.pass(Duration::from_mins(2));
+    cup.change(&app, &blue, json!({ "status": "withdrawn" })).await;
+    app.pass(Duration::from_secs(4));
+    assert_eq!(status().await, "withdrawn");
+}

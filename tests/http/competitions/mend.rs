@@ -94,6 +94,40 @@ async fn an_extended_window_holds_for_all_games_that_are_opened_afterwards() {
     assert!(lie.contains("the last change of"), "{lie}");
 }
 
+#[tokio::test]
+async fn of_two_organizers_at_once_the_second_is_told_and_overwrites_nothing() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let seen = app.get(&cup.path("")).ok().await["revision"].clone();
+    assert!(seen.as_str().is_some_and(|seen| !seen.is_empty()), "{seen}");
+    // Both have seen the same, and write the same text at the same moment.
+    let text = |text: &str| json!({ "description": text, "if_revision": seen });
+    let (one, other) = (text("bring a laptop"), text("bring a charger"));
+    let (one, other) =
+        tokio::join!(change(&app, &cup, &one).send(), change(&app, &cup, &other).send());
+    let mut answers = [one, other];
+    answers.sort_by_key(|answer| answer.status);
+    let [done, refused] = answers;
+    assert_eq!((done.status, refused.status), (200, 409), "{}", refused.text());
+    let problem: Value = serde_json::from_str(&refused.text()).expect("JSON");
+    assert_eq!(problem["code"], "changed", "{problem}");
+    assert!(problem["detail"].as_str().is_some_and(|why| why.contains("if_revision")), "{problem}");
+    let now = app.get(&cup.path("")).ok().await;
+    let done: Value = serde_json::from_str(&done.text()).expect("JSON");
+    assert_eq!((&now["description"], &now["revision"]), (&done["description"], &done["revision"]));
+    assert_ne!(now["revision"], seen);
+    assert_eq!(actions(&app, &cup).await.len(), 1, "nothing of the refused change was done");
+    // A field beside the text is refused as well: its sender has not seen what the competition is now.
+    let hide = json!({ "hidden": true, "if_revision": seen });
+    change(&app, &cup, &hide).problem(409, "changed").await;
+    let hide = json!({ "hidden": true, "if_revision": now["revision"] });
+    let hidden = change(&app, &cup, &hide).ok().await;
+    assert_ne!(hidden["revision"], now["revision"]);
+    // Entrants and announcements change nothing of this.
+    cup.enter(&app, "blue").await;
+    assert_eq!(app.get(&cup.path("")).ok().await["revision"], hidden["revision"]);
+}
+
 /// A file in which a text of its records is another, with hashes that fit.
 fn rechained(file: &str, from: &str, to: &str) -> String {
     let mut head = Head::START;

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use jiff::Timestamp;
+use sha2::{Digest, Sha256};
 use swarmbench_engine::Settings;
 use swarmbench_protocol::Seconds;
 use swarmbench_protocol::competition::{
@@ -15,6 +16,9 @@ use super::definition::{Definition, Window};
 use super::entrant::Entrant;
 use super::phase::Phase;
 use super::standings::{Standing, TaskRow};
+
+/// Bytes of a revision: two that follow each other never have the same.
+const REVISION_BYTES: usize = 8;
 
 /// A competition at a moment. The salt and the seeds are included only once they are public.
 #[must_use]
@@ -84,7 +88,15 @@ pub fn competition(
         cancelled_at: cancelled_at.map(Into::into),
         cancel_reason,
         hidden,
+        revision: revision(definition, hidden),
     }
+}
+
+/// A text that tells what organizers may change of a competition from what it was before.
+#[must_use]
+pub fn revision(definition: &Definition, hidden: bool) -> String {
+    let written = serde_json::to_vec(&(definition, hidden)).expect("string keys");
+    data_encoding::HEXLOWER.encode(&Sha256::digest(written)[..REVISION_BYTES])
 }
 
 /// What has become of a competition.

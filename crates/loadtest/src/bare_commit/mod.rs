@@ -33,6 +33,15 @@ impl Place {
     }
 }
 
+/// The server's tables, of both engines.
+#[derive(Clone, Copy, Debug)]
+pub struct Tables<'a> {
+    /// Those of SQLite.
+    pub sqlite: &'a Migrator,
+    /// Those of PostgreSQL.
+    pub postgres: &'a Migrator,
+}
+
 /// A database like a server's that is removed with it.
 pub struct BareCommit {
     engine: Engine,
@@ -107,22 +116,23 @@ impl Group<'_> {
 }
 
 impl BareCommit {
-    /// A new database at `place`, for acts with this `record` of `episodes` episodes. That of SQLite has the server's `tables`,
-    /// that of PostgreSQL those that it writes to.
+    /// A new database at `place` with the server's `tables`, for acts with this `record` of `episodes` episodes.
     ///
     /// # Errors
     /// Where it cannot be created.
     pub async fn open(
         place: &Place,
-        tables: &Migrator,
+        tables: Tables<'_>,
         episodes: usize,
         record: String,
     ) -> Result<Self, LoadError> {
         let failed = LoadError::of("the database of the bare writer cannot be created");
         let engine = match place {
-            Place::Folder(folder) => Engine::Sqlite(sqlite::Writer::open(folder, tables).await?),
+            Place::Folder(folder) => {
+                Engine::Sqlite(sqlite::Writer::open(folder, tables.sqlite).await?)
+            }
             Place::Postgres(url) => {
-                let writer = postgres::Writer::open(url).await;
+                let writer = postgres::Writer::open(url, tables.postgres).await;
                 Engine::Postgres(Box::new(writer.map_err(|error| failed(&error))?))
             }
         };
@@ -206,9 +216,12 @@ mod tests {
     use super::*;
 
     async fn open(place: &Place) -> BareCommit {
-        let tables = concat!(env!("CARGO_MANIFEST_DIR"), "/../../migrations/sqlite");
-        let tables = Migrator::new(Path::new(tables)).await.expect("the server's tables");
-        BareCommit::open(place, &tables, 3, "{}".to_owned()).await.expect("a database")
+        let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../migrations"));
+        let read =
+            async |name| Migrator::new(folder.join(name)).await.expect("the server's tables");
+        let (sqlite, postgres) = (read("sqlite").await, read("postgres").await);
+        let tables = Tables { sqlite: &sqlite, postgres: &postgres };
+        BareCommit::open(place, tables, 3, "{}".to_owned()).await.expect("a database")
     }
 
     /// Without time each call makes one commit. Of 19.5 entries 18 are acts.

@@ -1,40 +1,13 @@
 //! A bare writer of PostgreSQL: a group is one statement, which counts the commit in the row of its writer, and writes nothing
 //! where that row is gone, as the server's does.
 
+use sqlx::migrate::Migrator;
 use sqlx::postgres::{PgArguments, PgBindIterExt as _, PgConnectOptions, PgConnection};
 use sqlx::{Arguments as _, AssertSqlSafe, ConnectOptions as _, Connection as _};
 
 use super::{AT_MS, DIGEST, Group, HEAD, SCORE};
 
-/// Tables with the columns and keys of the server's.
-const TABLES: &str = r#"
-    CREATE TABLE nodes (
-        incarnation  bigint PRIMARY KEY,
-        committed    bigint NOT NULL
-    ) WITH (fillfactor = 50);
-    CREATE TABLE acts (
-        episode      bigint   NOT NULL,
-        round        integer  NOT NULL,
-        agent        smallint NOT NULL,
-        waiting_for  smallint NOT NULL,
-        source       smallint,
-        at           bigint   NOT NULL,
-        record       text     COLLATE "C" NOT NULL,
-        brief        text     COLLATE "C",
-        PRIMARY KEY (episode, round, agent)
-    );
-    CREATE TABLE rounds (
-        episode      bigint   NOT NULL,
-        round        integer  NOT NULL,
-        digest       bytea    NOT NULL,
-        score        double precision NOT NULL,
-        head         bytea    NOT NULL,
-        at           bigint   NOT NULL,
-        PRIMARY KEY (episode, round)
-    );
-    INSERT INTO nodes VALUES (1, 0)"#;
-
-/// The writer's row in `nodes`.
+/// The writer's row in `nodes`, the first of its database.
 pub const INCARNATION: i64 = 1;
 
 /// Writes the rows of a commit, and counts it: 0 where the writer's row is not at this count, and nothing was written.
@@ -48,7 +21,7 @@ pub const APPEND: &str = "
                                           $15::bytea[], $16::bigint[]) AS t)
     SELECT count(*) FROM me";
 
-/// A database of its own with the two tables, which is dropped with it.
+/// A database of its own with the server's tables, which is dropped with it.
 pub struct Scratch {
     server: PgConnectOptions,
     name: Option<String>,
@@ -59,7 +32,7 @@ impl Scratch {
     ///
     /// # Errors
     /// Where that does not work.
-    pub async fn create(url: &str) -> Result<(Self, PgConnection), sqlx::Error> {
+    pub async fn create(url: &str, tables: &Migrator) -> Result<(Self, PgConnection), sqlx::Error> {
         let server: PgConnectOptions = url.parse()?;
         let server = server.disable_statement_logging();
         let mut connection = server.connect().await?;
@@ -74,7 +47,13 @@ impl Scratch {
         let scratch = Self { server, name: Some(name) };
         connection.close().await?;
         let mut connection = scratch.options().connect().await?;
-        sqlx::raw_sql(TABLES).execute(&mut connection).await?;
+        tables
+            .run(&mut connection)
+            .await
+            .map_err(|error| sqlx::Error::Protocol(error.to_string()))?;
+        sqlx::query("INSERT INTO nodes (name, started_at) VALUES ('bare writer', 0)")
+            .execute(&mut connection)
+            .await?;
         // Whatever is usual on this server: an act of the server is on the disk, too.
         sqlx::raw_sql("SET synchronous_commit = on").execute(&mut connection).await?;
         Ok((scratch, connection))
@@ -122,8 +101,8 @@ pub(super) struct Writer {
 }
 
 impl Writer {
-    pub(super) async fn open(url: &str) -> Result<Self, sqlx::Error> {
-        let (scratch, connection) = Scratch::create(url).await?;
+    pub(super) async fn open(url: &str, tables: &Migrator) -> Result<Self, sqlx::Error> {
+        let (scratch, connection) = Scratch::create(url, tables).await?;
         Ok(Self { connection, scratch, committed: 0 })
     }
 

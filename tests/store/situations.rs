@@ -1,0 +1,330 @@
+//! What goes wrong with a PostgreSQL before anything is written, and what is said then: each sentence has to say what to do.
+
+use std::net::TcpListener;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use sqlx::postgres::{PgConnectOptions, PgConnection};
+use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _};
+use swarmbench::store::entries::{AuditRow, Entry};
+use swarmbench::store::{Location, OpenError, Store};
+
+use crate::postgres::Scratch;
+use crate::{location, scratch};
+
+/// How long a program of these tests may take to listen.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// The sentences of an error, the causes too.
+fn sentences(error: &OpenError) -> String {
+    let mut said = error.to_string();
+    let mut cause = std::error::Error::source(error);
+    while let Some(error) = cause {
+        said = format!("{said}: {error}");
+        cause = error.source();
+    }
+    said
+}
+
+/// What is said where a database is not opened.
+async fn refused(location: impl Into<Location>) -> String {
+    match Store::open(location).await {
+        Err(error) => sentences(&error),
+        Ok(store) => {
+            store.close().await;
+            panic!("it was opened")
+        }
+    }
+}
+
+/// The password of the server for tests.
+fn password(scratch: &Scratch) -> String {
+    let (user, _) = scratch.url().rsplit_once('@').expect("an address with a user");
+    user.rsplit_once(':').expect("an address with a password").1.to_owned()
+}
+
+/// Runs statements as the superuser of the server for tests, who has the same password.
+async fn as_superuser(scratch: &Scratch, statements: &str) {
+    let options: PgConnectOptions = scratch.url().parse().expect("an address");
+    let options = options.username("postgres").disable_statement_logging();
+    let mut connection: PgConnection = options.connect().await.expect("a superuser");
+    let statements = AssertSqlSafe(statements.to_owned());
+    sqlx::raw_sql(statements).execute(&mut connection).await.expect("it is done");
+    connection.close().await.expect("it closes");
+}
+
+fn note() -> Entry {
+    Entry::Audit(Box::new(AuditRow {
+        at: jiff::Timestamp::UNIX_EPOCH,
+        who: "local".to_owned(),
+        action: "test.note",
+        subject: "x".repeat(8 * 1024),
+        detail: serde_json::Value::Null,
+        shown: None,
+    }))
+}
+
+#[tokio::test]
+async fn a_wrong_password_is_refused_with_where_passwords_come_from() {
+    let test = "a_wrong_password_is_refused_with_where_passwords_come_from";
+    let Some(scratch) = scratch(test).await else { return };
+    let url = scratch.url().replace(&password(&scratch), "guessed");
+    let said = refused(url.as_str()).await;
+    for expected in ["check user and password", "password_file", "pg_hba.conf"] {
+        assert!(said.contains(expected), "{said}");
+    }
+    assert!(!said.contains("guessed"), "it has no password: {said}");
+    // The right one may be in a file.
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("password");
+    std::fs::write(&file, format!("{}\n", password(&scratch))).expect("written");
+    let url = format!("{}?password_file={}", url.replace(":guessed", ""), file.display());
+    Store::open(url.as_str()).await.expect("it opens").close().await;
+    let said = refused(url.replace("/password", "/no-such-file").as_str()).await;
+    assert!(said.contains("no-such-file") && said.contains("cannot be read"), "{said}");
+}
+
+#[tokio::test]
+async fn a_database_that_is_not_there_is_named_with_how_to_make_it() {
+    let test = "a_database_that_is_not_there_is_named_with_how_to_make_it";
+    let Some(scratch) = scratch(test).await else { return };
+    let said = refused(format!("{}_not", scratch.url()).as_str()).await;
+    assert!(said.contains("there is no database") && said.contains("createdb"), "{said}");
+}
+
+#[tokio::test]
+async fn a_port_at_which_nothing_listens_is_named() {
+    let port = TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("it").port();
+    let said = refused(format!("postgres://me@127.0.0.1:{port}/x").as_str()).await;
+    assert!(said.contains("is PostgreSQL running there"), "{said}");
+}
+
+#[tokio::test]
+async fn tables_of_a_later_version_are_left_as_they_are() {
+    let test = "tables_of_a_later_version_are_left_as_they_are";
+    let Some(scratch) = scratch(test).await else { return };
+    Store::open(location(&scratch)).await.expect("it opens").close().await;
+    let mut other = scratch.connect().await;
+    let later =
+        "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time)
+                 VALUES (9999, 'later', true, '\\x00', 1)";
+    sqlx::query(later).execute(&mut other).await.expect("it is later");
+    let said = refused(location(&scratch)).await;
+    assert!(said.contains("a later version") && said.contains("start that version"), "{said}");
+    let read = Store::open_to_read(location(&scratch)).await.expect_err("it is not read");
+    assert!(sentences(&read).contains("another version"), "{read}");
+    other.close().await.expect("it closes");
+}
+
+/// The same of a file.
+#[tokio::test]
+async fn a_file_of_a_later_version_is_left_as_it_is() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("games.db");
+    Store::open(&path).await.expect("it opens").close().await;
+    let options = sqlx::sqlite::SqliteConnectOptions::new().filename(&path);
+    let mut other = options.connect().await.expect("a database");
+    let later =
+        "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time)
+                 VALUES (9999, 'later', true, x'00', 1)";
+    sqlx::query(later).execute(&mut other).await.expect("it is later");
+    other.close().await.expect("it closes");
+    let said = refused(&path).await;
+    assert!(said.contains("a later version") && said.contains("start that version"), "{said}");
+}
+
+#[tokio::test]
+async fn a_role_that_may_not_make_tables_is_told_the_right_that_it_needs() {
+    let test = "a_role_that_may_not_make_tables_is_told_the_right_that_it_needs";
+    let Some(scratch) = scratch(test).await else { return };
+    let name = format!("guest_{}", std::process::id());
+    let password = password(&scratch);
+    as_superuser(&scratch, &format!("CREATE ROLE {name} LOGIN PASSWORD '{password}'")).await;
+    let url = scratch.url().replace("://swarmbench:", &format!("://{name}:"));
+    let said = refused(url.as_str()).await;
+    as_superuser(&scratch, &format!("DROP ROLE {name}")).await;
+    for expected in ["may not make tables", "OWNER TO", "GRANT CREATE ON SCHEMA"] {
+        assert!(said.contains(expected), "{said}");
+    }
+}
+
+/// What PostgreSQL does with a full disk it does with a tablespace on one: the commit fails, and works again once there is room.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_full_disk_is_a_pause_that_says_what_it_waits_for() {
+    let test = "a_full_disk_is_a_pause_that_says_what_it_waits_for";
+    let Some(scratch) = scratch(test).await else { return };
+    let Some(disk) = Disk::new(test) else { return };
+    let (name, space) = (scratch.name(), format!("small_{}", std::process::id()));
+    let make = format!("CREATE TABLESPACE {space} LOCATION '{}'", disk.space().display());
+    as_superuser_elsewhere(&scratch, &make).await;
+    let moved = format!("ALTER DATABASE {name} SET TABLESPACE {space}");
+    as_superuser_elsewhere(&scratch, &moved).await;
+    let store = Store::open(location(&scratch)).await.expect("it opens");
+    store.keep(vec![note()]).await.expect("there is room");
+    disk.fill();
+    let write = {
+        let store = store.clone();
+        tokio::spawn(async move {
+            for _ in 0..200 {
+                store.keep(vec![note()]).await?;
+            }
+            Ok::<_, swarmbench::store::StoreError>(())
+        })
+    };
+    let started = Instant::now();
+    let blocked = loop {
+        if let Some(blocked) = store.writer().blocked() {
+            break blocked.to_string();
+        }
+        assert!(started.elapsed() < PATIENCE && !write.is_finished(), "nothing is blocked");
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    };
+    assert!(blocked.contains("the disk of the database is full"), "{blocked}");
+    disk.make_room();
+    write.await.expect("no panic").expect("all of it is kept, now that there is room");
+    let noted = store.audit(None, u32::MAX).await.expect("read").len();
+    assert_eq!(noted, 201, "nothing is lost or doubled");
+    assert!(!store.writer().has_failed() && store.writer().blocked().is_none());
+    store.close().await;
+    as_superuser_elsewhere(&scratch, &format!("ALTER DATABASE {name} SET TABLESPACE pg_default"))
+        .await;
+    as_superuser_elsewhere(&scratch, &format!("DROP TABLESPACE {space}")).await;
+}
+
+/// Statements about a database itself, from another one.
+async fn as_superuser_elsewhere(scratch: &Scratch, statement: &str) {
+    let options: PgConnectOptions = scratch.url().parse().expect("an address");
+    let options = options.username("postgres").database("postgres").disable_statement_logging();
+    let mut connection = options.connect().await.expect("a superuser");
+    let done = sqlx::raw_sql(AssertSqlSafe(statement.to_owned())).execute(&mut connection).await;
+    done.unwrap_or_else(|error| panic!("{statement}: {error}"));
+    connection.close().await.expect("it closes");
+}
+
+/// A small disk in memory, which root alone can make.
+struct Disk(tempfile::TempDir);
+
+impl Disk {
+    fn new(test: &str) -> Option<Self> {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mounted = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", "size=24m,mode=0777", "tmpfs"])
+            .arg(folder.path())
+            .stderr(Stdio::null())
+            .status();
+        if !mounted.is_ok_and(|status| status.success()) {
+            println!("NOT RUN: {test} needs a disk of its own, which root may mount");
+            return None;
+        }
+        let disk = Self(folder);
+        std::fs::create_dir(disk.space()).expect("a folder");
+        let owned = Command::new("chown").arg("postgres").arg(disk.space()).status();
+        if !owned.is_ok_and(|status| status.success()) {
+            println!("NOT RUN: {test} needs a PostgreSQL of the user postgres");
+            return None;
+        }
+        Some(disk)
+    }
+
+    fn space(&self) -> std::path::PathBuf {
+        self.0.path().join("space")
+    }
+
+    fn filler(&self) -> std::path::PathBuf {
+        self.0.path().join("filler")
+    }
+
+    /// Takes all room there is.
+    fn fill(&self) {
+        use std::io::Write as _;
+        let mut file = std::fs::File::create(self.filler()).expect("a file");
+        while file.write_all(&[0; 4096]).is_ok() {}
+    }
+
+    fn make_room(&self) {
+        std::fs::remove_file(self.filler()).expect("it is removed");
+    }
+}
+
+impl Drop for Disk {
+    fn drop(&mut self) {
+        // Lazily: PostgreSQL may still be closing its files.
+        drop(Command::new("umount").arg("--lazy").arg(self.0.path()).status());
+    }
+}
+
+/// The real pooler in its most usual mode, in which sessions are shared.
+#[tokio::test]
+async fn a_pooler_that_shares_sessions_is_refused_and_another_is_not() {
+    let test = "a_pooler_that_shares_sessions_is_refused_and_another_is_not";
+    let Some(scratch) = scratch(test).await else { return };
+    for (mode, is_refused) in [("transaction", true), ("session", false)] {
+        let Some(pooler) = Pooler::start(&scratch, mode) else {
+            println!("NOT RUN: {test} needs pgbouncer");
+            return;
+        };
+        if is_refused {
+            let said = refused(pooler.url.as_str()).await;
+            assert!(said.contains("pooler") && said.contains("pool_mode = session"), "{said}");
+        } else {
+            let store = Store::open(pooler.url.as_str()).await.expect("each has its own session");
+            store.keep(vec![note()]).await.expect("kept");
+            store.close().await;
+        }
+    }
+}
+
+/// A pgbouncer of its own.
+struct Pooler {
+    process: Child,
+    url: String,
+    _folder: tempfile::TempDir,
+}
+
+impl Pooler {
+    /// None where there is no such program.
+    fn start(scratch: &Scratch, mode: &str) -> Option<Self> {
+        let program = ["/usr/sbin/pgbouncer", "/usr/bin/pgbouncer"];
+        let program = program.into_iter().find(|path| Path::new(path).exists())?;
+        let port =
+            TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("it").port();
+        let (user, at) = scratch.url().rsplit_once('@').expect("an address with a user");
+        let (host, _) = at.split_once('/').expect("an address with a database");
+        let (host, port_behind) = host.split_once(':').expect("a port");
+        let folder = tempfile::tempdir().expect("a folder");
+        let users = folder.path().join("users.txt");
+        std::fs::write(&users, format!("\"swarmbench\" \"{}\"\n", password(scratch)))
+            .expect("written");
+        let settings = format!(
+            "[databases]\n* = host={host} port={port_behind}\n[pgbouncer]\nlisten_addr = 127.0.0.1\nlisten_port = {port}\n\
+             unix_socket_dir =\nauth_type = plain\nauth_file = {users}\npool_mode = {mode}\ndefault_pool_size = 20\n\
+             ignore_startup_parameters = extra_float_digits,options\nlogfile = {log}\npidfile =\n",
+            users = users.display(),
+            log = folder.path().join("log").display(),
+        );
+        let file = folder.path().join("pgbouncer.ini");
+        std::fs::write(&file, settings).expect("written");
+        // It refuses to run as root.
+        let user_of = "postgres";
+        drop(Command::new("chown").args(["-R", user_of]).arg(folder.path()).status());
+        let mut command = Command::new(program);
+        command.arg("--quiet").args(["--user", user_of]).arg(&file);
+        let process = command.stdin(Stdio::null()).spawn().expect("it starts");
+        let url = format!("{user}@127.0.0.1:{port}/{}", scratch.name());
+        let pooler = Self { process, url, _folder: folder };
+        let started = Instant::now();
+        while std::net::TcpStream::connect(("127.0.0.1", port)).is_err() {
+            assert!(started.elapsed() < PATIENCE, "the pooler does not listen");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        Some(pooler)
+    }
+}
+
+impl Drop for Pooler {
+    fn drop(&mut self) {
+        drop(self.process.kill());
+        drop(self.process.wait());
+    }
+}
