@@ -17,6 +17,7 @@ mod forks;
 mod kills;
 mod ledger;
 mod plan;
+#[expect(dead_code, reason = "other tests use other parts")]
 #[path = "../support/postgres.rs"]
 mod postgres;
 #[cfg(target_os = "linux")]

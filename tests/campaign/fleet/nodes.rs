@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use sqlx::postgres::PgConnection;
 use tempfile::TempDir;
 
-use crate::dice::Dice;
+use crate::dice::{Dice, tell};
 use crate::doors::Doors;
 use crate::ledger::{Ledger, Played};
 use crate::postgres::Scratch;
@@ -334,6 +334,24 @@ impl Fleet {
             assert!(began.elapsed() < PATIENCE, "{kept} places of games that are over are kept");
             tokio::time::sleep(Duration::from_millis(100)).await;
         }
+    }
+}
+
+impl Drop for Fleet {
+    /// Keeps the logs of a run that has failed.
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            return;
+        }
+        let kept = TempDir::new().map(TempDir::keep);
+        let Ok(kept) = kept else { return };
+        for (number, node) in self.nodes.iter_mut().enumerate() {
+            let Some(server) = &mut node.server else { continue };
+            let ended = format!("ended by itself: {:?}", server.exit());
+            let log = server.log().join("\n");
+            drop(std::fs::write(kept.join(format!("server-{number}")), format!("{log}\n{ended}\n")));
+        }
+        tell(&format!("the logs of the servers are kept: {}", kept.display()));
     }
 }
 
