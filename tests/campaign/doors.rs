@@ -81,7 +81,8 @@ impl Doors {
     /// Any server that listens, another one than was tried last where there is one.
     pub(crate) async fn any(&self, tried: Tried) -> (usize, Address) {
         let began = Instant::now();
-        let dice = Dice::of(self.seed, &format!("pick {}", self.picks.fetch_add(1, Ordering::SeqCst)));
+        let dice =
+            Dice::of(self.seed, &format!("pick {}", self.picks.fetch_add(1, Ordering::SeqCst)));
         let first = dice.below(self.doors.len());
         loop {
             let order = (0..self.doors.len()).map(|next| (first + next) % self.doors.len());

@@ -181,7 +181,8 @@ impl Setting {
             7 => Fault::KillTwo,
             _ => Fault::Kill(Moment::ALL[nth(number, Moment::ALL.len())]),
         }));
-        faults.extend((0..self.stops).map(|number| Fault::Stop(one_of(&STOPS, number, self.stops))));
+        faults
+            .extend((0..self.stops).map(|number| Fault::Stop(one_of(&STOPS, number, self.stops))));
         let from = Dice::of(seed, "partitions").below(7) as u64;
         faults.extend((0..self.partitions).map(|number| {
             let (way, time) = (from + number / 2, one_of(&CUTS, number / 2, self.partitions));
@@ -228,8 +229,7 @@ async fn several_servers_lose_nothing_and_play_nothing_twice() {
     };
     let began = Instant::now();
     let clients = Clients::of_several(seed, Arc::clone(&fleet.doors));
-    let mut campaign =
-        Campaign { fleet, clients: Arc::clone(&clients), times: Times::default() };
+    let mut campaign = Campaign { fleet, clients: Arc::clone(&clients), times: Times::default() };
     campaign.fleet.start_all().await;
     let mut tables = clients.sit_down(TABLES);
     let faults = Setting::of_environment().faults(seed);

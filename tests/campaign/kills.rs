@@ -34,7 +34,8 @@ pub(crate) enum Moment {
 }
 
 impl Moment {
-    pub(crate) const ALL: [Self; 5] = [Self::Start, Self::Ready, Self::Acknowledged, Self::Sent, Self::Any];
+    pub(crate) const ALL: [Self; 5] =
+        [Self::Start, Self::Ready, Self::Acknowledged, Self::Sent, Self::Any];
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -159,7 +159,8 @@ impl Played {
         let acts = self.acts.lock().expect("no failure yet");
         let sent = acts.get(&(agent, receipt.round));
         let first = sent.and_then(|sent| sent.receipt.clone());
-        let first = first.unwrap_or_else(|| panic!("{}: refused, and acknowledged: {receipt:?}", self.name()));
+        let first = first
+            .unwrap_or_else(|| panic!("{}: refused, and acknowledged: {receipt:?}", self.name()));
         let late = Receipt { duplicate: false, ..receipt.clone() };
         assert_eq!(late, first, "{}: two receipts of one act", self.name());
     }

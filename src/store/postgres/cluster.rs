@@ -215,7 +215,9 @@ pub(in crate::store) async fn check(
     let off = i64::midpoint(before, after) - database;
     // When the database read its clock is known to half of this.
     let unsure = before.abs_diff(after) / 2;
-    if off.unsigned_abs().saturating_sub(unsure) > u64::try_from(CLOCK_OFF_MAX.as_millis()).unwrap_or(0) {
+    if off.unsigned_abs().saturating_sub(unsure)
+        > u64::try_from(CLOCK_OFF_MAX.as_millis()).unwrap_or(0)
+    {
         let direction = if off > 0 { "ahead of" } else { "behind" };
         return Err(JoinError::Clock { off_ms: off.unsigned_abs(), direction }.into());
     }

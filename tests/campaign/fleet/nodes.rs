@@ -230,7 +230,11 @@ impl Fleet {
 
     /// Who plays together now.
     pub(crate) async fn members(&mut self) -> Vec<i64> {
-        self.members_with_addresses().await.into_iter().map(|(incarnation, _)| incarnation).collect()
+        self.members_with_addresses()
+            .await
+            .into_iter()
+            .map(|(incarnation, _)| incarnation)
+            .collect()
     }
 
     /// The number of a server, if it is a member.
@@ -349,7 +353,10 @@ impl Drop for Fleet {
             let Some(server) = &mut node.server else { continue };
             let ended = format!("ended by itself: {:?}", server.exit());
             let log = server.log().join("\n");
-            drop(std::fs::write(kept.join(format!("server-{number}")), format!("{log}\n{ended}\n")));
+            drop(std::fs::write(
+                kept.join(format!("server-{number}")),
+                format!("{log}\n{ended}\n"),
+            ));
         }
         tell(&format!("the logs of the servers are kept: {}", kept.display()));
     }

@@ -76,7 +76,10 @@ impl Times {
     }
 
     pub(crate) fn show(&self) {
-        println!("\n{:<40}{:>7}{:>9}{:>9}{:>9}", "until the next receipt, ms", "games", "p50", "p99", "max");
+        println!(
+            "\n{:<40}{:>7}{:>9}{:>9}{:>9}",
+            "until the next receipt, ms", "games", "p50", "p99", "max"
+        );
         for (kind, times) in &self.0 {
             let at = |percent| Self::percentile(times, percent).as_millis();
             let (name, count) = (kind.name(), times.len());
