@@ -124,7 +124,10 @@ impl Front {
             // The server to which it was sent has counted it.
             let nodes = app.nodes.as_deref();
             let refuse = || ApiError::not_found("a cluster");
-            (nodes.ok_or_else(refuse)?.client_of_hop(request.headers())?, None)
+            match nodes.ok_or_else(refuse)?.client_of_hop(request.headers())? {
+                Some(client) => (client, None),
+                None => return Ok(nodes::elsewhere()),
+            }
         } else {
             let trusted = &app.access.trusted_proxies;
             let client = Client::of(peer, request.headers(), request.uri(), trusted);

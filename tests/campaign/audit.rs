@@ -6,6 +6,7 @@ use std::path::Path;
 use reqwest::Method;
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
+use swarmbench::store::Location;
 use swarmbench_engine::AgentId;
 use swarmbench_engine::physics::Solver;
 use swarmbench_journal::chain::Head;
@@ -38,11 +39,7 @@ pub(crate) async fn audit_after(
     clients: &Clients,
     reasons: &[&str],
 ) -> Totals {
-    let mut totals = Totals::default();
-    for played in clients.ledger.all() {
-        journal(clients, &played, &mut totals).await;
-    }
-    assert_eq!(episodes(clients).await, totals.episodes, "an episode was created twice");
+    let totals = journals(clients).await;
     let (status, _, log) = server.terminate().await;
     assert_eq!(status.code(), Some(0), "{log:#?}");
     let has_reason = |line: &&String| reasons.iter().any(|reason| line.contains(reason));
@@ -53,17 +50,31 @@ pub(crate) async fn audit_after(
     totals
 }
 
+/// Compares the journals of all episodes with the ledger.
+pub(crate) async fn journals(clients: &Clients) -> Totals {
+    let mut totals = Totals::default();
+    for played in clients.ledger.all() {
+        journal(clients, &played, &mut totals).await;
+    }
+    assert_eq!(episodes(clients).await, totals.episodes, "an episode was created twice");
+    totals
+}
+
 /// What a server leaves behind that has stopped in good order.
 pub(crate) async fn check_left_behind(site: &Site) {
     if site.is_on_postgres() {
-        let formats = &swarmbench::competitions::FORMATS;
-        let checked = swarmbench::store::check::check(site.location(), formats, |_, _| ()).await;
-        let checked = checked.expect("it can be checked");
-        assert!(checked.is_sound(), "{:?}", checked.damages);
-        return;
+        return check_database(site.location()).await;
     }
     assert!(!site.wal().exists(), "what was written lately is not in the database");
     integrity(Path::new(site.db())).await;
+}
+
+/// Checks everything in a database that no server has.
+pub(crate) async fn check_database(location: Location) {
+    let formats = &swarmbench::competitions::FORMATS;
+    let checked = swarmbench::store::check::check(location, formats, |_, _| ()).await;
+    let checked = checked.expect("it can be checked");
+    assert!(checked.is_sound(), "{:?}", checked.damages);
 }
 
 /// `PRAGMA integrity_check`, on a file that no server has open.

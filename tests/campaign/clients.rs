@@ -2,9 +2,9 @@
 //! every answer with the ledger.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::Duration;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 use reqwest::{Method, RequestBuilder};
 use serde::de::DeserializeOwned;
@@ -17,15 +17,21 @@ use swarmbench_protocol::episode::{EpisodeSummary, State};
 use swarmbench_protocol::observation::Observation;
 use swarmbench_protocol::problem::Problem;
 use tokio::sync::watch;
-use tokio::task::JoinSet;
+use tokio::task::{JoinHandle, JoinSet};
 
 use crate::dice::Dice;
-use crate::ledger::{Ledger, Played};
+use crate::doors::{Doors, Servers, Tried};
+use crate::ledger::{Known, Ledger, Played};
 use crate::plan::{By, Game};
 use crate::server::{Address, Door, PATIENCE};
 
-/// Seconds that a long poll waits.
+/// Seconds that a long poll waits at the only server, and at one of several: there nobody tells a client that the server does not
+/// answer.
 const WAIT_S: u32 = 20;
+const WAIT_OF_SEVERAL_S: u32 = 2;
+
+/// How long an answer of one of several servers may take, on top of what the request asks it to wait; then another one is asked.
+const ANSWER_PATIENCE: Duration = Duration::from_millis(1500);
 
 /// How long a client waits before it asks a server again that has refused it.
 const PAUSE: Duration = Duration::from_millis(10);
@@ -44,6 +50,12 @@ pub(crate) struct Counts {
     pub(crate) creations_repeated: AtomicU64,
     pub(crate) states_compared: AtomicU64,
     pub(crate) checked_after_restart: AtomicU64,
+    /// Of several servers: answers that nobody waited for any more, by what they were.
+    pub(crate) late_answers: AtomicU64,
+    pub(crate) late_unavailable: AtomicU64,
+    pub(crate) late_broken: AtomicU64,
+    /// How often one of several servers was unavailable.
+    pub(crate) unavailable: AtomicU64,
 }
 
 pub(crate) fn count(counter: &AtomicU64) {
@@ -54,7 +66,7 @@ pub(crate) fn count(counter: &AtomicU64) {
 pub(crate) struct Clients {
     seed: u64,
     http: reqwest::Client,
-    door: Arc<Door>,
+    servers: Servers,
     pub(crate) ledger: Ledger,
     pub(crate) counts: Counts,
     /// How many acts were sent and acknowledged.
@@ -72,6 +84,20 @@ pub(crate) struct Clients {
     failed: AtomicU64,
     /// The server may say for a while that it is unavailable, and continues later.
     pauses: AtomicBool,
+    /// Requests that one of several servers has not answered in time; what it answers must be right all the same.
+    late: Mutex<Vec<(Asked, JoinHandle<Whole>)>>,
+}
+
+/// The status and the body of an answer.
+type Whole = Result<(u16, Vec<u8>), reqwest::Error>;
+
+/// A request, as far as its answer can be compared with what was known when it was sent.
+struct Asked {
+    path: String,
+    who: Option<(Arc<Played>, Option<AgentId>)>,
+    known: Vec<(AgentId, Known)>,
+    /// The round and the seat of each act.
+    acts: Vec<(AgentId, u32)>,
 }
 
 /// A whole answer.
@@ -79,6 +105,8 @@ pub(crate) struct Answer {
     pub(crate) status: u16,
     body: Vec<u8>,
     run: u64,
+    /// When the request was sent that was answered.
+    sent: Instant,
     /// Whether an earlier answer to the same request may have been lost.
     lost: bool,
     /// Whether the run had already refused an act when this was sent.
@@ -103,14 +131,24 @@ impl Answer {
 
 /// A request that was not answered.
 struct Broken {
-    /// The next run to be asked is one after this.
-    after: u64,
+    tried: Tried,
     /// Whether the server may have got it.
     lost: bool,
 }
 
 impl Clients {
     pub(crate) fn new(seed: u64, door: Arc<Door>) -> Arc<Self> {
+        Self::of(seed, Servers::One(door))
+    }
+
+    /// Clients of several servers, of which they ask any.
+    pub(crate) fn of_several(seed: u64, doors: Arc<Doors>) -> Arc<Self> {
+        let clients = Self::of(seed, Servers::Any(doors));
+        clients.expect_pauses();
+        clients
+    }
+
+    fn of(seed: u64, servers: Servers) -> Arc<Self> {
         let http = reqwest::Client::builder()
             .timeout(PATIENCE)
             // Less than the time after which the server closes a connection that nobody uses.
@@ -118,7 +156,7 @@ impl Clients {
         Arc::new(Self {
             seed,
             http: http.build().expect("a client"),
-            door,
+            servers,
             ledger: Ledger::default(),
             counts: Counts::default(),
             sent: watch::Sender::default(),
@@ -130,6 +168,7 @@ impl Clients {
             faulty: AtomicU64::new(0),
             failed: AtomicU64::new(0),
             pauses: AtomicBool::new(false),
+            late: Mutex::default(),
         })
     }
 
@@ -253,7 +292,7 @@ impl Clients {
             let token = &played.created.swarm_token;
             let poll = |http: &reqwest::Client, base: &str| {
                 let call = http.get(format!("{base}/swarm/obs")).bearer_auth(token);
-                let call = call.query(&[("wait", WAIT_S)]);
+                let call = call.query(&[("wait", self.wait_s())]);
                 cursor.iter().fold(call, |call, cursor| call.query(&[("after", cursor)]))
             };
             let answer = client.poll(&played, &agents, poll).await;
@@ -277,6 +316,13 @@ impl Clients {
                 self.think(&played, *agent, act.round).await;
             }
             client.act_for_all(&played, acts).await;
+        }
+    }
+
+    fn wait_s(&self) -> u32 {
+        match self.servers {
+            Servers::One(_) => WAIT_S,
+            Servers::Any(_) => WAIT_OF_SEVERAL_S,
         }
     }
 
@@ -306,7 +352,7 @@ impl Clients {
 
     /// Asks the server that runs now, once.
     pub(crate) async fn get_once(&self, path: &str) -> (u16, String) {
-        let base = self.door.after(0).await.base;
+        let base = self.servers.one().after(0).await.base;
         self.once(self.http.get(format!("{base}{path}"))).await
     }
 
@@ -317,7 +363,7 @@ impl Clients {
         token: &str,
         body: &serde_json::Value,
     ) -> (u16, String) {
-        let base = self.door.after(0).await.base;
+        let base = self.servers.one().after(0).await.base;
         let call = self.http.post(format!("{base}{path}")).json(body);
         self.once(if token.is_empty() { call } else { call.bearer_auth(token) }).await
     }
@@ -329,36 +375,101 @@ impl Clients {
 
     /// Asks until there is an answer, over as many runs of the server as it takes.
     async fn ask(&self, fill: impl Fn(&reqwest::Client, &str) -> RequestBuilder) -> Answer {
-        let (mut after, mut lost) = (0, false);
+        let (mut tried, mut lost) = (Tried::default(), false);
         loop {
-            match self.attempt(after, &fill).await {
+            match self.attempt(tried, &fill).await {
                 Ok(answer) => return Answer { lost, ..answer },
                 Err(broken) => {
-                    after = broken.after;
+                    tried = broken.tried;
                     lost |= broken.lost;
                 }
             }
         }
     }
 
-    /// Asks the first run after `after` once. A run that nobody ended must answer.
+    /// Asks the first run after the one that was tried once, or one of several servers. A run that nobody ended must answer.
     async fn attempt(
         &self,
-        after: u64,
+        tried: Tried,
         fill: impl Fn(&reqwest::Client, &str) -> RequestBuilder,
     ) -> Result<Answer, Broken> {
-        let Address { base, run } = self.door.after(after).await;
+        let door = match &self.servers {
+            Servers::One(door) => door,
+            Servers::Any(doors) => return self.attempt_at_any(doors, tried, fill).await,
+        };
+        let Address { base, run } = door.after(tried.run).await;
         let after_failure = self.failed.load(Ordering::SeqCst) == run;
+        let sent = Instant::now();
         match whole(fill(&self.http, &base)).await {
             Ok((503, body)) => {
                 self.is_unavailable(run, &String::from_utf8_lossy(&body));
                 self.pause(run).await;
-                Err(Broken { after, lost: true })
+                Err(Broken { tried, lost: true })
             }
-            Ok((status, body)) => Ok(Answer { status, body, run, lost: false, after_failure }),
+            Ok((status, body)) => {
+                Ok(Answer { status, body, run, sent, lost: false, after_failure })
+            }
             Err(error) => {
-                assert!(self.door.has_ended(run), "run {run} does not answer: {error:?}");
-                Err(Broken { after: run, lost: !error.is_connect() })
+                assert!(door.has_ended(run), "run {run} does not answer: {error:?}");
+                let tried = Tried { run, server: None };
+                Err(Broken { tried, lost: !error.is_connect() })
+            }
+        }
+    }
+
+    /// Asks one of several servers once. One that takes too long may have been stopped: somebody else is asked then, and what it
+    /// answers later is looked at in the end.
+    async fn attempt_at_any(
+        &self,
+        doors: &Doors,
+        tried: Tried,
+        fill: impl Fn(&reqwest::Client, &str) -> RequestBuilder,
+    ) -> Result<Answer, Broken> {
+        let (server, Address { base, run: run_of_server }) = doors.any(tried).await;
+        let (run, tried) = (doors.epoch(), Tried { run: 0, server: Some(server) });
+        let call = fill(&self.http, &base);
+        let request = call.try_clone().expect("it has no stream").build().expect("a request");
+        let waits = request.url().query_pairs().any(|(name, _)| name == "wait");
+        let wait = if waits { u64::from(WAIT_OF_SEVERAL_S) } else { 0 };
+        let asked = Asked::of(&self.ledger, &request);
+        let sent = Instant::now();
+        let mut answering = tokio::spawn(whole(call));
+        let patience = ANSWER_PATIENCE + Duration::from_secs(wait);
+        let Ok(answered) = tokio::time::timeout(patience, &mut answering).await else {
+            self.late.lock().expect("no failure yet").push((asked, answering));
+            return Err(Broken { tried, lost: true });
+        };
+        match answered.expect("it does not panic") {
+            Ok((503, body)) => {
+                self.is_unavailable(run, &String::from_utf8_lossy(&body));
+                count(&self.counts.unavailable);
+                self.pause(run).await;
+                Err(Broken { tried, lost: true })
+            }
+            Ok((status, body)) => {
+                Ok(Answer { status, body, run, sent, lost: false, after_failure: false })
+            }
+            Err(error) => {
+                let may_break = doors.may_break(server, run_of_server);
+                assert!(may_break, "server {server} does not answer: {error:?}");
+                self.pause(run).await;
+                Err(Broken { tried, lost: !error.is_connect() })
+            }
+        }
+    }
+
+    /// Compares what servers have answered when nobody waited any more with what is known: it must be right all the same.
+    pub(crate) async fn judge_late_answers(&self) {
+        let late = std::mem::take(&mut *self.late.lock().expect("no failure yet"));
+        for (asked, answering) in late {
+            let answer = tokio::time::timeout(PATIENCE * 2, answering).await;
+            match answer.expect("a request ends").expect("it does not panic") {
+                Ok((503, _)) => count(&self.counts.late_unavailable),
+                Ok((status, body)) => {
+                    count(&self.counts.late_answers);
+                    asked.compare(status, &body);
+                }
+                Err(_) => count(&self.counts.late_broken),
             }
         }
     }
@@ -385,8 +496,12 @@ impl Clients {
     }
 
     async fn pause(&self, run: u64) {
-        // Another run may come before the time is up.
-        if self.door.is_open(run) {
+        let is_open = match &self.servers {
+            // Another run may come before the time is up.
+            Servers::One(door) => door.is_open(run),
+            Servers::Any(_) => true,
+        };
+        if is_open {
             tokio::time::sleep(PAUSE).await;
         }
     }
@@ -451,8 +566,10 @@ impl Clients {
             "{}: acknowledged after a failed commit: {receipt:?}",
             played.name()
         );
-        assert!(played.acknowledged(agent, receipt, answer.lost), "it was received before");
-        if answer.lost {
+        // One of several servers may have sent it again by itself.
+        let lost = answer.lost || matches!(self.servers, Servers::Any(_)) && receipt.duplicate;
+        assert!(played.acknowledged(agent, receipt, lost), "it was received before");
+        if lost {
             count(if receipt.duplicate {
                 &counts.lost_and_kept
             } else {
@@ -460,12 +577,88 @@ impl Clients {
             });
         }
         count(&counts.acknowledged);
+        played.note_receipt(answer.sent);
         self.acknowledged.send_modify(|count| *count += 1);
     }
 }
 
+impl Asked {
+    fn of(ledger: &Ledger, request: &reqwest::Request) -> Self {
+        let token = request.headers().get("authorization").and_then(|value| value.to_str().ok());
+        let token = token.and_then(|value| value.strip_prefix("Bearer "));
+        let who = token.and_then(|token| ledger.by_token(token));
+        let path = request.url().path().to_owned();
+        let known = match &who {
+            Some((played, Some(agent))) => vec![(*agent, played.known(*agent))],
+            Some((played, None)) => {
+                played.agents().map(|agent| (agent, played.known(agent))).collect()
+            }
+            None => Vec::new(),
+        };
+        let body = request.body().and_then(reqwest::Body::as_bytes).unwrap_or_default();
+        let acts = match (path.as_str(), &who) {
+            ("/act", Some((_, Some(agent)))) => {
+                let act: ActRequest = serde_json::from_slice(body).expect("an act");
+                vec![(*agent, act.round)]
+            }
+            ("/swarm/act", _) => {
+                let acts: SwarmActRequest = serde_json::from_slice(body).expect("acts");
+                let agent = |act: &SwarmAct| AgentId::parse(&act.agent).expect("an agent");
+                acts.acts.iter().map(|act| (agent(act), act.round)).collect()
+            }
+            _ => Vec::new(),
+        };
+        Self { path, who, known, acts }
+    }
+
+    /// Compares an answer with what was known when it was asked for, and with what is known now.
+    fn compare(&self, status: u16, body: &[u8]) {
+        let Some((played, agent)) = &self.who else { return };
+        let text = String::from_utf8_lossy(body);
+        let name = played.name();
+        let refused = |(agent, round): (AgentId, u32), problem: &Problem| {
+            if problem.status == 409 {
+                played.refused_after_all(agent, round, &problem.code);
+            } else {
+                assert_eq!(problem.status, 503, "{name}: {agent} in {round}: {problem:?}");
+            }
+        };
+        let seen = |seen: &Observation| {
+            let agent = AgentId::parse(&seen.sight.agent).expect("an agent");
+            let known = self.known.iter().find(|(known, _)| *known == agent).expect("a seat");
+            played.seen(agent, known.1, seen);
+        };
+        match (self.path.as_str(), status) {
+            ("/obs", 200) => seen(&serde_json::from_slice(body).expect("an observation")),
+            ("/swarm/obs", 200) => {
+                let look: SwarmObsResponse = serde_json::from_slice(body).expect("observations");
+                look.observations.iter().for_each(seen);
+            }
+            ("/act", 200) => {
+                let answer: ActResponse = serde_json::from_slice(body).expect("a receipt");
+                played.came_after_all(&answer.receipt);
+                answer.obs.iter().for_each(seen);
+            }
+            ("/act", 409) => {
+                refused(self.acts[0], &serde_json::from_slice(body).expect("a problem"));
+            }
+            ("/swarm/act", 200) => {
+                let answer: SwarmActResponse = serde_json::from_slice(body).expect("receipts");
+                for (place, receipt) in self.acts.iter().zip(&answer.receipts) {
+                    match receipt {
+                        SwarmReceipt::Receipt(receipt) => played.came_after_all(receipt),
+                        SwarmReceipt::Problem(problem) => refused(*place, problem),
+                    }
+                }
+            }
+            (_, 200..300) => {}
+            (path, status) => panic!("{name} {agent:?}: {path} answered {status}: {text}"),
+        }
+    }
+}
+
 /// Sends a request and reads the whole answer.
-async fn whole(call: RequestBuilder) -> Result<(u16, Vec<u8>), reqwest::Error> {
+async fn whole(call: RequestBuilder) -> Whole {
     let response = call.send().await?;
     let status = response.status().as_u16();
     Ok((status, response.bytes().await?.to_vec()))
@@ -503,7 +696,7 @@ impl<'a> Client<'a> {
         let known = played.known(agent);
         let poll = |http: &reqwest::Client, base: &str| {
             let call = http.get(format!("{base}/obs")).bearer_auth(played.token(agent));
-            call.query(&[("after", round), ("wait", WAIT_S)])
+            call.query(&[("after", round), ("wait", self.clients.wait_s())])
         };
         let seen = self.poll(played, &[agent], poll).await.ok();
         played.seen(agent, known, &seen);
@@ -517,16 +710,16 @@ impl<'a> Client<'a> {
         agents: &[AgentId],
         fill: impl Fn(&reqwest::Client, &str) -> RequestBuilder,
     ) -> Answer {
-        let mut after = 0;
+        let mut tried = Tried::default();
         loop {
-            match self.clients.attempt(after, &fill).await {
+            match self.clients.attempt(tried, &fill).await {
                 Ok(answer) => {
                     self.run = answer.run;
                     return answer;
                 }
                 Err(broken) => {
-                    after = broken.after;
-                    self.run = self.clients.door.after(after).await.run;
+                    tried = broken.tried;
+                    self.run = self.clients.servers.run_after(tried).await;
                     self.check_after_restart(played, agents).await;
                 }
             }
@@ -537,7 +730,7 @@ impl<'a> Client<'a> {
     async fn act(&mut self, played: &Played, agent: AgentId, round: u32) -> Option<Observation> {
         let clients = self.clients;
         let act = played.game.act(agent, round);
-        let wait = played.game.waits_with_the_act(agent, round).then_some(WAIT_S);
+        let wait = played.game.waits_with_the_act(agent, round).then_some(clients.wait_s());
         played.will_send(agent, &act);
         clients.sent.send_modify(|count| *count += 1);
         let known = played.known(agent);

@@ -5,7 +5,6 @@
 //! the one that is shipped. That, and the tmpfs, need Linux; elsewhere this file is left out.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::sync::Arc;
 
 use rstest::rstest;
@@ -22,6 +21,7 @@ use crate::dice::{Dice, seed, tell};
 use crate::ledger::Played;
 use crate::plan::By;
 use crate::postgres::is_on_postgres;
+use crate::preload;
 use crate::server::{Server, Site, until};
 
 /// How many games are played at once.
@@ -40,16 +40,7 @@ struct FaultyDisk {
 impl FaultyDisk {
     fn new() -> Self {
         let folder = TempDir::new().expect("a folder");
-        let library = folder.path().join("fault.so");
-        let compiler = std::env::var_os("CC").unwrap_or_else(|| "cc".into());
-        let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/campaign/fault.c");
-        let compiled = Command::new(compiler)
-            .args(["-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-O1", "-o"])
-            .arg(&library)
-            .args([source, "-ldl"])
-            .status()
-            .expect("there is a C compiler, as SQLite needs one too");
-        assert!(compiled.success());
+        let library = preload::library("fault.c", folder.path());
         Self { library, control: folder.path().join("control"), _folder: folder }
     }
 

@@ -20,7 +20,7 @@ const COPY_EVERY: u64 = 5;
 
 /// The moment of a kill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Moment {
+pub(crate) enum Moment {
     /// While the server starts and takes its episodes up.
     Start,
     /// Just after it was ready, while all clients look how things stand.
@@ -34,7 +34,7 @@ enum Moment {
 }
 
 impl Moment {
-    const ALL: [Self; 5] = [Self::Start, Self::Ready, Self::Acknowledged, Self::Sent, Self::Any];
+    pub(crate) const ALL: [Self; 5] = [Self::Start, Self::Ready, Self::Acknowledged, Self::Sent, Self::Any];
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -1,9 +1,10 @@
 //! What clients know: every act they sent, every receipt, and how far they saw each episode come. Whatever
 //! contradicts it is a failure, told at once.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
+use std::time::{Duration, Instant};
 
 use swarmbench_engine::{AgentId, Message};
 use swarmbench_protocol::act::{ActRequest, Receipt};
@@ -15,7 +16,11 @@ use crate::plan::Game;
 
 /// All episodes of a campaign.
 #[derive(Default)]
-pub(crate) struct Ledger(Mutex<Vec<Arc<Played>>>);
+pub(crate) struct Ledger {
+    games: Mutex<Vec<Arc<Played>>>,
+    /// By token, the episode; and the seat, if it is one of a seat.
+    tokens: Mutex<HashMap<String, (Arc<Played>, Option<AgentId>)>>,
+}
 
 impl Ledger {
     pub(crate) fn open(&self, game: Game, created: CreatedEpisode) -> Arc<Played> {
@@ -27,18 +32,36 @@ impl Ledger {
             states: Mutex::default(),
             stands_at: AtomicU32::new(0),
             result: OnceLock::new(),
+            next_receipt: Mutex::default(),
         });
-        self.0.lock().expect("no failure yet").push(Arc::clone(&played));
+        let mut tokens = self.tokens.lock().expect("no failure yet");
+        tokens.insert(played.created.swarm_token.clone(), (Arc::clone(&played), None));
+        for agent in played.agents() {
+            tokens.insert(played.token(agent).to_owned(), (Arc::clone(&played), Some(agent)));
+        }
+        self.games.lock().expect("no failure yet").push(Arc::clone(&played));
         played
     }
 
+    /// Who plays with a token.
+    pub(crate) fn by_token(&self, token: &str) -> Option<(Arc<Played>, Option<AgentId>)> {
+        self.tokens.lock().expect("no failure yet").get(token).cloned()
+    }
+
+    /// The episodes that have not ended, as far as clients know.
+    pub(crate) fn running(&self) -> Vec<Arc<Played>> {
+        let mut all = self.all();
+        all.retain(|played| !played.has_ended());
+        all
+    }
+
     pub(crate) fn all(&self) -> Vec<Arc<Played>> {
-        self.0.lock().expect("no failure yet").clone()
+        self.games.lock().expect("no failure yet").clone()
     }
 
     /// One of the episodes that have ended.
     pub(crate) fn ended(&self, dice: &Dice) -> Option<Arc<Played>> {
-        let all = self.0.lock().expect("no failure yet");
+        let all = self.games.lock().expect("no failure yet");
         let ended: Vec<_> = all.iter().filter(|played| played.result.get().is_some()).collect();
         (!ended.is_empty()).then(|| Arc::clone(*dice.pick(&ended)))
     }
@@ -65,7 +88,18 @@ pub(crate) struct Played {
     /// At least at this round.
     stands_at: AtomicU32,
     result: OnceLock<EpisodeResult>,
+    next_receipt: Mutex<NextReceipt>,
 }
+
+/// How long the next receipt of an episode takes after something happened.
+#[derive(Clone, Copy, Debug, Default)]
+struct NextReceipt {
+    after: Option<Instant>,
+    taken: Option<Duration>,
+}
+
+/// A receipt that comes so soon after a server was ended was already on its way.
+const ON_ITS_WAY: Duration = Duration::from_millis(20);
 
 /// What a client knew when it asked: the answer must not fall behind it.
 #[derive(Clone, Copy, Debug)]
@@ -91,6 +125,51 @@ impl Played {
 
     pub(crate) fn stands_at(&self) -> u32 {
         self.stands_at.load(Ordering::SeqCst)
+    }
+
+    pub(crate) fn has_ended(&self) -> bool {
+        self.result.get().is_some()
+    }
+
+    /// Begins to wait for the next receipt.
+    pub(crate) fn await_receipt(&self, after: Instant) {
+        let next = NextReceipt { after: Some(after), taken: None };
+        *self.next_receipt.lock().expect("no failure yet") = next;
+    }
+
+    /// How long the next receipt took, if it has come.
+    pub(crate) fn next_receipt(&self) -> Option<Duration> {
+        self.next_receipt.lock().expect("no failure yet").taken
+    }
+
+    /// Notes that a receipt has come now, for a request that was sent at this time.
+    pub(crate) fn note_receipt(&self, sent: Instant) {
+        let mut next = self.next_receipt.lock().expect("no failure yet");
+        if let (Some(after), None) = (next.after, next.taken) {
+            let taken = after.elapsed();
+            if sent >= after || taken >= ON_ITS_WAY {
+                next.taken = Some(taken);
+            }
+        }
+    }
+
+    /// Compares a receipt that nobody waited for any more with the one that counts.
+    pub(crate) fn came_after_all(&self, receipt: &Receipt) {
+        let agent = AgentId::parse(&receipt.agent).expect("an agent");
+        let acts = self.acts.lock().expect("no failure yet");
+        let sent = acts.get(&(agent, receipt.round));
+        let first = sent.and_then(|sent| sent.receipt.clone());
+        let first = first.unwrap_or_else(|| panic!("{}: refused, and acknowledged: {receipt:?}", self.name()));
+        let late = Receipt { duplicate: false, ..receipt.clone() };
+        assert_eq!(late, first, "{}: two receipts of one act", self.name());
+    }
+
+    /// The same of a refusal: an act that was acknowledged is not refused.
+    pub(crate) fn refused_after_all(&self, agent: AgentId, round: u32, code: &str) {
+        let acts = self.acts.lock().expect("no failure yet");
+        let is_acknowledged = acts.get(&(agent, round)).is_some_and(|sent| sent.receipt.is_some());
+        let name = self.name();
+        assert!(!is_acknowledged, "{name}: {agent} in {round}: acknowledged, and refused: {code}");
     }
 
     pub(crate) fn known(&self, agent: AgentId) -> Known {

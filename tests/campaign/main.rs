@@ -11,13 +11,17 @@ mod clients;
 mod dice;
 #[cfg(target_os = "linux")]
 mod disk;
+mod doors;
+mod fleet;
 mod forks;
 mod kills;
 mod ledger;
 mod plan;
-#[expect(dead_code, reason = "other tests use other parts")]
 #[path = "../support/postgres.rs"]
 mod postgres;
+#[cfg(target_os = "linux")]
+mod preload;
+mod proxy;
 #[expect(dead_code, reason = "the attacks share it and use other parts")]
 #[path = "../support/server.rs"]
 mod server;

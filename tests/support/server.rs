@@ -51,6 +51,16 @@ impl Door {
         open.expect("the door stays").clone().expect("it was open")
     }
 
+    /// The address of the run that listens now, if one does.
+    pub(crate) fn now(&self) -> Option<Address> {
+        self.address.borrow().clone()
+    }
+
+    /// From now on a run may end.
+    pub(crate) fn expect_end(&self, run: u64) {
+        self.ended.fetch_max(run, Ordering::SeqCst);
+    }
+
     /// Whether somebody has ended a run, or is about to.
     pub(crate) fn has_ended(&self, run: u64) -> bool {
         self.ended.load(Ordering::SeqCst) >= run
@@ -84,6 +94,11 @@ impl Site {
         let file = || folder.path().join("swarmbench.db").display().to_string();
         let db = scratch.as_ref().map_or_else(file, |scratch| scratch.url().to_owned());
         Self { folder: Some(folder), scratch, db, door: Door::new(), runs: AtomicU64::new(0) }
+    }
+
+    /// A database that somebody else owns.
+    pub(crate) fn at(db: String) -> Self {
+        Self { folder: None, scratch: None, db, door: Door::new(), runs: AtomicU64::new(0) }
     }
 
     /// The same database, reached at another address; only on PostgreSQL.
@@ -190,6 +205,7 @@ impl Server {
     pub(crate) async fn ready(&mut self) -> Duration {
         let client = reqwest::Client::new();
         let address = self.door.after(self.run - 1).await;
+        let asked = Instant::now();
         loop {
             let answer = client.get(format!("{}/readyz", address.base)).send().await;
             if answer.is_ok_and(|answer| answer.status() == 200) {
@@ -197,7 +213,7 @@ impl Server {
             }
             let gone = self.child.try_wait().expect("it can be asked");
             assert!(gone.is_none(), "it ended by {gone:?}: {:#?}", self.log());
-            assert!(self.started.elapsed() < PATIENCE, "it gets not ready: {:#?}", self.log());
+            assert!(asked.elapsed() < PATIENCE, "it gets not ready: {:#?}", self.log());
             tokio::time::sleep(Duration::from_millis(1)).await;
         }
     }
@@ -206,10 +222,15 @@ impl Server {
         self.child.id()
     }
 
+    /// How the process has ended by itself, if it has.
+    pub(crate) fn exit(&mut self) -> Option<ExitStatus> {
+        self.child.try_wait().expect("it can be asked")
+    }
+
     /// Waits until the process has ended by itself.
     pub(crate) async fn ended(&mut self) -> ExitStatus {
         loop {
-            if let Some(status) = self.child.try_wait().expect("it can be asked") {
+            if let Some(status) = self.exit() {
                 return status;
             }
             tokio::time::sleep(Duration::from_millis(50)).await;

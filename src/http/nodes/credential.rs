@@ -22,16 +22,17 @@ impl Secret {
     /// than both of them live.
     pub(super) fn credential(&self, from: i64, to: i64) -> String {
         let mac = self.mac(from, to).finalize().into_bytes();
-        format!("{from}.{}", HEXLOWER.encode(&mac))
+        format!("{from}.{to}.{}", HEXLOWER.encode(&mac))
     }
 
-    /// Whether it is the credential of a server for this one.
-    pub(super) fn verifies(&self, credential: &str, me: i64) -> bool {
-        let Some((from, mac)) = credential.split_once('.') else { return false };
-        let (Ok(from), Ok(mac)) = (from.parse(), HEXLOWER.decode(mac.as_bytes())) else {
-            return false;
-        };
-        self.mac(from, me).verify_slice(&mac).is_ok()
+    /// For which server the credential of another one is; `None` where it is of no server. It may be for one that had this
+    /// address before.
+    pub(super) fn recipient(&self, credential: &str) -> Option<i64> {
+        let (from, rest) = credential.split_once('.')?;
+        let (to, mac) = rest.split_once('.')?;
+        let (from, to) = (from.parse().ok()?, to.parse().ok()?);
+        let mac = HEXLOWER.decode(mac.as_bytes()).ok()?;
+        self.mac(from, to).verify_slice(&mac).is_ok().then_some(to)
     }
 }
 
@@ -43,12 +44,12 @@ mod tests {
     fn a_credential_is_for_one_server_and_of_the_same_secret() {
         let (own, other) = (Secret::new(b"a secret"), Secret::new(b"another"));
         let credential = own.credential(7, 8);
-        assert!(own.verifies(&credential, 8));
-        assert!(!own.verifies(&credential, 9));
-        assert!(!other.verifies(&credential, 8));
-        assert!(!own.verifies(&credential.replacen('7', "6", 1), 8));
-        for bad in ["", ".", "7", "7.", "7.zz", "x.00"] {
-            assert!(!own.verifies(bad, 8), "{bad}");
+        assert_eq!(own.recipient(&credential), Some(8));
+        assert_eq!(other.recipient(&credential), None);
+        assert_eq!(own.recipient(&credential.replacen('7', "6", 1)), None);
+        assert_eq!(own.recipient(&credential.replacen(".8.", ".9.", 1)), None);
+        for bad in ["", ".", "7", "7.8", "7.8.", "7.8.zz", "7.x.00", "x.8.00"] {
+            assert_eq!(own.recipient(bad), None, "{bad}");
         }
     }
 }

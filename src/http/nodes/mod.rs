@@ -140,22 +140,23 @@ impl Nodes {
         }
     }
 
-    /// The client of a request that another server has forwarded, or asks itself. An error where it is of no server.
-    pub(super) fn client_of_hop(&self, headers: &HeaderMap) -> Result<Client, ApiError> {
+    /// The client of a request that another server has forwarded, or asks itself. An error where it is of no server; `None` where
+    /// it is for the server that was at this address before.
+    pub(super) fn client_of_hop(&self, headers: &HeaderMap) -> Result<Option<Client>, ApiError> {
         let refuse = || {
             let detail = "this address is for the other servers of the cluster, and the request is of none of them: send it to the \
                           public address. A server that sees this has another --cluster-secret-file";
             ApiError::new(Code::Forbidden, detail)
         };
         let hop = headers.get(HOP).and_then(|value| value.to_str().ok()).ok_or_else(refuse)?;
-        if !self.secret.verifies(hop, self.cluster.incarnation()) {
-            return Err(refuse());
+        if self.secret.recipient(hop).ok_or_else(refuse)? != self.cluster.incarnation() {
+            return Ok(None);
         }
         let client =
             headers.get(CLIENT).and_then(|value| value.to_str().ok()).ok_or_else(refuse)?;
         let (address, is_local) = client.split_once(' ').ok_or_else(refuse)?;
         let address = address.parse().map_err(|_| refuse())?;
-        Ok(Client { address, is_local: is_local == "local" })
+        Ok(Some(Client { address, is_local: is_local == "local" }))
     }
 
     /// Refuses to answer for what this server plays where the database may have been told that it is dead.

@@ -211,8 +211,11 @@ pub(in crate::store) async fn check(
         query("SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000 AS bigint)"),
     );
     let database: i64 = now.one(connection).await.map_err(failed)?;
-    let off = i64::midpoint(before, (joining.host_ms)()) - database;
-    if off.unsigned_abs() > u64::try_from(CLOCK_OFF_MAX.as_millis()).unwrap_or(0) {
+    let after = (joining.host_ms)();
+    let off = i64::midpoint(before, after) - database;
+    // When the database read its clock is known to half of this.
+    let unsure = before.abs_diff(after) / 2;
+    if off.unsigned_abs().saturating_sub(unsure) > u64::try_from(CLOCK_OFF_MAX.as_millis()).unwrap_or(0) {
         let direction = if off > 0 { "ahead of" } else { "behind" };
         return Err(JoinError::Clock { off_ms: off.unsigned_abs(), direction }.into());
     }
@@ -404,7 +407,12 @@ impl Cluster {
         let database = found.ok_or(StoreError::Failed)?;
         self.takes_work.store(beat.is_ready, Ordering::Release);
         self.answers_from(sent);
-        let offset = i64::midpoint(before, host_ms()) - database;
+        let after = host_ms();
+        if u128::from(before.abs_diff(after)) > CLOCK_OFF_MAX.as_millis() {
+            // An answer that took so long says little of the clock: the last offset stays.
+            return Ok(());
+        }
+        let offset = i64::midpoint(before, after) - database;
         self.on(&self.beats, Purpose::Beats, async |connection| {
             let update = query("UPDATE members SET offset_ms = $2 WHERE incarnation = $1 AND abs(offset_ms - $2) > 5");
             update.bind(self.incarnation).bind(offset).execute(connection).await

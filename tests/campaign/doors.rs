@@ -1,0 +1,98 @@
+//! Where clients find a server: the one that runs now, or any of several.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use crate::dice::Dice;
+use crate::server::{Address, Door, PATIENCE};
+
+/// How long nobody listens before it is looked again.
+const PAUSE: Duration = Duration::from_millis(5);
+
+pub(crate) enum Servers {
+    One(Arc<Door>),
+    Any(Arc<Doors>),
+}
+
+impl Servers {
+    /// The only server.
+    pub(crate) fn one(&self) -> &Door {
+        match self {
+            Self::One(door) => door,
+            Self::Any(_) => panic!("there are several"),
+        }
+    }
+
+    /// The run that is asked next: of several servers, how many faults are behind them.
+    pub(crate) async fn run_after(&self, tried: Tried) -> u64 {
+        match self {
+            Self::One(door) => door.after(tried.run).await.run,
+            Self::Any(doors) => doors.epoch(),
+        }
+    }
+}
+
+/// Who was asked in vain.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Tried {
+    /// The next run to be asked is one after this.
+    pub(crate) run: u64,
+    /// Another one of several servers is asked next, if there is one.
+    pub(crate) server: Option<usize>,
+}
+
+/// Several servers, any of which takes any request.
+pub(crate) struct Doors {
+    seed: u64,
+    doors: Vec<Arc<Door>>,
+    /// By server, whether its connections may break: it was stopped for a while, say.
+    excused: Vec<AtomicBool>,
+    /// Counts faults, from 1: after each of them all clients look whether everything is in order.
+    epoch: AtomicU64,
+    picks: AtomicU64,
+}
+
+impl Doors {
+    pub(crate) fn new(seed: u64, doors: Vec<Arc<Door>>) -> Arc<Self> {
+        let excused = doors.iter().map(|_| AtomicBool::new(false)).collect();
+        Arc::new(Self { seed, doors, excused, epoch: AtomicU64::new(1), picks: AtomicU64::new(0) })
+    }
+
+    pub(crate) fn epoch(&self) -> u64 {
+        self.epoch.load(Ordering::SeqCst)
+    }
+
+    /// A fault is over; returns the new epoch.
+    pub(crate) fn next_epoch(&self) -> u64 {
+        self.epoch.fetch_add(1, Ordering::SeqCst) + 1
+    }
+
+    /// From now on connections of a server may break, or not.
+    pub(crate) fn excuse(&self, server: usize, is_excused: bool) {
+        self.excused[server].store(is_excused, Ordering::SeqCst);
+    }
+
+    /// Whether a run of a server may leave a request without an answer.
+    pub(crate) fn may_break(&self, server: usize, run: u64) -> bool {
+        self.doors[server].has_ended(run) || self.excused[server].load(Ordering::SeqCst)
+    }
+
+    /// Any server that listens, another one than was tried last where there is one.
+    pub(crate) async fn any(&self, tried: Tried) -> (usize, Address) {
+        let began = Instant::now();
+        let dice = Dice::of(self.seed, &format!("pick {}", self.picks.fetch_add(1, Ordering::SeqCst)));
+        let first = dice.below(self.doors.len());
+        loop {
+            let order = (0..self.doors.len()).map(|next| (first + next) % self.doors.len());
+            let open = order.filter_map(|server| Some((server, self.doors[server].now()?)));
+            let open: Vec<_> = open.collect();
+            let other = open.iter().find(|(server, _)| Some(*server) != tried.server);
+            if let Some(found) = other.or(open.first()) {
+                return found.clone();
+            }
+            assert!(began.elapsed() < PATIENCE, "none of the servers listens");
+            tokio::time::sleep(PAUSE).await;
+        }
+    }
+}

@@ -1,0 +1,349 @@
+//! Three servers on one database, each behind proxies of its own, and what the database knows of them.
+
+use std::process::Command;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use sqlx::postgres::PgConnection;
+use tempfile::TempDir;
+
+use crate::dice::Dice;
+use crate::doors::Doors;
+use crate::ledger::{Ledger, Played};
+use crate::postgres::Scratch;
+use crate::proxy::Proxy;
+use crate::server::{PATIENCE, Server, Site, complaints, program};
+
+/// How many servers there are.
+pub(crate) const NODES: usize = 3;
+
+/// The exit code of a server that others have taken over.
+const START_AGAIN: i32 = 75;
+
+/// What it says then.
+const EXCLUDED: &str = "the other servers have excluded this one";
+
+/// What a server may complain about that was taken over.
+const REASONS_OF_EXCLUDED: [&str; 3] = [
+    EXCLUDED,
+    "another server has taken the database over",
+    "its actor has ended: it is recovered from the journal",
+];
+
+/// What a server may complain about while others die, and while it does not reach them or the database.
+const REASONS: [&str; 18] = [
+    "a server is dead: the others take its work over",
+    "a server may be dead, and cannot be taken over",
+    "work that nobody does cannot be taken",
+    "what others are to play cannot be given up",
+    "another server is not reached from this one",
+    "the database does not answer: this server cannot show that it lives",
+    "the database is not reached",
+    "sqlx_core::pool",
+    "sqlx::pool::acquire",
+    // A session of a dead server that has just ended by itself.
+    "is not a PostgreSQL backend process",
+    "competitions that have closed cannot be listed",
+    "runs cannot be advanced",
+    "old changes cannot be deleted",
+    "boards cannot be read",
+    "games that have ended cannot be measured; trying again",
+    "a game is not measured",
+    "a request failed",
+    "answered status=503",
+];
+
+/// One server, whichever process it is.
+pub(crate) struct Node {
+    site: Site,
+    /// Between it and the database.
+    pub(crate) database: Proxy,
+    /// Between the others and it.
+    pub(crate) peers: Proxy,
+    listens: u16,
+    server: Option<Server>,
+}
+
+pub(crate) struct Fleet {
+    nodes: Vec<Node>,
+    pub(crate) doors: Arc<Doors>,
+    pub(crate) scratch: Scratch,
+    /// Of the test itself, past all proxies.
+    connection: PgConnection,
+    folder: TempDir,
+    /// How often a server was taken over that was alive.
+    pub(crate) exclusions: u64,
+}
+
+/// A port that no program has, below those that the host gives to connections.
+pub(crate) fn free_port(dice: &Dice) -> u16 {
+    loop {
+        let port = 20_000 + u16::try_from(dice.below(12_000)).expect("small");
+        if std::net::TcpListener::bind(("127.0.0.1", port)).is_ok() {
+            return port;
+        }
+    }
+}
+
+impl Fleet {
+    /// None where there is no PostgreSQL.
+    pub(crate) async fn new(seed: u64) -> Option<Self> {
+        let scratch = Scratch::new().await?;
+        let database = Scratch::address_of(scratch.url());
+        // Not of the seed: another run may have the ports still.
+        let dice = Dice::of(std::process::id().into(), &format!("ports {seed}"));
+        let mut nodes = Vec::new();
+        for _ in 0..NODES {
+            let database = Proxy::before(database.clone()).await;
+            let listens = free_port(&dice);
+            let peers = Proxy::at(free_port(&dice), format!("127.0.0.1:{listens}")).await;
+            let site = Site::at(scratch.url_at(database.address));
+            nodes.push(Node { site, database, peers, listens, server: None });
+        }
+        let doors = nodes.iter().map(|node| Arc::clone(&node.site.door)).collect();
+        let folder = TempDir::new().expect("a folder");
+        std::fs::write(folder.path().join("secret"), "a secret of the campaign").expect("a file");
+        let connection = scratch.connect().await;
+        let doors = Doors::new(seed, doors);
+        Some(Self { nodes, doors, scratch, connection, folder, exclusions: 0 })
+    }
+
+    pub(crate) fn node(&self, node: usize) -> &Node {
+        &self.nodes[node]
+    }
+
+    pub(crate) fn nodes(&self) -> &[Node] {
+        &self.nodes
+    }
+
+    /// The file with the secret that all of them have.
+    pub(crate) fn secret(&self) -> String {
+        self.folder.path().join("secret").display().to_string()
+    }
+
+    pub(crate) fn start(&mut self, node: usize) {
+        let secret = self.secret();
+        let Node { site, peers, listens, server, .. } = &mut self.nodes[node];
+        assert!(server.is_none(), "it runs");
+        peers.open();
+        let (address, listen) = (peers.address.to_string(), format!("127.0.0.1:{listens}"));
+        let mut command = Command::new(program());
+        command.env("RUST_LOG", "info");
+        let options =
+            ["--node", &address, "--node-listen", &listen, "--cluster-secret-file", &secret];
+        *server = Some(site.start_by(command, &options));
+    }
+
+    /// Waits until a server takes games.
+    pub(crate) async fn ready(&mut self, node: usize) -> Duration {
+        self.server(node).ready().await
+    }
+
+    pub(crate) async fn start_all(&mut self) {
+        for node in 0..NODES {
+            if self.nodes[node].server.is_none() {
+                self.start(node);
+            }
+        }
+        for node in 0..NODES {
+            self.ready(node).await;
+        }
+    }
+
+    fn server(&mut self, node: usize) -> &mut Server {
+        self.nodes[node].server.as_mut().expect("it runs")
+    }
+
+    /// `kill -9`. What it had of ports is refused when this returns.
+    pub(crate) fn kill(&mut self, node: usize) {
+        let server = self.nodes[node].server.take().expect("it runs");
+        let log = server.kill();
+        self.nodes[node].peers.leave();
+        check_log(node, &log, &[]);
+    }
+
+    /// SIGTERM; the server must end well. It takes no request any more once it was told.
+    pub(crate) async fn stop(&mut self, node: usize) -> Duration {
+        let server = self.nodes[node].server.take().expect("it runs");
+        let (status, taken, log) = server.terminate().await;
+        self.nodes[node].peers.leave();
+        assert_eq!(status.code(), Some(0), "server {node}: {log:#?}");
+        check_log(node, &log, &[]);
+        taken
+    }
+
+    pub(crate) fn freeze(&mut self, node: usize) {
+        self.doors.excuse(node, true);
+        self.server(node).freeze();
+    }
+
+    pub(crate) fn thaw(&mut self, node: usize) {
+        self.server(node).thaw();
+    }
+
+    /// From now on a server may be taken over, and ends then.
+    pub(crate) fn expect_exclusion(&mut self, node: usize) {
+        let run = self.server(node).run;
+        self.nodes[node].site.door.expect_end(run);
+    }
+
+    /// Does what supervisors do: whoever has ended because it was taken over is started again, and all get ready.
+    pub(crate) async fn mend(&mut self) {
+        for node in 0..NODES {
+            if self.nodes[node].server.is_some() && self.incarnation(node).await.is_none() {
+                // It is about to notice.
+                let began = Instant::now();
+                while self.server(node).exit().is_none() {
+                    assert!(
+                        began.elapsed() < PATIENCE,
+                        "server {node} was taken over and goes on: {:#?}",
+                        self.server(node).log()
+                    );
+                    tokio::time::sleep(Duration::from_millis(10)).await;
+                }
+            }
+            if let Some(status) = self.nodes[node].server.as_mut().and_then(Server::exit) {
+                let run = self.server(node).run;
+                let may_end = self.nodes[node].site.door.has_ended(run);
+                let log = self.nodes[node].server.take().expect("it ran").kill();
+                assert!(may_end, "server {node} ended by itself: {status:?} {log:#?}");
+                assert_eq!(status.code(), Some(START_AGAIN), "server {node}: {log:#?}");
+                assert!(log.iter().any(|line| line.contains(EXCLUDED)), "{node}: {log:#?}");
+                check_log(node, &log, &REASONS_OF_EXCLUDED);
+                self.exclusions += 1;
+                self.start(node);
+            }
+        }
+        self.start_all().await;
+        for node in 0..NODES {
+            self.doors.excuse(node, false);
+        }
+    }
+
+    /// The members, as the database has them: number and address.
+    async fn members_with_addresses(&mut self) -> Vec<(i64, String)> {
+        sqlx::query_as("SELECT incarnation, address FROM members ORDER BY incarnation")
+            .fetch_all(&mut self.connection)
+            .await
+            .expect("members")
+    }
+
+    /// Who plays together now.
+    pub(crate) async fn members(&mut self) -> Vec<i64> {
+        self.members_with_addresses().await.into_iter().map(|(incarnation, _)| incarnation).collect()
+    }
+
+    /// The number of a server, if it is a member.
+    pub(crate) async fn incarnation(&mut self, node: usize) -> Option<i64> {
+        let address = self.nodes[node].peers.address.to_string();
+        let members = self.members_with_addresses().await;
+        members.into_iter().find(|(_, of)| *of == address).map(|(incarnation, _)| incarnation)
+    }
+
+    /// The servers that play games that have not ended, each once per game.
+    pub(crate) async fn owners(&mut self) -> Vec<usize> {
+        let members = self.members_with_addresses().await;
+        let owners: Vec<i64> = sqlx::query_scalar(
+            "SELECT p.owner FROM places p JOIN episodes e ON e.key = p.key
+             WHERE p.kind = 0 AND e.ended_at IS NULL ORDER BY p.key",
+        )
+        .fetch_all(&mut self.connection)
+        .await
+        .expect("owners");
+        let node = |owner: i64| {
+            let (_, address) = members.iter().find(|(incarnation, _)| *incarnation == owner)?;
+            self.nodes.iter().position(|node| node.peers.address.to_string() == *address)
+        };
+        owners.into_iter().filter_map(node).collect()
+    }
+
+    /// The games that a server plays at this moment, as clients know them.
+    pub(crate) async fn played_by(&mut self, node: usize, ledger: &Ledger) -> Vec<Arc<Played>> {
+        let Some(incarnation) = self.incarnation(node).await else { return Vec::new() };
+        let ids: Vec<String> = sqlx::query_scalar(
+            "SELECT e.id FROM places p JOIN episodes e ON e.key = p.key
+             WHERE p.kind = 0 AND e.ended_at IS NULL AND p.owner = $1",
+        )
+        .bind(incarnation)
+        .fetch_all(&mut self.connection)
+        .await
+        .expect("games");
+        let mut running = ledger.running();
+        running.retain(|played| ids.contains(&played.created.id));
+        running
+    }
+
+    /// Ends sessions of the servers: each with a chance of one in `of`, and at least one.
+    pub(crate) async fn end_sessions(&mut self, dice: &Dice, of: usize) -> usize {
+        let all: Vec<i32> = sqlx::query_scalar(
+            "SELECT pid FROM pg_stat_activity
+             WHERE datname = current_database() AND pid <> pg_backend_pid() ORDER BY pid",
+        )
+        .fetch_all(&mut self.connection)
+        .await
+        .expect("sessions");
+        let mut chosen: Vec<i32> = all.iter().copied().filter(|_| dice.one_in(of)).collect();
+        if chosen.is_empty() {
+            chosen.push(*dice.pick(&all));
+        }
+        for pid in &chosen {
+            let end = sqlx::query("SELECT pg_terminate_backend($1)").bind(pid);
+            end.execute(&mut self.connection).await.expect("it may end them");
+        }
+        chosen.len()
+    }
+
+    async fn number(&mut self, statement: &'static str) -> i64 {
+        sqlx::query_scalar(statement).fetch_one(&mut self.connection).await.expect("a number")
+    }
+
+    /// Waits until each game that has not ended is played by exactly one member, and nothing belongs to anybody else.
+    pub(crate) async fn settle(&mut self) {
+        let began = Instant::now();
+        loop {
+            let strays = self
+                .number("SELECT count(*) FROM places WHERE owner NOT IN (SELECT incarnation FROM members)")
+                .await;
+            assert_eq!(strays, 0, "somebody who is no member has places");
+            let nobodys = self
+                .number(
+                    "SELECT count(*) FROM episodes e WHERE e.ended_at IS NULL AND e.run IS NULL
+                         AND NOT EXISTS (SELECT 1 FROM places p WHERE p.kind = 0 AND p.key = e.key)",
+                )
+                .await;
+            let twice = self
+                .number("SELECT count(*) FROM (SELECT 1 FROM places GROUP BY kind, key HAVING count(*) > 1) AS t")
+                .await;
+            assert_eq!(twice, 0, "a place has two owners");
+            if nobodys == 0 {
+                return;
+            }
+            assert!(began.elapsed() < PATIENCE, "nobody plays {nobodys} games");
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    }
+
+    /// Waits until the servers have given back what is over.
+    pub(crate) async fn all_given_back(&mut self) {
+        let began = Instant::now();
+        loop {
+            let kept = self.number("SELECT count(*) FROM places WHERE kind = 0").await;
+            if kept == 0 {
+                return;
+            }
+            assert!(began.elapsed() < PATIENCE, "{kept} places of games that are over are kept");
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+    }
+}
+
+/// Nothing may be in a log that nobody expects.
+fn check_log(node: usize, log: &[String], further: &[&str]) {
+    assert!(!log.iter().any(|line| line.contains("panicked")), "server {node}: {log:#?}");
+    let has_reason = |line: &&String| {
+        let mut reasons = REASONS.iter().chain(further);
+        reasons.any(|reason| line.contains(reason))
+    };
+    let unexpected: Vec<_> = complaints(log).into_iter().filter(|line| !has_reason(line)).collect();
+    assert_eq!(unexpected, Vec::<&String>::new(), "server {node}");
+}

@@ -1,0 +1,174 @@
+//! Servers that must not start: each says why, and what to do.
+
+use std::path::PathBuf;
+use std::process::{Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use super::nodes::{Fleet, free_port};
+use crate::dice::{Dice, tell};
+use crate::postgres;
+#[cfg(target_os = "linux")]
+use crate::preload;
+use crate::server::{PATIENCE, Site, program};
+
+/// The program of an earlier version.
+const OLD_PROGRAM: &str = "SWARMBENCH_OLD_PROGRAM";
+
+/// What a program said that has ended by itself.
+struct Refused {
+    status: ExitStatus,
+    text: String,
+}
+
+impl Refused {
+    /// Checks that it has failed, with these words.
+    fn because(&self, words: &str) {
+        assert_eq!(self.status.code(), Some(1), "{}", self.text);
+        assert!(self.text.contains(words), "it does not say {words:?}: {}", self.text);
+    }
+}
+
+/// Runs a program that is to end by itself.
+async fn refused(mut command: Command) -> Refused {
+    let log = tempfile::tempfile().expect("a file");
+    command.stdin(Stdio::null()).stdout(Stdio::null());
+    command.stderr(log.try_clone().expect("a file"));
+    let mut child = command.spawn().expect("the binary runs");
+    let began = Instant::now();
+    let status = loop {
+        if let Some(status) = child.try_wait().expect("it can be asked") {
+            break Some(status);
+        }
+        if began.elapsed() > PATIENCE {
+            drop(child.kill());
+            drop(child.wait());
+            break None;
+        }
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    };
+    let mut text = String::new();
+    let mut log = log;
+    std::io::Seek::rewind(&mut log).expect("a file");
+    std::io::Read::read_to_string(&mut log, &mut text).expect("UTF-8");
+    Refused { status: status.unwrap_or_else(|| panic!("it goes on: {text}")), text }
+}
+
+fn serve(program: PathBuf, db: &str, options: &[&str]) -> Command {
+    let mut command = Command::new(program);
+    command.args(["serve", "--addr", "127.0.0.1:0", "--db", db]).args(options);
+    command
+}
+
+/// A fleet with its first two servers running; none where there is no PostgreSQL.
+async fn two(test: &str) -> Option<Fleet> {
+    let Some(mut fleet) = Fleet::new(0).await else {
+        tell(&format!("NOT RUN: {test} needs {} (.ci/postgres)", postgres::VARIABLE));
+        return None;
+    };
+    for node in 0..2 {
+        fleet.start(node);
+        fleet.ready(node).await;
+    }
+    Some(fleet)
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_server_that_does_not_fit_says_why_and_ends() {
+    let Some(mut fleet) = two("a_server_that_does_not_fit_says_why_and_ends").await else { return };
+    let dice = Dice::of(std::process::id().into(), "refusals");
+    let members = fleet.members().await;
+    let (url, secret) = (fleet.scratch.url().to_owned(), fleet.secret());
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).expect("a file");
+        path.display().to_string()
+    };
+    let (other, short) = (file("other", "another secret of the campaign"), file("short", "short"));
+    let here = |port: u16| format!("127.0.0.1:{port}");
+    let (own, nobodys) = (here(free_port(&dice)), here(free_port(&dice)));
+    let taken = fleet.node(0).peers.address.to_string();
+    let sqlite = folder.path().join("swarmbench.db").display().to_string();
+    let with = |node: &str, listen: &str, secret: &str, db: &str| {
+        let options = ["--node", node, "--node-listen", listen, "--cluster-secret-file", secret];
+        refused(serve(program(), db, &options))
+    };
+    with(&own, &own, &other, &url).await.because("the secret is not that of the other servers");
+    with(&own, &own, &short, &url).await.because("has 5 bytes, 16 are needed");
+    with(&nobodys, &own, &secret, &url).await.because("nothing answers at");
+    with(&taken, &own, &secret, &url).await.because("another server with the address");
+    with(&taken, &taken, &secret, &url).await.because("is another program there?");
+    with(&own, &own, &secret, &sqlite).await.because("several servers cannot share the file");
+    let alone = refused(serve(program(), &url, &[])).await;
+    alone.because("is in use by another process");
+    assert_eq!(fleet.members().await, members, "those who were refused have changed nothing");
+    for node in 0..2 {
+        fleet.stop(node).await;
+    }
+    // Where nobody is there any more, the secret may be another.
+    let site = Site::at(url.clone());
+    let options = ["--node", &own, "--cluster-secret-file", &other];
+    let mut server = site.start_by(Command::new(program()), &options);
+    server.ready().await;
+    let (status, _, log) = server.terminate().await;
+    assert_eq!(status.code(), Some(0), "{log:#?}");
+}
+
+#[cfg(target_os = "linux")]
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_server_with_a_wrong_clock_does_not_join() {
+    let test = "a_server_with_a_wrong_clock_does_not_join";
+    let Some(mut fleet) = two(test).await else { return };
+    let members = fleet.members().await;
+    let dice = Dice::of(std::process::id().into(), "clocks");
+    let folder = tempfile::tempdir().expect("a folder");
+    let library = preload::library("clock.c", folder.path());
+    for (off, words) in
+        [("5", "ms ahead of that of the database"), ("-5", "ms behind that of the database")]
+    {
+        let own = format!("127.0.0.1:{}", free_port(&dice));
+        let secret = fleet.secret();
+        let options = ["--node", &own, "--cluster-secret-file", &secret];
+        let mut command = serve(program(), fleet.scratch.url(), &options);
+        command.env("LD_PRELOAD", &library).env("SWARMBENCH_CLOCK_OFF", off);
+        refused(command).await.because(words);
+    }
+    assert_eq!(fleet.members().await, members);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_older_server_and_a_fleet_exclude_each_other() {
+    let test = "an_older_server_and_a_fleet_exclude_each_other";
+    let Some(old) = std::env::var_os(OLD_PROGRAM).map(PathBuf::from) else {
+        tell(&format!("NOT RUN: {test} needs {OLD_PROGRAM}, the program of the version before"));
+        return;
+    };
+    let Some(mut fleet) = Fleet::new(0).await else {
+        tell(&format!("NOT RUN: {test} needs {} (.ci/postgres)", postgres::VARIABLE));
+        return;
+    };
+    // The old one was there first: it makes the tables, and has the database to itself.
+    let site = Site::at(fleet.scratch.url().to_owned());
+    let mut server = site.start_by(Command::new(&old), &[]);
+    server.ready().await;
+    let dice = Dice::of(std::process::id().into(), "old");
+    let own = format!("127.0.0.1:{}", free_port(&dice));
+    let secret = fleet.secret();
+    let options = ["--node", &own, "--cluster-secret-file", &secret];
+    let new = refused(serve(program(), fleet.scratch.url(), &options)).await;
+    new.because("is in use by another process");
+    let (status, _, log) = server.terminate().await;
+    assert_eq!(status.code(), Some(0), "it did not notice anything: {log:#?}");
+    // Now the fleet has it.
+    fleet.start_all().await;
+    let members = fleet.members().await;
+    let refusal = refused(serve(old.clone(), fleet.scratch.url(), &[])).await;
+    refusal.because("is in use by another process");
+    assert_eq!(fleet.members().await, members);
+    fleet.stop(0).await;
+    fleet.stop(1).await;
+    fleet.stop(2).await;
+    // Nor does it start when they have left, as it does not know these tables.
+    let refusal = refused(serve(old, fleet.scratch.url(), &[])).await;
+    refusal.because("version");
+}
