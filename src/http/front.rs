@@ -73,9 +73,13 @@ impl Front {
     }
 
     /// Answers a request that came over a connection of `peer`.
-    pub(super) async fn answer(&self, request: Request, peer: Peer) -> Answered {
+    pub(super) async fn answer(&self, mut request: Request, peer: Peer) -> Answered {
         let started = Instant::now();
         let name = RequestName::of(&request, self.id_of(&request));
+        if self.inner.app.nodes.is_some() {
+            // Another server may answer it, under the same name.
+            request.headers_mut().insert(REQUEST_ID, name.id.clone());
+        }
         let play = Play::of(&request);
         // Those who play write lines at the level debug only, except where the server fails.
         let span = match play {

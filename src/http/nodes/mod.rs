@@ -28,7 +28,6 @@ use tokio_util::sync::CancellationToken;
 
 use super::body::LIGHT_BODY_BYTES_MAX;
 use super::client::Client;
-use super::front::REQUEST_ID;
 use super::prelude::*;
 use crate::ids::{CompetitionKey, EpisodeId, Place, RunKey};
 use crate::store::{Cluster, Store, StoreError};
@@ -93,7 +92,14 @@ const ANYBODY: i64 = 0;
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Location {
     Here,
-    At { incarnation: i64, address: String },
+    At(Other),
+}
+
+/// Another server.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Other {
+    incarnation: i64,
+    address: String,
 }
 
 /// What becomes of a request.
@@ -185,8 +191,8 @@ impl Nodes {
         }
         match self.locate(target).await? {
             Location::Here => Ok(Routed::Here(request)),
-            at @ Location::At { .. } => {
-                let routed = self.forward(&app.stop, request, client, target, at).await?;
+            Location::At(other) => {
+                let routed = self.forward(&app.stop, request, client, target, &other).await?;
                 Ok(match routed {
                     Routed::Answered(response) => Routed::Answered(until_stop(&app.stop, response)),
                     here @ Routed::Here(_) => here,
@@ -224,7 +230,7 @@ impl Nodes {
         let members = self.cluster.members();
         match members.iter().find(|member| member.incarnation == owner) {
             Some(member) => {
-                Ok(Location::At { incarnation: owner, address: member.address.clone() })
+                Ok(Location::At(Other { incarnation: owner, address: member.address.clone() }))
             }
             None => {
                 if let Target::Place(place) = target {
@@ -285,7 +291,7 @@ impl Nodes {
         request: Request,
         client: Client,
         target: Target,
-        at: Location,
+        to: &Other,
     ) -> Result<Routed, ApiError> {
         metrics::counter!("swarmbench_forwarded_total").increment(1);
         let (parts, body) = request.into_parts();
@@ -293,18 +299,14 @@ impl Nodes {
             body.size_hint().upper().is_some_and(|most| most <= LIGHT_BODY_BYTES_MAX as u64);
         if !is_small {
             // It is passed on as it comes, so it cannot be sent again.
-            let request = Request::from_parts(parts, body);
-            let id = request.headers().get(REQUEST_ID).cloned();
-            return match self
-                .send(&request_to(&request, Bytes::new()), Some(request.into_body()), client, &at)
-                .await
-            {
+            let head = request_to(&Request::from_parts(parts, Body::empty()), Bytes::new());
+            return match self.send(&head, Some(body), client, to).await {
                 Ok(response) if !is_elsewhere(&response) => Ok(Routed::Answered(response)),
                 Ok(_) | Err(Failed::NotSent) => {
                     self.forget(target);
                     Err(moved())
                 }
-                Err(Failed::Unknown) => Err(unknown(id.as_ref())),
+                Err(Failed::Unknown) => Err(unknown()),
             };
         }
         let bytes = to_bytes(body, LIGHT_BODY_BYTES_MAX).await.map_err(|error| {
@@ -313,31 +315,28 @@ impl Nodes {
         let request = Request::from_parts(parts, Body::empty());
         let sent = request_to(&request, bytes.clone());
         let may_repeat = is_repeatable(&request);
-        let Location::At { incarnation, .. } = at else {
-            return Ok(Routed::Here(with_body(request, bytes)));
-        };
         let answered = match without_wait(&sent) {
-            None => self.send(&sent, None, client, &at).await,
+            None => self.send(&sent, None, client, to).await,
             Some(at_once) => tokio::select! {
-                answered = self.send(&sent, None, client, &at) => answered,
+                answered = self.send(&sent, None, client, to) => answered,
                 // A server that stops lets nobody wait.
-                () = stop.cancelled() => self.send(&at_once, None, client, &at).await,
+                () = stop.cancelled() => self.send(&at_once, None, client, to).await,
             },
         };
         match answered {
             Ok(response) if !is_elsewhere(&response) => return Ok(Routed::Answered(response)),
             Err(Failed::Unknown) if !may_repeat => {
                 self.forget(target);
-                return Err(unknown(None));
+                return Err(unknown());
             }
             Ok(_) | Err(_) => {}
         }
         metrics::counter!("swarmbench_forwarded_again_total").increment(1);
-        match self.located_again(target, incarnation, answered.is_err()).await? {
+        match self.located_again(target, to.incarnation, answered.is_err()).await? {
             Location::Here => Ok(Routed::Here(with_body(request, bytes))),
-            next => match self.send(&sent, None, client, &next).await {
+            Location::At(next) => match self.send(&sent, None, client, &next).await {
                 Ok(response) if !is_elsewhere(&response) => Ok(Routed::Answered(response)),
-                Err(Failed::Unknown) if !may_repeat => Err(unknown(None)),
+                Err(Failed::Unknown) if !may_repeat => Err(unknown()),
                 Ok(_) | Err(_) => {
                     self.forget(target);
                     Err(moved())
@@ -366,7 +365,7 @@ impl Nodes {
                 }
             }
             match self.locate(target).await {
-                Ok(Location::At { incarnation, .. }) if incarnation == before && is_away => {}
+                Ok(Location::At(other)) if other.incarnation == before && is_away => {}
                 Ok(location) => return Ok(location),
                 Err(StoreError::Elsewhere) => {}
                 Err(error) => return Err(error.into()),
@@ -391,10 +390,9 @@ impl Nodes {
         request: &hyper::Request<Bytes>,
         body: Option<Body>,
         client: Client,
-        to: &Location,
+        to: &Other,
     ) -> Result<Response, Failed> {
-        let Location::At { incarnation, .. } = to else { return Err(Failed::NotSent) };
-        let gone = self.cluster.gone(*incarnation);
+        let gone = self.cluster.gone(to.incarnation);
         tokio::select! {
             answered = self.send_now(request, body, client, to) => answered,
             () = gone => Err(Failed::Unknown),
@@ -406,9 +404,9 @@ impl Nodes {
         request: &hyper::Request<Bytes>,
         body: Option<Body>,
         client: Client,
-        to: &Location,
+        to: &Other,
     ) -> Result<Response, Failed> {
-        let Location::At { incarnation, address } = to else { return Err(Failed::NotSent) };
+        let Other { incarnation, address } = to;
         let authority: Authority = address.parse().map_err(|_| Failed::NotSent)?;
         let path = request.uri().path_and_query().cloned();
         let uri = Uri::builder().scheme(Scheme::HTTP).authority(authority);
@@ -532,7 +530,7 @@ fn moved() -> ApiError {
     StoreError::Elsewhere.into()
 }
 
-fn unknown(_: Option<&HeaderValue>) -> ApiError {
+fn unknown() -> ApiError {
     let detail = "the server that plays this has gone while it answered: whether the request was done is not known. Look first, then \
                   send it again if it was not";
     ApiError::new(Code::Unavailable, detail).retry_after(Duration::from_secs(1))

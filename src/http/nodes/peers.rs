@@ -18,7 +18,7 @@ use super::super::client::Client;
 use super::super::error::{ApiError, Code};
 use super::super::prelude::*;
 use super::target::Target;
-use super::{Location, Nodes, elsewhere, is_elsewhere};
+use super::{Location, Nodes, Other, elsewhere, is_elsewhere};
 use crate::ids::{Place, RunKey};
 use crate::run::manager::Peers;
 use crate::run::{RunError, RunStatus};
@@ -68,13 +68,12 @@ impl Nodes {
         let target = Target::Place(Place::Run(run));
         let mut last = StoreError::Elsewhere;
         for _ in 0..2 {
-            let location = self.locate(target).await?;
-            if location == Location::Here {
+            let Location::At(other) = self.locate(target).await? else {
                 return Err(StoreError::Elsewhere.into());
-            }
+            };
             let path = format!("{PATH}runs/{}/{what}", run.0);
             let Some(question) = question(Method::POST, &path) else { break };
-            match self.send(&question, None, OF_A_SERVER, &location).await.ok() {
+            match self.send(&question, None, OF_A_SERVER, &other).await.ok() {
                 Some(response) if response.status().is_success() => {
                     let body = to_bytes(response.into_body(), ANSWER_BYTES_MAX).await;
                     return Ok(body.is_ok_and(|body| &body[..] == b"true"));
@@ -89,14 +88,14 @@ impl Nodes {
     }
 
     /// Asks another server, which may have joined at this moment; `None` where it does not answer.
-    async fn ask_at(&self, method: Method, path: &str, at: &Location) -> Option<Response> {
+    async fn ask_at(&self, method: Method, path: &str, at: &Other) -> Option<Response> {
         self.send_now(&question(method, path)?, None, OF_A_SERVER, at).await.ok()
     }
 
     /// Checks that the other servers reach this one at its address; an error says what is wrong.
     pub async fn check_reachable(&self, address: &str) -> Result<(), String> {
         let me = self.cluster.incarnation();
-        let own = Location::At { incarnation: me, address: address.to_owned() };
+        let own = Other { incarnation: me, address: address.to_owned() };
         let nobody = || {
             format!(
                 "nothing answers at {address}, where the other servers are to reach this one: name an address of this machine with \
@@ -115,7 +114,7 @@ impl Nodes {
         let mut members = seen.members.iter();
         let one = members.find(|member| member.incarnation != me && member.is_ready);
         let Some(one) = one else { return Ok(()) };
-        let at = Location::At { incarnation: one.incarnation, address: one.address.clone() };
+        let at = Other { incarnation: one.incarnation, address: one.address.clone() };
         let path = format!("{PATH}reach/{me}/{address}");
         let asked =
             tokio::time::timeout(HELLO_PATIENCE * 2, self.ask_at(Method::POST, &path, &at)).await;
@@ -135,7 +134,7 @@ impl Nodes {
     }
 
     /// Who answers at an address.
-    async fn hello(&self, at: &Location) -> Option<i64> {
+    async fn hello(&self, at: &Other) -> Option<i64> {
         let path = format!("{PATH}hello");
         let asked = tokio::time::timeout(HELLO_PATIENCE, self.ask_at(Method::GET, &path, at));
         let response = asked.await.ok()??;
@@ -157,7 +156,7 @@ impl Nodes {
             }
             (&Method::POST, Some("reach"), Some(incarnation), Some(address), None) => {
                 let incarnation = incarnation.parse().map_err(|_| unknown())?;
-                let at = Location::At { incarnation, address: address.to_owned() };
+                let at = Other { incarnation, address: address.to_owned() };
                 if self.hello(&at).await == Some(incarnation) {
                     Ok(().into_response())
                 } else {
