@@ -248,7 +248,8 @@ fn is_long_ago(since: Instant) -> bool {
 
 /// Takes a member over where it is dead.
 async fn watch_over(cluster: &Cluster, member: &Member, is_silent: bool) -> Result<(), StoreError> {
-    let is_expired = u128::from(member.seen_ms_ago.unsigned_abs()) > TAKEN_OVER_AFTER.as_millis();
+    // Less than nothing of one that starts.
+    let is_expired = i128::from(member.seen_ms_ago) > TAKEN_OVER_AFTER.as_millis().cast_signed();
     let death = if is_expired && is_silent {
         Death::Expired
     } else if !member.is_connected && is_dead(cluster, member).await {

@@ -26,6 +26,9 @@ use crate::store::{OpenError, StoreError};
 /// A member that was not seen for so long is taken over.
 pub const TAKEN_OVER_AFTER: Duration = Duration::from_secs(6);
 
+/// How long a new member has for its first beat, until which it opens the database and has nothing that others could take over.
+const STARTS_WITHIN: Duration = Duration::from_mins(1);
+
 /// How long after its last beat a member answers. Less than [`TAKEN_OVER_AFTER`], so that it never answers for what another has.
 pub const ANSWERS_FOR: Duration = Duration::from_millis(4500);
 
@@ -903,7 +906,7 @@ async fn enter(
     }
     let joined = query(
         "INSERT INTO members (incarnation, slot, address, version, beat_at, seen)
-         SELECT $1, s.slot, $2, $3, now_ms(), c.revision
+         SELECT $1, s.slot, $2, $3, now_ms() + $5, c.revision
          FROM cluster c, generate_series(0, $4) AS s (slot)
          WHERE NOT EXISTS (SELECT 1 FROM members m WHERE m.slot = s.slot)
          ORDER BY s.slot LIMIT 1 RETURNING slot, seen",
@@ -913,6 +916,7 @@ async fn enter(
         .bind(&joining.address)
         .bind(env!("CARGO_PKG_VERSION"))
         .bind(i64::from(MEMBERS_MAX - 1))
+        .bind(i64::try_from(STARTS_WITHIN.as_millis()).unwrap_or(i64::MAX))
         .optional::<(i64, i64)>(connection)
         .await?;
     joined.ok_or_else(|| JoinError::Full(location.to_owned()).into())
