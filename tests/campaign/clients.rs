@@ -656,6 +656,12 @@ impl Asked {
                 }
             }
             (_, 200..300) => {}
+            // A start that was held until all had been played.
+            (path, 409) if path.ends_with("/start") => {
+                let problem: Problem = serde_json::from_slice(body).expect("a problem");
+                assert_eq!(problem.code, "episode_over", "{name}: {text}");
+                assert!(played.has_ended(), "{name}: {text}");
+            }
             (path, status) => panic!("{name} {agent:?}: {path} answered {status}: {text}"),
         }
     }
