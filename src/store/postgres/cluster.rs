@@ -688,8 +688,12 @@ impl Cluster {
     /// Whether all members act by a revision.
     pub async fn all_act_by(&self, revision: i64) -> Result<bool, StoreError> {
         self.on(&self.beats, Purpose::Beats, async |connection| {
-            let behind = query("SELECT NOT EXISTS (SELECT 1 FROM members WHERE seen < $1)");
-            behind.bind(revision).one(connection).await
+            // One that starts knows no token yet, and has its first beat before it answers anybody.
+            let behind = query(
+                "SELECT NOT EXISTS (SELECT 1 FROM members WHERE seen < $1 AND beat_at <= now_ms() + $2)",
+            );
+            let starts = i64::try_from(TAKEN_OVER_AFTER.as_millis()).unwrap_or(i64::MAX);
+            behind.bind(revision).bind(starts).one(connection).await
         })
         .await
     }
