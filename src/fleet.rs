@@ -363,7 +363,7 @@ async fn give_up(parts: &Parts) -> Result<(), StoreError> {
             Place::Game(_) | Place::Competition(_) => None,
         })
         .collect();
-    let held = runs.hold(&of_runs).await;
+    let held = runs.hold(&of_runs);
     leaving.retain(|place| match place {
         Place::Run(run) => held.contains_key(run),
         Place::Game(_) => true,

@@ -1071,7 +1071,7 @@ pub(in crate::store) async fn write(
     if !places.is_empty() {
         take(connection, &places, incarnation).await?;
     }
-    let effects: Vec<Effect> = entries.flat_map(Effect::of).collect();
+    let effects: Vec<Effect> = entries.filter_map(Effect::of).collect();
     if effects.is_empty() {
         return Ok(());
     }
