@@ -21,7 +21,7 @@ use tokio::task::{JoinHandle, JoinSet};
 
 use crate::dice::Dice;
 use crate::doors::{Doors, Servers, Tried};
-use crate::ledger::{Known, Ledger, Played};
+use crate::ledger::{Holder, Known, Ledger, Played};
 use crate::plan::{By, Game};
 use crate::server::{Address, Door, PATIENCE};
 
@@ -94,7 +94,7 @@ type Whole = Result<(u16, Vec<u8>), reqwest::Error>;
 /// A request, as far as its answer can be compared with what was known when it was sent.
 struct Asked {
     path: String,
-    who: Option<(Arc<Played>, Option<AgentId>)>,
+    who: Option<Holder>,
     known: Vec<(AgentId, Known)>,
     /// The round and the seat of each act.
     acts: Vec<(AgentId, u32)>,
@@ -434,7 +434,11 @@ impl Clients {
         let asked = Asked::of(&self.ledger, &request);
         let sent = Instant::now();
         let mut answering = tokio::spawn(whole(call));
+        // A repeated creation has other tokens and revokes those before: where the first were done after it, the client would have
+        // tokens of nothing.
+        let is_creation = asked.path == "/api/v1/episodes" && asked.who.is_none();
         let patience = ANSWER_PATIENCE + Duration::from_secs(wait);
+        let patience = if is_creation { PATIENCE * 2 } else { patience };
         let Ok(answered) = tokio::time::timeout(patience, &mut answering).await else {
             self.late.lock().expect("no failure yet").push((asked, answering));
             return Err(Broken { tried, lost: true });

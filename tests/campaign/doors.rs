@@ -45,7 +45,7 @@ pub(crate) struct Tried {
 /// Several servers, any of which takes any request.
 pub(crate) struct Doors {
     seed: u64,
-    doors: Vec<Arc<Door>>,
+    servers: Vec<Arc<Door>>,
     /// By server, whether its connections may break: it was stopped for a while, say.
     excused: Vec<AtomicBool>,
     /// Counts faults, from 1: after each of them all clients look whether everything is in order.
@@ -56,7 +56,13 @@ pub(crate) struct Doors {
 impl Doors {
     pub(crate) fn new(seed: u64, doors: Vec<Arc<Door>>) -> Arc<Self> {
         let excused = doors.iter().map(|_| AtomicBool::new(false)).collect();
-        Arc::new(Self { seed, doors, excused, epoch: AtomicU64::new(1), picks: AtomicU64::new(0) })
+        Arc::new(Self {
+            seed,
+            servers: doors,
+            excused,
+            epoch: AtomicU64::new(1),
+            picks: AtomicU64::new(0),
+        })
     }
 
     pub(crate) fn epoch(&self) -> u64 {
@@ -75,7 +81,7 @@ impl Doors {
 
     /// Whether a run of a server may leave a request without an answer.
     pub(crate) fn may_break(&self, server: usize, run: u64) -> bool {
-        self.doors[server].has_ended(run) || self.excused[server].load(Ordering::SeqCst)
+        self.servers[server].has_ended(run) || self.excused[server].load(Ordering::SeqCst)
     }
 
     /// Any server that listens, another one than was tried last where there is one.
@@ -83,10 +89,10 @@ impl Doors {
         let began = Instant::now();
         let dice =
             Dice::of(self.seed, &format!("pick {}", self.picks.fetch_add(1, Ordering::SeqCst)));
-        let first = dice.below(self.doors.len());
+        let first = dice.below(self.servers.len());
         loop {
-            let order = (0..self.doors.len()).map(|next| (first + next) % self.doors.len());
-            let open = order.filter_map(|server| Some((server, self.doors[server].now()?)));
+            let order = (0..self.servers.len()).map(|next| (first + next) % self.servers.len());
+            let open = order.filter_map(|server| Some((server, self.servers[server].now()?)));
             let open: Vec<_> = open.collect();
             let other = open.iter().find(|(server, _)| Some(*server) != tried.server);
             if let Some(found) = other.or(open.first()) {

@@ -314,7 +314,9 @@ impl Campaign {
     /// From now on it is measured how long the next receipts of these games take.
     fn begin(games: &[Arc<Played>]) -> Instant {
         let now = Instant::now();
-        games.iter().for_each(|played| played.await_receipt(now));
+        for played in games {
+            played.await_receipt(now);
+        }
         now
     }
 

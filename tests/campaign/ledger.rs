@@ -14,12 +14,15 @@ use swarmbench_protocol::observation::Observation;
 use crate::dice::Dice;
 use crate::plan::Game;
 
+/// An episode; and the seat of a token, if it is one of a seat.
+pub(crate) type Holder = (Arc<Played>, Option<AgentId>);
+
 /// All episodes of a campaign.
 #[derive(Default)]
 pub(crate) struct Ledger {
     games: Mutex<Vec<Arc<Played>>>,
-    /// By token, the episode; and the seat, if it is one of a seat.
-    tokens: Mutex<HashMap<String, (Arc<Played>, Option<AgentId>)>>,
+    /// By token.
+    tokens: Mutex<HashMap<String, Holder>>,
 }
 
 impl Ledger {
@@ -44,7 +47,7 @@ impl Ledger {
     }
 
     /// Who plays with a token.
-    pub(crate) fn by_token(&self, token: &str) -> Option<(Arc<Played>, Option<AgentId>)> {
+    pub(crate) fn by_token(&self, token: &str) -> Option<Holder> {
         self.tokens.lock().expect("no failure yet").get(token).cloned()
     }
 
