@@ -97,7 +97,7 @@ pub(crate) const FLAWS_OF_SEVERAL: [(Flaw, Invariant, u64); 10] = [
     (Flaw::LeaseFromTheReply, Invariant::OneOwner, 60),
     (Flaw::GivesUpWhatIsUsed, Invariant::OneOwner, 0),
     (Flaw::NotesPlacesLate, Invariant::OneOwner, 20),
-    (Flaw::ForgetsWhatItTook, Invariant::Progress, 880),
+    (Flaw::ForgetsWhatItTook, Invariant::Progress, 3000),
 ];
 
 impl Flaw {

@@ -215,11 +215,12 @@ fn every_flaw_of_several_servers_is_found() {
 
 fn find(draw: Draw, flaws: impl IntoIterator<Item = (Flaw, Invariant, u64)>) {
     for (flaw, invariant, first) in flaws {
-        let found = (first..first + SEEDS_OF_A_FLAW).find(|&seed| {
-            let report = play(draw, seed, Some(flaw));
-            report.violations.first().is_some_and(|violation| violation.invariant == invariant)
+        let found = (first..first + SEEDS_OF_A_FLAW).find_map(|seed| {
+            let violations = play(draw, seed, Some(flaw)).violations;
+            let first = violations.into_iter().next();
+            Some((seed, first.filter(|violation| violation.invariant == invariant)?.what))
         });
-        let found = found.unwrap_or_else(|| panic!("{flaw:?} never breaks {invariant:?}"));
-        println!("{flaw:?} breaks {invariant:?} with seed {found}");
+        let (seed, what) = found.unwrap_or_else(|| panic!("{flaw:?} never breaks {invariant:?}"));
+        println!("{flaw:?} breaks {invariant:?} with seed {seed}: {what}");
     }
 }

@@ -173,7 +173,8 @@ impl Run {
 
     /// What has ended leaves the memory and is counted no more.
     fn leave_memory(&mut self) {
-        for _ in 0..2 {
+        // An episode whose actor was lost as it ended is looked after once more when it would have been idle for too long.
+        for _ in 0..3 {
             self.pass(UNUSED);
             self.sweep();
             self.settle();
