@@ -172,6 +172,9 @@ async fn work(parts: Arc<Parts>, mut seen: watch::Receiver<Seen>) {
                 tracing::warn!(%error, server = member.name, "a server may be dead, and cannot be taken over");
             }
         }
+        if let Err(error) = continue_taken(&parts).await {
+            tracing::warn!(%error, "work that was taken cannot be continued");
+        }
         let ready =
             now.members.iter().filter(|member| member.is_ready).map(|member| member.incarnation);
         let ready: Vec<i64> = ready.collect();
@@ -290,7 +293,7 @@ async fn exclude(cluster: &Cluster, incarnation: i64, death: Death) -> Result<()
 
 /// Takes what nobody plays, where it is for this server, and continues it.
 async fn adopt(parts: &Parts) -> Result<(), StoreError> {
-    let Parts { store, cluster, registry, runs, .. } = parts;
+    let cluster = &parts.cluster;
     let mut unowned = cluster.unowned().await?;
     unowned.retain(|one| cluster.preferred(one.place) == cluster.incarnation());
     // Those first that go on without requests.
@@ -299,12 +302,36 @@ async fn adopt(parts: &Parts) -> Result<(), StoreError> {
     if wanted.is_empty() {
         return Ok(());
     }
-    let mut taken = cluster.take(&wanted).await?;
-    taken.retain(|(_, owner)| *owner == cluster.incarnation());
-    let places: Vec<Place> = taken.into_iter().map(|(place, _)| place).collect();
-    let unfinished = store.unfinished_at(&places).await?;
-    let keys: Vec<EpisodeKey> = unfinished.iter().map(|episode| episode.episode).collect();
-    for (episode, owner, competition) in store.accounts_of(&keys).await? {
+    cluster.take(&wanted).await?;
+    continue_taken(parts).await
+}
+
+/// Continues all that is unfinished where this server has taken a place: a request has taken it for one game of a run, or its
+/// client is gone.
+async fn continue_taken(parts: &Parts) -> Result<(), StoreError> {
+    let Parts { store, cluster, registry, runs, .. } = parts;
+    let wanted = cluster.take_taken();
+    if wanted.is_empty() {
+        return Ok(());
+    }
+    let unfinished = async {
+        // Some takes may not have been answered.
+        let mut places = cluster.take_noted(&wanted).await?;
+        places.retain(|(place, owner)| *owner == cluster.incarnation() && cluster.has(*place));
+        let places: Vec<Place> = places.into_iter().map(|(place, _)| place).collect();
+        let unfinished = store.unfinished_at(&places).await?;
+        let keys: Vec<EpisodeKey> = unfinished.iter().map(|episode| episode.episode).collect();
+        let accounts = store.accounts_of(&keys).await?;
+        Ok((places, unfinished, accounts))
+    };
+    let (places, unfinished, accounts) = match unfinished.await {
+        Ok(found) => found,
+        Err(error) => {
+            cluster.note_taken(wanted);
+            return Err(error);
+        }
+    };
+    for (episode, owner, competition) in accounts {
         registry.host().quotas.note(episode, Party::within(competition, owner));
     }
     let episodes = registry.adopt(unfinished).await;
@@ -336,7 +363,7 @@ async fn give_up(parts: &Parts) -> Result<(), StoreError> {
             Place::Game(_) | Place::Competition(_) => None,
         })
         .collect();
-    let held = runs.hold(&of_runs).await;
+    let held = runs.hold(&of_runs);
     leaving.retain(|place| match place {
         Place::Run(run) => held.contains_key(run),
         Place::Game(_) => true,

@@ -28,7 +28,7 @@ use crate::measure;
 use crate::run::RunError;
 use crate::run::manager::{self, Peers, Runs};
 use crate::store::port::EpisodeStore;
-use crate::store::{Cluster, Joining, Location, OpenError, Store, StoreError};
+use crate::store::{Beat, Cluster, Joining, Location, OpenError, Store, StoreError};
 use crate::telemetry;
 use crate::work::Workers;
 use swarmbench_clock::{BEAT, Clock, Entropy, ServerClock, SystemEntropy, after, millis};
@@ -333,12 +333,14 @@ fn member(app: &App, cluster: &Arc<Cluster>, is_reachable: &Arc<AtomicBool>) -> 
     }
 }
 
-/// Checks that the other servers reach this one.
+/// Shows that this server lives, before it answers anybody, and checks that the other servers reach it.
 async fn check_reachable(app: &App, address: &str) -> Result<(), String> {
-    match &app.nodes {
-        Some(nodes) => nodes.check_reachable(address).await,
-        None => Ok(()),
+    let (Some(nodes), Some(cluster)) = (&app.nodes, app.store.cluster()) else { return Ok(()) };
+    let first = Beat { is_ready: false, episodes: 0 };
+    while let Err(StoreError::Away) = cluster.beat(first, fleet::host_ms).await {
+        tokio::time::sleep(RECOVERY_RETRY_PAUSE).await;
     }
+    nodes.check_reachable(address).await
 }
 
 /// Reads the clock often enough to notice that the process was stopped. Logs each stop, and each doubt about the time

@@ -70,7 +70,8 @@ impl Page {
     where
         F: Future<Output = Result<Vec<R>, StoreError>>,
     {
-        if self.items_max > rows_max as usize {
+        let may_be_long = self.items_max > rows_max as usize;
+        if may_be_long {
             self.permit = self.app.heavy.large_answer_at_once();
         }
         loop {
@@ -79,7 +80,7 @@ impl Page {
             let rows = read(self.place, wanted).await?;
             self.add(wanted, rows, &mut show)?;
             // A list that is short is answered while others make long ones, whatever was asked for.
-            if self.wants(rows_max).is_some() {
+            if may_be_long && self.wants(rows_max).is_some() {
                 self.needs_permit().await?;
             }
         }

@@ -285,7 +285,7 @@ impl Runs {
 
     /// Keeps this server from doing anything with runs that nobody follows, while the guards live. Those that are followed are
     /// left out.
-    pub async fn hold(&self, runs: &[RunKey]) -> HashMap<RunKey, Held<'_>> {
+    pub fn hold(&self, runs: &[RunKey]) -> HashMap<RunKey, Held<'_>> {
         let mut held = HashMap::new();
         let mut locks = BTreeMap::new();
         for run in runs {

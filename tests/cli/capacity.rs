@@ -57,6 +57,20 @@ fn a_filled_database_is_sound_and_can_be_measured() {
         assert!(named(read), "{read}: {measured}");
     }
     assert!(!folder.path().join("capacity").exists());
+
+    // The pages of the competition that is open, while its games end.
+    let args =
+        ["capacity", "measure", "--db", &db, "--ends", "20", "--reading", "2", "--dir", &dir];
+    let measured = json(&[&args[..], &["--json"]].concat());
+    let read = &measured["while_games_end"];
+    for answers in ["reads", "plays"] {
+        assert_eq!(read[answers]["errors"], 0, "{read}");
+    }
+    assert!(read["ended"].as_u64().is_some_and(|ended| ended > 0), "{read}");
+    let lines = read["lines"].as_array().expect("lines");
+    assert!(lines.len() > 25 && lines.iter().all(|line| line["latency"]["count"] != 0), "{read}");
+    let games = measured["competition"]["games"].as_u64().expect("a number");
+    assert!(games >= 240, "{measured}");
     let left = std::fs::read_dir(folder.path()).expect("a folder").count();
     assert!(left <= 4, "the database and its companions, and nothing else");
 }

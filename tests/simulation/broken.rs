@@ -44,6 +44,24 @@ pub(crate) enum Flaw {
     NeverWakes,
     /// Chance does not come from the seed alone.
     OtherChance,
+    /// A commit sees first whether its server was excluded, and is written later.
+    FenceWithoutLock,
+    /// A take-over frees what a server had before it excludes that server.
+    FreesPlacesFirst,
+    /// Servers say by their own clocks when they were seen, and judge by them; these are seconds apart.
+    LeaseByOwnClock,
+    /// A server sees that nobody has a place, and writes later that it has it.
+    TakesByAnOldView,
+    /// A server answers however long ago it was seen.
+    AnswersForever,
+    /// A server counts for how long it answers from when it learns that it was seen, not from when it said that it lives.
+    LeaseFromTheReply,
+    /// A server gives games up though somebody uses them.
+    GivesUpWhatIsUsed,
+    /// A server does not continue what a request has taken, where nobody asks again.
+    ForgetsWhatItTook,
+    /// A server notes what it has taken when it may have given it back already.
+    NotesPlacesLate,
 }
 
 /// Each flaw and the invariant that it breaks. `OtherChance` is not here: it breaks none of them,
@@ -66,6 +84,20 @@ pub(crate) const FLAWS: [(Flaw, Invariant); 17] = [
     (Flaw::ClockAhead, Invariant::Clocks),
     (Flaw::ClockBehind, Invariant::Clocks),
     (Flaw::NeverWakes, Invariant::Progress),
+];
+
+/// The same of servers that share a database, each with the seed from which on it is looked for: some are found by few seeds.
+pub(crate) const FLAWS_OF_SEVERAL: [(Flaw, Invariant, u64); 10] = [
+    (Flaw::FenceWithoutLock, Invariant::OneOwner, 0),
+    (Flaw::FreesPlacesFirst, Invariant::OneOwner, 0),
+    (Flaw::LeaseByOwnClock, Invariant::OneOwner, 0),
+    (Flaw::TakesByAnOldView, Invariant::OneOwner, 0),
+    (Flaw::AnswersForever, Invariant::OneOwner, 0),
+    (Flaw::AnswersForever, Invariant::Durable, 0),
+    (Flaw::LeaseFromTheReply, Invariant::OneOwner, 60),
+    (Flaw::GivesUpWhatIsUsed, Invariant::OneOwner, 0),
+    (Flaw::NotesPlacesLate, Invariant::OneOwner, 20),
+    (Flaw::ForgetsWhatItTook, Invariant::Progress, 3000),
 ];
 
 impl Flaw {

@@ -25,6 +25,7 @@ use swarmbench_journal::record::{ActRecord, RawRecord, Source};
 use swarmbench_journal::replay::verify;
 
 use crate::clients::{Acts, Request, RequestId};
+use crate::database::Incarnation;
 use crate::journal::{JobResult, Lost};
 
 /// What must hold.
@@ -57,6 +58,8 @@ pub(crate) enum Invariant {
     /// A seat has one holder; an episode starts once, when all have one; the server plays its seats as
     /// if it had never fallen over.
     Seats,
+    /// Of several servers one plays an episode: nobody else writes there, or answers for it.
+    OneOwner,
 }
 
 /// Something that does not hold.
@@ -85,18 +88,22 @@ pub(crate) struct Checker {
     keys: BTreeMap<EpisodeId, EpisodeKey>,
     /// Counts what happens, to tell what was first.
     moment: u64,
-    /// When this run of the server began.
-    started_at: Timestamp,
-    /// When it was first told that a commit failed.
-    failed: Option<u64>,
-    /// Episodes of which a job was refused in this run of the server.
+    /// Whether several servers share the database.
+    is_shared: bool,
+    /// Whether all servers are up and stay so, and nothing moves any more.
+    is_calm: bool,
+    /// When each server began.
+    started_at: BTreeMap<Incarnation, Timestamp>,
+    /// When each was first told that a commit failed.
+    failed: BTreeMap<Incarnation, u64>,
+    /// Episodes of which a job was refused in this run of the server, or of several.
     refused: BTreeSet<EpisodeId>,
     /// Requests that are not answered.
     requests: BTreeMap<RequestId, Sent>,
     /// Episodes that are asked for, not durable and not refused.
     creating: BTreeMap<EpisodeId, Option<OwnerKey>>,
-    /// What the server handed over, by seat: when.
-    handed: BTreeMap<Place, u64>,
+    /// What a server handed over, by seat: which, and when.
+    handed: BTreeMap<Place, (Incarnation, u64)>,
     /// Acts of clients that went away; they lie in a mailbox all the same.
     orphans: Vec<(EpisodeId, Arrived)>,
     /// Receipts that were given out.
@@ -110,13 +117,17 @@ type Place = (EpisodeKey, u32, AgentId);
 struct Sent {
     id: EpisodeId,
     moment: u64,
-    arrived: Option<Arrived>,
+    /// What anybody had seen of the episode before.
+    floor: (u32, bool),
+    /// Its acts in the mailboxes of servers: in more than one where it was sent again.
+    arrived: Vec<Arrived>,
     /// How many places of episodes were taken since then, at most: in all, and of the key.
     held: (usize, usize),
 }
 
 /// Acts that lie in a mailbox.
 struct Arrived {
+    server: Incarnation,
     at: Timestamp,
     moment: u64,
     acts: Acts,
@@ -159,8 +170,8 @@ pub(crate) struct Episode {
     began_at: Timestamp,
     /// The journal as a file.
     lines: String,
-    /// Which round was published in this run of the server, and when.
-    opened: Option<(u32, Timestamp, u64)>,
+    /// Which round each server published, and when.
+    opened: BTreeMap<Incarnation, (u32, Timestamp, u64)>,
     /// The round that was open when a job was refused: it is opened again when the episode is recovered, and some may
     /// still look at it as it was before.
     reopened: Option<u32>,
@@ -233,16 +244,18 @@ fn same(one: &ActRecord, other: &ActRecord) -> bool {
 }
 
 impl Checker {
-    pub(crate) fn new(now: Timestamp) -> Self {
+    pub(crate) fn new(now: Timestamp, is_shared: bool) -> Self {
         Self {
             now,
+            is_shared,
+            is_calm: false,
             stats: Stats::default(),
             violations: Vec::new(),
             episodes: BTreeMap::new(),
             keys: BTreeMap::new(),
             moment: 0,
-            started_at: now,
-            failed: None,
+            started_at: BTreeMap::new(),
+            failed: BTreeMap::new(),
             refused: BTreeSet::new(),
             requests: BTreeMap::new(),
             creating: BTreeMap::new(),
@@ -281,26 +294,22 @@ impl Checker {
         self.episodes.get(self.keys.get(id)?)
     }
 
-    /// For which episode a request is that is not answered.
-    pub(crate) fn id_of(&self, number: RequestId) -> Option<EpisodeId> {
-        self.requests.get(&number).map(|sent| sent.id.clone())
-    }
-
     // ---- what the server hands to the journal
 
     /// A job was handed over: what is in it was decided now.
-    pub(crate) fn handed(&mut self, entries: &[Entry]) {
+    pub(crate) fn handed(&mut self, server: Incarnation, entries: &[Entry]) {
         let moment = self.next_moment();
         for entry in entries {
             if let Entry::Act(row) = entry {
-                self.clock_of(row);
-                self.handed.entry((row.episode, row.round, row.agent)).or_insert(moment);
+                self.clock_of(server, row);
+                let place = (row.episode, row.round, row.agent);
+                self.handed.entry(place).or_insert((server, moment));
             }
         }
     }
 
     /// Clocks: an act in time, a default in time, and what both take from the bank.
-    fn clock_of(&mut self, row: &ActRow) {
+    fn clock_of(&mut self, server: Incarnation, row: &ActRow) {
         let Some(episode) = self.episodes.get(&row.episode) else { return };
         let Some(round_deadline) = episode.spec.round_deadline else { return };
         let Ok(record) = row.record.read::<ActRecord>() else { return };
@@ -308,8 +317,10 @@ impl Checker {
             // The server sent it to itself.
             return;
         }
-        let (now, started_at, bank) = (self.now, self.started_at, episode.bank(row.agent));
-        let opened = episode.opened.filter(|(round, ..)| *round == row.round);
+        let (now, bank) = (self.now, episode.bank(row.agent));
+        let started_at = self.started_at.get(&server).copied().unwrap_or(Timestamp::MIN);
+        let opened = episode.opened.get(&server).copied();
+        let opened = opened.filter(|(round, ..)| *round == row.round);
         let name = format!("{} {} in round {}", episode.id, row.agent, row.round);
         if record.source == Source::Clock {
             // Where nobody has seen when it was opened, it was not before this server began.
@@ -323,7 +334,7 @@ impl Checker {
                 format!("{name}: a clock that ran out took {spent} ms of {bank:?}")
             });
             if let Some(seen) = seen {
-                let in_time = self.carried(row).find(|arrived| {
+                let in_time = self.carried(server, row).find(|arrived| {
                     arrived.moment > seen && arrived.at <= deadline && fits(arrived, row)
                 });
                 if let Some(arrived) = in_time {
@@ -338,7 +349,7 @@ impl Checker {
             }
             return;
         }
-        let mut arrivals = self.carried(row).peekable();
+        let mut arrivals = self.carried(server, row).peekable();
         if arrivals.peek().is_none() {
             drop(arrivals);
             return self.broken(Invariant::OneAct, format!("{name}: nobody sent its act"));
@@ -366,28 +377,37 @@ impl Checker {
         });
     }
 
-    /// The arrivals of acts for this seat and round that are not answered.
-    fn carried<'a>(&'a self, row: &'a ActRow) -> impl Iterator<Item = &'a Arrived> {
+    /// The arrivals at a server of acts for this seat and round that are not answered.
+    fn carried<'a>(
+        &'a self,
+        server: Incarnation,
+        row: &'a ActRow,
+    ) -> impl Iterator<Item = &'a Arrived> {
         let id = self.episodes.get(&row.episode).map(|episode| &episode.id);
-        let waiting = self.requests.values().map(|sent| (&sent.id, sent.arrived.as_ref()));
-        let orphans = self.orphans.iter().map(|(id, arrived)| (id, Some(arrived)));
+        let of = |sent: &'a Sent| sent.arrived.iter().map(|arrived| (&sent.id, arrived));
+        let waiting = self.requests.values().flat_map(of);
+        let orphans = self.orphans.iter().map(|(id, arrived)| (id, arrived));
         let of_it = waiting.chain(orphans).filter(move |(of, _)| Some(*of) == id);
-        of_it.filter_map(|(_, arrived)| arrived).filter(|arrived| {
+        of_it.map(|(_, arrived)| arrived).filter(move |arrived| {
             let mut acts = arrived.acts.iter();
-            acts.any(|(agent, act)| *agent == row.agent && act.round == row.round)
+            arrived.server == server
+                && acts.any(|(agent, act)| *agent == row.agent && act.round == row.round)
         })
     }
 
-    /// The server was told of a job.
-    pub(crate) fn told(&mut self, told: &JobResult) {
+    /// A server was told of a job.
+    pub(crate) fn told(&mut self, server: Incarnation, told: &JobResult) {
         let moment = self.next_moment();
         match told.result {
             Ok(()) => {}
             Err(Lost::Failed) => {
-                self.failed.get_or_insert(moment);
+                self.failed.entry(server).or_insert(moment);
+                if self.is_shared {
+                    self.forget_handed(server);
+                }
                 return;
             }
-            Err(Lost::Refused) => return self.refused(&told.entries),
+            Err(Lost::Refused) => return self.refused(server, &told.entries),
         }
         self.note_held();
         for entry in &told.entries {
@@ -403,13 +423,21 @@ impl Checker {
                 _ => continue,
             };
             if let Some(episode) = self.episodes.get_mut(key) {
-                episode.opened = Some((round, self.now, moment));
+                episode.opened.insert(server, (round, self.now, moment));
             }
         }
     }
 
+    /// What a server handed over and is not durable never will be.
+    fn forget_handed(&mut self, server: Incarnation) {
+        let is_kept = |(key, round, agent): &Place| {
+            self.episodes.get(key).is_some_and(|e| e.act(*round, *agent).is_some())
+        };
+        self.handed.retain(|place, (of, _)| *of != server || is_kept(place));
+    }
+
     /// A job was refused: what is in it never happened.
-    fn refused(&mut self, entries: &[Entry]) {
+    fn refused(&mut self, server: Incarnation, entries: &[Entry]) {
         for entry in entries {
             if let Entry::Open(row) = entry {
                 self.refused.insert(row.id.clone());
@@ -420,7 +448,8 @@ impl Checker {
             let Some(episode) = entry.chain().and_then(|key| self.episodes.get_mut(&key)) else {
                 continue;
             };
-            (episode.opened, episode.reopened) = (None, Some(episode.world.round()));
+            episode.opened.remove(&server);
+            episode.reopened = Some(episode.world.round());
             self.refused.insert(episode.id.clone());
         }
     }
@@ -433,35 +462,66 @@ impl Checker {
             self.creating.insert(id.clone(), *owner);
         }
         self.stats.count("requests", 1);
+        let floor = self.episode(id).map_or((0, false), |episode| episode.seen);
         let (id, held) = (id.clone(), self.held());
-        self.requests.insert(number, Sent { id, moment, arrived: None, held });
+        self.requests.insert(number, Sent { id, moment, floor, arrived: Vec::new(), held });
     }
 
     /// A client went away without waiting for the answer.
     pub(crate) fn left(&mut self, number: RequestId) {
-        if let Some(Sent { id, arrived: Some(arrived), .. }) = self.requests.remove(&number) {
-            self.orphans.push((id, arrived));
+        if let Some(sent) = self.requests.remove(&number) {
+            self.orphan(sent);
         }
         self.stats.count("requests dropped", 1);
     }
 
-    pub(crate) fn arrived(&mut self, number: RequestId, acts: Acts) {
+    /// Nobody waits for acts any more that lie in mailboxes.
+    fn orphan(&mut self, Sent { id, arrived, .. }: Sent) {
+        self.orphans.extend(arrived.into_iter().map(|arrived| (id.clone(), arrived)));
+    }
+
+    pub(crate) fn arrived(
+        &mut self,
+        server: Incarnation,
+        number: RequestId,
+        id: &EpisodeId,
+        acts: Acts,
+    ) {
         let (at, moment) = (self.now, self.next_moment());
-        if let Some(sent) = self.requests.get_mut(&number) {
-            sent.arrived = Some(Arrived { at, moment, acts });
+        let arrived = Arrived { server, at, moment, acts };
+        match self.requests.get_mut(&number) {
+            Some(sent) => sent.arrived.push(arrived),
+            None => self.orphans.push((id.clone(), arrived)),
         }
+    }
+
+    /// A server has answered by what it has in memory.
+    pub(crate) fn answers_for(&mut self, server: Incarnation, id: &EpisodeId, plays: bool) {
+        self.check(Invariant::OneOwner, plays, || {
+            format!("{id}: server {server} answers, and does not play it")
+        });
     }
 
     /// A request saw what is published.
-    pub(crate) fn seen(&mut self, number: RequestId, snapshot: &Snapshot) {
+    pub(crate) fn seen(&mut self, server: Incarnation, number: RequestId, snapshot: &Snapshot) {
         let moment = self.next_moment();
-        if let Some(sent) = self.requests.get(&number) {
-            let (id, sent) = (sent.id.clone(), sent.moment);
-            self.shown(&id, snapshot, sent, moment);
+        if let Some(sent) = self.requests.get_mut(&number) {
+            let (id, floor, sent_at) = (sent.id.clone(), sent.floor, sent.moment);
+            // It never sees less than it has seen itself.
+            let seen = (snapshot.world.round(), snapshot.status.is_over());
+            sent.floor = floor.max(seen);
+            self.shown(server, &id, snapshot, (sent_at, floor), moment);
         }
     }
 
-    fn shown(&mut self, id: &EpisodeId, snapshot: &Snapshot, sent: u64, moment: u64) {
+    fn shown(
+        &mut self,
+        server: Incarnation,
+        id: &EpisodeId,
+        snapshot: &Snapshot,
+        (sent, floor): (u64, (u32, bool)),
+        moment: u64,
+    ) {
         let is_refused = self.refused.contains(id);
         let round = snapshot.world.round();
         let name = format!("{id}: round {round}, {}, is shown", snapshot.status.name());
@@ -490,8 +550,10 @@ impl Checker {
         }
         // A request from before an actor ended by a fault may get what that one published last.
         let may_be_old = is_refused && sent < episode.seen_first;
-        if (round, is_over) < episode.seen && !may_be_old {
-            wrong.push((Invariant::Durable, format!("{name} after {:?}", episode.seen)));
+        // An answer on its way through another server is overtaken by later ones.
+        let least = if self.is_shared { floor } else { episode.seen };
+        if (round, is_over) < least && !may_be_old {
+            wrong.push((Invariant::Durable, format!("{name} after {least:?}")));
         }
         if (round, is_over) > episode.seen {
             (episode.seen, episode.seen_first) = ((round, is_over), moment);
@@ -508,14 +570,16 @@ impl Checker {
         let clocked = episode.spec.round_deadline.is_some();
         let is_known = round == episode.world.round() && episode.reopened != Some(round);
         if clocked && snapshot.status == Status::Running && is_known {
-            match (snapshot.opened_at(), episode.opened) {
+            match (snapshot.opened_at(), episode.opened.get(&server).copied()) {
                 (None, _) => wrong.push((Invariant::Clocks, format!("{name} without its opening"))),
                 (Some(at), Some((known, opened_at, _))) if known == round => {
                     if at != opened_at {
                         wrong.push((Invariant::Clocks, format!("{name}: {at}, not {opened_at}")));
                     }
                 }
-                (Some(at), _) => episode.opened = Some((round, at, moment)),
+                (Some(at), _) => {
+                    episode.opened.insert(server, (round, at, moment));
+                }
             }
         }
         self.all_broken(wrong);
@@ -548,18 +612,46 @@ impl Checker {
         self.requests.clear();
         self.orphans.clear();
         self.creating.clear();
-        self.failed = None;
+        self.failed.clear();
         self.refused.clear();
-        self.started_at = self.now;
         let is_kept = |(key, round, agent): &Place| {
             self.episodes.get(key).is_some_and(|e| e.act(*round, *agent).is_some())
         };
         self.handed.retain(|place, _| is_kept(place));
         for episode in self.episodes.values_mut() {
-            (episode.opened, episode.reopened) = (None, None);
+            episode.opened.clear();
+            episode.reopened = None;
             episode.end_told = episode.end.is_some();
         }
         self.on_disk(disk);
+    }
+
+    /// A server begins.
+    pub(crate) fn began(&mut self, server: Incarnation) {
+        self.started_at.insert(server, self.now);
+    }
+
+    /// One of several servers is gone, and what it has not written; what clients have asked for goes on elsewhere.
+    pub(crate) fn gone(&mut self, server: Incarnation, disk: &[Entry]) {
+        for sent in self.requests.values_mut() {
+            sent.arrived.retain(|arrived| arrived.server != server);
+        }
+        self.orphans.retain(|(_, arrived)| arrived.server != server);
+        self.forget_handed(server);
+        self.on_disk(disk);
+    }
+
+    /// One of several servers was excluded: it writes nothing any more, whether it knows that or not.
+    pub(crate) fn excluded(&mut self, server: Incarnation) {
+        self.stats.count("take-overs", 1);
+        self.forget_handed(server);
+    }
+
+    /// All servers are up, and nothing moves any more: nothing fails from now on.
+    pub(crate) fn calm(&mut self) {
+        self.failed.clear();
+        self.refused.clear();
+        self.is_calm = true;
     }
 
     /// Everything that was acknowledged is on the disk as it was acknowledged.

@@ -28,6 +28,7 @@ use swarmbench_players::default_for;
 use swarmbench_players::game::play;
 use swarmbench_protocol::failure::Failure;
 
+use crate::database::Incarnation;
 use crate::dice::Dice;
 use crate::executor::pause;
 use crate::game;
@@ -92,6 +93,8 @@ pub(crate) enum Answer {
     Aborted(Result<(), StoreError>),
     /// The digest of the state after a number of rounds.
     State(u32, Result<[u8; 32], RecoveryError>),
+    /// No server answers, or the one that did does not know whether it was done.
+    Away,
 }
 
 fn not_taken_up(error: FindError) -> Answer {
@@ -101,19 +104,27 @@ fn not_taken_up(error: FindError) -> Answer {
     }
 }
 
-/// Where requests leave their news; the run takes them after each step.
-pub(crate) type Desk = Arc<Mutex<VecDeque<(RequestId, News)>>>;
+/// What was told about a request, and which server told it.
+pub(crate) struct Told {
+    pub(crate) number: RequestId,
+    pub(crate) id: EpisodeId,
+    pub(crate) server: Incarnation,
+    /// Whether that server played the episode at this moment, or nobody did as it is over.
+    pub(crate) plays: bool,
+    pub(crate) news: News,
+}
 
-/// How a request goes.
+/// Where requests leave their news; the run takes them after each step.
+pub(crate) type Desk = Arc<Mutex<VecDeque<Told>>>;
+
+/// How a request goes at a server.
 pub(crate) async fn serve(
-    registry: Registry,
-    clock: Arc<SimClock>,
-    desk: Desk,
-    number: RequestId,
+    registry: &Registry,
+    clock: &SimClock,
+    say: impl Fn(News),
     id: EpisodeId,
     request: Request,
 ) {
-    let say = |news| desk.lock().expect("one thread").push_back((number, news));
     if let Request::Create(spec, owner) = request {
         let creation = Creation {
             id,
@@ -151,26 +162,20 @@ pub(crate) async fn serve(
         Request::Turn(seats, seed) => {
             let seen = handle.snapshot();
             say(News::Seen(Arc::clone(&seen)));
-            let mut dice = Dice(seed);
-            let config = Arc::clone(&handle.spec.config);
             drop(handle);
-            pause(dice.below(3)).await;
-            let acts: Acts = (seats.into_iter().filter(|&seat| seen.waits_for(seat)))
-                .map(|seat| (seat, turn(&mut dice, &config, seat, seen.world.round())))
-                .collect();
-            drop(seen);
+            let acts = think(seats, seed, seen).await;
             if acts.is_empty() {
                 Answer::Looked
             } else {
                 // Looking and acting are two requests.
                 match registry.find(&id).await {
-                    Ok(Some(handle)) => send(&handle, acts, say).await,
+                    Ok(Some(handle)) => send(&handle, acts, &say).await,
                     Ok(None) => Answer::Nothing,
                     Err(error) => not_taken_up(error),
                 }
             }
         }
-        Request::Send(acts) => send(&handle, acts, say).await,
+        Request::Send(acts) => send(&handle, acts, &say).await,
         Request::Claim(wanted) => {
             let holder = Holder {
                 number: 0,
@@ -193,6 +198,16 @@ pub(crate) async fn serve(
         }
     };
     say(News::Answered(answer));
+}
+
+/// What a client does for those of its seats for which the round waits.
+pub(crate) async fn think(seats: Vec<AgentId>, seed: u64, seen: Arc<Snapshot>) -> Acts {
+    let mut dice = Dice(seed);
+    let config = Arc::clone(seen.world.config());
+    pause(dice.below(3)).await;
+    (seats.into_iter().filter(|&seat| seen.waits_for(seat)))
+        .map(|seat| (seat, turn(&mut dice, &config, seat, seen.world.round())))
+        .collect()
 }
 
 async fn send(handle: &Handle, acts: Acts, say: impl Fn(News)) -> Answer {

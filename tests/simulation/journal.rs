@@ -1,42 +1,48 @@
-//! A journal in memory. Nothing becomes durable, and no result is delivered, before the run says so: a crash
+//! The journal of a server, in memory. Nothing becomes durable, and no result is delivered, before the run says so: a crash
 //! can come between any two of these.
 
-use std::collections::{BTreeSet, VecDeque};
-use std::sync::{Mutex, MutexGuard};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::{Arc, Mutex, MutexGuard};
 
-use swarmbench::episode::Status;
-use swarmbench::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
+use futures::FutureExt as _;
+use swarmbench::ids::{CompetitionKey, EpisodeId, EpisodeKey, Place, RunKey};
 use swarmbench::keys::OwnerKey;
 use swarmbench::store::StoreError;
-use swarmbench::store::entries::{
-    ActRow, ClaimRow, EndRow, Entry, Held, OpeningRow, RoundRow, SeatingRow,
-};
+use swarmbench::store::entries::{ActRow, Entry, Held, RoundRow};
 use swarmbench::store::port::{
     Committed, EpisodeStore, Reply, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
 };
 use swarmbench_engine::AgentId;
-use swarmbench_journal::record::{ActRecord, Source};
 
 use crate::broken::Flaw;
+use crate::database::{Database, Incarnation, Tables, record};
 use crate::dice::Dice;
 use crate::executor::pause;
 
 /// Keeps entries in the order in which they were handed over, all of a job or none. It judges nothing:
 /// what should not have been handed over is for the checker to find. It refuses single jobs when the run says
 /// so, and then, as the writer does, all later ones of that episode until it was recovered.
+///
+/// Where several servers share the database, each has one of these, which keeps nothing any more once that server was excluded.
 pub(crate) struct MemoryJournal {
     flaw: Option<Flaw>,
     pauses_max: usize,
+    incarnation: Incarnation,
+    database: Arc<Database>,
+    /// Whether other servers use the database, too.
+    is_shared: bool,
+    /// Held by whoever takes places or gives them back, one after the other: the connection for that.
+    takes: tokio::sync::Mutex<()>,
     state: Mutex<State>,
 }
 
 struct State {
-    /// What survives a crash.
-    durable: Vec<Entry>,
     /// What a failed commit left on the disk all the same: it is found after a restart.
     limbo: Vec<Entry>,
     /// Jobs that are not durable yet.
     queue: VecDeque<Job>,
+    /// How many of them have passed the fence before they are written, where that is the flaw.
+    passed: usize,
     /// Jobs that are, of which nobody was told.
     telling: VecDeque<(Job, Result<(), Lost>)>,
     /// What was handed over since somebody asked.
@@ -44,7 +50,19 @@ struct State {
     has_failed: bool,
     /// Episodes of which a job was refused and that were not recovered since.
     broken: BTreeSet<EpisodeKey>,
+    /// What it may have taken and does not continue yet.
+    taken: BTreeSet<Place>,
+    /// What this server plays, as far as it knows.
+    places: BTreeMap<Place, Holding>,
     dice: Dice,
+}
+
+/// What a server does with a place that it has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Holding {
+    Has,
+    /// It is about to give it back: nothing is begun there any more.
+    Leaves,
 }
 
 struct Job {
@@ -77,19 +95,40 @@ impl From<Lost> for StoreError {
 }
 
 impl MemoryJournal {
-    /// An empty journal; a read lets others go first up to `pauses_max` times, before and after.
-    pub(crate) fn new(seed: u64, pauses_max: usize, flaw: Option<Flaw>) -> Self {
+    /// The journal of a server; a read lets others go first up to `pauses_max` times, before and after.
+    pub(crate) fn new(
+        seed: u64,
+        pauses_max: usize,
+        flaw: Option<Flaw>,
+        database: Arc<Database>,
+        incarnation: Incarnation,
+        is_shared: bool,
+    ) -> Self {
         let state = State {
-            durable: Vec::new(),
             limbo: Vec::new(),
             queue: VecDeque::new(),
+            passed: 0,
             telling: VecDeque::new(),
             handed: Vec::new(),
             has_failed: false,
             broken: BTreeSet::new(),
+            taken: BTreeSet::new(),
+            places: BTreeMap::new(),
             dice: Dice(seed),
         };
-        Self { flaw, pauses_max, state: Mutex::new(state) }
+        Self {
+            flaw,
+            pauses_max,
+            incarnation,
+            database,
+            is_shared,
+            takes: tokio::sync::Mutex::default(),
+            state: Mutex::new(state),
+        }
+    }
+
+    pub(crate) const fn incarnation(&self) -> Incarnation {
+        self.incarnation
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -121,6 +160,24 @@ impl MemoryJournal {
     /// and was not before.
     pub(crate) fn commit(&self, jobs: usize) -> Vec<Entry> {
         let mut state = self.state();
+        let mut tables = self.database.tables();
+        let mut jobs = jobs;
+        // What only waits does not reach the database.
+        let writes = state.queue.iter().take(jobs).any(|job| !job.entries.is_empty());
+        if self.is_shared && writes {
+            let is_excluded = !tables.knows(self.incarnation);
+            if self.flaw == Some(Flaw::FenceWithoutLock) {
+                let passed = std::mem::take(&mut state.passed);
+                if passed == 0 && !is_excluded {
+                    state.passed = jobs;
+                    return Vec::new();
+                }
+                jobs = if passed == 0 { jobs } else { passed.min(state.queue.len()) };
+                state.has_failed |= passed == 0;
+            } else {
+                state.has_failed |= is_excluded;
+            }
+        }
         let group: Vec<Job> = state.queue.drain(..jobs).collect();
         let mut kept = Vec::new();
         let goes_on = self.flaw == Some(Flaw::GoesOnAfterFailure);
@@ -140,21 +197,42 @@ impl MemoryJournal {
             kept.extend(entries);
             state.telling.push_back((job, Ok(())));
         }
-        state.durable.extend(kept.iter().cloned());
+        self.write(&mut tables, &kept);
         kept
     }
 
-    /// Fails to commit the first jobs of the queue. What they held may be on the disk all the same,
-    /// where it is found only after a restart.
-    pub(crate) fn fail(&self, jobs: usize, is_on_disk: bool) {
+    /// Writes entries, and that this server plays what it has created.
+    fn write(&self, tables: &mut Tables, entries: &[Entry]) {
+        for place in entries.iter().filter_map(taken_by).filter(|_| self.is_shared) {
+            tables.take(place, self.incarnation);
+        }
+        tables.durable.extend(entries.iter().cloned());
+    }
+
+    /// Fails to commit the first jobs of the queue. What they held may be on the disk all the same: there one server alone
+    /// finds it only after a restart, and others see it at once. Returns what they see.
+    pub(crate) fn fail(&self, jobs: usize, is_on_disk: bool) -> Vec<Entry> {
         let mut state = self.state();
+        let mut tables = self.database.tables();
         state.has_failed = true;
+        let mut seen = Vec::new();
         for job in state.queue.drain(..jobs).collect::<Vec<_>>() {
             if is_on_disk && !state.continues_broken(&job.entries) {
-                state.limbo.extend(job.entries.iter().cloned());
+                if !self.is_shared {
+                    state.limbo.extend(job.entries.iter().cloned());
+                } else if tables.knows(self.incarnation) {
+                    seen.extend(job.entries.iter().cloned());
+                }
             }
             state.telling.push_back((job, Err(Lost::Failed)));
         }
+        self.write(&mut tables, &seen);
+        seen
+    }
+
+    /// Nothing is kept any more, as others have taken the work of this server over.
+    pub(crate) fn set_excluded(&self) {
+        self.state().has_failed = true;
     }
 
     /// Whether the first job of the queue holds anything that could be refused.
@@ -182,6 +260,10 @@ impl MemoryJournal {
             std::mem::forget(job.committed);
             return None;
         }
+        if self.is_shared && result.is_ok() {
+            let taken = job.entries.iter().filter_map(taken_by);
+            self.state().places.extend(taken.map(|place| (place, Holding::Has)));
+        }
         (job.committed)(result.map_err(StoreError::from));
         Some(JobResult { entries: job.entries, result })
     }
@@ -195,7 +277,7 @@ impl MemoryJournal {
         {
             found.extend(job.entries.iter().skip(1).cloned());
         }
-        state.durable.extend(found.iter().cloned());
+        self.database.tables().durable.extend(found.iter().cloned());
         state.has_failed = false;
         state.broken.clear();
         let lost = (std::mem::take(&mut state.queue), std::mem::take(&mut state.telling));
@@ -206,38 +288,121 @@ impl MemoryJournal {
         found
     }
 
-    /// All that survives a crash, in its order.
-    pub(crate) fn durable(&self) -> Vec<Entry> {
-        self.state().durable.clone()
-    }
-
-    /// The number of the newest episode, 0 where there is none.
-    pub(crate) fn last_key(&self) -> i64 {
-        self.state().openings().map(|row| row.episode.0).max().unwrap_or(0)
-    }
-
-    /// How many bytes the acts of all episodes of each key take.
-    pub(crate) fn bytes_by_owner(&self) -> Vec<(OwnerKey, u64)> {
-        let state = self.state();
-        let owned = state.openings().filter_map(|row| Some((row.owner?, row.episode)));
-        owned
-            .map(|(owner, key)| {
-                let acts = state.acts(key).map(|row| row.record.as_str().len() as u64);
-                (owner, acts.sum())
-            })
-            .collect()
-    }
-
-    /// Reads: others may go first before it, and before the caller continues.
-    async fn read<T>(&self, look: impl FnOnce(&State) -> T) -> T {
+    /// Does something with what is durable: others may go first before it, and before the caller continues.
+    pub(crate) async fn at_database<T>(&self, work: impl FnOnce(&mut Tables) -> T) -> T {
         let (before, after) = {
             let dice = &mut self.state().dice;
             (dice.below(self.pauses_max + 1), dice.below(self.pauses_max + 1))
         };
         pause(before).await;
-        let found = look(&self.state());
+        let done = work(&mut self.database.tables());
         pause(after).await;
-        found
+        done
+    }
+
+    /// What is durable at this moment.
+    pub(crate) fn with_tables<T>(&self, look: impl FnOnce(&Tables) -> T) -> T {
+        look(&self.database.tables())
+    }
+
+    async fn read<T>(&self, look: impl FnOnce(&Tables) -> T) -> T {
+        self.at_database(|tables| look(tables)).await
+    }
+
+    // ---- places, of one of several servers
+
+    /// What this server has, or is about to give back.
+    pub(crate) fn places(&self) -> Vec<Place> {
+        self.state().places.keys().copied().collect()
+    }
+
+    /// Whether this server has a place, and keeps it.
+    pub(crate) fn plays_at(&self, place: Place) -> bool {
+        self.state().places.get(&place) == Some(&Holding::Has)
+    }
+
+    /// Changes what is durable of places, and then what this server knows of them. The next change comes after both.
+    async fn change_places<T>(
+        &self,
+        change: impl FnOnce(&mut Tables) -> T,
+        note: impl FnOnce(&mut BTreeMap<Place, Holding>, &T),
+    ) -> T {
+        let _taking = self.takes.lock().await;
+        let done = self.at_database(change).await;
+        note(&mut self.state().places, &done);
+        done
+    }
+
+    /// What may have been taken since this was last asked.
+    pub(crate) fn take_taken(&self) -> BTreeSet<Place> {
+        std::mem::take(&mut self.state().taken)
+    }
+
+    /// Takes a place that nobody has: who has it now. All that is unfinished there is to be continued, also if the caller is gone.
+    pub(crate) async fn take_place(&self, place: Place) -> Result<Incarnation, StoreError> {
+        self.state().taken.insert(place);
+        self.take_noted(place).await
+    }
+
+    /// The same for a caller that continues what is there.
+    pub(crate) async fn take_noted(&self, place: Place) -> Result<Incarnation, StoreError> {
+        let me = self.incarnation;
+        let is_old = self.flaw == Some(Flaw::TakesByAnOldView);
+        let before = if is_old { self.read(|tables| tables.owner(place)).await } else { None };
+        let take = |tables: &mut Tables| match before {
+            Some(owner) => Some(owner),
+            None if is_old => tables.put(place, me).then_some(me),
+            None => tables.take(place, me),
+        };
+        let note = move |places: &mut BTreeMap<Place, Holding>, owner: &Option<Incarnation>| {
+            if *owner == Some(me) {
+                places.entry(place).or_insert(Holding::Has);
+            }
+        };
+        if self.flaw == Some(Flaw::NotesPlacesLate) {
+            let owner = self.change_places(take, |_, _| ()).await;
+            pause(30).await;
+            note(&mut self.state().places, &owner);
+            return owner.ok_or(StoreError::Failed);
+        }
+        self.change_places(take, note).await.ok_or(StoreError::Failed)
+    }
+
+    /// Begins to give a place back; false where this server does not have it.
+    pub(crate) fn leave(&self, place: Place) -> bool {
+        let mut state = self.state();
+        let held = state.places.get_mut(&place);
+        held.map(|holding| *holding = Holding::Leaves).is_some()
+    }
+
+    /// Keeps a place after all.
+    pub(crate) fn stay(&self, place: Place) {
+        if let Some(holding) = self.state().places.get_mut(&place) {
+            *holding = Holding::Has;
+        }
+    }
+
+    /// Gives back a place that [`MemoryJournal::leave`] has begun to.
+    pub(crate) async fn release(&self, place: Place) {
+        let release = |tables: &mut Tables| tables.release(place, self.incarnation);
+        self.change_places(release, |places, ()| places.retain(|held, _| *held != place)).await;
+    }
+
+    /// Gives back all places at which everything is over.
+    pub(crate) async fn release_ended(&self) {
+        let release = |tables: &mut Tables| tables.release_ended(self.incarnation);
+        let note = |places: &mut BTreeMap<Place, Holding>, ended: &Vec<Place>| {
+            places.retain(|place, _| !ended.contains(place));
+        };
+        self.change_places(release, note).await;
+    }
+}
+
+/// The place that an entry takes for the server that writes it.
+fn taken_by(entry: &Entry) -> Option<Place> {
+    match entry {
+        Entry::Open(row) => Some(Place::Game(row.episode)),
+        _ => None,
     }
 }
 
@@ -246,103 +411,6 @@ impl State {
     fn continues_broken(&self, entries: &[Entry]) -> bool {
         entries.iter().filter_map(Entry::chain).any(|episode| self.broken.contains(&episode))
     }
-
-    fn openings(&self) -> impl Iterator<Item = &OpeningRow> {
-        self.durable.iter().filter_map(|entry| match entry {
-            Entry::Open(row) => Some(&**row),
-            _ => None,
-        })
-    }
-
-    fn acts(&self, key: EpisodeKey) -> impl Iterator<Item = &ActRow> {
-        self.durable.iter().filter_map(move |entry| match entry {
-            Entry::Act(row) if row.episode == key => Some(row),
-            _ => None,
-        })
-    }
-
-    fn rounds(&self, key: EpisodeKey) -> impl Iterator<Item = &RoundRow> {
-        self.durable.iter().filter_map(move |entry| match entry {
-            Entry::Round(row) if row.episode == key => Some(row),
-            _ => None,
-        })
-    }
-
-    fn end(&self, key: EpisodeKey) -> Option<&EndRow> {
-        self.durable.iter().find_map(|entry| match entry {
-            Entry::End(row) if row.episode == key => Some(row),
-            _ => None,
-        })
-    }
-
-    fn seating(&self, key: EpisodeKey) -> Option<&SeatingRow> {
-        self.durable.iter().find_map(|entry| match entry {
-            Entry::Seat(row) if row.episode == key => Some(row),
-            _ => None,
-        })
-    }
-
-    fn claims(&self, key: EpisodeKey) -> impl Iterator<Item = &ClaimRow> {
-        self.durable.iter().filter_map(move |entry| match entry {
-            Entry::Claim(row) if row.episode == key => Some(&**row),
-            _ => None,
-        })
-    }
-
-    fn started_at(&self, key: EpisodeKey) -> Option<jiff::Timestamp> {
-        self.durable.iter().find_map(|entry| match entry {
-            Entry::Start { episode, at } if *episode == key => Some(*at),
-            _ => None,
-        })
-    }
-
-    fn episode(&self, row: &OpeningRow) -> StoredEpisode {
-        let key = row.episode;
-        let (last, end, started_at) =
-            (self.rounds(key).last(), self.end(key), self.started_at(key));
-        let status = match end {
-            Some(end) => end.status,
-            None if row.waiting && started_at.is_none() => Status::Waiting.name(),
-            None => Status::Running.name(),
-        };
-        let by_player = |act: &&ActRow| record(act).source == Source::Player;
-        StoredEpisode {
-            episode: key,
-            id: row.id.clone(),
-            owner: row.owner,
-            run: row.run.map(|(run, _)| run),
-            revealed: false,
-            own_games: false,
-            opening: row.record.clone(),
-            first_round: row.fork.map_or(0, |(_, round)| round),
-            seating: self.seating(key).map(|row| row.record.clone()),
-            status: status.to_owned(),
-            reason: end.map(|end| end.reason.to_owned()),
-            end: end.map(|end| end.record.clone()),
-            head: match (end, last, self.seating(key)) {
-                (Some(end), ..) => end.head,
-                (None, Some(round), _) => round.head,
-                (None, None, Some(seating)) => seating.head,
-                (None, None, None) => row.head,
-            },
-            rounds: last.map_or(0, |round| round.round + 1),
-            score: last.map_or(0.0, |round| round.score),
-            created_at: row.at,
-            newest_at: (self.rounds(key).map(|round| round.at))
-                .chain(self.acts(key).map(|act| act.at))
-                .chain(started_at)
-                .chain(end.map(|end| end.at))
-                .fold(row.at, jiff::Timestamp::max),
-            last_act_at: self.acts(key).filter(by_player).map(|act| act.at).max().or(started_at),
-            ended_at: end.map(|end| end.at),
-            void_reason: None,
-            act_bytes: None,
-        }
-    }
-}
-
-fn record(row: &ActRow) -> ActRecord {
-    row.record.read().expect("it was written as an act")
 }
 
 fn stored(row: &ActRow) -> StoredAct {
@@ -375,6 +443,18 @@ impl EpisodeStore for MemoryJournal {
         }
     }
 
+    fn has(&self, place: Place) -> bool {
+        !self.is_shared || self.plays_at(place)
+    }
+
+    fn take(&self, place: Place) -> Reply<'_, bool> {
+        async move {
+            self.take_place(place).await?;
+            Ok(self.has(place))
+        }
+        .boxed()
+    }
+
     fn recovered(&self, episode: EpisodeKey) {
         self.state().broken.remove(&episode);
     }
@@ -397,21 +477,13 @@ impl EpisodeStore for MemoryJournal {
     fn unfinished(&self) -> Reply<'_, Vec<Unfinished>> {
         let haunted = self.flaw == Some(Flaw::ListsAGhost);
         Box::pin(self.read(move |state| {
-            let unfinished = |row: &OpeningRow| Unfinished {
-                run: None,
-                episode: row.episode,
-                id: row.id.clone(),
-                owner: row.owner,
-                clocked: row.clocked,
-                played: None,
-            };
-            let running = state.openings().filter(|row| state.end(row.episode).is_none());
-            let mut all: Vec<_> = running.map(unfinished).collect();
+            let mut all = state.unfinished();
             if haunted {
                 all.push(Unfinished {
                     episode: EpisodeKey(1_000),
                     id: EpisodeId::from_text("ep_ghost".to_owned()),
                     owner: None,
+                    run: None,
                     clocked: true,
                     played: None,
                 });

@@ -3,14 +3,20 @@
 //! episodes that leave the memory, commits that fail, entries that are refused, and crashes between any two effects. What must
 //! hold is in [`checker`]; [`broken`] shows that it would be found if it did not.
 //!
-//! The number of seeds is in `SWARMBENCH_SEEDS`, the first in `SWARMBENCH_SEED`.
+//! The same for several servers that share a database ([`fleet`]): they fall over, are stopped and go on, leave and come, and
+//! clients ask any of them.
+//!
+//! The number of seeds is in `SWARMBENCH_SEEDS`, the first in `SWARMBENCH_SEED`, and in `SWARMBENCH_LINES` how many lines of the
+//! trace are shown.
 
 mod broken;
 mod checker;
 mod clients;
+mod database;
 #[path = "../../crates/engine/tests/common/dice.rs"]
 mod dice;
 mod executor;
+mod fleet;
 #[path = "../support/game.rs"]
 mod game;
 mod journal;
@@ -20,12 +26,15 @@ mod time;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use broken::{FLAWS, Flaw};
-use checker::{Stats, Violation};
+use broken::{FLAWS, FLAWS_OF_SEVERAL, Flaw};
+use checker::{Invariant, Stats, Violation};
 use run::{Options, Report, run};
 
 /// Seeds that are played where nobody says how many.
 const SEEDS: u64 = 500;
+
+/// The same of several servers, of which a seed takes longer.
+const SEEDS_OF_SEVERAL: u64 = 150;
 
 /// A flaw is found within this number of seeds.
 const SEEDS_OF_A_FLAW: u64 = 200;
@@ -67,6 +76,27 @@ const REACHED: [&str; 33] = [
     "evictions",
 ];
 
+/// The same of several servers.
+const REACHED_BY_SEVERAL: [&str; 17] = [
+    "episodes",
+    "rounds",
+    "clocks run out",
+    "acts acknowledged",
+    "acts confirmed again",
+    "acts of the server",
+    "refused: unavailable",
+    "ended: task done",
+    "ended: idle",
+    "crashes",
+    "failed commits",
+    "refused jobs",
+    "servers stopped",
+    "servers that left",
+    "games given up",
+    "take-overs",
+    "woken after a take-over",
+];
+
 fn number(name: &str, default: u64) -> u64 {
     std::env::var(name).map_or(default, |text| text.parse().expect("a whole number"))
 }
@@ -82,15 +112,18 @@ impl Drop for Playing {
     }
 }
 
-fn play(seed: u64, flaw: Option<Flaw>) -> Report {
+/// Draws the options of a run from its seed.
+type Draw = fn(u64, Option<Flaw>) -> Options;
+
+fn play(draw: Draw, seed: u64, flaw: Option<Flaw>) -> Report {
     let playing = Playing(seed);
-    let report = run(Options::draw(seed, flaw));
+    let report = run(draw(seed, flaw));
     drop(playing);
     report
 }
 
 /// Plays seeds on all cores; `each` is called for every run.
-fn play_all(seeds: std::ops::Range<u64>, each: impl Fn(Report) + Sync) {
+fn play_all(draw: Draw, seeds: std::ops::Range<u64>, each: impl Fn(Report) + Sync) {
     let next = AtomicU64::new(seeds.start);
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     std::thread::scope(|scope| {
@@ -101,7 +134,7 @@ fn play_all(seeds: std::ops::Range<u64>, each: impl Fn(Report) + Sync) {
                     if !seeds.contains(&seed) {
                         return;
                     }
-                    each(play(seed, None));
+                    each(play(draw, seed, None));
                 }
             });
         }
@@ -110,10 +143,19 @@ fn play_all(seeds: std::ops::Range<u64>, each: impl Fn(Report) + Sync) {
 
 #[test]
 fn seeds_find_no_fault() {
-    let (first, count) = (number("SWARMBENCH_SEED", 0), number("SWARMBENCH_SEEDS", SEEDS));
+    find_no_fault(Options::draw, SEEDS, &REACHED);
+}
+
+#[test]
+fn several_servers_find_no_fault() {
+    find_no_fault(Options::draw_several, SEEDS_OF_SEVERAL, &REACHED_BY_SEVERAL);
+}
+
+fn find_no_fault(draw: Draw, seeds: u64, reached: &[&str]) {
+    let (first, count) = (number("SWARMBENCH_SEED", 0), number("SWARMBENCH_SEEDS", seeds));
     let stats = Mutex::new(Stats::default());
     let broken = Mutex::new(Vec::new());
-    play_all(first..first + count, |report| {
+    play_all(draw, first..first + count, |report| {
         let mut stats = stats.lock().unwrap_or_else(PoisonError::into_inner);
         for (what, times) in &report.stats.0 {
             *stats.0.entry(what).or_default() += times;
@@ -139,33 +181,46 @@ fn seeds_find_no_fault() {
         panic!("{} of {count} seeds found a fault, first this:\n{}", broken.len(), report.text());
     }
     // A few seeds, which somebody looks into, need not reach everything.
-    if count >= SEEDS {
-        let missed: Vec<_> = REACHED.iter().filter(|what| !stats.0.contains_key(*what)).collect();
+    if count >= seeds {
+        let missed: Vec<_> = reached.iter().filter(|what| !stats.0.contains_key(*what)).collect();
         assert!(missed.is_empty(), "never reached: {missed:?}");
     }
 }
 
 #[test]
 fn the_same_seed_gives_the_same_bytes() {
-    for seed in 0..40 {
-        let (one, other) = (play(seed, None), play(seed, None));
-        let differs = one.trace.iter().zip(&other.trace).find(|(a, b)| a != b);
-        assert!(one.bytes == other.bytes, "seed {seed}: {differs:?}");
-        assert_ne!(one.bytes, play(seed + 1, None).bytes, "seeds {seed} and the next");
+    for (draw, seeds) in [(Options::draw as Draw, 40), (Options::draw_several, 10)] {
+        for seed in 0..seeds {
+            let (one, other) = (play(draw, seed, None), play(draw, seed, None));
+            let differs = one.trace.iter().zip(&other.trace).find(|(a, b)| a != b);
+            assert!(one.bytes == other.bytes, "seed {seed}: {differs:?}");
+            let next = play(draw, seed + 1, None);
+            assert_ne!(one.bytes, next.bytes, "seeds {seed} and the next");
+        }
     }
     // Where chance does not come from the seed alone, this test sees it.
-    let other_chance = || play(0, Some(Flaw::OtherChance)).bytes;
+    let other_chance = || play(Options::draw, 0, Some(Flaw::OtherChance)).bytes;
     assert_ne!(other_chance(), other_chance());
 }
 
 #[test]
 fn every_flaw_is_found() {
-    for (flaw, invariant) in FLAWS {
-        let found = (0..SEEDS_OF_A_FLAW).find(|&seed| {
-            let report = play(seed, Some(flaw));
-            report.violations.first().is_some_and(|violation| violation.invariant == invariant)
+    find(Options::draw, FLAWS.map(|(flaw, invariant)| (flaw, invariant, 0)));
+}
+
+#[test]
+fn every_flaw_of_several_servers_is_found() {
+    find(Options::draw_several, FLAWS_OF_SEVERAL);
+}
+
+fn find(draw: Draw, flaws: impl IntoIterator<Item = (Flaw, Invariant, u64)>) {
+    for (flaw, invariant, first) in flaws {
+        let found = (first..first + SEEDS_OF_A_FLAW).find_map(|seed| {
+            let violations = play(draw, seed, Some(flaw)).violations;
+            let first = violations.into_iter().next();
+            Some((seed, first.filter(|violation| violation.invariant == invariant)?.what))
         });
-        let found = found.unwrap_or_else(|| panic!("{flaw:?} never breaks {invariant:?}"));
-        println!("{flaw:?} breaks {invariant:?} with seed {found}");
+        let (seed, what) = found.unwrap_or_else(|| panic!("{flaw:?} never breaks {invariant:?}"));
+        println!("{flaw:?} breaks {invariant:?} with seed {seed}: {what}");
     }
 }

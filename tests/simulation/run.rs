@@ -2,12 +2,13 @@
 
 mod end;
 mod requests;
+mod several;
 mod trace;
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use futures::FutureExt;
@@ -17,18 +18,23 @@ use swarmbench::episode::actor::Handle;
 use swarmbench::episode::quota::{Caps, Quotas};
 use swarmbench::episode::registry::Registry;
 use swarmbench::hosted;
-use swarmbench::ids::EpisodeId;
+use swarmbench::ids::{EpisodeId, Numbers};
+use swarmbench::store::entries::Entry;
 use swarmbench::work::Workers;
 use swarmbench_clock::Clock;
 use tokio::sync::mpsc::UnboundedReceiver;
 
-use self::trace::{line, told};
+use self::several::is_played;
+use self::trace::{line, told as told_as};
 use crate::broken::Flaw;
 use crate::checker::{Checker, Invariant, Stats, Violation};
-use crate::clients::{Acts, Desk, News, RequestId, Times};
+use crate::clients::{Acts, Desk, News, RequestId, Times, Told};
+use crate::database::{Database, Incarnation};
 use crate::dice::Dice;
 use crate::executor::{Executor, TaskId};
+use crate::fleet::{Net, Node, beat, work};
 use crate::journal::MemoryJournal;
+use crate::number;
 use crate::time::{ServerClock, SimClock};
 
 /// More steps than any run takes.
@@ -37,11 +43,14 @@ const STEPS_MAX: usize = 20_000;
 /// No game has more rounds.
 pub(crate) const ROUNDS_MAX: i64 = 20;
 
+/// No database has more servers.
+pub(crate) const SERVERS_MAX: usize = 3;
+
 /// How a fault begins in a trace.
 const FAULT: &str = "does not hold: ";
 
-/// Lines of a trace that are shown before a fault.
-const LINES: usize = 150;
+/// Lines of a trace that are shown before a fault, where nobody says how many.
+const LINES: u64 = 150;
 
 /// Longer than an idle episode stays in memory.
 const UNUSED: Duration = Duration::from_secs(5 * 60 + 1);
@@ -78,6 +87,14 @@ pub(crate) struct Options {
     haste: usize,
     /// Whether the run ends idle: no requests, and time passes.
     silence: bool,
+    /// Servers that share the database; none where one has it alone.
+    servers: usize,
+    /// How often one of them is stopped where it stands, to go on later.
+    stops: usize,
+    /// How often one of them leaves.
+    leaves: usize,
+    /// How far the own clock of each is off.
+    off_s: [i64; SERVERS_MAX],
     flaw: Option<Flaw>,
 }
 
@@ -116,9 +133,28 @@ impl Options {
             caps,
             haste: [1, 4, 16][below(3)],
             silence: below(2) == 0,
+            servers: 0,
+            stops: 0,
+            leaves: 0,
+            off_s: [0; SERVERS_MAX],
             flaw,
         };
         options.refusals = [0, 1, 5, 20][below(4)];
+        options
+    }
+
+    /// The options that belong to a seed where several servers share the database.
+    pub(crate) fn draw_several(seed: u64, flaw: Option<Flaw>) -> Self {
+        let mut options = Self::draw(seed, flaw);
+        let mut dice = Dice(seed.rotate_left(17));
+        let mut below = |n: usize| dice.below(n);
+        options.servers = 2 + below(SERVERS_MAX - 1);
+        options.stops = [0, 4, 8, 16][below(4)];
+        options.pauses = 1 + below(3);
+        options.leaves = [0, 0, 1, 2][below(4)];
+        options.off_s = std::array::from_fn(|_| [-8, -4, 0, 4, 8][below(5)]);
+        // What has no clock is given up when it is idle.
+        options.long_waits = true;
         options
     }
 }
@@ -141,7 +177,8 @@ impl Report {
         // What led to the first fault; what came after it may follow from it.
         let is_fault = |line: &String| line.starts_with(FAULT);
         let last = self.trace.iter().position(is_fault).map_or(self.trace.len(), |at| at + 1);
-        for line in &self.trace[last.saturating_sub(LINES)..last] {
+        let lines = usize::try_from(number("SWARMBENCH_LINES", LINES)).expect("some");
+        for line in &self.trace[last.saturating_sub(lines)..last] {
             _ = writeln!(text, "{line}");
         }
         for Violation { invariant, what } in &self.violations {
@@ -150,7 +187,8 @@ impl Report {
         let seed = self.options.seed;
         _ = writeln!(
             text,
-            "again: SWARMBENCH_SEED={seed} SWARMBENCH_SEEDS=1 cargo test --test simulation seeds"
+            "again: SWARMBENCH_SEED={seed} SWARMBENCH_SEEDS=1 cargo test --test simulation {}",
+            if self.options.servers > 0 { "several_servers" } else { "seeds" }
         );
         text
     }
@@ -177,18 +215,32 @@ enum Step {
     Fail,
     /// The journal refuses a job.
     Refuse,
-    /// The server falls over and is started again.
+    /// The server falls over and is started again; one of several is started later.
     Crash,
+    /// One of several servers is stopped where it stands.
+    Stop,
+    /// It goes on.
+    GoOn,
+    /// It accepts no more requests, to leave when all that it has to write is durable.
+    Shut,
+    /// It leaves.
+    Quit,
+    /// One that is not there is started.
+    Start,
 }
 
 struct Run {
     options: Options,
     dice: Dice,
     executor: Executor,
-    journal: Arc<MemoryJournal>,
+    database: Arc<Database>,
     clock: Arc<SimClock>,
-    /// One server, or two where that is the flaw.
+    /// One server, or two where that is the flaw; or those of several that are there.
     servers: Vec<Server>,
+    /// The slots of servers that are not there.
+    down: Vec<i16>,
+    /// How several servers reach each other.
+    net: Arc<Net>,
     desk: Desk,
     checker: Checker,
     pending: BTreeMap<RequestId, TaskId>,
@@ -199,13 +251,26 @@ struct Run {
     crashes: usize,
     failures: usize,
     refusals: usize,
+    stops: usize,
+    leaves: usize,
+    /// Whether nothing goes wrong any more.
+    is_calm: bool,
+    /// Servers that the database knows, as they were seen last.
+    known: Vec<Incarnation>,
     trace: Vec<String>,
     /// How many faults are in the trace.
     faults: usize,
 }
 
 struct Server {
+    incarnation: Incarnation,
+    journal: Arc<MemoryJournal>,
     registry: Registry,
+    /// Its part among several.
+    node: Option<Arc<Node>>,
+    slot: i16,
+    /// Whether a commit is on its way to the database though the server is stopped.
+    is_sent: bool,
     /// Episodes of which the server plays seats.
     hosted: UnboundedReceiver<Handle>,
     quotas: Arc<Quotas>,
@@ -224,15 +289,17 @@ impl Run {
     fn new(options: Options) -> Self {
         let seed = options.seed;
         let start: Timestamp = "2026-03-01T12:00:00Z".parse().expect("a time");
-        let flaw = options.flaw;
+        let (clock, desk) = (Arc::new(SimClock::new(start)), Desk::default());
         let mut run = Self {
             dice: Dice(seed ^ 0x5EED),
             executor: Executor::default(),
-            journal: Arc::new(MemoryJournal::new(!seed, options.pauses, flaw)),
-            clock: Arc::new(SimClock::new(start)),
+            database: Arc::default(),
+            net: Arc::new(Net::new(Arc::clone(&clock), Arc::clone(&desk))),
+            clock,
             servers: Vec::new(),
-            desk: Arc::new(Mutex::default()),
-            checker: Checker::new(start),
+            down: Vec::new(),
+            desk,
+            checker: Checker::new(start, options.servers > 0),
             pending: BTreeMap::new(),
             acts: Vec::new(),
             asked: 0,
@@ -240,11 +307,19 @@ impl Run {
             crashes: 0,
             failures: 0,
             refusals: 0,
+            stops: 0,
+            leaves: 0,
+            is_calm: false,
+            known: Vec::new(),
             trace: Vec::new(),
             faults: 0,
             options,
         };
-        run.start();
+        if run.is_shared() {
+            (0..run.options.servers).for_each(|slot| run.start_one(slot));
+        } else {
+            run.start(None);
+        }
         run
     }
 
@@ -261,16 +336,41 @@ impl Run {
         self.faults = self.checker.violations.len();
     }
 
-    /// Starts the server over what is durable, as [`swarmbench::server`] does.
-    fn start(&mut self) {
-        let count = if self.options.flaw == Some(Flaw::TwoServers) { 2 } else { 1 };
-        self.servers = (0..count).map(|place| self.server(100 * place)).collect();
+    const fn is_shared(&self) -> bool {
+        self.options.servers > 0
     }
 
-    /// One that counts its episodes from the newest, and `keys` more, on.
-    fn server(&mut self, keys: i64) -> Server {
+    /// Starts the server over what is durable, as [`swarmbench::server`] does. Its journal outlives it.
+    fn start(&mut self, journal: Option<Arc<MemoryJournal>>) {
+        let journal = journal.unwrap_or_else(|| Arc::new(self.journal(0, 1)));
+        let count = if self.options.flaw == Some(Flaw::TwoServers) { 2 } else { 1 };
+        for place in 0..count {
+            // Each counts its episodes from the newest, and some more, on.
+            let keys = Numbers::after(self.database.tables().last_key() + 100 * place);
+            let server = self.server(0, Arc::clone(&journal), keys);
+            let recovery = server.registry.clone();
+            let recovering = async move { drop(recovery.recover_unfinished().await) };
+            self.executor.spawn(server.incarnation, recovering.boxed());
+            self.servers.push(server);
+        }
+    }
+
+    fn journal(&self, more: u64, incarnation: Incarnation) -> MemoryJournal {
+        let (seed, Options { pauses, flaw, .. }) = (!self.options.seed, self.options.clone());
+        let database = Arc::clone(&self.database);
+        MemoryJournal::new(
+            seed.wrapping_add(more << 40),
+            pauses,
+            flaw,
+            database,
+            incarnation,
+            self.is_shared(),
+        )
+    }
+
+    fn server(&mut self, slot: i16, journal: Arc<MemoryJournal>, keys: Numbers) -> Server {
         let quotas = Arc::new(Quotas::new(self.options.caps));
-        for (owner, bytes) in self.journal.bytes_by_owner() {
+        for (owner, bytes) in self.database.tables().bytes_by_owner() {
             quotas.note_bytes(owner, bytes);
         }
         let clock = ServerClock {
@@ -278,18 +378,93 @@ impl Run {
             flaw: self.options.flaw,
             asked: AtomicU64::new(0),
         };
+        let incarnation = journal.incarnation();
         let registry = Registry::new(
-            Arc::clone(&self.journal) as _,
+            Arc::clone(&journal) as _,
             Arc::new(clock),
             Arc::clone(&quotas),
             Workers::inline(),
-            self.executor.spawner(),
-            self.journal.last_key() + keys,
+            self.executor.spawner(incarnation),
+            0,
         );
-        let recovery = registry.clone();
-        self.executor.spawn(async move { drop(recovery.recover_unfinished().await) }.boxed());
+        let registry = registry.with_numbers(keys);
         let hosted = registry.take_hosted().expect("nobody else plays");
-        Server { registry, hosted, quotas, sweep: None }
+        self.checker.began(incarnation);
+        Server {
+            incarnation,
+            journal,
+            registry,
+            node: None,
+            slot,
+            is_sent: false,
+            hosted,
+            quotas,
+            sweep: None,
+        }
+    }
+
+    /// One of some servers; only where there are several it is drawn.
+    fn one_of(&mut self, places: &[usize]) -> Option<usize> {
+        match places {
+            [] => None,
+            [one] => Some(*one),
+            _ => Some(places[self.dice.below(places.len())]),
+        }
+    }
+
+    /// The servers of which this is true.
+    fn that(&self, is_it: impl Fn(&Server) -> bool) -> Vec<usize> {
+        let places = self.servers.iter().enumerate();
+        places.filter(|(_, server)| is_it(server)).map(|(place, _)| place).collect()
+    }
+
+    fn runs(&self, server: &Server) -> bool {
+        !self.executor.is_stopped(server.incarnation)
+    }
+
+    /// Servers of which a commit may become durable now.
+    fn writing(&self) -> Vec<usize> {
+        self.that(|server| server.journal.queued() > 0 && (self.runs(server) || server.is_sent))
+    }
+
+    /// Servers that wait for the result of a commit.
+    fn untold(&self) -> Vec<usize> {
+        self.that(|server| server.journal.untold() > 0 && self.runs(server))
+    }
+
+    fn failing(&self) -> Vec<usize> {
+        self.that(|server| {
+            server.journal.queued() > 0 && !server.journal.has_failed() && self.runs(server)
+        })
+    }
+
+    fn refusing(&self) -> Vec<usize> {
+        self.that(|server| server.journal.can_refuse() && self.runs(server))
+    }
+
+    fn failed(&self) -> Vec<usize> {
+        self.that(|server| server.journal.has_failed())
+    }
+
+    fn stopped(&self) -> Vec<usize> {
+        self.that(|server| !self.runs(server))
+    }
+
+    fn shutting(&self) -> Vec<usize> {
+        self.that(|server| {
+            server.node.as_ref().is_some_and(|node| node.is_shut())
+                && self.runs(server)
+                && server.journal.queued() + server.journal.untold() == 0
+        })
+    }
+
+    /// Servers to which nothing happens now.
+    fn well(&self) -> Vec<usize> {
+        self.that(|server| {
+            self.runs(server)
+                && !server.journal.has_failed()
+                && server.node.as_ref().is_none_or(|node| !node.is_shut())
+        })
     }
 
     /// All steps that are drawn.
@@ -298,7 +473,7 @@ impl Run {
         let requests = RequestId::try_from(self.options.requests).expect("a few");
         while self.asked < requests {
             steps += 1;
-            if steps > STEPS_MAX {
+            if steps > STEPS_MAX * self.options.servers.max(1) {
                 let what = "clients ask for no more".to_owned();
                 self.checker.check(Invariant::Progress, false, || what);
                 return;
@@ -316,30 +491,30 @@ impl Run {
         let when = |possible: bool, weight: usize| if possible { weight } else { 0 };
         let weights = [
             (Step::Poll, when(runnable, 100 * options.haste)),
-            (Step::Commit, when(self.journal.queued() > 0, 100)),
-            (Step::Tell, when(self.journal.untold() > 0, 100)),
+            (Step::Commit, when(!self.writing().is_empty(), 100)),
+            (Step::Tell, when(!self.untold().is_empty(), 100)),
             (Step::Pass, 20),
             (Step::Ask, when(self.pending.len() < options.pending, 60)),
             (Step::Leave, when(!self.pending.is_empty(), options.drops)),
             (Step::Sweep, 10),
+            (Step::Fail, when(self.failures < options.failures && !self.failing().is_empty(), 3)),
             (
-                Step::Fail,
-                when(
-                    self.failures < options.failures
-                        && self.journal.queued() > 0
-                        && !self.journal.has_failed(),
-                    3,
-                ),
+                Step::Refuse,
+                when(self.refusals < options.refusals && !self.refusing().is_empty(), 10),
             ),
-            (Step::Refuse, when(self.refusals < options.refusals && self.journal.can_refuse(), 10)),
             (
                 Step::Crash,
-                if self.journal.has_failed() {
-                    10
+                if self.failed().is_empty() {
+                    when(self.crashes < options.crashes && !self.servers.is_empty(), 3)
                 } else {
-                    when(self.crashes < options.crashes, 3)
+                    10
                 },
             ),
+            (Step::Stop, when(self.stops < options.stops && !self.well().is_empty(), 5)),
+            (Step::GoOn, when(!self.stopped().is_empty(), 5)),
+            (Step::Shut, when(self.leaves < options.leaves && !self.well().is_empty(), 3)),
+            (Step::Quit, when(!self.shutting().is_empty(), 10)),
+            (Step::Start, when(!self.down.is_empty(), 10)),
         ];
         let sum: usize = weights.iter().map(|(_, weight)| weight).sum();
         let mut drawn = self.dice.below(sum);
@@ -365,10 +540,15 @@ impl Run {
                 self.poll(task);
             }
             Step::Commit => {
-                let jobs = 1 + self.dice.below(self.journal.queued().min(self.options.group));
-                self.commit(jobs);
+                let Some(place) = self.one_of(&self.writing()) else { return };
+                let queued = self.servers[place].journal.queued();
+                let jobs = 1 + self.dice.below(queued.min(self.options.group));
+                self.commit(place, jobs);
             }
-            Step::Tell => self.tell(),
+            Step::Tell => {
+                let Some(place) = self.one_of(&self.untold()) else { return };
+                self.tell(place);
+            }
             Step::Pass => {
                 let by = self.time();
                 self.pass(by);
@@ -389,20 +569,58 @@ impl Run {
             }
             Step::Sweep => self.sweep(),
             Step::Fail => {
+                let Some(place) = self.one_of(&self.failing()) else { return };
                 self.failures += 1;
-                let jobs = self.journal.queued().min(self.options.group);
+                let journal = Arc::clone(&self.servers[place].journal);
+                let jobs = journal.queued().min(self.options.group);
                 let is_on_disk = self.dice.below(3) == 0;
                 self.note(format!("a commit of {jobs} jobs fails, on disk: {is_on_disk}"));
-                self.journal.fail(jobs, is_on_disk);
+                let seen = journal.fail(jobs, is_on_disk);
+                self.kept(&journal, &seen);
                 self.checker.stats.count("failed commits", 1);
             }
             Step::Refuse => {
+                let Some(place) = self.one_of(&self.refusing()) else { return };
                 self.refusals += 1;
                 self.note("the next job is refused".to_owned());
-                self.journal.refuse();
+                self.servers[place].journal.refuse();
                 self.checker.stats.count("refused jobs", 1);
             }
-            Step::Crash => self.crash(),
+            Step::Crash => {
+                let failed = self.failed();
+                let all = self.that(|_| true);
+                let of = if failed.is_empty() { all } else { failed };
+                if !self.is_shared() {
+                    self.crash();
+                } else if let Some(place) = self.one_of(&of) {
+                    self.crash_one(place);
+                }
+            }
+            Step::Stop => {
+                if let Some(place) = self.one_of(&self.well()) {
+                    self.stop(place);
+                }
+            }
+            Step::GoOn => {
+                if let Some(place) = self.one_of(&self.stopped()) {
+                    self.go_on(place);
+                }
+            }
+            Step::Shut => {
+                if let Some(place) = self.one_of(&self.well()) {
+                    self.shut(place);
+                }
+            }
+            Step::Quit => {
+                if let Some(place) = self.one_of(&self.shutting()) {
+                    self.quit(place);
+                }
+            }
+            Step::Start => {
+                if let Some(slot) = self.down.pop() {
+                    self.start_one(slot.unsigned_abs().into());
+                }
+            }
         }
     }
 
@@ -412,20 +630,39 @@ impl Run {
         self.look();
     }
 
-    fn commit(&mut self, jobs: usize) {
-        let kept = self.journal.commit(jobs);
-        self.note(format!("{jobs} jobs are committed"));
-        for entry in &kept {
-            self.note(format!("  {}", line(entry)));
-        }
-        self.checker.durable(&kept);
+    fn commit(&mut self, place: usize, jobs: usize) {
+        let server = &mut self.servers[place];
+        server.is_sent = false;
+        let journal = Arc::clone(&server.journal);
+        let kept = journal.commit(jobs);
+        self.note(format!("{jobs} jobs{} are committed", self.of(journal.incarnation())));
+        self.kept(&journal, &kept);
+        self.look();
     }
 
-    fn tell(&mut self) {
-        let Some(finished) = self.journal.next_result() else { return };
+    /// Entries are durable now.
+    fn kept(&mut self, journal: &MemoryJournal, kept: &[Entry]) {
+        for entry in kept {
+            self.note(format!("  {}", line(entry)));
+        }
+        self.checker.durable(kept);
+        if self.is_shared() {
+            self.check_writer(journal.incarnation(), kept);
+        }
+    }
+
+    /// Which server it is, in a trace.
+    fn of(&self, incarnation: Incarnation) -> String {
+        if self.is_shared() { format!(" of server {incarnation}") } else { String::new() }
+    }
+
+    fn tell(&mut self, place: usize) {
+        let server = self.servers[place].incarnation;
+        let Some(finished) = self.servers[place].journal.next_result() else { return };
         let result = if finished.result.is_ok() { "durable" } else { "failed" };
-        self.note(format!("{} entries are finished to be {result}", finished.entries.len()));
-        self.checker.told(&finished);
+        let (count, of) = (finished.entries.len(), self.of(server));
+        self.note(format!("{count} entries{of} are finished to be {result}"));
+        self.checker.told(server, &finished);
         self.look();
     }
 
@@ -445,6 +682,7 @@ impl Run {
             }
             3 if self.options.long_waits => UNUSED,
             4 => Duration::from_millis(500 + self.dice.below(3_000) as u64),
+            5 if self.is_shared() => Duration::from_millis(4_000 + self.dice.below(9_000) as u64),
             _ => Duration::from_millis(1 + self.dice.below(60) as u64),
         }
     }
@@ -453,23 +691,28 @@ impl Run {
         self.clock.advance(by);
         self.checker.now = self.clock.now();
         self.note(format!("{by:?} pass, it is {}", self.checker.now));
+        if self.is_shared() {
+            self.stay_alive(by);
+        }
     }
 
     fn sweep(&mut self) {
         for place in 0..self.servers.len() {
             let server = &self.servers[place];
-            if server.sweep.is_some_and(|task| self.executor.is_alive(task)) {
+            if server.sweep.is_some_and(|task| self.executor.is_alive(task)) || !self.runs(server) {
                 continue;
             }
+            let incarnation = server.incarnation;
             let registry = server.registry.clone();
             let task = async move { registry.sweep_idle().await };
-            self.servers[place].sweep = Some(self.executor.spawn(task.boxed()));
+            self.servers[place].sweep = Some(self.executor.spawn(incarnation, task.boxed()));
             let registry = &self.servers[place].registry;
             let before = registry.in_memory();
             registry.evict_unused();
             let gone = before - registry.in_memory();
             self.checker.stats.count("evictions", gone);
-            self.note(format!("the server sweeps and lets go of {gone}"));
+            let of = self.of(incarnation);
+            self.note(format!("the server{of} sweeps and lets go of {gone}"));
             self.look();
         }
     }
@@ -477,16 +720,18 @@ impl Run {
     fn crash(&mut self) {
         self.crashes += 1;
         self.note("the server falls over".to_owned());
-        self.executor.crash();
-        self.servers.clear();
+        let servers = std::mem::take(&mut self.servers);
+        let journal = Arc::clone(&servers[0].journal);
+        self.executor.crash(journal.incarnation());
+        drop(servers);
         self.pending.clear();
         self.desk.lock().expect("one thread").clear();
-        let found = self.journal.crash();
+        let found = journal.crash();
         for entry in &found {
             self.note(format!("  found: {}", line(entry)));
         }
-        self.checker.crashed(&found, &self.journal.durable());
-        self.start();
+        self.checker.crashed(&found, &self.database.tables().durable);
+        self.start(Some(journal));
     }
 
     /// Starts the players of hosted seats.
@@ -495,7 +740,7 @@ impl Run {
             while let Ok(handle) = server.hosted.try_recv() {
                 let (host, permits) = (server.registry.host().clone(), hosted::permits());
                 let playing = async move { drop(hosted::play(handle, &host, &permits).await) };
-                self.executor.spawn(playing.boxed());
+                self.executor.spawn(server.incarnation, playing.boxed());
             }
         }
     }
@@ -503,42 +748,54 @@ impl Run {
     /// Takes what the step has led to.
     fn look(&mut self) {
         self.host();
-        for entries in self.journal.take_handed() {
-            for entry in &entries {
-                self.note(format!("  handed over: {}", line(entry)));
+        for place in 0..self.servers.len() {
+            let server = self.servers[place].incarnation;
+            for entries in self.servers[place].journal.take_handed() {
+                for entry in &entries {
+                    self.note(format!("  handed over{}: {}", self.of(server), line(entry)));
+                }
+                // What an excluded server decides never happens.
+                if !self.is_shared() || self.database.tables().knows(server) {
+                    self.checker.handed(server, &entries);
+                }
             }
-            self.checker.handed(&entries);
         }
         loop {
-            let Some((number, news)) = self.desk.lock().expect("one thread").pop_front() else {
-                return;
-            };
+            let told = self.desk.lock().expect("one thread").pop_front();
+            let Some(Told { number, id, server, plays, news }) = told else { break };
             match news {
                 News::Arrived(acts) => {
-                    self.note(format!("  request {number} is in the mailbox"));
-                    if let Some(id) = self.checker.id_of(number) {
-                        self.acts.push((id, acts.clone()));
-                    }
-                    self.checker.arrived(number, acts);
+                    let of = self.of(server);
+                    self.note(format!("  request {number} is in the mailbox{of}"));
+                    self.checker.arrived(server, number, &id, acts.clone());
+                    self.acts.push((id, acts));
                 }
                 News::Seen(snapshot) => {
                     let round = snapshot.world.round();
                     let (status, head) = (snapshot.status.name(), snapshot.head);
                     self.note(format!("  request {number} sees round {round}, {status}, {head}"));
-                    self.checker.seen(number, &snapshot);
+                    self.checker.seen(server, number, &snapshot);
+                    self.checker.answers_for(server, &id, plays);
                 }
                 News::Answered(answer) => {
-                    self.note(format!("  request {number} is answered: {}", told(&answer)));
+                    self.note(format!("  request {number} is answered: {}", told_as(&answer)));
                     self.pending.remove(&number);
-                    self.checker.answered(number, answer);
+                    let is_played = is_played(&answer);
+                    self.checker.answered(server, number, answer);
+                    self.checker.answers_for(server, &id, plays || !is_played);
                 }
             }
+        }
+        if self.is_shared() {
+            self.check_owners();
         }
     }
 
     fn report(mut self) -> Report {
         self.note_faults();
-        for entry in self.journal.durable() {
+        let given_up = self.database.tables().given_up;
+        self.checker.stats.count("games given up", given_up);
+        for entry in &self.database.tables().durable {
             self.trace.push(format!("on disk: {entry:?}"));
         }
         let mut hash = Sha256::new();

@@ -130,6 +130,7 @@ pub(crate) fn kind<T>(outcome: &Result<T, StoreError>) -> &'static str {
         Err(StoreError::Failed) => "failed",
         Err(StoreError::Gap) => "gap",
         Err(StoreError::Stopped(_)) => "stopped",
+        Err(StoreError::Elsewhere) => "elsewhere",
     }
 }
 

@@ -96,13 +96,8 @@ struct Kind {
 /// An entrant who plays, with its key.
 #[derive(Clone, Debug, Deserialize)]
 struct Player {
-    entrant: Named,
-    key: String,
-}
-
-#[derive(Clone, Debug, Deserialize)]
-struct Named {
     id: String,
+    key: String,
 }
 
 /// Withdraws some entrants, as the competition may be full, and lets as many new ones play attempts, one after the other, while
@@ -359,7 +354,7 @@ impl Kinds<'_> {
     }
 
     fn of_entrant(&mut self, cup: &str, player: &Player) {
-        let (key, id) = (Some(player.key.as_str()), &player.entrant.id);
+        let (key, id) = (Some(player.key.as_str()), &player.id);
         let own = |read| ("an entrant", read, true);
         self.add(own("board: first 50"), key, vec![format!("{cup}/board?limit={ROWS}")]);
         self.add(own("own entrants"), key, vec![format!("{cup}/entrants?own=true")]);

@@ -50,6 +50,9 @@ pub(in crate::cli) struct Args {
     /// How long its pages are read then, in seconds.
     #[arg(long, default_value_t = 60, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=600))]
     reading: u64,
+    /// With --ends: the competition is neither exported nor verified, which takes long and as much disk as its journals.
+    #[arg(long, requires = "ends")]
+    no_export: bool,
     /// Where the export of the competition is written for a while.
     #[arg(long, default_value = ".")]
     dir: PathBuf,
@@ -107,7 +110,7 @@ struct Rebuild {
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let Args { db, reads, readers, ends, reading, dir, json } = args;
+    let Args { db, reads, readers, ends, reading, no_export, dir, json } = args;
     if !db.is_file() {
         bail!("there is no database {}: `swarmbench capacity fill` makes one", db.display());
     }
@@ -126,7 +129,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             let readers = readers.into();
             let plan =
                 competition::Plan { competition, organizer, reading, readers, ends_per_s: ends };
-            of_open_competition(&server, plan, &dir).await?
+            of_open_competition(&server, plan, (!no_export).then_some(&*dir)).await?
         }
     };
     let server_memory_bytes = server.stop().await?.memory_bytes;
@@ -165,13 +168,16 @@ async fn of_all(
 async fn of_open_competition(
     server: &Server,
     plan: competition::Plan,
-    dir: &Path,
+    dir: Option<&Path>,
 ) -> anyhow::Result<Part> {
     let silent: Progress = Arc::new(|_, _, _| ());
     let (id, organizer) = (plan.competition.clone(), plan.organizer.clone());
     let read = competition::run(&server.target, plan, &silent).await?;
-    let file = file(server, &id, Some(&organizer), dir).await?;
-    Ok(Part { reads: None, while_games_end: Some(read), competition: Some(file) })
+    let competition = match dir {
+        Some(dir) => Some(file(server, &id, Some(&organizer), dir).await?),
+        None => None,
+    };
+    Ok(Part { reads: None, while_games_end: Some(read), competition })
 }
 
 /// A server of this command, until it is stopped.

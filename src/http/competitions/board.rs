@@ -27,6 +27,9 @@ use swarmbench_protocol::competition::{CompetitionBoard, CompetitionRow};
 use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::table::{Table, maybe, text as safe_cell};
 
+/// Rows of a page that are written at once: less than a millisecond.
+const ROWS_INLINE_MAX: usize = 100;
+
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
@@ -147,7 +150,8 @@ pub(in super::super) async fn show_board(
             };
             format.page(bytes_max, start.limit, page)
         };
-        app.heavy.render(write).await
+        // Less work than it is to wait for a thread.
+        if start.limit <= ROWS_INLINE_MAX { Ok(write()) } else { app.heavy.render(write).await }
     };
     app.answers.answer_of(question, of, Box::pin(make)).await
 }

@@ -228,18 +228,12 @@ impl Nodes {
             return if refused { Err(StoreError::Elsewhere) } else { Ok(Location::Here) };
         }
         let members = self.cluster.members();
-        match members.iter().find(|member| member.incarnation == owner) {
-            Some(member) => {
-                Ok(Location::At(Other { incarnation: owner, address: member.address.clone() }))
-            }
-            None => {
-                if let Target::Place(place) = target {
-                    self.owners.remove(&place);
-                }
-                // It has joined at this moment, or is gone.
-                Err(StoreError::Elsewhere)
-            }
+        if let Some(member) = members.iter().find(|member| member.incarnation == owner) {
+            return Ok(Location::At(Other { incarnation: owner, address: member.address.clone() }));
         }
+        self.forget(target);
+        // It has joined at this moment, or is gone.
+        Err(StoreError::Elsewhere)
     }
 
     async fn owner(&self, place: Place) -> Result<i64, StoreError> {
@@ -417,7 +411,7 @@ impl Nodes {
         *sent.uri_mut() = uri.build().map_err(|_| Failed::NotSent)?;
         let headers = sent.headers_mut();
         *headers = request.headers().clone();
-        OF_A_CONNECTION.iter().for_each(|name| drop(headers.remove(name)));
+        remove_of_connection(headers);
         headers.remove(header::EXPECT);
         let credential = self.secret.credential(self.cluster.incarnation(), *incarnation);
         headers.insert(HOP, HeaderValue::try_from(credential).expect("digits"));
@@ -429,7 +423,7 @@ impl Nodes {
                 let gone = self.cluster.gone(*incarnation);
                 let mut response = response.map(|body| until_gone(gone, body));
                 let headers = response.headers_mut();
-                OF_A_CONNECTION.iter().for_each(|name| drop(headers.remove(name)));
+                remove_of_connection(headers);
                 Ok(response)
             }
             Err(error) if error.is_connect() => Err(Failed::NotSent),
@@ -491,6 +485,12 @@ fn until_stop(stop: &CancellationToken, response: Response) -> Response {
 fn drawn() -> u64 {
     static DRAWN: AtomicU64 = AtomicU64::new(0);
     DRAWN.fetch_add(1, Ordering::Relaxed)
+}
+
+fn remove_of_connection(headers: &mut HeaderMap) {
+    for name in &OF_A_CONNECTION {
+        headers.remove(name);
+    }
 }
 
 /// What is sent of a request, with its body.

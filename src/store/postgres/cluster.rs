@@ -154,6 +154,8 @@ pub struct Cluster {
     /// A connection whose commits are durable.
     takes: tokio::sync::Mutex<Option<Connection>>,
     places: Mutex<HashMap<Place, State>>,
+    /// What may have been taken and is not continued yet: whoever asked for it may be gone.
+    taken: Mutex<HashSet<Place>>,
     /// All members, as they were seen last.
     members: Mutex<Arc<[Member]>>,
     /// Their numbers; changes when one comes or goes.
@@ -267,6 +269,7 @@ impl Cluster {
             beats: tokio::sync::Mutex::default(),
             takes: tokio::sync::Mutex::default(),
             places: Mutex::default(),
+            taken: Mutex::default(),
             members: Mutex::new(Arc::default()),
             incarnations: watch::Sender::new(Vec::new()),
             takes_work: AtomicBool::new(false),
@@ -498,8 +501,29 @@ impl Cluster {
         .await
     }
 
+    fn taken(&self) -> MutexGuard<'_, HashSet<Place>> {
+        self.taken.lock().expect("nothing panics while it holds this")
+    }
+
+    /// What [`Cluster::take`] may have taken since this was last asked: all that is unfinished there is to be continued.
+    pub fn take_taken(&self) -> Vec<Place> {
+        self.taken().drain().collect()
+    }
+
+    /// Notes that places may have been taken.
+    pub fn note_taken(&self, places: impl IntoIterator<Item = Place>) {
+        self.taken().extend(places);
+    }
+
     /// Takes those of these places that nobody has; who has each now, in an order of its own.
     pub async fn take(&self, wanted: &[Place]) -> Result<Vec<(Place, i64)>, StoreError> {
+        // Before it is done, as the caller may not be there any more when it is.
+        self.note_taken(wanted.iter().copied());
+        self.take_noted(wanted).await
+    }
+
+    /// Takes places as [`Cluster::take`] does, for a caller that continues what is there.
+    pub async fn take_noted(&self, wanted: &[Place]) -> Result<Vec<(Place, i64)>, StoreError> {
         let mut owners = Vec::with_capacity(wanted.len());
         let mut missing = wanted.to_vec();
         // In one order, so that two servers do not wait for each other.
@@ -508,20 +532,18 @@ impl Cluster {
             let some: Vec<Place> = missing.drain(..missing.len().min(PLACES_AT_ONCE)).collect();
             let found = self
                 .on(&self.takes, Purpose::Takes, async |connection| {
-                    take(connection, &some, self.incarnation).await
+                    let found = take(connection, &some, self.incarnation).await?;
+                    // While nobody else has the connection: what is known here follows what is written there in its order.
+                    let mut places = self.places();
+                    for (place, _) in found.iter().filter(|(_, owner)| *owner == self.incarnation) {
+                        places.entry(*place).or_insert(State::Has);
+                    }
+                    Ok(found)
                 })
                 .await?;
             let known: HashSet<Place> = found.iter().map(|(place, _)| *place).collect();
             // Another server took it at this moment.
             missing.extend(some.into_iter().filter(|place| !known.contains(place)));
-            {
-                let mut places = self.places();
-                for (place, owner) in &found {
-                    if *owner == self.incarnation {
-                        places.entry(*place).or_insert(State::Has);
-                    }
-                }
-            }
             owners.extend(found);
         }
         Ok(owners)
@@ -555,15 +577,11 @@ impl Cluster {
                     answered => break answered?,
                 }
             };
-            while let Err(error) = self.delete(&takings).await {
+            while let Err(error) = self.delete(&takings, some).await {
                 if !matches!(error, StoreError::Away) {
                     return Err(error);
                 }
                 tokio::time::sleep(PAUSE).await;
-            }
-            let mut held = self.places();
-            for place in some {
-                held.remove(place);
             }
         }
         Ok(())
@@ -591,7 +609,7 @@ impl Cluster {
         .await
     }
 
-    async fn delete(&self, takings: &[i64]) -> Result<(), StoreError> {
+    async fn delete(&self, takings: &[i64], places: &[Place]) -> Result<(), StoreError> {
         self.on(&self.takes, Purpose::Takes, async |connection| {
             let mut arguments = PgArguments::default();
             arguments.add(takings.to_vec()).map_err(sqlx::Error::Encode)?;
@@ -600,14 +618,19 @@ impl Cluster {
             };
             let delete =
                 sqlx::query_with("DELETE FROM places WHERE taking = ANY($1::bigint[])", arguments);
-            delete.execute(connection).await.map(drop)
+            delete.execute(connection).await?;
+            let mut held = self.places();
+            for place in places {
+                held.remove(place);
+            }
+            Ok(())
         })
         .await
     }
 
     /// Gives back all places at which everything is over.
     pub async fn release_ended(&self) -> Result<usize, StoreError> {
-        let ended: Vec<(i64, i64)> = self
+        self
             .on(&self.takes, Purpose::Takes, async |connection| {
                 let delete = query(
                     "DELETE FROM places p WHERE p.owner = $1 AND (
@@ -617,16 +640,16 @@ impl Cluster {
                              AND NOT EXISTS (SELECT 1 FROM episodes e WHERE e.run = p.key AND e.ended_at IS NULL))
                      RETURNING CAST(p.kind AS bigint), p.key",
                 );
-                delete.bind(self.incarnation).all(connection).await
+                let ended: Vec<(i64, i64)> = delete.bind(self.incarnation).all(connection).await?;
+                let mut places = self.places();
+                let mut released = 0;
+                for (kind, key) in ended {
+                    let place = i16::try_from(kind).ok().and_then(|kind| Place::from_numbers(kind, key));
+                    released += usize::from(place.is_some_and(|place| places.remove(&place).is_some()));
+                }
+                Ok(released)
             })
-            .await?;
-        let mut places = self.places();
-        let mut released = 0;
-        for (kind, key) in ended {
-            let place = i16::try_from(kind).ok().and_then(|kind| Place::from_numbers(kind, key));
-            released += usize::from(place.is_some_and(|place| places.remove(&place).is_some()));
-        }
-        Ok(released)
+            .await
     }
 
     /// Who has a place.
@@ -688,8 +711,12 @@ impl Cluster {
     /// Whether all members act by a revision.
     pub async fn all_act_by(&self, revision: i64) -> Result<bool, StoreError> {
         self.on(&self.beats, Purpose::Beats, async |connection| {
-            let behind = query("SELECT NOT EXISTS (SELECT 1 FROM members WHERE seen < $1)");
-            behind.bind(revision).one(connection).await
+            // One that starts knows no token yet, and has its first beat before it answers anybody.
+            let behind = query(
+                "SELECT NOT EXISTS (SELECT 1 FROM members WHERE seen < $1 AND beat_at <= now_ms() + $2)",
+            );
+            let starts = i64::try_from(TAKEN_OVER_AFTER.as_millis()).unwrap_or(i64::MAX);
+            behind.bind(revision).bind(starts).one(connection).await
         })
         .await
     }
@@ -1044,7 +1071,7 @@ pub(in crate::store) async fn write(
     if !places.is_empty() {
         take(connection, &places, incarnation).await?;
     }
-    let effects: Vec<Effect> = entries.flat_map(Effect::of).collect();
+    let effects: Vec<Effect> = entries.filter_map(Effect::of).collect();
     if effects.is_empty() {
         return Ok(());
     }

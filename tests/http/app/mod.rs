@@ -232,13 +232,13 @@ impl TestApp {
     async fn launch(&mut self) {
         assert!(self.running.is_none(), "it runs");
         if self.scratch.is_none() || std::env::var_os(FORWARDING).is_none() {
-            let (base, server) = self.start_one(None).await;
+            let (base, server) = Box::pin(self.start_one(None)).await;
             self.running = Some(Running { base, servers: vec![server] });
             return;
         }
-        let (_, playing) = self.start_one(Some(false)).await;
+        let (_, playing) = Box::pin(self.start_one(Some(false))).await;
         // The one in front of it is asked; it stops first.
-        let (base, forwarding) = self.start_one(Some(true)).await;
+        let (base, forwarding) = Box::pin(self.start_one(Some(true))).await;
         self.running = Some(Running { base, servers: vec![forwarding, playing] });
     }
 

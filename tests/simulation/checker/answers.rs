@@ -14,17 +14,38 @@ use swarmbench_journal::record::Source;
 
 use super::{Acked, Checker, Invariant, Place, Sent, same};
 use crate::clients::{Answer, RequestId};
+use crate::database::Incarnation;
 
 impl Checker {
-    pub(crate) fn answered(&mut self, number: RequestId, answer: Answer) {
+    #[expect(clippy::too_many_lines, reason = "one arm for each kind of answer")]
+    pub(crate) fn answered(&mut self, server: Incarnation, number: RequestId, answer: Answer) {
         let moment = self.next_moment();
-        let Some(sent) = self.requests.remove(&number) else { return };
+        let Some(mut sent) = self.requests.remove(&number) else { return };
+        if self.is_shared {
+            // Where it was sent again its acts may lie in the mailbox of another server.
+            let (here, elsewhere) =
+                sent.arrived.into_iter().partition(|arrived| arrived.server == server);
+            let (id, moment) = (sent.id.clone(), sent.moment);
+            self.orphan(Sent {
+                id,
+                moment,
+                floor: sent.floor,
+                arrived: elsewhere,
+                held: sent.held,
+            });
+            sent.arrived = here;
+        }
         let id = sent.id.clone();
-        let failed = self.failed.is_some();
+        let failed = self.failed.get(&server).copied();
         // A request that was sent after the failure can get nothing acknowledged.
-        let too_late = self.failed.is_some_and(|failed| failed < sent.moment);
+        let too_late = failed.is_some_and(|failed| failed < sent.moment);
+        let failed = failed.is_some();
         let acks = match answer {
             Answer::Looked => false,
+            Answer::Away => {
+                // A creation may still be done.
+                return self.failure(&id, failed, &StoreError::Away);
+            }
             Answer::Nothing => {
                 return self.broken(Invariant::Durable, format!("{id} is not found"));
             }
@@ -101,13 +122,14 @@ impl Checker {
                 return self.broken(Invariant::Replay, what);
             }
             Answer::Acted(acts, outcomes, snapshot) => {
-                self.shown(&id, &snapshot, sent.moment, moment);
+                self.shown(server, &id, &snapshot, (sent.moment, sent.floor), moment);
                 let whole = acts.len() == outcomes.len();
                 self.check(Invariant::Progress, whole, || format!("{id}: an act has no outcome"));
                 let mut acks = false;
                 for ((agent, submission), outcome) in acts.iter().zip(outcomes) {
                     acks |= outcome.is_ok();
-                    self.outcome(&sent, *agent, submission, outcome, &snapshot, moment);
+                    let seen = (server, &*snapshot, moment);
+                    self.outcome(&sent, *agent, submission, outcome, seen);
                 }
                 acks
             }
@@ -152,7 +174,9 @@ impl Checker {
     /// A failure is reported only after a failed commit or a refused job.
     fn failure(&mut self, id: &EpisodeId, failed: bool, error: &StoreError) {
         self.stats.count("refused: unavailable", 1);
-        let is_true = failed || self.refused.contains(id);
+        // One of several may be stopped, excluded or on its way out: the request was not done there.
+        let moves = self.is_shared && !self.is_calm;
+        let is_true = failed || moves || self.refused.contains(id);
         self.check(Invariant::Progress, is_true, || format!("{id}: {error}, and none failed"));
     }
 
@@ -179,8 +203,7 @@ impl Checker {
         agent: AgentId,
         submission: &Submission,
         outcome: Result<Receipt, ActError>,
-        snapshot: &Snapshot,
-        moment: u64,
+        (server, snapshot, moment): (Incarnation, &Snapshot, u64),
     ) {
         let Some(&key) = self.keys.get(&sent.id) else { return };
         let place = (key, submission.round, agent);
@@ -236,7 +259,7 @@ impl Checker {
             }
             Err(ActError::Busy) => self.stats.count("refused: busy", 1),
             Err(ActError::Journal(error)) => {
-                let failed = self.failed.is_some();
+                let failed = self.failed.contains_key(&server);
                 self.failure(&sent.id.clone(), failed, &error);
             }
         }
@@ -254,8 +277,8 @@ impl Checker {
         let Some(episode) = self.episodes.get(&key) else { return };
         let kept = episode.act(sent_round, agent).filter(|kept| kept.by_player());
         let handed = self.handed.get(&(key, sent_round, agent));
-        let arrived = sent.arrived.as_ref().map_or(sent.moment, |arrived| arrived.moment);
-        let had_acted = kept.is_some() && handed.is_some_and(|&handed| handed < arrived);
+        let arrived = sent.arrived.last().map_or(sent.moment, |arrived| arrived.moment);
+        let had_acted = kept.is_some() && handed.is_some_and(|&(_, handed)| handed < arrived);
         let (what, is_true) = match refusal {
             Refusal::RoundAhead { sent, round } => ("refused: round_ahead", sent >= round),
             Refusal::AlreadyActed { .. } => (

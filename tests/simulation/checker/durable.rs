@@ -90,7 +90,7 @@ impl Checker {
             created_at: row.at,
             began_at: row.at,
             lines: row.record.line(head),
-            opened: None,
+            opened: BTreeMap::new(),
             reopened: None,
             end_told: false,
             seen: (0, false),

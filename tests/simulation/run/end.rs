@@ -5,24 +5,44 @@ use std::time::Duration;
 use swarmbench::episode::quota::Purpose;
 use swarmbench::episode::seating::Wanted;
 use swarmbench::fair::Party;
-use swarmbench::ids::{EpisodeId, EpisodeKey};
+use swarmbench::ids::{EpisodeId, EpisodeKey, Place};
 use swarmbench::keys::OwnerKey;
 use swarmbench_engine::AgentId;
+
+/// How often a request waits for servers, at most.
+const WAITS_MAX: usize = 400;
 
 use super::{ROUNDS_MAX, Run, STEPS_MAX, Server, Step, UNUSED};
 use crate::checker::{Episode, Invariant};
 use crate::clients::{Acts, Request, act};
 
 impl Run {
-    /// Everything is done that can be done without time and clients.
-    fn settle(&mut self) {
+    /// Everything is done that can be done without time and clients. Where several servers share the database a request may have
+    /// to wait for one of them, and time passes.
+    pub(super) fn settle(&mut self) {
+        self.drain();
+        if !self.is_shared() {
+            return;
+        }
+        for _ in 0..WAITS_MAX {
+            if self.pending.is_empty() {
+                return;
+            }
+            self.pass(Duration::from_millis(50));
+            self.drain();
+        }
+        let open: Vec<_> = self.pending.keys().copied().collect();
+        self.checker.check(Invariant::Progress, false, || format!("{open:?} wait for ever"));
+    }
+
+    pub(super) fn drain(&mut self) {
         for _ in 0..STEPS_MAX {
             if let Some(&task) = self.executor.runnable().first() {
                 self.poll(task);
-            } else if self.journal.untold() > 0 {
-                self.tell();
-            } else if self.journal.queued() > 0 {
-                self.commit(self.journal.queued());
+            } else if let Some(&place) = self.untold().first() {
+                self.tell(place);
+            } else if let Some(&place) = self.writing().first() {
+                self.commit(place, self.servers[place].journal.queued());
             } else {
                 return;
             }
@@ -32,7 +52,9 @@ impl Run {
 
     /// Nothing goes wrong any more: every episode comes to its end, by play or by silence.
     pub(super) fn finish(&mut self) {
-        if self.journal.has_failed() {
+        if self.is_shared() {
+            self.calm_down();
+        } else if !self.failed().is_empty() {
             self.crash();
         }
         self.settle();
@@ -44,12 +66,16 @@ impl Run {
             self.play_on();
         }
         for (id, ..) in self.unfinished() {
-            self.checker.check(Invariant::Progress, false, || format!("{id} has not ended"));
+            let tables = self.database.tables();
+            let place = tables.key_of(&id).map(Place::Game);
+            let owner = place.and_then(|place| tables.owner(place));
+            drop(tables);
+            let what = || format!("{id} has not ended, it is played by {owner:?}");
+            self.checker.check(Invariant::Progress, false, what);
         }
         self.send_again();
         self.leave_memory();
-        let disk = self.journal.durable();
-        self.checker.ended(&disk);
+        self.checker.ended(&self.database.tables().durable);
     }
 
     fn unfinished(&self) -> Vec<(EpisodeId, bool, Vec<AgentId>)> {
@@ -98,7 +124,11 @@ impl Run {
     /// The last clients go away before they are answered. Then there are no requests, and hours pass.
     fn fall_silent(&mut self) {
         if self.options.crashes > 0 {
-            self.crash();
+            if self.is_shared() {
+                self.crash_and_start();
+            } else {
+                self.crash();
+            }
             let hours = [0, 1, 3][self.dice.below(3)];
             self.pass(UNUSED + Duration::from_hours(hours));
         }
@@ -110,10 +140,12 @@ impl Run {
                 self.step(Step::Leave);
             } else if !self.executor.runnable().is_empty() {
                 self.step(Step::Poll);
-            } else if self.journal.untold() > 0 {
-                self.tell();
-            } else if self.journal.queued() > 0 {
+            } else if !self.untold().is_empty() {
+                self.step(Step::Tell);
+            } else if !self.writing().is_empty() {
                 self.step(Step::Commit);
+            } else if self.is_shared() {
+                self.pass(Duration::from_millis(50));
             }
         }
         for _ in 0..40 {
@@ -141,7 +173,8 @@ impl Run {
 
     /// What has ended leaves the memory and is counted no more.
     fn leave_memory(&mut self) {
-        for _ in 0..2 {
+        // An episode whose actor was lost as it ended is looked after once more when it would have been idle for too long.
+        for _ in 0..3 {
             self.pass(UNUSED);
             self.sweep();
             self.settle();
@@ -156,7 +189,8 @@ impl Run {
             // All places of the owner are free.
             let caps = self.options.caps;
             let most = caps.episodes_per_key_max.min(caps.episodes_unfinished_max);
-            let bytes: u64 = self.journal.bytes_by_owner().iter().map(|(_, bytes)| bytes).sum();
+            let bytes: u64 =
+                self.database.tables().bytes_by_owner().iter().map(|(_, bytes)| bytes).sum();
             if bytes < caps.journal_bytes_per_key_max {
                 let places = 2_000..2_000 + i64::try_from(most).expect("few");
                 let party = Party::of_key(Some(OwnerKey(1)));

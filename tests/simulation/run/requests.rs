@@ -12,7 +12,9 @@ use swarmbench_engine::AgentId;
 use super::Run;
 use super::trace::asked;
 use crate::checker::Episode;
-use crate::clients::{Request, act, again, serve, spec};
+use crate::clients::{Request, Told, act, again, serve, spec};
+use crate::executor::CLIENTS;
+use crate::fleet::{Order, client};
 
 impl Run {
     pub(super) fn ask(&mut self, id: EpisodeId, request: Request) {
@@ -20,11 +22,25 @@ impl Run {
         let number = self.asked;
         self.note(format!("request {number} for {id}: {}", asked(&request)));
         self.checker.sent(number, &id, &request);
-        let place = self.dice.below(self.servers.len());
-        let registry = self.servers[place].registry.clone();
-        let (clock, desk) = (Arc::clone(&self.clock), Arc::clone(&self.desk));
-        let task = serve(registry, clock, desk, number, id, request);
-        let task = self.executor.spawn(task.boxed());
+        let task = if self.is_shared() {
+            let (net, seed) = (Arc::clone(&self.net), self.dice.below(1 << 30) as u64);
+            let task = client(net, Order { number, id, request }, seed);
+            self.executor.spawn(CLIENTS, task.boxed())
+        } else {
+            let place = self.dice.below(self.servers.len());
+            let server = &self.servers[place];
+            let (registry, incarnation) = (server.registry.clone(), server.incarnation);
+            let (clock, desk) = (Arc::clone(&self.clock), Arc::clone(&self.desk));
+            let task = async move {
+                let say = |news| {
+                    let (id, server) = (id.clone(), incarnation);
+                    let told = Told { number, id, server, plays: true, news };
+                    desk.lock().expect("one thread").push_back(told);
+                };
+                serve(&registry, &clock, say, id.clone(), request).await;
+            };
+            self.executor.spawn(incarnation, task.boxed())
+        };
         self.pending.insert(number, task);
     }
 

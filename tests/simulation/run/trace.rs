@@ -53,6 +53,7 @@ pub(super) fn told(answer: &Answer) -> String {
         Answer::Nothing => "no such episode".to_owned(),
         Answer::NotTakenUp(error) => format!("not taken up: {error}"),
         Answer::Looked => "looked".to_owned(),
+        Answer::Away => "no server answers".to_owned(),
         Answer::Acted(_, outcomes, _) => {
             let brief = outcomes.iter().map(|outcome| match outcome {
                 Ok(receipt) => format!(

@@ -1,0 +1,268 @@
+//! Several servers that share the database: they come and go, are stopped and go on, and no two of them play one episode.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use futures::FutureExt as _;
+use jiff::SignedDuration;
+use swarmbench::episode::registry::Location;
+use swarmbench::ids::{Numbers, Place};
+use swarmbench::store::entries::Entry;
+use swarmbench_clock::Clock as _;
+use tokio::sync::watch;
+
+use super::{Node, Run, beat, work};
+use crate::checker::Invariant;
+use crate::clients::Answer;
+use crate::database::Incarnation;
+
+/// Time that passes without a beat of those servers that run.
+const BEATS_MISSED: Duration = Duration::from_secs(1);
+
+/// How many seconds nothing happens to any server before all is taken for calm: longer than from one search for work that nobody
+/// does to the next.
+const CALM_FOR: usize = 32;
+
+/// How long it takes until all servers play what is theirs, at most.
+const CALMS_AFTER: Duration = Duration::from_mins(2);
+
+impl Run {
+    /// Starts a server in a slot that is free.
+    pub(super) fn start_one(&mut self, slot: usize) {
+        let (number, now) = (i16::try_from(slot).expect("a few"), self.clock.now());
+        let incarnation = self.database.tables().join(number, now);
+        let journal = Arc::new(self.journal(incarnation.unsigned_abs(), incarnation));
+        let keys = Numbers::of_slot(number, self.database.tables().last_key());
+        let mut server = self.server(number, Arc::clone(&journal), keys);
+        let node = Arc::new(Node::new(
+            server.registry.clone(),
+            journal,
+            Arc::clone(&self.clock),
+            self.executor.spawner(incarnation),
+            SignedDuration::from_secs(self.options.off_s[slot]),
+            self.options.flaw,
+        ));
+        self.net.add(Arc::clone(&node));
+        let (looked, looks) = watch::channel(());
+        let working = work(Arc::clone(&self.net), Arc::clone(&node), looks);
+        self.executor.spawn_lasting(incarnation, beat(Arc::clone(&node), looked).boxed());
+        self.executor.spawn_lasting(incarnation, working.boxed());
+        server.node = Some(node);
+        self.servers.push(server);
+        self.note(format!("server {incarnation} starts"));
+        self.checker.stats.count("servers started", 1);
+        self.look();
+    }
+
+    /// The process of a server is gone. A commit that it has sent may be done all the same.
+    pub(super) fn crash_one(&mut self, place: usize) {
+        self.crashes += 1;
+        let (incarnation, journal) = {
+            let server = &self.servers[place];
+            (server.incarnation, Arc::clone(&server.journal))
+        };
+        self.note(format!("server {incarnation} falls over"));
+        if journal.queued() > 0 && !journal.has_failed() && self.dice.below(2) == 0 {
+            let jobs = 1 + self.dice.below(journal.queued().min(self.options.group));
+            self.commit(place, jobs);
+        }
+        self.checker.stats.count("crashes", 1);
+        self.remove(place);
+    }
+
+    fn remove(&mut self, place: usize) {
+        let server = self.servers.remove(place);
+        self.net.remove(server.incarnation);
+        self.executor.crash(server.incarnation);
+        // What it has not written is lost.
+        drop(server.journal.crash());
+        self.checker.gone(server.incarnation, &self.database.tables().durable);
+        self.down.push(server.slot);
+        drop(server);
+        self.look();
+    }
+
+    /// Nothing of a server runs any more, until it goes on.
+    pub(super) fn stop(&mut self, place: usize) {
+        self.stops += 1;
+        let is_sent = self.dice.below(2) == 0;
+        let server = &mut self.servers[place];
+        server.is_sent = is_sent;
+        let incarnation = server.incarnation;
+        self.executor.stop(incarnation);
+        self.note(format!("server {incarnation} is stopped, a commit is sent: {is_sent}"));
+        self.checker.stats.count("servers stopped", 1);
+    }
+
+    pub(super) fn go_on(&mut self, place: usize) {
+        let incarnation = self.servers[place].incarnation;
+        self.servers[place].is_sent = false;
+        self.executor.go_on(incarnation);
+        self.note(format!("server {incarnation} goes on"));
+        if !self.database.tables().knows(incarnation) {
+            self.checker.stats.count("woken after a take-over", 1);
+        }
+    }
+
+    /// A server accepts no more requests, and takes no more work.
+    pub(super) fn shut(&mut self, place: usize) {
+        self.leaves += 1;
+        if let Some(node) = &self.servers[place].node {
+            node.shut();
+        }
+        self.note(format!("server {} is to leave", self.servers[place].incarnation));
+    }
+
+    /// A server leaves: all that it had to write is durable.
+    pub(super) fn quit(&mut self, place: usize) {
+        let incarnation = self.servers[place].incarnation;
+        self.database.tables().delete(incarnation);
+        self.note(format!("server {incarnation} leaves"));
+        self.checker.stats.count("servers that left", 1);
+        self.remove(place);
+    }
+
+    /// Where much time passes those servers that run have said meanwhile that they live. Sometimes one has not.
+    pub(super) fn stay_alive(&mut self, by: Duration) {
+        if by <= BEATS_MISSED || (!self.is_calm && self.dice.below(16) == 0) {
+            return;
+        }
+        let now = self.clock.now();
+        for server in self.servers.iter().filter(|server| self.runs(server)) {
+            let Some(node) = &server.node else { continue };
+            let (at, is_ready) = (node.lease_clock(), !node.is_shut());
+            if self.database.tables().beat(server.incarnation, at, is_ready) {
+                node.answers_from(now);
+            }
+        }
+    }
+
+    // ---- what must hold
+
+    /// Whoever writes to an episode has its place.
+    pub(super) fn check_writer(&mut self, writer: Incarnation, entries: &[Entry]) {
+        for episode in entries.iter().filter_map(Entry::chain) {
+            let owner = self.database.tables().owner(Place::Game(episode));
+            self.checker.check(Invariant::OneOwner, owner == Some(writer), || {
+                format!("{}: server {writer} writes, {owner:?} plays it", episode.0)
+            });
+        }
+    }
+
+    /// No two servers that may still write or answer play at one place.
+    pub(super) fn check_owners(&mut self) {
+        let mut wrong = Vec::new();
+        let (excluded, taken) = {
+            let tables = self.database.tables();
+            let nodes: Vec<Incarnation> =
+                tables.nodes().into_iter().map(|(node, _)| node).collect();
+            let excluded = self.known.iter().filter(|node| !nodes.contains(node)).copied();
+            let excluded: Vec<Incarnation> = excluded.collect();
+            self.known = nodes;
+            (excluded, tables.places().collect::<Vec<_>>())
+        };
+        for (place, owner) in taken {
+            for server in self.servers.iter().filter(|server| server.incarnation != owner) {
+                let Some(node) = &server.node else { continue };
+                let may_write = self.known.contains(&server.incarnation);
+                if server.journal.plays_at(place)
+                    && (may_write || node.may_answer())
+                    && self.database.tables().is_unfinished(place)
+                {
+                    wrong.push(format!(
+                        "{place:?}: servers {owner} and {} play it",
+                        server.incarnation
+                    ));
+                }
+            }
+        }
+        for server in excluded {
+            self.note(format!("server {server} is excluded"));
+            self.checker.excluded(server);
+        }
+        for what in wrong {
+            self.checker.check(Invariant::OneOwner, false, || what);
+        }
+    }
+
+    // ---- the end of a run
+
+    /// All servers are there, none is stopped or fails, and each plays what is its own.
+    pub(super) fn calm_down(&mut self) {
+        self.is_calm = true;
+        let until = self.clock.now() + SignedDuration::try_from(CALMS_AFTER).expect("minutes");
+        let mut calm = 0;
+        // Long enough for one look for work that nobody does, and for a client to be answered.
+        while calm < CALM_FOR && self.clock.now() < until {
+            while let Some(&place) = self.stopped().first() {
+                self.go_on(place);
+            }
+            self.drain();
+            calm += 1;
+            let lost = self.that(|server| {
+                server.journal.has_failed()
+                    || server.node.as_ref().is_some_and(|node| node.is_shut())
+            });
+            if let Some(&place) = lost.first() {
+                self.crash_one(place);
+                calm = 0;
+            }
+            while let Some(slot) = self.down.pop() {
+                self.start_one(slot.unsigned_abs().into());
+                calm = 0;
+            }
+            self.pass(Duration::from_secs(1));
+            if calm >= CALM_FOR && !self.pending.is_empty() {
+                calm = CALM_FOR - 1;
+            }
+        }
+        self.drain();
+        self.checker.calm();
+        self.check_continued();
+    }
+
+    /// Whoever has an episode that has not ended continues it, though nobody asks.
+    fn check_continued(&mut self) {
+        let unfinished = self.database.tables().unfinished();
+        for one in unfinished {
+            // What was given up waits for the next search of another server.
+            let owner = self.database.tables().owner(Place::Game(one.episode));
+            let Some(owner) = owner else { continue };
+            let continues = self.servers.iter().any(|server| {
+                server.incarnation == owner
+                    && server.registry.location(&one.id) != Location::Journal
+            });
+            self.checker.check(Invariant::Progress, continues, || {
+                format!("{}: server {owner} has it, and does not continue it", one.id)
+            });
+        }
+    }
+
+    /// A server falls over and is started again.
+    pub(super) fn crash_and_start(&mut self) {
+        let all = self.that(|_| true);
+        if let Some(place) = self.one_of(&all) {
+            self.crash_one(place);
+        }
+        while let Some(slot) = self.down.pop() {
+            self.start_one(slot.unsigned_abs().into());
+        }
+        // Clients may ask before that.
+        for _ in 0..self.dice.below(4) {
+            self.drain();
+            self.pass(Duration::from_millis(500));
+        }
+    }
+}
+
+/// Whether a server answers so by what it plays.
+pub(super) const fn is_played(answer: &Answer) -> bool {
+    matches!(
+        answer,
+        Answer::Acted(..)
+            | Answer::Claimed(_, Ok(_))
+            | Answer::Started(Ok(()))
+            | Answer::Aborted(Ok(()))
+            | Answer::State(_, Ok(_))
+    )
+}
