@@ -18,6 +18,9 @@ pub(super) const LARGE_ROWS_MAX: u32 = 8;
 /// How many times as many rows are read at once with the permit of a large answer: a page of the usual size with one query.
 const PIECES_WITH_PERMIT: u32 = 4;
 
+/// Bytes of a page that is made without the permit of a large answer.
+const SHORT_BYTES_MAX: usize = 64 * 1024;
+
 /// A page that is being written, item by item. One that is short enough to be read in one piece needs no permit, so
 /// that it is answered while others make long ones.
 pub(super) struct Page {
@@ -70,8 +73,7 @@ impl Page {
     where
         F: Future<Output = Result<Vec<R>, StoreError>>,
     {
-        let may_be_long = self.items_max > rows_max as usize;
-        if may_be_long {
+        if self.items_max > rows_max as usize {
             self.permit = self.app.heavy.large_answer_at_once();
         }
         loop {
@@ -79,8 +81,10 @@ impl Page {
             let Some(wanted) = self.wants(pieces * rows_max) else { return Ok(self.answer()) };
             let rows = read(self.place, wanted).await?;
             self.add(wanted, rows, &mut show)?;
-            // A list that is short is answered while others make long ones, whatever was asked for.
-            if may_be_long && self.wants(rows_max).is_some() {
+            // A list that is short, and a page of the usual size, is answered while others make long ones.
+            let is_long = self.items_max > (PIECES_WITH_PERMIT * rows_max) as usize
+                || self.body.len() > SHORT_BYTES_MAX;
+            if is_long && self.items_max > rows_max as usize && self.wants(rows_max).is_some() {
                 self.needs_permit().await?;
             }
         }

@@ -158,7 +158,11 @@ async fn read(
         let mut connection = Connection::new(target);
         tasks.spawn(async move {
             let first = reader * kinds.len() / readers.max(1);
-            for kind in kinds.iter().cycle().skip(first).take_while(|_| Instant::now() < until) {
+            for (place, kind) in kinds.iter().cycle().skip(first).enumerate() {
+                // Each of them at least once, however slow it is.
+                if place >= kinds.len() && Instant::now() >= until {
+                    break;
+                }
                 let number = kind.asked.fetch_add(1, Ordering::Relaxed);
                 let place = usize::try_from(number).unwrap_or(0) % kind.calls.len();
                 let started = Instant::now();
