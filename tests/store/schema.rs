@@ -16,13 +16,14 @@ const OWN: [&str; 5] = ["changes", "cluster", "members", "nodes", "places"];
 const MIGRATIONS: &str = "_sqlx_migrations";
 
 /// Columns that are integers in SQLite, and truths in PostgreSQL.
-const TRUTHS: [(&str, &str); 6] = [
+const TRUTHS: [(&str, &str); 7] = [
     ("competitions", "hidden"),
     ("entries", "vouched"),
     ("episodes", "clocked"),
     ("episodes", "open_seats"),
     ("episodes", "own_games"),
     ("episodes", "revealed"),
+    ("runs", "revealed"),
 ];
 
 /// Integers of two bytes in PostgreSQL: seats, of which an episode has few.

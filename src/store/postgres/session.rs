@@ -124,6 +124,10 @@ impl Server {
     }
 
     pub(in crate::store) fn failed(&self, source: sqlx::Error) -> SessionError {
+        // Another session has a statement of that name, or this one has none: somebody hands sessions around.
+        if matches!(sqlstate(&source).as_deref(), Some("42P05" | "26000")) {
+            return SessionError::Pooler(self.location.clone());
+        }
         SessionError::Failed { location: self.location.clone(), source }
     }
 
