@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 
 use jiff::Timestamp;
-use swarmbench::ids::{EpisodeId, EpisodeKey, ImportKey, RunKey, TokenHash};
+use swarmbench::ids::{EpisodeId, EpisodeKey, ImportKey, Place, RunKey, TokenHash};
 use swarmbench::keys::OwnerKey;
 use swarmbench::store::StoreError;
 use swarmbench::store::audit::{ShownAction, StoredAuditEntry};
@@ -286,6 +286,13 @@ impl Questions<'_> {
                 .await;
             self.ask(&of("tally_of"), async |side| side.store.tally_of(key).await).await;
             self.ask(&of("run_of"), async |side| side.store.run_of(key).await).await;
+            self.ask(&of("keys_of"), async |side| side.store.keys_of(&id).await).await;
+            self.ask(&of("accounts_of"), async |side| side.store.accounts_of(&[key]).await).await;
+            self.ask(&of("unfinished_at"), async |side| {
+                let run = side.store.run_of(key).await?;
+                side.store.unfinished_at(&[Place::of_game(key, run)]).await
+            })
+            .await;
             self.ask(&of("forks_made_with"), async |side| {
                 side.store.forks_made_with(&id, to).await
             })
@@ -700,8 +707,13 @@ async fn all_acts(
 /// A method that reads and is not asked here would be compared by nobody.
 #[test]
 fn all_methods_that_read_are_asked() {
-    /// What writes, opens or closes.
-    const OTHERS: [&str; 10] = [
+    /// What writes, opens or closes, and what is about several servers, of which SQLite has one.
+    const OTHERS: [&str; 15] = [
+        "join",
+        "catch_up",
+        "has",
+        "take",
+        "take_place",
         "open",
         "open_to_read",
         "close",
