@@ -130,7 +130,7 @@ fn joining(args: &Args) -> anyhow::Result<Option<(TcpListener, Joining)>> {
         Some(address.parse().unwrap_or_else(|_| (Ipv4Addr::UNSPECIFIED, port).into()))
     };
     let at = args.node_listen.or_else(usual).context("--node has no port")?;
-    // Before it joins: whoever had this address is gone then.
+    // Before it joins: a process that had this address has ended then.
     let listener = listen(at).with_context(|| {
         format!("cannot listen on {at} for the other servers; is another program there?")
     })?;

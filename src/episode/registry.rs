@@ -351,7 +351,7 @@ impl Registry {
             if !taken.map_err(|error| Some(error.into()))? {
                 return Err(Some(StoreError::Elsewhere.into()));
             }
-            // Whoever had it may have written since.
+            // Its previous owner may have written since.
             let again = self.host.journal.episode(id.clone()).await;
             stored = again.map_err(|error| Some(error.into()))?.ok_or(None)?;
         }
