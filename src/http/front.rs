@@ -157,9 +157,23 @@ impl Front {
         play: Option<Play>,
         client: Client,
     ) -> Result<Response, ApiError> {
-        let Inner { app, .. } = &*self.inner;
         check_host(&request)?;
-        let Some(nodes) = &app.nodes else { return self.handle(request, play).await };
+        match self.inner.app.nodes.as_deref() {
+            None => self.handle(request, play).await,
+            // This way is the larger one by far: a server without others shall not have to make room for it.
+            Some(nodes) => Box::pin(self.route_among(nodes, request, play, client)).await,
+        }
+    }
+
+    /// Answers a request, or lets another server of the cluster answer it.
+    async fn route_among(
+        &self,
+        nodes: &nodes::Nodes,
+        request: Request,
+        play: Option<Play>,
+        client: Client,
+    ) -> Result<Response, ApiError> {
+        let Inner { app, .. } = &*self.inner;
         if self.is_for_nodes && request.uri().path().starts_with(nodes::PATH) {
             return nodes.answer(app, request).await;
         }
@@ -167,7 +181,7 @@ impl Front {
             return self.handle(request, play).await;
         }
         nodes.check_may_answer()?;
-        let response = match Box::pin(nodes.route(app, request, client, self.is_for_nodes)).await? {
+        let response = match nodes.route(app, request, client, self.is_for_nodes).await? {
             Routed::Answered(response) => response,
             Routed::Here(request) => {
                 if play.is_none() {
