@@ -126,7 +126,10 @@ pub struct Shares {
     /// Of these, slots that only urgent requests may use.
     pub reserve: usize,
     pub slots_per_group: usize,
+    /// Of a group that has members, the entrants of a competition: slots of each.
     pub slots_per_member: usize,
+    /// Slots of a group that is its own only member, such as the owner of a key.
+    pub slots_per_single: usize,
     /// Requests of each rank that wait at once.
     pub waiting: usize,
     /// Requests of one group and rank that wait at once.
@@ -134,7 +137,14 @@ pub struct Shares {
 }
 
 impl Shares {
-    /// Up to half of the slots for a group and for a member, no reserve, and a quarter of the waiting requests for a
+    const fn slots_of_member(&self, group: Group) -> usize {
+        match group {
+            Group::Competition(_) => self.slots_per_member,
+            _ => self.slots_per_single,
+        }
+    }
+
+    /// Up to half of the slots for a group, and for a member, no reserve, and a quarter of the waiting requests for a
     /// group.
     pub const fn halved(slots: usize, waiting: usize) -> Self {
         let half = slots.div_ceil(2);
@@ -143,6 +153,7 @@ impl Shares {
             reserve: 0,
             slots_per_group: half,
             slots_per_member: half,
+            slots_per_single: half,
             waiting,
             waiting_per_group: waiting.div_ceil(4),
         }
@@ -429,7 +440,8 @@ impl<T> FairQueue<T> {
     pub fn add(&mut self, party: Party, rank: Rank, request: T) {
         let new_line = || Line(Ranked { urgent: VecDeque::new(), normal: VecDeque::new() });
         let add = |line: &mut Line<T>| line.0.of_mut(rank).push_back(request);
-        let new_group = || Members::new(self.shares.slots_per_member);
+        let slots = self.shares.slots_of_member(party.group);
+        let new_group = || Members::new(slots);
         self.groups.add(party.group, new_group, |group| {
             *group.waiting.of_mut(rank) += 1;
             group.accounts.add(party.member, new_line, add);
@@ -659,6 +671,7 @@ mod tests {
         reserve: 1,
         slots_per_group: 2,
         slots_per_member: 2,
+        slots_per_single: 2,
         waiting: 100,
         waiting_per_group: 60,
     };
@@ -809,6 +822,21 @@ mod tests {
         }
     }
 
+    #[test]
+    fn an_owner_has_the_slots_of_a_group_and_an_entrant_those_of_a_member() {
+        let mut queue =
+            FairQueue::new(Shares { slots: 8, reserve: 0, slots_per_member: 1, ..SHARES });
+        for party in [owner(1), entrant(1)] {
+            for _ in 0..3 {
+                queue.push(party, Rank::Normal, 0).expect("room");
+            }
+        }
+        let mut running: Vec<_> =
+            std::iter::from_fn(|| queue.pop()).map(|(party, ..)| party).collect();
+        running.sort_unstable();
+        assert_eq!(running, [entrant(1), owner(1), owner(1)]);
+    }
+
     #[derive(Clone, Debug)]
     enum Step {
         Push(Party, Rank),
@@ -836,13 +864,16 @@ mod tests {
     }
 
     fn shares() -> impl Strategy<Value = Shares> {
-        (1..7_usize, 0..3_usize, 1..4_usize, 1..4_usize, 1..30_usize, 1..10_usize).prop_map(
-            |(slots, reserve, slots_per_group, slots_per_member, waiting, waiting_per_group)| {
+        let of_parties = (1..4_usize, 1..4_usize, 1..4_usize);
+        (1..7_usize, 0..3_usize, of_parties, 1..30_usize, 1..10_usize).prop_map(
+            |(slots, reserve, of_parties, waiting, waiting_per_group)| {
+                let (slots_per_group, slots_per_member, slots_per_single) = of_parties;
                 Shares {
                     slots,
                     reserve,
                     slots_per_group,
                     slots_per_member,
+                    slots_per_single,
                     waiting,
                     waiting_per_group,
                 }

@@ -41,6 +41,7 @@ pub fn permits() -> FairLimit {
         reserve: 0,
         slots_per_group: HOSTED_ROUNDS_MAX - 1,
         slots_per_member: HOSTED_ROUNDS_MAX / 2,
+        slots_per_single: HOSTED_ROUNDS_MAX / 2,
         // Each game waits for one permit at most.
         waiting: usize::MAX,
         waiting_per_group: usize::MAX,

@@ -188,6 +188,7 @@ impl Workers {
             reserve: 1,
             slots_per_group: threads,
             slots_per_member: threads,
+            slots_per_single: threads,
             waiting: JOBS_WAITING_MAX,
             waiting_per_group: JOBS_WAITING_PER_GROUP_MAX,
         });

@@ -76,19 +76,25 @@ impl Linear {
     }
 
     pub(super) fn pop_of(&mut self, rank: Rank) -> Option<(Party, Rank, u32)> {
-        let Shares { slots, reserve, slots_per_group, slots_per_member, .. } = self.shares;
+        let Shares { slots, reserve, slots_per_group, .. } = self.shares;
         let is_reserved = rank == Rank::Normal && self.running[1] >= slots.saturating_sub(reserve);
         if self.running() >= slots || is_reserved {
             return None;
         }
-        let may =
-            |line: &Line| line.running < slots_per_member && count(line.queue.iter(), rank) > 0;
+        let shares = self.shares;
+        let may = |group: Group, line: &Line| {
+            let most = match group {
+                Group::Competition(_) => shares.slots_per_member,
+                _ => shares.slots_per_single,
+            };
+            line.running < most && count(line.queue.iter(), rank) > 0
+        };
         let (&name, group) = (self.groups.iter_mut())
             .filter(|(_, group)| group.running < slots_per_group)
-            .filter(|(_, group)| group.members.values().any(may))
+            .filter(|(name, group)| group.members.values().any(|line| may(**name, line)))
             .min_by_key(|(name, group)| (group.running, group.used, **name))?;
         let (&member, line) = (group.members.iter_mut())
-            .filter(|(_, line)| may(line))
+            .filter(|(_, line)| may(name, line))
             .min_by_key(|(name, line)| (line.running, line.used, **name))?;
         let place = line.queue.iter().position(|(of, _)| *of == rank)?;
         let (_, request) = line.queue.remove(place)?;

@@ -113,6 +113,7 @@ fn shares(slots: usize, of_a_member: usize) -> Shares {
         reserve: 0,
         slots_per_group: of_a_member.max(slots.div_ceil(2)),
         slots_per_member: of_a_member,
+        slots_per_single: of_a_member,
         waiting: STREAMS_WAITING_MAX,
         waiting_per_group: STREAMS_WAITING_PER_GROUP_MAX,
     }

@@ -161,6 +161,7 @@ impl Lane {
             // One is left for the next caller.
             slots_per_group: slots - 1,
             slots_per_member: slots - 1,
+            slots_per_single: slots - 1,
             waiting: READERS_WAITING_MAX,
             waiting_per_group: READERS_WAITING_PER_GROUP_MAX,
         };

@@ -3,6 +3,7 @@
 //!
 //! ```sh
 //! .ci/postgres cargo bench -p swarmbench-loadtest --bench postgres
+//! .ci/postgres cargo bench -p swarmbench-loadtest --bench postgres -- fence     # what the fence costs, with more turns
 //! ```
 
 use std::fmt::Write as _;
@@ -21,9 +22,15 @@ use swarmbench_loadtest::bare_commit::postgres::{APPEND, INCARNATION, Scratch};
 
 type Error = Box<dyn std::error::Error + Send + Sync>;
 
+/// In the order in which `binary` and `text` write them.
+const ACT_COLUMNS: &str = "acts (episode, round, agent, waiting_for, source, at, record, brief)";
+const ROUND_COLUMNS: &str = "rounds (episode, round, digest, score, head, at)";
+
 const SEATS: usize = 12;
 const EPISODES: usize = 128;
 const TURNS: usize = 9;
+/// Of the two ways that show what the fence costs: a few per cent need more of them.
+const FENCE_TURNS: usize = 41;
 const TURN: Duration = Duration::from_millis(300);
 
 /// Rows of a group: of 13 twelve are acts.
@@ -100,8 +107,15 @@ fn main() -> Result<(), Error> {
         println!("NOT RUN: it needs a PostgreSQL in SWARMBENCH_TEST_DB (.ci/postgres)");
         return Ok(());
     };
+    let is_about_fence = std::env::args().any(|argument| argument == "fence");
+    let of_fence = |(way, ..): &(Way, bool, &str)| matches!(way, Way::Vecs | Way::Unfenced);
+    let (ways, turns) = if is_about_fence {
+        (WAYS.into_iter().filter(of_fence).collect(), FENCE_TURNS)
+    } else {
+        (WAYS.to_vec(), TURNS)
+    };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(compare(&url))
+    runtime.block_on(compare(&url, &ways, turns))
 }
 
 /// The server's tables.
@@ -110,7 +124,7 @@ async fn tables() -> Result<Migrator, Error> {
     Ok(Migrator::new(std::path::Path::new(folder)).await?)
 }
 
-async fn compare(url: &str) -> Result<(), Error> {
+async fn compare(url: &str, ways: &[(Way, bool, &str)], turns: usize) -> Result<(), Error> {
     let (scratch, connection) = Scratch::create(url, &tables().await?).await?;
     let mut writer = Writer { connection, committed: 0, acts: 0 };
     let pid = Pid::from_raw(std::process::id().cast_signed()).expect("it is not 0");
@@ -121,12 +135,12 @@ async fn compare(url: &str) -> Result<(), Error> {
     );
     println!("| ---: | --- | ---: | ---: | ---: | ---: | ---: |");
     for size in SIZES {
-        let mut samples: Vec<Vec<Sample>> = WAYS.map(|_| Vec::new()).into();
-        for turn in 0..=TURNS {
-            for place in 0..WAYS.len() {
+        let mut samples: Vec<Vec<Sample>> = vec![Vec::new(); ways.len()];
+        for turn in 0..=turns {
+            for place in 0..ways.len() {
                 // Whoever comes after a slow one differs from turn to turn.
-                let place = (place + turn) % WAYS.len();
-                let (way, nodelay, _) = WAYS[place];
+                let place = (place + turn) % ways.len();
+                let (way, nodelay, _) = ways[place];
                 for socket in &sockets {
                     set_tcp_nodelay(socket, nodelay)?;
                 }
@@ -137,7 +151,7 @@ async fn compare(url: &str) -> Result<(), Error> {
                 }
             }
         }
-        for ((_, _, name), own) in WAYS.iter().zip(&samples) {
+        for ((_, _, name), own) in ways.iter().zip(&samples) {
             let of = |value: fn(&Sample) -> f64| median(own.iter().map(value).collect());
             let ratios = own.iter().zip(&samples[0]).map(|(a, b)| a.rows_per_s / b.rows_per_s);
             println!(
@@ -213,9 +227,9 @@ impl Writer {
                 self.committed
             );
             sqlx::raw_sql(AssertSqlSafe(begin)).execute(&mut self.connection).await?;
-            for (table, rows) in [("acts", acts), ("rounds", rounds)] {
+            for (columns, rows) in [(ACT_COLUMNS, acts), (ROUND_COLUMNS, rounds)] {
                 if !rows.is_empty() {
-                    let copy = format!("COPY {table} FROM STDIN{format}");
+                    let copy = format!("COPY {columns} FROM STDIN{format}");
                     let mut copy = self.connection.copy_in_raw(&copy).await?;
                     copy.send(rows).await?;
                     copy.finish().await?;
