@@ -116,7 +116,7 @@ impl Disk for HostDisk {
     }
 }
 
-/// The disk of a database on another host, which does not report its space: whoever operates it watches it.
+/// The disk of a database on another host, which does not report its space: its operator watches it.
 #[derive(Clone, Copy, Debug)]
 pub struct OtherHostsDisk;
 

@@ -39,6 +39,10 @@ pub(super) struct Args {
     scenarios: Vec<Scenario>,
     #[command(flatten)]
     server: ServerArgs,
+    /// Another server of the same cluster; may be given several times. Connections go to all of them in turn, so most requests are
+    /// forwarded. Counts are their sums.
+    #[arg(long, value_name = "URL")]
+    node: Vec<String>,
     /// Print all measurements as JSON instead of tables.
     #[arg(long)]
     json: bool,
@@ -155,7 +159,10 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         return Ok(bare_acts::serve(telemetry::render, tables).await?);
     }
     let ServerArgs { server, key } = args.server.clone();
-    let target = Target::new(&server, key).await?;
+    let mut target = Target::new(&server, key).await?;
+    for node in &args.node {
+        target.add(node).await?;
+    }
     Client::new(&server)?.health().await?;
     let metrics = Metrics::of(&target)
         .await

@@ -136,7 +136,7 @@ impl Pool {
     async fn acquire(&self) -> Result<Connection, StoreError> {
         match self {
             Self::Sqlite(pool) => Ok(Connection::PooledSqlite(pool.acquire().await?)),
-            // Whoever has a permit finds a connection, unless none can be made.
+            // A request with a permit finds a connection, unless none can be made.
             Self::Postgres(pool) => {
                 let connection = Box::pin(pool.acquire()).await.map_err(|_| StoreError::Away)?;
                 Ok(Connection::PooledPostgres(connection))

@@ -6,8 +6,8 @@ use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::io;
 use std::net::SocketAddr;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use reqwest::Url;
@@ -30,11 +30,13 @@ const SAMPLES_MAX: usize = 5;
 /// Headers of an answer that are read.
 const HEADERS_MAX: usize = 32;
 
-/// The server that is tested.
+/// The server that is tested, or the servers of one cluster.
 #[derive(Clone, Debug)]
 pub struct Target {
     host: String,
-    addr: SocketAddr,
+    /// Connections go to each in turn.
+    addrs: Vec<SocketAddr>,
+    connections: Arc<AtomicUsize>,
     key: Option<String>,
 }
 
@@ -44,21 +46,33 @@ impl Target {
     /// # Errors
     /// Where that is not an address, or its name is not found.
     pub async fn new(base: &str, key: Option<String>) -> Result<Self, LoadError> {
-        let url = Url::parse(base).ok().filter(|url| url.scheme() == "http");
-        let parts =
-            url.as_ref().and_then(|url| Some((url.host_str()?, url.port_or_known_default()?)));
-        let (name, port) = parts.ok_or_else(|| LoadError::Address(base.to_owned()))?;
-        let host = format!("{name}:{port}");
-        let lookup = |source| LoadError::Lookup { host: host.clone(), source };
-        let addr = tokio::net::lookup_host(&host).await.map_err(lookup)?.next();
-        let addr = addr.ok_or_else(|| lookup(io::Error::other("no address")))?;
-        Ok(Self { host, addr, key })
+        let (host, addr) = find(base).await?;
+        Ok(Self { host, addrs: vec![addr], connections: Arc::default(), key })
     }
 
-    /// The address of its listener.
+    /// Tests another server of the same cluster as well.
+    ///
+    /// # Errors
+    /// Where that is not an address, or its name is not found.
+    pub async fn add(&mut self, base: &str) -> Result<(), LoadError> {
+        self.addrs.push(find(base).await?.1);
+        Ok(())
+    }
+
+    /// The address of its listener; of the first one of several servers.
     #[must_use]
-    pub const fn addr(&self) -> SocketAddr {
-        self.addr
+    pub fn addr(&self) -> SocketAddr {
+        self.addrs[0]
+    }
+
+    /// Where the next connection goes.
+    fn next(&self) -> SocketAddr {
+        self.addrs[self.connections.fetch_add(1, Ordering::Relaxed) % self.addrs.len()]
+    }
+
+    /// Each server by itself.
+    pub(crate) fn each(&self) -> impl Iterator<Item = Self> {
+        self.addrs.iter().map(|addr| Self { addrs: vec![*addr], ..self.clone() })
     }
 
     /// The key that may create episodes.
@@ -66,6 +80,18 @@ impl Target {
     pub fn key(&self) -> Option<&str> {
         self.key.as_deref()
     }
+}
+
+/// The host that a URL names, with its port, and its address.
+async fn find(base: &str) -> Result<(String, SocketAddr), LoadError> {
+    let url = Url::parse(base).ok().filter(|url| url.scheme() == "http");
+    let parts = url.as_ref().and_then(|url| Some((url.host_str()?, url.port_or_known_default()?)));
+    let (name, port) = parts.ok_or_else(|| LoadError::Address(base.to_owned()))?;
+    let host = format!("{name}:{port}");
+    let lookup = |source| LoadError::Lookup { host: host.clone(), source };
+    let addr = tokio::net::lookup_host(&host).await.map_err(lookup)?.next();
+    let addr = addr.ok_or_else(|| lookup(io::Error::other("no address")))?;
+    Ok((host, addr))
 }
 
 /// The bytes of a whole request.
@@ -126,8 +152,8 @@ pub struct Connection {
 impl Connection {
     /// A connection that is not open yet.
     #[must_use]
-    pub const fn new(target: &Target) -> Self {
-        Self { addr: target.addr, stream: None, buffer: Vec::new(), body: (0, 0) }
+    pub fn new(target: &Target) -> Self {
+        Self { addr: target.next(), stream: None, buffer: Vec::new(), body: (0, 0) }
     }
 
     /// Opens the connection.

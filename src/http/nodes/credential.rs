@@ -18,7 +18,7 @@ impl Secret {
         mac
     }
 
-    /// By what a server shows another that it is one. Whoever reads it can pass for this server, towards that one, and no longer
+    /// By what a server shows another that it is one. Anybody who reads it can pass for this server, towards that one, and no longer
     /// than both of them live.
     pub(super) fn credential(&self, from: i64, to: i64) -> String {
         let mac = self.mac(from, to).finalize().into_bytes();

@@ -17,7 +17,7 @@ pub(super) enum Target {
     Place(Place),
     /// Something that does not exist yet, and that must not be made twice: the number follows from its name.
     Named(u64),
-    /// Something else that does not exist yet: whoever takes work makes it.
+    /// Something else that does not exist yet: a server that takes work makes it.
     New,
 }
 

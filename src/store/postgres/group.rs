@@ -1,6 +1,6 @@
 //! The writer of PostgreSQL: a group of jobs is one commit, which counts up the row of this server in `nodes`.
 //!
-//! Whoever takes the database over deletes that row, so nothing that was queued before can be written afterwards. And where the
+//! A server that takes the database over deletes that row, so nothing that was queued before can be written afterwards. And where the
 //! connection breaks while a commit is under way, the number in the row says whether it was done: nothing is guessed, and
 //! nothing is written twice. So PostgreSQL may be restarted, or fail over, and it is a pause.
 

@@ -187,7 +187,7 @@ impl Fleet {
         self.nodes[node].site.door.expect_end(run);
     }
 
-    /// Does what supervisors do: whoever has ended because it was taken over is started again, and all get ready.
+    /// Does what supervisors do: a server that has ended because it was taken over is started again, and all get ready.
     pub(crate) async fn mend(&mut self) {
         for node in 0..NODES {
             if self.nodes[node].server.is_some() && self.incarnation(node).await.is_none() {

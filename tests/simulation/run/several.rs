@@ -139,7 +139,7 @@ impl Run {
 
     // ---- what must hold
 
-    /// Whoever writes to an episode has its place.
+    /// A server that writes to an episode has its place.
     pub(super) fn check_writer(&mut self, writer: Incarnation, entries: &[Entry]) {
         for episode in entries.iter().filter_map(Entry::chain) {
             let owner = self.database.tables().owner(Place::Game(episode));
@@ -221,7 +221,7 @@ impl Run {
         self.check_continued();
     }
 
-    /// Whoever has an episode that has not ended continues it, though nobody asks.
+    /// A server that has an episode that has not ended continues it, though nobody asks.
     fn check_continued(&mut self) {
         let unfinished = self.database.tables().unfinished();
         for one in unfinished {

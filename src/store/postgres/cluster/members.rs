@@ -1,0 +1,428 @@
+//! Who plays on the database: joining, beating, being excluded.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use sha2::{Digest as _, Sha256};
+use tokio::sync::watch;
+
+use super::super::group::session_name;
+use super::super::session::{self, Server};
+use super::{ALIVE, CLOCK_OFF_MAX, Cluster, Purpose, TAKEN_OVER_AFTER, alive_key};
+use crate::store::sql::{Begin, Connection, query};
+use crate::store::{OpenError, StoreError};
+
+/// How long a new member has for its first beat, until which it opens the database and has nothing that others could take over.
+const STARTS_WITHIN: Duration = Duration::from_mins(1);
+
+/// Members at the same time: each has a slot.
+const MEMBERS_MAX: i16 = 1024;
+
+/// What a server says of itself when it joins others.
+#[derive(Clone, Debug)]
+pub struct Joining {
+    /// Where the others reach it: host and port.
+    pub address: String,
+    /// What all members know, and nobody else.
+    pub secret: Arc<[u8]>,
+    /// Whether it takes nothing, and lets the others answer all that is about what is played.
+    pub forwards_only: bool,
+    /// Reads the time of day of this host.
+    pub host_ms: fn() -> i64,
+}
+
+/// Why a server cannot join. Each says what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum JoinError {
+    #[error(
+        "the secret is not that of the other servers on {0}: give all of them the same --cluster-secret-file. To change it, stop \
+         all of them first. If they are a cluster of their own, name another database with --db"
+    )]
+    Secret(String),
+    #[error(
+        "the clock of this machine is {off_ms} ms {direction} that of the database: it may be {most} ms off. Synchronize both, \
+         with chrony say, and start again",
+        most = CLOCK_OFF_MAX.as_millis()
+    )]
+    Clock { off_ms: u64, direction: &'static str },
+    #[error("there are {MEMBERS_MAX} servers on {0} already")]
+    Full(String),
+    #[error(
+        "another server with the address {0} is running on this database: give each its own --node"
+    )]
+    Address(String),
+}
+
+/// A server among those that play together.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Member {
+    /// Its number, which no other ever gets.
+    pub incarnation: i64,
+    /// Where the others reach it.
+    pub address: String,
+    /// Host and process, for people.
+    pub name: String,
+    pub version: String,
+    pub joined_at_ms: i64,
+    /// When it was last seen, and how long ago that was, by the clock of the database.
+    pub beat_at_ms: i64,
+    pub seen_ms_ago: i64,
+    /// Whether the database has its session: it ends with its process, or with its connection.
+    pub is_connected: bool,
+    pub clock_offset_ms: i64,
+    /// Whether it takes work.
+    pub is_ready: bool,
+    /// Episodes in its memory.
+    pub episodes: u32,
+    /// Games, runs and competitions that it has taken.
+    pub places: u32,
+}
+
+/// What a look at the database showed.
+#[derive(Clone, Debug, Default)]
+pub struct Look {
+    /// All members, the oldest first.
+    pub members: Vec<Member>,
+    /// By which revision members have to act.
+    pub revision: i64,
+}
+
+/// What a member says of itself with each beat.
+#[derive(Clone, Copy, Debug)]
+pub struct Beat {
+    pub is_ready: bool,
+    pub episodes: u32,
+}
+
+/// How a member is known to be dead.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Death {
+    /// It was not seen for [`TAKEN_OVER_AFTER`].
+    Expired,
+    /// Its process is gone.
+    Seen,
+}
+
+/// Checks that a server may play together with those that use the database, before it changes anything.
+pub(in crate::store) async fn check(
+    server: &Server,
+    connection: &mut Connection,
+    joining: &Joining,
+) -> Result<(), OpenError> {
+    let failed = |error| server.failed(error);
+    let (before, now) = (
+        (joining.host_ms)(),
+        query("SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000 AS bigint)"),
+    );
+    let database: i64 = now.one(connection).await.map_err(failed)?;
+    let after = (joining.host_ms)();
+    let off = i64::midpoint(before, after) - database;
+    // When the database read its clock is known to half of this.
+    let unsure = before.abs_diff(after) / 2;
+    if off.unsigned_abs().saturating_sub(unsure)
+        > u64::try_from(CLOCK_OFF_MAX.as_millis()).unwrap_or(0)
+    {
+        let direction = if off > 0 { "ahead of" } else { "behind" };
+        return Err(JoinError::Clock { off_ms: off.unsigned_abs(), direction }.into());
+    }
+    let known: bool =
+        query("SELECT to_regclass('cluster') IS NOT NULL").one(connection).await.map_err(failed)?;
+    if !known {
+        return Ok(());
+    }
+    let secret: Option<Vec<u8>> =
+        query("SELECT secret FROM cluster WHERE EXISTS (SELECT 1 FROM members)")
+            .optional(connection)
+            .await
+            .map_err(failed)?;
+    if secret.is_some_and(|secret| secret != digest(&joining.secret)) {
+        return Err(JoinError::Secret(server.location().to_owned()).into());
+    }
+    Ok(())
+}
+
+impl Cluster {
+    /// Joins the servers that play on a database, as the one with this number.
+    pub(in crate::store) async fn join(
+        server: &Server,
+        connection: &mut Connection,
+        incarnation: i64,
+        joining: &Joining,
+    ) -> Result<Arc<Self>, OpenError> {
+        // One after another, so that no two get the same slot.
+        let (slot, seen) = connection
+            .transaction(Begin::Write, async |connection| {
+                query("LOCK TABLE members IN SHARE ROW EXCLUSIVE MODE").execute(connection).await?;
+                enter(server.location(), connection, incarnation, joining).await
+            })
+            .await
+            .map_err(|error| match error {
+                EnterError::Refused(refused) => OpenError::from(refused),
+                EnterError::Database(error) => server.failed(error).into(),
+            })?;
+        let cluster = Self {
+            server: server.clone(),
+            incarnation,
+            slot: i16::try_from(slot).expect("a slot is a small number"),
+            started: Instant::now(),
+            beats: tokio::sync::Mutex::default(),
+            takes: tokio::sync::Mutex::default(),
+            places: Mutex::default(),
+            taken: Mutex::default(),
+            members: Mutex::new(Arc::default()),
+            incarnations: watch::Sender::new(Vec::new()),
+            takes_work: AtomicBool::new(false),
+            answers_until: AtomicU64::new(0),
+            seen: AtomicU64::new(seen.unsigned_abs()),
+            changes: tokio::sync::Mutex::default(),
+            reads: AtomicU64::new(0),
+        };
+        cluster.answers_from(Instant::now());
+        Ok(Arc::new(cluster))
+    }
+
+    /// Notes the members, as they were seen last.
+    pub fn set_members(&self, members: Arc<[Member]>) {
+        let numbers: Vec<i64> = members.iter().map(|member| member.incarnation).collect();
+        *self.members.lock().expect("nothing panics while it holds this") = members;
+        self.incarnations.send_if_modified(|known| {
+            let is_new = *known != numbers;
+            *known = numbers;
+            is_new
+        });
+    }
+
+    /// The members, as they were seen last, the oldest first.
+    pub fn members(&self) -> Arc<[Member]> {
+        Arc::clone(&self.members.lock().expect("nothing panics while it holds this"))
+    }
+
+    /// Completes when a member is gone: it has left, or was excluded.
+    pub fn gone(&self, incarnation: i64) -> impl Future<Output = ()> + Send + 'static {
+        let mut known = self.incarnations.subscribe();
+        async move {
+            let is_gone = |known: &Vec<i64>| !known.contains(&incarnation);
+            if known.wait_for(is_gone).await.is_err() {
+                // This server ends.
+                std::future::pending::<()>().await;
+            }
+        }
+    }
+
+    /// Whether this is the oldest member that takes work: it does what one of them has to. For a moment there may be two.
+    pub fn is_oldest(&self) -> bool {
+        let members = self.members();
+        let oldest = members.iter().find(|member| member.is_ready);
+        oldest.is_some_and(|oldest| oldest.incarnation == self.incarnation)
+    }
+
+    /// Says that this server is alive. Errors but [`StoreError::Failed`] say nothing of that.
+    pub async fn beat(&self, beat: Beat, host_ms: fn() -> i64) -> Result<(), StoreError> {
+        let sent = Instant::now();
+        let (before, places) = (host_ms(), self.places().len());
+        let found: Option<i64> = self
+            .on(&self.beats, Purpose::Beats, async |connection| {
+                let update = query(
+                    "UPDATE members SET beat_at = now_ms(),
+                         is_ready = $2, episodes = $3, places = $4
+                     WHERE incarnation = $1 RETURNING beat_at",
+                );
+                let update = update
+                    .bind(self.incarnation)
+                    .bind(beat.is_ready)
+                    .bind(beat.episodes)
+                    .bind(i64::try_from(places).unwrap_or(i64::MAX));
+                update.optional(connection).await
+            })
+            .await?;
+        let database = found.ok_or(StoreError::Failed)?;
+        self.takes_work.store(beat.is_ready, Ordering::Release);
+        self.answers_from(sent);
+        let after = host_ms();
+        if u128::from(before.abs_diff(after)) > CLOCK_OFF_MAX.as_millis() {
+            // An answer that took so long says little of the clock: the last offset stays.
+            return Ok(());
+        }
+        let offset = i64::midpoint(before, after) - database;
+        self.on(&self.beats, Purpose::Beats, async |connection| {
+            let update = query("UPDATE members SET offset_ms = $2 WHERE incarnation = $1 AND abs(offset_ms - $2) > 5");
+            update.bind(self.incarnation).bind(offset).execute(connection).await
+        })
+        .await?;
+        Ok(())
+    }
+
+    /// All members, and the revision by which they have to act.
+    pub async fn look(&self) -> Result<Look, StoreError> {
+        self.on(&self.beats, Purpose::Beats, async |connection| {
+            let revision = query("SELECT revision FROM cluster").one(connection).await?;
+            let rows = query(
+                "SELECT m.incarnation, m.address, n.name, m.version, n.started_at,
+                        now_ms() - m.beat_at, m.offset_ms, m.is_ready,
+                        m.episodes, m.places, l.objid IS NOT NULL, m.beat_at
+                 FROM members m JOIN nodes n ON n.incarnation = m.incarnation
+                 LEFT JOIN pg_locks l ON l.locktype = 'advisory' AND l.granted AND l.objsubid = 2
+                     AND l.database = (SELECT oid FROM pg_database WHERE datname = current_database())
+                     AND CAST(l.classid AS bigint) = $1 AND CAST(l.objid AS bigint) = (m.incarnation & 2147483647)
+                 ORDER BY m.incarnation",
+            );
+            let rows = rows.bind(i64::from(ALIVE)).fetch_all(connection).await?;
+            let members = rows.iter().map(|row| {
+                Ok(Member {
+                    incarnation: row.try_get(0)?,
+                    address: row.try_get(1)?,
+                    name: row.try_get(2)?,
+                    version: row.try_get(3)?,
+                    joined_at_ms: row.try_get(4)?,
+                    seen_ms_ago: row.try_get(5)?,
+                    clock_offset_ms: row.try_get(6)?,
+                    is_ready: row.try_get(7)?,
+                    episodes: row.try_get(8)?,
+                    places: row.try_get(9)?,
+                    is_connected: row.try_get(10)?,
+                    beat_at_ms: row.try_get(11)?,
+                })
+            });
+            let members = members.collect::<Result<_, sqlx::Error>>()?;
+            Ok(Look { members, revision })
+        })
+        .await
+    }
+
+    /// Whether the database has a session of a member. It ends with the process of the member, or with its connection.
+    pub async fn is_connected(&self, incarnation: i64) -> Result<bool, StoreError> {
+        self.on(&self.beats, Purpose::Beats, async |connection| {
+            is_connected(connection, incarnation).await
+        })
+        .await
+    }
+
+    /// Excludes a dead member: nothing of it is written any more, and what it had is free. False where it is alive after all.
+    pub async fn exclude(&self, incarnation: i64, death: Death) -> Result<bool, StoreError> {
+        self.on(&self.takes, Purpose::Takes, async |connection| {
+            exclude(connection, incarnation, death).await
+        })
+        .await
+    }
+}
+
+/// What the table `cluster` has of the secret.
+fn digest(secret: &[u8]) -> Vec<u8> {
+    let mut hash = Sha256::new();
+    hash.update(b"swarmbench cluster\0");
+    hash.update(secret);
+    hash.finalize().to_vec()
+}
+
+/// Why the rows of a new member were not added.
+#[derive(Debug, thiserror::Error)]
+enum EnterError {
+    #[error(transparent)]
+    Refused(#[from] JoinError),
+    #[error(transparent)]
+    Database(#[from] sqlx::Error),
+}
+
+/// Adds the rows of a new member, which has a slot to itself.
+async fn enter(
+    location: &str,
+    connection: &mut Connection,
+    incarnation: i64,
+    joining: &Joining,
+) -> Result<(i64, i64), EnterError> {
+    let secret = digest(&joining.secret);
+    // Where nobody is there any more, it may be another.
+    let kept = query(
+        "INSERT INTO cluster (secret) VALUES ($1) ON CONFLICT (one) DO UPDATE SET secret = excluded.secret
+         WHERE cluster.secret = excluded.secret OR NOT EXISTS (SELECT 1 FROM members)",
+    );
+    if kept.bind(&secret).execute(connection).await? == 0 {
+        return Err(JoinError::Secret(location.to_owned()).into());
+    }
+    // The process that had this address is gone, as this one listens there; unless another machine has it, too.
+    let same: Vec<i64> = query("SELECT incarnation FROM members WHERE address = $1")
+        .bind(&joining.address)
+        .all(connection)
+        .await?;
+    for before in same {
+        if is_connected(connection, before).await? {
+            return Err(JoinError::Address(joining.address.clone()).into());
+        }
+        delete(connection, before, Death::Seen).await?;
+    }
+    let joined = query(
+        "INSERT INTO members (incarnation, slot, address, version, beat_at, seen)
+         SELECT $1, s.slot, $2, $3, now_ms() + $5, c.revision
+         FROM cluster c, generate_series(0, $4) AS s (slot)
+         WHERE NOT EXISTS (SELECT 1 FROM members m WHERE m.slot = s.slot)
+         ORDER BY s.slot LIMIT 1 RETURNING slot, seen",
+    );
+    let joined = joined
+        .bind(incarnation)
+        .bind(&joining.address)
+        .bind(env!("CARGO_PKG_VERSION"))
+        .bind(i64::from(MEMBERS_MAX - 1))
+        .bind(i64::try_from(STARTS_WITHIN.as_millis()).unwrap_or(i64::MAX))
+        .optional::<(i64, i64)>(connection)
+        .await?;
+    joined.ok_or_else(|| JoinError::Full(location.to_owned()).into())
+}
+
+async fn is_connected(connection: &mut Connection, incarnation: i64) -> Result<bool, sqlx::Error> {
+    let lock = query(
+        "SELECT EXISTS (SELECT 1 FROM pg_locks WHERE locktype = 'advisory' AND granted AND objsubid = 2
+             AND database = (SELECT oid FROM pg_database WHERE datname = current_database())
+             AND CAST(classid AS bigint) = $1 AND CAST(objid AS bigint) = $2)",
+    );
+    lock.bind(i64::from(ALIVE)).bind(alive_key(incarnation)).one(connection).await
+}
+
+/// Deletes the rows of a member, in the order that excludes it for certain: a beat that comes later finds no row, and a commit
+/// that is under way ends before, or is none. False where it was seen meanwhile.
+async fn exclude(
+    connection: &mut Connection,
+    incarnation: i64,
+    death: Death,
+) -> Result<bool, sqlx::Error> {
+    // A transaction that it has left open would be waited for.
+    let sessions = query(
+        "SELECT CAST(pid AS bigint) FROM pg_stat_activity
+         WHERE datname = current_database() AND (application_name = $1 OR application_name LIKE $1 || '/%')
+             AND EXISTS (SELECT 1 FROM members WHERE incarnation = $2 AND ($3 OR beat_at < now_ms() - $4))",
+    );
+    let sessions: Vec<i64> = sessions
+        .bind(session_name(incarnation))
+        .bind(incarnation)
+        .bind(death == Death::Seen)
+        .bind(ttl_ms())
+        .all(connection)
+        .await?;
+    for pid in sessions {
+        session::terminate(connection, pid).await?;
+    }
+    connection
+        .transaction(Begin::Write, async |connection| delete(connection, incarnation, death).await)
+        .await
+}
+
+/// Deletes the rows of a member, in the transaction that is open; false where it was seen meanwhile.
+async fn delete(
+    connection: &mut Connection,
+    incarnation: i64,
+    death: Death,
+) -> Result<bool, sqlx::Error> {
+    let expired =
+        query("DELETE FROM members WHERE incarnation = $1 AND ($2 OR beat_at < now_ms() - $3)");
+    let expired = expired.bind(incarnation).bind(death == Death::Seen).bind(ttl_ms());
+    if expired.execute(connection).await? == 0 {
+        return Ok(false);
+    }
+    let node = query("DELETE FROM nodes WHERE incarnation = $1").bind(incarnation);
+    node.execute(connection).await?;
+    Ok(true)
+}
+
+fn ttl_ms() -> i64 {
+    i64::try_from(TAKEN_OVER_AFTER.as_millis()).unwrap_or(i64::MAX)
+}

@@ -1,0 +1,330 @@
+//! Who plays what: places are taken by one member, given back, or vanish with it.
+
+use std::collections::HashSet;
+use std::time::Duration;
+
+use sqlx::postgres::PgArguments;
+use sqlx::{Arguments as _, Row as _};
+
+use super::{Cluster, Purpose};
+use crate::ids::{EpisodeKey, Place, RunKey};
+use crate::store::StoreError;
+use crate::store::entries::Entry;
+use crate::store::sql::{Connection, Engine, query};
+
+/// How long it waits before it asks a database again that did not answer.
+const PAUSE: Duration = Duration::from_millis(500);
+
+/// Places that one statement takes or gives back.
+const PLACES_AT_ONCE: usize = 1000;
+
+/// Something unfinished that nobody plays.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unowned {
+    pub place: Place,
+    /// Whether it advances by itself.
+    pub clocked: bool,
+}
+
+/// What this server does with a place that it has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum State {
+    Has,
+    /// It is about to give it back: nothing is begun there any more.
+    Leaves,
+}
+
+impl Cluster {
+    /// Whether this server has a place, and keeps it.
+    pub fn has(&self, place: Place) -> bool {
+        self.places().get(&place) == Some(&State::Has)
+    }
+
+    /// What this server has.
+    pub fn all_places(&self) -> Vec<Place> {
+        self.places().keys().copied().collect()
+    }
+
+    /// Which member takes a place that nobody has: for each place another, and the same for all who ask, as long as they see the
+    /// same members. Few places change hands when a member comes or goes (rendezvous hashing).
+    pub fn preferred(&self, place: Place) -> i64 {
+        let (kind, key) = place.numbers();
+        self.preferred_for(mixed(key.cast_unsigned()) ^ u64::from(kind.unsigned_abs()))
+    }
+
+    /// The same of anything that has a number.
+    pub fn preferred_for(&self, number: u64) -> i64 {
+        let members = self.members();
+        let ready =
+            members.iter().filter(|member| member.is_ready).map(|member| member.incarnation);
+        let weight = |member: &i64| mixed(mixed(member.cast_unsigned()) ^ number);
+        ready.max_by_key(weight).unwrap_or(self.incarnation)
+    }
+
+    /// Notes what new entries, which are durable now, have taken.
+    pub(in crate::store) fn note(&self, entries: &[Entry]) {
+        if entries.iter().any(|entry| taken_by(entry).is_some()) {
+            let mut places = self.places();
+            places.extend(entries.iter().filter_map(taken_by).map(|place| (place, State::Has)));
+        }
+    }
+
+    /// Whether something at a place is unfinished. Competitions can be changed also when they are over.
+    pub async fn is_unfinished(&self, place: Place) -> Result<bool, StoreError> {
+        let (text, key) = match place {
+            Place::Game(EpisodeKey(key)) => {
+                ("SELECT EXISTS (SELECT 1 FROM episodes WHERE key = $1 AND ended_at IS NULL)", key)
+            }
+            Place::Run(RunKey(key)) => (
+                "SELECT EXISTS (SELECT 1 FROM runs WHERE key = $1 AND ended_at IS NULL)
+                     OR EXISTS (SELECT 1 FROM episodes WHERE run = $1 AND ended_at IS NULL)",
+                key,
+            ),
+            Place::Competition(_) => return Ok(true),
+        };
+        self.on(&self.takes, Purpose::Takes, async |connection| {
+            query(text).bind(key).one(connection).await
+        })
+        .await
+    }
+
+    /// What [`Cluster::take`] may have taken since this was last asked: all that is unfinished there is to be continued.
+    pub fn take_taken(&self) -> Vec<Place> {
+        self.taken().drain().collect()
+    }
+
+    /// Notes that places may have been taken.
+    pub fn note_taken(&self, places: impl IntoIterator<Item = Place>) {
+        self.taken().extend(places);
+    }
+
+    /// Takes those of these places that nobody has; who has each now, in an order of its own.
+    pub async fn take(&self, wanted: &[Place]) -> Result<Vec<(Place, i64)>, StoreError> {
+        // Before it is done, as the caller may not be there any more when it is.
+        self.note_taken(wanted.iter().copied());
+        self.take_noted(wanted).await
+    }
+
+    /// Takes places as [`Cluster::take`] does, for a caller that continues what is there.
+    pub async fn take_noted(&self, wanted: &[Place]) -> Result<Vec<(Place, i64)>, StoreError> {
+        let mut owners = Vec::with_capacity(wanted.len());
+        let mut missing = wanted.to_vec();
+        // In one order, so that two servers do not wait for each other.
+        missing.sort_unstable();
+        while !missing.is_empty() {
+            let some: Vec<Place> = missing.drain(..missing.len().min(PLACES_AT_ONCE)).collect();
+            let found = self
+                .on(&self.takes, Purpose::Takes, async |connection| {
+                    let found = take(connection, &some, self.incarnation).await?;
+                    // While nobody else has the connection: what is known here follows what is written there in its order.
+                    let mut places = self.places();
+                    for (place, _) in found.iter().filter(|(_, owner)| *owner == self.incarnation) {
+                        places.entry(*place).or_insert(State::Has);
+                    }
+                    Ok(found)
+                })
+                .await?;
+            let known: HashSet<Place> = found.iter().map(|(place, _)| *place).collect();
+            // Another server took it at this moment.
+            missing.extend(some.into_iter().filter(|place| !known.contains(place)));
+            owners.extend(found);
+        }
+        Ok(owners)
+    }
+
+    /// Begins to give a place back: from now on nothing is begun there. False where this server does not have it.
+    pub fn leave(&self, place: Place) -> bool {
+        match self.places().get_mut(&place) {
+            Some(state) => {
+                *state = State::Leaves;
+                true
+            }
+            None => false,
+        }
+    }
+
+    /// Keeps a place after all.
+    pub fn stay(&self, place: Place) {
+        if let Some(state) = self.places().get_mut(&place) {
+            *state = State::Has;
+        }
+    }
+
+    /// Gives back places that [`Cluster::leave`] has begun to: nothing is written there any more. Where the database does not answer,
+    /// nobody knows whether they are given back; then it goes on until that is certain, and this server does nothing there.
+    pub async fn release(&self, places: &[Place]) -> Result<(), StoreError> {
+        for some in places.chunks(PLACES_AT_ONCE) {
+            let takings = loop {
+                match self.takings(some).await {
+                    Err(StoreError::Away) => tokio::time::sleep(PAUSE).await,
+                    answered => break answered?,
+                }
+            };
+            while let Err(error) = self.delete(&takings, some).await {
+                if !matches!(error, StoreError::Away) {
+                    return Err(error);
+                }
+                tokio::time::sleep(PAUSE).await;
+            }
+        }
+        Ok(())
+    }
+
+    /// The numbers of rows by which this server has places.
+    async fn takings(&self, places: &[Place]) -> Result<Vec<i64>, StoreError> {
+        self.on(&self.takes, Purpose::Takes, async |connection| {
+            let (kinds, keys) = columns(places);
+            let mut arguments = PgArguments::default();
+            arguments.add(kinds).map_err(sqlx::Error::Encode)?;
+            arguments.add(keys).map_err(sqlx::Error::Encode)?;
+            arguments.add(self.incarnation).map_err(sqlx::Error::Encode)?;
+            let Engine::Postgres(connection) = connection.engine() else {
+                unreachable!("it is of PostgreSQL")
+            };
+            let rows = sqlx::query_with(
+                "SELECT p.taking FROM places p JOIN unnest($1::smallint[], $2::bigint[]) AS w (kind, key)
+                     ON p.kind = w.kind AND p.key = w.key WHERE p.owner = $3",
+                arguments,
+            );
+            let rows = rows.fetch_all(connection).await?;
+            rows.iter().map(|row| row.try_get(0)).collect()
+        })
+        .await
+    }
+
+    async fn delete(&self, takings: &[i64], places: &[Place]) -> Result<(), StoreError> {
+        self.on(&self.takes, Purpose::Takes, async |connection| {
+            let mut arguments = PgArguments::default();
+            arguments.add(takings.to_vec()).map_err(sqlx::Error::Encode)?;
+            let Engine::Postgres(connection) = connection.engine() else {
+                unreachable!("it is of PostgreSQL")
+            };
+            let delete =
+                sqlx::query_with("DELETE FROM places WHERE taking = ANY($1::bigint[])", arguments);
+            delete.execute(connection).await?;
+            let mut held = self.places();
+            for place in places {
+                held.remove(place);
+            }
+            Ok(())
+        })
+        .await
+    }
+
+    /// Gives back all places at which everything is over.
+    pub async fn release_ended(&self) -> Result<usize, StoreError> {
+        self
+            .on(&self.takes, Purpose::Takes, async |connection| {
+                let delete = query(
+                    "DELETE FROM places p WHERE p.owner = $1 AND (
+                         p.kind = 0 AND EXISTS (SELECT 1 FROM episodes e WHERE e.key = p.key AND e.ended_at IS NOT NULL)
+                         OR p.kind = 1
+                             AND EXISTS (SELECT 1 FROM runs r WHERE r.key = p.key AND r.ended_at IS NOT NULL)
+                             AND NOT EXISTS (SELECT 1 FROM episodes e WHERE e.run = p.key AND e.ended_at IS NULL))
+                     RETURNING CAST(p.kind AS bigint), p.key",
+                );
+                let ended: Vec<(i64, i64)> = delete.bind(self.incarnation).all(connection).await?;
+                let mut places = self.places();
+                let mut released = 0;
+                for (kind, key) in ended {
+                    let place = i16::try_from(kind).ok().and_then(|kind| Place::from_numbers(kind, key));
+                    released += usize::from(place.is_some_and(|place| places.remove(&place).is_some()));
+                }
+                Ok(released)
+            })
+            .await
+    }
+
+    /// Who has a place.
+    pub async fn owner(&self, place: Place) -> Result<Option<i64>, StoreError> {
+        let (kind, key) = place.numbers();
+        self.on(&self.takes, Purpose::Takes, async |connection| {
+            let owner = query("SELECT owner FROM places WHERE kind = $1 AND key = $2");
+            owner.bind(i64::from(kind)).bind(key).optional(connection).await
+        })
+        .await
+    }
+
+    /// What is unfinished and played by nobody.
+    pub async fn unowned(&self) -> Result<Vec<Unowned>, StoreError> {
+        let rows: Vec<(i64, i64, bool)> = self
+            .on(&self.takes, Purpose::Takes, async |connection| {
+                let rows = query(
+                    "SELECT CAST(0 AS bigint), e.key, e.clocked FROM episodes e
+                     WHERE e.status IN ('waiting', 'running') AND e.run IS NULL
+                         AND NOT EXISTS (SELECT 1 FROM places p WHERE p.kind = 0 AND p.key = e.key)
+                     UNION ALL
+                     SELECT 1, u.key, bool_or(u.clocked) FROM (
+                         SELECT key, false AS clocked FROM runs WHERE status = 'running'
+                         UNION ALL
+                         SELECT run, clocked FROM episodes WHERE run IS NOT NULL AND status IN ('waiting', 'running')) u
+                     WHERE NOT EXISTS (SELECT 1 FROM places p WHERE p.kind = 1 AND p.key = u.key)
+                     GROUP BY u.key",
+                );
+                rows.all(connection).await
+            })
+            .await?;
+        let unowned = |(kind, key, clocked): (i64, i64, bool)| {
+            let place = Place::from_numbers(i16::try_from(kind).ok()?, key)?;
+            Some(Unowned { place, clocked })
+        };
+        Ok(rows.into_iter().filter_map(unowned).collect())
+    }
+
+    /// Deletes what is left of forks that a dead member did not complete.
+    pub async fn delete_incomplete_forks(&self) -> Result<(), StoreError> {
+        self.on(&self.takes, Purpose::Takes, async |connection| {
+            crate::store::forks::delete_incomplete(connection).await
+        })
+        .await
+    }
+}
+
+/// A number in which each bit depends on all bits of this one (the finalizer of `splitmix64`).
+const fn mixed(number: u64) -> u64 {
+    let number = (number ^ (number >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let number = (number ^ (number >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    number ^ (number >> 31)
+}
+
+fn columns(places: &[Place]) -> (Vec<i16>, Vec<i64>) {
+    places.iter().map(|place| place.numbers()).unzip()
+}
+
+pub(super) async fn take(
+    connection: &mut Connection,
+    wanted: &[Place],
+    owner: i64,
+) -> Result<Vec<(Place, i64)>, sqlx::Error> {
+    let (kinds, keys) = columns(wanted);
+    let mut arguments = PgArguments::default();
+    arguments.add(kinds).map_err(sqlx::Error::Encode)?;
+    arguments.add(keys).map_err(sqlx::Error::Encode)?;
+    arguments.add(owner).map_err(sqlx::Error::Encode)?;
+    let Engine::Postgres(connection) = connection.engine() else {
+        unreachable!("it is of PostgreSQL")
+    };
+    let rows = sqlx::query_with(
+        "WITH wanted AS (SELECT kind, key FROM unnest($1::smallint[], $2::bigint[]) AS t (kind, key)),
+              taken AS (INSERT INTO places (kind, key, owner) SELECT kind, key, $3 FROM wanted ORDER BY kind, key
+                        ON CONFLICT DO NOTHING RETURNING kind, key, owner)
+         SELECT kind, key, owner FROM taken
+         UNION ALL SELECT p.kind, p.key, p.owner FROM places p JOIN wanted w ON w.kind = p.kind AND w.key = p.key",
+        arguments,
+    );
+    let rows = rows.fetch_all(connection).await?;
+    let owners = rows.iter().map(|row| {
+        let (kind, key, owner): (i16, i64, i64) =
+            (row.try_get(0)?, row.try_get(1)?, row.try_get(2)?);
+        Ok(Place::from_numbers(kind, key).map(|place| (place, owner)))
+    });
+    owners.filter_map(Result::transpose).collect()
+}
+
+/// The place that an entry takes for the server that writes it.
+pub(super) fn taken_by(entry: &Entry) -> Option<Place> {
+    match entry {
+        Entry::Open(row) if row.run.is_none() => Some(Place::Game(row.episode)),
+        _ => None,
+    }
+}
