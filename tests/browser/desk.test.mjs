@@ -322,6 +322,27 @@ visit(
 );
 
 visit(
+  "a server alone is the only one of its database; several are named with what is wrong with them",
+  async ({ page }) => {
+    await open(page, "/desk?view=nodes");
+    await page.getByText("This server has its database to itself.").waitFor();
+    const table = page.getByRole("region", { name: "Table of servers" });
+    assert.equal(await table.getByRole("rowheader").count(), 1);
+    await table.getByRole("cell", { name: "ready", exact: true }).waitFor();
+
+    const { items } = await site.program.get("/api/v1/nodes");
+    const other = { ...items[0], id: 8, name: "b, process 2", is_this: false, connected: false };
+    const body = { cluster: true, items: [items[0], { ...other, seen_ms_ago: 7000, clock_offset_ms: 900 }] };
+    await page.route("**/api/v1/nodes", (route) => route.fulfill({ json: body }));
+    await table.getByRole("cell", { name: "not connected to the database" }).waitFor();
+    const faults = page.getByRole("listitem");
+    await faults.filter({ hasText: "b, process 2 was not seen for 7 s" }).waitFor();
+    await faults.filter({ hasText: "The clock of b, process 2 is 900 ms off" }).waitFor();
+  },
+  AS,
+);
+
+visit(
   "the health of the server is shown, and that it is gone",
   async ({ page, watch }) => {
     watch.expect(/ERR_CONNECTION_REFUSED/);
