@@ -152,7 +152,7 @@ fn note_clock(members: &[Member], me: i64, was_off: &mut bool) {
 /// Takes over what dead members had and what nobody plays, and gives up what others are to play.
 async fn work(parts: Arc<Parts>, mut seen: watch::Receiver<Seen>) {
     let cluster = &parts.cluster;
-    let mut known: Vec<i64> = Vec::new();
+    let mut known = None;
     let mut beats = Beats::default();
     let (mut searched, mut tidied, mut deleted) = (None, Instant::now(), Instant::now());
     loop {
@@ -185,13 +185,16 @@ async fn work(parts: Arc<Parts>, mut seen: watch::Receiver<Seen>) {
             continue;
         }
         let is_due = searched.is_none_or(|at: Instant| at.elapsed() >= SEARCHES_EVERY);
-        if ready != known || is_due {
+        // One that is gone leaves places behind, also where it took no work any more.
+        let all: Vec<i64> = now.members.iter().map(|member| member.incarnation).collect();
+        let seen_now = Some((ready, all));
+        if seen_now != known || is_due {
             match adopt(&parts).await {
                 Ok(()) => {
                     if searched.is_none() {
                         (parts.ready)();
                     }
-                    known = ready;
+                    known = seen_now;
                     searched = Some(Instant::now());
                 }
                 Err(error) => tracing::warn!(%error, "work that nobody does cannot be taken"),
@@ -295,7 +298,7 @@ async fn exclude(cluster: &Cluster, incarnation: i64, death: Death) -> Result<()
 async fn adopt(parts: &Parts) -> Result<(), StoreError> {
     let cluster = &parts.cluster;
     let mut unowned = cluster.unowned().await?;
-    unowned.retain(|one| cluster.preferred(one.place) == cluster.incarnation());
+    unowned.retain(|one| cluster.is_preferred(one.place));
     // Those first that go on without requests.
     unowned.sort_by_key(|one| !one.clocked);
     let wanted: Vec<Place> = unowned.into_iter().map(|one| one.place).collect();
@@ -348,10 +351,8 @@ async fn continue_taken(parts: &Parts) -> Result<(), StoreError> {
 async fn give_up(parts: &Parts) -> Result<(), StoreError> {
     let Parts { cluster, registry, runs, .. } = parts;
     let mut leaving: HashSet<Place> = cluster.all_places().into_iter().collect();
-    leaving.retain(|place| {
-        !matches!(place, Place::Competition(_))
-            && cluster.preferred(*place) != cluster.incarnation()
-    });
+    leaving
+        .retain(|place| !matches!(place, Place::Competition(_)) && !cluster.is_preferred(*place));
     if leaving.is_empty() {
         return Ok(());
     }

@@ -346,6 +346,10 @@ impl Registry {
         let stored = self.host.journal.episode(id.clone()).await;
         let mut stored = stored.map_err(|error| Some(error.into()))?.ok_or(None)?;
         let place = Place::of_game(stored.episode, stored.run);
+        // Before it is taken: while it is recovered it is in use, and is not given up.
+        if let Some(slot) = self.slots().get_mut(id) {
+            slot.place = Some((place, stored.episode));
+        }
         if stored.end.is_none() && !self.host.journal.has(place) {
             let taken = self.host.journal.take(place).await;
             if !taken.map_err(|error| Some(error.into()))? {
@@ -354,9 +358,6 @@ impl Registry {
             // Its previous owner may have written since.
             let again = self.host.journal.episode(id.clone()).await;
             stored = again.map_err(|error| Some(error.into()))?.ok_or(None)?;
-        }
-        if let Some(slot) = self.slots().get_mut(id) {
-            slot.place = Some((place, stored.episode));
         }
         let spec = Arc::new(described(&stored).map_err(FindError::from)?);
         let party = self.host.party(stored.owner, stored.run, &spec).await;

@@ -160,6 +160,7 @@ impl App {
     /// for that.
     pub async fn read_boards(&self) {
         let read = async {
+            self.store.catch_up().await?;
             self.standings.boards().await?;
             self.read_open_competitions().await
         };

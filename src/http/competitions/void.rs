@@ -64,6 +64,9 @@ pub(in super::super) async fn void_attempt(
             if !app.runs.end_with(attempt.run, RunStatus::Aborted, audit_entries.clone()).await? {
                 app.store.keep(audit_entries).await?;
             }
+        } else if attempt.ended_at.is_none() || attempt.unfinished > 0 {
+            // The server that plays it did not answer the last time.
+            app.runs.end(attempt.run, RunStatus::Aborted).await?;
         }
         let field = Field::of_entrants(&app.store, &competition, &entrants).await?;
         let summary = field.summaries(true)?;

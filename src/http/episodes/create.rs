@@ -6,7 +6,7 @@ use axum::http::HeaderMap;
 use super::super::client::Client;
 use super::super::idempotency::{Idempotency, created_before, idempotency};
 use super::super::prelude::*;
-use super::created::{Tokens, created};
+use super::created::{Shown, Tokens, created};
 use super::describe::described;
 use crate::episode::quota::Purpose;
 use crate::episode::registry::Creation;
@@ -57,9 +57,9 @@ pub(in super::super) async fn create_episode(
 }
 
 async fn new_tokens(app: &App, id: EpisodeId, shows_seed: bool) -> Result<Response, ApiError> {
-    let handle = app.episode(&id).await?;
-    let tokens = Tokens::replaced(app, std::slice::from_ref(&handle)).await?;
-    Ok(created(&handle, &tokens[0], shows_seed))
+    let shown = Shown::find(app, &id).await?;
+    let tokens = Tokens::replaced(app, std::slice::from_ref(&shown)).await?;
+    Ok(created(&shown, &tokens[0], shows_seed))
 }
 
 async fn new_episode(
@@ -80,5 +80,5 @@ async fn new_episode(
     let revocations = app.tokens.revocations();
     let handle = app.registry.create(creation).await?;
     tokens.cache(app, &handle, party.owner(), revocations);
-    Ok(created(&handle, &tokens, shows_seed))
+    Ok(created(&Shown::of(&handle), &tokens, shows_seed))
 }

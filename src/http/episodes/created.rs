@@ -1,19 +1,52 @@
 //! New episodes as their creator gets them, with tokens.
 
 use std::collections::HashSet;
+use std::sync::Arc;
 
 use swarmbench_engine::AgentId;
 
 use super::super::answer;
 use super::super::prelude::*;
-use super::config;
+use super::{broken, config, spec};
 use crate::episode::actor::Handle;
 use crate::episode::spec::Spec;
-use crate::ids::{EpisodeId, Token, TokenKind};
+use crate::ids::{EpisodeId, EpisodeKey, Token, TokenKind};
 use crate::keys::OwnerKey;
 use crate::store::entries::{Entry, TokenRow};
 use crate::store::tokens::{Grant, Seats};
 use swarmbench_protocol::episode::{CreatedEpisode, SeatToken};
+use swarmbench_protocol::status::Status;
+
+/// An episode of which its creator gets tokens.
+pub(super) struct Shown {
+    pub(super) id: EpisodeId,
+    episode: EpisodeKey,
+    spec: Arc<Spec>,
+    status: Status,
+}
+
+impl Shown {
+    pub(super) fn of(handle: &Handle) -> Self {
+        Self {
+            id: handle.id.clone(),
+            episode: handle.key,
+            spec: Arc::clone(&handle.spec),
+            status: handle.snapshot().status,
+        }
+    }
+
+    /// One that exists already. It is not recovered for this: another server may play it.
+    pub(super) async fn find(app: &App, id: &EpisodeId) -> Result<Self, ApiError> {
+        if let Some(handle) = app.registry.find_in_memory(id) {
+            return Ok(Self::of(&handle));
+        }
+        let stored = app.store.find_summary(id).await?;
+        let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
+        let status = Status::parse(&stored.status).ok_or_else(|| broken("an unknown status"))?;
+        let spec = Arc::new(spec(&stored)?);
+        Ok(Self { id: stored.id, episode: stored.episode, spec, status })
+    }
+}
 
 /// The tokens of the creator's seats in clear.
 pub(super) struct Tokens {
@@ -33,15 +66,15 @@ impl Tokens {
     }
 
     /// New tokens of the creator in place of all that these episodes had.
-    pub(super) async fn replaced(app: &App, handles: &[Handle]) -> Result<Vec<Self>, ApiError> {
-        let all: Vec<Self> = handles.iter().map(|handle| Self::new(app, &handle.spec)).collect();
-        let replace = |(handle, tokens): (&Handle, &Self)| Entry::ReplaceTokens {
-            episode: handle.key,
+    pub(super) async fn replaced(app: &App, episodes: &[Shown]) -> Result<Vec<Self>, ApiError> {
+        let all: Vec<Self> = episodes.iter().map(|shown| Self::new(app, &shown.spec)).collect();
+        let replace = |(shown, tokens): (&Shown, &Self)| Entry::ReplaceTokens {
+            episode: shown.episode,
             holder: None,
             tokens: tokens.rows(),
         };
-        app.store.keep(handles.iter().zip(&all).map(replace).collect()).await?;
-        let ids: HashSet<&EpisodeId> = handles.iter().map(|handle| &handle.id).collect();
+        app.store.keep(episodes.iter().zip(&all).map(replace).collect()).await?;
+        let ids: HashSet<&EpisodeId> = episodes.iter().map(|shown| &shown.id).collect();
         app.revoked(
             |grant| matches!(grant, Grant::Seat { episode, .. } | Grant::Swarm { episode, .. } if ids.contains(episode)),
         )
@@ -80,25 +113,21 @@ impl Tokens {
 }
 
 /// The answer to the creation of an episode.
-pub(super) fn created(handle: &Handle, tokens: &Tokens, shows_seed: bool) -> Response {
-    let body = created_episode(handle, tokens, shows_seed);
-    answer::created(&format!("/api/v1/episodes/{}", handle.id), body)
+pub(super) fn created(shown: &Shown, tokens: &Tokens, shows_seed: bool) -> Response {
+    let body = created_episode(shown, tokens, shows_seed);
+    answer::created(&format!("/api/v1/episodes/{}", shown.id), body)
 }
 
 /// A new episode as it is shown to its creator.
-pub(super) fn created_episode(
-    handle: &Handle,
-    tokens: &Tokens,
-    shows_seed: bool,
-) -> CreatedEpisode {
+pub(super) fn created_episode(shown: &Shown, tokens: &Tokens, shows_seed: bool) -> CreatedEpisode {
     let seat = |(agent, token): &(AgentId, Token)| SeatToken {
         agent: agent.to_string(),
         token: token.reveal().to_owned(),
     };
     CreatedEpisode {
-        id: handle.id.to_string(),
-        status: handle.snapshot().status,
-        config: config(&handle.spec, shows_seed),
+        id: shown.id.to_string(),
+        status: shown.status,
+        config: config(&shown.spec, shows_seed),
         seats: tokens.seats.iter().map(seat).collect(),
         swarm_token: tokens.swarm.reveal().to_owned(),
     }

@@ -9,10 +9,9 @@ use super::super::answer;
 use super::super::client::Client;
 use super::super::idempotency::{Idempotency, created_before, idempotency};
 use super::super::prelude::*;
-use super::created::{Tokens, created_episode};
+use super::created::{Shown, Tokens, created_episode};
 use super::describe::{Game, spec as checked_spec};
 use super::shown_fork;
-use crate::episode::actor::Handle;
 use crate::episode::past::Past;
 use crate::episode::quota::Purpose;
 use crate::episode::registry::Creation;
@@ -74,7 +73,7 @@ pub(in super::super) async fn fork_episode(
             None => plan.create(&app, creator, idempotency).await?,
             Some(first) => plan.replace_tokens(&app, first).await?,
         };
-        let made = made.iter().map(|(handle, tokens)| created_episode(handle, tokens, shows_seed));
+        let made = made.iter().map(|(shown, tokens)| created_episode(shown, tokens, shows_seed));
         let forks = CreatedForks { fork: shown_fork(&fork, true), episodes: made.collect() };
         Ok(answer::created(&format!("/api/v1/episodes?fork_of={}", forks.fork.episode), forks))
     })
@@ -115,7 +114,7 @@ struct Plan {
     spec: Spec,
 }
 
-type Made = Vec<(Handle, Tokens)>;
+type Made = Vec<(Shown, Tokens)>;
 
 impl Plan {
     /// Validates the request; all errors are reported at once.
@@ -242,17 +241,17 @@ impl Plan {
         };
         let creations = all_tokens.iter().map(creation).collect();
         let handles = app.registry.fork(creations, self.parent.episode, past).await?;
-        Ok((fork, handles.into_iter().zip(all_tokens).collect()))
+        Ok((fork, handles.iter().map(Shown::of).zip(all_tokens).collect()))
     }
 
     async fn replace_tokens(self, app: &App, first: EpisodeId) -> Result<(Fork, Made), ApiError> {
-        let mut handles = Vec::new();
+        let mut forks = Vec::new();
         for id in app.store.forks_made_with(&first, self.count).await? {
-            handles.push(app.episode(&id).await?);
+            forks.push(Shown::find(app, &id).await?);
         }
-        let tokens = Tokens::replaced(app, &handles).await?;
+        let tokens = Tokens::replaced(app, &forks).await?;
         let fork = self.fork(app).await?;
-        Ok((fork, handles.into_iter().zip(tokens).collect()))
+        Ok((fork, forks.into_iter().zip(tokens).collect()))
     }
 
     /// The place of the forks in their parent.

@@ -42,6 +42,10 @@ const ROUTES_CACHED: usize = 100_000;
 /// How long another server may take to accept a connection.
 const CONNECT_PATIENCE: Duration = Duration::from_millis(500);
 
+/// After how long a connection to another server that is silent is asked for a sign of life, and how often in vain.
+const KEEPALIVE: Duration = Duration::from_secs(2);
+const KEEPALIVE_RETRIES: u32 = 3;
+
 /// How long a request waits for another server to take what the last one had.
 const MOVE_PATIENCE: Duration = Duration::from_millis(1500);
 
@@ -123,6 +127,12 @@ impl Nodes {
         let mut connector = HttpConnector::new();
         connector.set_nodelay(true);
         connector.set_connect_timeout(Some(CONNECT_PATIENCE));
+        // Where packets are lost between two servers that both reach the database, nobody else ends the connection.
+        connector.set_keepalive(Some(KEEPALIVE));
+        connector.set_keepalive_interval(Some(KEEPALIVE));
+        connector.set_keepalive_retries(Some(KEEPALIVE_RETRIES));
+        #[cfg(target_os = "linux")]
+        connector.set_tcp_user_timeout(Some(KEEPALIVE * (KEEPALIVE_RETRIES + 1)));
         let http = HttpClient::builder(TokioExecutor::new())
             .pool_timer(TokioTimer::new())
             .pool_idle_timeout(Duration::from_secs(30))
@@ -213,19 +223,16 @@ impl Nodes {
     async fn locate(&self, target: Target) -> Result<Location, StoreError> {
         let owner = match target {
             Target::Anybody => ANYBODY,
-            Target::Named(number) => self.cluster.preferred_for(number),
             Target::New if self.cluster.takes_work() => ANYBODY,
-            Target::New => self.cluster.preferred_for(drawn()),
+            Target::Named(number) => self.taker(number)?,
+            Target::New => self.taker(drawn())?,
             Target::Place(place) => self.owner(place).await?,
         };
         if owner == ANYBODY {
             return Ok(Location::Here);
         }
         if owner == self.cluster.incarnation() {
-            let is_new = matches!(target, Target::Named(_) | Target::New);
-            // Nobody takes work at this moment.
-            let refused = is_new && !self.cluster.takes_work();
-            return if refused { Err(StoreError::Elsewhere) } else { Ok(Location::Here) };
+            return Ok(Location::Here);
         }
         let members = self.cluster.members();
         if let Some(member) = members.iter().find(|member| member.incarnation == owner) {
@@ -234,6 +241,14 @@ impl Nodes {
         self.forget(target);
         // It has joined at this moment, or is gone.
         Err(StoreError::Elsewhere)
+    }
+
+    /// Who makes something new; an error where nobody takes work at this moment.
+    fn taker(&self, number: u64) -> Result<i64, StoreError> {
+        let is_stopping =
+            |one: &i64| *one == self.cluster.incarnation() && !self.cluster.takes_work();
+        let taker = self.cluster.preferred_for(number).filter(|one| !is_stopping(one));
+        taker.ok_or(StoreError::Elsewhere)
     }
 
     async fn owner(&self, place: Place) -> Result<i64, StoreError> {
@@ -252,8 +267,7 @@ impl Nodes {
             Some(owner) => owner,
             None if !self.cluster.is_unfinished(place).await? => ANYBODY,
             None => {
-                let preferred = self.cluster.preferred(place);
-                if preferred != me {
+                if let Some(preferred) = self.cluster.preferred(place).filter(|one| *one != me) {
                     // It takes the place when it is asked.
                     return Ok(preferred);
                 }

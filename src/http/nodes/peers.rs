@@ -30,6 +30,9 @@ pub(in super::super) const PATH: &str = "/cluster/";
 /// Bytes of an answer of another server.
 const ANSWER_BYTES_MAX: usize = 64 * 1024;
 
+/// How long another server may take to end or advance a run.
+const ASK_PATIENCE: Duration = Duration::from_secs(10);
+
 /// How long another server may take to say who it is.
 const HELLO_PATIENCE: Duration = Duration::from_secs(3);
 
@@ -73,7 +76,9 @@ impl Nodes {
             };
             let path = format!("{PATH}runs/{}/{what}", run.0);
             let Some(question) = question(Method::POST, &path) else { break };
-            match self.send(&question, None, OF_A_SERVER, &other).await.ok() {
+            let asked = self.send(&question, None, OF_A_SERVER, &other);
+            let answered = tokio::time::timeout(ASK_PATIENCE, asked).await;
+            match answered.ok().and_then(Result::ok) {
                 Some(response) if response.status().is_success() => {
                     let body = to_bytes(response.into_body(), ANSWER_BYTES_MAX).await;
                     return Ok(body.is_ok_and(|body| &body[..] == b"true"));

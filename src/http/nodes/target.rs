@@ -1,6 +1,9 @@
 //! What a request is about, as far as it matters which server answers it.
 
+use std::borrow::Cow;
+
 use axum::http::{HeaderMap, Method, header};
+use percent_encoding::percent_decode_str;
 
 use super::super::auth;
 use super::super::prelude::*;
@@ -36,15 +39,15 @@ impl Nodes {
         if matches!(path, "/obs" | "/act" | "/swarm/obs" | "/swarm/act" | "/mcp") {
             return self.of_token(app, headers).await;
         }
-        let Some(rest) = path.strip_prefix("/api/v1/") else { return Ok(Target::Anybody) };
-        let mut parts = rest.split('/').filter(|part| !part.is_empty());
-        let (collection, id) = (parts.next().unwrap_or_default(), parts.next());
-        match (collection, id) {
+        let Some(Subject { collection, id, action }) = Subject::of(path) else {
+            return Ok(Target::Anybody);
+        };
+        match (collection, id.as_deref()) {
             ("episodes" | "runs", None) if method == Method::POST => Ok(of_name(headers)),
             ("episodes", Some(id)) => {
                 let place = self.place_of(&EpisodeId::from_text(id.to_owned())).await?;
                 let Some(place) = place else { return Ok(Target::Anybody) };
-                if parts.next() == Some("fork") && !self.cluster.is_unfinished(place).await? {
+                if action == Some("fork") && !self.cluster.is_unfinished(place).await? {
                     // Nobody plays the parent any more, and the forks are new.
                     return Ok(of_name(headers));
                 }
@@ -106,6 +109,24 @@ impl Nodes {
     }
 }
 
+/// What the path of a request names.
+#[derive(Debug, PartialEq, Eq)]
+struct Subject<'a> {
+    collection: &'a str,
+    id: Option<Cow<'a, str>>,
+    action: Option<&'a str>,
+}
+
+impl<'a> Subject<'a> {
+    fn of(path: &'a str) -> Option<Self> {
+        let mut parts = path.strip_prefix("/api/v1/")?.split('/').filter(|part| !part.is_empty());
+        let collection = parts.next()?;
+        // As the handlers read it: an id that is written otherwise names the same thing.
+        let id = parts.next().map(|part| percent_decode_str(part).decode_utf8_lossy());
+        Some(Self { collection, id, action: parts.next() })
+    }
+}
+
 /// Creations with the same `Idempotency-Key` are done by the same server, one after the other.
 fn of_name(headers: &HeaderMap) -> Target {
     headers.get("idempotency-key").map_or(Target::New, |name| {
@@ -113,4 +134,19 @@ fn of_name(headers: &HeaderMap) -> Target {
         let first = hash.0.first_chunk().expect("a hash is longer");
         Target::Named(u64::from_le_bytes(*first))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_id_that_is_written_otherwise_is_the_same_one() {
+        let usual = Subject::of("/api/v1/competitions/cmp_01a/attempts");
+        let id = Some(Cow::Borrowed("cmp_01a"));
+        let expected = Subject { collection: "competitions", id, action: Some("attempts") };
+        assert_eq!(usual, Some(expected));
+        assert_eq!(Subject::of("/api/v1/competitions/%63mp%5F01a/attempts"), usual);
+        assert_eq!(Subject::of("/docs"), None);
+    }
 }

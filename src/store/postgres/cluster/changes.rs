@@ -96,7 +96,8 @@ impl Cluster {
             })
             .await?;
         let is_first = read.at.is_none();
-        if read.at.is_some_and(|at| at.elapsed() > CHANGES_KEPT / 2) {
+        // What was read of the database before the first read of changes may be older than them.
+        if read.at.is_none_or(|at| at.elapsed() > CHANGES_KEPT / 2) {
             forget();
         }
         let mut newer = HashSet::new();

@@ -123,15 +123,18 @@ impl Cluster {
         purpose: Purpose,
         work: impl AsyncFnOnce(&mut Connection) -> Result<T, sqlx::Error>,
     ) -> Result<T, StoreError> {
-        let mut link = link.lock().await;
         let done = tokio::time::timeout(ANSWER_PATIENCE, async {
+            let mut link = link.lock().await;
             let mut connection = match link.take() {
                 Some(connection) => connection,
                 None => self.connect(purpose).await?,
             };
             let done = work(&mut connection).await;
-            // An error that PostgreSQL answered leaves a connection that can be used.
-            if done.as_ref().err().is_none_or(|error| session::sqlstate(error).is_some()) {
+            // An error that PostgreSQL answered leaves a connection that can be used, unless it ends or is a standby now.
+            let may_be_used = |error: &sqlx::Error| {
+                session::sqlstate(error).is_some_and(|code| !is_passing(&code))
+            };
+            if done.as_ref().err().is_none_or(may_be_used) {
                 *link = Some(connection);
             }
             done
@@ -143,7 +146,6 @@ impl Cluster {
                 Err(StoreError::Failed)
             }
             Ok(Err(error)) if session::sqlstate(&error).is_some_and(|code| is_passing(&code)) => {
-                *link = None;
                 Err(StoreError::Away)
             }
             Ok(done) => Ok(done?),

@@ -46,19 +46,24 @@ impl Cluster {
     }
 
     /// Which member takes a place that nobody has: for each place another, and the same for all who ask, as long as they see the
-    /// same members. Few places change hands when a member comes or goes (rendezvous hashing).
-    pub fn preferred(&self, place: Place) -> i64 {
+    /// same members; none where none takes work. Few places change hands when a member comes or goes (rendezvous hashing).
+    pub fn preferred(&self, place: Place) -> Option<i64> {
         let (kind, key) = place.numbers();
         self.preferred_for(mixed(key.cast_unsigned()) ^ u64::from(kind.unsigned_abs()))
     }
 
+    /// Whether it is this one.
+    pub fn is_preferred(&self, place: Place) -> bool {
+        self.preferred(place) == Some(self.incarnation)
+    }
+
     /// The same of anything that has a number.
-    pub fn preferred_for(&self, number: u64) -> i64 {
+    pub fn preferred_for(&self, number: u64) -> Option<i64> {
         let members = self.members();
         let ready =
             members.iter().filter(|member| member.is_ready).map(|member| member.incarnation);
         let weight = |member: &i64| mixed(mixed(member.cast_unsigned()) ^ number);
-        ready.max_by_key(weight).unwrap_or(self.incarnation)
+        ready.max_by_key(weight)
     }
 
     /// Notes what new entries, which are durable now, have taken.
