@@ -88,8 +88,12 @@ impl Drop for Scratch {
 async fn remove(server: PgConnectOptions, name: Option<String>) -> Result<(), sqlx::Error> {
     let Some(name) = name else { return Ok(()) };
     let mut connection = server.connect().await?;
-    let text = format!("DROP DATABASE IF EXISTS {name} WITH (FORCE)");
-    sqlx::raw_sql(AssertSqlSafe(text)).execute(&mut connection).await?;
+    let drop = format!("DROP DATABASE IF EXISTS {name}");
+    // Without force it ends what PostgreSQL itself does there, such as a vacuum, and with it only what this role may end.
+    if sqlx::raw_sql(AssertSqlSafe(drop.clone())).execute(&mut connection).await.is_err() {
+        let drop = drop + " WITH (FORCE)";
+        sqlx::raw_sql(AssertSqlSafe(drop)).execute(&mut connection).await?;
+    }
     connection.close().await
 }
 
