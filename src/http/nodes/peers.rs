@@ -68,11 +68,17 @@ impl Peers for NodePeers {
 impl Nodes {
     /// Asks the server that plays a run, or takes it, to do something with it.
     async fn ask(&self, run: RunKey, what: &str) -> Result<bool, RunError> {
-        let target = Target::Place(Place::Run(run));
+        let place = Place::Run(run);
+        let target = Target::Place(place);
         let mut last = StoreError::Elsewhere;
         for _ in 0..2 {
             let Location::At(other) = self.locate(target).await? else {
-                return Err(StoreError::Elsewhere.into());
+                // This server has taken it meanwhile, and does it when it is asked again; or all is over there.
+                return if self.cluster.has(place) {
+                    Err(StoreError::Elsewhere.into())
+                } else {
+                    Ok(false)
+                };
             };
             let path = format!("{PATH}runs/{}/{what}", run.0);
             let Some(question) = question(Method::POST, &path) else { break };
