@@ -211,6 +211,8 @@ impl<T: Weighted + Send + Sync + 'static> SharedCache<T> {
     {
         loop {
             self.clock.sleep_until(after(self.clock.now(), LARGE_FRESH_FOR)).await;
+            // What other servers have committed. A reader gets the error, if there still is one.
+            let Ok(()) = self.store.catch_up().await else { return };
             let results = self.results();
             let is_read =
                 |followed: &Followed| results.at < after(followed.read_at, FOLLOWED_AFTER_READ);
@@ -220,7 +222,6 @@ impl<T: Weighted + Send + Sync + 'static> SharedCache<T> {
             // One that the cache dropped is made when it is read.
             let Some(before) = self.entries.peek(question) else { return };
             if before.of.revision < results.revision {
-                // A reader gets the error, if there still is one.
                 let Ok(made) = make(Some(before)).await else { return };
                 self.entries.insert(question.to_owned(), Arc::new(made));
             }
