@@ -46,7 +46,7 @@ impl Cluster {
     }
 
     /// Which member takes a place that nobody has: for each place another, and the same for all who ask, as long as they see the
-    /// same members; none where none takes work. Few places change hands when a member comes or goes (rendezvous hashing).
+    /// same members; `None` if no member takes work. Few places change hands when a member comes or goes (rendezvous hashing).
     pub fn preferred(&self, place: Place) -> Option<i64> {
         let (kind, key) = place.numbers();
         self.preferred_for(mixed(key.cast_unsigned()) ^ u64::from(kind.unsigned_abs()))
@@ -156,7 +156,7 @@ impl Cluster {
     }
 
     /// Gives back places that [`Cluster::leave`] has begun to: nothing is written there any more. Where the database does not answer,
-    /// nobody knows whether they are given back; then it goes on until that is certain, and this server does nothing there.
+    /// it is unknown whether they are given back: this server retries until it is known, and plays nothing there meanwhile.
     pub async fn release(&self, places: &[Place]) -> Result<(), StoreError> {
         for some in places.chunks(PLACES_AT_ONCE) {
             let takings = loop {
