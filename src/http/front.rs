@@ -26,7 +26,7 @@ use super::body::is_light;
 use super::client::{Client, Peer};
 use super::error::{ApiError, Code};
 use super::in_flight::RequestContext;
-use super::nodes::{self, Routed};
+use super::nodes::{self, Routed, relay};
 use super::prelude::*;
 use super::{agent, router, stream, swarm};
 use crate::fair::{Origin, Rank};
@@ -138,7 +138,8 @@ impl Front {
             request.extensions_mut().insert(client);
         }
         let rank = admit::rank(request.method(), request.uri().path());
-        let may_run_here = rank == Rank::Urgent && is_light(&request);
+        let is_of_a_server = self.is_for_nodes && request.uri().path().starts_with(nodes::PATH);
+        let may_run_here = rank == Rank::Urgent && (is_of_a_server || is_light(&request));
         let front = self.clone();
         // Large futures are boxed: each layer would move them, which costs more than the rest of it.
         let answered =
@@ -157,7 +158,10 @@ impl Front {
         play: Option<Play>,
         client: Client,
     ) -> Result<Response, ApiError> {
-        check_host(&request)?;
+        if !self.is_for_nodes {
+            // The server to which it was sent has done so.
+            check_host(&request)?;
+        }
         match self.inner.app.nodes.as_deref() {
             None => self.handle(request, play).await,
             // This way is the larger one by far: a server without others shall not have to make room for it.
@@ -174,6 +178,10 @@ impl Front {
         client: Client,
     ) -> Result<Response, ApiError> {
         let Inner { app, .. } = &*self.inner;
+        if self.is_for_nodes && request.uri().path() == relay::PATH {
+            let peer = Peer(client.address);
+            return Ok(relay::answer(self.clone(), peer, request, app.stop.clone()));
+        }
         if self.is_for_nodes && request.uri().path().starts_with(nodes::PATH) {
             return nodes.answer(app, request).await;
         }

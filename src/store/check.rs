@@ -206,7 +206,10 @@ async fn schema(
     database: &mut Connection,
     migrator: &sqlx::migrate::Migrator,
 ) -> Result<Result<(), String>, sqlx::Error> {
-    const OBJECTS: &str = "SELECT name, sql FROM sqlite_schema WHERE sql IS NOT NULL AND name NOT GLOB '_sqlx*' ORDER BY name";
+    // Quoted, so that a text is no number and no blob. The text of its own table is sqlx's.
+    const OBJECTS: &str = "SELECT quote(name), quote(type) || quote(tbl_name)
+            || CASE WHEN name GLOB '_sqlx*' THEN '' ELSE quote(sql) END
+        FROM sqlite_schema ORDER BY name";
     // The catalogue of PostgreSQL has no texts to compare.
     let Engine::Sqlite(database) = database.engine() else { return Ok(Ok(())) };
     let mut fresh =

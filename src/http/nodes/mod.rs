@@ -4,8 +4,10 @@
 //! the request as it is, and the answer as it comes. What is over, and lists and boards, any server reads from the database.
 
 mod credential;
+mod links;
 pub(super) mod list;
 mod peers;
+pub(super) mod relay;
 mod target;
 
 use std::sync::Arc;
@@ -14,15 +16,11 @@ use std::time::{Duration, Instant};
 
 use axum::body::{Body, HttpBody as _, to_bytes};
 use axum::extract::Request;
-use axum::http::uri::{Authority, Scheme};
-use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use bytes::Bytes;
-use futures::{StreamExt as _, stream};
-use hyper::body::Incoming;
-use hyper_util::client::legacy::Client as HttpClient;
-use hyper_util::client::legacy::connect::HttpConnector;
-use hyper_util::rt::{TokioExecutor, TokioTimer};
+use futures::StreamExt as _;
+use metrics::Counter;
 use quick_cache::sync::Cache;
 use tokio_util::sync::CancellationToken;
 
@@ -31,7 +29,7 @@ use super::client::Client;
 use super::prelude::*;
 use crate::ids::{CompetitionKey, EpisodeId, Place, RunKey};
 use crate::store::{Cluster, Store, StoreError};
-use credential::Secret;
+use links::{Failed, Links, Question};
 pub use peers::NodePeers;
 pub(super) use peers::PATH;
 use target::Target;
@@ -39,38 +37,14 @@ use target::Target;
 /// Places and ids of which is remembered who plays them.
 const ROUTES_CACHED: usize = 100_000;
 
-/// How long another server may take to accept a connection.
-const CONNECT_PATIENCE: Duration = Duration::from_millis(500);
-
-/// After how long a connection to another server that is silent is asked for a sign of life, and how often in vain.
-const KEEPALIVE: Duration = Duration::from_secs(2);
-const KEEPALIVE_RETRIES: u32 = 3;
-
 /// How long a request waits for another server to take what the last one had.
 const MOVE_PATIENCE: Duration = Duration::from_millis(1500);
 
 /// How often it looks meanwhile.
 const MOVE_PAUSE: Duration = Duration::from_millis(25);
 
-/// What a server sends with what it forwards: who it is, as only servers of the cluster can tell.
-const HOP: HeaderName = HeaderName::from_static("x-swarmbench-hop");
-
-/// The address of the client, and whether it is a program on the machine to which it sent its request.
-const CLIENT: HeaderName = HeaderName::from_static("x-swarmbench-client");
-
 /// In the answer of a server that does not play what a forwarded request is about.
 const ELSEWHERE: HeaderName = HeaderName::from_static("x-swarmbench-elsewhere");
-
-/// Headers of one connection, which are not passed on.
-const OF_A_CONNECTION: [HeaderName; 7] = [
-    header::CONNECTION,
-    HeaderName::from_static("keep-alive"),
-    header::PROXY_AUTHENTICATE,
-    header::PROXY_AUTHORIZATION,
-    header::TE,
-    header::TRANSFER_ENCODING,
-    header::UPGRADE,
-];
 
 /// In the extensions of an answer that says that another server plays it.
 #[derive(Clone, Copy)]
@@ -80,8 +54,8 @@ pub(super) struct IsElsewhere;
 pub struct Nodes {
     cluster: Arc<Cluster>,
     store: Store,
-    secret: Secret,
-    http: HttpClient<HttpConnector, Body>,
+    links: Links,
+    forwarded: Counter,
     /// Who plays at a place; [`ANYBODY`] where all is over.
     owners: Cache<Place, i64>,
     games: Cache<EpisodeId, Place>,
@@ -113,36 +87,15 @@ pub(super) enum Routed {
     Answered(Response),
 }
 
-/// Why a request was not answered by the server to which it was forwarded.
-enum Failed {
-    /// It has not arrived there.
-    NotSent,
-    /// It may have been done, or not.
-    Unknown,
-}
-
 impl Nodes {
     /// The servers with a secret in common; `store` is the database that they share.
     pub fn new(store: Store, cluster: Arc<Cluster>, secret: &[u8]) -> Self {
-        let mut connector = HttpConnector::new();
-        connector.set_nodelay(true);
-        connector.set_connect_timeout(Some(CONNECT_PATIENCE));
-        // Where packets are lost between two servers that both reach the database, nobody else ends the connection.
-        connector.set_keepalive(Some(KEEPALIVE));
-        connector.set_keepalive_interval(Some(KEEPALIVE));
-        connector.set_keepalive_retries(Some(KEEPALIVE_RETRIES));
-        #[cfg(target_os = "linux")]
-        connector.set_tcp_user_timeout(Some(KEEPALIVE * (KEEPALIVE_RETRIES + 1)));
-        let http = HttpClient::builder(TokioExecutor::new())
-            .pool_timer(TokioTimer::new())
-            .pool_idle_timeout(Duration::from_secs(30))
-            .retry_canceled_requests(true)
-            .build(connector);
+        let links = Links::new(cluster.incarnation(), secret);
         Self {
             cluster,
             store,
-            secret: Secret::new(secret),
-            http,
+            links,
+            forwarded: metrics::counter!("swarmbench_forwarded_total"),
             owners: Cache::new(ROUTES_CACHED),
             games: Cache::new(ROUTES_CACHED),
             runs: Cache::new(ROUTES_CACHED / 10),
@@ -153,20 +106,7 @@ impl Nodes {
     /// The client of a request that another server has forwarded, or asks itself. An error where it is of no server; `None` where
     /// it is for the server that was at this address before.
     pub(super) fn client_of_hop(&self, headers: &HeaderMap) -> Result<Option<Client>, ApiError> {
-        let refuse = || {
-            let detail = "this address is for the other servers of the cluster, and the request is of none of them: send it to the \
-                          public address. A server that sees this has another --cluster-secret-file";
-            ApiError::new(Code::Forbidden, detail)
-        };
-        let hop = headers.get(HOP).and_then(|value| value.to_str().ok()).ok_or_else(refuse)?;
-        if self.secret.recipient(hop).ok_or_else(refuse)? != self.cluster.incarnation() {
-            return Ok(None);
-        }
-        let client =
-            headers.get(CLIENT).and_then(|value| value.to_str().ok()).ok_or_else(refuse)?;
-        let (address, is_local) = client.split_once(' ').ok_or_else(refuse)?;
-        let address = address.parse().map_err(|_| refuse())?;
-        Ok(Some(Client { address, is_local: is_local == "local" }))
+        self.links.client_of(headers)
     }
 
     /// Refuses to answer for what this server plays where the database may have been told that it is dead.
@@ -301,14 +241,14 @@ impl Nodes {
         target: Target,
         to: &Other,
     ) -> Result<Routed, ApiError> {
-        metrics::counter!("swarmbench_forwarded_total").increment(1);
-        let (parts, body) = request.into_parts();
+        self.forwarded.increment(1);
+        let (mut parts, body) = request.into_parts();
         let is_small =
             body.size_hint().upper().is_some_and(|most| most <= LIGHT_BODY_BYTES_MAX as u64);
         if !is_small {
             // It is passed on as it comes, so it cannot be sent again.
-            let head = request_to(&Request::from_parts(parts, Body::empty()), Bytes::new());
-            return match self.send(&head, Some(body), client, to).await {
+            let question = Question::of(&mut parts, Bytes::new());
+            return match self.send(&question, Some(body), client, to).await {
                 Ok(response) if !is_elsewhere(&response) => Ok(Routed::Answered(response)),
                 Ok(_) | Err(Failed::NotSent) => {
                     self.forget(target);
@@ -320,16 +260,18 @@ impl Nodes {
         let bytes = to_bytes(body, LIGHT_BODY_BYTES_MAX).await.map_err(|error| {
             ApiError::new(Code::Malformed, format!("the body has not arrived: {error}"))
         })?;
-        let request = Request::from_parts(parts, Body::empty());
-        let sent = request_to(&request, bytes.clone());
-        let may_repeat = is_repeatable(&request);
-        let answered = match without_wait(&sent) {
-            None => self.send(&sent, None, client, to).await,
-            Some(at_once) => tokio::select! {
-                answered = self.send(&sent, None, client, to) => answered,
+        let question = Question::of(&mut parts, bytes);
+        let may_repeat = question.is_repeatable();
+        let answered = if question.may_wait() {
+            tokio::select! {
+                answered = self.send(&question, None, client, to) => answered,
                 // A server that stops lets nobody wait.
-                () = stop.cancelled() => self.send(&at_once, None, client, to).await,
-            },
+                () = stop.cancelled() => {
+                    self.send(&question.without_wait(), None, client, to).await
+                }
+            }
+        } else {
+            self.send(&question, None, client, to).await
         };
         match answered {
             Ok(response) if !is_elsewhere(&response) => return Ok(Routed::Answered(response)),
@@ -341,8 +283,11 @@ impl Nodes {
         }
         metrics::counter!("swarmbench_forwarded_again_total").increment(1);
         match self.located_again(target, to.incarnation, answered.is_err()).await? {
-            Location::Here => Ok(Routed::Here(with_body(request, bytes))),
-            Location::At(next) => match self.send(&sent, None, client, &next).await {
+            Location::Here => {
+                parts.headers = question.headers;
+                Ok(Routed::Here(Request::from_parts(parts, Body::from(question.body))))
+            }
+            Location::At(next) => match self.send(&question, None, client, &next).await {
                 Ok(response) if !is_elsewhere(&response) => Ok(Routed::Answered(response)),
                 Err(Failed::Unknown) if !may_repeat => Err(unknown()),
                 Ok(_) | Err(_) => {
@@ -395,90 +340,17 @@ impl Nodes {
     /// that is stopped, or cut off, is waited for until the others have taken over what it had.
     async fn send(
         &self,
-        request: &hyper::Request<Bytes>,
+        question: &Question,
         body: Option<Body>,
         client: Client,
         to: &Other,
     ) -> Result<Response, Failed> {
-        let gone = self.cluster.gone(to.incarnation);
+        let gone = || self.cluster.gone(to.incarnation);
         tokio::select! {
-            answered = self.send_now(request, body, client, to) => answered,
-            () = gone => Err(Failed::Unknown),
+            answered = self.links.send(question, body, client, to, gone) => answered,
+            () = gone() => Err(Failed::Unknown),
         }
     }
-
-    async fn send_now(
-        &self,
-        request: &hyper::Request<Bytes>,
-        body: Option<Body>,
-        client: Client,
-        to: &Other,
-    ) -> Result<Response, Failed> {
-        let Other { incarnation, address } = to;
-        let authority: Authority = address.parse().map_err(|_| Failed::NotSent)?;
-        let path = request.uri().path_and_query().cloned();
-        let uri = Uri::builder().scheme(Scheme::HTTP).authority(authority);
-        let uri = uri.path_and_query(path.map_or_else(|| "/".to_owned(), |path| path.to_string()));
-        let mut sent =
-            hyper::Request::new(body.unwrap_or_else(|| Body::from(request.body().clone())));
-        *sent.method_mut() = request.method().clone();
-        *sent.uri_mut() = uri.build().map_err(|_| Failed::NotSent)?;
-        let headers = sent.headers_mut();
-        *headers = request.headers().clone();
-        remove_of_connection(headers);
-        headers.remove(header::EXPECT);
-        let credential = self.secret.credential(self.cluster.incarnation(), *incarnation);
-        headers.insert(HOP, HeaderValue::try_from(credential).expect("digits"));
-        let shown =
-            format!("{} {}", client.address, if client.is_local { "local" } else { "remote" });
-        headers.insert(CLIENT, HeaderValue::try_from(shown).expect("an address"));
-        match self.http.request(sent).await {
-            Ok(response) => {
-                let gone = self.cluster.gone(*incarnation);
-                let mut response = response.map(|body| until_gone(gone, body));
-                let headers = response.headers_mut();
-                remove_of_connection(headers);
-                Ok(response)
-            }
-            Err(error) if error.is_connect() => Err(Failed::NotSent),
-            Err(error) => {
-                tracing::debug!(%error, to = address, "a request was forwarded and not answered");
-                Err(Failed::Unknown)
-            }
-        }
-    }
-}
-
-/// The same request without its wait, if it may wait.
-fn without_wait(request: &hyper::Request<Bytes>) -> Option<hyper::Request<Bytes>> {
-    let uri = request.uri();
-    let may_wait = matches!(uri.path(), "/obs" | "/act" | "/swarm/obs" | "/swarm/act");
-    let query = uri.query().filter(|_| may_wait)?;
-    let is_wait = |part: &&str| part.split('=').next() == Some("wait");
-    query.split('&').find(is_wait)?;
-    let rest: Vec<&str> = query.split('&').filter(|part| !is_wait(part)).collect();
-    let mut at_once = request.clone();
-    *at_once.uri_mut() = format!("{}?{}", uri.path(), rest.join("&")).parse().ok()?;
-    Some(at_once)
-}
-
-/// The body of an answer of another server. It breaks off when that server is gone.
-fn until_gone(gone: impl Future<Output = ()> + Send + 'static, body: Incoming) -> Body {
-    if body.is_end_stream()
-        || body.size_hint().exact().is_some_and(|bytes| bytes <= LIGHT_BODY_BYTES_MAX as u64)
-    {
-        return Body::new(body);
-    }
-    let parts = Body::new(body).into_data_stream();
-    let parts = stream::unfold(Some((parts, Box::pin(gone))), async |state| {
-        let (mut parts, mut gone) = state?;
-        tokio::select! {
-            biased;
-            part = parts.next() => Some((part?, Some((parts, gone)))),
-            () = &mut gone => Some((Err(axum::Error::new("the server that sent it is gone")), None)),
-        }
-    });
-    Body::from_stream(parts)
 }
 
 fn is_event_stream(response: &Response) -> bool {
@@ -501,31 +373,9 @@ fn drawn() -> u64 {
     DRAWN.fetch_add(1, Ordering::Relaxed)
 }
 
-fn remove_of_connection(headers: &mut HeaderMap) {
-    for name in &OF_A_CONNECTION {
-        headers.remove(name);
-    }
-}
-
-/// What is sent of a request, with its body.
-fn request_to(request: &Request, body: Bytes) -> hyper::Request<Bytes> {
-    let mut sent = hyper::Request::new(body);
-    *sent.method_mut() = request.method().clone();
-    *sent.uri_mut() = request.uri().clone();
-    *sent.headers_mut() = request.headers().clone();
-    sent
-}
-
-fn with_body(request: Request, bytes: Bytes) -> Request {
-    request.map(|_| Body::from(bytes))
-}
-
-/// Whether a request may be sent twice: it only reads, or it is an act, which is the same act again.
-fn is_repeatable(request: &Request) -> bool {
-    let method = request.method();
-    method == Method::GET
-        || method == Method::HEAD
-        || matches!(request.uri().path(), "/act" | "/swarm/act")
+/// Whether a request is of those by which games are played.
+fn is_of_a_player(path: &str) -> bool {
+    matches!(path, "/obs" | "/act" | "/swarm/obs" | "/swarm/act")
 }
 
 fn is_elsewhere(response: &Response) -> bool {

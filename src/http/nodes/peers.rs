@@ -1,22 +1,21 @@
 //! What servers of a cluster ask each other for themselves.
 
-use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Json;
 use axum::body::to_bytes;
 use axum::extract::Request;
-use axum::http::{Method, Uri};
+use axum::http::{HeaderMap, Method};
 use axum::response::{IntoResponse as _, Response};
 use bytes::Bytes;
 use futures::FutureExt as _;
 use futures::future::BoxFuture;
 use serde::{Deserialize, Serialize};
 
-use super::super::client::Client;
 use super::super::error::{ApiError, Code};
 use super::super::prelude::*;
+use super::links::{OF_A_SERVER, Question};
 use super::target::Target;
 use super::{Location, Nodes, Other, elsewhere, is_elsewhere};
 use crate::ids::{Place, RunKey};
@@ -36,14 +35,9 @@ const ASK_PATIENCE: Duration = Duration::from_secs(10);
 /// How long another server may take to say who it is.
 const HELLO_PATIENCE: Duration = Duration::from_secs(3);
 
-/// In the place of the client of what a server asks for itself.
-const OF_A_SERVER: Client = Client { address: IpAddr::V4(Ipv4Addr::LOCALHOST), is_local: false };
-
-fn question(method: Method, path: &str) -> Option<hyper::Request<Bytes>> {
-    let mut request = hyper::Request::new(Bytes::new());
-    *request.method_mut() = method;
-    *request.uri_mut() = path.parse::<Uri>().ok()?;
-    Some(request)
+fn question(method: Method, path: &str) -> Option<Question> {
+    let (headers, body) = (HeaderMap::new(), Bytes::new());
+    Some(Question { method, path: path.parse().ok()?, headers, body })
 }
 
 /// Who a server is.
@@ -100,7 +94,9 @@ impl Nodes {
 
     /// Asks another server, which may have joined at this moment; `None` where it does not answer.
     async fn ask_at(&self, method: Method, path: &str, at: &Other) -> Option<Response> {
-        self.send_now(&question(method, path)?, None, OF_A_SERVER, at).await.ok()
+        let question = question(method, path)?;
+        let gone = std::future::pending;
+        self.links.send(&question, None, OF_A_SERVER, at, gone).await.ok()
     }
 
     /// Checks that the other servers reach this one at its address; an error says what is wrong.

@@ -1,0 +1,313 @@
+//! The connections to the other servers: what is sent over them of a request, and what comes back.
+
+use std::collections::HashMap;
+use std::net::{IpAddr, Ipv4Addr};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use axum::body::{Body, HttpBody as _};
+use axum::http::request::Parts;
+use axum::http::uri::{Authority, PathAndQuery, Scheme};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, Uri, header};
+use axum::response::Response;
+use bytes::Bytes;
+use futures::{StreamExt as _, stream};
+use hyper::body::Incoming;
+use hyper_util::client::legacy::Client as HttpClient;
+use hyper_util::client::legacy::connect::HttpConnector;
+use hyper_util::rt::{TokioExecutor, TokioTimer};
+use quick_cache::sync::Cache;
+
+use super::super::body::LIGHT_BODY_BYTES_MAX;
+use super::super::client::Client;
+use super::super::error::{ApiError, Code};
+use super::credential::Secret;
+use super::relay::{self, Relay, Relayed};
+use super::{Other, is_of_a_player};
+
+/// How long another server may take to accept a connection.
+const CONNECT_PATIENCE: Duration = Duration::from_millis(500);
+
+/// After how long a connection to another server that is silent is asked for a sign of life, and how often in vain.
+const KEEPALIVE: Duration = Duration::from_secs(2);
+const KEEPALIVE_RETRIES: u32 = 3;
+
+/// After how long a connection that nobody uses is closed.
+const UNUSED: Duration = Duration::from_secs(30);
+
+/// Other servers that are remembered, with those that are gone.
+const PEERS_MAX: usize = 1000;
+
+/// What a server sends with what it forwards: who it is, as only servers of the cluster can tell.
+const HOP: HeaderName = HeaderName::from_static("x-swarmbench-hop");
+
+/// The address of the client, and whether it is a program on the machine to which it sent its request.
+const CLIENT: HeaderName = HeaderName::from_static("x-swarmbench-client");
+
+/// In the place of the client of what a server asks for itself.
+pub(super) const OF_A_SERVER: Client =
+    Client { address: IpAddr::V4(Ipv4Addr::LOCALHOST), is_local: false };
+
+/// Headers of one connection, which are not passed on.
+const OF_A_CONNECTION: [HeaderName; 7] = [
+    header::CONNECTION,
+    HeaderName::from_static("keep-alive"),
+    header::PROXY_AUTHENTICATE,
+    header::PROXY_AUTHORIZATION,
+    header::TE,
+    header::TRANSFER_ENCODING,
+    header::UPGRADE,
+];
+
+/// A request to another server, but for a body that is passed on as it comes. It may be sent more than once.
+#[derive(Clone)]
+pub(super) struct Question {
+    pub(super) method: Method,
+    pub(super) path: PathAndQuery,
+    /// Without those of a connection.
+    pub(super) headers: HeaderMap,
+    pub(super) body: Bytes,
+}
+
+impl Question {
+    /// Takes the headers of a request, and what else is sent of it.
+    pub(super) fn of(parts: &mut Parts, body: Bytes) -> Self {
+        let mut headers = std::mem::take(&mut parts.headers);
+        remove_of_connection(&mut headers);
+        headers.remove(header::EXPECT);
+        let path = parts.uri.path_and_query().cloned();
+        let path = path.unwrap_or_else(|| PathAndQuery::from_static("/"));
+        Self { method: parts.method.clone(), path, headers, body }
+    }
+
+    /// Whether it may be sent twice: it only reads, or it is an act, which is the same act again.
+    pub(super) fn is_repeatable(&self) -> bool {
+        self.method == Method::GET
+            || self.method == Method::HEAD
+            || matches!(self.path.path(), "/act" | "/swarm/act")
+    }
+
+    /// Whether it, and mostly its answer, is short: it is about one seat, or only acts.
+    fn is_short(&self) -> bool {
+        match self.path.path() {
+            "/act" | "/obs" => true,
+            "/swarm/act" => !self.may_wait(),
+            _ => false,
+        }
+    }
+
+    /// Whether its answer may be waited for.
+    pub(super) fn may_wait(&self) -> bool {
+        is_of_a_player(self.path.path())
+            && self.path.query().is_some_and(|query| query.split('&').any(is_wait))
+    }
+
+    /// The same, to be answered at once.
+    pub(super) fn without_wait(&self) -> Self {
+        let query = self.path.query().unwrap_or_default();
+        let rest: Vec<&str> = query.split('&').filter(|part| !is_wait(part)).collect();
+        let path = format!("{}?{}", self.path.path(), rest.join("&")).parse();
+        Self { path: path.expect("a part of a path"), ..self.clone() }
+    }
+}
+
+fn is_wait(parameter: &str) -> bool {
+    parameter.split('=').next() == Some("wait")
+}
+
+/// Why a request was not answered by the server to which it was sent.
+pub(super) enum Failed {
+    /// It has not arrived there.
+    NotSent,
+    /// It may have been done, or not.
+    Unknown,
+}
+
+/// The connections of one server to the others.
+pub(super) struct Links {
+    /// The incarnation of this server.
+    own: i64,
+    secret: Secret,
+    http: HttpClient<HttpConnector, Body>,
+    relays: Mutex<HashMap<i64, Arc<Relay>>>,
+    peers: Cache<i64, Arc<Peer>>,
+    /// Credentials that were checked, and for which server each is.
+    checked: Cache<HeaderValue, i64>,
+}
+
+/// Another server, as it is named in requests to it.
+struct Peer {
+    address: String,
+    authority: Authority,
+    credential: HeaderValue,
+}
+
+impl Links {
+    pub(super) fn new(own: i64, secret: &[u8]) -> Self {
+        let mut connector = HttpConnector::new();
+        connector.set_nodelay(true);
+        connector.set_connect_timeout(Some(CONNECT_PATIENCE));
+        // Where packets are lost between two servers that both reach the database, nobody else ends the connection.
+        connector.set_keepalive(Some(KEEPALIVE));
+        connector.set_keepalive_interval(Some(KEEPALIVE));
+        connector.set_keepalive_retries(Some(KEEPALIVE_RETRIES));
+        #[cfg(target_os = "linux")]
+        connector.set_tcp_user_timeout(Some(KEEPALIVE * (KEEPALIVE_RETRIES + 1)));
+        let http = HttpClient::builder(TokioExecutor::new())
+            .pool_timer(TokioTimer::new())
+            .pool_idle_timeout(UNUSED)
+            .build(connector);
+        Self {
+            own,
+            secret: Secret::new(secret),
+            http,
+            relays: Mutex::default(),
+            peers: Cache::new(PEERS_MAX),
+            checked: Cache::new(PEERS_MAX),
+        }
+    }
+
+    /// The client of a request that another server has sent on. An error where it is of no server; `None` where it is for the
+    /// server that was at this address before.
+    pub(super) fn client_of(&self, headers: &HeaderMap) -> Result<Option<Client>, ApiError> {
+        let refuse = || {
+            let detail = "this address is for the other servers of the cluster, and the request is of none of them: send it to the \
+                          public address. A server that sees this has another --cluster-secret-file";
+            ApiError::new(Code::Forbidden, detail)
+        };
+        let hop = headers.get(HOP).ok_or_else(refuse)?;
+        if self.recipient(hop).ok_or_else(refuse)? != self.own {
+            return Ok(None);
+        }
+        let client =
+            headers.get(CLIENT).and_then(|value| value.to_str().ok()).ok_or_else(refuse)?;
+        let (address, is_local) = client.split_once(' ').ok_or_else(refuse)?;
+        let address = address.parse().map_err(|_| refuse())?;
+        Ok(Some(Client { address, is_local: is_local == "local" }))
+    }
+
+    /// For which server a credential is; `None` where it is of no server.
+    fn recipient(&self, credential: &HeaderValue) -> Option<i64> {
+        if let Some(recipient) = self.checked.get(credential) {
+            return Some(recipient);
+        }
+        let recipient = self.secret.recipient(credential.to_str().ok()?)?;
+        self.checked.insert(credential.clone(), recipient);
+        Some(recipient)
+    }
+
+    fn peer(&self, to: &Other) -> Option<Arc<Peer>> {
+        if let Some(peer) =
+            self.peers.get(&to.incarnation).filter(|peer| peer.address == to.address)
+        {
+            return Some(peer);
+        }
+        let credential = self.secret.credential(self.own, to.incarnation);
+        let peer = Arc::new(Peer {
+            address: to.address.clone(),
+            authority: to.address.parse().ok()?,
+            credential: HeaderValue::try_from(credential).expect("digits"),
+        });
+        self.peers.insert(to.incarnation, Arc::clone(&peer));
+        Some(peer)
+    }
+
+    /// Sends a request of a client to another server, with this body in the place of its own where there is one. `gone` completes
+    /// when that server is gone: then the body of the answer breaks off.
+    pub(super) async fn send<Gone>(
+        &self,
+        question: &Question,
+        body: Option<Body>,
+        client: Client,
+        to: &Other,
+        gone: impl Fn() -> Gone,
+    ) -> Result<Response, Failed>
+    where
+        Gone: Future<Output = ()> + Send + 'static,
+    {
+        let head = self.head(question, client, to).ok_or(Failed::NotSent)?;
+        if body.is_none() && question.is_short() {
+            match self.relay(to, &gone)?.ask(&head, &question.body).await {
+                Some(Relayed::Answered(response)) => return Ok(response),
+                Some(Relayed::ByHttp) => {}
+                None => return Err(Failed::Unknown),
+            }
+        }
+        let body = body.unwrap_or_else(|| Body::from(question.body.clone()));
+        match self.http.request(head.map(|()| body)).await {
+            Ok(response) => {
+                let mut response = response.map(|body| until_gone(gone, body));
+                remove_of_connection(response.headers_mut());
+                Ok(response)
+            }
+            Err(error) if error.is_connect() => Err(Failed::NotSent),
+            Err(error) => {
+                tracing::debug!(%error, to = to.address, "a request was forwarded and not answered");
+                Err(Failed::Unknown)
+            }
+        }
+    }
+
+    /// A request to another server, without its body.
+    fn head(&self, question: &Question, client: Client, to: &Other) -> Option<hyper::Request<()>> {
+        let peer = self.peer(to)?;
+        let mut head = hyper::Request::new(());
+        *head.method_mut() = question.method.clone();
+        let uri = Uri::builder().scheme(Scheme::HTTP).authority(peer.authority.clone());
+        *head.uri_mut() = uri.path_and_query(question.path.clone()).build().ok()?;
+        let headers = head.headers_mut();
+        *headers = question.headers.clone();
+        headers.insert(HOP, peer.credential.clone());
+        let kind = if client.is_local { "local" } else { "remote" };
+        let shown = HeaderValue::try_from(format!("{} {kind}", client.address));
+        headers.insert(CLIENT, shown.expect("an address"));
+        Some(head)
+    }
+
+    /// The connection to another server for requests of single seats.
+    fn relay<Gone>(&self, to: &Other, gone: impl Fn() -> Gone) -> Result<Arc<Relay>, Failed>
+    where
+        Gone: Future<Output = ()> + Send + 'static,
+    {
+        let mut relays = self.relays.lock().expect("nothing panics while it holds this");
+        if let Some(relay) = relays.get(&to.incarnation).filter(|relay| relay.is_open()) {
+            return Ok(Arc::clone(relay));
+        }
+        let path = PathAndQuery::from_static(relay::PATH);
+        let (headers, body) = (HeaderMap::new(), Bytes::new());
+        let question = Question { method: Method::POST, path, headers, body };
+        let head = self.head(&question, OF_A_SERVER, to).ok_or(Failed::NotSent)?;
+        let relay = Relay::open(self.http.clone(), head, gone());
+        relays.retain(|_, relay| relay.is_open());
+        relays.insert(to.incarnation, Arc::clone(&relay));
+        Ok(relay)
+    }
+}
+
+/// The body of an answer of another server. It breaks off when that server is gone.
+fn until_gone<Gone>(gone: impl Fn() -> Gone, body: Incoming) -> Body
+where
+    Gone: Future<Output = ()> + Send + 'static,
+{
+    if body.is_end_stream()
+        || body.size_hint().exact().is_some_and(|bytes| bytes <= LIGHT_BODY_BYTES_MAX as u64)
+    {
+        return Body::new(body);
+    }
+    let parts = Body::new(body).into_data_stream();
+    let parts = stream::unfold(Some((parts, Box::pin(gone()))), async |state| {
+        let (mut parts, mut gone) = state?;
+        tokio::select! {
+            biased;
+            part = parts.next() => Some((part?, Some((parts, gone)))),
+            () = &mut gone => Some((Err(axum::Error::new("the server that sent it is gone")), None)),
+        }
+    });
+    Body::from_stream(parts)
+}
+
+fn remove_of_connection(headers: &mut HeaderMap) {
+    for name in &OF_A_CONNECTION {
+        headers.remove(name);
+    }
+}

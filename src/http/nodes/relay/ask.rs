@@ -1,0 +1,151 @@
+//! The side that asks.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use axum::body::Body;
+use axum::http::StatusCode;
+use axum::response::Response;
+use bytes::Bytes;
+use futures::StreamExt as _;
+use hyper_util::client::legacy::Client as HttpClient;
+use hyper_util::client::legacy::connect::HttpConnector;
+use tokio::sync::oneshot;
+
+use super::{Ask, Queue, Reply, headers_of, headers_to, messages};
+
+/// A connection to another server. It is open until either of them ends it.
+pub(in super::super) struct Relay {
+    asks: Arc<Queue>,
+    waiting: Mutex<Waiting>,
+}
+
+/// Who waits for an answer.
+#[derive(Default)]
+struct Waiting {
+    last_id: u64,
+    replies: HashMap<u64, oneshot::Sender<Relayed>>,
+    is_closed: bool,
+}
+
+/// What another server has replied.
+pub(in super::super) enum Relayed {
+    Answered(Response),
+    /// It answers when the request comes by itself.
+    ByHttp,
+}
+
+impl Relay {
+    /// Opens a connection with this request, whose body is replaced; `gone` completes when it is to be closed.
+    pub(in super::super) fn open(
+        http: HttpClient<HttpConnector, Body>,
+        request: hyper::Request<()>,
+        gone: impl Future<Output = ()> + Send + 'static,
+    ) -> Arc<Self> {
+        let relay = Arc::new(Self { asks: Arc::default(), waiting: Mutex::default() });
+        let request = request.map(|()| relay.asks.body());
+        let opened = Arc::clone(&relay);
+        tokio::spawn(async move {
+            tokio::select! {
+                () = opened.receive(http, request) => {}
+                () = gone => {}
+            }
+            opened.close();
+        });
+        relay
+    }
+
+    pub(in super::super) fn is_open(&self) -> bool {
+        !self.waiting().is_closed
+    }
+
+    /// Sends a request without its connection's headers; `None` where the connection ends before the answer has come.
+    pub(in super::super) async fn ask(
+        &self,
+        request: &hyper::Request<()>,
+        body: &Bytes,
+    ) -> Option<Relayed> {
+        let (reply, replied) = oneshot::channel();
+        let id = {
+            let mut waiting = self.waiting();
+            if waiting.is_closed {
+                return None;
+            }
+            waiting.last_id += 1;
+            let id = waiting.last_id;
+            waiting.replies.insert(id, reply);
+            id
+        };
+        let _cancelled = CancelledOnDrop { relay: self, id };
+        let path = request.uri().path_and_query()?;
+        let ask = Ask::Request {
+            id,
+            method: request.method().as_str(),
+            path: path.as_str(),
+            headers: headers_to(request.headers()),
+            body: serde_bytes::Bytes::new(body),
+        };
+        if !self.asks.push(&ask) {
+            return Some(Relayed::ByHttp);
+        }
+        replied.await.ok()
+    }
+
+    fn waiting(&self) -> MutexGuard<'_, Waiting> {
+        self.waiting.lock().expect("nothing panics while it holds this")
+    }
+
+    async fn receive(&self, http: HttpClient<HttpConnector, Body>, request: hyper::Request<Body>) {
+        let answered = match http.request(request).await {
+            Ok(answered) => answered,
+            Err(error) => return tracing::debug!(%error, "a server did not answer another one"),
+        };
+        if answered.status() != StatusCode::OK {
+            return;
+        }
+        let mut replies = messages(Body::new(answered.into_body()));
+        while let Some(Ok(message)) = replies.next().await {
+            let Some((id, relayed)) = relayed(&message) else { return };
+            let reply = self.waiting().replies.remove(&id);
+            if let Some(reply) = reply {
+                // Where nobody waits any more, the answer came as that was noticed.
+                drop(reply.send(relayed));
+            }
+        }
+    }
+
+    /// Nobody waits any longer, and nobody asks any more.
+    fn close(&self) {
+        self.asks.close();
+        let mut waiting = self.waiting();
+        waiting.is_closed = true;
+        waiting.replies.clear();
+    }
+}
+
+fn relayed(message: &Bytes) -> Option<(u64, Relayed)> {
+    Some(match postcard::from_bytes(message).ok()? {
+        Reply::Answered { id, status, headers, body } => {
+            let mut response = Response::new(Body::from(message.slice_ref(body)));
+            *response.status_mut() = StatusCode::from_u16(status).ok()?;
+            *response.headers_mut() = headers_of(message, &headers)?;
+            (id, Relayed::Answered(response))
+        }
+        Reply::ByHttp { id } => (id, Relayed::ByHttp),
+    })
+}
+
+/// Says that nobody waits for an answer any more, where it has not come.
+struct CancelledOnDrop<'a> {
+    relay: &'a Relay,
+    id: u64,
+}
+
+impl Drop for CancelledOnDrop<'_> {
+    fn drop(&mut self) {
+        let waited = self.relay.waiting().replies.remove(&self.id);
+        if waited.is_some() {
+            self.relay.asks.push(&Ask::Cancelled { id: self.id });
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! The side that answers.
+
+use std::sync::Arc;
+
+use axum::body::{Body, HttpBody as _, to_bytes};
+use axum::extract::Request;
+use axum::http::Method;
+use axum::response::Response;
+use bytes::Bytes;
+use futures::StreamExt as _;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::JoinMap;
+
+use super::super::super::body::LIGHT_BODY_BYTES_MAX;
+use super::super::super::client::Peer;
+use super::super::super::front::{Answered, Front};
+use super::{ANSWERING_MAX, Ask, Queue, Reply, headers_of, headers_to, messages};
+
+/// Answers the requests in the body of another server's. When this server stops, those that have come are still answered.
+pub(in super::super::super) fn answer(
+    front: Front,
+    peer: Peer,
+    request: Request,
+    stop: CancellationToken,
+) -> Response {
+    let replies = Arc::new(Queue::default());
+    let response = Response::new(replies.body());
+    tokio::spawn(async move {
+        answer_all(front, peer, request.into_body(), &replies, stop).await;
+        replies.close();
+    });
+    response
+}
+
+/// Where the other server has ended the connection, what is being answered is dropped.
+async fn answer_all(
+    front: Front,
+    peer: Peer,
+    asks: Body,
+    replies: &Arc<Queue>,
+    stop: CancellationToken,
+) {
+    let mut asks = messages(asks);
+    let mut answering = JoinMap::new();
+    loop {
+        let message = tokio::select! {
+            message = asks.next() => message,
+            Some(_) = answering.join_next() => continue,
+            () = stop.cancelled() => break,
+        };
+        let Some(Ok(message)) = message else { return };
+        match postcard::from_bytes(&message) {
+            Ok(Ask::Request { id, .. }) if answering.len() >= ANSWERING_MAX => {
+                replies.push(&Reply::ByHttp { id });
+            }
+            Ok(Ask::Request { id, method, path, headers, body }) => {
+                let request = || {
+                    let mut request = Request::new(Body::from(message.slice_ref(body)));
+                    *request.method_mut() = Method::from_bytes(method.as_bytes()).ok()?;
+                    *request.uri_mut() = path.parse().ok()?;
+                    *request.headers_mut() = headers_of(&message, &headers)?;
+                    Some(request)
+                };
+                let Some(request) = request() else { return };
+                let (front, replies) = (front.clone(), Arc::clone(replies));
+                answering.spawn(id, Box::pin(answer_one(front, peer, id, request, replies)));
+            }
+            Ok(Ask::Cancelled { id }) => {
+                answering.abort(&id);
+            }
+            Err(_) => return,
+        }
+    }
+    while answering.join_next().await.is_some() {}
+}
+
+async fn answer_one(front: Front, peer: Peer, id: u64, request: Request, replies: Arc<Queue>) {
+    let Answered { response, context: _context } = front.answer(request, peer).await;
+    let (parts, body) = response.into_parts();
+    let is_short = |most| most <= LIGHT_BODY_BYTES_MAX as u64;
+    let bytes: Option<Bytes> = if body.size_hint().upper().is_some_and(is_short) {
+        to_bytes(body, LIGHT_BODY_BYTES_MAX).await.ok()
+    } else {
+        None
+    };
+    let reply = match &bytes {
+        Some(body) => Reply::Answered {
+            id,
+            status: parts.status.as_u16(),
+            headers: headers_to(&parts.headers),
+            body: serde_bytes::Bytes::new(body),
+        },
+        None => Reply::ByHttp { id },
+    };
+    if !replies.push(&reply) {
+        // The other server does not take its answers.
+        replies.close();
+    }
+}
