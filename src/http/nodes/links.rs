@@ -74,7 +74,10 @@ impl Question {
     pub(super) fn of(parts: &mut Parts, body: Bytes) -> Self {
         let mut headers = std::mem::take(&mut parts.headers);
         remove_of_connection(&mut headers);
-        headers.remove(header::EXPECT);
+        // A client may send what only servers say.
+        for name in [header::EXPECT, HOP, CLIENT] {
+            headers.remove(name);
+        }
         let path = parts.uri.path_and_query().cloned();
         let path = path.unwrap_or_else(|| PathAndQuery::from_static("/"));
         Self { method: parts.method.clone(), path, headers, body }
@@ -213,7 +216,7 @@ impl Links {
     }
 
     /// Sends a request of a client to another server, with this body in the place of its own where there is one. `gone` completes
-    /// when that server is gone: then the body of the answer breaks off.
+    /// when that server is gone: then nobody waits for the answer, or its body breaks off.
     pub(super) async fn send<Gone>(
         &self,
         question: &Question,
@@ -225,18 +228,24 @@ impl Links {
     where
         Gone: Future<Output = ()> + Send + 'static,
     {
-        let head = self.head(question, client, to).ok_or(Failed::NotSent)?;
+        let peer = self.peer(to).ok_or(Failed::NotSent)?;
         if body.is_none() && question.is_short() {
-            match self.relay(to, &gone)?.ask(&head, &question.body).await {
+            let relay = self.relay(&peer, to.incarnation, &gone)?;
+            match relay.ask(question, &peer.headers(client)).await {
                 Some(Relayed::Answered(response)) => return Ok(response),
                 Some(Relayed::ByHttp) => {}
                 None => return Err(Failed::Unknown),
             }
         }
         let body = body.unwrap_or_else(|| Body::from(question.body.clone()));
-        match self.http.request(head.map(|()| body)).await {
+        let request = peer.request(question, client, body).ok_or(Failed::NotSent)?;
+        let answered = tokio::select! {
+            answered = self.http.request(request) => answered,
+            () = gone() => return Err(Failed::Unknown),
+        };
+        match answered {
             Ok(response) => {
-                let mut response = response.map(|body| until_gone(gone, body));
+                let mut response = response.map(|body| until_gone(gone(), body));
                 remove_of_connection(response.headers_mut());
                 Ok(response)
             }
@@ -248,54 +257,71 @@ impl Links {
         }
     }
 
-    /// A request to another server, without its body.
-    fn head(&self, question: &Question, client: Client, to: &Other) -> Option<hyper::Request<()>> {
-        let peer = self.peer(to)?;
-        let mut head = hyper::Request::new(());
-        *head.method_mut() = question.method.clone();
-        let uri = Uri::builder().scheme(Scheme::HTTP).authority(peer.authority.clone());
-        *head.uri_mut() = uri.path_and_query(question.path.clone()).build().ok()?;
-        let headers = head.headers_mut();
-        *headers = question.headers.clone();
-        headers.insert(HOP, peer.credential.clone());
-        let kind = if client.is_local { "local" } else { "remote" };
-        let shown = HeaderValue::try_from(format!("{} {kind}", client.address));
-        headers.insert(CLIENT, shown.expect("an address"));
-        Some(head)
-    }
-
     /// The connection to another server for requests of single seats.
-    fn relay<Gone>(&self, to: &Other, gone: impl Fn() -> Gone) -> Result<Arc<Relay>, Failed>
+    fn relay<Gone>(
+        &self,
+        peer: &Peer,
+        incarnation: i64,
+        gone: impl Fn() -> Gone,
+    ) -> Result<Arc<Relay>, Failed>
     where
         Gone: Future<Output = ()> + Send + 'static,
     {
         let mut relays = self.relays.lock().expect("nothing panics while it holds this");
-        if let Some(relay) = relays.get(&to.incarnation).filter(|relay| relay.is_open()) {
+        if let Some(relay) = relays.get(&incarnation).filter(|relay| relay.is_open()) {
             return Ok(Arc::clone(relay));
         }
         let path = PathAndQuery::from_static(relay::PATH);
         let (headers, body) = (HeaderMap::new(), Bytes::new());
         let question = Question { method: Method::POST, path, headers, body };
-        let head = self.head(&question, OF_A_SERVER, to).ok_or(Failed::NotSent)?;
-        let relay = Relay::open(self.http.clone(), head, gone());
+        let request = peer.request(&question, OF_A_SERVER, ()).ok_or(Failed::NotSent)?;
+        let relay = Relay::open(self.http.clone(), request, gone());
         relays.retain(|_, relay| relay.is_open());
-        relays.insert(to.incarnation, Arc::clone(&relay));
+        relays.insert(incarnation, Arc::clone(&relay));
         Ok(relay)
     }
 }
 
+impl Drop for Links {
+    fn drop(&mut self) {
+        let relays = self.relays.get_mut().expect("nothing panics while it holds this");
+        relays.values().for_each(|relay| relay.close());
+    }
+}
+
+impl Peer {
+    /// What says to this server that another one sends a request, and for whom.
+    fn headers(&self, client: Client) -> [(HeaderName, HeaderValue); 2] {
+        let kind = if client.is_local { "local" } else { "remote" };
+        let shown = HeaderValue::try_from(format!("{} {kind}", client.address));
+        [(HOP, self.credential.clone()), (CLIENT, shown.expect("an address"))]
+    }
+
+    fn request<T>(
+        &self,
+        question: &Question,
+        client: Client,
+        body: T,
+    ) -> Option<hyper::Request<T>> {
+        let mut request = hyper::Request::new(body);
+        *request.method_mut() = question.method.clone();
+        let uri = Uri::builder().scheme(Scheme::HTTP).authority(self.authority.clone());
+        *request.uri_mut() = uri.path_and_query(question.path.clone()).build().ok()?;
+        *request.headers_mut() = question.headers.clone();
+        request.headers_mut().extend(self.headers(client));
+        Some(request)
+    }
+}
+
 /// The body of an answer of another server. It breaks off when that server is gone.
-fn until_gone<Gone>(gone: impl Fn() -> Gone, body: Incoming) -> Body
-where
-    Gone: Future<Output = ()> + Send + 'static,
-{
+fn until_gone(gone: impl Future<Output = ()> + Send + 'static, body: Incoming) -> Body {
     if body.is_end_stream()
         || body.size_hint().exact().is_some_and(|bytes| bytes <= LIGHT_BODY_BYTES_MAX as u64)
     {
         return Body::new(body);
     }
     let parts = Body::new(body).into_data_stream();
-    let parts = stream::unfold(Some((parts, Box::pin(gone()))), async |state| {
+    let parts = stream::unfold(Some((parts, Box::pin(gone))), async |state| {
         let (mut parts, mut gone) = state?;
         tokio::select! {
             biased;

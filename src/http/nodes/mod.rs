@@ -346,10 +346,7 @@ impl Nodes {
         to: &Other,
     ) -> Result<Response, Failed> {
         let gone = || self.cluster.gone(to.incarnation);
-        tokio::select! {
-            answered = self.links.send(question, body, client, to, gone) => answered,
-            () = gone() => Err(Failed::Unknown),
-        }
+        self.links.send(question, body, client, to, gone).await
     }
 }
 

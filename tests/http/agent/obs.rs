@@ -187,6 +187,39 @@ async fn a_wait_ends_when_the_server_stops() {
 }
 
 #[tokio::test]
+async fn a_client_that_hangs_up_waits_no_more() {
+    let app = TestApp::builder().limits(|limits| limits.waits_max = 1).start().await;
+    let episode = app.create(two_agents(3)).await;
+    let ask = |wait: &str| app.get(&format!("/obs?after=0&wait={wait}")).token(episode.seat(0));
+    // The other wait is refused while this one has the only place.
+    let waiting = tokio::spawn(ask("60").ok());
+    while ask("0.001").send().await.status != 503 {
+        assert!(!waiting.is_finished());
+    }
+    waiting.abort();
+    for _ in 0..10_000 {
+        if ask("0.001").send().await.status == 200 {
+            return;
+        }
+    }
+    panic!("it waits for nobody");
+}
+
+/// More than servers pass on together.
+#[tokio::test]
+async fn a_large_observation_is_sent_completely() {
+    let app = TestApp::start().await;
+    // Each takes two bytes as JSON.
+    let quotes = "\"".repeat(1000);
+    let mut request = two_agents(3);
+    request["prompt_template"] =
+        json!(format!("{{% for i in range(120) %}}{quotes}{{% endfor %}}"));
+    let episode = app.create(request).await;
+    let seen = app.get("/obs?prompt=true").token(episode.seat(0)).ok().await;
+    assert_eq!(seen["prompt"], quotes.repeat(120));
+}
+
+#[tokio::test]
 async fn everybody_sees_the_whole_map() {
     let app = TestApp::start().await;
     let episode = commanded(&app).await;

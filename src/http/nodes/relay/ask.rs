@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use axum::body::Body;
-use axum::http::StatusCode;
+use axum::http::{HeaderName, HeaderValue, StatusCode};
 use axum::response::Response;
 use bytes::Bytes;
 use futures::StreamExt as _;
@@ -12,7 +12,8 @@ use hyper_util::client::legacy::Client as HttpClient;
 use hyper_util::client::legacy::connect::HttpConnector;
 use tokio::sync::oneshot;
 
-use super::{Ask, Queue, Reply, headers_of, headers_to, messages};
+use super::super::links::Question;
+use super::{Ask, Queue, Reply, header, headers_of, headers_to, messages};
 
 /// A connection to another server. It is open until either of them ends it.
 pub(in super::super) struct Relay {
@@ -59,11 +60,11 @@ impl Relay {
         !self.waiting().is_closed
     }
 
-    /// Sends a request without its connection's headers; `None` where the connection ends before the answer has come.
+    /// Sends a request with these headers beside its own; `None` where the connection ends before the answer has come.
     pub(in super::super) async fn ask(
         &self,
-        request: &hyper::Request<()>,
-        body: &Bytes,
+        question: &Question,
+        more: &[(HeaderName, HeaderValue)],
     ) -> Option<Relayed> {
         let (reply, replied) = oneshot::channel();
         let id = {
@@ -77,13 +78,14 @@ impl Relay {
             id
         };
         let _cancelled = CancelledOnDrop { relay: self, id };
-        let path = request.uri().path_and_query()?;
+        let mut headers = headers_to(&question.headers);
+        headers.extend(more.iter().map(|(name, value)| header(name, value)));
         let ask = Ask::Request {
             id,
-            method: request.method().as_str(),
-            path: path.as_str(),
-            headers: headers_to(request.headers()),
-            body: serde_bytes::Bytes::new(body),
+            method: question.method.as_str(),
+            path: question.path.as_str(),
+            headers,
+            body: serde_bytes::Bytes::new(&question.body),
         };
         if !self.asks.push(&ask) {
             return Some(Relayed::ByHttp);
@@ -115,7 +117,7 @@ impl Relay {
     }
 
     /// Nobody waits any longer, and nobody asks any more.
-    fn close(&self) {
+    pub(in super::super) fn close(&self) {
         self.asks.close();
         let mut waiting = self.waiting();
         waiting.is_closed = true;

@@ -30,6 +30,9 @@ pub(in super::super) const PATH: &str = "/cluster/relay";
 /// Bytes that wait to be sent to another server.
 const QUEUED_BYTES_MAX: usize = 16 * 1024 * 1024;
 
+/// Bytes of a message as most are.
+const MESSAGE_BYTES: usize = 1024;
+
 /// Requests of another server that are answered at once.
 const ANSWERING_MAX: usize = 20_000;
 
@@ -64,11 +67,15 @@ enum Reply<'a> {
     ByHttp { id: u64 },
 }
 
+fn header<'a>(name: &'a HeaderName, value: &'a HeaderValue) -> (&'a str, &'a serde_bytes::Bytes) {
+    (name.as_str(), serde_bytes::Bytes::new(value.as_bytes()))
+}
+
 fn headers_to(headers: &HeaderMap) -> Headers<'_> {
-    headers
-        .iter()
-        .map(|(name, value)| (name.as_str(), serde_bytes::Bytes::new(value.as_bytes())))
-        .collect()
+    // There is room for what a server adds.
+    let mut all = Headers::with_capacity(headers.len() + 2);
+    all.extend(headers.iter().map(|(name, value)| header(name, value)));
+    all
 }
 
 /// Reads headers out of the message that holds them.
@@ -108,7 +115,8 @@ impl Queue {
 
     /// Adds a message; whether there was room for it.
     fn push(&self, message: &impl Serialize) -> bool {
-        let Ok(message) = postcard::to_allocvec(message) else { return false };
+        let buffer = Vec::with_capacity(MESSAGE_BYTES);
+        let Ok(message) = postcard::to_extend(message, buffer) else { return false };
         let mut state = self.state();
         if state.is_closed || state.bytes.len() + message.len() > QUEUED_BYTES_MAX {
             return false;

@@ -1,5 +1,6 @@
 //! The side that answers.
 
+use std::pin::pin;
 use std::sync::Arc;
 
 use axum::body::{Body, HttpBody as _, to_bytes};
@@ -40,13 +41,13 @@ async fn answer_all(
     replies: &Arc<Queue>,
     stop: CancellationToken,
 ) {
-    let mut asks = messages(asks);
-    let mut answering = JoinMap::new();
+    let (mut asks, mut answering) = (messages(asks), JoinMap::new());
+    let mut stopped = pin!(stop.cancelled());
     loop {
         let message = tokio::select! {
             message = asks.next() => message,
             Some(_) = answering.join_next() => continue,
-            () = stop.cancelled() => break,
+            () = stopped.as_mut() => break,
         };
         let Some(Ok(message)) = message else { return };
         match postcard::from_bytes(&message) {
