@@ -38,7 +38,7 @@ impl Servers {
 pub(crate) struct Tried {
     /// The next run to be asked is one after this.
     pub(crate) run: u64,
-    /// Another one of several servers is asked next, if there is one.
+    /// The next one of several servers is asked next.
     pub(crate) server: Option<usize>,
 }
 
@@ -84,19 +84,19 @@ impl Doors {
         self.servers[server].has_ended(run) || self.excused[server].load(Ordering::SeqCst)
     }
 
-    /// Any server that listens, another one than was tried last where there is one.
+    /// Any server that listens; after one that was tried in vain the next one, as a load balancer goes on.
     pub(crate) async fn any(&self, tried: Tried) -> (usize, Address) {
         let began = Instant::now();
-        let dice =
-            Dice::of(self.seed, &format!("pick {}", self.picks.fetch_add(1, Ordering::SeqCst)));
-        let first = dice.below(self.servers.len());
+        let drawn = || {
+            let pick = self.picks.fetch_add(1, Ordering::SeqCst);
+            Dice::of(self.seed, &format!("pick {pick}")).below(self.servers.len())
+        };
+        let first = tried.server.map_or_else(drawn, |tried| tried + 1);
         loop {
-            let order = (0..self.servers.len()).map(|next| (first + next) % self.servers.len());
-            let open = order.filter_map(|server| Some((server, self.servers[server].now()?)));
-            let open: Vec<_> = open.collect();
-            let other = open.iter().find(|(server, _)| Some(*server) != tried.server);
-            if let Some(found) = other.or(open.first()) {
-                return found.clone();
+            let mut order = (0..self.servers.len()).map(|next| (first + next) % self.servers.len());
+            let open = order.find_map(|server| Some((server, self.servers[server].now()?)));
+            if let Some(found) = open {
+                return found;
             }
             assert!(began.elapsed() < PATIENCE, "none of the servers listens");
             tokio::time::sleep(PAUSE).await;

@@ -159,24 +159,39 @@ impl Cluster {
     /// it is unknown whether they are given back: this server retries until it is known, and plays nothing there meanwhile.
     pub async fn release(&self, places: &[Place]) -> Result<(), StoreError> {
         for some in places.chunks(PLACES_AT_ONCE) {
-            let takings = loop {
-                match self.takings(some).await {
-                    Err(StoreError::Away) => tokio::time::sleep(PAUSE).await,
-                    answered => break answered?,
-                }
-            };
+            let rows = self.own_rows_when_back(some).await?;
+            let takings: Vec<i64> = rows.into_iter().map(|(_, taking)| taking).collect();
+            let mut is_sure = true;
             while let Err(error) = self.delete(&takings, some).await {
                 if !matches!(error, StoreError::Away) {
                     return Err(error);
                 }
+                is_sure = false;
                 tokio::time::sleep(PAUSE).await;
+            }
+            if !is_sure {
+                // The first attempt may have given a place back, and a request may have taken it again before the last one.
+                let again = self.own_rows_when_back(some).await?;
+                let again = again.into_iter().map(|(place, _)| place);
+                self.note_taken(again.clone());
+                self.places().extend(again.map(|place| (place, State::Has)));
             }
         }
         Ok(())
     }
 
-    /// The numbers of rows by which this server has places.
-    async fn takings(&self, places: &[Place]) -> Result<Vec<i64>, StoreError> {
+    /// As [`Cluster::own_rows`]; waits for the database where it is away.
+    async fn own_rows_when_back(&self, places: &[Place]) -> Result<Vec<(Place, i64)>, StoreError> {
+        loop {
+            match self.own_rows(places).await {
+                Err(StoreError::Away) => tokio::time::sleep(PAUSE).await,
+                answered => return answered,
+            }
+        }
+    }
+
+    /// Those of these places that this server has, and the numbers of the rows that say so.
+    async fn own_rows(&self, places: &[Place]) -> Result<Vec<(Place, i64)>, StoreError> {
         self.on(&self.takes, Purpose::Takes, async |connection| {
             let (kinds, keys) = columns(places);
             let mut arguments = PgArguments::default();
@@ -187,12 +202,17 @@ impl Cluster {
                 unreachable!("it is of PostgreSQL")
             };
             let rows = sqlx::query_with(
-                "SELECT p.taking FROM places p JOIN unnest($1::smallint[], $2::bigint[]) AS w (kind, key)
+                "SELECT p.kind, p.key, p.taking FROM places p JOIN unnest($1::smallint[], $2::bigint[]) AS w (kind, key)
                      ON p.kind = w.kind AND p.key = w.key WHERE p.owner = $3",
                 arguments,
             );
             let rows = rows.fetch_all(connection).await?;
-            rows.iter().map(|row| row.try_get(0)).collect()
+            let own = rows.iter().map(|row| {
+                let (kind, key, taking): (i16, i64, i64) =
+                    (row.try_get(0)?, row.try_get(1)?, row.try_get(2)?);
+                Ok(Place::from_numbers(kind, key).map(|place| (place, taking)))
+            });
+            own.filter_map(Result::transpose).collect()
         })
         .await
     }
