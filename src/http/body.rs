@@ -162,6 +162,13 @@ impl Bodies {
         Ok(Arrived { bytes, _permit: permit, _counted: counted })
     }
 
+    /// Reads a body that is passed on, and that is not large.
+    pub(super) async fn light(self: &Arc<Self>, body: Body) -> Result<Arrived, ApiError> {
+        let limit = LIGHT_BODY_BYTES_MAX;
+        let (bytes, counted) = self.collect(body, limit, "light_body_bytes_max").await?;
+        Ok(Arrived { bytes, _permit: None, _counted: counted })
+    }
+
     async fn collect(
         self: &Arc<Self>,
         body: Body,

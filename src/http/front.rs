@@ -179,8 +179,9 @@ impl Front {
     ) -> Result<Response, ApiError> {
         let Inner { app, .. } = &*self.inner;
         if self.is_for_nodes && request.uri().path() == relay::PATH {
-            let peer = Peer(client.address);
-            return Ok(relay::answer(self.clone(), peer, request, app.stop.clone()));
+            let gone = nodes.gone_of_hop(request.headers());
+            let (peer, stop) = (Peer(client.address), app.stop.clone());
+            return Ok(relay::answer(self.clone(), peer, request, stop, gone));
         }
         if self.is_for_nodes && request.uri().path().starts_with(nodes::PATH) {
             return nodes.answer(app, request).await;

@@ -36,6 +36,11 @@ impl Secret {
     }
 }
 
+/// Of which server a credential is, if it is one.
+pub(super) fn sender(credential: &str) -> Option<i64> {
+    credential.split('.').next()?.parse().ok()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -44,7 +49,7 @@ mod tests {
     fn a_credential_is_for_one_server_and_of_the_same_secret() {
         let (own, other) = (Secret::new(b"a secret"), Secret::new(b"another"));
         let credential = own.credential(7, 8);
-        assert_eq!(own.recipient(&credential), Some(8));
+        assert_eq!((sender(&credential), own.recipient(&credential)), (Some(7), Some(8)));
         assert_eq!(other.recipient(&credential), None);
         assert_eq!(own.recipient(&credential.replacen('7', "6", 1)), None);
         assert_eq!(own.recipient(&credential.replacen(".8.", ".9.", 1)), None);

@@ -21,8 +21,8 @@ use quick_cache::sync::Cache;
 use super::super::body::LIGHT_BODY_BYTES_MAX;
 use super::super::client::Client;
 use super::super::error::{ApiError, Code};
-use super::credential::Secret;
-use super::relay::{self, Relay, Relayed};
+use super::credential::{self, Secret};
+use super::relay::{self, Relay};
 use super::{Other, is_of_a_player};
 
 /// How long another server may take to accept a connection.
@@ -90,7 +90,7 @@ impl Question {
             || matches!(self.path.path(), "/act" | "/swarm/act")
     }
 
-    /// Whether it, and mostly its answer, is short: it is about one seat, or only acts.
+    /// Whether it, and mostly its answer, is short: it is about one seat, or only acts. It may be sent again.
     fn is_short(&self) -> bool {
         match self.path.path() {
             "/act" | "/obs" => true,
@@ -189,6 +189,12 @@ impl Links {
         Ok(Some(Client { address, is_local: is_local == "local" }))
     }
 
+    /// The incarnation of the server that has sent a request, after [`Links::client_of`] has checked it.
+    pub(super) fn sender(&self, headers: &HeaderMap) -> i64 {
+        let hop = headers.get(HOP).and_then(|value| value.to_str().ok());
+        hop.and_then(credential::sender).unwrap_or(self.own)
+    }
+
     /// For which server a credential is; `None` where it is of no server.
     fn recipient(&self, credential: &HeaderValue) -> Option<i64> {
         if let Some(recipient) = self.checked.get(credential) {
@@ -231,10 +237,10 @@ impl Links {
         let peer = self.peer(to).ok_or(Failed::NotSent)?;
         if body.is_none() && question.is_short() {
             let relay = self.relay(&peer, to.incarnation, &gone)?;
-            match relay.ask(question, &peer.headers(client)).await {
-                Some(Relayed::Answered(response)) => return Ok(response),
-                Some(Relayed::ByHttp) => {}
-                None => return Err(Failed::Unknown),
+            // Where the connection ends before the answer has come, a request of its own shows at once whether that server lives:
+            // all that is sent this way may be sent again.
+            if let Some(response) = relay.ask(question, &peer.headers(client)).await {
+                return Ok(response);
             }
         }
         let body = body.unwrap_or_else(|| Body::from(question.body.clone()));

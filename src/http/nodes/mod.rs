@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use axum::body::{Body, HttpBody as _, to_bytes};
+use axum::body::{Body, HttpBody as _};
 use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
@@ -109,6 +109,14 @@ impl Nodes {
         self.links.client_of(headers)
     }
 
+    /// Completes when the server that sends a request is gone.
+    pub(super) fn gone_of_hop(
+        &self,
+        headers: &HeaderMap,
+    ) -> impl Future<Output = ()> + Send + 'static {
+        self.cluster.gone(self.links.sender(headers))
+    }
+
     /// Refuses to answer for what this server plays where the database may have been told that it is dead.
     pub(super) fn check_may_answer(&self) -> Result<(), ApiError> {
         if self.cluster.may_answer() {
@@ -142,7 +150,7 @@ impl Nodes {
         match self.locate(target).await? {
             Location::Here => Ok(Routed::Here(request)),
             Location::At(other) => {
-                let routed = self.forward(&app.stop, request, client, target, &other).await?;
+                let routed = self.forward(app, request, client, target, &other).await?;
                 Ok(match routed {
                     Routed::Answered(response) => Routed::Answered(until_stop(&app.stop, response)),
                     here @ Routed::Here(_) => here,
@@ -235,7 +243,7 @@ impl Nodes {
     /// Lets another server answer, and the next one that plays it where that does not: once.
     async fn forward(
         &self,
-        stop: &CancellationToken,
+        app: &App,
         request: Request,
         client: Client,
         target: Target,
@@ -257,16 +265,14 @@ impl Nodes {
                 Err(Failed::Unknown) => Err(unknown()),
             };
         }
-        let bytes = to_bytes(body, LIGHT_BODY_BYTES_MAX).await.map_err(|error| {
-            ApiError::new(Code::Malformed, format!("the body has not arrived: {error}"))
-        })?;
+        let bytes = app.bodies.light(body).await?.into_bytes();
         let question = Question::of(&mut parts, bytes);
         let may_repeat = question.is_repeatable();
         let answered = if question.may_wait() {
             tokio::select! {
                 answered = self.send(&question, None, client, to) => answered,
                 // A server that stops lets nobody wait.
-                () = stop.cancelled() => {
+                () = app.stop.cancelled() => {
                     self.send(&question.without_wait(), None, client, to).await
                 }
             }

@@ -6,14 +6,13 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use axum::body::Body;
 use axum::http::{HeaderName, HeaderValue, StatusCode};
 use axum::response::Response;
-use bytes::Bytes;
 use futures::StreamExt as _;
 use hyper_util::client::legacy::Client as HttpClient;
 use hyper_util::client::legacy::connect::HttpConnector;
 use tokio::sync::oneshot;
 
 use super::super::links::Question;
-use super::{Ask, Queue, Reply, header, headers_of, headers_to, messages};
+use super::{Ask, Pushed, Queue, Reply, header, headers_of, headers_to, messages};
 
 /// A connection to another server. It is open until either of them ends it.
 pub(in super::super) struct Relay {
@@ -21,19 +20,14 @@ pub(in super::super) struct Relay {
     waiting: Mutex<Waiting>,
 }
 
-/// Who waits for an answer.
+/// Who waits for an answer: nobody once it is dropped.
 #[derive(Default)]
 struct Waiting {
     last_id: u64,
-    replies: HashMap<u64, oneshot::Sender<Relayed>>,
-    is_closed: bool,
-}
-
-/// What another server has replied.
-pub(in super::super) enum Relayed {
-    Answered(Response),
-    /// It answers when the request comes by itself.
-    ByHttp,
+    /// `None` where a request is to be sent by itself.
+    replies: HashMap<u64, oneshot::Sender<Option<Response>>>,
+    /// The other server takes no further requests.
+    is_closing: bool,
 }
 
 impl Relay {
@@ -57,19 +51,20 @@ impl Relay {
     }
 
     pub(in super::super) fn is_open(&self) -> bool {
-        !self.waiting().is_closed
+        !self.waiting().is_closing
     }
 
-    /// Sends a request with these headers beside its own; `None` where the connection ends before the answer has come.
+    /// Sends a request with these headers beside its own; `None` where it is to be sent by itself: as there is no room for it or for
+    /// its answer, or the connection has ended before the answer.
     pub(in super::super) async fn ask(
         &self,
         question: &Question,
         more: &[(HeaderName, HeaderValue)],
-    ) -> Option<Relayed> {
+    ) -> Option<Response> {
         let (reply, replied) = oneshot::channel();
         let id = {
             let mut waiting = self.waiting();
-            if waiting.is_closed {
+            if waiting.is_closing {
                 return None;
             }
             waiting.last_id += 1;
@@ -87,10 +82,10 @@ impl Relay {
             headers,
             body: serde_bytes::Bytes::new(&question.body),
         };
-        if !self.asks.push(&ask) {
-            return Some(Relayed::ByHttp);
+        if self.asks.push(&ask) != Pushed::Queued {
+            return None;
         }
-        replied.await.ok()
+        replied.await.ok()?
     }
 
     fn waiting(&self) -> MutexGuard<'_, Waiting> {
@@ -107,11 +102,28 @@ impl Relay {
         }
         let mut replies = messages(Body::new(answered.into_body()));
         while let Some(Ok(message)) = replies.next().await {
-            let Some((id, relayed)) = relayed(&message) else { return };
+            let (id, response) = match postcard::from_bytes(&message) {
+                Ok(Reply::Answered { id, status, headers, body }) => {
+                    let response = || {
+                        let mut response = Response::new(Body::from(message.slice_ref(body)));
+                        *response.status_mut() = StatusCode::from_u16(status).ok()?;
+                        *response.headers_mut() = headers_of(&message, &headers)?;
+                        Some(response)
+                    };
+                    (id, response())
+                }
+                Ok(Reply::ByHttp { id }) => (id, None),
+                Ok(Reply::Closing) => {
+                    self.waiting().is_closing = true;
+                    self.asks.close();
+                    continue;
+                }
+                Err(_) => return,
+            };
             let reply = self.waiting().replies.remove(&id);
             if let Some(reply) = reply {
                 // Where nobody waits any more, the answer came as that was noticed.
-                drop(reply.send(relayed));
+                drop(reply.send(response));
             }
         }
     }
@@ -120,21 +132,9 @@ impl Relay {
     pub(in super::super) fn close(&self) {
         self.asks.close();
         let mut waiting = self.waiting();
-        waiting.is_closed = true;
+        waiting.is_closing = true;
         waiting.replies.clear();
     }
-}
-
-fn relayed(message: &Bytes) -> Option<(u64, Relayed)> {
-    Some(match postcard::from_bytes(message).ok()? {
-        Reply::Answered { id, status, headers, body } => {
-            let mut response = Response::new(Body::from(message.slice_ref(body)));
-            *response.status_mut() = StatusCode::from_u16(status).ok()?;
-            *response.headers_mut() = headers_of(message, &headers)?;
-            (id, Relayed::Answered(response))
-        }
-        Reply::ByHttp { id } => (id, Relayed::ByHttp),
-    })
 }
 
 /// Says that nobody waits for an answer any more, where it has not come.

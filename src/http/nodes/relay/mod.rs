@@ -3,13 +3,16 @@
 //!
 //! A server posts to [`PATH`] of another one and leaves the request open. Its body is a stream of [`Ask`], the body of the answer
 //! one of [`Reply`]; each has its length before it. All that was queued while the connection was busy is sent as one piece.
-//! What does not fit ([`Reply::ByHttp`]) is sent as a request of its own.
+//! What does not fit ([`Reply::ByHttp`]), or is not answered as the connection ends, is sent as a request of its own.
+//!
+//! A server that stops says so ([`Reply::Closing`]), and answers what comes until the other one ends the body of its request.
 
 mod ask;
 mod reply;
 
 use std::convert::Infallible;
 use std::io;
+use std::pin::pin;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::task::{Context, Poll, Waker};
 
@@ -18,20 +21,23 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue};
 use bytes::{Bytes, BytesMut};
 use futures::{Stream, StreamExt as _, TryStreamExt as _, stream};
 use serde::{Deserialize, Serialize};
+use tokio::sync::Notify;
 use tokio_util::codec::{Encoder as _, FramedRead, LengthDelimitedCodec};
 use tokio_util::io::StreamReader;
+use tokio_util::sync::CancellationToken;
 
-pub(super) use ask::{Relay, Relayed};
+pub(super) use ask::Relay;
 pub(in super::super) use reply::answer;
 
-/// Where a server takes the requests of another one.
-pub(in super::super) const PATH: &str = "/cluster/relay";
+/// Where a server takes the requests of another one. Another form of messages needs another path.
+pub(in super::super) const PATH: &str = "/cluster/relay/1";
 
-/// Bytes that wait to be sent to another server.
-const QUEUED_BYTES_MAX: usize = 16 * 1024 * 1024;
+/// Bytes that wait to be sent to another server: so many may come before what is queued last. A longer message waits alone.
+const QUEUED_BYTES_MAX: usize = 1024 * 1024;
 
-/// Bytes of a message as most are.
+/// Bytes of a message as most are, and of the longest: an answer to acts, which are not done again for their answer.
 const MESSAGE_BYTES: usize = 1024;
+const MESSAGE_BYTES_MAX: usize = 32 * 1024 * 1024;
 
 /// Requests of another server that are answered at once.
 const ANSWERING_MAX: usize = 20_000;
@@ -63,8 +69,10 @@ enum Reply<'a> {
         headers: Headers<'a>,
         body: &'a serde_bytes::Bytes,
     },
-    /// The answer is too long, or too many requests are being answered: it may be sent as a request of its own.
+    /// The answer is too long, or too many requests are being answered: it is to be sent as a request of its own.
     ByHttp { id: u64 },
+    /// No further requests are to come.
+    Closing,
 }
 
 fn header<'a>(name: &'a HeaderName, value: &'a HeaderValue) -> (&'a str, &'a serde_bytes::Bytes) {
@@ -92,13 +100,16 @@ fn headers_of(message: &Bytes, headers: &Headers<'_>) -> Option<HeaderMap> {
 /// The messages in a body.
 fn messages(body: Body) -> impl Stream<Item = io::Result<Bytes>> + Unpin {
     let bytes = StreamReader::new(body.into_data_stream().map_err(io::Error::other));
-    FramedRead::new(bytes, LengthDelimitedCodec::new()).map_ok(BytesMut::freeze)
+    FramedRead::new(bytes, codec()).map_ok(BytesMut::freeze)
 }
 
 /// Messages that wait to be sent.
 #[derive(Debug, Default)]
 struct Queue {
     state: Mutex<Queued>,
+    /// Wakes those who wait for room.
+    room: Notify,
+    closed: CancellationToken,
 }
 
 #[derive(Debug, Default)]
@@ -108,26 +119,51 @@ struct Queued {
     sender: Option<Waker>,
 }
 
+/// What became of a message.
+#[derive(Debug, PartialEq, Eq)]
+enum Pushed {
+    Queued,
+    /// There is no room for it at this moment.
+    Full,
+    /// Nothing is sent any more.
+    Closed,
+}
+
 impl Queue {
     fn state(&self) -> MutexGuard<'_, Queued> {
         self.state.lock().expect("nothing panics while it holds this")
     }
 
-    /// Adds a message; whether there was room for it.
-    fn push(&self, message: &impl Serialize) -> bool {
-        let buffer = Vec::with_capacity(MESSAGE_BYTES);
-        let Ok(message) = postcard::to_extend(message, buffer) else { return false };
+    fn push(&self, message: &impl Serialize) -> Pushed {
+        self.push_bytes(&bytes_of(message))
+    }
+
+    fn push_bytes(&self, message: &[u8]) -> Pushed {
         let mut state = self.state();
-        if state.is_closed || state.bytes.len() + message.len() > QUEUED_BYTES_MAX {
-            return false;
+        if state.is_closed {
+            return Pushed::Closed;
         }
-        if LengthDelimitedCodec::new().encode(&message[..], &mut state.bytes).is_err() {
-            return false;
+        if !state.bytes.is_empty() && state.bytes.len() + message.len() > QUEUED_BYTES_MAX {
+            return Pushed::Full;
         }
+        codec().encode(message, &mut state.bytes).expect("messages are limited");
         let sender = state.sender.take();
         drop(state);
         sender.into_iter().for_each(Waker::wake);
-        true
+        Pushed::Queued
+    }
+
+    /// Adds a message once there is room for it, if anything is sent still.
+    async fn send(&self, message: &impl Serialize) {
+        let message = bytes_of(message);
+        loop {
+            let mut room = pin!(self.room.notified());
+            room.as_mut().enable();
+            if self.push_bytes(&message) != Pushed::Full {
+                return;
+            }
+            room.await;
+        }
     }
 
     /// Ends the stream after what is queued.
@@ -136,13 +172,18 @@ impl Queue {
         state.is_closed = true;
         let sender = state.sender.take();
         drop(state);
+        self.closed.cancel();
+        self.room.notify_waiters();
         sender.into_iter().for_each(Waker::wake);
     }
 
     fn poll(&self, context: &Context<'_>) -> Poll<Option<Bytes>> {
         let mut state = self.state();
         if !state.bytes.is_empty() {
-            return Poll::Ready(Some(state.bytes.split().freeze()));
+            let bytes = state.bytes.split().freeze();
+            drop(state);
+            self.room.notify_waiters();
+            return Poll::Ready(Some(bytes));
         }
         if state.is_closed {
             return Poll::Ready(None);
@@ -151,12 +192,28 @@ impl Queue {
         Poll::Pending
     }
 
-    /// A body with all that is queued, until the queue is closed.
+    /// A body with all that is queued, until the queue is closed. It closes the queue when it is dropped.
     fn body(self: &Arc<Self>) -> Body {
-        let queue = Arc::clone(self);
-        let pieces = stream::poll_fn(move |context| queue.poll(context));
+        let queue = CloseOnDrop(Arc::clone(self));
+        let pieces = stream::poll_fn(move |context| queue.0.poll(context));
         Body::from_stream(pieces.map(Ok::<_, Infallible>))
     }
+}
+
+struct CloseOnDrop(Arc<Queue>);
+
+impl Drop for CloseOnDrop {
+    fn drop(&mut self) {
+        self.0.close();
+    }
+}
+
+fn codec() -> LengthDelimitedCodec {
+    LengthDelimitedCodec::builder().max_frame_length(MESSAGE_BYTES_MAX).new_codec()
+}
+
+fn bytes_of(message: &impl Serialize) -> Vec<u8> {
+    postcard::to_extend(message, Vec::with_capacity(MESSAGE_BYTES)).expect("it has a form")
 }
 
 #[cfg(test)]
@@ -176,10 +233,12 @@ mod tests {
             headers: headers_to(&headers),
             body: serde_bytes::Bytes::new(b"{}"),
         };
-        assert!(queue.push(&ask) && queue.push(&Ask::Cancelled { id: 7 }));
-        queue.close();
-        assert!(!queue.push(&Ask::Cancelled { id: 8 }), "it is closed");
+        for message in [&ask, &Ask::Cancelled { id: 7 }] {
+            assert_eq!(queue.push(message), Pushed::Queued);
+        }
         let mut messages = messages(queue.body());
+        queue.close();
+        assert_eq!(queue.push(&Ask::Cancelled { id: 8 }), Pushed::Closed);
         let first = messages.next().await.expect("a message").expect("read");
         match postcard::from_bytes(&first) {
             Ok(Ask::Request { id: 7, method: "POST", path: "/act", headers: found, body }) => {
@@ -192,17 +251,38 @@ mod tests {
         assert!(messages.next().await.is_none());
     }
 
-    #[test]
-    fn a_queue_that_nobody_empties_takes_so_much() {
-        let queue = Queue::default();
-        let body = vec![0; QUEUED_BYTES_MAX / 4];
-        let reply = Reply::Answered {
+    #[tokio::test]
+    async fn a_full_queue_takes_more_when_something_was_sent_and_nothing_after_its_end() {
+        let queue = Arc::new(Queue::default());
+        let body = vec![0; QUEUED_BYTES_MAX];
+        let long = Reply::Answered {
             id: 1,
             status: 200,
             headers: Vec::new(),
             body: serde_bytes::Bytes::new(&body),
         };
-        let taken = (0..10).filter(|_| queue.push(&reply)).count();
-        assert_eq!(taken, 3);
+        // It is longer than the limit, and alone.
+        assert_eq!(queue.push(&long), Pushed::Queued);
+        assert_eq!(queue.push(&Reply::ByHttp { id: 2 }), Pushed::Full);
+        let sending = tokio::spawn({
+            let queue = Arc::clone(&queue);
+            async move { queue.send(&Reply::ByHttp { id: 2 }).await }
+        });
+        let mut messages = messages(queue.body());
+        let first = messages.next().await.expect("a message").expect("read");
+        assert!(matches!(postcard::from_bytes(&first), Ok(Reply::Answered { id: 1, .. })));
+        let second = messages.next().await.expect("a message").expect("read");
+        assert!(matches!(postcard::from_bytes(&second), Ok(Reply::ByHttp { id: 2 })));
+        sending.await.expect("no panic");
+        assert_eq!(queue.push(&long), Pushed::Queued);
+        let closed = tokio::spawn({
+            let queue = Arc::clone(&queue);
+            async move { queue.closed.cancelled().await }
+        });
+        // Nobody reads any more.
+        drop(messages);
+        closed.await.expect("no panic");
+        queue.send(&long).await;
+        assert_eq!(queue.push(&long), Pushed::Closed);
     }
 }
