@@ -291,7 +291,9 @@ impl Links {
 impl Drop for Links {
     fn drop(&mut self) {
         let relays = self.relays.get_mut().expect("nothing panics while it holds this");
-        relays.values().for_each(|relay| relay.close());
+        for relay in relays.values() {
+            relay.close();
+        }
     }
 }
 
