@@ -165,7 +165,7 @@ impl Bodies {
     /// Reads a body that is passed on, and that is not large.
     pub(super) async fn light(self: &Arc<Self>, body: Body) -> Result<Arrived, ApiError> {
         let limit = LIGHT_BODY_BYTES_MAX;
-        let (bytes, counted) = self.collect(body, limit, "light_body_bytes_max").await?;
+        let (bytes, counted) = self.collect(body, limit, "body_bytes_max").await?;
         Ok(Arrived { bytes, _permit: None, _counted: counted })
     }
 
