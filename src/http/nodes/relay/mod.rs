@@ -116,6 +116,8 @@ struct Queue {
 struct Queued {
     bytes: BytesMut,
     is_closed: bool,
+    /// What is queued has let others join it.
+    has_waited: bool,
     sender: Option<Waker>,
 }
 
@@ -179,6 +181,14 @@ impl Queue {
 
     fn poll(&self, context: &Context<'_>) -> Poll<Option<Bytes>> {
         let mut state = self.state();
+        if !state.bytes.is_empty() && !state.has_waited {
+            // A task that was woken runs next. Those that are ready as well may add to what is queued first, so that one system
+            // call sends it all.
+            state.has_waited = true;
+            context.waker().wake_by_ref();
+            return Poll::Pending;
+        }
+        state.has_waited = false;
         if !state.bytes.is_empty() {
             let bytes = state.bytes.split().freeze();
             drop(state);
