@@ -20,11 +20,11 @@ pub(in super::super) struct Relay {
     waiting: Mutex<Waiting>,
 }
 
-/// Who waits for an answer: nobody once it is dropped.
+/// Who waits for an answer.
 #[derive(Default)]
 struct Waiting {
     last_id: u64,
-    /// `None` where a request is to be sent by itself.
+    /// What is sent to each is the answer, or `None` where the request is to be sent by itself.
     replies: HashMap<u64, oneshot::Sender<Option<Response>>>,
     /// The other server takes no further requests.
     is_closing: bool,
