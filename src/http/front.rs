@@ -178,12 +178,12 @@ impl Front {
         client: Client,
     ) -> Result<Response, ApiError> {
         let Inner { app, .. } = &*self.inner;
-        if self.is_for_nodes && request.uri().path() == relay::PATH {
-            let gone = nodes.gone_of_hop(request.headers());
-            let (peer, stop) = (Peer(client.address), app.stop.clone());
-            return Ok(relay::answer(self.clone(), peer, request, stop, gone));
-        }
         if self.is_for_nodes && request.uri().path().starts_with(nodes::PATH) {
+            if request.uri().path() == relay::PATH {
+                let gone = nodes.gone_of_hop(request.headers());
+                let (peer, stop) = (Peer(client.address), app.stop.clone());
+                return Ok(relay::answer(self.clone(), peer, request, stop, gone));
+            }
             return nodes.answer(app, request).await;
         }
         if !is_about_data(request.uri().path()) {
@@ -259,8 +259,12 @@ impl Front {
 
 /// Whether the answer depends on what is stored, or played: all but pages, documentation, and what is about this server alone.
 fn is_about_data(path: &str) -> bool {
-    path.starts_with("/api/")
-        || matches!(path, "/obs" | "/act" | "/swarm/obs" | "/swarm/act" | "/mcp")
+    path.starts_with("/api/") || path == "/mcp" || is_of_a_player(path)
+}
+
+/// Whether games are played by this path.
+pub(super) fn is_of_a_player(path: &str) -> bool {
+    Play::ALL.iter().any(|play| play.route() == path)
 }
 
 /// The id of a request: the run of the server in 16 hexadecimal digits, and the number of the request.

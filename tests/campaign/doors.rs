@@ -84,7 +84,7 @@ impl Doors {
         self.servers[server].has_ended(run) || self.excused[server].load(Ordering::SeqCst)
     }
 
-    /// Any server that listens; after one that was tried in vain the next one, as a load balancer goes on.
+    /// Any server that listens. After a failed attempt it is the next one in order, as with a load balancer (round robin).
     pub(crate) async fn any(&self, tried: Tried) -> (usize, Address) {
         let began = Instant::now();
         let drawn = || {

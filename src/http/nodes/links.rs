@@ -21,9 +21,10 @@ use quick_cache::sync::Cache;
 use super::super::body::LIGHT_BODY_BYTES_MAX;
 use super::super::client::Client;
 use super::super::error::{ApiError, Code};
+use super::super::front::is_of_a_player;
+use super::Other;
 use super::credential::{self, Secret};
 use super::relay::{self, Relay};
-use super::{Other, is_of_a_player};
 
 /// How long another server may take to accept a connection.
 const CONNECT_PATIENCE: Duration = Duration::from_millis(500);
@@ -70,6 +71,11 @@ pub(super) struct Question {
 }
 
 impl Question {
+    /// A request without a body, of a server itself.
+    pub(super) fn bare(method: Method, path: PathAndQuery) -> Self {
+        Self { method, path, headers: HeaderMap::new(), body: Bytes::new() }
+    }
+
     /// Takes the headers of a request, and what else is sent of it.
     pub(super) fn of(parts: &mut Parts, body: Bytes) -> Self {
         let mut headers = std::mem::take(&mut parts.headers);
@@ -277,9 +283,7 @@ impl Links {
         if let Some(relay) = relays.get(&incarnation).filter(|relay| relay.is_open()) {
             return Ok(Arc::clone(relay));
         }
-        let path = PathAndQuery::from_static(relay::PATH);
-        let (headers, body) = (HeaderMap::new(), Bytes::new());
-        let question = Question { method: Method::POST, path, headers, body };
+        let question = Question::bare(Method::POST, PathAndQuery::from_static(relay::PATH));
         let request = peer.request(&question, OF_A_SERVER, ()).ok_or(Failed::NotSent)?;
         let relay = Relay::open(self.http.clone(), request, gone());
         relays.retain(|_, relay| relay.is_open());

@@ -376,11 +376,6 @@ fn drawn() -> u64 {
     DRAWN.fetch_add(1, Ordering::Relaxed)
 }
 
-/// Whether a request is of those by which games are played.
-fn is_of_a_player(path: &str) -> bool {
-    matches!(path, "/obs" | "/act" | "/swarm/obs" | "/swarm/act")
-}
-
 fn is_elsewhere(response: &Response) -> bool {
     response.status() == StatusCode::MISDIRECTED_REQUEST
         && response.headers().contains_key(ELSEWHERE)

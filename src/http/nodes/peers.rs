@@ -6,9 +6,8 @@ use std::time::Duration;
 use axum::Json;
 use axum::body::to_bytes;
 use axum::extract::Request;
-use axum::http::{HeaderMap, Method};
+use axum::http::Method;
 use axum::response::{IntoResponse as _, Response};
-use bytes::Bytes;
 use futures::FutureExt as _;
 use futures::future::BoxFuture;
 use serde::{Deserialize, Serialize};
@@ -36,8 +35,7 @@ const ASK_PATIENCE: Duration = Duration::from_secs(10);
 const HELLO_PATIENCE: Duration = Duration::from_secs(3);
 
 fn question(method: Method, path: &str) -> Option<Question> {
-    let (headers, body) = (HeaderMap::new(), Bytes::new());
-    Some(Question { method, path: path.parse().ok()?, headers, body })
+    Some(Question::bare(method, path.parse().ok()?))
 }
 
 /// Who a server is.

@@ -6,6 +6,7 @@ use axum::http::{HeaderMap, Method, header};
 use percent_encoding::percent_decode_str;
 
 use super::super::auth;
+use super::super::front::is_of_a_player;
 use super::super::prelude::*;
 use super::Nodes;
 use crate::ids::{CompetitionKey, EpisodeId, Place, TokenHash};
@@ -36,7 +37,7 @@ impl Nodes {
         path: &str,
         headers: &HeaderMap,
     ) -> Result<Target, ApiError> {
-        if matches!(path, "/obs" | "/act" | "/swarm/obs" | "/swarm/act" | "/mcp") {
+        if is_of_a_player(path) || path == "/mcp" {
             return self.of_token(app, headers).await;
         }
         let Some(Subject { collection, id, action }) = Subject::of(path) else {

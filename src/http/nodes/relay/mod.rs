@@ -32,7 +32,7 @@ pub(in super::super) use reply::answer;
 /// Where a server takes the requests of another one. Another form of messages needs another path.
 pub(in super::super) const PATH: &str = "/cluster/relay/1";
 
-/// Bytes that wait to be sent to another server: so many may come before what is queued last. A longer message waits alone.
+/// Bytes of the messages in a queue. A longer message is queued only while the queue is empty.
 const QUEUED_BYTES_MAX: usize = 1024 * 1024;
 
 /// Bytes of a message as most are, and of the longest: an answer to acts, which are not done again for their answer.
