@@ -1,211 +1,292 @@
-//! The memory limit of all worlds and all answers together: `memory_bytes_max`.
+//! Scarce amounts that are shared fairly: memory, event streams, open exports.
 //!
-//! Bytes of large allocations are reserved first, and released by dropping the [`Reservation`].
-//! Small ones always pass, so that running games can finish on a full server.
+//! An amount is reserved before it is used, and free again when its [`Reservation`] is dropped. A group may have as much as is
+//! free afterwards, as it may have unfinished episodes ([`episode::quota`](crate::episode::quota)): one group alone gets half, two
+//! get a third each, and a new group finds some. An entrant may have as much as its competition could still get. The first
+//! reservation of a group may use all that is free.
 //!
-//! Memory for games is shared between groups as unfinished episodes are ([`episode::quota`](crate::episode::quota)): a group may have as
-//! much as is still free afterwards (`memory_of_free_percent_max`). So one group alone gets half, two get a
-//! third each, and a new group finds some. The first game of a group may use all free memory.
+//! A reserve on top is for urgent requests: those of organizers, and of memory also those that play. Small amounts of memory use
+//! it, too ([`Budget::squeeze`]), so that running games can finish on a full server.
 
 use std::collections::HashMap;
+use std::hash::Hash;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use crate::fair::Group;
+use crate::fair::{Group, Party, Rank};
 
-/// An allocation of up to this size passes even where the budget is used up.
+/// Bytes up to which memory is reserved from the reserve where the rest is used up.
 pub const SMALL_BYTES: usize = 64 * 1024;
 
+/// The reason for which nothing is reserved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NoMemory {
-    #[error("the memory limit of all worlds and answers, {0} bytes, is reached")]
-    All(usize),
+pub enum Exhausted {
+    #[error("{name}, {most} in all, is used up")]
+    All { name: &'static str, most: usize },
     #[error(
-        "these games have their share of the memory, {used} bytes: a competition, a key or an address may use as much as is free"
+        "{used} of {name}, {most} in all, are used here already: a competition, a key or an address may use as much as is free"
     )]
     Share {
-        /// Bytes that the group has reserved.
+        name: &'static str,
+        most: usize,
+        /// How much the party uses.
         used: usize,
-        /// A group may have reserved this percentage of the free bytes.
-        percent: u32,
     },
 }
 
-impl NoMemory {
+impl Exhausted {
     /// The name of the limit and its value.
     pub const fn limit(self) -> (&'static str, usize) {
-        match self {
-            Self::All(most) => ("memory_bytes_max", most),
-            Self::Share { percent, .. } => ("memory_of_free_percent_max", percent as usize),
-        }
+        let (Self::All { name, most } | Self::Share { name, most, .. }) = self;
+        (name, most)
     }
 }
 
+/// An amount with the name of its limit.
 #[derive(Debug)]
 pub struct Budget {
+    name: &'static str,
     most: usize,
-    of_free_percent: u32,
+    reserve: usize,
     used: Mutex<Used>,
 }
 
+/// The amounts that are reserved.
 #[derive(Debug, Default)]
 struct Used {
-    bytes: usize,
-    /// The part of `bytes` that belongs to the games of each group.
+    sum: usize,
     by_group: HashMap<Group, usize>,
+    /// Of parties that are members of a group.
+    by_member: HashMap<Party, usize>,
 }
 
 impl Used {
-    fn of(&self, group: Group) -> usize {
-        self.by_group.get(&group).copied().unwrap_or(0)
-    }
-
-    fn add(&mut self, group: Option<Group>, bytes: usize) {
-        self.bytes = self.bytes.saturating_add(bytes);
-        if let Some(group) = group {
-            *self.by_group.entry(group).or_default() += bytes;
+    fn add(&mut self, party: Option<Party>, amount: usize) {
+        self.sum = self.sum.saturating_add(amount);
+        let Some(party) = party.filter(|_| amount > 0) else { return };
+        *self.by_group.entry(party.group).or_default() += amount;
+        if party.member.is_some() {
+            *self.by_member.entry(party).or_default() += amount;
         }
     }
 
-    fn release(&mut self, group: Option<Group>, bytes: usize) {
-        self.bytes -= bytes;
-        let Some(group) = group else { return };
-        let left = self.of(group).saturating_sub(bytes);
-        if left == 0 {
-            self.by_group.remove(&group);
-        } else {
-            self.by_group.insert(group, left);
+    fn release(&mut self, party: Option<Party>, amount: usize) {
+        self.sum -= amount;
+        let Some(party) = party else { return };
+        release(&mut self.by_group, party.group, amount);
+        release(&mut self.by_member, party, amount);
+    }
+}
+
+/// Takes an amount from what an account uses; no account stays with 0.
+fn release<K: Eq + Hash>(accounts: &mut HashMap<K, usize>, name: K, amount: usize) {
+    if let Some(used) = accounts.get_mut(&name) {
+        *used -= amount;
+        if *used == 0 {
+            accounts.remove(&name);
         }
     }
 }
 
 impl Budget {
-    /// A budget of `most` bytes. A group may use `of_free_percent` percent of the free bytes.
-    pub fn new(most: usize, of_free_percent: u32) -> Arc<Self> {
-        Arc::new(Self { most, of_free_percent, used: Mutex::default() })
+    /// A budget of `most`, with `reserve` on top for urgent requests.
+    pub fn new(name: &'static str, most: usize, reserve: usize) -> Arc<Self> {
+        Arc::new(Self { name, most, reserve, used: Mutex::default() })
     }
+
+    /// The memory of a server. The reserve is for small amounts and for bodies of those who play.
+    pub fn memory(bytes: usize) -> Arc<Self> {
+        Self::new("memory_bytes_max", bytes, bytes / 4)
+    }
+
     pub fn unlimited() -> Arc<Self> {
-        Self::new(usize::MAX, u32::MAX)
+        Self::new("memory_bytes_max", usize::MAX, 0)
     }
 
     fn lock(&self) -> MutexGuard<'_, Used> {
         self.used.lock().expect("nothing panics while it holds this")
     }
 
-    /// Reserves bytes if they are free and within the share of the group whose game they are for.
+    /// Reserves an amount if it is free, and within the share of the party if one is named.
     pub fn reserve(
         self: &Arc<Self>,
-        bytes: usize,
-        group: Option<Group>,
-    ) -> Result<Reservation, NoMemory> {
-        let mut used = self.lock();
-        self.check(&used, bytes, group)?;
-        used.add(group, bytes);
-        Ok(self.reservation(bytes, group))
-    }
-    pub fn has(&self, bytes: usize, group: Option<Group>) -> bool {
-        self.check(&self.lock(), bytes, group).is_ok()
+        amount: usize,
+        party: Option<Party>,
+        rank: Rank,
+    ) -> Result<Reservation, Exhausted> {
+        let reservation = self.take(0, party);
+        reservation.grow(amount, rank)?;
+        Ok(reservation)
     }
 
-    fn check(&self, used: &Used, bytes: usize, group: Option<Group>) -> Result<(), NoMemory> {
-        let sum = used.bytes.checked_add(bytes).filter(|sum| *sum <= self.most);
-        let free = self.most - sum.ok_or(NoMemory::All(self.most))?;
+    /// Whether so much could be reserved now.
+    pub fn has(&self, amount: usize, party: Option<Party>) -> bool {
+        self.check(&self.lock(), amount, party, Rank::Normal).is_ok()
+    }
+
+    fn check(
+        &self,
+        used: &Used,
+        amount: usize,
+        party: Option<Party>,
+        rank: Rank,
+    ) -> Result<(), Exhausted> {
+        let &Self { name, most, reserve, .. } = self;
+        let all = if rank == Rank::Urgent { most.saturating_add(reserve) } else { most };
+        let sum = used.sum.checked_add(amount).filter(|sum| *sum <= all);
+        let free = all - sum.ok_or(Exhausted::All { name, most })?;
         // Programs on the server's own machine are not limited to a share.
-        let Some(group) = group.filter(|group| *group != Group::Server) else { return Ok(()) };
-        let (of_group, percent) = (used.of(group), self.of_free_percent);
-        let share = free as u128 * u128::from(percent) / 100;
-        if of_group == 0 || (of_group + bytes) as u128 <= share {
+        let Some(party) = party.filter(|party| party.group != Group::Server) else {
             return Ok(());
+        };
+        let of_group = used.by_group.get(&party.group).copied().unwrap_or(0);
+        let exceeds = |used: usize, share: usize| used > 0 && used + amount > share;
+        if exceeds(of_group, free) {
+            return Err(Exhausted::Share { name, most, used: of_group });
         }
-        Err(NoMemory::Share { used: of_group, percent })
+        let of_member = used.by_member.get(&party).copied().unwrap_or(0);
+        // As much as the group could still get.
+        if exceeds(of_member, free.saturating_sub(of_group + amount) / 2 + amount) {
+            return Err(Exhausted::Share { name, most, used: of_member });
+        }
+        Ok(())
     }
 
-    /// Reserves bytes, free or not.
-    pub fn take(self: &Arc<Self>, bytes: usize, group: Option<Group>) -> Reservation {
-        self.lock().add(group, bytes);
-        self.reservation(bytes, group)
+    /// Reserves an amount from the reserve if there is some, whatever the share of the party is.
+    pub fn squeeze(
+        self: &Arc<Self>,
+        amount: usize,
+        party: Option<Party>,
+    ) -> Result<Reservation, Exhausted> {
+        let mut used = self.lock();
+        self.check(&used, amount, None, Rank::Urgent)?;
+        used.add(party, amount);
+        Ok(self.reservation(amount, party))
     }
 
-    fn reservation(self: &Arc<Self>, bytes: usize, group: Option<Group>) -> Reservation {
-        Reservation { budget: Arc::clone(self), group, bytes: AtomicUsize::new(bytes) }
+    /// Reserves an amount, free or not.
+    pub fn take(self: &Arc<Self>, amount: usize, party: Option<Party>) -> Reservation {
+        self.lock().add(party, amount);
+        self.reservation(amount, party)
     }
+
+    fn reservation(self: &Arc<Self>, amount: usize, party: Option<Party>) -> Reservation {
+        Reservation { budget: Arc::clone(self), party, amount: AtomicUsize::new(amount) }
+    }
+
+    /// How much is reserved.
     pub fn used(&self) -> usize {
-        self.lock().bytes
+        self.lock().sum
     }
+
     pub const fn most(&self) -> usize {
         self.most
     }
 }
 
-/// Bytes that are reserved until this is dropped.
+/// An amount that is reserved until this is dropped.
 #[derive(Debug)]
 #[must_use]
 pub struct Reservation {
     budget: Arc<Budget>,
-    group: Option<Group>,
-    bytes: AtomicUsize,
+    party: Option<Party>,
+    amount: AtomicUsize,
 }
 
 impl Reservation {
-    /// Changes the number of reserved bytes, free or not: memory that is already in use cannot be refused.
-    pub fn resize(&self, bytes: usize) {
+    /// Changes how much is reserved, free or not: memory that is already in use cannot be refused.
+    pub fn resize(&self, amount: usize) {
         let mut used = self.budget.lock();
-        let before = self.bytes.swap(bytes, Ordering::AcqRel);
-        used.add(self.group, bytes);
-        used.release(self.group, before);
+        let before = self.amount.swap(amount, Ordering::AcqRel);
+        used.add(self.party, amount);
+        used.release(self.party, before);
     }
-    pub fn bytes(&self) -> usize {
-        self.bytes.load(Ordering::Acquire)
+
+    /// Reserves more, within the same bounds as a first reservation.
+    pub fn grow(&self, more: usize, rank: Rank) -> Result<(), Exhausted> {
+        let mut used = self.budget.lock();
+        self.budget.check(&used, more, self.party, rank)?;
+        self.amount.fetch_add(more, Ordering::AcqRel);
+        used.add(self.party, more);
+        Ok(())
     }
-    pub const fn group(&self) -> Option<Group> {
-        self.group
+
+    /// How much is reserved.
+    pub fn amount(&self) -> usize {
+        self.amount.load(Ordering::Acquire)
+    }
+
+    pub const fn party(&self) -> Option<Party> {
+        self.party
     }
 }
 
 impl Drop for Reservation {
     fn drop(&mut self) {
-        let bytes = *self.bytes.get_mut();
-        self.budget.lock().release(self.group, bytes);
+        let amount = *self.amount.get_mut();
+        self.budget.lock().release(self.party, amount);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ids::CompetitionKey;
     use crate::keys::OwnerKey;
 
-    const ONE: Option<Group> = Some(Group::Owner(OwnerKey(1)));
-    const TWO: Option<Group> = Some(Group::Owner(OwnerKey(2)));
+    const ONE: Option<Party> = Some(Party::of(Group::Owner(OwnerKey(1))));
+    const TWO: Option<Party> = Some(Party::of(Group::Owner(OwnerKey(2))));
+
+    fn entrant(number: i64) -> Option<Party> {
+        Some(Party::entrant(CompetitionKey(1), OwnerKey(number)))
+    }
+
+    fn all(most: usize) -> Exhausted {
+        Exhausted::All { name: "things_max", most }
+    }
 
     #[test]
     fn what_was_reserved_is_free_again_when_it_is_dropped() {
-        let budget = Budget::new(100, 100);
-        let first = budget.reserve(60, None).expect("free");
-        assert_eq!(budget.reserve(41, None).err(), Some(NoMemory::All(100)));
-        let second = budget.reserve(40, None).expect("free");
+        let budget = Budget::new("things_max", 100, 0);
+        let first = budget.reserve(60, None, Rank::Normal).expect("free");
+        assert_eq!(budget.reserve(41, None, Rank::Normal).err(), Some(all(100)));
+        let second = budget.reserve(40, None, Rank::Normal).expect("free");
         drop(first);
         assert_eq!(budget.used(), 40);
         second.resize(90);
-        assert_eq!((budget.used(), second.bytes()), (90, 90));
+        assert_eq!((budget.used(), second.amount()), (90, 90));
         second.resize(10);
-        let beyond = budget.take(200, ONE);
+        let beyond = budget.take(200, entrant(1));
         assert_eq!(budget.used(), 210);
-        assert_eq!(budget.reserve(1, None).err(), Some(NoMemory::All(100)));
+        assert_eq!(budget.reserve(1, None, Rank::Normal).err(), Some(all(100)));
         drop((second, beyond));
-        assert_eq!((budget.used(), budget.lock().by_group.len()), (0, 0));
+        let used = budget.lock();
+        assert_eq!((used.sum, used.by_group.len(), used.by_member.len()), (0, 0, 0));
     }
 
     #[test]
     fn a_sum_that_is_too_large_for_a_number_does_not_fit() {
-        let budget = Budget::new(usize::MAX - 1, 100);
-        let _some = budget.reserve(10, None).expect("free");
-        assert!(budget.reserve(usize::MAX, None).is_err());
+        let budget = Budget::new("things_max", usize::MAX - 1, 0);
+        let _some = budget.reserve(10, None, Rank::Normal).expect("free");
+        assert!(budget.reserve(usize::MAX, None, Rank::Normal).is_err());
     }
 
-    fn fill(budget: &Arc<Budget>, group: Option<Group>) -> (Vec<Reservation>, NoMemory) {
+    #[test]
+    fn the_reserve_is_for_urgent_requests_and_for_what_is_small() {
+        let budget = Budget::new("things_max", 100, 20);
+        let _most = budget.reserve(100, ONE, Rank::Normal).expect("free");
+        assert_eq!(budget.reserve(1, TWO, Rank::Normal).err(), Some(all(100)));
+        let _urgent = budget.reserve(12, TWO, Rank::Urgent).expect("the reserve");
+        let small = budget.squeeze(8, ONE).expect("the rest of it");
+        assert_eq!(budget.squeeze(1, ONE).err(), Some(all(100)));
+        drop(small);
+        assert!(budget.reserve(8, TWO, Rank::Urgent).is_err(), "a share of what is free");
+    }
+
+    fn fill(budget: &Arc<Budget>, party: Option<Party>) -> (Vec<Reservation>, Exhausted) {
         let mut games = Vec::new();
         loop {
-            match budget.reserve(10, group) {
+            match budget.reserve(10, party, Rank::Normal) {
                 Ok(game) => games.push(game),
                 Err(refused) => return (games, refused),
             }
@@ -214,26 +295,33 @@ mod tests {
 
     #[test]
     fn groups_share_memory_as_they_share_places() {
-        let budget = Budget::new(1000, 100);
+        let budget = Budget::memory(1000);
         let (games, refused) = fill(&budget, ONE);
-        assert_eq!((games.len(), refused), (50, NoMemory::Share { used: 500, percent: 100 }));
-        assert_eq!(refused.limit(), ("memory_of_free_percent_max", 100));
+        assert_eq!((games.len(), refused.limit()), (50, ("memory_bytes_max", 1000)));
         let (others, _) = fill(&budget, TWO);
         assert_eq!(others.len(), 25);
         // Answers, and programs on the server's machine, take what is free.
-        assert!(
-            budget.reserve(100, None).is_ok() && budget.reserve(100, Some(Group::Server)).is_ok()
-        );
+        let server = Some(Party::SERVER);
+        assert!([None, server].map(|party| budget.has(100, party)).into_iter().all(|has| has));
         drop(games);
         assert_eq!(fill(&budget, TWO).0.len(), 25);
     }
 
     #[test]
+    fn the_members_of_a_group_share_its_part() {
+        let budget = Budget::new("things_max", 1000, 0);
+        let counts: Vec<_> = (0..3).map(|number| fill(&budget, entrant(number)).0).collect();
+        let counts: Vec<_> = counts.iter().map(Vec::len).collect();
+        assert_eq!(counts, [25, 12, 6]);
+        assert!(budget.has(500, ONE), "another group gets half of what is left");
+    }
+
+    #[test]
     fn the_first_game_of_a_group_gets_what_is_free() {
-        let budget = Budget::new(100, 100);
-        let large = budget.reserve(80, ONE).expect("it is free");
-        assert!(budget.reserve(1, ONE).is_err() && budget.reserve(20, TWO).is_ok());
+        let budget = Budget::memory(100);
+        let large = budget.reserve(80, ONE, Rank::Normal).expect("it is free");
+        assert!(!budget.has(1, ONE) && budget.has(20, TWO));
         drop(large);
-        assert!(budget.reserve(30, ONE).is_ok());
+        assert!(budget.has(30, ONE));
     }
 }

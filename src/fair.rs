@@ -104,7 +104,11 @@ pub struct Origin {
 
 impl Origin {
     pub fn current() -> Self {
-        Self { party: Party::current(), rank: Rank::current() }
+        Self::of(Party::current(), Rank::current())
+    }
+
+    pub const fn of(party: Party, rank: Rank) -> Self {
+        Self { party, rank }
     }
 
     /// Runs a future for that party and with that rank.
@@ -117,6 +121,12 @@ impl Origin {
         RANK.sync_scope(self.rank, || CURRENT.sync_scope(Cell::new(self.party), work))
     }
 }
+
+/// Requests of each rank that wait for one scarce resource at once.
+pub const WAITING_MAX: usize = 4096;
+
+/// Of these, requests of one group.
+pub const WAITING_PER_GROUP_MAX: usize = WAITING_MAX / 4;
 
 /// The slots there are, and how many of them one party may use.
 #[derive(Clone, Copy, Debug)]
@@ -144,18 +154,27 @@ impl Shares {
         }
     }
 
-    /// Up to half of the slots for a group, and for a member, no reserve, and a quarter of the waiting requests for a
-    /// group.
-    pub const fn halved(slots: usize, waiting: usize) -> Self {
-        let half = slots.div_ceil(2);
+    /// All slots for whoever asks, and the usual number of waiting requests.
+    pub const fn of(slots: usize) -> Self {
         Self {
             slots,
             reserve: 0,
+            slots_per_group: slots,
+            slots_per_member: slots,
+            slots_per_single: slots,
+            waiting: WAITING_MAX,
+            waiting_per_group: WAITING_PER_GROUP_MAX,
+        }
+    }
+
+    /// Up to half of the slots for a group, and for a member.
+    pub const fn halved(slots: usize) -> Self {
+        let half = slots.div_ceil(2);
+        Self {
             slots_per_group: half,
             slots_per_member: half,
             slots_per_single: half,
-            waiting,
-            waiting_per_group: waiting.div_ceil(4),
+            ..Self::of(slots)
         }
     }
 }

@@ -22,7 +22,8 @@ use crate::fleet;
 use crate::host::{Disk, HostDisk, OtherHostsDisk, memory_bytes, raise_open_files};
 use crate::hosted;
 use crate::http::limits::Limits;
-use crate::http::{Access, App, Foundation, Front, NodePeers, Nodes, Source, serve::serve};
+use crate::http::serve::{CONNECTION_BYTES, serve};
+use crate::http::{Access, App, Foundation, Front, NodePeers, Nodes, Source};
 use crate::ids::Numbers;
 use crate::measure;
 use crate::run::RunError;
@@ -86,11 +87,19 @@ pub fn fit_open_files(limits: Limits) -> Limits {
     fitting
 }
 
-/// Limits the memory of worlds and answers to `memory_max` bytes, or to half of what this process may use.
+/// Limits the memory of worlds and answers to `memory_max` bytes, or to half of what this process may use, and all that
+/// clients make grow beside them to parts of as much again.
 pub fn fit_memory(limits: Limits, memory_max: Option<usize>) -> Limits {
     let half = memory_bytes().map(|bytes| bytes / 2);
-    let memory_bytes_max = memory_max.or(half).unwrap_or(limits.memory_bytes_max);
-    Limits { memory_bytes_max, ..limits }
+    let memory = memory_max.or(half).unwrap_or(limits.memory_bytes_max);
+    Limits {
+        memory_bytes_max: memory,
+        connections_max: limits.connections_max.min(memory / 4 / CONNECTION_BYTES).max(1),
+        bodies_bytes_max: limits.bodies_bytes_max.min(memory / 16),
+        backlog_bytes_max: limits.backlog_bytes_max.min(memory / 16),
+        caches_bytes_max: limits.caches_bytes_max.min(memory / 8),
+        ..limits
+    }
 }
 
 /// The limits with room for this many open files; `None` means no limit.
@@ -185,7 +194,7 @@ impl Server {
             last_key,
         )
         .with_numbers(numbers(last_key))
-        .with_budget(Budget::new(limits.memory_bytes_max, limits.memory_of_free_percent_max));
+        .with_budget(Budget::memory(limits.memory_bytes_max));
         let nodes = joining.as_ref().zip(store.cluster()).map(|(joining, cluster)| {
             Arc::new(Nodes::new(store.clone(), Arc::clone(cluster), &joining.secret))
         });

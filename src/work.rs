@@ -20,19 +20,15 @@ use tokio::sync::oneshot;
 use tokio_util::task::AbortOnDropHandle;
 use tracing::Instrument as _;
 
-use crate::fair::{FairQueue, Party, Rank, Shares};
+use crate::fair::{FairQueue, Party, Rank, Shares, WAITING_MAX, WAITING_PER_GROUP_MAX};
 
 /// The nice value of worker threads.
 const NICE: i32 = 10;
 
-pub const JOBS_WAITING_MAX: usize = 4096;
-
-pub const JOBS_WAITING_PER_GROUP_MAX: usize = 1024;
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WorkError {
     #[error(
-        "the queue of heavy work is full, {JOBS_WAITING_PER_GROUP_MAX} jobs of a group and {JOBS_WAITING_MAX} in all"
+        "the queue of heavy work is full, {WAITING_PER_GROUP_MAX} jobs of a group and {WAITING_MAX} in all"
     )]
     Busy,
     /// It panicked, or the workers have stopped.
@@ -183,15 +179,7 @@ impl Workers {
     /// At least two threads: all but one also do normal jobs.
     pub fn new(threads: usize) -> Self {
         let threads = threads.max(2);
-        let queue = FairQueue::new(Shares {
-            slots: threads,
-            reserve: 1,
-            slots_per_group: threads,
-            slots_per_member: threads,
-            slots_per_single: threads,
-            waiting: JOBS_WAITING_MAX,
-            waiting_per_group: JOBS_WAITING_PER_GROUP_MAX,
-        });
+        let queue = FairQueue::new(Shares { reserve: 1, ..Shares::of(threads) });
         let state = State { queue, stopped: false };
         let shared = Arc::new(Shared { jobs: Mutex::new(state), wake: Condvar::new() });
         for number in 0..threads {
@@ -431,7 +419,7 @@ mod tests {
         let workers = Workers::new(2);
         let (release, blocking) = block(&workers).await;
         let (mut waiting, mut refused) = (Vec::new(), 0);
-        for _ in 0..=JOBS_WAITING_PER_GROUP_MAX {
+        for _ in 0..=WAITING_PER_GROUP_MAX {
             let mut job = Box::pin(workers.run("test", owner(1), Rank::Normal, |_| 1));
             match futures::poll!(&mut job) {
                 std::task::Poll::Ready(result) => {

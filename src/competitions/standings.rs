@@ -19,9 +19,6 @@ use swarmbench_boards::competition::definition::Definition;
 use swarmbench_boards::competition::entrant::Entrant;
 use swarmbench_boards::competition::standings::{Attempt, Part, Played};
 
-/// Bytes of what entrants have played, of all boards together.
-const BYTES_MAX: u64 = 96 * 1024 * 1024;
-
 /// Boards that are expected: a competition has one, or a few where a part of it is hidden.
 const BOARDS: usize = 100;
 
@@ -86,8 +83,8 @@ impl Weighter<Key, Cached> for ByBytes {
 }
 
 impl CompetitionStandings {
-    pub fn new(store: Store) -> Self {
-        let boards = Cache::with_weighter(BOARDS, BYTES_MAX, ByBytes);
+    pub fn new(store: Store, bytes_max: u64) -> Self {
+        let boards = Cache::with_weighter(BOARDS, bytes_max, ByBytes);
         Self { store, boards, versions: AtomicU64::default() }
     }
 

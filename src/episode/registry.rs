@@ -20,7 +20,7 @@ use super::recovery::{RecoveryError, described, recover, recovered_for};
 use super::slot::Slot;
 use super::slots::Slots;
 use super::spec::Spec;
-use crate::budget::{Budget, NoMemory, Reservation, SMALL_BYTES};
+use crate::budget::{Budget, Exhausted, Reservation, SMALL_BYTES};
 use crate::fair::{self, FairLimit, Group, Party, Rank, Shares};
 use crate::ids::{EpisodeId, EpisodeKey, Numbers, Place, RunKey};
 use crate::store::port::{EpisodeStore, StoredEpisode, Unfinished};
@@ -57,8 +57,8 @@ pub const RECOVERIES_MAX: usize = 32;
 
 /// Permits for recoveries: a group has no more than half of them.
 fn recoveries() -> FairLimit {
-    // One waits for each episode at most.
-    FairLimit::new("take_ups_max", Shares::halved(RECOVERIES_MAX, usize::MAX), Duration::MAX)
+    // It is asked by `acquire_always`: one waits for each episode at most.
+    FairLimit::new("take_ups_max", Shares::halved(RECOVERIES_MAX), Duration::MAX)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,7 +74,7 @@ pub enum Location {
 #[derive(Debug, thiserror::Error)]
 pub enum FindError {
     #[error(transparent)]
-    NoMemory(#[from] NoMemory),
+    NoMemory(#[from] Exhausted),
     /// It cannot be recovered.
     #[error(transparent)]
     Recovery(#[from] RecoveryError),
@@ -151,27 +151,27 @@ impl Registry {
         &self.host.budget
     }
 
-    /// Reserves memory for an answer. Where none is free, idle episodes leave it first; what is small always
-    /// passes.
-    pub fn room(&self, bytes: usize) -> Result<Reservation, NoMemory> {
+    /// Reserves memory for an answer. Where none is free, idle episodes leave it first, and a small amount comes from the
+    /// reserve.
+    pub fn room(&self, bytes: usize) -> Result<Reservation, Exhausted> {
         self.room_of(bytes, None)
     }
 
     /// Reserves memory as [`Registry::room`] does, for a game within the share of its group.
-    fn room_of(&self, bytes: usize, group: Option<Group>) -> Result<Reservation, NoMemory> {
+    fn room_of(&self, bytes: usize, group: Option<Group>) -> Result<Reservation, Exhausted> {
         let budget = &self.host.budget;
-        match budget.reserve(bytes, group) {
+        let party = group.map(Party::of);
+        match budget.reserve(bytes, party, Rank::Normal) {
             Ok(reservation) => return Ok(reservation),
-            Err(NoMemory::All(_)) => self.evict_idle(bytes, None),
-            Err(NoMemory::Share { .. }) => self.evict_idle(bytes, group),
+            Err(Exhausted::All { .. }) => self.evict_idle(bytes, None),
+            Err(Exhausted::Share { .. }) => self.evict_idle(bytes, group),
         }
-        let refused = match budget.reserve(bytes, group) {
-            Ok(reservation) => return Ok(reservation),
-            Err(_) if bytes <= SMALL_BYTES => return Ok(budget.take(bytes, group)),
-            Err(refused) => refused,
-        };
-        metrics::counter!("swarmbench_memory_refusals_total").increment(1);
-        Err(refused)
+        let reserved = budget.reserve(bytes, party, Rank::Normal).or_else(|refused| {
+            if bytes <= SMALL_BYTES { budget.squeeze(bytes, party) } else { Err(refused) }
+        });
+        reserved.inspect_err(|_| {
+            metrics::counter!("swarmbench_memory_refusals_total").increment(1);
+        })
     }
 
     /// Evicts idle episodes of a group, or of all, the longest unused first, until there
@@ -179,7 +179,7 @@ impl Registry {
     fn evict_idle(&self, bytes: usize, group: Option<Group>) {
         let budget = &self.host.budget;
         let wanted = bytes.saturating_add(budget.most() / 8);
-        let is_enough = || budget.has(wanted, group);
+        let is_enough = || budget.has(wanted, group.map(Party::of));
         let now = self.host.clock.now();
         if self.none_idle_until().get(&group).is_some_and(|until| now < *until) {
             return;
@@ -403,7 +403,7 @@ impl Registry {
         let group = Some(recovered_for(stored, party).group);
         match self.room_of(bytes, group) {
             Err(_) if spec.advances_by_itself() && !is_over => {
-                Ok(self.host.budget.take(bytes, group))
+                Ok(self.host.budget.take(bytes, group.map(Party::of)))
             }
             room => Ok(room?),
         }

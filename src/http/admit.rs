@@ -5,6 +5,7 @@ use axum::http::uri::Authority;
 use axum::http::{HeaderValue, Method, Version, header};
 
 use super::error::{ApiError, Code};
+use super::front::is_of_a_player;
 use crate::fair::Rank;
 
 /// Refuses requests that do not say, or say twice, for which host they are: a proxy in front might take another one for
@@ -40,9 +41,11 @@ fn is_plain_host(host: &[u8]) -> bool {
 
 /// The rank of a request: playing, entering and changing come first, reading comes after them.
 pub(super) fn rank(method: &Method, path: &str) -> Rank {
-    match path {
-        _ if method != Method::GET && method != Method::HEAD => Rank::Urgent,
-        "/obs" | "/swarm/obs" | "/healthz" | "/readyz" | "/metrics" => Rank::Urgent,
-        _ => Rank::Normal,
-    }
+    let reads = matches!(*method, Method::GET | Method::HEAD);
+    if reads && !is_of_a_player(path) && !is_about_health(path) { Rank::Normal } else { Rank::Urgent }
+}
+
+/// Whether the route tells operators how the server is: it is answered however busy the background threads are.
+pub(super) fn is_about_health(path: &str) -> bool {
+    matches!(path, "/healthz" | "/readyz" | "/metrics")
 }

@@ -10,7 +10,7 @@ use swarmbench_engine::World;
 use tokio_util::sync::CancellationToken;
 
 use super::body::Bodies;
-use super::cache::{ANSWERS_BYTES_MAX, Answer, RANKINGS_BYTES_MAX, SharedCache};
+use super::cache::{Answer, SharedCache};
 use super::episodes::verification::{VERIFICATIONS_MAX, Verifications};
 use super::error::{ApiError, Code};
 use super::heavy::Heavy;
@@ -132,6 +132,7 @@ impl App {
         let mut boot = [0; 8];
         foundation.entropy.fill(&mut boot);
         let cache = (store.clone(), Arc::clone(clock));
+        let eighth = limits.caches_bytes_max as u64 / 8;
         Self(Arc::new(Shared {
             ready: AtomicBool::new(false),
             started_at: clock.wall(),
@@ -145,13 +146,13 @@ impl App {
             rounds_seen: Mutex::new(0),
             heavy: Heavy::new(workers.clone(), limits),
             streams: Arc::new(Streams::new(registry.clone(), workers.clone(), limits)),
-            replay_pages: ReplayPages::new(),
+            replay_pages: ReplayPages::new(eighth),
             verifications: Verifications::new(VERIFICATIONS_MAX),
-            sights: Sights::new(),
+            sights: Sights::new(2 * eighth),
             standings: Standings::new(store.clone()),
-            competitions: CompetitionStandings::new(store.clone()),
-            answers: SharedCache::new(ANSWERS_BYTES_MAX, cache.clone()),
-            rankings: Arc::new(SharedCache::new(RANKINGS_BYTES_MAX, cache)),
+            competitions: CompetitionStandings::new(store.clone(), 3 * eighth),
+            answers: SharedCache::new(eighth, cache.clone()),
+            rankings: Arc::new(SharedCache::new(eighth, cache)),
             foundation,
         }))
     }

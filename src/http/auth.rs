@@ -14,7 +14,7 @@ use super::error::{ApiError, Code};
 use crate::episode::actor::Handle;
 use crate::episode::quota::Purpose;
 use crate::episode::spec::Visibility;
-use crate::fair::{Group, Party};
+use crate::fair::{Group, Party, Rank};
 use crate::ids::{CompetitionKey, EpisodeId, RunKey};
 use crate::keys::{Key, OwnerKey, Role};
 use crate::store::entries::{AuditRow, Entry};
@@ -144,6 +144,11 @@ impl Caller {
     /// Whether the caller reads what everybody plays: an organizer, or a judge.
     pub(super) fn reads_all(&self) -> bool {
         matches!(self, Self::Key(key) if matches!(key.role, Role::Organizer | Role::Judge))
+    }
+
+    /// The rank in which the caller shares streams and exports: those who oversee games have the reserve.
+    pub(super) fn rank(&self) -> Rank {
+        if self.reads_all() { Rank::Urgent } else { Rank::Normal }
     }
 
     /// Refuses judges, where others are refused for reasons of their own.

@@ -1,13 +1,10 @@
-//! Bodies as they arrive: how many bytes of them there may be, in all and of one party, and how long they may take.
+//! Bodies as they arrive: how much memory they may take, in all and of one party, and how long they may take.
 //!
-//! A large body has more than [`LIGHT_BODY_BYTES_MAX`] bytes, or does not say how many. It is refused before it is read
-//! where its sender has sent as much as it may; it waits for a permit to be handled; and a group gets no more memory for
-//! such bodies than is free.
+//! The memory of a connection has room for a body of [`FREE_BODY_BYTES`]. A longer one reserves a multiple of its bytes, for what
+//! is made of it, too. A large body has more than [`LIGHT_BODY_BYTES_MAX`] bytes, or does not say how many: it waits for a
+//! permit to be handled. Without a token a body has at most `anonymous_body_bytes_max`.
 
-use std::collections::HashMap;
-use std::collections::hash_map::Entry;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Body;
@@ -21,11 +18,18 @@ use tokio::time::Instant;
 
 use super::error::{ApiError, Code};
 use super::limits::Limits;
-use crate::fair::{Busy, FairLimit, Group, Party, Permit, Rank, Shares};
+use crate::budget::{Budget, Reservation};
+use crate::fair::{Busy, FairLimit, Party, Permit, Rank, Shares};
 
 /// Bytes of a body that is read and handled in one piece on the threads on which games run. A larger one, or one that does
 /// not say how large it is, is handled on threads of lower priority.
 pub(super) const LIGHT_BODY_BYTES_MAX: usize = 128 * 1024;
+
+/// Bytes of a body that reserves no memory: a connection is counted with them.
+const FREE_BODY_BYTES: usize = 8 * 1024;
+
+/// How many times its bytes a body is counted: while it is collected in a growing buffer, and while it is read as JSON.
+const BODY_FACTOR: usize = 3;
 
 /// Whether the body is small.
 pub(super) fn is_light(request: &Request) -> bool {
@@ -38,39 +42,33 @@ const PATIENCE: Duration = Duration::from_secs(5);
 #[derive(Debug)]
 pub(super) struct Bodies {
     limits: Limits,
-    all: AtomicUsize,
-    /// Bytes of large bodies by group; no entry is 0.
-    large: Mutex<HashMap<Group, usize>>,
+    /// Bytes, with a reserve for requests with a token.
+    memory: Arc<Budget>,
     /// Permits to handle a large one.
     permits: FairLimit,
 }
 
 impl Bodies {
     pub(super) fn new(limits: &Limits) -> Self {
-        let shares = Shares::halved(limits.large_bodies_max, limits.large_bodies_waiting_max);
-        let shares = Shares { slots_per_member: 1, ..shares };
+        let shares = Shares { slots_per_member: 1, ..Shares::halved(limits.large_bodies_max) };
+        let bytes = limits.bodies_bytes_max;
         Self {
             limits: *limits,
-            all: AtomicUsize::new(0),
-            large: Mutex::default(),
+            memory: Budget::new("bodies_bytes_max", bytes, bytes),
             permits: FairLimit::new("large_bodies_max", shares, PATIENCE),
         }
     }
-
-    fn large(&self) -> MutexGuard<'_, HashMap<Group, usize>> {
-        self.large.lock().expect("nothing panics while it holds this")
-    }
 }
 
-/// A body that has arrived. Its bytes are counted, and a large one has a permit, until this is dropped.
+/// A body that has arrived. Its memory is reserved, and a large one has a permit, until this is dropped.
 pub(super) struct Arrived {
     bytes: Bytes,
     _permit: Option<Permit>,
-    _counted: Counted,
+    _memory: Option<Reservation>,
 }
 
 impl Arrived {
-    /// The bytes alone, which are counted no more.
+    /// The bytes alone, whose memory is reserved no more.
     pub(super) fn into_bytes(self) -> Bytes {
         self.bytes
     }
@@ -82,56 +80,28 @@ impl AsRef<[u8]> for Arrived {
     }
 }
 
-/// Bytes of a body that are counted until this is dropped.
-struct Counted {
-    bodies: Arc<Bodies>,
-    group: Group,
-    bytes: usize,
-    /// How many of them are counted for the group: all of a large body.
-    of_group: usize,
+/// The bytes of a body so far, with their memory.
+struct Collected<'a> {
+    memory: &'a Arc<Budget>,
+    rank: Rank,
+    bytes: BytesMut,
+    reserved: Option<Reservation>,
 }
 
-impl Counted {
-    fn new(bodies: &Arc<Bodies>, group: Group) -> Self {
-        Self { bodies: Arc::clone(bodies), group, bytes: 0, of_group: 0 }
-    }
-
-    fn grow_to(&mut self, bytes: usize) -> Result<(), ApiError> {
-        let bodies = &self.bodies;
-        let more = bytes - self.bytes;
-        self.bytes = bytes;
-        let all = bodies.all.fetch_add(more, Ordering::Relaxed) + more;
-        let of_group = if bytes > LIGHT_BODY_BYTES_MAX {
-            let mut groups = bodies.large();
-            let held = groups.entry(self.group).or_default();
-            *held += bytes - self.of_group;
-            self.of_group = bytes;
-            *held
-        } else {
-            0
-        };
-        let most = bodies.limits.bodies_bytes_max;
-        if most.checked_sub(all).is_some_and(|free| of_group <= free) {
+impl Collected<'_> {
+    fn add(&mut self, more: &[u8]) -> Result<(), ApiError> {
+        self.bytes.extend_from_slice(more);
+        if self.bytes.len() <= FREE_BODY_BYTES {
             return Ok(());
         }
-        let detail = "too many large bodies arrive at once; send it again later, or in pieces";
-        Err(ApiError::limit(Code::Overloaded, "bodies_bytes_max", most, detail)
-            .retry_after(Duration::from_secs(1)))
-    }
-}
-
-impl Drop for Counted {
-    fn drop(&mut self) {
-        self.bodies.all.fetch_sub(self.bytes, Ordering::Relaxed);
-        if self.of_group == 0 {
-            return;
-        }
-        if let Entry::Occupied(mut held) = self.bodies.large().entry(self.group) {
-            *held.get_mut() -= self.of_group;
-            if *held.get() == 0 {
-                held.remove();
-            }
-        }
+        let new = || self.memory.take(0, Some(Party::current()));
+        let reserved = self.reserved.get_or_insert_with(new);
+        let more = BODY_FACTOR * self.bytes.len() - reserved.amount();
+        reserved.grow(more, self.rank).map_err(|full| {
+            let (name, most) = full.limit();
+            let detail = "too many large bodies arrive at once; send it again later, or in pieces";
+            ApiError::limit(Code::Overloaded, name, most, detail).retry_after(Duration::from_secs(1))
+        })
     }
 }
 
@@ -144,7 +114,14 @@ impl Bodies {
         limit_name: &str,
     ) -> Result<Arrived, ApiError> {
         let says_json = is_json(request.headers());
-        let (bytes, counted) = self.collect(request.into_body(), limit, limit_name).await?;
+        // What a token opens was found out before.
+        let (rank, limit, limit_name) = if request.headers().contains_key(header::AUTHORIZATION) {
+            (Rank::Urgent, limit, limit_name)
+        } else {
+            let most = self.limits.anonymous_body_bytes_max.min(limit);
+            (Rank::Normal, most, "anonymous_body_bytes_max")
+        };
+        let (bytes, memory) = self.collect(request.into_body(), rank, limit, limit_name).await?;
         let permit = if bytes.len() > LIGHT_BODY_BYTES_MAX {
             Some(self.permits.acquire(Party::current(), Rank::Normal).await.map_err(busy)?)
         } else {
@@ -159,40 +136,38 @@ impl Bodies {
                 "send the header `Content-Type: application/json` with the body",
             ));
         }
-        Ok(Arrived { bytes, _permit: permit, _counted: counted })
+        Ok(Arrived { bytes, _permit: permit, _memory: memory })
     }
 
     /// Reads a body that is passed on, and that is not large.
     pub(super) async fn light(self: &Arc<Self>, body: Body) -> Result<Arrived, ApiError> {
         let limit = LIGHT_BODY_BYTES_MAX;
-        let (bytes, counted) = self.collect(body, limit, "body_bytes_max").await?;
-        Ok(Arrived { bytes, _permit: None, _counted: counted })
+        let (bytes, memory) = self.collect(body, Rank::Urgent, limit, "body_bytes_max").await?;
+        Ok(Arrived { bytes, _permit: None, _memory: memory })
     }
 
     async fn collect(
         self: &Arc<Self>,
         body: Body,
+        rank: Rank,
         limit: usize,
         limit_name: &str,
-    ) -> Result<(Bytes, Counted), ApiError> {
+    ) -> Result<(Bytes, Option<Reservation>), ApiError> {
         let mut body = Limited::new(body, limit);
-        let mut bytes = BytesMut::new();
-        let mut counted = Counted::new(self, Party::current().group);
+        let memory = &self.memory;
+        let mut collected = Collected { memory, rank, bytes: BytesMut::new(), reserved: None };
         let started = Instant::now();
         loop {
             // Most bodies have arrived with their heads, and need no timer.
             let frame = if let Some(frame) = body.frame().now_or_never() {
                 Ok(frame)
             } else {
-                let late = started + patience(&self.limits, bytes.len());
+                let late = started + patience(&self.limits, collected.bytes.len());
                 tokio::time::timeout_at(late, body.frame()).await
             };
             match frame {
-                Ok(Some(Ok(frame))) => {
-                    bytes.extend(frame.into_data());
-                    counted.grow_to(bytes.len())?;
-                }
-                Ok(None) => return Ok((bytes.freeze(), counted)),
+                Ok(Some(Ok(frame))) => collected.add(&frame.into_data().unwrap_or_default())?,
+                Ok(None) => return Ok((collected.bytes.freeze(), collected.reserved)),
                 Ok(Some(Err(error))) if error.is::<LengthLimitError>() => {
                     let detail = format!("the body has more than {limit} bytes");
                     return Err(ApiError::limit(Code::TooLarge, limit_name, limit, detail));
@@ -234,26 +209,29 @@ fn is_json(headers: &HeaderMap) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fair::{Group, Origin};
 
     #[test]
-    fn a_group_holds_no_more_bytes_of_large_bodies_than_are_free() {
+    fn bodies_without_a_token_leave_memory_to_those_who_play() {
         let limits = Limits { bodies_bytes_max: 1_000_000, ..Limits::default() };
-        let bodies = Arc::new(Bodies::new(&limits));
-        let of = |address: u8| Group::Address([192, 0, 2, address].into());
-        let arrive = |address, bytes| {
-            let mut body = Counted::new(&bodies, of(address));
-            body.grow_to(bytes / 2).and_then(|()| body.grow_to(bytes)).map(|()| body)
+        let bodies = Bodies::new(&limits);
+        let arrive = |address: u8, rank, bytes: usize| {
+            let memory = &bodies.memory;
+            let mut body = Collected { memory, rank, bytes: BytesMut::new(), reserved: None };
+            let from = Party::of(Group::Address([192, 0, 2, address].into()));
+            let origin = Origin::of(from, rank);
+            let arrived = origin.enter(|| {
+                (0..bytes / 1000).try_for_each(|_| body.add(&[b' '; 1000]))
+            });
+            arrived.is_ok().then_some(body)
         };
-        let first = arrive(1, 400_000).expect("less than half");
-        assert!(arrive(1, 200_000).is_err(), "more than half of all");
-        let second = arrive(2, 300_000).expect("as much as is free then");
-        assert!(arrive(2, 200_000).is_err(), "more than is free");
-        let small: Vec<_> = (0..2).map(|_| arrive(1, LIGHT_BODY_BYTES_MAX)).collect();
-        assert!(small.iter().all(Result::is_ok), "small ones pass while there is room");
-        assert!(arrive(3, LIGHT_BODY_BYTES_MAX).is_err(), "there is none");
-        drop((first, second, small));
-        assert_eq!(bodies.all.load(Ordering::Relaxed), 0);
-        assert!(bodies.large().is_empty());
+        let unfinished: Vec<_> = (0..200).filter_map(|n| arrive(n % 8, Rank::Normal, 64_000)).collect();
+        assert!((1..=5).contains(&unfinished.len()), "{} unfinished bodies", unfinished.len());
+        assert!(arrive(9, Rank::Normal, 8_000).is_some(), "a short one needs no memory");
+        let long = arrive(9, Rank::Urgent, 131_000).expect("the reserve");
+        assert!(long.reserved.as_ref().is_some_and(|held| held.amount() == 3 * 131_000));
+        drop((unfinished, long));
+        assert_eq!(bodies.memory.used(), 0);
     }
 
     #[test]

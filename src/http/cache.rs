@@ -20,12 +20,6 @@ use crate::fair::{Party, Rank};
 use crate::store::Store;
 use swarmbench_clock::{Clock, after};
 
-/// Bytes of all cached answers.
-pub(super) const ANSWERS_BYTES_MAX: u64 = 32 * 1024 * 1024;
-
-/// Bytes of all cached rankings.
-pub(super) const RANKINGS_BYTES_MAX: u64 = 32 * 1024 * 1024;
-
 /// An entry of at least this size is large: it takes long to compute, and is computed once a second at most.
 const LARGE_BYTES: usize = 64 * 1024;
 

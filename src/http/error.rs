@@ -14,7 +14,7 @@ use axum::response::{IntoResponse, Response};
 use swarmbench_engine::SettingErrors;
 
 use super::nodes::IsElsewhere;
-use crate::budget::NoMemory;
+use crate::budget::Exhausted;
 use crate::episode::actor::{ActError, ClaimError, StartError};
 use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
 use crate::episode::lockstep::Refusal;
@@ -24,7 +24,8 @@ use crate::episode::registry::{CreateError, FindError};
 use crate::fair::Busy;
 use crate::run::{RunError, manager};
 use crate::store::{READERS_MAX, StoreError};
-use crate::work::{JOBS_WAITING_MAX, WorkError};
+use crate::fair::WAITING_MAX;
+use crate::work::WorkError;
 use swarmbench_boards::collection::Unknown;
 use swarmbench_clock::millis;
 use swarmbench_prompt::TemplateError;
@@ -305,8 +306,8 @@ impl From<RunError> for ApiError {
     }
 }
 
-impl From<NoMemory> for ApiError {
-    fn from(full: NoMemory) -> Self {
+impl From<Exhausted> for ApiError {
+    fn from(full: Exhausted) -> Self {
         let (name, value) = full.limit();
         Self::limit(Code::Overloaded, name, value, full.to_string())
             .retry_after(Duration::from_secs(5))
@@ -327,7 +328,7 @@ impl From<WorkError> for ApiError {
         match error {
             WorkError::Busy => {
                 let detail = format!("{error}; try again later");
-                Self::limit(Code::Overloaded, "heavy_jobs_max", JOBS_WAITING_MAX, detail)
+                Self::limit(Code::Overloaded, "waiting_max", WAITING_MAX, detail)
                     .retry_after(Duration::from_secs(1))
             }
             WorkError::BrokeOff => Self::new(Code::Internal, error.to_string()),

@@ -9,9 +9,8 @@ use serde::de::{Deserialize, DeserializeOwned, Deserializer, Error as _, Visitor
 use serde::forward_to_deserialize_any;
 
 use super::App;
-use super::body::{Arrived, is_light};
+use super::body::Arrived;
 use super::error::{ApiError, Code};
-use crate::fair::Party;
 use swarmbench_protocol::problem::FieldProblem;
 
 /// A JSON body of the usual size, as it was read and as it came.
@@ -42,21 +41,14 @@ impl<T: DeserializeOwned + Default> FromRequest<App> for OptionalJson<T> {
 }
 
 impl App {
-    /// Reads a body of at most `limit` bytes that says it is JSON and is text. A large one counts against the rates of its
-    /// sender, and has a permit until the result is dropped.
+    /// Reads a body of at most `limit` bytes that says it is JSON and is text. Its memory is reserved, and a large one has a
+    /// permit, until the result is dropped.
     pub(super) async fn json_body(
         &self,
         request: Request,
         limit: usize,
         limit_name: &str,
     ) -> Result<Arrived, ApiError> {
-        use hyper::body::Body as _;
-
-        if !is_light(&request) {
-            let bytes = request.body().size_hint().upper().and_then(|bytes| bytes.try_into().ok());
-            let bytes = bytes.unwrap_or(limit).min(limit);
-            self.rates.check_body(Party::current(), bytes)?;
-        }
         self.bodies.json(request, limit, limit_name).await
     }
 }

@@ -13,10 +13,11 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio_stream::wrappers::ReceiverStream;
 
 use super::App;
+use super::auth::Caller;
 use super::error::ApiError;
-use crate::budget::{NoMemory, Reservation};
+use crate::budget::{Exhausted, Reservation};
 use crate::episode::registry::Registry;
-use crate::fair::{Party, Permit};
+use crate::fair::Party;
 
 /// How long a reader may leave events pending before it is dropped.
 const READER_TIMEOUT: Duration = Duration::from_secs(10);
@@ -28,7 +29,7 @@ pub(super) struct Feed {
     /// Bytes that may wait.
     bytes: Arc<Semaphore>,
     bytes_max: usize,
-    _permit: Permit,
+    _open: Reservation,
 }
 
 /// An event that waits for the reader.
@@ -41,13 +42,14 @@ struct Pending {
 /// The receiving side of an event stream.
 pub(super) type Events = Sse<KeepAliveStream<BoxStream<'static, Result<Event, Infallible>>>>;
 
-pub(super) async fn feed(app: &App) -> Result<(Feed, Events), ApiError> {
-    let permit = app.streams.events.take(Party::current()).await?;
+/// An event stream for a caller; organizers and judges find one where others have all.
+pub(super) fn feed(app: &App, caller: &Caller) -> Result<(Feed, Events), ApiError> {
+    let open = app.streams.events.reserve(1, Some(Party::current()), caller.rank())?;
     let (events, pending) = mpsc::channel(app.limits.events_pending_max);
     let bytes_max = app.limits.events_pending_bytes_max;
     let bytes = Arc::new(Semaphore::new(bytes_max));
     let registry = app.registry.clone();
-    let feed = Feed { registry, events, bytes, bytes_max, _permit: permit };
+    let feed = Feed { registry, events, bytes, bytes_max, _open: open };
     let sent = ReceiverStream::new(pending).map(|pending: Pending| Ok(pending.event));
     Ok((feed, Sse::new(sent.boxed()).keep_alive(KeepAlive::default())))
 }
@@ -73,7 +75,7 @@ impl Feed {
         )
     }
 
-    async fn push(&self, event: Event, bytes: usize) -> Result<bool, NoMemory> {
+    async fn push(&self, event: Event, bytes: usize) -> Result<bool, Exhausted> {
         let room = self.registry.room(bytes)?;
         // One that is larger than all that may wait waits alone.
         let bytes = u32::try_from(bytes.min(self.bytes_max)).unwrap_or(u32::MAX);

@@ -29,7 +29,7 @@ use super::in_flight::RequestContext;
 use super::nodes::{self, Routed, relay};
 use super::prelude::*;
 use super::{agent, router, stream, swarm};
-use crate::fair::{Origin, Rank};
+use crate::fair::Origin;
 
 pub(super) const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 const NOSNIFF: HeaderValue = HeaderValue::from_static("nosniff");
@@ -139,7 +139,8 @@ impl Front {
         }
         let rank = admit::rank(request.method(), request.uri().path());
         let is_of_a_server = self.is_for_nodes && request.uri().path().starts_with(nodes::PATH);
-        let may_run_here = rank == Rank::Urgent && (is_of_a_server || is_light(&request));
+        let plays = play.is_some() && is_light(&request);
+        let may_run_here = is_of_a_server || plays || admit::is_about_health(request.uri().path());
         let front = self.clone();
         // Large futures are boxed: each layer would move them, which costs more than the rest of it.
         let answered =

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use super::error::{ApiError, Code};
 use super::limits::Limits;
-use crate::fair::{FairLimit, Party, Permit, Rank, Shares};
-use crate::work::{JOBS_WAITING_MAX, Workers};
+use crate::fair::{FairLimit, Party, Permit, Rank, Shares, WAITING_MAX};
+use crate::work::Workers;
 
 /// How long a request waits until a prompt or a board is made.
 const RENDER_TIMEOUT: Duration = Duration::from_secs(5);
@@ -35,13 +35,8 @@ impl Heavy {
         let Ok(done) = tokio::time::timeout(RENDER_TIMEOUT, work).await else {
             let detail =
                 "too much heavy work (prompts, boards, large worlds) is queued; try again later";
-            return Err(ApiError::limit(
-                Code::Overloaded,
-                "heavy_jobs_max",
-                JOBS_WAITING_MAX,
-                detail,
-            )
-            .retry_after(Duration::from_secs(1)));
+            let error = ApiError::limit(Code::Overloaded, "waiting_max", WAITING_MAX, detail);
+            return Err(error.retry_after(Duration::from_secs(1)));
         };
         Ok(done?)
     }
@@ -70,15 +65,11 @@ async fn permit(limit: &FairLimit, detail: &str) -> Result<Permit, ApiError> {
 
 /// A group has no more than half of them.
 fn large_answers(limits: &Limits) -> FairLimit {
-    let shares = Shares::halved(limits.large_answers_max, limits.large_answers_waiting_max);
-    let shares = Shares { slots_per_member: 1, ..shares };
+    let shares = Shares { slots_per_member: 1, ..Shares::halved(limits.large_answers_max) };
     FairLimit::new("large_answers_max", shares, RENDER_TIMEOUT)
 }
 
 /// A group has no more than half of them.
 fn replays(limits: &Limits) -> FairLimit {
-    let waiting = limits.replays_waiting_max;
-    let shares = Shares::halved(limits.replays_max, waiting);
-    let shares = Shares { waiting_per_group: waiting.div_ceil(8), ..shares };
-    FairLimit::new("replays_max", shares, REPLAY_TIMEOUT)
+    FairLimit::new("replays_max", Shares::halved(limits.replays_max), REPLAY_TIMEOUT)
 }

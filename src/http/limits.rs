@@ -1,22 +1,16 @@
 //! Every limit of the server by its name; the unit is the last part.
 
+use super::serve::HEAD_BYTES_MAX;
 use crate::dataset::replay::IMPORT_CELLS_MAX;
 use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
 use crate::episode::quota::Caps;
 use crate::episode::registry::{FORK_PIECE_ROWS_MAX, RECOVERIES_MAX};
-use crate::fair::PARTIES_REMEMBERED_MAX;
+use crate::fair::{PARTIES_REMEMBERED_MAX, WAITING_MAX, WAITING_PER_GROUP_MAX};
 use crate::host::DISK_FREE_BYTES_ENOUGH;
 use crate::hosted::HOSTED_ROUNDS_MAX;
 use crate::replay::{AGENT_ROUNDS_MAX, PAGE_BYTES_MAX, ROUNDS_MAX};
-use crate::store::{READERS_MAX, READERS_WAITING_MAX, READERS_WAITING_PER_GROUP_MAX};
-use crate::work::{JOBS_WAITING_MAX, JOBS_WAITING_PER_GROUP_MAX};
+use crate::store::READERS_MAX;
 use swarmbench_mcp::{MCP_STRUCTURED_BYTES_MAX, MCP_WAIT_S_MAX};
-
-/// Requests that wait for a permit of a stream, of each kind.
-pub(super) const STREAMS_WAITING_MAX: usize = 16_384;
-
-/// Of these, those of one group.
-pub(super) const STREAMS_WAITING_PER_GROUP_MAX: usize = 4096;
 
 /// Scores in one series, beside the newest.
 pub(super) const SCORE_POINTS_MAX: u32 = 1000;
@@ -63,17 +57,13 @@ limits! {
         body_bytes_max: usize = 256 * 1024,
         /// Bytes of a body with acts of several seats.
         swarm_body_bytes_max: usize = 8 * 1024 * 1024,
-        /// Bytes of all bodies that are arriving.
+        /// Bytes of a body without a token.
+        anonymous_body_bytes_max: usize = 64 * 1024,
+        /// Bytes of all bodies that are arriving or being handled, with what is made of them; as many again are for requests
+        /// with a token.
         bodies_bytes_max: usize = 256 * 1024 * 1024,
-        /// Bytes of large bodies a second of an entrant, a key or an address, on average; 0 for no limit. Programs
-        /// on this machine are not limited.
-        large_body_bytes_per_key_s_max: usize = 16 * 1024 * 1024,
-        /// Bytes of large bodies a second of all entrants of a competition, on average; 0 for no limit.
-        large_body_bytes_per_competition_s_max: usize = 64 * 1024 * 1024,
         /// Large bodies that are handled at once.
         large_bodies_max: usize = 4,
-        /// Large bodies that wait for a permit.
-        large_bodies_waiting_max: usize = 1024,
         /// Acts in one body.
         acts_max: usize = 1024,
         /// Observations in one answer.
@@ -175,24 +165,18 @@ limits! {
         idempotency_key_chars_max: usize = 200,
         /// Bytes of all worlds and all large answers together.
         memory_bytes_max: usize = 2 * 1024 * 1024 * 1024,
+        /// Bytes of boards, lists, pages of replays and observations that are cached.
+        caches_bytes_max: usize = 256 * 1024 * 1024,
         /// Bytes of a part of a journal or an export that is read at once; one record more may come on top.
         stream_part_bytes_max: usize = 256 * 1024,
-        /// Parts of journals that are read at once.
-        journals_max: usize = 2,
-        /// Pieces of exports that are made at once.
-        exports_max: usize = 2,
+        /// Parts of journals and exports that are made at once.
+        parts_max: usize = 4,
         /// Exports that are made, or of which a piece waits for its reader.
         exports_open_max: usize = 16,
-        /// Of these, those of one party.
-        exports_open_per_party_max: usize = 4,
         /// Large answers that are made at once: observations with prompts or of many cells, and lists.
         large_answers_max: usize = 4,
-        /// Requests for large answers that wait for a permit.
-        large_answers_waiting_max: usize = 4096,
         /// States of earlier rounds that are made at once.
         replays_max: usize = 16,
-        /// Requests for states of earlier rounds that wait for a permit.
-        replays_waiting_max: usize = 1024,
     }
     fixed {
         disk_free_bytes_enough = DISK_FREE_BYTES_ENOUGH,
@@ -200,8 +184,9 @@ limits! {
         seat_acts_waiting_max = SEAT_ACTS_WAITING_MAX,
         mcp_wait_s_max = MCP_WAIT_S_MAX,
         mcp_structured_bytes_max = MCP_STRUCTURED_BYTES_MAX,
-        heavy_jobs_max = JOBS_WAITING_MAX,
-        heavy_jobs_per_group_max = JOBS_WAITING_PER_GROUP_MAX,
+        waiting_max = WAITING_MAX,
+        waiting_per_group_max = WAITING_PER_GROUP_MAX,
+        head_bytes_max = HEAD_BYTES_MAX,
         hosted_rounds_max = HOSTED_ROUNDS_MAX,
         replay_rounds_max = ROUNDS_MAX,
         replay_agent_rounds_max = AGENT_ROUNDS_MAX,
@@ -210,17 +195,11 @@ limits! {
         score_points_max = SCORE_POINTS_MAX,
         take_ups_max = RECOVERIES_MAX,
         readers_max = READERS_MAX,
-        readers_waiting_max = READERS_WAITING_MAX,
-        readers_waiting_per_group_max = READERS_WAITING_PER_GROUP_MAX,
-        streams_waiting_max = STREAMS_WAITING_MAX,
-        streams_waiting_per_group_max = STREAMS_WAITING_PER_GROUP_MAX,
         parties_remembered_max = PARTIES_REMEMBERED_MAX,
     }
     last {
         /// Event streams that are open.
         event_streams_max: usize = 4096,
-        /// Of these, those of one party.
-        event_streams_per_party_max: usize = 512,
         /// Events that wait for a slow reader before it is dropped.
         events_pending_max: usize = 64,
         /// Bytes of them.
@@ -230,8 +209,6 @@ limits! {
         /// Entries in competitions an hour from one address, or one /64 network of IPv6, without an invitation; 0 for no
         /// limit. Programs on this machine are not limited.
         entries_per_address_h_max: u32 = 100,
-        /// How much memory the games of a competition, a key or an address may take, in percent of what is free.
-        memory_of_free_percent_max: u32 = 100,
     }
 }
 

@@ -1,4 +1,4 @@
-//! How much may come in a second or an hour: requests, large bodies, and entries in competitions.
+//! How much may come in a second or an hour: requests, and entries in competitions.
 
 use std::hash::Hash;
 use std::net::IpAddr;
@@ -13,11 +13,9 @@ use governor::nanos::Nanos;
 use governor::state::keyed::DashMapStateStore;
 use governor::{Quota, RateLimiter};
 
-use super::body::LIGHT_BODY_BYTES_MAX;
 use super::client::network;
 use super::error::{ApiError, Code};
 use super::limits::Limits;
-use crate::fair::{Group, Party};
 use crate::keys::OwnerKey;
 use swarmbench_clock::Clock;
 
@@ -26,9 +24,6 @@ const SENDERS_REMEMBERED: usize = 65_536;
 
 /// After this number of checks the remembered senders are counted.
 const SENDERS_COUNTED_EVERY: usize = 4096;
-
-/// The unit in which rates of large bodies are counted, in bytes.
-const BODY_CELL_BYTES: usize = 1024;
 
 /// Time for rate limits: monotonic, and runs also while the process is stopped.
 #[derive(Clone)]
@@ -66,7 +61,6 @@ impl<K: Hash + Eq + Clone> Rate<K> {
     fn check(
         &self,
         sender: &K,
-        count: NonZeroU32,
         detail: impl FnOnce(usize) -> String,
     ) -> Result<(), ApiError> {
         let Some(limiter) = &self.limiter else { return Ok(()) };
@@ -75,12 +69,8 @@ impl<K: Hash + Eq + Clone> Rate<K> {
         if is_due && limiter.len() > SENDERS_REMEMBERED {
             self.forget_idle();
         }
-        let wait = match limiter.check_key_n(sender, count) {
-            Ok(Ok(())) => return Ok(()),
-            Ok(Err(until)) => until.wait_time_from(self.clock.now()),
-            // It is more than may come at once.
-            Err(_) => Duration::from_secs(1),
-        };
+        let Err(until) = limiter.check_key(sender) else { return Ok(()) };
+        let wait = until.wait_time_from(self.clock.now());
         metrics::counter!("swarmbench_rate_limited_total", "limit" => self.name).increment(1);
         Err(ApiError::limit(Code::RateLimited, self.name, self.most, detail(self.most))
             .retry_after(wait))
@@ -99,41 +89,25 @@ pub(super) struct Rates {
     by_address: Rate<IpAddr>,
     by_key: Rate<OwnerKey>,
     entries: Rate<IpAddr>,
-    /// KiB of large bodies.
-    bodies: Rate<Party>,
-    bodies_of_competition: Rate<Party>,
 }
 
 impl Rates {
     pub(super) fn new(limits: &Limits, clock: Arc<dyn Clock>) -> Self {
         let clock = &RateClock(clock);
-        // Twice as much at once: two of the largest bodies at least.
+        // Twice as many at once.
         let per_s = |most| {
             let most = NonZeroU32::new(most)?;
             Some(Quota::per_second(most).allow_burst(most.saturating_add(most.get())))
         };
         let requests = |most: u32| (most as usize, per_s(most));
-        let bytes = |most: usize| {
-            let cells = u32::try_from(most / BODY_CELL_BYTES).unwrap_or(u32::MAX / 2);
-            (most, per_s(cells))
-        };
         let (address, address_quota) = requests(limits.address_requests_per_s_max);
         let (key, key_quota) = requests(limits.key_requests_per_s_max);
         let entries = limits.entries_per_address_h_max;
         let entries_quota = NonZeroU32::new(entries).map(Quota::per_hour);
-        let (bodies, bodies_quota) = bytes(limits.large_body_bytes_per_key_s_max);
-        let (all_bodies, all_bodies_quota) = bytes(limits.large_body_bytes_per_competition_s_max);
         Self {
             by_address: Rate::new("address_requests_per_s_max", address, address_quota, clock),
             by_key: Rate::new("key_requests_per_s_max", key, key_quota, clock),
             entries: Rate::new("entries_per_address_h_max", entries as usize, entries_quota, clock),
-            bodies: Rate::new("large_body_bytes_per_key_s_max", bodies, bodies_quota, clock),
-            bodies_of_competition: Rate::new(
-                "large_body_bytes_per_competition_s_max",
-                all_bodies,
-                all_bodies_quota,
-                clock,
-            ),
         }
     }
 
@@ -142,14 +116,14 @@ impl Rates {
         if address.is_loopback() {
             return Ok(());
         }
-        self.by_address.check(&network(address), NonZeroU32::MIN, |most| {
+        self.by_address.check(&network(address), |most| {
             format!("more than {most} requests a second came from this address; try again later")
         })
     }
 
     /// Counts a request that was made with a key, or with a token of an episode of it.
     pub(super) fn check_key(&self, key: OwnerKey) -> Result<(), ApiError> {
-        self.by_key.check(&key, NonZeroU32::MIN, |most| {
+        self.by_key.check(&key, |most| {
             format!("more than {most} requests a second came from this key; try again later")
         })
     }
@@ -159,32 +133,11 @@ impl Rates {
         if address.is_loopback() {
             return Ok(());
         }
-        self.entries.check(&network(address), NonZeroU32::MIN, |most| {
+        self.entries.check(&network(address), |most| {
             format!(
                 "{most} entries an hour came from this address, the maximum; try again later, or ask the organizer for a code"
             )
         })
-    }
-
-    /// Counts a large body of `bytes` bytes before it is read. Those of this machine itself are not limited.
-    pub(super) fn check_body(&self, party: Party, bytes: usize) -> Result<(), ApiError> {
-        if matches!(party.group, Group::Address(address) if address.is_loopback()) {
-            return Ok(());
-        }
-        let cells = u32::try_from(bytes.div_ceil(BODY_CELL_BYTES)).ok().and_then(NonZeroU32::new);
-        let Some(cells) = cells else { return Ok(()) };
-        let detail = |most| {
-            format!(
-                "more than {most} bytes a second were sent in bodies of more than {LIGHT_BODY_BYTES_MAX} bytes; send this one again later, or smaller ones"
-            )
-        };
-        self.bodies.check(&party, cells, detail)?;
-        match party.group {
-            Group::Competition(_) => {
-                self.bodies_of_competition.check(&Party::of(party.group), cells, detail)
-            }
-            _ => Ok(()),
-        }
     }
 
     /// Forgets senders of which nothing came lately.
@@ -192,7 +145,5 @@ impl Rates {
         self.by_address.forget_idle();
         self.by_key.forget_idle();
         self.entries.forget_idle();
-        self.bodies.forget_idle();
-        self.bodies_of_competition.forget_idle();
     }
 }

@@ -8,9 +8,6 @@ use super::error::ApiError;
 use crate::ids::{EpisodeKey, ImportKey};
 use swarmbench_protocol::replay::ReplayPage;
 
-/// Bytes of all cached pages.
-const REPLAY_PAGES_BYTES_MAX: u64 = 32 * 1024 * 1024;
-
 /// Bytes of a usual page; the cache makes room for as many as fit.
 const PAGE_USUAL_BYTES: u64 = 32 * 1024;
 
@@ -60,10 +57,10 @@ impl Weighter<PageKey, WrittenPage> for ByBytes {
 
 impl ReplayPages {
     /// In one shard: the largest page has to fit on a machine of many cores, too.
-    pub(super) fn new() -> Self {
-        let items = usize::try_from(REPLAY_PAGES_BYTES_MAX / PAGE_USUAL_BYTES).unwrap_or(0);
+    pub(super) fn new(bytes_max: u64) -> Self {
+        let items = usize::try_from(bytes_max / PAGE_USUAL_BYTES).unwrap_or(0);
         let mut options = OptionsBuilder::new();
-        options.shards(1).estimated_items_capacity(items).weight_capacity(REPLAY_PAGES_BYTES_MAX);
+        options.shards(1).estimated_items_capacity(items).weight_capacity(bytes_max);
         let options = options.build().expect("both capacities are named");
         let hasher = DefaultHashBuilder::default();
         Self(Cache::with_options(options, ByBytes, hasher, DefaultLifecycle::default()))

@@ -29,6 +29,13 @@ use super::limits::Limits;
 use super::room::{Holder, Holders};
 use super::timers::{ConnectionTimers, TimedBody, TimedStream, Timeouts};
 
+/// Bytes of a request's line and headers; hyper answers longer ones with 431 by itself.
+pub const HEAD_BYTES_MAX: usize = 16 * 1024;
+
+/// Memory of a connection with its request: the buffers, a head of [`HEAD_BYTES_MAX`] as it was sent and as it was read, and a
+/// short body with what is made of it, or a short answer.
+pub const CONNECTION_BYTES: usize = 48 * 1024;
+
 /// Connections over the limit that get an error response; further ones are only closed.
 pub const REFUSALS_MAX: usize = 128;
 
@@ -167,7 +174,7 @@ async fn connection<A: Future<Output = Answered>>(
     });
     let served = hyper::server::conn::http1::Builder::new()
         .header_read_timeout(None)
-        .max_buf_size(64 * 1024)
+        .max_buf_size(HEAD_BYTES_MAX)
         .serve_connection(stream, service);
     // One token for both: every token is asked whenever there is something to read.
     let end = match &permit {

@@ -11,8 +11,6 @@ use crate::ids::EpisodeKey;
 /// Bytes of a sight (the larger part of an observation) that is cached.
 const SIGHT_CACHED_BYTES_MAX: usize = 16 * 1024;
 
-const SIGHTS_CACHED_BYTES_MAX: u64 = 64 * 1024 * 1024;
-
 /// Bytes of a usual sight; the cache makes room for as many as fit.
 const SIGHT_USUAL_BYTES: u64 = 4 * 1024;
 
@@ -31,9 +29,9 @@ impl Weighter<Key, Bytes> for ByBytes {
 }
 
 impl Sights {
-    pub(super) fn new() -> Self {
-        let items = usize::try_from(SIGHTS_CACHED_BYTES_MAX / SIGHT_USUAL_BYTES).unwrap_or(0);
-        Self(Cache::with_weighter(items, SIGHTS_CACHED_BYTES_MAX, ByBytes))
+    pub(super) fn new(bytes_max: u64) -> Self {
+        let items = usize::try_from(bytes_max / SIGHT_USUAL_BYTES).unwrap_or(0);
+        Self(Cache::with_weighter(items, bytes_max, ByBytes))
     }
 
     pub(super) fn get(&self, key: &Key) -> Option<Bytes> {

@@ -14,8 +14,8 @@ use bytes::Bytes;
 use futures::stream;
 
 use super::error::{ApiError, Code};
-use super::limits::{Limits, STREAMS_WAITING_MAX, STREAMS_WAITING_PER_GROUP_MAX};
-use crate::budget::{Reservation, SMALL_BYTES};
+use super::limits::Limits;
+use crate::budget::{Budget, Reservation, SMALL_BYTES};
 use crate::episode::registry::Registry;
 use crate::fair::{Busy, FairLimit, Party, Permit, Rank, Shares};
 use crate::store;
@@ -40,82 +40,29 @@ pub(super) struct Streams {
     registry: Registry,
     workers: Workers,
     part_bytes_max: usize,
-    /// Permits to read a part of a journal.
-    journals: FairLimit,
-    /// Permits to make a piece of an export.
-    pub(super) exports: FairLimit,
+    /// Permits to make a part of a journal or of an export.
+    pub(super) parts: FairLimit,
     /// Exports that are made or wait for their readers.
-    pub(super) exports_open: StreamLimit,
-    pub(super) events: StreamLimit,
+    pub(super) exports: Arc<Budget>,
+    /// Event streams that are open.
+    pub(super) events: Arc<Budget>,
 }
 
-/// Bounds what stays open for long: in all, and for each party.
-#[derive(Debug)]
-pub(super) struct StreamLimit {
-    limit: FairLimit,
-    /// What is open, for the text of the error.
-    what: &'static str,
-    of_a_party: (&'static str, usize),
-}
-
-impl StreamLimit {
-    fn new(
-        name: &'static str,
-        most: usize,
-        what: &'static str,
-        of_a_party: (&'static str, usize),
-    ) -> Self {
-        // The client tries again later: it may take long until a permit is free.
-        let patience = Duration::from_millis(100);
-        let limit = FairLimit::new(name, shares(most, of_a_party.1), patience);
-        Self { limit, what, of_a_party }
-    }
-
-    pub(super) async fn take(&self, party: Party) -> Result<Permit, ApiError> {
-        let permit = self.limit.acquire(party, Rank::Normal).await;
-        permit.map_err(|busy| {
-            let (name, slots) = self.of_a_party;
-            let is_full = self.limit.load().0 >= busy.slots;
-            refused(if is_full { busy } else { Busy { name, slots } }, self.what)
-        })
-    }
-}
+/// Streams on top of a limit that organizers and judges may open, as a part of the limit.
+const OVERSEERS_PART: usize = 4;
 
 impl Streams {
     pub(super) fn new(registry: Registry, workers: Workers, limits: &Limits) -> Self {
-        let permits = |name, slots| FairLimit::new(name, shares(slots, slots), PERMIT_TIMEOUT);
+        let open = |name, most: usize| Budget::new(name, most, most.div_ceil(OVERSEERS_PART));
+        let shares = Shares::halved(limits.parts_max);
         Self {
             registry,
             workers,
             part_bytes_max: limits.stream_part_bytes_max,
-            journals: permits("journals_max", limits.journals_max),
-            exports: permits("exports_max", limits.exports_max),
-            exports_open: StreamLimit::new(
-                "exports_open_max",
-                limits.exports_open_max,
-                "exports are open",
-                ("exports_open_per_party_max", limits.exports_open_per_party_max),
-            ),
-            events: StreamLimit::new(
-                "event_streams_max",
-                limits.event_streams_max,
-                "event streams are open",
-                ("event_streams_per_party_max", limits.event_streams_per_party_max),
-            ),
+            parts: FairLimit::new("parts_max", shares, PERMIT_TIMEOUT),
+            exports: open("exports_open_max", limits.exports_open_max),
+            events: open("event_streams_max", limits.event_streams_max),
         }
-    }
-}
-
-/// A member of a group gets `of_a_member` slots; its group half of all, and at least as many as a member.
-fn shares(slots: usize, of_a_member: usize) -> Shares {
-    Shares {
-        slots,
-        reserve: 0,
-        slots_per_group: of_a_member.max(slots.div_ceil(2)),
-        slots_per_member: of_a_member,
-        slots_per_single: of_a_member,
-        waiting: STREAMS_WAITING_MAX,
-        waiting_per_group: STREAMS_WAITING_PER_GROUP_MAX,
     }
 }
 
@@ -130,11 +77,9 @@ pub(super) async fn patiently(limit: &FairLimit, party: Party) -> Permit {
 }
 
 /// The answer to a request for which no permit is free.
-pub(super) fn refused(busy: Busy, what: &str) -> ApiError {
-    let Busy { name, slots } = busy;
-    let detail =
-        format!("the maximum number of {what} is reached ({name} is {slots}); try again later");
-    ApiError::limit(Code::Overloaded, name, slots, detail).retry_after(PERMIT_TIMEOUT)
+pub(super) fn refused(busy: Busy) -> ApiError {
+    let detail = "too many journals and exports are being read at once; try again later";
+    ApiError::no_permit(busy, detail).retry_after(PERMIT_TIMEOUT)
 }
 
 /// Bytes with the memory that is reserved for them; both go when the bytes are sent.
@@ -156,8 +101,7 @@ impl Streams {
         mut parts: impl Parts,
     ) -> Result<Body, ApiError> {
         let party = Party::current();
-        let permit = self.journals.acquire(party, Rank::Normal).await;
-        let permit = permit.map_err(|busy| refused(busy, "journals are being read"))?;
+        let permit = self.parts.acquire(party, Rank::Normal).await.map_err(refused)?;
         let first = self.part((party, permit), &mut parts).await?;
         let streams = Arc::clone(self);
         let rest = stream::try_unfold((parts, first), move |(mut parts, ready)| {
@@ -168,7 +112,7 @@ impl Streams {
                 }
                 let workers = streams.workers.clone();
                 let next = async move {
-                    let permit = patiently(&streams.journals, party).await;
+                    let permit = patiently(&streams.parts, party).await;
                     let part = streams.part((party, permit), &mut parts);
                     let part = store::patiently(part).await?;
                     Ok::<_, BoxError>(part.map(|part| (part, (parts, None))))
@@ -189,7 +133,7 @@ impl Streams {
         let small = |_| self.registry.budget().take(most.min(SMALL_BYTES), None);
         let room = self.registry.room(most).unwrap_or_else(small);
         // The connection's own task has no party.
-        let next = Rank::Normal.scope(party.scope(parts.next(room.bytes())));
+        let next = Rank::Normal.scope(party.scope(parts.next(room.amount())));
         let Some(bytes) = next.await? else { return Ok(None) };
         room.resize(bytes.capacity());
         Ok(Some(Bytes::from_owner(Reserved { bytes, _room: room })))

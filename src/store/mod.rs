@@ -37,7 +37,7 @@ pub use postgres::cluster::{
 pub use postgres::session::SessionError;
 use readers::ReaderOptions;
 pub use readers::{
-    READERS_MAX, READERS_WAITING_MAX, READERS_WAITING_PER_GROUP_MAX, patiently, patiently_blocking,
+    READERS_MAX, patiently, patiently_blocking,
 };
 use sql::{Connection, FromRow, Statement, query};
 use sqlite::SQLITE_VERSION_MIN;

@@ -30,11 +30,6 @@ const IDLE_WHOLE: Duration = Duration::from_millis(500);
 /// How long a request waits for a connection to read.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Requests that wait for a connection to read, for games and for all others each.
-pub const READERS_WAITING_MAX: usize = 4000;
-
-pub const READERS_WAITING_PER_GROUP_MAX: usize = READERS_WAITING_MAX / 4;
-
 tokio::task_local! {
     static PATIENT: ();
 }
@@ -155,16 +150,8 @@ impl Pool {
 impl Lane {
     async fn open(options: ReaderOptions, slots: usize) -> Result<Self, sqlx::Error> {
         let pool = Pool::open(options, slots).await?;
-        let shares = Shares {
-            slots,
-            reserve: 0,
-            // One is left for the next caller.
-            slots_per_group: slots - 1,
-            slots_per_member: slots - 1,
-            slots_per_single: slots - 1,
-            waiting: READERS_WAITING_MAX,
-            waiting_per_group: READERS_WAITING_PER_GROUP_MAX,
-        };
+        // One is left for the next caller.
+        let shares = Shares { slots, ..Shares::of(slots - 1) };
         Ok(Self { pool, permits: FairLimit::new("readers_max", shares, PATIENCE) })
     }
 }
@@ -204,7 +191,7 @@ impl Readers {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fair::Group;
+    use crate::fair::{Group, WAITING_PER_GROUP_MAX};
     use crate::keys::OwnerKey;
 
     #[tokio::test]
@@ -245,7 +232,7 @@ mod tests {
             held.push(look().await.expect("a connection"));
         }
         let mut waits: Vec<_> =
-            (0..READERS_WAITING_PER_GROUP_MAX).map(|_| Box::pin(look())).collect();
+            (0..WAITING_PER_GROUP_MAX).map(|_| Box::pin(look())).collect();
         for wait in &mut waits {
             assert!(futures::poll!(wait).is_pending());
         }

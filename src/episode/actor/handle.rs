@@ -232,7 +232,7 @@ impl Handle {
 
     /// The group to whose share its memory belongs, if to any.
     pub(in super::super) fn memory_group(&self) -> Option<Group> {
-        self.0.memory.group()
+        self.0.memory.party().map(|party| party.group)
     }
 
     /// Cancelled when the actor has ended and hands nothing more to the journal.

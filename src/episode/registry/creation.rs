@@ -20,7 +20,7 @@ use super::super::recovery::clocks;
 use super::super::seating::Seating;
 use super::super::spec::Spec;
 use super::Registry;
-use crate::budget::{NoMemory, Reservation};
+use crate::budget::{Exhausted, Reservation};
 use crate::fair::{self, Party, Rank};
 use crate::ids::{EpisodeId, EpisodeKey, Place, RunKey};
 use crate::keys::OwnerKey;
@@ -57,7 +57,7 @@ pub enum CreateError {
     #[error(transparent)]
     Full(#[from] Full),
     #[error(transparent)]
-    NoMemory(#[from] NoMemory),
+    NoMemory(#[from] Exhausted),
     /// The time in which its rounds may begin is over.
     #[error("no round may begin after {0}")]
     Closed(Timestamp),

@@ -60,7 +60,7 @@ pub(in super::super) async fn stream_events(
             return Err(ApiError::new(Code::Malformed, detail));
         }
     };
-    let (feed, events) = feed(&app).await?;
+    let (feed, events) = feed(&app, &caller)?;
     crate::telemetry::spawn(async move {
         tokio::select! {
             () = send_events(&app, &handle, last.unwrap_or(0), &feed) => {}

@@ -140,10 +140,9 @@ pub(in super::super) async fn download_export(
     let file = File::parse(&name).ok_or_else(|| ApiError::not_found("the file"))?;
     let selection = selection(&app, &caller, params).await?;
     let party = Party::current();
-    let open = app.streams.exports_open.take(party).await?;
+    let open = app.streams.exports.reserve(1, Some(party), caller.rank())?;
     let room = app.registry.room(EXPORT_BYTES)?;
-    let permit = app.streams.exports.acquire(party, Rank::Normal).await;
-    let permit = permit.map_err(|busy| refused(busy, "exports are being made"))?;
+    let permit = app.streams.parts.acquire(party, Rank::Normal).await.map_err(refused)?;
     // Organizers find sealed games in it, too.
     let audit_entry = caller.audit_entry(
         &app,
@@ -168,9 +167,9 @@ pub(in super::super) async fn download_export(
         if selected.send(Ok(())).is_err() {
             return;
         }
-        let working = Working { limit: app.streams.exports.clone(), party, permit: Some(permit) };
+        let working = Working { limit: app.streams.parts.clone(), party, permit: Some(permit) };
         let (gathered, to) = (Vec::new(), pieces.clone());
-        let out = Pieces { gathered, to, working, _held: (open, room) };
+        let out = Pieces { gathered, to, working, _held: [open, room] };
         let written = store::patiently_blocking(|| file.write(export, out));
         if let Err(error) = written {
             // The reader has to notice that the file is incomplete.
@@ -234,8 +233,8 @@ struct Pieces {
     gathered: Vec<u8>,
     to: mpsc::Sender<io::Result<Bytes>>,
     working: Working,
-    /// The permit of the open export, and its memory.
-    _held: (Permit, Reservation),
+    /// The place of the open export, and its memory.
+    _held: [Reservation; 2],
 }
 
 /// The permit to make pieces: it is returned while the export waits for its reader.

@@ -31,7 +31,7 @@ pub(in super::super) async fn stream_run_events(
 ) -> Result<Events, ApiError> {
     let known = app.known_run(&caller, &id).await?;
     let open_games = app.runs.follow(known.stored.run).await?;
-    let (feed, events) = feed(&app).await?;
+    let (feed, events) = feed(&app, &caller)?;
     crate::telemetry::spawn(async move {
         tokio::select! {
             sent = send_events(&app, &caller, &id, open_games, &feed) => {
