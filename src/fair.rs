@@ -445,7 +445,9 @@ impl<T> FairQueue<T> {
     pub fn push(&mut self, party: Party, rank: Rank, request: T) -> Result<(), T> {
         let group = self.groups.known.get(&party.group);
         let of_group = group.map_or(0, |group| *group.requests.waiting.of(rank));
-        if *self.waiting.of(rank) >= self.shares.waiting
+        // Nothing waits for slots that there never are.
+        if self.shares.slots == 0
+            || *self.waiting.of(rank) >= self.shares.waiting
             || of_group >= self.shares.waiting_per_group
         {
             return Err(request);

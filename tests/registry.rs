@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use swarmbench::budget::{Budget, NoMemory};
+use swarmbench::budget::{Budget, Exhausted};
 use swarmbench::episode::actor::{Handle, Spawn};
 use swarmbench::episode::lockstep::{Receipt, Submission};
 use swarmbench::episode::quota::{Purpose, Quotas};
@@ -245,9 +245,9 @@ async fn an_episode_that_cannot_be_read_delays_no_other() {
 
 #[tokio::test]
 async fn a_group_leaves_memory_to_others_and_running_games_are_recovered_in_any_case() {
-    let bench = Bench::new(Budget::new(4 << 20, 100)).await;
+    let bench = Bench::new(Budget::memory(4 << 20)).await;
     let (count, refused) = bench.fill(1).await;
-    assert!(matches!(refused, CreateError::NoMemory(NoMemory::Share { percent: 100, .. })));
+    assert!(matches!(refused, CreateError::NoMemory(Exhausted::Share { .. })));
     let (used, most) = (bench.registry.budget().used(), bench.registry.budget().most());
     assert!((most / 3..=most / 2).contains(&used), "{used} of {most} bytes, not half");
     let (others, _) = bench.fill(2).await;
@@ -256,7 +256,7 @@ async fn a_group_leaves_memory_to_others_and_running_games_are_recovered_in_any_
     organizer.expect("organizers may take more than a share");
     let games = count + others + 1;
     // Also where the server is started again with less.
-    let small = Budget::new(1 << 20, 100);
+    let small = Budget::memory(1 << 20);
     let again = registry(&bench.journal, &bench.clock, 1000, Arc::clone(&small));
     again.recover_unfinished().await.expect("they are listed");
     assert_eq!(again.in_memory(), games);
@@ -265,14 +265,14 @@ async fn a_group_leaves_memory_to_others_and_running_games_are_recovered_in_any_
 
 #[tokio::test]
 async fn idle_games_of_a_group_make_room_for_its_next() {
-    let bench = Bench::new(Budget::new(1 << 20, 100)).await;
+    let bench = Bench::new(Budget::memory(1 << 20)).await;
     let create = |number: usize| {
         let id = format!("ep_{number}");
         let bench = &bench;
         async move { bench.create(&id, large(false), Purpose::Usual, 1).await.map(drop) }
     };
     assert!(create(1).await.is_ok() && create(2).await.is_ok());
-    assert!(matches!(create(3).await, Err(CreateError::NoMemory(NoMemory::Share { .. }))));
+    assert!(matches!(create(3).await, Err(CreateError::NoMemory(Exhausted::Share { .. }))));
     bench.clock.advance(Duration::from_secs(11));
     assert!(create(4).await.is_ok());
 }

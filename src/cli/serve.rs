@@ -59,8 +59,8 @@ pub(super) struct Args {
     /// no limit.
     #[arg(long, env = "SWARMBENCH_DISK_FREE_PERCENT_MIN", default_value_t = Limits::default().disk_free_percent_min)]
     disk_free_percent_min: u32,
-    /// Memory limit of all worlds and answers together, such as 6GiB. Default: half of the memory of the machine or the
-    /// control group. The process needs some more.
+    /// Memory limit of all worlds and answers together, such as 6GiB; the process takes at most twice as much, from 512MiB on.
+    /// Default: half of the memory of the machine or the control group.
     #[arg(long, env = "SWARMBENCH_MEMORY_MAX", value_name = "BYTES", value_parser = bytes)]
     memory_max: Option<usize>,
     /// Serve the files of pages from this folder in the place of those in the program, for work on them.

@@ -451,7 +451,7 @@ impl FromRequestParts<App> for Overseer {
     }
 }
 
-fn needs_token(which: &str) -> ApiError {
+pub(super) fn needs_token(which: &str) -> ApiError {
     let detail = format!("send {which} as `Authorization: Bearer TOKEN`");
     ApiError::new(Code::Unauthorized, detail)
 }

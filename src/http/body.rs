@@ -100,7 +100,8 @@ impl Collected<'_> {
         reserved.grow(more, self.rank).map_err(|full| {
             let (name, most) = full.limit();
             let detail = "too many large bodies arrive at once; send it again later, or in pieces";
-            ApiError::limit(Code::Overloaded, name, most, detail).retry_after(Duration::from_secs(1))
+            ApiError::limit(Code::Overloaded, name, most, detail)
+                .retry_after(Duration::from_secs(1))
         })
     }
 }
@@ -220,12 +221,12 @@ mod tests {
             let mut body = Collected { memory, rank, bytes: BytesMut::new(), reserved: None };
             let from = Party::of(Group::Address([192, 0, 2, address].into()));
             let origin = Origin::of(from, rank);
-            let arrived = origin.enter(|| {
-                (0..bytes / 1000).try_for_each(|_| body.add(&[b' '; 1000]))
-            });
+            let arrived =
+                origin.enter(|| (0..bytes / 1000).try_for_each(|_| body.add(&[b' '; 1000])));
             arrived.is_ok().then_some(body)
         };
-        let unfinished: Vec<_> = (0..200).filter_map(|n| arrive(n % 8, Rank::Normal, 64_000)).collect();
+        let unfinished: Vec<_> =
+            (0..200).filter_map(|n| arrive(n % 8, Rank::Normal, 64_000)).collect();
         assert!((1..=5).contains(&unfinished.len()), "{} unfinished bodies", unfinished.len());
         assert!(arrive(9, Rank::Normal, 8_000).is_some(), "a short one needs no memory");
         let long = arrive(9, Rank::Urgent, 131_000).expect("the reserve");

@@ -1,28 +1,59 @@
 //! Requests, read strictly: every error is reported by name.
 
+use std::convert::Infallible;
 use std::time::Duration;
 
 use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
-use axum::http::Uri;
 use axum::http::request::Parts;
+use axum::http::{Uri, header};
 use serde::de::{Deserialize, DeserializeOwned, Deserializer, Error as _, Visitor};
 use serde::forward_to_deserialize_any;
 
 use super::App;
+use super::auth::needs_token;
 use super::body::Arrived;
 use super::error::{ApiError, Code};
 use swarmbench_protocol::problem::FieldProblem;
 
-/// A JSON body of the usual size, as it was read and as it came.
+/// A JSON body of the usual size, as it was read and as it came. It is read of callers with a token only, whom the extractors
+/// before it know.
 pub(super) struct Json<T>(pub(super) T, pub(super) Arrived);
 
 impl<T: DeserializeOwned> FromRequest<App> for Json<T> {
     type Rejection = ApiError;
 
     async fn from_request(request: Request, app: &App) -> Result<Self, ApiError> {
+        check_has_token(&request)?;
+        let (value, body) = Unread(request).read(app).await?;
+        Ok(Self(value, body))
+    }
+}
+
+fn check_has_token(request: &Request) -> Result<(), ApiError> {
+    let has_token = request.headers().contains_key(header::AUTHORIZATION);
+    if has_token { Ok(()) } else { Err(needs_token("a key")) }
+}
+
+/// A request whose body a handler reads itself, once it knows that the caller may send one: some callers need no token.
+pub(super) struct Unread(Request);
+
+impl FromRequest<App> for Unread {
+    type Rejection = Infallible;
+
+    async fn from_request(request: Request, _: &App) -> Result<Self, Infallible> {
+        Ok(Self(request))
+    }
+}
+
+impl Unread {
+    /// Reads a JSON body of the usual size.
+    pub(super) async fn read<T: DeserializeOwned>(
+        self,
+        app: &App,
+    ) -> Result<(T, Arrived), ApiError> {
         let limit = app.limits.body_bytes_max;
-        let body = app.json_body(request, limit, "body_bytes_max").await?;
-        Ok(Self(read(body.as_ref())?, body))
+        let body = app.json_body(self.0, limit, "body_bytes_max").await?;
+        Ok((read(body.as_ref())?, body))
     }
 }
 
@@ -33,6 +64,7 @@ impl<T: DeserializeOwned + Default> FromRequest<App> for OptionalJson<T> {
     type Rejection = ApiError;
 
     async fn from_request(request: Request, app: &App) -> Result<Self, ApiError> {
+        check_has_token(&request)?;
         let limit = app.limits.body_bytes_max;
         let body = app.json_body(request, limit, "body_bytes_max").await?;
         let value = if body.as_ref().is_empty() { T::default() } else { read(body.as_ref())? };

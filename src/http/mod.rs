@@ -63,5 +63,5 @@ mod prelude {
     pub(super) use super::auth::{Caller, Organizer, Overseer};
     pub(super) use super::checks::Problems;
     pub(super) use super::error::{ApiError, Code};
-    pub(super) use super::extract::{Id, Ids, Json, Nothing, OptionalJson, Params};
+    pub(super) use super::extract::{Id, Ids, Json, Nothing, OptionalJson, Params, Unread};
 }

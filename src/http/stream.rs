@@ -140,6 +140,9 @@ impl Streams {
     }
 }
 
+/// Bytes of an answer that reserves no memory: a connection is counted with them.
+const FREE_ANSWER_BYTES: usize = 16 * 1024;
+
 /// Reserves the memory of a large answer until it is sent. Where none is free, the answer to a `GET` is refused.
 pub(super) async fn reserve(
     registry: &Registry,
@@ -149,7 +152,7 @@ pub(super) async fn reserve(
     // An answer without an exact size is sent in parts that reserve their own memory.
     let Some(bytes) = response.body().size_hint().exact() else { return Ok(response) };
     let bytes = usize::try_from(bytes).unwrap_or(usize::MAX);
-    if bytes <= SMALL_BYTES {
+    if bytes <= FREE_ANSWER_BYTES {
         return Ok(response);
     }
     let room = match registry.room(bytes) {

@@ -66,10 +66,7 @@ async fn deaf(app: &TestApp, path: &str, token: &str) -> TcpStream {
 
 #[tokio::test]
 async fn slow_readers_keep_nobody_from_journals_and_exports() {
-    let app = TestApp::builder()
-        .limits(|limits| (limits.journals_max, limits.exports_max) = (1, 1))
-        .start()
-        .await;
+    let app = TestApp::builder().limits(|limits| limits.parts_max = 1).start().await;
     // Far more than the buffers of a connection with a slow reader hold.
     let episode = app.create(request(2, 20)).await;
     talk(&app, &episode, 20, 250_000).await;
@@ -89,27 +86,51 @@ async fn slow_readers_keep_nobody_from_journals_and_exports() {
 }
 
 #[tokio::test]
-async fn open_exports_and_event_streams_are_limited_by_party() {
-    let app = TestApp::builder()
-        .limits(|limits| {
-            limits.exports_open_per_party_max = 1;
-            limits.event_streams_per_party_max = 1;
-        })
-        .start()
-        .await;
-    let episode = app.create(request(2, 40)).await;
+async fn strangers_leave_streams_and_exports_to_each_other_and_to_organizers() {
+    let builder = TestApp::builder().keys().access(|access| {
+        access.trusted_proxies = vec!["127.0.0.0/8".parse().expect("a net")];
+    });
+    let limits =
+        builder.limits(|limits| (limits.event_streams_max, limits.exports_open_max) = (8, 8));
+    let app = limits.start().await;
+    let request = json!({ "task": "Synchronization", "num_agents": 2, "max_round": 40, "visibility": "public" });
+    let (key, _) = app.key(json!({ "name": "blue" })).await;
+    let episode = app.create_with(&key, request).await;
     let events = episode.path("/events");
-    let listening = app.get(&events).token(&episode.swarm).open().await;
-    let problem = app.get(&events).token(&episode.swarm).problem(503, "overloaded").await;
-    assert_eq!(problem["limit"], json!({ "name": "event_streams_per_party_max", "value": 1 }));
-    // A client that has gone has no permit any more.
+    let listen =
+        |number: usize| app.get(&events).header("x-forwarded-for", &format!("198.51.100.{number}"));
+    let mut listening = Vec::new();
+    for number in 0..8 {
+        loop {
+            let stream = listen(number).open().await;
+            if stream.status() != 200 {
+                break;
+            }
+            listening.push((number, stream));
+        }
+    }
+    let of_first = listening.iter().filter(|(number, _)| *number == 0).count();
+    assert_eq!((listening.len(), of_first), (8, 4), "half for the first, and so on");
+    let problem = listen(9).problem(503, "overloaded").await;
+    assert_eq!(problem["limit"], json!({ "name": "event_streams_max", "value": 8 }));
+    assert_eq!(app.get(&events).token(&app.organizer).open().await.status(), 200);
+    // A client that has gone has no stream any more.
     drop(listening);
-    while app.get(&events).token(&episode.swarm).open().await.status() != 200 {}
-    talk(&app, &episode, 40, 100_000).await;
+    while listen(9).open().await.status() != 200 {}
+    talk(&app, &episode, 20, 250_000).await;
+    app.delete(&episode.path("")).token(&key).ok().await;
     let export = "/api/v1/exports/acts.jsonl";
-    let slow = deaf(&app, export, &episode.swarm).await;
-    let problem = app.get(export).token(&episode.swarm).problem(503, "overloaded").await;
-    assert_eq!(problem["limit"]["name"], "exports_open_per_party_max");
-    drop(slow);
-    while app.get(export).token(&episode.swarm).send().await.status != 200 {}
+    let mut slow = Vec::new();
+    let refused = loop {
+        assert!(slow.len() <= 8, "the limit");
+        slow.push(deaf(&app, export, &key).await);
+        let mut status = [0; 12];
+        while slow.last().expect("one").peek(&mut status).await.expect("an answer") < 12 {}
+        if status.ends_with(b"503") {
+            break slow.len() - 1;
+        }
+    };
+    assert_eq!(refused, 4, "half of all for one key");
+    let lines = app.get(export).token(&app.organizer).send().await;
+    assert_eq!((lines.status, lines.text().lines().count()), (200, 40));
 }

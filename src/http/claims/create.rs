@@ -44,10 +44,11 @@ pub(in super::super) async fn create_claim(
     Id(id): Id,
     _: Params<Nothing>,
     headers: HeaderMap,
-    Json(request, body): Json<ClaimRequest>,
+    request: Unread,
 ) -> Result<Response, ApiError> {
     let (owner, key) = caller.claimant(&app)?;
     let (stored, spec) = app.known(&caller, id).await?;
+    let (request, body) = request.read::<ClaimRequest>(&app).await?;
     let idempotency = idempotency(&headers, owner, &body, &app.limits)?;
     let model = request.model.clone().unwrap_or_else(|| "unnamed".to_owned());
     let agent_meta = request.agent_meta.clone().unwrap_or_default();

@@ -44,7 +44,7 @@ pub(in super::super) async fn register_entrant(
     Extension(client): Extension<Client>,
     Id(id): Id,
     _: Params<Nothing>,
-    Json(request, _): Json<EntrantRequest>,
+    request: Unread,
 ) -> Result<Response, ApiError> {
     caller.check_not_judge()?;
     let own_key = match &caller {
@@ -58,6 +58,8 @@ pub(in super::super) async fn register_entrant(
     };
     // A competition whose id is known may be entered, also on a private server.
     let competition = app.stored_competition(&id).await?;
+    check_open(&competition, app.clock.wall())?;
+    let (request, _body) = request.read::<EntrantRequest>(&app).await?;
     check(&request, &app)?;
     // Concurrent entries are counted, and a code is valid once.
     App::run_detached(async move {

@@ -38,9 +38,10 @@ pub(in super::super) async fn create_episode(
     Extension(client): Extension<Client>,
     _: Params<Nothing>,
     headers: HeaderMap,
-    Json(request, body): Json<EpisodeRequest>,
+    request: Unread,
 ) -> Result<Response, ApiError> {
     let creator = caller.creator(&app, client)?;
+    let (request, body) = request.read::<EpisodeRequest>(&app).await?;
     let idempotency = idempotency(&headers, creator.0.owner(), &body, &app.limits)?;
     let spec = described(request, &app)?;
     let shows_seed = caller.is_organizer() || !spec.is_mixed();

@@ -57,10 +57,11 @@ pub(in super::super) async fn fork_episode(
     Extension(client): Extension<Client>,
     _: Params<Nothing>,
     headers: HeaderMap,
-    Json(request, body): Json<ForkRequest>,
+    request: Unread,
 ) -> Result<Response, ApiError> {
     let creator = caller.creator(&app, client)?;
     let (stored, parent) = app.forkable(&caller, id).await?;
+    let (request, body) = request.read::<ForkRequest>(&app).await?;
     let named = [b"fork ", stored.id.as_str().as_bytes(), b" ", body.as_ref()].concat();
     let idempotency = idempotency(&headers, creator.0.owner(), named, &app.limits)?;
     let plan = Plan::new(request, stored, &parent, &app)?;

@@ -43,9 +43,10 @@ pub(in super::super) async fn create_run(
     Extension(client): Extension<Client>,
     _: Params<Nothing>,
     headers: HeaderMap,
-    Json(request, body): Json<RunRequest>,
+    request: Unread,
 ) -> Result<Response, ApiError> {
     let creator = caller.creator(&app, client)?;
+    let (request, body) = request.read::<RunRequest>(&app).await?;
     let idempotency = idempotency(&headers, creator.0.owner(), &body, &app.limits)?;
     let definition = definition(request, &app)?;
     // A repeat must find what the first one creates, also if its client hangs up.

@@ -75,7 +75,7 @@ async fn a_key_leaves_memory_to_others() {
         }
     };
     assert_eq!((refused.status, refused.header("retry-after")), (503, "5"));
-    let limit = json!({ "name": "memory_of_free_percent_max", "value": 100 });
+    let limit = json!({ "name": "memory_bytes_max", "value": 2_000_000 });
     assert_eq!(refused.json()["limit"], limit);
     create(&other).ok().await;
     create(&app.organizer).ok().await;
@@ -256,11 +256,7 @@ async fn a_board_is_made_once_and_again_when_something_has_changed() {
 #[tokio::test]
 async fn a_short_list_waits_for_no_long_answer() {
     let builder = TestApp::builder().manual_clock().keys();
-    let limits = builder.limits(|limits| {
-        limits.large_answers_max = 0;
-        limits.large_answers_waiting_max = 0;
-    });
-    let app = limits.start().await;
+    let app = builder.limits(|limits| limits.large_answers_max = 0).start().await;
     let cup = Cup::open(&app, json!({})).await;
     let blue = cup.enter(&app, "blue").await;
     cup.start(&app, &blue).await;
