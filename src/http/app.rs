@@ -102,7 +102,7 @@ pub struct Shared {
     pub(super) rates: Rates,
     pub(super) in_flight: Arc<InFlight>,
     pub(super) tokens: Tokens,
-    pub(super) bodies: Arc<Bodies>,
+    pub(super) bodies: Bodies,
     pub(super) creations: Creations,
     pub(super) waits: Waits,
     /// Open rounds that were seen by a holder of several seats, counted. Each look locks it, so that rounds have the same
@@ -140,7 +140,7 @@ impl App {
             rates: Rates::new(limits, Arc::clone(clock)),
             in_flight: Arc::new(InFlight::new(limits.requests_per_address_max)),
             tokens: Tokens::new(store.clone()),
-            bodies: Arc::new(Bodies::new(limits)),
+            bodies: Bodies::new(limits),
             creations: Creations::new(),
             waits: Waits::new(limits.waits_max, Arc::clone(clock), stop.clone()),
             rounds_seen: Mutex::new(0),

@@ -80,6 +80,13 @@ impl AsRef<[u8]> for Arrived {
     }
 }
 
+/// How long a body may be, and with which rank its memory is reserved.
+struct Bounds<'a> {
+    rank: Rank,
+    limit: usize,
+    limit_name: &'a str,
+}
+
 /// The bytes of a body so far, with their memory.
 struct Collected<'a> {
     memory: &'a Arc<Budget>,
@@ -109,20 +116,14 @@ impl Collected<'_> {
 impl Bodies {
     /// Reads a body of at most `limit` bytes that says it is JSON and is text.
     pub(super) async fn json(
-        self: &Arc<Self>,
+        &self,
         request: Request,
         limit: usize,
         limit_name: &str,
     ) -> Result<Arrived, ApiError> {
         let says_json = is_json(request.headers());
-        // What a token opens was found out before.
-        let (rank, limit, limit_name) = if request.headers().contains_key(header::AUTHORIZATION) {
-            (Rank::Urgent, limit, limit_name)
-        } else {
-            let most = self.limits.anonymous_body_bytes_max.min(limit);
-            (Rank::Normal, most, "anonymous_body_bytes_max")
-        };
-        let (bytes, memory) = self.collect(request.into_body(), rank, limit, limit_name).await?;
+        let bounds = self.bounds(request.headers(), limit, limit_name);
+        let (bytes, memory) = self.collect(request.into_body(), bounds).await?;
         let permit = if bytes.len() > LIGHT_BODY_BYTES_MAX {
             Some(self.permits.acquire(Party::current(), Rank::Normal).await.map_err(busy)?)
         } else {
@@ -141,18 +142,25 @@ impl Bodies {
     }
 
     /// Reads a body that is passed on, and that is not large.
-    pub(super) async fn light(self: &Arc<Self>, body: Body) -> Result<Arrived, ApiError> {
-        let limit = LIGHT_BODY_BYTES_MAX;
-        let (bytes, memory) = self.collect(body, Rank::Urgent, limit, "body_bytes_max").await?;
+    pub(super) async fn light(&self, headers: &HeaderMap, body: Body) -> Result<Arrived, ApiError> {
+        let bounds = self.bounds(headers, LIGHT_BODY_BYTES_MAX, "body_bytes_max");
+        let (bytes, memory) = self.collect(body, bounds).await?;
         Ok(Arrived { bytes, _permit: None, _memory: memory })
     }
 
+    /// The bounds of a body with these headers. What their token opens was found out before.
+    fn bounds<'a>(&self, headers: &HeaderMap, limit: usize, limit_name: &'a str) -> Bounds<'a> {
+        if headers.contains_key(header::AUTHORIZATION) {
+            return Bounds { rank: Rank::Urgent, limit, limit_name };
+        }
+        let limit = self.limits.anonymous_body_bytes_max.min(limit);
+        Bounds { rank: Rank::Normal, limit, limit_name: "anonymous_body_bytes_max" }
+    }
+
     async fn collect(
-        self: &Arc<Self>,
+        &self,
         body: Body,
-        rank: Rank,
-        limit: usize,
-        limit_name: &str,
+        Bounds { rank, limit, limit_name }: Bounds<'_>,
     ) -> Result<(Bytes, Option<Reservation>), ApiError> {
         let mut body = Limited::new(body, limit);
         let memory = &self.memory;

@@ -26,7 +26,7 @@ use super::body::is_light;
 use super::client::{Client, Peer};
 use super::error::{ApiError, Code};
 use super::in_flight::RequestContext;
-use super::nodes::{self, Routed, relay};
+use super::nodes::{self, Routed};
 use super::prelude::*;
 use super::{agent, router, stream, swarm};
 use crate::fair::Origin;
@@ -180,11 +180,6 @@ impl Front {
     ) -> Result<Response, ApiError> {
         let Inner { app, .. } = &*self.inner;
         if self.is_for_nodes && request.uri().path().starts_with(nodes::PATH) {
-            if request.uri().path() == relay::PATH {
-                let gone = nodes.gone_of_hop(request.headers());
-                let (peer, stop) = (Peer(client.address), app.stop.clone());
-                return Ok(relay::answer(self.clone(), peer, request, stop, gone));
-            }
             return nodes.answer(app, request).await;
         }
         if !is_about_data(request.uri().path()) {

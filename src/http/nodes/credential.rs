@@ -18,7 +18,7 @@ impl Secret {
         mac
     }
 
-    /// By what a server shows another that it is one. Anybody who reads it can pass for this server, towards that one, and no longer
+    /// Proof of cluster membership. Anybody who reads it can pass for this server, towards that one, and no longer
     /// than both of them live.
     pub(super) fn credential(&self, from: i64, to: i64) -> String {
         let mac = self.mac(from, to).finalize().into_bytes();
@@ -36,11 +36,6 @@ impl Secret {
     }
 }
 
-/// Of which server a credential is, if it is one.
-pub(super) fn sender(credential: &str) -> Option<i64> {
-    credential.split('.').next()?.parse().ok()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -49,7 +44,7 @@ mod tests {
     fn a_credential_is_for_one_server_and_of_the_same_secret() {
         let (own, other) = (Secret::new(b"a secret"), Secret::new(b"another"));
         let credential = own.credential(7, 8);
-        assert_eq!((sender(&credential), own.recipient(&credential)), (Some(7), Some(8)));
+        assert_eq!(own.recipient(&credential), Some(8));
         assert_eq!(other.recipient(&credential), None);
         assert_eq!(own.recipient(&credential.replacen('7', "6", 1)), None);
         assert_eq!(own.recipient(&credential.replacen(".8.", ".9.", 1)), None);

@@ -1,8 +1,7 @@
 //! The connections to the other servers: what is sent over them of a request, and what comes back.
 
-use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::{Body, HttpBody as _};
@@ -23,8 +22,7 @@ use super::super::client::Client;
 use super::super::error::{ApiError, Code};
 use super::super::front::is_of_a_player;
 use super::Other;
-use super::credential::{self, Secret};
-use super::relay::{self, Relay};
+use super::credential::Secret;
 
 /// How long another server may take to accept a connection.
 const CONNECT_PATIENCE: Duration = Duration::from_millis(500);
@@ -96,15 +94,6 @@ impl Question {
             || matches!(self.path.path(), "/act" | "/swarm/act")
     }
 
-    /// Whether it, and mostly its answer, is short: it is about one seat, or only acts. It may be sent again.
-    fn is_short(&self) -> bool {
-        match self.path.path() {
-            "/act" | "/obs" => true,
-            "/swarm/act" => !self.may_wait(),
-            _ => false,
-        }
-    }
-
     /// Whether its answer may be waited for.
     pub(super) fn may_wait(&self) -> bool {
         is_of_a_player(self.path.path())
@@ -138,7 +127,6 @@ pub(super) struct Links {
     own: i64,
     secret: Secret,
     http: HttpClient<HttpConnector, Body>,
-    relays: Mutex<HashMap<i64, Arc<Relay>>>,
     peers: Cache<i64, Arc<Peer>>,
     /// Credentials that were checked, and for which server each is.
     checked: Cache<HeaderValue, i64>,
@@ -170,7 +158,6 @@ impl Links {
             own,
             secret: Secret::new(secret),
             http,
-            relays: Mutex::default(),
             peers: Cache::new(PEERS_MAX),
             checked: Cache::new(PEERS_MAX),
         }
@@ -193,12 +180,6 @@ impl Links {
         let (address, is_local) = client.split_once(' ').ok_or_else(refuse)?;
         let address = address.parse().map_err(|_| refuse())?;
         Ok(Some(Client { address, is_local: is_local == "local" }))
-    }
-
-    /// The incarnation of the server that has sent a request, after [`Links::client_of`] has checked it.
-    pub(super) fn sender(&self, headers: &HeaderMap) -> i64 {
-        let hop = headers.get(HOP).and_then(|value| value.to_str().ok());
-        hop.and_then(credential::sender).unwrap_or(self.own)
     }
 
     /// For which server a credential is; `None` where it is of no server.
@@ -241,14 +222,6 @@ impl Links {
         Gone: Future<Output = ()> + Send + 'static,
     {
         let peer = self.peer(to).ok_or(Failed::NotSent)?;
-        if body.is_none() && question.is_short() {
-            let relay = self.relay(&peer, to.incarnation, &gone)?;
-            // Where the connection ends before the answer has come, a request of its own shows at once whether that server lives:
-            // all that is sent this way may be sent again.
-            if let Some(response) = relay.ask(question, &peer.headers(client)).await {
-                return Ok(response);
-            }
-        }
         let body = body.unwrap_or_else(|| Body::from(question.body.clone()));
         let request = peer.request(question, client, body).ok_or(Failed::NotSent)?;
         let answered = tokio::select! {
@@ -266,37 +239,6 @@ impl Links {
                 tracing::debug!(%error, to = to.address, "a request was forwarded and not answered");
                 Err(Failed::Unknown)
             }
-        }
-    }
-
-    /// The connection to another server for requests of single seats.
-    fn relay<Gone>(
-        &self,
-        peer: &Peer,
-        incarnation: i64,
-        gone: impl Fn() -> Gone,
-    ) -> Result<Arc<Relay>, Failed>
-    where
-        Gone: Future<Output = ()> + Send + 'static,
-    {
-        let mut relays = self.relays.lock().expect("nothing panics while it holds this");
-        if let Some(relay) = relays.get(&incarnation).filter(|relay| relay.is_open()) {
-            return Ok(Arc::clone(relay));
-        }
-        let question = Question::bare(Method::POST, PathAndQuery::from_static(relay::PATH));
-        let request = peer.request(&question, OF_A_SERVER, ()).ok_or(Failed::NotSent)?;
-        let relay = Relay::open(self.http.clone(), request, gone());
-        relays.retain(|_, relay| relay.is_open());
-        relays.insert(incarnation, Arc::clone(&relay));
-        Ok(relay)
-    }
-}
-
-impl Drop for Links {
-    fn drop(&mut self) {
-        let relays = self.relays.get_mut().expect("nothing panics while it holds this");
-        for relay in relays.values() {
-            relay.close();
         }
     }
 }

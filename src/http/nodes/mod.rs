@@ -7,7 +7,6 @@ mod credential;
 mod links;
 pub(super) mod list;
 mod peers;
-pub(super) mod relay;
 mod target;
 
 use std::sync::Arc;
@@ -107,14 +106,6 @@ impl Nodes {
     /// it is for the server that was at this address before.
     pub(super) fn client_of_hop(&self, headers: &HeaderMap) -> Result<Option<Client>, ApiError> {
         self.links.client_of(headers)
-    }
-
-    /// Completes when the server that sends a request is gone.
-    pub(super) fn gone_of_hop(
-        &self,
-        headers: &HeaderMap,
-    ) -> impl Future<Output = ()> + Send + 'static {
-        self.cluster.gone(self.links.sender(headers))
     }
 
     /// Refuses to answer for what this server plays where the database may have been told that it is dead.
@@ -265,7 +256,7 @@ impl Nodes {
                 Err(Failed::Unknown) => Err(unknown()),
             };
         }
-        let bytes = app.bodies.light(body).await?.into_bytes();
+        let bytes = app.bodies.light(&parts.headers, body).await?.into_bytes();
         let question = Question::of(&mut parts, bytes);
         let may_repeat = question.is_repeatable();
         let answered = if question.may_wait() {
