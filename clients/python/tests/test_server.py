@@ -12,8 +12,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from swarmbench import Server, ServerError
-from swarmbench.server import find_binary
+from swarmseat import Server, ServerError
+from swarmseat.server import find_binary
 
 BINARY = find_binary()
 GONE_S_MAX = 20
@@ -106,7 +106,7 @@ def test_where_it_is_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     (checkout / "docs").mkdir()
     monkeypatch.chdir(checkout / "docs")
     monkeypatch.setenv("PATH", str(tmp_path / "bin"))
-    monkeypatch.setattr("swarmbench.server.__file__", str(tmp_path / "site-packages" / "swarmbench" / "server.py"))
+    monkeypatch.setattr("swarmseat.server.__file__", str(tmp_path / "site-packages" / "swarmseat" / "server.py"))
     with pytest.raises(ServerError, match="cargo build --release"):
         find_binary()
     # From the last place to the first, each before the one that was found.
@@ -121,8 +121,8 @@ def test_where_it_is_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 PROGRAM = """
-import os, sys, swarmbench
-server = swarmbench.Server(sys.argv[1]).start()
+import os, sys, swarmseat
+server = swarmseat.Server(sys.argv[1]).start()
 print("ready", flush=True)
 {end}
 """
