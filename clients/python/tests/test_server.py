@@ -120,6 +120,20 @@ def test_where_it_is_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert find_binary("/bin/true") == Path("/bin/true")
 
 
+def test_a_command_of_another_package_is_not_the_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SWARMBENCH_BINARY", raising=False)
+    scripts = tmp_path / "scripts"
+    monkeypatch.setattr("sysconfig.get_path", lambda _: str(scripts))
+    monkeypatch.setenv("PATH", f"{scripts}:{tmp_path / 'bin'}")
+    own, on_path = scripts / "swarmbench", tmp_path / "bin" / "swarmbench"
+    for place in (own, on_path):
+        place.parent.mkdir()
+        shutil.copy("/bin/true", place)
+    assert find_binary() == own
+    own.write_text("#!/usr/bin/env python3\nfrom swarmbench.cli import main\nmain()\n")
+    assert find_binary() == on_path
+
+
 PROGRAM = """
 import os, sys, swarmseat
 server = swarmseat.Server(sys.argv[1]).start()
