@@ -1,6 +1,6 @@
 """GRPO with TRL: a model learns to play one seat, and built-in players play the others.
 
-    pip install 'swarmseat[trl]' torch          # the wheel of bindings/python
+    pip install "$(ls bindings/python/dist/*.whl)[trl]" torch
     python examples/training/trl_grpo.py --model Qwen/Qwen3-0.6B --task Synchronization
 
 The model calls tools: `look`, `move` and `say`. A group of rollouts plays the same layout, as GRPO compares them.

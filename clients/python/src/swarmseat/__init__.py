@@ -1,4 +1,4 @@
-"""Client, PettingZoo environment and analysis for the swarmbench server.
+"""Client, PettingZoo environment and analysis for the server of SwarmBench (arXiv 2505.04364).
 
 `Client` and `AsyncClient` speak its protocol, `Server` starts one on this machine, and `parallel_env` makes an
 episode an environment for reinforcement learning. docs/play/python.md in the repository shows all of it. `analysis`

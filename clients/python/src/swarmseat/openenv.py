@@ -1,6 +1,6 @@
 """Swarms for OpenEnv: an environment of its server, and a client.
 
-It needs `pip install 'swarmseat[openenv]'`. `python -m swarmseat.openenv` serves it; a package for a hub is in
+It needs the extra `openenv`. `python -m swarmseat.openenv` serves it; a package for a hub is in
 `examples/training/for_openenv` of the repository (docs/play/frameworks.md).
 """
 

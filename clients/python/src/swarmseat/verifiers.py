@@ -1,6 +1,6 @@
 """Swarms for verifiers and prime-rl: a taskset, an environment, and a harness that asks without a program of its own.
 
-It needs Python 3.11 and `pip install 'swarmseat[verifiers]'`. verifiers finds it by the package that exports it:
+It needs Python 3.11 and the extra `verifiers`. verifiers finds it by the package that exports it:
 `vf-eval swarmseat-verifiers -n 3 --env.taskset.game Pursuit` (docs/play/frameworks.md).
 """
 
