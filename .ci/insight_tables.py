@@ -8,9 +8,9 @@ from pathlib import Path
 import pandas as pd
 from scipy import stats
 
-from swarmbench import analysis
-from swarmbench.analysis.metrics import COMMUNICATION, TWELVE
-from swarmbench.analysis.statistics import benjamini_hochberg, is_constant
+from swarmseat import analysis
+from swarmseat.analysis.metrics import COMMUNICATION, TWELVE
+from swarmseat.analysis.statistics import benjamini_hochberg, is_constant
 
 PAGES = Path(__file__).resolve().parent.parent / "docs" / "evaluate"
 SHORT = re.compile("^built-in/")

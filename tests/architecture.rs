@@ -183,6 +183,22 @@ fn the_engine_is_pure() {
 }
 
 #[test]
+fn no_crate_is_published() {
+    let output = Command::new(env!("CARGO"))
+        .args(["metadata", "--offline", "--no-deps", "--format-version", "1"])
+        .current_dir(root())
+        .output()
+        .expect("cargo runs");
+    let metadata: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let packages = metadata["packages"].as_array().expect("the crates of the workspace");
+    let published: Vec<_> = (packages.iter())
+        .filter(|package| package["publish"] != serde_json::json!([]))
+        .map(|package| &package["name"])
+        .collect();
+    assert!(packages.len() > 10 && published.is_empty(), "{published:?}");
+}
+
+#[test]
 fn players_know_the_engine_alone() {
     let engine = tree("swarmbench-engine");
     let own = ["swarmbench-players", "swarmbench-engine"];

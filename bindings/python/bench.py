@@ -19,10 +19,10 @@ from typing import get_args
 
 import numpy as np
 
-import swarmbench
-from swarmbench import _native
-from swarmbench.native import VecEnv
-from swarmbench.wire import TaskName
+import swarmseat
+from swarmseat import _native
+from swarmseat.native import VecEnv
+from swarmseat.wire import TaskName
 
 TASKS: tuple[TaskName, ...] = get_args(TaskName)
 ENVIRONMENTS = 1024
@@ -67,7 +67,7 @@ def forks(task: TaskName) -> Measure:
 
 
 def parallel(task: TaskName, backend: str) -> Measure:
-    env = swarmbench.parallel_env(task, seed=1, memory=0, backend=backend)
+    env = swarmseat.parallel_env(task, seed=1, memory=0, backend=backend)
     random = np.random.default_rng(1)
     turns = random.integers(0, len(env.actions), (16, AGENTS)).tolist()
     env.reset()

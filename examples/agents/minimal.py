@@ -1,6 +1,6 @@
 """Plays one seat to the end: SWARMBENCH_URL=… SWARMBENCH_TOKEN=seat_… python minimal.py"""
 
-import swarmbench
+import swarmseat
 
 
 def decide(obs):
@@ -16,7 +16,7 @@ def decide(obs):
     return ("DOWN" if i > 0 else "UP") if abs(i) > abs(j) else ("RIGHT" if j > 0 else "LEFT")
 
 
-with swarmbench.Client() as seat:
+with swarmseat.Client() as seat:
     obs = seat.obs()
     while obs["alive"] and obs["status"] in ("waiting", "running"):
         if obs["status"] == "waiting":  # Not all seats have holders yet.

@@ -19,8 +19,8 @@ import numpy as np
 import torch
 from ppo import AGENTS, HELD_OUT, ROUNDS, SHOW_S, SIDE, WINDOW, Policy, Senses
 
-import swarmbench
-from swarmbench.arrays import Layout
+import swarmseat
+from swarmseat.arrays import Layout
 
 PARALLEL = 16
 """How many games are open at once."""
@@ -75,7 +75,7 @@ def _number(sight: Any) -> int:
     return int(sight["agent"].removeprefix("Agent_"))
 
 
-def play(client: swarmbench.Client, run: Any, swarms: dict[str, Swarm]) -> None:
+def play(client: swarmseat.Client, run: Any, swarms: dict[str, Swarm]) -> None:
     """Plays all games of a run."""
     seats = client.with_token(run["swarm_token"])
     seeds: dict[Any, Any] = {}
@@ -95,7 +95,7 @@ def play(client: swarmbench.Client, run: Any, swarms: dict[str, Swarm]) -> None:
             for episode, sights in games.items()
             for act in _decided(swarms.get(sights[0]["task"]["name"]), episode, seeds[episode], sights)
         ]
-        refused = [answer for answer in seats.swarm_act(acts)["receipts"] if swarmbench.is_problem(answer)]
+        refused = [answer for answer in seats.swarm_act(acts)["receipts"] if swarmseat.is_problem(answer)]
         if refused:
             raise SystemExit(f"the server refused an act: {refused[0]}")
 
@@ -106,7 +106,7 @@ def _decided(swarm: Swarm | None, episode: str, seed: int, sights: list[Any]) ->
     return [{**{name: sight[name] for name in ("episode", "agent", "round")}, "action": "STAY"} for sight in sights]
 
 
-def show(client: swarmbench.Client, suite: str, tasks: list[Any]) -> None:
+def show(client: swarmseat.Client, suite: str, tasks: list[Any]) -> None:
     """Prints the board of each task: means with their intervals of 95 %."""
     for task in tasks:
         print(f"\n{task}")
@@ -157,9 +157,9 @@ def main() -> None:
 
     with contextlib.ExitStack() as stack:
         if given.server:
-            client = stack.enter_context(swarmbench.Client(given.server))
+            client = stack.enter_context(swarmseat.Client(given.server))
         else:
-            client = stack.enter_context(stack.enter_context(swarmbench.Server(db=given.db)).client())
+            client = stack.enter_context(stack.enter_context(swarmseat.Server(db=given.db)).client())
         suite: Any = given.suite
         if suite is None:
             name = f"{' '.join(swarms)} {given.seeds.start}..{given.seeds.stop}"
@@ -185,5 +185,5 @@ def main() -> None:
 if __name__ == "__main__":
     try:
         main()
-    except swarmbench.SwarmbenchError as error:
+    except swarmseat.SwarmbenchError as error:
         raise SystemExit(f"error: {error}") from None

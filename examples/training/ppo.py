@@ -20,8 +20,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-import swarmbench
-from swarmbench.arrays import CHANNELS
+import swarmseat
+from swarmseat.arrays import CHANNELS
 
 HELD_OUT = 1_000_000
 """Seeds below are for evaluation."""
@@ -209,7 +209,7 @@ class Rollout:
 
     def __init__(self, task: str, games: int, rounds: int, seed: int, threads: int) -> None:
         self.task, self.plan, self.games, self.rounds = task, PLANS[task], games, rounds
-        self.env = swarmbench.VecEnv(
+        self.env = swarmseat.VecEnv(
             task,  # type: ignore[arg-type]
             games,
             seed=seed,

@@ -1,16 +1,16 @@
 """GRPO with TRL: a model learns to play one seat, and built-in players play the others.
 
-    pip install 'swarmbench[trl]' torch          # the wheel of bindings/python
+    pip install "$(ls bindings/python/dist/*.whl)[trl]" torch
     python examples/training/trl_grpo.py --model Qwen/Qwen3-0.6B --task Synchronization
 
 The model calls tools: `look`, `move` and `say`. A group of rollouts plays the same layout, as GRPO compares them.
-Needs a graphics card for a model of any use; `SwarmSeat` alone needs nothing but swarmbench.
+Needs a graphics card for a model of any use; `SwarmSeat` alone needs nothing but swarmseat.
 """
 
 import argparse
 from typing import Any
 
-from swarmbench import TextEpisode, Turn
+from swarmseat import TextEpisode, Turn
 
 MAX_ROUND = 20
 """Rounds of an episode. The whole conversation has to fit into `max_completion_length`."""

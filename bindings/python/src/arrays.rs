@@ -27,7 +27,7 @@ pub(crate) struct Earned {
     agent_done: Py<PyArrayDyn<bool>>,
 }
 
-/// The array of that name. Arrays are made in `swarmbench.native`, so only a mistake there leads to these errors.
+/// The array of that name. Arrays are made in `swarmseat.native`, so only a mistake there leads to these errors.
 fn array<T: Element>(arrays: &Bound<'_, PyDict>, name: &str) -> PyResult<Py<PyArrayDyn<T>>> {
     let found = arrays.get_item(name)?.ok_or_else(|| PyKeyError::new_err(name.to_owned()))?;
     let typed = found.cast_into::<PyArrayDyn<T>>();

@@ -27,8 +27,8 @@ struct Open {
     earned: Option<Earned>,
 }
 
-/// Environments that are stepped together. `swarmbench.VecEnv` is made of it.
-#[pyclass(frozen, module = "swarmbench._native")]
+/// Environments that are stepped together. `swarmseat.VecEnv` is made of it.
+#[pyclass(frozen, module = "swarmseat._native")]
 pub(crate) struct Batch {
     inner: Mutex<Option<Open>>,
 }

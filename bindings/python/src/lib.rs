@@ -1,6 +1,6 @@
-//! `swarmbench._native`: a batch of environments that writes into arrays which Python owns.
+//! `swarmseat._native`: a batch of environments that writes into arrays which Python owns.
 //!
-//! Only what has to be native is here. Names, defaults, spaces and documentation are in `swarmbench.native`, in Python.
+//! Only what has to be native is here. Names, defaults, spaces and documentation are in `swarmseat.native`, in Python.
 
 mod arrays;
 mod batch;

@@ -8,8 +8,8 @@ import re
 import time
 from typing import Any
 
-import swarmbench
-from swarmbench.exchange import call
+import swarmseat
+from swarmseat.exchange import call
 
 SETTINGS: list[dict[str, Any]] = [
     {},
@@ -19,16 +19,16 @@ SETTINGS: list[dict[str, Any]] = [
 ]
 
 
-def commits(client: swarmbench.Client) -> float:
+def commits(client: swarmseat.Client) -> float:
     """How long the server's commits took together, in seconds."""
     metrics = client.send(call("GET", "/metrics", read=bytes.decode))
     found = re.search(r"^swarmbench_commit_seconds_sum (\S+)$", metrics, re.MULTILINE)
     return float(found[1]) if found else 0.0
 
 
-def measure(server: swarmbench.Server, steps: int, settings: dict[str, Any]) -> None:
+def measure(server: swarmseat.Server, steps: int, settings: dict[str, Any]) -> None:
     """Plays random acts, and prints what a step took."""
-    env = swarmbench.parallel_env("Foraging", seed=27, server=server, **settings)
+    env = swarmseat.parallel_env("Foraging", seed=27, server=server, **settings)
     env.reset()
     with server.client() as client:
         rounds = [{agent: env.action_space(agent).sample() for agent in env.possible_agents} for _ in range(100)]
@@ -49,7 +49,7 @@ def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--steps", type=int, default=1000)
     steps = arguments.parse_args().steps
-    with swarmbench.Server() as server:
+    with swarmseat.Server() as server:
         measure(server, steps // 5, {})  # warms everything up
         for settings in SETTINGS:
             measure(server, steps, settings)

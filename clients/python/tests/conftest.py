@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from swarmbench import Client, Server
-from swarmbench.server import find_binary
+from swarmseat import Client, Server
+from swarmseat.server import find_binary
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -1,4 +1,4 @@
-"""Whether a value has the shape of a type of `swarmbench.wire`, and lacks nothing and has nothing more."""
+"""Whether a value has the shape of a type of `swarmseat.wire`, and lacks nothing and has nothing more."""
 
 import types
 from collections.abc import Mapping, Sequence

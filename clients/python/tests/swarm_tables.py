@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from swarmbench.analysis.metrics import METRICS
+from swarmseat.analysis.metrics import METRICS
 
 TASKS = ("Foraging", "Pursuit")
 MODELS = ("model-a", "model_b$1", "built-in/random")

@@ -18,10 +18,10 @@ from conftest import ROOT
 from numpy.typing import NDArray
 from swarm_tables import MODELS, Tables
 
-from swarmbench import Client, Server, analysis
-from swarmbench.analysis import attribution, figures, reporting, views, words, write
-from swarmbench.analysis.metrics import TWELVE
-from swarmbench.analysis.statistics import correlate
+from swarmseat import Client, Server, analysis
+from swarmseat.analysis import attribution, figures, reporting, views, words, write
+from swarmseat.analysis.metrics import TWELVE
+from swarmseat.analysis.statistics import correlate
 
 
 @pytest.fixture(scope="module")
@@ -519,14 +519,14 @@ def test_without_the_extra_it_is_said_what_to_install() -> None:
 import importlib.util, sys
 find = importlib.util.find_spec
 importlib.util.find_spec = lambda name, *more: None if name == "pandas" else find(name, *more)
-import swarmbench
+import swarmseat
 try:
-    swarmbench.analysis
+    swarmseat.analysis
 except ModuleNotFoundError as error:
     print(error)
 """
     shown = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout
-    assert shown == "swarmbench.analysis needs pandas: pip install 'swarmbench[analysis]'\n"
+    assert shown == "swarmseat.analysis needs pandas: pip install 'swarmseat[analysis]'\n"
 
 
 SETTINGS: dict[str, Any] = {"num_agents": 5, "width": 8, "height": 8, "max_round": 6, "view_size": 5}
@@ -579,7 +579,7 @@ def test_a_server_is_read_and_windows_are_what_agents_saw(
 
 
 def test_a_server_that_cannot_be_reached_is_an_error(tmp_path: Path) -> None:
-    from swarmbench import ConnectionFailedError, Retry
+    from swarmseat import ConnectionFailedError, Retry
 
     with Client("http://127.0.0.1:9", retry=Retry(times=0)) as client, pytest.raises(ConnectionFailedError):
         client.export("rounds.parquet", tmp_path / "rounds.parquet")
@@ -604,7 +604,7 @@ def test_the_page_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys:
     blocks = re.findall(r"^(<!-- needs a model -->\n)?```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
     for needs_model, code in blocks:
         if needs_model:
-            monkeypatch.setattr("swarmbench.analysis.texts._sentence_transformer", lambda _: Encoder())
+            monkeypatch.setattr("swarmseat.analysis.texts._sentence_transformer", lambda _: Encoder())
         exec(code, names)
     assert len(blocks) == 2
     assert (tmp_path / "pursuit.svg").is_file()

@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from swarmbench.analysis.problems import TooLittleDataError
-from swarmbench.analysis.statistics import (
+from swarmseat.analysis.problems import TooLittleDataError
+from swarmseat.analysis.statistics import (
     RIDGE_PENALTIES,
     Names,
     benjamini_hochberg,

@@ -12,7 +12,7 @@ from conftest import Cup
 from shapes import differences
 from typing_extensions import assert_type, get_type_hints
 
-from swarmbench import (
+from swarmseat import (
     ApiError,
     AsyncClient,
     Client,
@@ -22,8 +22,8 @@ from swarmbench import (
     is_problem,
     wire,
 )
-from swarmbench.exchange import Call, Retry
-from swarmbench.operations import Operation, Operations
+from swarmseat.exchange import Call, Retry
+from swarmseat.operations import Operation, Operations
 
 SMALL: dict[str, Any] = {"task": "Synchronization", "num_agents": 2, "max_round": 2, "seed": 27}
 
@@ -339,8 +339,8 @@ def pauses(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     async def note(seconds: float) -> None:
         noted.append(seconds)
 
-    monkeypatch.setattr("swarmbench.client.time.sleep", noted.append)
-    monkeypatch.setattr("swarmbench.client.asyncio.sleep", note)
+    monkeypatch.setattr("swarmseat.client.time.sleep", noted.append)
+    monkeypatch.setattr("swarmseat.client.asyncio.sleep", note)
     return noted
 
 

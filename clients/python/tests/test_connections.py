@@ -8,8 +8,8 @@ from contextlib import contextmanager
 import httpx
 import pytest
 
-from swarmbench import ApiError, Client, ConnectionFailedError, Retry, Server
-from swarmbench.connections import Connections
+from swarmseat import ApiError, Client, ConnectionFailedError, Retry, Server
+from swarmseat.connections import Connections
 
 GOOD = b'HTTP/1.1 200 OK\r\nContent-Type: application/json\r\nContent-Length: 15\r\n\r\n{"status":"ok"}'
 Talk = Callable[[socket.socket], None]

@@ -9,7 +9,7 @@ import nbformat
 import pytest
 from conftest import ROOT
 
-from swarmbench import Server
+from swarmseat import Server
 
 PAGE = (ROOT / "docs" / "play" / "python.md").read_text()
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -41,7 +41,7 @@ def test_the_training_learns_with_other_seeds(seed: int, capsys: pytest.CaptureF
     # No more than the steps that the page names: 5 games, 10 of training and 5 more, each of 30 rounds.
     assert block.count("range(5)") == 2
     assert "range(10)" in block
-    exec(f"import swarmbench\n{seeded}", {"server": server, "client": server.client()})
+    exec(f"import swarmseat\n{seeded}", {"server": server, "client": server.client()})
     scores = dict(line.split(":") for line in capsys.readouterr().out.splitlines())
     assert float(scores["learned"]) > 5 * float(scores["random"])
     assert float(scores["learned"]) > 25
@@ -50,7 +50,7 @@ def test_the_training_learns_with_other_seeds(seed: int, capsys: pytest.CaptureF
 def test_the_page_works_in_a_notebook(tmp_path: Path) -> None:
     cells = [block for language, block in BLOCK.findall(PAGE) if language == "python"]
     # Before the last cell, which stops the server: what the page says of a notebook's own loop.
-    own_loop = "asyncio.get_running_loop()\nawait main()\nkept = swarmbench.AsyncClient(server.url)"
+    own_loop = "asyncio.get_running_loop()\nawait main()\nkept = swarmseat.AsyncClient(server.url)"
     cells[-1:-1] = [own_loop, "print(await kept.health())\nawait kept.aclose()"]
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
     file = tmp_path / "page.ipynb"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmbench import Client, Server, SwarmbenchError, SwarmEnv, parallel_env
+from swarmseat import Client, Server, SwarmbenchError, SwarmEnv, parallel_env
 
 
 def begun(server: Server | Client | str, model: str) -> SwarmEnv:
@@ -70,9 +70,9 @@ def test_closing_does_not_wait_for_a_server_that_is_gone() -> None:
 
 
 PROGRAM = """
-import os, sys, swarmbench
+import os, sys, swarmseat
 print(os.environ.get("URL"))
-env = swarmbench.parallel_env(num_agents=2, max_round=5, model="a program", server=os.environ.get("URL"))
+env = swarmseat.parallel_env(num_agents=2, max_round=5, model="a program", server=os.environ.get("URL"))
 env.reset()
 own = env._resources._own_server
 print("server", own.url if own else None, own._finalizer.peek()[2][2] if own else None)
@@ -124,8 +124,8 @@ def test_an_error_of_the_program_is_the_only_one_that_is_shown(server: Server) -
 
 def test_a_server_that_is_gone_does_not_delay_the_end() -> None:
     ending = """
-theirs = swarmbench.Server().start()
-other = swarmbench.parallel_env(num_agents=1, server=theirs.url)
+theirs = swarmseat.Server().start()
+other = swarmseat.parallel_env(num_agents=1, server=theirs.url)
 other.reset()
 theirs.stop()
 import time
@@ -147,7 +147,7 @@ if not child:
     import gc; gc.collect()
     os._exit(0)
 os.waitpid(child, 0)
-print(swarmbench.Client(os.environ["URL"], "").episode(env.episode)["status"])
+print(swarmseat.Client(os.environ["URL"], "").episode(env.episode)["status"])
 env.close()
 """
     ended = run(ending, url=server.url)

@@ -16,8 +16,8 @@ from pettingzoo.test.seed_test import parallel_seed_test, seed_test
 from pettingzoo.test.state_test import state_test
 from pettingzoo.utils.conversions import parallel_to_aec
 
-from swarmbench import ArgumentError, Client, Server, ServerError, SwarmbenchError, SwarmEnv, parallel_env, wire
-from swarmbench.arrays import CHANNELS
+from swarmseat import ArgumentError, Client, Server, ServerError, SwarmbenchError, SwarmEnv, parallel_env, wire
+from swarmseat.arrays import CHANNELS
 
 TASKS: tuple[wire.TaskName, ...] = get_args(wire.TaskName)
 Make = Callable[..., SwarmEnv]
@@ -331,7 +331,7 @@ def test_an_action_that_does_not_exist_is_told(make: Make) -> None:
 
 def test_acts_without_a_place_are_sent_again(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     pauses: list[float] = []
-    monkeypatch.setattr("swarmbench.environment.time.sleep", pauses.append)
+    monkeypatch.setattr("swarmseat.environment.time.sleep", pauses.append)
     real = httpx.Client()
     refused = {"type": "urn:swarmbench:problem:overloaded", "title": "…", "status": 503, "detail": "…"}
     refused |= {"code": "overloaded", "retry_after_ms": 700}

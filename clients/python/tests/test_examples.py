@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
-from swarmbench import Client, Server, wire
+from swarmseat import Client, Server, wire
 
 AGENTS = ROOT / "examples" / "agents"
 PROGRAMS = {"minimal.py": [sys.executable], "minimal.sh": ["bash"], "minimal.mjs": ["node"]}

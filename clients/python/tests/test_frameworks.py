@@ -13,21 +13,21 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("swarmbench._native", reason="only wheels of bindings/python have the native module")
+pytest.importorskip("swarmseat._native", reason="only wheels of bindings/python have the native module")
 pytest.importorskip("pydantic", reason="the adapters are made of it")
 
 import standins
 
-from swarmbench import TextEpisode
-from swarmbench.rewards import full_score
+from swarmseat import TextEpisode
+from swarmseat.rewards import full_score
 
 ROOT = Path(os.environ.get("SWARMBENCH_ROOT", Path(__file__).resolve().parents[3]))
 
 standins.verifiers()
 standins.openenv()
 
-import swarmbench.openenv as served  # noqa: E402
-import swarmbench.verifiers as seated  # noqa: E402
+import swarmseat.openenv as served  # noqa: E402
+import swarmseat.verifiers as seated  # noqa: E402
 
 
 def play(task: str, seed: int, replies: Any, **options: Any) -> tuple[TextEpisode, float]:
@@ -101,9 +101,9 @@ def test_verifiers_has_games() -> None:
 
 
 def test_it_exports_what_verifiers_looks_for() -> None:
-    import swarmbench_verifiers
+    import swarmseat_verifiers
 
-    found = {getattr(swarmbench_verifiers, name) for name in swarmbench_verifiers.__all__}
+    found = {getattr(swarmseat_verifiers, name) for name in swarmseat_verifiers.__all__}
     assert found == {seated.SwarmTaskset, seated.SwarmEnv, seated.SwarmHarness}
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from swarmbench import ApiError, ArgumentError, AsyncClient, Client, Server, parallel_env, run_async
+from swarmseat import ApiError, ArgumentError, AsyncClient, Client, Server, parallel_env, run_async
 
 name = contextvars.ContextVar("name", default="nobody")
 
@@ -82,7 +82,7 @@ def test_an_interrupt_cancels_the_coroutine(monkeypatch: pytest.MonkeyPatch) -> 
     interrupts = [KeyboardInterrupt()]
 
     def interrupted(thread: threading.Thread, timeout: float | None = None) -> None:
-        if thread.name == "swarmbench.run_async" and interrupts:
+        if thread.name == "swarmseat.run_async" and interrupts:
             assert began.wait(10)
             raise interrupts.pop()
         join(thread, timeout)

@@ -11,7 +11,7 @@ import httpx
 import numpy as np
 import pytest
 
-from swarmbench import (
+from swarmseat import (
     ApiError,
     ArgumentError,
     AsyncClient,
@@ -23,7 +23,7 @@ from swarmbench import (
     SwarmEnv,
     parallel_env,
 )
-from swarmbench.exchange import call
+from swarmseat.exchange import call
 
 BOTH = {"Agent_0": 0, "Agent_1": 0}
 
@@ -56,7 +56,7 @@ def test_where_no_server_has_been_it_is_said_at_once() -> None:
 
 def test_a_server_that_was_there_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
     pauses: list[float] = []
-    monkeypatch.setattr("swarmbench.client.time.sleep", pauses.append)
+    monkeypatch.setattr("swarmseat.client.time.sleep", pauses.append)
     answers: list[httpx.Response | Exception] = [
         httpx.Response(200, json={"status": "ok"}),
         *[httpx.ConnectError("no")] * 3,

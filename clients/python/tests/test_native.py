@@ -11,18 +11,18 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from swarmbench import Client, Server, SwarmbenchError, SwarmEnv, parallel_env, wire
-from swarmbench.server import find_binary
+from swarmseat import Client, Server, SwarmbenchError, SwarmEnv, parallel_env, wire
+from swarmseat.server import find_binary
 
-pytest.importorskip("swarmbench._native", reason="only wheels of bindings/python have the native module")
+pytest.importorskip("swarmseat._native", reason="only wheels of bindings/python have the native module")
 
 import gymnasium
 from gymnasium.vector import AutoresetMode
 from pettingzoo.test.parallel_test import parallel_api_test
 
-from swarmbench.cells import CHANNELS, encode_cells
-from swarmbench.native import VecEnv, Words
-from swarmbench.vector import vector_env
+from swarmseat.cells import CHANNELS, encode_cells
+from swarmseat.native import VecEnv, Words
+from swarmseat.vector import vector_env
 
 TASKS: tuple[wire.TaskName, ...] = get_args(wire.TaskName)
 

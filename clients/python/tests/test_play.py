@@ -9,8 +9,8 @@ import pytest
 from conftest import Cup
 from test_docs import BLOCK, PAGE
 
-from swarmbench import ApiError, ArgumentError, AsyncClient, Client, Server, wire
-from swarmbench.play import DELAYS_MAX
+from swarmseat import ApiError, ArgumentError, AsyncClient, Client, Server, wire
+from swarmseat.play import DELAYS_MAX
 
 SMALL: dict[str, Any] = {"task": "Synchronization", "num_agents": 2, "max_round": 4, "seed": 27}
 
@@ -96,7 +96,7 @@ def test_acts_that_cannot_be_taken_now_are_decided_again(
     refusals: int, is_played: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pauses: list[float] = []
-    monkeypatch.setattr("swarmbench.client.time.sleep", pauses.append)
+    monkeypatch.setattr("swarmseat.client.time.sleep", pauses.append)
     told = {"type": "about:blank", "title": "", "status": 503, "detail": "not now", "code": "overloaded"}
     left = [told | {"retry_after_ms": 200}] * refusals + [told | {"code": "round_over"}]
 
@@ -120,7 +120,7 @@ def test_acts_that_cannot_be_taken_now_are_decided_again(
 def test_the_page_plays_an_attempt_and_resumes_it(cup: Cup) -> None:
     (block,) = [block for _, block in BLOCK.findall(PAGE) if "start_attempt" in block]
     names: dict[str, Any] = {}
-    exec(f"import swarmbench\n{block}", names)
+    exec(f"import swarmseat\n{block}", names)
     play_attempt: Callable[..., wire.AttemptSummary] = names["play_attempt"]
     key = cup.enter()
 

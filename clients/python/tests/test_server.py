@@ -12,8 +12,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from swarmbench import Server, ServerError
-from swarmbench.server import find_binary
+from swarmseat import Server, ServerError
+from swarmseat.server import find_binary
 
 BINARY = find_binary()
 GONE_S_MAX = 20
@@ -106,7 +106,7 @@ def test_where_it_is_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     (checkout / "docs").mkdir()
     monkeypatch.chdir(checkout / "docs")
     monkeypatch.setenv("PATH", str(tmp_path / "bin"))
-    monkeypatch.setattr("swarmbench.server.__file__", str(tmp_path / "site-packages" / "swarmbench" / "server.py"))
+    monkeypatch.setattr("swarmseat.server.__file__", str(tmp_path / "site-packages" / "swarmseat" / "server.py"))
     with pytest.raises(ServerError, match="cargo build --release"):
         find_binary()
     # From the last place to the first, each before the one that was found.
@@ -120,9 +120,23 @@ def test_where_it_is_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert find_binary("/bin/true") == Path("/bin/true")
 
 
+def test_a_command_of_another_package_is_not_the_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SWARMBENCH_BINARY", raising=False)
+    scripts = tmp_path / "scripts"
+    monkeypatch.setattr("sysconfig.get_path", lambda _: str(scripts))
+    monkeypatch.setenv("PATH", f"{scripts}:{tmp_path / 'bin'}")
+    own, on_path = scripts / "swarmbench", tmp_path / "bin" / "swarmbench"
+    for place in (own, on_path):
+        place.parent.mkdir()
+        shutil.copy("/bin/true", place)
+    assert find_binary() == own
+    own.write_text("#!/usr/bin/env python3\nfrom swarmbench.cli import main\nmain()\n")
+    assert find_binary() == on_path
+
+
 PROGRAM = """
-import os, sys, swarmbench
-server = swarmbench.Server(sys.argv[1]).start()
+import os, sys, swarmseat
+server = swarmseat.Server(sys.argv[1]).start()
 print("ready", flush=True)
 {end}
 """

@@ -8,13 +8,13 @@ from typing import Any, get_args
 
 import pytest
 
-from swarmbench import Client, wire
-from swarmbench.server import find_binary
+from swarmseat import Client, wire
+from swarmseat.server import find_binary
 
-pytest.importorskip("swarmbench._native", reason="only wheels of bindings/python have the native module")
+pytest.importorskip("swarmseat._native", reason="only wheels of bindings/python have the native module")
 
-from swarmbench.rewards import full_score
-from swarmbench.text import MODES, TextEpisode, Turn
+from swarmseat.rewards import full_score
+from swarmseat.text import MODES, TextEpisode, Turn
 
 TASKS: tuple[wire.TaskName, ...] = get_args(wire.TaskName)
 WORDS = ("UP", "DOWN", "LEFT", "RIGHT", "STAY", "SWITCH", "JUMP", "")

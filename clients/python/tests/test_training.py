@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("swarmbench._native", reason="only wheels of bindings/python have the native module")
+pytest.importorskip("swarmseat._native", reason="only wheels of bindings/python have the native module")
 
 ROOT = Path(os.environ.get("SWARMBENCH_ROOT", Path(__file__).resolve().parents[3]))
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)

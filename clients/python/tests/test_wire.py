@@ -1,4 +1,4 @@
-"""The types of `swarmbench.wire` are those of the OpenAPI document: they cannot drift from the wire."""
+"""The types of `swarmseat.wire` are those of the OpenAPI document: they cannot drift from the wire."""
 
 import json
 import types
@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT
 from shapes import fields, is_record
 
-from swarmbench import wire
+from swarmseat import wire
 
 DOCUMENT = json.loads((ROOT / "openapi" / "openapi.json").read_text())
 SCHEMAS: dict[str, Any] = DOCUMENT["components"]["schemas"]

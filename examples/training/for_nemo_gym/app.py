@@ -10,7 +10,7 @@ import argparse
 import json
 from typing import Any
 
-from swarmbench import TextEpisode, Turn
+from swarmseat import TextEpisode, Turn
 
 try:
     from nemo_gym.openai_utils import NeMoGymResponse

@@ -1,5 +1,5 @@
 """The client of a session."""
 
-from swarmbench.openenv import SwarmClient
+from swarmseat.openenv import SwarmClient
 
 __all__ = ["SwarmClient"]

@@ -1,5 +1,5 @@
 """The shapes of actions, observations and states."""
 
-from swarmbench.openenv import SwarmAction, SwarmObservation, SwarmState
+from swarmseat.openenv import SwarmAction, SwarmObservation, SwarmState
 
 __all__ = ["SwarmAction", "SwarmObservation", "SwarmState"]

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from model import reply
 
-from swarmbench import TextEpisode
-from swarmbench.openenv import SwarmAction, SwarmClient
+from swarmseat import TextEpisode
+from swarmseat.openenv import SwarmAction, SwarmClient
 
 PACKAGE = Path(__file__).resolve().parents[4] / "examples" / "training" / "for_openenv"
 PAGE = PACKAGE.parents[2] / "docs" / "play" / "frameworks.md"
@@ -23,7 +23,7 @@ SESSIONS = 24
 
 @contextmanager
 def served(*command: str, folder: Path | None = None) -> Iterator[str]:
-    """A server with the package or with `python -m swarmbench.openenv`."""
+    """A server with the package or with `python -m swarmseat.openenv`."""
     process = subprocess.Popen([sys.executable, "-m", *command], cwd=folder, stderr=subprocess.DEVNULL)
     address = f"http://127.0.0.1:{PORT}"
     try:
@@ -84,7 +84,7 @@ def main() -> None:
     validate(str(PACKAGE), "--level", "static", "--skip-build")
     with served("uvicorn", "server.app:app", "--port", str(PORT), "--log-level", "warning", folder=PACKAGE) as address:
         validate("--url", address)
-    with served("swarmbench.openenv", "--max-round", "10", "--port", str(PORT)) as address:
+    with served("swarmseat.openenv", "--max-round", "10", "--port", str(PORT)) as address:
         asyncio.run(play_all(address))
         (block,) = re.findall(r"^```py\n(.*?)^```", PAGE.read_text(), re.DOTALL | re.MULTILINE)
         exec(compile(block.replace(":8000", f":{PORT}"), str(PAGE), "exec"), {})

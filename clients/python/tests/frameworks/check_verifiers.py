@@ -10,9 +10,9 @@ from typing import Any
 
 from model import reply, served
 
-from swarmbench import TextEpisode
-from swarmbench.rewards import full_score
-from swarmbench.server import find_binary
+from swarmseat import TextEpisode
+from swarmseat.rewards import full_score
+from swarmseat.server import find_binary
 
 ROUNDS, AGENTS = 4, 5
 
@@ -20,7 +20,7 @@ ROUNDS, AGENTS = 4, 5
 def evaluate(folder: Path, endpoint: str, *options: str) -> list[dict[str, Any]]:
     """The episodes of an evaluation."""
     command = [
-        str(Path(sys.executable).with_name("vf-eval")), "swarmbench-verifiers", "-m", "stand-in", "--no-push",
+        str(Path(sys.executable).with_name("vf-eval")), "swarmseat-verifiers", "-m", "stand-in", "--no-push",
         "--client.base-url", endpoint, "--client.api-key-var", "STAND_IN_KEY", "--output-dir", str(folder),
         "--env.taskset.num-seeds", "2", "--env.taskset.first-seed", "27",
         "--env.taskset.settings.max-round", str(ROUNDS), "--env.taskset.settings.num-agents", str(AGENTS), *options,
@@ -75,7 +75,7 @@ def main() -> None:
         requests.clear()
         episodes = evaluate(
             folder / "one_seat", endpoint, "--env.taskset.game", "all", "-n", "5", "--env.mode", "one_seat",
-            "--env.seat", "2", "--env.agent.harness.id", "swarmbench-verifiers", "--env.agent.harness.history", "1",
+            "--env.seat", "2", "--env.agent.harness.id", "swarmseat-verifiers", "--env.agent.harness.history", "1",
         )  # fmt: skip
         tasks = set()
         for line in episodes:

@@ -2,8 +2,8 @@
 
 import os
 
-from swarmbench.openenv import app as make_app
-from swarmbench.openenv import main
+from swarmseat.openenv import app as make_app
+from swarmseat.openenv import main
 
 app = make_app(task=os.environ.get("SWARMBENCH_TASK", "Foraging"), mode=os.environ.get("SWARMBENCH_MODE", "one_seat"))
 

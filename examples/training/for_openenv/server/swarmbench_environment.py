@@ -1,5 +1,5 @@
 """The environment."""
 
-from swarmbench.openenv import SwarmEnvironment
+from swarmseat.openenv import SwarmEnvironment
 
 __all__ = ["SwarmEnvironment"]

@@ -1,6 +1,6 @@
 """Swarms for OpenEnv: an environment of its server, and a client.
 
-It needs `pip install 'swarmbench[openenv]'`. `python -m swarmbench.openenv` serves it; a package for a hub is in
+It needs the extra `openenv`. `python -m swarmseat.openenv` serves it; a package for a hub is in
 `examples/training/for_openenv` of the repository (docs/play/frameworks.md).
 """
 
@@ -23,7 +23,7 @@ try:
     from pydantic import Field
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(
-        f"swarmbench.openenv needs {error.name}: pip install 'swarmbench[openenv]'", name=error.name
+        f"swarmseat.openenv needs {error.name}: pip install 'swarmseat[openenv]'", name=error.name
     ) from error
 
 MODES: tuple[Mode, ...] = ("one_seat", "turns", "joint")
@@ -70,8 +70,8 @@ class SwarmEnvironment(Environment[SwarmAction, SwarmObservation, SwarmState]):
 
     Args:
         task: What is played where `reset` names nothing.
-        mode: `one_seat`, `turns` or `joint`, as in `swarmbench.TextEpisode`.
-        **settings: What else `swarmbench.TextEpisode` takes: the seat, its partners, and settings of the game.
+        mode: `one_seat`, `turns` or `joint`, as in `swarmseat.TextEpisode`.
+        **settings: What else `swarmseat.TextEpisode` takes: the seat, its partners, and settings of the game.
     """
 
     SUPPORTS_CONCURRENT_SESSIONS = True
@@ -225,9 +225,9 @@ def main() -> None:
     import uvicorn  # noqa: PLC0415 - it comes with openenv
 
     parser = argparse.ArgumentParser(
-        prog="python -m swarmbench.openenv",
+        prog="python -m swarmseat.openenv",
         description="Serves swarms as OpenEnv environments, one for each session.",
-        epilog="example: python -m swarmbench.openenv --task Pursuit --mode turns --port 8000",
+        epilog="example: python -m swarmseat.openenv --task Pursuit --mode turns --port 8000",
     )
     parser.add_argument("--task", default="Foraging", choices=TASKS, help="what is played where reset names nothing")
     parser.add_argument("--mode", default="one_seat", choices=MODES, help="what a conversation is")

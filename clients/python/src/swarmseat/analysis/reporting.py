@@ -1,4 +1,4 @@
-"""All tables and figures of the paper for a set of games, in one folder, and the command `swarmbench-analysis`."""
+"""All tables and figures of the paper for a set of games, in one folder, and the command `swarmseat-analysis`."""
 
 import argparse
 import html
@@ -354,7 +354,7 @@ def _dynamics(games: Games, task: str, model: str, number: int, made: Report) ->
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command `swarmbench-analysis`. Returns the exit status: 0, 1 for a problem, 130 if it was interrupted."""
+    """The command `swarmseat-analysis`. Returns the exit status: 0, 1 for a problem, 130 if it was interrupted."""
     asked = _parser().parse_args(arguments)
     try:
         games = load(asked.source, **dict(asked.where))
@@ -367,7 +367,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             progress=lambda line: print(line, file=sys.stderr),
         )
     except SwarmbenchError as error:
-        print(f"swarmbench-analysis: {error}", file=sys.stderr)
+        print(f"swarmseat-analysis: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print(f"stopped: what was made until then is in {asked.out}, without report.md", file=sys.stderr)
@@ -379,7 +379,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="swarmbench-analysis", description="Analyses games of SwarmBench.")
+    parser = argparse.ArgumentParser(prog="swarmseat-analysis", description="Analyses games of SwarmBench.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     command = commands.add_parser("report", help="write all tables and figures of the paper into a folder")
     command.add_argument(

@@ -234,7 +234,7 @@ class Problem(TypedDict):
 
 
 class SwarmActResponse(TypedDict):
-    """One receipt or problem for each act, in their order. `swarmbench.is_problem` tells them apart.
+    """One receipt or problem for each act, in their order. `swarmseat.is_problem` tells them apart.
 
     The rest comes with `wait`: what the seats see next, and a `problem` only where something failed.
     """

@@ -32,7 +32,7 @@ T = TypeVar("T")
 CONNECT_S_MAX = 10.0
 """How long a connection may take to be made, if `timeout` is not shorter."""
 
-_HEADERS = {"user-agent": f"swarmbench-python/{version('swarmbench')}"}
+_HEADERS = {"user-agent": f"swarmbench-python/{version('swarmseat')}"}
 
 EVENTS_SILENT_S_MAX = 45.0
 """Three times the 15 seconds after which the server says something on a stream of events."""

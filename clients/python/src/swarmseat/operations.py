@@ -47,7 +47,7 @@ class Operation(Generic[P, T]):
 
 
 class Operations:
-    """The calls. What they answer is in `swarmbench.wire`; docs/protocol.md says what they do."""
+    """The calls. What they answer is in `swarmseat.wire`; docs/protocol.md says what they do."""
 
     # An agent: two calls and one token.
 
@@ -100,7 +100,7 @@ class Operations:
     def swarm_act(
         self, acts: Sequence[wire.SwarmAct], *, wait: float | None = None, prompt: bool | None = None
     ) -> Call[wire.SwarmActResponse]:
-        """Acts for several seats. Each is taken or refused for itself: see `swarmbench.is_problem`.
+        """Acts for several seats. Each is taken or refused for itself: see `swarmseat.is_problem`.
 
         With `wait` (seconds) the answer comes when the next round is open in every episode acted in, with the next
         `observations` of these seats; one that cannot be seen yet is not among them.

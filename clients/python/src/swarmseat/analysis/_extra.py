@@ -6,4 +6,4 @@ NEEDED = ("matplotlib", "numpy", "pandas", "pyarrow", "scipy", "sklearn", "stats
 
 for name in NEEDED:
     if find_spec(name) is None:
-        raise ModuleNotFoundError(f"swarmbench.analysis needs {name}: pip install 'swarmbench[analysis]'", name=name)
+        raise ModuleNotFoundError(f"swarmseat.analysis needs {name}: pip install 'swarmseat[analysis]'", name=name)

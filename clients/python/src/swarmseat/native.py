@@ -22,10 +22,10 @@ try:
     from . import _native
 except ImportError as error:
     raise ModuleNotFoundError(
-        "this installation of swarmbench has no native module: it was installed from clients/python, or for a platform "
+        "this installation of swarmseat has no native module: it was installed from clients/python, or for a platform "
         "without a wheel. Build the wheel in a checkout with `bindings/python/build` and install it, or play over HTTP "
         "with parallel_env(backend='http')",
-        name="swarmbench._native",
+        name="swarmseat._native",
     ) from error
 
 ACTIONS = ("UP", "DOWN", "LEFT", "RIGHT", "STAY")
@@ -62,7 +62,7 @@ class VecEnv:
 
     | key | shape, type | |
     | --- | --- | --- |
-    | `view` | (E, A, 10, H, W) uint8 | one-hot over `swarmbench.arrays.CHANNELS`; (E, A, H, W) with `symbols` |
+    | `view` | (E, A, 10, H, W) uint8 | one-hot over `swarmseat.arrays.CHANNELS`; (E, A, H, W) with `symbols` |
     | `agents` | (E, A, H, W) int16 | the number of the agent in that cell, -1 for none and for the agent itself |
     | `position` | (E, A, 2) int32 | row and column; -1, -1 once it has escaped |
     | `round`, `score` | (E,) int32, float32 | rounds resolved; the score of the whole swarm |

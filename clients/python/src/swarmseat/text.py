@@ -1,7 +1,7 @@
 """Episodes as conversations: what language models are trained and evaluated with, in this process.
 
 `TextEpisode` gives the prompts of the server and reads answers as the server does. Frameworks are served by the modules
-`swarmbench.verifiers` and `swarmbench.openenv`, which translate only (docs/play/frameworks.md).
+`swarmseat.verifiers` and `swarmseat.openenv`, which translate only (docs/play/frameworks.md).
 """
 
 import re
@@ -99,7 +99,7 @@ class Turn:
         reward: What this step added to the score; with the mode `one_seat`, what the seat earned in it. The rewards of
             an episode add up.
         rewards: What each agent earned in this step, those that are no longer on the map included.
-        gain: The change of the score as a share of `swarmbench.rewards.full_score`: from 0 to 1, also in their sum.
+        gain: The change of the score as a share of `swarmseat.rewards.full_score`: from 0 to 1, also in their sum.
         done: Whether the episode is over.
         round: How many rounds are resolved.
         score: The score of the whole swarm.

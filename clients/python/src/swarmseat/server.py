@@ -137,10 +137,12 @@ def find_binary(named: str | os.PathLike[str] | None = None) -> Path:
         if not path.is_file():
             raise ServerError(f"there is no program at {path}: {HOW_TO_BUILD}")
         return path.absolute()
-    own = Path(sysconfig.get_path("scripts")) / "swarmbench"
+    own, searched = Path(sysconfig.get_path("scripts")) / "swarmbench", os.get_exec_path()
     if own.is_file():
-        return own
-    on_path = shutil.which("swarmbench")
+        if not _is_script(own):
+            return own
+        searched = [folder for folder in searched if Path(folder) != own.parent]
+    on_path = shutil.which("swarmbench", path=os.pathsep.join(searched))
     if on_path is not None:
         return Path(on_path)
     for start in (Path.cwd(), Path(__file__).resolve().parent):
@@ -153,6 +155,12 @@ def find_binary(named: str | os.PathLike[str] | None = None) -> Path:
                     if path.is_file():
                         return path
     raise ServerError(HOW_TO_BUILD)
+
+
+def _is_script(path: Path) -> bool:
+    """Whether pip made it for a package: another project's package `swarmbench` has a command of this name."""
+    with path.open("rb") as program:
+        return program.read(2) == b"#!"
 
 
 def _address(process: "subprocess.Popen[bytes]", log: Path) -> str:

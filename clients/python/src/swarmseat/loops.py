@@ -37,7 +37,7 @@ class _Thread(Generic[T]):
         self._values: list[T] = []
         self._error: BaseException | None = None
         context = contextvars.copy_context()
-        self._thread = threading.Thread(target=context.run, args=(self._run,), name="swarmbench.run_async", daemon=True)
+        self._thread = threading.Thread(target=context.run, args=(self._run,), name="swarmseat.run_async", daemon=True)
 
     def result(self) -> T:
         """Starts it, and waits for its end."""

@@ -1,4 +1,4 @@
-"""`python -m swarmbench …`: the `swarmbench` program of this installation."""
+"""`python -m swarmseat …`: the `swarmbench` program of this installation."""
 
 import os
 import sys

@@ -1,4 +1,4 @@
-"""Client, PettingZoo environment and analysis for the swarmbench server.
+"""Client, PettingZoo environment and analysis for the server of SwarmBench (arXiv 2505.04364).
 
 `Client` and `AsyncClient` speak its protocol, `Server` starts one on this machine, and `parallel_env` makes an
 episode an environment for reinforcement learning. docs/play/python.md in the repository shows all of it. `analysis`
@@ -55,7 +55,7 @@ __all__ = [
     "wire",
 ]
 
-__version__ = version("swarmbench")
+__version__ = version("swarmseat")
 
 
 _NEEDS_RL = {
@@ -77,10 +77,10 @@ def __getattr__(name: str) -> Any:
         try:
             module = import_module(_NEEDS_RL[name], __name__)
         except ModuleNotFoundError as error:
-            if error.name == "swarmbench._native":
+            if error.name == "swarmseat._native":
                 raise
             raise ModuleNotFoundError(
-                f"swarmbench.{name} needs {error.name}: pip install 'swarmbench[rl]'", name=error.name
+                f"swarmseat.{name} needs {error.name}: pip install 'swarmseat[rl]'", name=error.name
             ) from error
         return getattr(module, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,7 +1,7 @@
 """Swarms for verifiers and prime-rl: a taskset, an environment, and a harness that asks without a program of its own.
 
-It needs Python 3.11 and `pip install 'swarmbench[verifiers]'`. verifiers finds it by the package that exports it:
-`vf-eval swarmbench-verifiers -n 3 --env.taskset.game Pursuit` (docs/play/frameworks.md).
+It needs Python 3.11 and the extra `verifiers`. verifiers finds it by the package that exports it:
+`vf-eval swarmseat-verifiers -n 3 --env.taskset.game Pursuit` (docs/play/frameworks.md).
 """
 
 import asyncio
@@ -22,7 +22,7 @@ try:
     from verifiers.v1.task import task_key
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(
-        f"swarmbench.verifiers needs {error.name}: pip install 'swarmbench[verifiers]', with Python 3.11 or newer",
+        f"swarmseat.verifiers needs {error.name}: pip install 'swarmseat[verifiers]', with Python 3.11 or newer",
         name=error.name,
     ) from error
 
@@ -171,7 +171,7 @@ class SwarmEnvConfig(vf.EnvConfig):
     rewards: Literal["team", "individual"] = "team"
     """`team`: every trace gets the whole swarm's score. `individual`: what its own agent did."""
     scale: Literal["share", "score"] = "share"
-    """`share`: rewards are divided by `swarmbench.rewards.full_score`. `score`: they are points."""
+    """`share`: rewards are divided by `swarmseat.rewards.full_score`. `score`: they are points."""
     answer_reader: Literal["last-marker", "first-marker"] = "last-marker"
     journals: Path | None = None
     """A folder for the journals of all games, which `swarmbench verify` reads."""
