@@ -25,6 +25,10 @@ use crate::fair::{FairQueue, Party, Rank, Shares, WAITING_MAX, WAITING_PER_GROUP
 /// The nice value of worker threads.
 const NICE: i32 = 10;
 
+/// The stack of every thread that serves requests. The deepest prompt template takes 0.8 MiB of it in a debug build, as
+/// `crates/prompt/tests/depth.rs` measures.
+pub const STACK_BYTES: usize = 2 * 1024 * 1024;
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WorkError {
     #[error(
@@ -185,6 +189,7 @@ impl Workers {
         for number in 0..threads {
             let shared = Arc::clone(&shared);
             let thread = std::thread::Builder::new().name(format!("worker-{number}"));
+            let thread = thread.stack_size(STACK_BYTES);
             if let Err(error) = thread.spawn(move || work(&shared, Duty::of(number))) {
                 tracing::error!(%error, "a worker thread could not be started");
             }
@@ -290,6 +295,7 @@ impl Workers {
 fn background(threads: usize) -> Option<Runtime> {
     let mut builder = Builder::new_multi_thread();
     builder.worker_threads(threads).thread_name("background").enable_all();
+    builder.thread_stack_size(STACK_BYTES);
     let runtime = builder.on_thread_start(lower_priority).build();
     runtime
         .inspect_err(|error| tracing::error!(%error, "background threads could not be started"))

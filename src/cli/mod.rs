@@ -159,7 +159,8 @@ pub fn main() -> ExitCode {
 }
 
 fn with_runtime<T>(work: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
-    tokio::runtime::Builder::new_multi_thread().enable_all().build()?.block_on(work)
+    let mut runtime = tokio::runtime::Builder::new_multi_thread();
+    runtime.thread_stack_size(crate::work::STACK_BYTES).enable_all().build()?.block_on(work)
 }
 
 /// Completes at the first Ctrl-C or SIGTERM after this call.

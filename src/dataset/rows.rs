@@ -1,7 +1,7 @@
 //! Reading rows of a table, from JSON Lines or Parquet. Files may come from anywhere.
 
 use std::fs::File;
-use std::io::{self, Write};
+use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 use parquet::file::reader::{FileReader, SerializedFileReader};
@@ -20,6 +20,10 @@ pub enum RowsError {
     Io(#[from] io::Error),
     #[error("it is damaged, or no Parquet file: {0}")]
     Parquet(#[from] parquet::errors::ParquetError),
+    #[error(
+        "its columns are nested, or of other kinds than texts, numbers, truth values and times"
+    )]
+    Nested,
 }
 
 /// Takes bytes and gives whole lines.
@@ -98,11 +102,97 @@ pub fn read(path: &Path, mut each: impl FnMut(Row) -> io::Result<()>) -> Result<
         io::copy(&mut file, &mut lines)?;
         return Ok(lines.finish()?);
     }
+    if !is_flat(&footer(&mut file)?) {
+        return Err(RowsError::Nested);
+    }
     for row in SerializedFileReader::new(file)?.get_row_iter(None)? {
         let cells = row?.into_columns().into_iter();
         each(cells.filter_map(|(name, field)| Some((name, value(field)?))).collect())?;
     }
     Ok(())
+}
+
+/// The metadata at the end of a file of Parquet; nothing where it cannot be found.
+fn footer(file: &mut File) -> io::Result<Vec<u8>> {
+    let mut tail = [0; 8];
+    let end = file.seek(SeekFrom::End(-8))?;
+    file.read_exact(&mut tail)?;
+    let [bytes @ .., b'P', b'A', b'R', b'1'] = tail else { return Ok(Vec::new()) };
+    let bytes = u64::from(u32::from_le_bytes(bytes));
+    file.seek(SeekFrom::Start(end.saturating_sub(bytes)))?;
+    let mut footer = Vec::new();
+    file.take(bytes).read_to_end(&mut footer).map(|_| footer)
+}
+
+/// Whether a footer begins with a flat schema, as those of tables are. The library parses nested ones by recursion, as deep as
+/// the file says.
+fn is_flat(footer: &[u8]) -> bool {
+    let mut thrift = Thrift(footer);
+    let of_schema = |thrift: &mut Thrift<'_>| {
+        (thrift.byte()? == 0x15).then_some(())?;
+        thrift.number()?;
+        (thrift.byte()? == 0x19).then_some(())?;
+        let elements = match thrift.byte()? {
+            0xfc => thrift.number()?,
+            header if header & 0x0f == 0x0c => u64::from(header >> 4),
+            _ => return None,
+        };
+        (0..elements).try_for_each(|place| thrift.element(if place == 0 { elements } else { 0 }))
+    };
+    of_schema(&mut thrift).is_some()
+}
+
+/// The compact protocol of Thrift, as much of it as flat schemas need.
+struct Thrift<'a>(&'a [u8]);
+
+impl Thrift<'_> {
+    fn byte(&mut self) -> Option<u8> {
+        self.0.split_off_first().copied()
+    }
+
+    fn number(&mut self) -> Option<u64> {
+        let mut number = 0;
+        for shift in (0..63).step_by(7) {
+            let byte = self.byte()?;
+            number |= u64::from(byte & 0x7f) << shift;
+            if byte < 0x80 {
+                return Some(number);
+            }
+        }
+        None
+    }
+
+    /// An element of a schema. Each field has to be of its type, since the library does not look at it.
+    fn element(&mut self, children_max: u64) -> Option<()> {
+        let mut field = 0;
+        loop {
+            let header = self.byte()?;
+            field += header >> 4;
+            match (field, header & 0x0f) {
+                _ if header == 0 => return Some(()),
+                _ if header < 0x10 => return None,
+                (4, 8) => {
+                    let bytes = usize::try_from(self.number()?).ok()?;
+                    self.0.split_off(..bytes)?;
+                }
+                (5, 5) => (self.number()? / 2 <= children_max).then_some(())?,
+                (1..=9, 5) => drop(self.number()?),
+                (10, 12) => self.kind()?,
+                _ => return None,
+            }
+        }
+    }
+
+    /// A text, or a time of any unit.
+    fn kind(&mut self) -> Option<()> {
+        let ([0x1c, 0, 0, rest @ ..]
+        | [0x8c, 0x11 | 0x12, 0x1c, 0x1c | 0x2c | 0x3c, 0, 0, 0, 0, rest @ ..]) = self.0
+        else {
+            return None;
+        };
+        self.0 = rest;
+        Some(())
+    }
 }
 
 /// The kinds of values that tables have; times are left out.
@@ -178,6 +268,17 @@ mod tests {
             std::fs::write(&path, content).expect("written");
             let error = rows_of(&path).expect_err("it is damaged").to_string();
             assert!(error.contains(expected), "{name}: {error}");
+        }
+        // As deep as it has elements, each of which says that it has one or two billion children.
+        for children in [&[0x02][..], &[0xfe, 0xff, 0xff, 0xff, 0x0f]] {
+            let element = [&[0x35, 2, 0x18, 1, b'a', 0x15], children, &[0]].concat();
+            let schema =
+                [&[0x15, 2, 0x19, 0xfc, 0xa0, 0x8d, 0x06], &*element.repeat(100_000)].concat();
+            let bytes = u32::try_from(schema.len()).expect("few").to_le_bytes();
+            let path = folder.path().join("deep.parquet");
+            std::fs::write(&path, [b"PAR1", &*schema, &bytes, b"PAR1"].concat()).expect("written");
+            let error = rows_of(&path).expect_err("it is nested").to_string();
+            assert!(error.contains("nested"), "{error}");
         }
         let long = vec![b' '; LINE_BYTES_MAX + 1];
         assert!(Splitter::default().push(&long, |_| Ok(())).is_err());

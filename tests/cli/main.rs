@@ -107,6 +107,45 @@ fn errors_say_what_to_do_next() {
     }
 }
 
+/// Files that nest deeper than any stack.
+#[test]
+fn files_that_nest_deep_are_errors_of_the_commands_that_read_them() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let server = Serving::start(&folder.path().join("deep.db"), &[]);
+    let times = 100_000;
+    let (lists, names) =
+        (["[".repeat(times), "]".repeat(times)].concat(), vec!["a"; times].join("."));
+    let hash = "0".repeat(64);
+    for (name, content, commands) in [
+        ("lists.json", lists.clone(), &["import", "verify --competition"][..]),
+        (
+            "record.jsonl",
+            format!("{{\"hash\":\"{hash}\",\"record\":{lists}}}\n"),
+            &["verify", "metrics", "replay --html x"],
+        ),
+        ("rows.jsonl", format!("{{\"a\":{lists}}}\n"), &["table main --from"]),
+        ("lists.toml", format!("a = {lists}"), &["eval", "competition create"]),
+        ("tables.toml", format!("a = {}", "{a=".repeat(times)), &["eval", "competition create"]),
+        ("names.toml", format!("{names} = 1"), &["eval", "competition create"]),
+        ("headers.toml", format!("[[{names}]]"), &["eval", "competition create"]),
+    ] {
+        let file = folder.path().join(name);
+        std::fs::write(&file, content).expect("a file");
+        for command in commands {
+            let mut args: Vec<&str> = command.split(' ').collect();
+            let file = file.display().to_string();
+            args.push(&file);
+            if command.starts_with("competition") {
+                args.extend(["--server", &server.base]);
+            }
+            let output = swarmbench(&args);
+            let said = text(&output.stderr);
+            assert_eq!(output.status.code(), Some(1), "{command} {name}: {said}");
+            assert!(said.starts_with("error: "), "{command} {name}: {said}");
+        }
+    }
+}
+
 #[tokio::test]
 async fn a_negative_seed_is_refused_with_the_range() {
     let folder = tempfile::tempdir().expect("a folder");

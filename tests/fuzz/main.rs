@@ -4,3 +4,4 @@
 mod answer;
 mod journal;
 mod lockstep;
+mod template;

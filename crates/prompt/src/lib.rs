@@ -9,6 +9,7 @@
 //!
 //! - it may print, branch and loop over its input, with a few filters, but build no larger values: no assignments, no
 //!   lists, no calls, no concatenation, no includes;
+//! - its tokens are counted before it is parsed, so that it nests no deeper than a stack;
 //! - its instructions, the bytes that it reads and the bytes that it writes are bounded.
 
 mod identity;
@@ -20,7 +21,8 @@ pub use identity::Identity;
 #[cfg(feature = "render")]
 pub use render::{
     PROMPT_BYTES_MAX, PROMPT_BYTES_PER_CELL_MAX, PROMPT_JSON_FACTOR_MAX, TEMPLATE_BYTES_MAX,
-    TemplateError, check, render,
+    TEMPLATE_CHAIN_MAX, TEMPLATE_ELIF_MAX, TEMPLATE_NESTING_MAX, TEMPLATE_UNARY_MAX, TemplateError,
+    check, render,
 };
 
 /// The built-in template.

@@ -1,9 +1,10 @@
 //! A wrong request gets the documented error and changes nothing.
 
+use reqwest::Method;
 use rstest::rstest;
 use serde_json::{Value, json};
 
-use crate::app::{Call, Episode, TestApp, check_problem, fields, list};
+use crate::app::{Call, DOCUMENT, Episode, TestApp, check_problem, fields, list};
 
 /// An episode in the middle of its second round: seat 0 has acted, seat 1 has not.
 async fn playing(app: &TestApp) -> Episode {
@@ -73,6 +74,28 @@ mod bodies {
     async fn json_nested_too_deep_is_malformed(#[values("/act", "/api/v1/episodes")] route: &str) {
         let body = format!("{{\"acts\": {}{}}}", "[".repeat(30_000), "]".repeat(30_000));
         refused(|app, episode| post(app, episode, route).body(body), 400, "malformed").await;
+    }
+
+    /// Bodies that nest deeper than any stack, at every route that takes one.
+    #[tokio::test]
+    async fn no_body_is_too_deep_for_the_server() {
+        let app = TestApp::start().await;
+        let episode = playing(&app).await;
+        let bodies =
+            ["[", "{\"agent_meta\":", "{\"params\":{\"_meta\":"].map(|open| open.repeat(4_000));
+        for (path, item) in DOCUMENT["paths"].as_object().expect("paths") {
+            let path = path.replace("{id}", &episode.id);
+            let operations = item.as_object().expect("operations").iter();
+            for (method, _) in operations.filter(|(_, said)| !said["requestBody"].is_null()) {
+                let method = method.to_uppercase().parse::<Method>().expect("a method");
+                for body in &bodies {
+                    let call = app.call(method.clone(), &path).token(&episode.swarm);
+                    let status = call.body(body.as_str()).send().await.status;
+                    assert!((400..500).contains(&status), "{method} {path}: {status}");
+                }
+            }
+        }
+        app.obs(episode.seat(0)).await;
     }
 
     #[tokio::test]

@@ -20,5 +20,6 @@ mod privacy;
 mod restart;
 mod sealed;
 mod shares;
+mod templates;
 pub(crate) mod vectors;
 mod words;

@@ -3,7 +3,7 @@
 mod act;
 mod failures;
 mod obs;
-mod readers;
+pub(crate) mod readers;
 
 use serde_json::{Value, json};
 

@@ -53,7 +53,7 @@ async fn the_reader_of_the_episode_reads_and_its_journal_says_so() {
 }
 
 /// A journal with the hashes of its lines as they are now.
-fn rehashed(journal: &str) -> String {
+pub(crate) fn rehashed(journal: &str) -> String {
     let mut head = swarmbench_journal::chain::Head::START;
     let lines = journal.lines().map(|line| {
         let record = line.split_once(r#""record":"#).expect("a record").1;

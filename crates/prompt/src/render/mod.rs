@@ -1,5 +1,6 @@
 //! Templates, checked and filled.
 
+mod depth;
 mod table;
 mod work;
 
@@ -8,16 +9,17 @@ use std::sync::Arc;
 
 use minijinja::machinery::ast::{BinOpKind, CallArg, Expr, Stmt};
 use minijinja::syntax::SyntaxConfig;
-use minijinja::{Environment, Error, ErrorKind, UndefinedBehavior};
+use minijinja::{Environment, Error, ErrorKind, Template, UndefinedBehavior};
 use serde::Serialize;
 use swarmbench_engine::{Action, AgentId, Config, Control};
 
+pub use depth::{TEMPLATE_CHAIN_MAX, TEMPLATE_ELIF_MAX, TEMPLATE_NESTING_MAX, TEMPLATE_UNARY_MAX};
 use work::{READ_BYTES_MAX, Work, count_filters, counted};
 
 use swarmbench_protocol::Position;
 use swarmbench_protocol::observation::{Cell, HistoryEntry, Sight};
 
-use crate::tasks;
+use crate::{BUILT_IN, TOOLKIT, tasks};
 
 /// Bytes of a template.
 pub const TEMPLATE_BYTES_MAX: usize = 32 * 1024;
@@ -64,14 +66,7 @@ impl From<Error> for TemplateError {
 /// # Errors
 /// A syntax error, or a statement or expression that is not allowed.
 pub fn check(template: &str) -> Result<(), TemplateError> {
-    if template.len() > TEMPLATE_BYTES_MAX {
-        let is = template.len();
-        return Err(TemplateError(format!(
-            "must have at most {TEMPLATE_BYTES_MAX} bytes, has {is}"
-        )));
-    }
-    let parsed = minijinja::machinery::parse(template, "prompt", syntax())?;
-    check_statement(&parsed)
+    Language { constant_bytes_max: CONSTANT_BYTES_MAX }.check(template)
 }
 
 /// Renders a template with the observation of one seat.
@@ -93,7 +88,7 @@ fn fill(
 ) -> Result<(), TemplateError> {
     let work = Work::new();
     let environment = environment(&work);
-    let template = environment.template_from_str(text_of_template)?;
+    let template = compiled(text_of_template, &environment)?;
     let context = Context::new(sight, config, text_of_template.contains("padded"));
     let context = minijinja::Value::from(minijinja::value::Serde(context));
     let rendered = template.render_captured_to(counted(context, &work), &mut *text).map(drop);
@@ -107,6 +102,18 @@ fn fill(
             error.into()
         }
     })
+}
+
+/// The only way to a template that can be rendered: its text may come from a database or a journal of anybody. Texts in
+/// expressions may be long, as they were before they had a limit.
+fn compiled<'a>(
+    template: &'a str,
+    environment: &'a Environment<'_>,
+) -> Result<Template<'a, 'a>, TemplateError> {
+    if ![BUILT_IN, TOOLKIT].contains(&template) {
+        Language { constant_bytes_max: usize::MAX }.check(template)?;
+    }
+    Ok(environment.template_from_str(template)?)
 }
 
 /// The limit of a prompt's bytes, by the size of the observation.
@@ -185,88 +192,112 @@ const fn json_bytes(byte: u8) -> usize {
     }
 }
 
+const REFUSED_STATEMENTS: &str =
+    "set, with, macro, filter, include and other statements beyond for and if";
+
 fn refuse<T>(what: &str) -> Result<T, TemplateError> {
     Err(TemplateError(format!(
         "{what} may not be used: a prompt template prints, branches and loops over what it is given"
     )))
 }
 
-fn check_statement(statement: &Stmt<'_>) -> Result<(), TemplateError> {
-    let all = |statements: &[Stmt<'_>]| statements.iter().try_for_each(check_statement);
-    match statement {
-        Stmt::Template(template) => all(&template.children),
-        Stmt::EmitRaw(_) => Ok(()),
-        Stmt::EmitExpr(emit) => check_expression(&emit.expr),
-        Stmt::ForLoop(each) => {
-            if each.recursive {
-                return refuse("recursive loops");
-            }
-            check_expression(&each.iter)?;
-            each.filter_expr.as_ref().map_or(Ok(()), check_expression)?;
-            all(&each.body)?;
-            all(&each.else_body)
-        }
-        Stmt::IfCond(branch) => {
-            check_expression(&branch.expr)?;
-            all(&branch.true_body)?;
-            all(&branch.false_body)
-        }
-        _ => refuse("set, with, macro, filter, include and other statements beyond for and if"),
-    }
+/// What a template may say.
+#[derive(Clone, Copy)]
+struct Language {
+    constant_bytes_max: usize,
 }
 
-fn check_expression(expression: &Expr<'_>) -> Result<(), TemplateError> {
-    let argument = |argument: &CallArg<'_>| match argument {
-        CallArg::Pos(value) => check_expression(value),
-        _ => refuse("named and spread arguments"),
-    };
-    match expression {
-        Expr::Const(text)
-            if text.value.as_str().is_some_and(|text| text.len() > CONSTANT_BYTES_MAX) =>
-        {
-            refuse(&format!("a text of more than {CONSTANT_BYTES_MAX} bytes in an expression"))
+impl Language {
+    fn check(self, template: &str) -> Result<(), TemplateError> {
+        if template.len() > TEMPLATE_BYTES_MAX {
+            let is = template.len();
+            return Err(TemplateError(format!(
+                "must have at most {TEMPLATE_BYTES_MAX} bytes, has {is}"
+            )));
         }
-        Expr::Var(_) | Expr::Const(_) => Ok(()),
-        Expr::UnaryOp(operation) => check_expression(&operation.expr),
-        Expr::BinOp(operation) => {
-            match operation.op {
-                BinOpKind::Mul | BinOpKind::Pow | BinOpKind::Concat | BinOpKind::Add => {
-                    return refuse("the operators ~ + * and **");
+        depth::check(template)?;
+        self.statement(&minijinja::machinery::parse(template, "prompt", syntax())?)
+    }
+
+    fn statement(self, statement: &Stmt<'_>) -> Result<(), TemplateError> {
+        let all =
+            |statements: &[Stmt<'_>]| statements.iter().try_for_each(|each| self.statement(each));
+        match statement {
+            Stmt::Template(template) => all(&template.children),
+            Stmt::EmitRaw(_) => Ok(()),
+            Stmt::EmitExpr(emit) => self.expression(&emit.expr),
+            Stmt::ForLoop(each) => {
+                if each.recursive {
+                    return refuse("recursive loops");
                 }
-                _ => {}
+                self.expression(&each.iter)?;
+                each.filter_expr.as_ref().map_or(Ok(()), |each| self.expression(each))?;
+                all(&each.body)?;
+                all(&each.else_body)
             }
-            check_expression(&operation.left)?;
-            check_expression(&operation.right)
-        }
-        Expr::Compare(compare) => {
-            check_expression(&compare.expr)?;
-            compare.ops.iter().try_for_each(|op| check_expression(&op.expr))
-        }
-        Expr::IfExpr(branch) => {
-            check_expression(&branch.test_expr)?;
-            check_expression(&branch.true_expr)?;
-            branch.false_expr.as_ref().map_or(Ok(()), check_expression)
-        }
-        Expr::Filter(filter) => {
-            if !FILTERS.contains(&filter.name) {
-                return refuse(&format!("the filter {}", filter.name));
+            Stmt::IfCond(branch) => {
+                self.expression(&branch.expr)?;
+                all(&branch.true_body)?;
+                all(&branch.false_body)
             }
-            filter.expr.as_ref().map_or(Ok(()), check_expression)?;
-            filter.args.iter().try_for_each(argument)
+            _ => refuse(REFUSED_STATEMENTS),
         }
-        Expr::Test(test) => {
-            if !TESTS.contains(&test.name) {
-                return refuse(&format!("the test {}", test.name));
+    }
+
+    fn expression(self, expression: &Expr<'_>) -> Result<(), TemplateError> {
+        let argument = |argument: &CallArg<'_>| match argument {
+            CallArg::Pos(value) => self.expression(value),
+            _ => refuse("named and spread arguments"),
+        };
+        match expression {
+            Expr::Const(text)
+                if text.value.as_str().is_some_and(|text| text.len() > self.constant_bytes_max) =>
+            {
+                let most = self.constant_bytes_max;
+                refuse(&format!("a text of more than {most} bytes in an expression"))
             }
-            check_expression(&test.expr)?;
-            test.args.iter().try_for_each(argument)
+            Expr::Var(_) | Expr::Const(_) => Ok(()),
+            Expr::UnaryOp(operation) => self.expression(&operation.expr),
+            Expr::BinOp(operation) => {
+                match operation.op {
+                    BinOpKind::Mul | BinOpKind::Pow | BinOpKind::Concat | BinOpKind::Add => {
+                        return refuse("the operators ~ + * and **");
+                    }
+                    _ => {}
+                }
+                self.expression(&operation.left)?;
+                self.expression(&operation.right)
+            }
+            Expr::Compare(compare) => {
+                self.expression(&compare.expr)?;
+                compare.ops.iter().try_for_each(|op| self.expression(&op.expr))
+            }
+            Expr::IfExpr(branch) => {
+                self.expression(&branch.test_expr)?;
+                self.expression(&branch.true_expr)?;
+                branch.false_expr.as_ref().map_or(Ok(()), |each| self.expression(each))
+            }
+            Expr::Filter(filter) => {
+                if !FILTERS.contains(&filter.name) {
+                    return refuse(&format!("the filter {}", filter.name));
+                }
+                filter.expr.as_ref().map_or(Ok(()), |each| self.expression(each))?;
+                filter.args.iter().try_for_each(argument)
+            }
+            Expr::Test(test) => {
+                if !TESTS.contains(&test.name) {
+                    return refuse(&format!("the test {}", test.name));
+                }
+                self.expression(&test.expr)?;
+                test.args.iter().try_for_each(argument)
+            }
+            Expr::GetAttr(access) => self.expression(&access.expr),
+            Expr::GetItem(access) => {
+                self.expression(&access.expr)?;
+                self.expression(&access.subscript_expr)
+            }
+            _ => refuse("calls, lists, maps and slices"),
         }
-        Expr::GetAttr(access) => check_expression(&access.expr),
-        Expr::GetItem(access) => {
-            check_expression(&access.expr)?;
-            check_expression(&access.subscript_expr)
-        }
-        _ => refuse("calls, lists, maps and slices"),
     }
 }
 
