@@ -23,7 +23,7 @@ pub enum Group {
     Server,
     Competition(CompetitionKey),
     Owner(OwnerKey),
-    /// Clients without a key, by address, or /64 network of IPv6.
+    /// Clients without a key, by address, or /48 network of IPv6.
     Address(IpAddr),
 }
 

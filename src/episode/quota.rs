@@ -1,9 +1,10 @@
 //! Per-owner quotas: episodes that have not ended, and bytes in the journal.
 //!
-//! Unfinished episodes are shared by one rule. A group (a competition; a key, or a network, outside of competitions) opens another
-//! episode as long as it has fewer open than there are free, and an entrant as long as it has fewer than its
-//! competition could still open. So one group alone has half of all at most, two have a third each, and
-//! a new group always finds some free. A few are reserved for organizers and for the next games of runs.
+//! Unfinished episodes are shared by two rules. A party (an entrant of a competition; a key, or a network, outside of competitions)
+//! that has one opens another as long as its group (the competition; the party itself) has fewer open than are free, and an
+//! entrant as long as it has fewer than its competition could still open. So one group alone has half at most, two have a third
+//! each, and the last places are never for further games. A party that has none needs no share: it opens one as long as fewer
+//! parties of its group play than places are free. A few are reserved for organizers, and for runs that go on.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr};
@@ -24,7 +25,9 @@ pub struct Caps {
     pub episodes_per_key_max: usize,
     /// The percentage of all episodes that is reserved for organizers and for the next games of runs.
     pub episodes_reserved_percent: u32,
-    /// How many episodes a group may have open, in percent of those that are free.
+    /// The percentage of all episodes, beside the reserved ones, that only parties without an unfinished one open.
+    pub episodes_first_percent: u32,
+    /// How many episodes a group may have open, in percent of those that are free for it.
     pub episodes_of_free_percent_max: u32,
     /// Bytes that the acts of one episode may take in the journal.
     pub journal_bytes_per_episode_max: u64,
@@ -76,7 +79,7 @@ impl Party {
 pub enum Purpose {
     /// Anything else.
     Usual,
-    /// The next game of a run that has none open: it uses half of the reserve, too.
+    /// The next game of a run that has none open: if its party has none either, it uses half of the reserve, too.
     NextGame,
     /// An episode of an organizer: it may use all of the reserve and more than a share.
     Organizer,
@@ -95,7 +98,7 @@ pub enum Full {
     EpisodesOfKey(usize),
     /// The group, or the entrant within it, has its share of the episodes.
     #[error(
-        "this {whose} has its share of unfinished episodes, {percent} % of what is free; end some episodes, or wait until some have ended"
+        "this {whose} has its share of unfinished episodes, {percent} % of what is free for it; end some episodes, or wait until some have ended"
     )]
     EpisodesOfShare {
         whose: Whose,
@@ -193,8 +196,7 @@ struct Usage {
     unfinished: HashMap<EpisodeKey, Party>,
     by_owner: HashMap<OwnerKey, OfOwner>,
     by_group: HashMap<Group, Share>,
-    /// What each entrant uses of its competition.
-    by_entrant: HashMap<Party, Share>,
+    by_party: HashMap<Party, Share>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -203,10 +205,12 @@ struct OfOwner {
     bytes: u64,
 }
 
-/// What a group, or an entrant, uses.
+/// What a group, or a party, uses.
 #[derive(Clone, Copy, Debug, Default)]
 struct Share {
     episodes: usize,
+    /// Of a group: its parties with unfinished episodes.
+    playing: usize,
     bytes: u64,
     bucket: TokenBucket,
 }
@@ -319,11 +323,11 @@ impl Quotas {
         self.usage().by_group.entry(group).or_default().bytes += bytes;
     }
 
-    /// Forgets groups and entrants that hold nothing.
+    /// Forgets groups and parties that hold nothing.
     pub fn tidy(&self, now: Timestamp) {
         let forgotten = self.caps.journal_bytes_per_key_max / FORGOTTEN;
         let mut usage = self.usage();
-        usage.by_entrant.retain(|_, share| share.episodes > 0 || share.bucket.is_behind(now));
+        usage.by_party.retain(|_, share| share.episodes > 0 || share.bucket.is_behind(now));
         usage.by_group.retain(|group, share| {
             let bytes = match group {
                 Group::Competition(_) => share.bytes > 0,
@@ -340,10 +344,11 @@ impl Usage {
     fn check(&self, caps: &Caps, party: Party, purpose: Purpose) -> Result<(), Full> {
         let all = caps.episodes_unfinished_max;
         let reserved = all * caps.episodes_reserved_percent as usize / 100;
+        let own = self.by_party.get(&party).map_or(0, |share| share.episodes);
         let open = match purpose {
-            Purpose::Usual => all - reserved,
-            Purpose::NextGame => all - reserved / 2,
             Purpose::Organizer => all,
+            Purpose::NextGame if own == 0 => all - reserved / 2,
+            Purpose::NextGame | Purpose::Usual => all - reserved,
         };
         let free = open.saturating_sub(self.unfinished.len());
         if free == 0 {
@@ -356,38 +361,42 @@ impl Usage {
             }
         }
         self.check_bytes(caps, party, 1)?;
-        match purpose {
-            Purpose::Usual => self.check_share(caps, party, free),
-            // However many runs there are: others have half of the episodes.
-            Purpose::NextGame => self.check_group(caps, party, all.div_ceil(2)).map(drop),
-            Purpose::Organizer => Ok(()),
-        }
+        let is_free = purpose == Purpose::Organizer || party.group == Group::Server;
+        if is_free { Ok(()) } else { self.check_share(caps, party, purpose, own, free) }
     }
 
-    /// Whether a group, and an entrant within it, holds less than its share of what is free.
-    fn check_share(&self, caps: &Caps, party: Party, free: usize) -> Result<(), Full> {
-        let most = (free * caps.episodes_of_free_percent_max as usize / 100).max(1);
-        let room = self.check_group(caps, party, most)?;
-        let Group::Competition(_) = party.group else { return Ok(()) };
-        let open = self.by_entrant.get(&party).map_or(0, |share| share.episodes);
-        // Each episode of the competition is also one fewer that is free.
-        if open < room.div_ceil(2) {
-            return Ok(());
-        }
+    /// Whether a party with `own` episodes may have one more of those that are free.
+    fn check_share(
+        &self,
+        caps: &Caps,
+        party: Party,
+        purpose: Purpose,
+        own: usize,
+        free: usize,
+    ) -> Result<(), Full> {
         let percent = caps.episodes_of_free_percent_max;
-        Err(Full::EpisodesOfShare { whose: Whose::Entrant, open, percent })
-    }
-
-    /// How many episodes a group has open less than `most`.
-    fn check_group(&self, caps: &Caps, party: Party, most: usize) -> Result<usize, Full> {
-        let open = self.by_group.get(&party.group).map_or(0, |share| share.episodes);
-        match most.checked_sub(open) {
-            None | Some(0) if party.group != Group::Server => {
-                let (whose, percent) = (whose(party.group), caps.episodes_of_free_percent_max);
-                Err(Full::EpisodesOfShare { whose, open, percent })
+        let all = caps.episodes_unfinished_max;
+        let part = |free: usize| free * percent as usize / 100;
+        let group = self.by_group.get(&party.group).copied().unwrap_or_default();
+        let (used, most) = match purpose {
+            // However many runs there are: others have half of the episodes.
+            Purpose::NextGame if own == 0 => (group.playing, all.div_ceil(2)),
+            _ if own == 0 => (group.playing, part(free).max(1)),
+            _ => {
+                let first = all * caps.episodes_first_percent as usize / 100;
+                (group.episodes, part(free.saturating_sub(first)))
             }
-            room => Ok(room.unwrap_or(0)),
+        };
+        if used >= most {
+            let (whose, open) = (whose(party.group), group.episodes);
+            return Err(Full::EpisodesOfShare { whose, open, percent });
         }
+        // Each further episode of the competition is also one fewer that is free.
+        let is_entrant = matches!(party.group, Group::Competition(_));
+        if is_entrant && own > 0 && own >= (most - used).div_ceil(2) {
+            return Err(Full::EpisodesOfShare { whose: Whose::Entrant, open: own, percent });
+        }
+        Ok(())
     }
 
     /// Whether `more` bytes fit into all that may ever be written.
@@ -418,7 +427,7 @@ impl Usage {
         let group = self.by_group.get(&party.group);
         match party.group {
             Group::Competition(_) => {
-                let entrant = self.by_entrant.get(&party);
+                let entrant = self.by_party.get(&party);
                 check(entrant, Whose::Entrant, caps.journal_bytes_per_key_s_max)?;
                 check(group, Whose::Competition, caps.journal_bytes_per_competition_s_max)
             }
@@ -450,7 +459,7 @@ impl Usage {
         let group = &mut self.by_group.entry(party.group).or_default().bucket;
         if let Group::Competition(_) = party.group {
             group.write(bytes, caps.journal_bytes_per_competition_s_max, now);
-            let entrant = &mut self.by_entrant.entry(party).or_default().bucket;
+            let entrant = &mut self.by_party.entry(party).or_default().bucket;
             entrant.write(bytes, caps.journal_bytes_per_key_s_max, now);
         } else {
             group.write(bytes, caps.journal_bytes_per_key_s_max, now);
@@ -466,10 +475,11 @@ impl Usage {
         if let Some(owner) = party.owner() {
             self.by_owner.entry(owner).or_default().episodes += 1;
         }
-        self.by_group.entry(party.group).or_default().episodes += 1;
-        if let Group::Competition(_) = party.group {
-            self.by_entrant.entry(party).or_default().episodes += 1;
-        }
+        let own = self.by_party.entry(party).or_default();
+        let group = self.by_group.entry(party.group).or_default();
+        group.playing += usize::from(own.episodes == 0);
+        own.episodes += 1;
+        group.episodes += 1;
     }
 
     fn end(&mut self, episode: EpisodeKey) {
@@ -477,9 +487,11 @@ impl Usage {
         if let Some(own) = party.owner().and_then(|owner| self.by_owner.get_mut(&owner)) {
             own.episodes = own.episodes.saturating_sub(1);
         }
-        let group = self.by_group.get_mut(&party.group);
-        for share in group.into_iter().chain(self.by_entrant.get_mut(&party)) {
-            share.episodes = share.episodes.saturating_sub(1);
+        let own = self.by_party.get_mut(&party);
+        if let Some((own, group)) = own.zip(self.by_group.get_mut(&party.group)) {
+            own.episodes -= 1;
+            group.episodes -= 1;
+            group.playing -= usize::from(own.episodes == 0);
         }
     }
 }
@@ -523,6 +535,7 @@ mod tests {
         episodes_unfinished_max: 3,
         episodes_per_key_max: 2,
         episodes_reserved_percent: 0,
+        episodes_first_percent: 0,
         episodes_of_free_percent_max: 10_000,
         journal_bytes_per_episode_max: 10_000,
         journal_bytes_per_key_max: 15_000,
@@ -550,9 +563,18 @@ mod tests {
 
     impl Opener {
         fn of(episodes_unfinished_max: usize, episodes_reserved_percent: u32) -> Self {
+            Self::with(episodes_unfinished_max, episodes_reserved_percent, 0)
+        }
+
+        fn with(
+            episodes_unfinished_max: usize,
+            episodes_reserved_percent: u32,
+            episodes_first_percent: u32,
+        ) -> Self {
             let caps = Caps {
                 episodes_unfinished_max,
                 episodes_reserved_percent,
+                episodes_first_percent,
                 episodes_of_free_percent_max: 100,
                 episodes_per_key_max: usize::MAX,
                 ..CAPS
@@ -593,18 +615,65 @@ mod tests {
     fn groups_share_the_episodes_and_a_newcomer_finds_some() {
         let mut opener = Opener::of(1000, 10);
         let usual = Purpose::Usual;
-        // 900 opener are open to all.
+        // 900 are open to all.
         assert_eq!(opener.all(Party::of_key(Some(OwnerKey(1))), usual), 450);
         assert_eq!(opener.all(Party::of_key(None), usual), 225);
-        // However many entrants somebody makes of himself, they have what one competition has.
+        // However many entrants somebody makes of himself, they have what one competition has, and a first game each.
         let entrants: Vec<usize> = (0..50).map(|n| opener.all(entrant(1, n), usual)).collect();
-        assert_eq!(entrants.iter().sum::<usize>(), 113, "{entrants:?}");
+        assert!(entrants.iter().all(|count| *count > 0), "{entrants:?}");
+        assert_eq!(entrants.iter().sum::<usize>(), 156, "{entrants:?}");
         assert_eq!(opener.one(entrant(2, 1), usual), Ok(()), "another competition starts");
         // Programs of the host share with nobody, and leave the reserve.
-        assert_eq!(opener.all(HOST, usual), 111);
+        assert_eq!(opener.all(HOST, usual), 68);
         assert_eq!(opener.one(entrant(3, 1), usual), Err(Full::Episodes(1000)));
-        assert_eq!(opener.all(HOST, Purpose::NextGame), 50);
-        assert_eq!(opener.all(OWN, Purpose::Organizer), 50);
+        assert_eq!(opener.all(entrant(3, 1), Purpose::NextGame), 1, "a run goes on");
+        assert_eq!(opener.all(OWN, Purpose::Organizer), 99);
+    }
+
+    /// What greedy entrants with `parallel` games each leave of a server of the usual size, and how many entrants that have none
+    /// then get a first game.
+    fn newcomers(competitions: i64, entrants: i64, parallel: usize) -> (usize, usize) {
+        let mut opener = Opener::with(20_000, 5, 10);
+        for (cup, number) in (0..entrants).map(|number| (number % competitions, number)) {
+            let one = |_: &usize| opener.one(entrant(cup, number), Purpose::Usual).is_ok();
+            (0..parallel).take_while(one).for_each(drop);
+        }
+        let held = opener.quotas.unfinished();
+        let first = |number: &i64| opener.one(entrant(0, *number), Purpose::Usual).is_ok();
+        (held, (entrants..20_000).take_while(first).count())
+    }
+
+    #[test]
+    fn greedy_entrants_leave_first_games_to_others() {
+        for (competitions, entrants, parallel, expected) in [
+            // Nobody is greedy: half of all places are for one competition, so that others start.
+            (1, 0, 0, (0, 9500)),
+            (1, 162, 64, (8524, 5157)),
+            (1, 1000, 64, (9362, 4319)),
+            (1, 1000, 1, (1000, 8500)),
+            // They take what they can get, in many competitions at once.
+            (1, 1000, usize::MAX, (9486, 4257)),
+            (20, 162, usize::MAX, (17_095, 948)),
+            (20, 1000, usize::MAX, (17_933, 509)),
+        ] {
+            let found = newcomers(competitions, entrants, parallel);
+            assert_eq!(found, expected, "{entrants} entrants of {competitions} competitions");
+        }
+    }
+
+    #[test]
+    fn an_entrant_that_has_games_has_no_first_one_however_many_runs_it_starts() {
+        let mut opener = Opener::with(100, 10, 10);
+        let greedy = opener.all(entrant(1, 1), Purpose::Usual);
+        // Of each of its runs a game is the next one.
+        assert_eq!(opener.all(entrant(1, 1), Purpose::NextGame), 0);
+        // Games that end and begin again move nobody's bound.
+        for key in 1..=20 {
+            opener.quotas.release(EpisodeKey(key));
+            opener.one(entrant(1, 1), Purpose::Usual).expect("the place that it gave back");
+        }
+        assert_eq!(opener.all(entrant(1, 1), Purpose::Usual), 0, "{greedy}");
+        assert_eq!(opener.one(entrant(1, 2), Purpose::Usual), Ok(()));
     }
 
     #[test]
@@ -619,13 +688,75 @@ mod tests {
     }
 
     #[test]
-    fn a_run_without_an_open_game_gets_one_as_long_as_others_have_half() {
+    fn a_run_goes_on_as_long_as_others_have_half() {
         let mut opener = Opener::of(100, 10);
-        let taken = opener.all(entrant(1, 1), Purpose::Usual);
-        assert!(taken < 50, "{taken}");
-        assert_eq!(taken + opener.all(entrant(1, 2), Purpose::NextGame), 50);
-        assert_eq!(opener.all(entrant(2, 2), Purpose::NextGame), 45, "half of the reserve is left");
+        let of = |cup, owners: std::ops::Range<i64>| owners.map(move |owner| entrant(cup, owner));
+        let mut go_on = |mut parties: Box<dyn Iterator<Item = Party>>| {
+            let goes_on = |party: &Party| opener.one(*party, Purpose::NextGame).is_ok();
+            parties.by_ref().take_while(goes_on).count()
+        };
+        assert_eq!(go_on(Box::new(of(1, 0..100))), 50);
+        assert_eq!(go_on(Box::new(of(2, 0..100))), 45, "half of the reserve is left");
         assert_eq!(opener.one(entrant(3, 2), Purpose::NextGame), Err(Full::Episodes(100)));
+    }
+
+    /// What [`Quotas`] decides, from a list of all that is open.
+    fn model(caps: &Caps, open: &[Party], party: Party, purpose: Purpose) -> bool {
+        let own = open.iter().filter(|other| **other == party).count();
+        let group: Vec<_> = open.iter().filter(|other| other.group == party.group).collect();
+        let playing = group.iter().collect::<std::collections::HashSet<_>>().len();
+        let all = caps.episodes_unfinished_max;
+        let of_all = |percent: u32| all * percent as usize / 100;
+        let is_next = purpose == Purpose::NextGame && own == 0;
+        let reserved = of_all(caps.episodes_reserved_percent) / if is_next { 2 } else { 1 };
+        let free = (all - reserved).saturating_sub(open.len());
+        let free_for_more = free.saturating_sub(of_all(caps.episodes_first_percent));
+        let is_entrant = matches!(party.group, Group::Competition(_));
+        match purpose {
+            Purpose::Organizer => open.len() < all,
+            Purpose::NextGame | Purpose::Usual if own > 0 => {
+                let left = free_for_more.saturating_sub(group.len());
+                left > 0 && (!is_entrant || own < left.div_ceil(2))
+            }
+            Purpose::NextGame => free > 0 && playing < all.div_ceil(2),
+            Purpose::Usual => free > 0 && playing < free,
+        }
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn episodes_are_shared_as_by_one_who_counts_all(
+            all in 1..80_usize,
+            reserved in 0..30_u32,
+            first in 0..40_u32,
+            steps in proptest::collection::vec((0..5_i64, 0..4_i64, 0..12_u8), 0..200),
+        ) {
+            let mut opener = Opener::with(all, reserved, first);
+            let caps = opener.quotas.caps;
+            let mut open: Vec<(EpisodeKey, Party)> = Vec::new();
+            for (group, member, what) in steps {
+                let own = Party::of(Group::Owner(OwnerKey(100 + group)));
+                let party = if group < 3 { entrant(group, member) } else { own };
+                let purpose = match what {
+                    0..7 => Purpose::Usual,
+                    7..9 => Purpose::NextGame,
+                    9 => Purpose::Organizer,
+                    _ => {
+                        if let Some(ended) = open.iter().position(|(_, other)| *other == party) {
+                            opener.quotas.release(open.swap_remove(ended).0);
+                        }
+                        opener.quotas.tidy(at(0));
+                        continue;
+                    }
+                };
+                let parties: Vec<_> = open.iter().map(|(_, party)| *party).collect();
+                let is_admitted = opener.one(party, purpose).is_ok();
+                proptest::prop_assert_eq!(is_admitted, model(&caps, &parties, party, purpose));
+                if is_admitted {
+                    open.push((EpisodeKey(opener.next), party));
+                }
+            }
+        }
     }
 
     #[test]
@@ -638,7 +769,7 @@ mod tests {
         }
         opener.quotas.tidy(at(0));
         let usage = opener.quotas.usage();
-        assert_eq!((usage.by_group.len(), usage.by_entrant.len()), (0, 0));
+        assert_eq!((usage.by_group.len(), usage.by_party.len()), (0, 0));
     }
 
     #[test]

@@ -360,7 +360,7 @@ impl Registry {
             stored = again.map_err(|error| Some(error.into()))?.ok_or(None)?;
         }
         let spec = Arc::new(described(&stored).map_err(FindError::from)?);
-        let party = self.host.party(stored.owner, stored.run, &spec).await;
+        let party = self.host.party(stored.owner, stored.run).await;
         let party = party.map_err(FindError::from)?;
         let room = self.room_for(&stored, &spec, party)?;
         self.host.journal.recovered(stored.episode);

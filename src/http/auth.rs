@@ -9,12 +9,12 @@ use jiff::Timestamp;
 use swarmbench_engine::AgentId;
 
 use super::app::{Access, App};
-use super::client::{Client, network};
+use super::client::Client;
 use super::error::{ApiError, Code};
 use crate::episode::actor::Handle;
 use crate::episode::quota::Purpose;
 use crate::episode::spec::Visibility;
-use crate::fair::{Group, Party, Rank};
+use crate::fair::{Party, Rank};
 use crate::ids::{CompetitionKey, EpisodeId, RunKey};
 use crate::keys::{Key, OwnerKey, Role};
 use crate::store::entries::{AuditRow, Entry};
@@ -323,7 +323,7 @@ impl Caller {
         let detail = "a token of an episode cannot create another; send a key, or no token on a server without keys";
         let party = match self.player(app, detail)? {
             None if client.is_local => Party::SERVER,
-            None => Party::of(Group::Address(network(client.address))),
+            None => client.party(),
             owner => Party::of_key(owner),
         };
         let purpose = if self.is_organizer() { Purpose::Organizer } else { Purpose::Usual };

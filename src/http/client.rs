@@ -1,6 +1,8 @@
 //! The client of a connection: its address, and whether it is a program on this machine, which decides what a server
 //! without keys lets it do.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::net::IpAddr;
 
 use axum::http::{HeaderMap, HeaderName, Uri, header};
@@ -48,7 +50,7 @@ impl Client {
 
     /// The party of a request without a key or a token.
     pub(super) fn party(self) -> Party {
-        Party::of(Group::Address(network(self.address)))
+        Party::of(Group::Address(site(self.address)))
     }
 }
 
@@ -99,16 +101,77 @@ pub(super) fn name_of(host: &str) -> Option<&str> {
     port.is_none_or(|port| port.parse::<u16>().is_ok()).then_some(name)
 }
 
+/// How many times as much as an address, or a /64 network of IPv6, the /48 around that may have.
+pub(super) const NETWORKS_PER_SITE_MAX: u32 = 8;
+
 /// What counts as one address: a host has a whole /64 of IPv6 to choose from.
 pub(super) fn network(address: IpAddr) -> IpAddr {
-    match address {
-        IpAddr::V4(_) => address,
-        IpAddr::V6(address) => IpAddr::V6((address.to_bits() & !u128::from(u64::MAX)).into()),
+    prefix(address, 32, 64).network()
+}
+
+/// What shares as one: whoever has a site has a whole /48 of IPv6.
+pub(super) fn site(address: IpAddr) -> IpAddr {
+    prefix(address, 32, 48).network()
+}
+
+/// What enters competitions as one network: a /24 of IPv4, a /48 of IPv6.
+pub(super) fn neighbourhood(address: IpAddr) -> IpNet {
+    prefix(address, 24, 48)
+}
+
+fn prefix(address: IpAddr, v4: u8, v6: u8) -> IpNet {
+    let length = if address.is_ipv4() { v4 } else { v6 };
+    // A program on this machine stays one.
+    if address.is_loopback() { address.into() } else { IpNet::new_assert(address, length).trunc() }
+}
+
+/// The networks for which an address counts, with how many times as much as an address they may have: the smallest first, so
+/// that what is refused there takes nothing from its neighbours.
+pub(super) fn networks(address: IpAddr) -> impl Iterator<Item = (IpNet, u32)> + Clone {
+    let has_site = address.is_ipv6() && !address.is_loopback();
+    let site = has_site.then(|| (prefix(address, 32, 48), NETWORKS_PER_SITE_MAX));
+    std::iter::once((prefix(address, 32, 64), 1)).chain(site)
+}
+
+/// How many of something there are, by network.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(super) struct ByNetwork(HashMap<IpNet, usize>);
+
+impl ByNetwork {
+    /// Whether an address may have one more, where it may have `most`.
+    pub(super) fn has_room(&self, address: IpAddr, most: usize) -> bool {
+        networks(address).all(|(network, times)| {
+            self.0.get(&network).is_none_or(|here| *here < most.saturating_mul(times as usize))
+        })
+    }
+
+    /// Whether no network of an address has any.
+    pub(super) fn is_new(&self, address: IpAddr) -> bool {
+        networks(address).all(|(network, _)| !self.0.contains_key(&network))
+    }
+
+    pub(super) fn add(&mut self, address: IpAddr) {
+        for (network, _) in networks(address) {
+            *self.0.entry(network).or_default() += 1;
+        }
+    }
+
+    pub(super) fn remove(&mut self, address: IpAddr) {
+        for (network, _) in networks(address) {
+            if let Entry::Occupied(mut here) = self.0.entry(network) {
+                *here.get_mut() -= 1;
+                if *here.get() == 0 {
+                    here.remove();
+                }
+            }
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::net::Ipv6Addr;
+
     use super::*;
 
     fn client(peer: &str, headers: &[(&str, &str)]) -> Client {
@@ -173,5 +236,36 @@ mod tests {
         assert_eq!(network("2001:db8::1"), network("2001:db8::ffff:1"));
         assert_ne!(network("2001:db8::1"), network("2001:db8:0:1::1"));
         assert_ne!(network("192.0.2.1"), network("192.0.2.2"));
+        assert_eq!(network("::1"), Ipv6Addr::LOCALHOST);
+    }
+
+    #[test]
+    fn a_site_has_a_few_times_what_one_of_its_networks_has() {
+        let address =
+            |site: u16, network: u16| IpAddr::from([0x2001, 0xdb8, site, network, 0, 0, 0, 1]);
+        let mut counted = ByNetwork::default();
+        let mut fill = |counted: &mut ByNetwork, address: IpAddr| {
+            let mut taken = 0;
+            while counted.has_room(address, 3) {
+                counted.add(address);
+                taken += 1;
+            }
+            taken
+        };
+        assert!(counted.is_new(address(1, 0)));
+        // The first network has the same bits as the site.
+        let taken: Vec<i32> =
+            (0..10).map(|number| fill(&mut counted, address(1, number))).collect();
+        assert_eq!(taken, [3, 3, 3, 3, 3, 3, 3, 3, 0, 0]);
+        assert!(!counted.is_new(address(1, 99)), "its site has some");
+        assert_eq!(fill(&mut counted, address(2, 0)), 3);
+        // Those of IPv4 are neighbours of nobody.
+        let taken = (0..20).map(|last| fill(&mut counted, IpAddr::from([192, 0, 2, last])));
+        assert_eq!(taken.sum::<i32>(), 60);
+        for (number, count) in [(0, 3), (7, 1)] {
+            (0..count).for_each(|_| counted.remove(address(1, number)));
+        }
+        assert_eq!(fill(&mut counted, address(1, 9)), 3);
+        assert_eq!(fill(&mut counted, address(1, 8)), 1);
     }
 }

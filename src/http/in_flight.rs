@@ -1,12 +1,10 @@
 //! Requests that are not answered yet, by address.
 
-use std::collections::HashMap;
-use std::collections::hash_map::Entry;
 use std::net::IpAddr;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
-use super::client::network;
+use super::client::ByNetwork;
 use super::error::{ApiError, Code};
 use crate::fair::Origin;
 
@@ -14,7 +12,7 @@ use crate::fair::Origin;
 /// shows whose they are.
 #[derive(Debug)]
 pub(super) struct InFlight {
-    requests: Mutex<HashMap<IpAddr, usize>>,
+    requests: Mutex<ByNetwork>,
     most: usize,
 }
 
@@ -31,7 +29,7 @@ pub(super) struct RequestContext {
 #[derive(Debug)]
 pub(super) struct InFlightPermit {
     all: Arc<InFlight>,
-    network: IpAddr,
+    address: IpAddr,
 }
 
 impl InFlight {
@@ -40,7 +38,7 @@ impl InFlight {
         Self { requests: Mutex::default(), most }
     }
 
-    fn requests(&self) -> MutexGuard<'_, HashMap<IpAddr, usize>> {
+    fn requests(&self) -> MutexGuard<'_, ByNetwork> {
         self.requests.lock().expect("nothing panics while it holds this")
     }
 
@@ -52,29 +50,21 @@ impl InFlight {
         if address.is_loopback() {
             return Ok(None);
         }
-        let (network, most) = (network(address), self.most);
-        let mut requests = self.requests();
-        let here = requests.entry(network).or_default();
-        if *here >= most {
+        let (mut requests, most) = (self.requests(), self.most);
+        if !requests.has_room(address, most) {
             let name = "requests_per_address_max";
             let detail = format!("{most} requests of this address wait for their answers already");
             return Err(ApiError::limit(Code::Overloaded, name, most, detail)
                 .retry_after(Duration::from_secs(1)));
         }
-        *here += 1;
+        requests.add(address);
         drop(requests);
-        Ok(Some(Arc::new(InFlightPermit { all: Arc::clone(self), network })))
+        Ok(Some(Arc::new(InFlightPermit { all: Arc::clone(self), address })))
     }
 }
 
 impl Drop for InFlightPermit {
     fn drop(&mut self) {
-        let mut requests = self.all.requests();
-        if let Entry::Occupied(mut here) = requests.entry(self.network) {
-            *here.get_mut() -= 1;
-            if *here.get() == 0 {
-                here.remove();
-            }
-        }
+        self.all.requests().remove(self.address);
     }
 }

@@ -1,5 +1,6 @@
 //! Every limit of the server by its name; the unit is the last part.
 
+use super::client::NETWORKS_PER_SITE_MAX;
 use super::serve::HEAD_BYTES_MAX;
 use crate::dataset::replay::IMPORT_CELLS_MAX;
 use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
@@ -86,7 +87,9 @@ limits! {
         episodes_per_key_max: usize = 5_000,
         /// Percent of all episodes that are reserved for organizers and for the next games of runs.
         episodes_reserved_percent: u32 = 5,
-        /// How many episodes a competition, a key or an address may have open, in percent of those that are free.
+        /// Percent of all episodes, beside the reserved ones, that are for entrants, keys and addresses without an unfinished one.
+        episodes_first_percent: u32 = 10,
+        /// How many episodes a competition, a key or an address may have open, in percent of those that are free for it.
         episodes_of_free_percent_max: u32 = 100,
         /// Games of one run.
         run_games_max: usize = 1000,
@@ -131,7 +134,8 @@ limits! {
         backlog_bytes_max: usize = 256 * 1024 * 1024,
         /// Connections at once.
         connections_max: usize = 16_000,
-        /// Connections at once from one address, or one /64 network of IPv6; this host may have all.
+        /// Connections at once from one address, or one /64 network of IPv6; this host may have all. Of this and whatever else
+        /// is counted by address a /48 may have `networks_per_site_max` times as much.
         connections_per_address_max: usize = 2000,
         /// Requests of one address, or one /64 network of IPv6, that are not answered yet, also behind a proxy; this host may
         /// have any number.
@@ -179,6 +183,7 @@ limits! {
         replays_max: usize = 16,
     }
     fixed {
+        networks_per_site_max = NETWORKS_PER_SITE_MAX,
         disk_free_bytes_enough = DISK_FREE_BYTES_ENOUGH,
         fork_piece_rows_max = FORK_PIECE_ROWS_MAX,
         seat_acts_waiting_max = SEAT_ACTS_WAITING_MAX,
@@ -206,6 +211,9 @@ limits! {
         events_pending_bytes_max: usize = 1024 * 1024,
         /// Entrants of a competition.
         entrants_max: usize = 10_000,
+        /// Percent of these places that are reserved: half for those with an invitation code and of organizers, half also for networks
+        /// (a /24 of IPv4, a /48 of IPv6) from which nobody entered the competition.
+        entrants_reserved_percent: u32 = 20,
         /// Entries in competitions an hour from one address, or one /64 network of IPv6, without an invitation; 0 for no
         /// limit. Programs on this machine are not limited.
         entries_per_address_h_max: u32 = 100,
@@ -219,6 +227,7 @@ impl Limits {
             episodes_unfinished_max: self.episodes_unfinished_max,
             episodes_per_key_max: self.episodes_per_key_max,
             episodes_reserved_percent: self.episodes_reserved_percent,
+            episodes_first_percent: self.episodes_first_percent,
             episodes_of_free_percent_max: self.episodes_of_free_percent_max,
             journal_bytes_per_episode_max: self.journal_bytes_per_episode_max,
             journal_bytes_per_key_max: self.journal_bytes_per_key_max,

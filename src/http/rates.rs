@@ -12,8 +12,9 @@ use governor::middleware::NoOpMiddleware;
 use governor::nanos::Nanos;
 use governor::state::keyed::DashMapStateStore;
 use governor::{Quota, RateLimiter};
+use ipnet::IpNet;
 
-use super::client::network;
+use super::client::{NETWORKS_PER_SITE_MAX, networks};
 use super::error::{ApiError, Code};
 use super::limits::Limits;
 use crate::keys::OwnerKey;
@@ -57,15 +58,20 @@ impl<K: Hash + Eq + Clone> Rate<K> {
         Self { name, most, clock: clock.clone(), limiter, checks: AtomicUsize::new(0) }
     }
 
-    /// Counts what a sender sent, or refuses it.
-    fn check(&self, sender: &K, detail: impl FnOnce(usize) -> String) -> Result<(), ApiError> {
+    /// Counts what a sender sent in cells, or refuses it.
+    fn check(
+        &self,
+        sender: &K,
+        cells: NonZeroU32,
+        detail: impl FnOnce(usize) -> String,
+    ) -> Result<(), ApiError> {
         let Some(limiter) = &self.limiter else { return Ok(()) };
         let is_due =
             self.checks.fetch_add(1, Ordering::Relaxed).is_multiple_of(SENDERS_COUNTED_EVERY);
         if is_due && limiter.len() > SENDERS_REMEMBERED {
             self.forget_idle();
         }
-        let Err(until) = limiter.check_key(sender) else { return Ok(()) };
+        let Ok(Err(until)) = limiter.check_key_n(sender, cells) else { return Ok(()) };
         let wait = until.wait_time_from(self.clock.now());
         metrics::counter!("swarmbench_rate_limited_total", "limit" => self.name).increment(1);
         Err(ApiError::limit(Code::RateLimited, self.name, self.most, detail(self.most))
@@ -81,10 +87,28 @@ impl<K: Hash + Eq + Clone> Rate<K> {
     }
 }
 
+impl Rate<IpNet> {
+    /// Counts one of an address for each of its networks, in cells of which a site has as many as several addresses. Those of this
+    /// machine itself are not limited.
+    fn check_networks(
+        &self,
+        address: IpAddr,
+        detail: impl Fn(usize) -> String,
+    ) -> Result<(), ApiError> {
+        if address.is_loopback() {
+            return Ok(());
+        }
+        networks(address).try_for_each(|(network, times)| {
+            let cells = NonZeroU32::new(NETWORKS_PER_SITE_MAX / times).unwrap_or(NonZeroU32::MIN);
+            self.check(&network, cells, &detail)
+        })
+    }
+}
+
 pub(super) struct Rates {
-    by_address: Rate<IpAddr>,
+    by_address: Rate<IpNet>,
     by_key: Rate<OwnerKey>,
-    entries: Rate<IpAddr>,
+    entries: Rate<IpNet>,
 }
 
 impl Rates {
@@ -95,41 +119,41 @@ impl Rates {
             let most = NonZeroU32::new(most)?;
             Some(Quota::per_second(most).allow_burst(most.saturating_add(most.get())))
         };
-        let requests = |most: u32| (most as usize, per_s(most));
-        let (address, address_quota) = requests(limits.address_requests_per_s_max);
-        let (key, key_quota) = requests(limits.key_requests_per_s_max);
+        let of_networks = |most: u32| most.saturating_mul(NETWORKS_PER_SITE_MAX);
+        let address = limits.address_requests_per_s_max;
+        let address_quota = per_s(of_networks(address));
+        let key = limits.key_requests_per_s_max;
         let entries = limits.entries_per_address_h_max;
-        let entries_quota = NonZeroU32::new(entries).map(Quota::per_hour);
+        let entries_quota = NonZeroU32::new(of_networks(entries)).map(Quota::per_hour);
         Self {
-            by_address: Rate::new("address_requests_per_s_max", address, address_quota, clock),
-            by_key: Rate::new("key_requests_per_s_max", key, key_quota, clock),
+            by_address: Rate::new(
+                "address_requests_per_s_max",
+                address as usize,
+                address_quota,
+                clock,
+            ),
+            by_key: Rate::new("key_requests_per_s_max", key as usize, per_s(key), clock),
             entries: Rate::new("entries_per_address_h_max", entries as usize, entries_quota, clock),
         }
     }
 
     /// Counts a request of an address. Those of this machine itself are not limited.
     pub(super) fn check_address(&self, address: IpAddr) -> Result<(), ApiError> {
-        if address.is_loopback() {
-            return Ok(());
-        }
-        self.by_address.check(&network(address), |most| {
+        self.by_address.check_networks(address, |most| {
             format!("more than {most} requests a second came from this address; try again later")
         })
     }
 
     /// Counts a request that was made with a key, or with a token of an episode of it.
     pub(super) fn check_key(&self, key: OwnerKey) -> Result<(), ApiError> {
-        self.by_key.check(&key, |most| {
+        self.by_key.check(&key, NonZeroU32::MIN, |most| {
             format!("more than {most} requests a second came from this key; try again later")
         })
     }
 
     /// Counts an entry in a competition from an address. Those of this machine itself are not limited.
     pub(super) fn check_entry(&self, address: IpAddr) -> Result<(), ApiError> {
-        if address.is_loopback() {
-            return Ok(());
-        }
-        self.entries.check(&network(address), |most| {
+        self.entries.check_networks(address, |most| {
             format!(
                 "{most} entries an hour came from this address, the maximum; try again later, or ask the organizer for a code"
             )

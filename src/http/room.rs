@@ -12,7 +12,7 @@ const COMPARED_MAX: usize = 256;
 /// For whom connections are counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) enum Holder {
-    /// The address, or the /64 network of IPv6, that sent the last request.
+    /// The address, or the /48 network of IPv6, that sent the last request.
     Client(IpAddr),
     /// The clients of this trusted proxy whose connections have not sent a request yet.
     Unknown(IpAddr),

@@ -1,7 +1,6 @@
 //! The accept loop: HTTP/1.1 with timeouts on every connection (`timers.rs`), a limit of connections, and a quick error
 //! for those above it.
 
-use std::collections::HashMap;
 use std::convert::Infallible;
 use std::io::ErrorKind;
 use std::net::{IpAddr, Ipv6Addr};
@@ -22,7 +21,7 @@ use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::client::{Peer, address, network};
+use super::client::{ByNetwork, Peer, address, site};
 use super::error::{ApiError, Code};
 use super::front::{Answered, Front, REQUEST_ID};
 use super::limits::Limits;
@@ -228,7 +227,7 @@ struct Connections {
     /// Without those that are evicted.
     all: usize,
     /// By network, and those of this host together; no entry is 0.
-    by_network: HashMap<IpAddr, usize>,
+    by_network: ByNetwork,
     /// By client, also behind proxies.
     holders: Holders<Connection>,
     /// Evicted and not closed yet.
@@ -245,12 +244,7 @@ struct Connection {
 impl Connections {
     fn release(&mut self, network: IpAddr) {
         self.all -= 1;
-        if let Some(here) = self.by_network.get_mut(&network) {
-            *here -= 1;
-            if *here == 0 {
-                self.by_network.remove(&network);
-            }
-        }
+        self.by_network.remove(network);
     }
 
     /// Evicts a connection for one of `newcomer`; whether there was one to evict.
@@ -288,7 +282,7 @@ impl ConnectionLimit {
     /// The client for which a connection counts that has not sent a request.
     fn newcomer(&self, peer: Peer) -> Holder {
         let is_proxy = self.trusted_proxies.iter().any(|net| net.contains(&peer.0));
-        if is_proxy { Holder::Unknown(peer.0) } else { Holder::Client(network(peer.0)) }
+        if is_proxy { Holder::Unknown(peer.0) } else { Holder::Client(site(peer.0)) }
     }
 
     fn take(
@@ -298,20 +292,20 @@ impl ConnectionLimit {
     ) -> Result<ConnectionPermit, Full> {
         // A proxy on this host speaks for many.
         let is_host = peer.0.is_loopback();
-        let network = if is_host { IpAddr::V6(Ipv6Addr::LOCALHOST) } else { network(peer.0) };
+        let network = if is_host { IpAddr::V6(Ipv6Addr::LOCALHOST) } else { peer.0 };
         let mut open = self.open.lock().expect("nothing panics while it holds this");
-        let here = open.by_network.get(&network).copied().unwrap_or(0);
-        if !is_host && here >= self.most_per_address {
+        if !is_host && !open.by_network.has_room(network, self.most_per_address) {
             let limit = "connections_per_address_max";
             return Err(Full { reason: "address", limit, most: self.most_per_address });
         }
-        let most = if here == 0 { self.most } else { self.most - self.reserved };
+        let most =
+            if open.by_network.is_new(network) { self.most } else { self.most - self.reserved };
         let holder = self.newcomer(peer);
         if open.all >= most && !open.make_room(most, holder) {
             return Err(Full { reason: "server", limit: "connections_max", most: self.most });
         }
         open.all += 1;
-        *open.by_network.entry(network).or_default() += 1;
+        open.by_network.add(network);
         let number = open.accepted;
         open.accepted += 1;
         let end = self.stop.child_token();
@@ -336,7 +330,7 @@ struct ConnectionPermit {
 impl ConnectionPermit {
     /// Counts the connection for the client whose request it has sent.
     fn asked_by(&self, peer: Peer, headers: &HeaderMap) {
-        let client = network(address(peer.0, headers, &self.limit.trusted_proxies));
+        let client = site(address(peer.0, headers, &self.limit.trusted_proxies));
         let mut holder = self.holder.lock().expect("nothing panics while it holds this");
         let before = std::mem::replace(&mut *holder, Holder::Client(client));
         if before == *holder {
@@ -392,6 +386,7 @@ impl Full {
 mod tests {
     use axum::http::HeaderName;
 
+    use super::super::client::NETWORKS_PER_SITE_MAX;
     use super::*;
 
     const PROXY: &str = "203.0.113.1/32";
@@ -448,6 +443,21 @@ mod tests {
     }
 
     #[test]
+    fn a_site_of_ipv6_is_a_few_addresses_and_not_thousands() {
+        let limit = limit(100, 2);
+        let mut open = |site: u32| -> Vec<_> {
+            let peers = (0..100).map(|network| format!("2001:db8:{site:x}:{network:x}::1"));
+            peers.filter_map(|peer| take(&limit, &peer).ok()).collect()
+        };
+        let (one, other) = (open(1), open(2));
+        let most = 2 * NETWORKS_PER_SITE_MAX as usize;
+        assert_eq!((one.len(), other.len()), (most, most));
+        assert!(
+            limit.newcomer(peer("2001:db8:1:ffff::1")) == limit.newcomer(peer("2001:db8:1::1"))
+        );
+    }
+
+    #[test]
     fn the_last_places_are_for_addresses_that_have_none() {
         let limit = limit(20, 20);
         let connection: Vec<_> = (0..19).map(|_| take(&limit, "127.0.0.1")).collect();
@@ -466,7 +476,7 @@ mod tests {
         assert_eq!(reason(take(&limit, "127.0.0.1")), "server");
         drop(all);
         let open = limit.open.lock().expect("no panic");
-        assert_eq!((open.all, open.by_network.len()), (0, 0));
+        assert_eq!((open.all, &open.by_network), (0, &ByNetwork::default()));
     }
 
     #[test]
@@ -490,7 +500,7 @@ mod tests {
         assert_eq!(evicted(&honest), 0);
         drop((greedy, honest));
         let open = limit.open.lock().expect("no panic");
-        assert_eq!((open.all, open.by_network.len(), open.evictions), (0, 0, 0));
+        assert_eq!((open.all, &open.by_network, open.evictions), (0, &ByNetwork::default(), 0));
     }
 
     #[test]

@@ -25,6 +25,7 @@ use crate::host::Disk;
 use crate::ids::{EntryKey, EpisodeId, Numbers, Place, RunKey, Token, TokenKind};
 use crate::store::entries::{Entry, RunRow};
 use crate::store::games::StoredGame;
+use crate::store::port::EpisodeStore as _;
 use crate::store::runs::StoredRun;
 use crate::store::{Store, StoreError};
 use swarmbench_clock::{Clock, Entropy};
@@ -165,9 +166,14 @@ impl Runs {
     }
 
     /// The party whose quota a run uses.
-    fn party(&self, stored: &StoredRun) -> Party {
+    async fn party(&self, stored: &StoredRun) -> Result<Party, RunError> {
         let keyless = self.keyless().get(&stored.run).copied();
-        keyless.unwrap_or_else(|| Party::within(stored.competition, stored.owner))
+        if let Some(party) = keyless {
+            return Ok(party);
+        }
+        let entrant = self.0.parts.store.entrant(stored.run).await?;
+        let party = entrant.map(|(competition, owner)| Party::entrant(competition, owner));
+        Ok(party.unwrap_or_else(|| Party::of_key(stored.owner)))
     }
 
     fn open_games(&self) -> MutexGuard<'_, HashMap<RunKey, watch::Sender<OpenGames>>> {
@@ -435,6 +441,8 @@ impl Runs {
             return Ok(());
         }
         match due(&definition, &games, now) {
+            // What an entrant holds that was excluded, others get, and it goes on once it is readmitted.
+            Due::Open(_) if self.is_excluded(stored).await? => Ok(()),
             Due::Open(due) => {
                 let is_playing = games.iter().any(|game| game.counts() && !game.is_over());
                 let purpose = if is_playing { Purpose::Usual } else { Purpose::NextGame };
@@ -443,6 +451,11 @@ impl Runs {
             Due::Nothing => Ok(()),
             Due::End(status) => self.keep_end(stored, status, Vec::new()).await,
         }
+    }
+
+    async fn is_excluded(&self, stored: &StoredRun) -> Result<bool, RunError> {
+        let Some((entry, _)) = stored.attempt else { return Ok(false) };
+        Ok(!self.0.parts.store.is_active(entry).await?)
     }
 
     /// Opens games until no other is admitted; the first is opened for `purpose`.
@@ -454,7 +467,7 @@ impl Runs {
         mut purpose: Purpose,
     ) -> Result<(), RunError> {
         let Parts { registry, clock, entropy, disk, .. } = &self.0.parts;
-        let party = self.party(stored);
+        let party = self.party(stored).await?;
         self.waiting().remove(&stored.run);
         for game in games {
             let parts = &self.0.parts;

@@ -110,6 +110,7 @@ impl Options {
             journal_bytes_per_key_max: [8_000, 1 << 30][below(2)],
             // All clients share one key: a single key may open all episodes.
             episodes_reserved_percent: 0,
+            episodes_first_percent: 0,
             episodes_of_free_percent_max: 10_000,
             journal_bytes_per_competition_max: 1 << 30,
             journal_bytes_per_key_s_max: 0,

@@ -490,7 +490,7 @@ pub struct EntrantRequest {
     pub agent_meta: Option<Map<String, Value>>,
     /// A prompt template of its own.
     pub prompt_template: Option<String>,
-    /// The invitation code, if the competition asks for one.
+    /// The invitation code, if the competition asks for one. Where anybody may enter it takes a reserved place.
     pub code: Option<String>,
     /// One of the competition's categories, if it has some.
     pub category: Option<String>,

@@ -7,7 +7,6 @@ use tokio::sync::mpsc;
 
 use super::super::quota::Quotas;
 use super::super::replays::Replays;
-use super::super::spec::{Spec, Visibility};
 use super::handle::Handle;
 use crate::budget::Budget;
 use crate::fair::{Group, Party};
@@ -51,10 +50,8 @@ impl Host {
         &self,
         owner: Option<OwnerKey>,
         run: Option<RunKey>,
-        spec: &Spec,
     ) -> Result<Party, StoreError> {
-        // The games of competitions, and no others, are sealed.
-        if let Some(run) = run.filter(|_| spec.visibility == Visibility::Sealed)
+        if let Some(run) = run
             && let Some((competition, owner)) = self.journal.entrant(run).await?
         {
             return Ok(Party::entrant(competition, owner));

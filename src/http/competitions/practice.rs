@@ -13,7 +13,7 @@ use super::check_open;
 use super::start::{check_active, entrant};
 use crate::competitions::StoredCompetition;
 use crate::episode::quota::Purpose;
-use crate::fair::{Group, Party};
+use crate::fair::Party;
 use crate::run::RunStatus;
 use crate::run::manager::NewRun;
 use swarmbench_boards::competition::definition::practice_suite;
@@ -55,6 +55,8 @@ pub(in super::super) async fn start_practice(
     let found = entrant(&app, &competition, owner, request.entrant.as_deref()).await?;
     check_active(&found)?;
     let (tasks, seeds) = checked(&app, &competition, request)?;
+    // That of the competition, where the key was made for it.
+    let party = Party::current();
     // It completes although the client hangs up; and a key starts one at a time.
     App::run_detached(async move {
         let owner = found.owner;
@@ -84,7 +86,6 @@ pub(in super::super) async fn start_practice(
         let definition =
             competition.definition.practice(&competition.id, declaration, tasks, seeds);
         let games = definition.suite.plan().len();
-        let party = Party::of(Group::Owner(owner));
         let (run, token) = app.runs.create(NewRun::by(party, Purpose::Usual, definition)).await?;
         let token = token.ok_or_else(|| ApiError::new(Code::Internal, "the run has no token"))?;
         let body = StartedPractice {

@@ -6,7 +6,7 @@ use axum::Extension;
 use axum::http::StatusCode;
 
 use super::super::answer::with_tokens;
-use super::super::client::{Client, network};
+use super::super::client::{Client, neighbourhood, network};
 use super::super::prelude::*;
 use super::check_open;
 use crate::competitions::new_entrant_id;
@@ -143,6 +143,7 @@ async fn register(
     let is_vouched = own_key.as_ref().is_some_and(|key| key.role == Role::Organizer);
     if !is_vouched && invitation.is_none() {
         app.rates.check_entry(address)?;
+        check_reserve(app, competition, room.active as usize, address).await?;
     }
     let mut entries = Vec::new();
     let mut secret = None;
@@ -188,21 +189,51 @@ async fn register(
     Ok(with_tokens(StatusCode::CREATED, body))
 }
 
-/// The invitation of a code, where one is needed.
+/// Refuses an entry without an invitation where the places that are left are for others. Programs on this machine are not
+/// limited.
+async fn check_reserve(
+    app: &App,
+    competition: &StoredCompetition,
+    active: usize,
+    address: IpAddr,
+) -> Result<(), ApiError> {
+    let percent = app.limits.entrants_reserved_percent as usize;
+    let reserved = app.limits.entrants_max * percent / 100;
+    let left = app.limits.entrants_max.saturating_sub(active);
+    if left > reserved || address.is_loopback() {
+        return Ok(());
+    }
+    let near = neighbourhood(address);
+    // Excluded entrants count, too: a network that was abused does not become a new one.
+    let known = app.store.entry_addresses(competition.key).await?;
+    if left > reserved / 2 && !known.iter().any(|known| near.contains(known)) {
+        return Ok(());
+    }
+    let detail = "the last places are for entrants with an invitation code, and some of them for networks from which nobody entered; \
+                  ask the organizer for a code";
+    Err(ApiError::limit(Code::Forbidden, "entrants_reserved_percent", percent, detail))
+}
+
+/// The invitation of a code. Where anybody may enter it is for places that are reserved.
 async fn invitation(
     app: &App,
     competition: &StoredCompetition,
     code: Option<&str>,
 ) -> Result<Option<TokenHash>, ApiError> {
-    if competition.definition.entry == Admission::Anybody {
-        return match code {
-            None => Ok(None),
-            Some(_) => Err(ApiError::field("code", "is not needed here: anybody may enter")),
-        };
-    }
-    let refused = |detail: &str| Err(ApiError::new(Code::Forbidden, detail));
+    let is_open = competition.definition.entry == Admission::Anybody;
+    let refused = |detail: &str| {
+        Err(if is_open {
+            ApiError::field("code", format!("is not needed here, and {detail}"))
+        } else {
+            ApiError::new(Code::Forbidden, detail)
+        })
+    };
     let Some(code) = code else {
-        return refused("this competition is entered with an invitation code, as `code`");
+        return if is_open {
+            Ok(None)
+        } else {
+            refused("this competition is entered with an invitation code, as `code`")
+        };
     };
     let token = Token::parse(code.trim()).filter(|token| token.kind() == TokenKind::Invitation);
     let hash = token.map(|token| token.hash());

@@ -138,7 +138,7 @@ pub trait EpisodeStore: Send + Sync + 'static {
     /// holds all.
     fn holders(&self, episode: EpisodeKey) -> Reply<'_, Vec<Held>>;
 
-    /// The competition and the entrant whose attempt a run is, where it is one.
+    /// The competition and the entrant whose attempt a run is, or its practice with a key that was made for the competition.
     fn entrant(&self, run: RunKey) -> Reply<'_, Option<(CompetitionKey, OwnerKey)>>;
 
     /// The public id of a key.

@@ -1,6 +1,7 @@
 //! The tables `competitions`, `entries` and `invitations`.
 
 use std::collections::BTreeMap;
+use std::net::IpAddr;
 
 use futures::TryStreamExt;
 use jiff::Timestamp;
@@ -228,6 +229,23 @@ impl Store {
         .bind(other_look)
         .bind(model);
         self.fetch_one(query).await
+    }
+
+    /// The addresses from which the entrants of a competition registered.
+    pub async fn entry_addresses(
+        &self,
+        competition: CompetitionKey,
+    ) -> Result<Vec<IpAddr>, StoreError> {
+        let text =
+            "SELECT DISTINCT address FROM entries WHERE competition = $1 AND address IS NOT NULL";
+        let all: Vec<String> = self.fetch_all(query(text).bind(competition.0)).await?;
+        Ok(all.iter().filter_map(|address| address.parse().ok()).collect())
+    }
+
+    /// Whether an entrant was not excluded and has not withdrawn.
+    pub async fn is_active(&self, entry: EntryKey) -> Result<bool, StoreError> {
+        let text = "SELECT status = 'active' FROM entries WHERE key = $1";
+        self.fetch_one(query(text).bind(entry.0)).await
     }
 
     /// Whether another entrant has a name that looks the same.

@@ -323,9 +323,11 @@ const LAST_ACT_AT: &str = "
              e.started_at)";
 
 /// For whom unfinished episodes are counted.
-const ACCOUNTS: &str = "SELECT e.key, e.owner, n.competition
-     FROM episodes e LEFT JOIN runs r ON r.key = e.run LEFT JOIN entries n ON n.key = r.entry
-     WHERE e.status IN ('waiting', 'running')";
+const ACCOUNTS: &str = concat!(
+    "SELECT e.key, e.owner, ",
+    competition_of_run!(),
+    " FROM episodes e LEFT JOIN runs r ON r.key = e.run WHERE e.status IN ('waiting', 'running')"
+);
 
 /// Episodes that have not ended, to be followed by a condition or an order.
 const UNFINISHED: &str = "SELECT key, id, owner, run, clocked, CASE WHEN clocked THEN opening END AS opening,

@@ -1,5 +1,13 @@
 //! The queries, a file a table.
 
+/// The competition to which a run `r` counts: that of its attempt, or the one for which its owner's key was made.
+macro_rules! competition_of_run {
+    () => {
+        "coalesce(r.competition, (SELECT n.competition FROM keys k JOIN entries n ON n.owner = k.number
+                                  WHERE k.number = r.owner AND k.role = 'entrant' ORDER BY n.key LIMIT 1))"
+    };
+}
+
 pub mod audit;
 pub mod clock;
 pub mod competitions;

@@ -320,10 +320,11 @@ impl EpisodeStore for Store {
 
     fn entrant(&self, run: RunKey) -> Reply<'_, Option<(CompetitionKey, OwnerKey)>> {
         async move {
-        let query = query(
-            "SELECT e.competition, e.owner FROM runs r JOIN entries e ON e.key = r.entry WHERE r.key = $1",
-        );
-        self.fetch_optional(query.bind(run.0)).await
+            let text =
+                concat!("SELECT ", competition_of_run!(), ", r.owner FROM runs r WHERE r.key = $1");
+            let found: Option<(Option<_>, Option<_>)> =
+                self.fetch_optional(query(text).bind(run.0)).await?;
+            Ok(found.and_then(|(competition, owner)| competition.zip(owner)))
         }
         .boxed()
     }

@@ -30,7 +30,7 @@ pub enum Grant {
         run: RunKey,
         /// The key with which it was created, if any.
         owner: Option<OwnerKey>,
-        /// The competition, where it is an attempt in one.
+        /// The competition, where it is an attempt in one, or practice with a key that was made for it.
         competition: Option<CompetitionKey>,
     },
     Key(Key),
@@ -47,14 +47,16 @@ pub enum Seats {
 impl Store {
     /// The rights of the token with this hash, if it is known.
     pub async fn find_token(&self, hash: TokenHash) -> Result<Option<Grant>, StoreError> {
-        let query = query(
+        let query = query(concat!(
             "SELECT e.id, CASE WHEN t.holder IS NULL THEN coalesce(e.owner, r.owner) ELSE c.owner END AS owner,
                     t.agent, t.holder, t.run, t.episode,
-                    (SELECT n.competition FROM entries n WHERE n.key = r.entry) AS competition
+                    ",
+            competition_of_run!(),
+            " AS competition
              FROM tokens t LEFT JOIN episodes e ON e.key = t.episode LEFT JOIN runs r ON r.key = t.run
              LEFT JOIN claims c ON c.episode = t.episode AND c.holder = t.holder
              WHERE t.hash = $1",
-        );
+        ));
         let Some(found) = self.fetch_optional(query.bind(&hash.0[..])).await? else {
             return Ok(None);
         };

@@ -32,7 +32,7 @@ async fn one_competition_leaves_places_to_another() {
     };
     let limit = json!({ "name": "episodes_of_free_percent_max", "value": 100 });
     assert_eq!(refused["limit"], limit);
-    // It holds half of all places, and its last run says for what it waits.
+    // Its further games hold half of all places, its last entrants have their first, and its last run says for what it waits.
     let mut open = 0;
     let mut waits_for = Value::Null;
     for run in &runs {
@@ -42,7 +42,7 @@ async fn one_competition_leaves_places_to_another() {
         open += games.iter().filter(|game| game["status"] == "running").count();
         waits_for = shown["waits_for"].clone();
     }
-    assert_eq!((open, waits_for), (8, limit));
+    assert_eq!((open, waits_for), (10, limit));
     // Somebody else's starts, and plays as many games at a time as it wants.
     let entrant = other.enter(&app, "late").await;
     let attempt = other.start(&app, &entrant).await;
@@ -51,6 +51,75 @@ async fn one_competition_leaves_places_to_another() {
     let games = list(&shown["games"]);
     assert_eq!(games.iter().filter(|game| game["status"] == "running").count(), 2, "{shown}");
     assert_eq!(shown["waits_for"], Value::Null);
+}
+
+/// The games of a run that are open.
+async fn open_games(app: &TestApp, run: &str) -> usize {
+    let shown = app.get(&format!("/api/v1/runs/{run}")).token(&app.organizer).ok().await;
+    list(&shown["games"]).iter().filter(|game| game["status"] == "running").count()
+}
+
+/// However many greedy ones entered before: others of the same competition start, and play all of their games.
+#[tokio::test]
+async fn the_last_places_of_a_competition_are_for_entrants_who_have_none() {
+    let builder = TestApp::builder().manual_clock().keys();
+    let app = builder.limits(|limits| limits.episodes_unfinished_max = 40).start().await;
+    let cup = Cup::open(&app, json!({ "parallel": 64 })).await;
+    let (mut open, mut last) = (Vec::new(), None);
+    for number in 0..12 {
+        let entrant = cup.enter(&app, &format!("entrant {number}")).await;
+        let attempt = cup.start(&app, &entrant).await;
+        open.push(open_games(&app, &attempt.run).await);
+        last = Some(attempt);
+    }
+    assert_eq!(open, [4, 4, 4, 3, 1, 1, 1, 1, 1, 1, 1, 1]);
+    let last = last.expect("a run");
+    last.play(&app, 1).await;
+    let shown = app.get(&format!("/api/v1/runs/{}", last.run)).token(&app.organizer).ok().await;
+    assert_eq!(shown["status"], "finished", "{shown}");
+}
+
+/// A key that was made for an entrant is no group of its own, also after a restart.
+#[tokio::test]
+async fn practice_takes_places_of_its_competition() {
+    let builder = TestApp::builder().manual_clock().keys();
+    let mut app = builder.limits(|limits| limits.episodes_unfinished_max = 16).start().await;
+    let greedy = Cup::with(&app, json!({ "parallel": 64 })).await;
+    let other = Cup::open(&app, json!({})).await;
+    let seeds: Vec<u32> = (0..10).collect();
+    for number in 0..6 {
+        if number == 3 {
+            app.restart().await;
+        }
+        let entrant = greedy.enter(&app, &format!("entrant {number}")).await;
+        let practice = app.post(&greedy.path("/practice")).token(&entrant.key);
+        practice.json(&json!({ "seeds": seeds })).send().await;
+    }
+    let entrant = other.enter(&app, "late").await;
+    let attempt = other.start(&app, &entrant).await;
+    assert_eq!(open_games(&app, &attempt.run).await, 2);
+}
+
+#[tokio::test]
+async fn a_run_of_an_excluded_entrant_opens_no_more_games_until_it_is_readmitted() {
+    let mut app = TestApp::builder().manual_clock().keys().start().await;
+    let cup = Cup::open(&app, json!({ "parallel": 1 })).await;
+    let blue = cup.enter(&app, "blue").await;
+    let attempt = cup.start(&app, &blue).await;
+    let games = async |app: &TestApp| {
+        let path = format!("/api/v1/runs/{}", attempt.run);
+        let shown = app.get(&path).token(&app.organizer).ok().await;
+        list(&shown["games"]).iter().filter(|game| !game["episode"].is_null()).count()
+    };
+    cup.change(&app, &blue, json!({ "status": "disqualified", "reason": "two teams" })).await;
+    for _ in 0..3 {
+        attempt.act(&app, 1).await;
+    }
+    app.restart().await;
+    assert_eq!((games(&app).await, open_games(&app, &attempt.run).await), (1, 0));
+    cup.change(&app, &blue, json!({ "status": "active" })).await;
+    app.restart().await;
+    assert_eq!((games(&app).await, open_games(&app, &attempt.run).await), (2, 1));
 }
 
 #[tokio::test]
@@ -100,6 +169,26 @@ async fn strangers_of_a_server_without_keys_share_by_address() {
     let problem = create("198.51.100.1").problem(503, "overloaded").await;
     assert_eq!(problem["limit"]["name"], "episodes_of_free_percent_max");
     create("198.51.100.2").ok().await;
+}
+
+/// Whoever has a /48 of IPv6 has 65,536 networks in it.
+#[tokio::test]
+async fn networks_of_one_site_share_as_one_address() {
+    let builder = TestApp::builder().limits(|limits| limits.episodes_unfinished_max = 8);
+    let access = |access: &mut swarmbench::http::Access| {
+        access.open = true;
+        forwarded(access);
+    };
+    let app = builder.access(access).start().await;
+    let task = json!({ "task": "Synchronization", "num_agents": 2 });
+    let create =
+        |address: &str| app.post("/api/v1/episodes").header("x-forwarded-for", address).json(&task);
+    for network in 0..4 {
+        create(&format!("2001:db8:1:{network}::1")).ok().await;
+    }
+    let problem = create("2001:db8:1:4::1").problem(503, "overloaded").await;
+    assert_eq!(problem["limit"]["name"], "episodes_of_free_percent_max");
+    create("2001:db8:2::1").ok().await;
 }
 
 #[tokio::test]
@@ -163,6 +252,64 @@ async fn entries_an_hour_are_limited_by_address() {
     enter("198.51.100.1", "of the organizer").token(&app.organizer).ok().await;
     app.pass(Duration::from_mins(30));
     enter("198.51.100.1", "four").ok().await;
+}
+
+#[tokio::test]
+async fn a_site_enters_a_few_times_as_often_as_an_address() {
+    let app = TestApp::builder()
+        .manual_clock()
+        .keys()
+        .limits(|limits| limits.entries_per_address_h_max = 1)
+        .access(forwarded)
+        .start()
+        .await;
+    let cup = Cup::with(&app, json!({})).await;
+    let enter = |address: &str| {
+        let entry = json!({ "name": format!("from {address}"), "model": "m" });
+        app.post(&cup.path("/entrants")).header("x-forwarded-for", address).json(&entry)
+    };
+    for network in 0..8 {
+        enter(&format!("2001:db8:1:{network}::1")).ok().await;
+    }
+    enter("2001:db8:1:8::1").problem(429, "rate_limited").await;
+    enter("2001:db8:2:8::1").ok().await;
+}
+
+/// One network cannot close a competition: the last places are for those with a code, and for other networks.
+#[tokio::test]
+async fn entrants_of_one_network_leave_places_to_others() {
+    let builder = TestApp::builder().manual_clock().keys().limits(|limits| {
+        limits.entrants_max = 20;
+        limits.entries_per_address_h_max = 0;
+    });
+    let mut app = builder.access(forwarded).start().await;
+    let cup = Cup::with(&app, json!({})).await;
+    let labels = json!({ "labels": ["a", "b", "c"] });
+    let codes = app.post(&cup.path("/codes")).token(&app.organizer).json(&labels).ok().await;
+    let enter = |app: &TestApp, address: &str, name: &str, code: Option<usize>| {
+        let code = code.map(|number| codes["items"][number]["code"].clone());
+        let entry = json!({ "name": name, "model": "m", "code": code });
+        app.post(&cup.path("/entrants")).header("x-forwarded-for", address).json(&entry)
+    };
+    for number in 0..16 {
+        let address = format!("198.51.100.{number}");
+        enter(&app, &address, &format!("greedy {number}"), None).ok().await;
+    }
+    // A restart makes no network a new one.
+    app.restart().await;
+    let problem = enter(&app, "198.51.100.99", "greedy", None).problem(403, "forbidden").await;
+    let limit = json!({ "name": "entrants_reserved_percent", "value": 20 });
+    assert_eq!(problem["limit"], limit);
+    enter(&app, "2001:db8:1:1::1", "first of its site", None).ok().await;
+    enter(&app, "2001:db8:1:2::1", "second", None).problem(403, "forbidden").await;
+    enter(&app, "203.0.113.1", "first of its network", None).ok().await;
+    // Half of the reserve is left: for codes, and for organizers.
+    let problem = enter(&app, "192.0.2.1", "another", None).problem(403, "forbidden").await;
+    assert_eq!(problem["limit"], limit);
+    enter(&app, "198.51.100.1", "invited", Some(0)).ok().await;
+    enter(&app, "192.0.2.1", "of the organizer", None).token(&app.organizer).ok().await;
+    let problem = enter(&app, "192.0.2.1", "late", Some(1)).problem(403, "forbidden").await;
+    assert_eq!(problem["limit"], json!({ "name": "entrants_max", "value": 20 }));
 }
 
 #[tokio::test]
