@@ -244,7 +244,7 @@ mod tests {
         let address =
             |site: u16, network: u16| IpAddr::from([0x2001, 0xdb8, site, network, 0, 0, 0, 1]);
         let mut counted = ByNetwork::default();
-        let mut fill = |counted: &mut ByNetwork, address: IpAddr| {
+        let fill = |counted: &mut ByNetwork, address: IpAddr| {
             let mut taken = 0;
             while counted.has_room(address, 3) {
                 counted.add(address);

@@ -445,7 +445,7 @@ mod tests {
     #[test]
     fn a_site_of_ipv6_is_a_few_addresses_and_not_thousands() {
         let limit = limit(100, 2);
-        let mut open = |site: u32| -> Vec<_> {
+        let open = |site: u32| -> Vec<_> {
             let peers = (0..100).map(|network| format!("2001:db8:{site:x}:{network:x}::1"));
             peers.filter_map(|peer| take(&limit, &peer).ok()).collect()
         };
