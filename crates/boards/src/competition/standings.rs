@@ -451,7 +451,7 @@ mod tests {
                 model: format!("model {id}"),
                 temperature: None,
                 top_p: None,
-                agent_meta: serde_json::Map::new(),
+                agent_meta: Carried::default(),
                 prompt_template: None,
                 template: None,
             },
@@ -554,8 +554,7 @@ mod tests {
         let mut entrants = ["a", "b", "c", "d"].map(entrant);
         for one in &mut entrants {
             one.declaration.model = "model".to_owned();
-            let meta = serde_json::Map::from_iter([("system_message".to_owned(), "hello".into())]);
-            one.declaration.agent_meta = meta;
+            one.declaration.agent_meta = Carried(r#"{"system_message":"hello"}"#.into());
         }
         let name = |id: &str| {
             let mut hash = Sha256::new();
