@@ -211,3 +211,42 @@ fn shared(text: &str) -> Arc<str> {
     texts.insert(Arc::clone(&text));
     text
 }
+
+#[cfg(test)]
+mod tests {
+    use allocation_counter::measure;
+    use swarmbench_engine::{Settings, TaskName};
+
+    use super::*;
+
+    /// Games of a run, and those that are recovered after a restart, have one copy of what they have in common.
+    #[test]
+    fn games_keep_what_is_declared_of_their_player_once_and_as_text() {
+        let meta = format!(r#"{{"x":[{}]}}"#, vec![r#"{"":0}"#; 1990].join(","));
+        let settings = Settings::standard(TaskName::Foraging, 1);
+        let config = RecordedConfig::of(&Config::check(&settings).expect("good settings"));
+        let template = "t".repeat(32_000);
+        let meta: Carried = serde_json::from_str(&meta).expect("an object");
+        let spec = Spec::of(&config, &meta, &template).expect("a good spec");
+        let world = World::new(Arc::clone(&spec.config));
+        let id = EpisodeId::from_text("ep_1".to_owned());
+        let opening = spec.opening(&id, Timestamp::UNIX_EPOCH, &world);
+        let opening = serde_json::to_string(&opening).expect("string keys");
+        let mut recovered = Vec::with_capacity(100);
+        let counted = measure(|| {
+            for _ in 0..100 {
+                let Ok(record::Record::Opening(opening)) = record::Record::parse(&opening) else {
+                    return;
+                };
+                recovered.extend(Spec::from_opening(&opening));
+            }
+        });
+        assert_eq!(recovered.len(), 100);
+        assert!(
+            recovered
+                .iter()
+                .all(|spec| Arc::ptr_eq(&spec.agent_meta.0, &recovered[0].agent_meta.0))
+        );
+        assert!(counted.bytes_max < 300_000, "{counted:?}");
+    }
+}

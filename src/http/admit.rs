@@ -42,7 +42,11 @@ fn is_plain_host(host: &[u8]) -> bool {
 /// The rank of a request: playing, entering and changing come first, reading comes after them.
 pub(super) fn rank(method: &Method, path: &str) -> Rank {
     let reads = matches!(*method, Method::GET | Method::HEAD);
-    if reads && !is_of_a_player(path) && !is_about_health(path) { Rank::Normal } else { Rank::Urgent }
+    if reads && !is_of_a_player(path) && !is_about_health(path) {
+        Rank::Normal
+    } else {
+        Rank::Urgent
+    }
 }
 
 /// Whether the route tells operators how the server is: it is answered however busy the background threads are.

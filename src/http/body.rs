@@ -115,11 +115,13 @@ impl Bodies {
     ) -> Result<Arrived, ApiError> {
         let says_json = is_json(request.headers());
         // What a token opens was found out before.
+        let anonymous = self.limits.anonymous_body_bytes_max;
         let (rank, limit, limit_name) = if request.headers().contains_key(header::AUTHORIZATION) {
             (Rank::Urgent, limit, limit_name)
+        } else if limit <= anonymous {
+            (Rank::Normal, limit, limit_name)
         } else {
-            let most = self.limits.anonymous_body_bytes_max.min(limit);
-            (Rank::Normal, most, "anonymous_body_bytes_max")
+            (Rank::Normal, anonymous, "anonymous_body_bytes_max")
         };
         let (bytes, memory) = self.collect(request.into_body(), rank, limit, limit_name).await?;
         let permit = if bytes.len() > LIGHT_BODY_BYTES_MAX {

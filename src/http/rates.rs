@@ -58,11 +58,7 @@ impl<K: Hash + Eq + Clone> Rate<K> {
     }
 
     /// Counts what a sender sent, or refuses it.
-    fn check(
-        &self,
-        sender: &K,
-        detail: impl FnOnce(usize) -> String,
-    ) -> Result<(), ApiError> {
+    fn check(&self, sender: &K, detail: impl FnOnce(usize) -> String) -> Result<(), ApiError> {
         let Some(limiter) = &self.limiter else { return Ok(()) };
         let is_due =
             self.checks.fetch_add(1, Ordering::Relaxed).is_multiple_of(SENDERS_COUNTED_EVERY);

@@ -231,8 +231,7 @@ mod tests {
         for _ in 1..READERS_MAX {
             held.push(look().await.expect("a connection"));
         }
-        let mut waits: Vec<_> =
-            (0..WAITING_PER_GROUP_MAX).map(|_| Box::pin(look())).collect();
+        let mut waits: Vec<_> = (0..WAITING_PER_GROUP_MAX).map(|_| Box::pin(look())).collect();
         for wait in &mut waits {
             assert!(futures::poll!(wait).is_pending());
         }

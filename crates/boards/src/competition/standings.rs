@@ -435,6 +435,8 @@ mod tests {
     use swarmbench_engine::TaskName;
 
     use super::super::definition::tests::{at, definition};
+    use swarmbench_protocol::carried::Carried;
+
     use super::*;
 
     fn standings(definition: &Definition, entrants: &[Entrant], attempts: &[Attempt]) -> Vec<Row> {

@@ -217,9 +217,12 @@ impl Planned {
             model: Some(self.name()),
             temperature,
             top_p,
-            agent_meta: Some(Carried::from(Map::from_iter(
-                [(META.to_owned(), Value::Object(eval))].into_iter().chain(system),
-            ))),
+            agent_meta: Some(Carried::from(
+                [(META.to_owned(), Value::Object(eval))]
+                    .into_iter()
+                    .chain(system)
+                    .collect::<Map<_, _>>(),
+            )),
             prompt_template: self.template.clone(),
             parallel: Some(parallel),
             idle_timeout_s: Some(IDLE_TIMEOUT_S),
