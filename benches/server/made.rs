@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
-use serde_json::Map;
 use swarmbench::episode::spec::{Spec, Visibility};
 use swarmbench::ids::{EpisodeId, EpisodeKey, RunKey};
 use swarmbench::run::definition::Definition;
@@ -17,6 +16,7 @@ use swarmbench_engine::{Config, Settings, World};
 use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{End, RawRecord, Record};
+use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::suite::Suite;
 
 /// Players; each has several runs.
@@ -50,7 +50,7 @@ impl Made {
             model: model.clone(),
             temperature: Some(1.0),
             top_p: Some(1.0),
-            meta: Map::new(),
+            meta: Carried::default(),
             prompt_template: None,
             prompt_revision: swarmbench_prompt::REVISION,
             player: None,
@@ -105,7 +105,7 @@ impl Made {
             idle_timeout: Duration::from_hours(24),
             visibility: Visibility::Public,
             model: model.to_owned(),
-            agent_meta: Map::new(),
+            agent_meta: Carried::default(),
             prompt_template: swarmbench_prompt::BUILT_IN.into(),
             prompt_revision: swarmbench_prompt::REVISION,
             custom_template: false,

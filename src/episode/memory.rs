@@ -2,6 +2,8 @@
 
 use swarmbench_engine::{Config, World};
 
+use super::spec::Spec;
+
 /// Bytes of a cell of a board, at most.
 const CELL: usize = 3;
 
@@ -20,15 +22,15 @@ const PLAYER: usize = 16 * 1024;
 
 /// Bytes of an episode in the state `world`, with keyframes of `keyframes` bytes and `hosted` players of the
 /// server.
-pub fn of_episode(world: &World, keyframes: usize, hosted: usize) -> usize {
-    let players = of_players(world.config(), hosted);
-    beside_states(world.config()) + players + world.approximate_bytes().saturating_add(keyframes)
+pub fn of_episode(spec: &Spec, world: &World, keyframes: usize, hosted: usize) -> usize {
+    let players = of_players(&spec.config, hosted);
+    beside_states(spec) + players + world.approximate_bytes().saturating_add(keyframes)
 }
 
 /// Bytes that an episode takes at most before it is known what it takes: in round `round`, without other states
 /// that it keeps.
-pub fn expected(config: &Config, round: u32, hosted: usize) -> usize {
-    beside_states(config) + of_players(config, hosted) + of_world(config, round)
+pub fn expected(spec: &Spec, round: u32, hosted: usize) -> usize {
+    beside_states(spec) + of_players(&spec.config, hosted) + of_world(&spec.config, round)
 }
 
 /// Estimated bytes of `hosted` players of the server: most of them remember the map that they saw.
@@ -49,8 +51,11 @@ pub fn of_world(config: &Config, round: u32) -> usize {
     board.saturating_mul(remembered + 1)
 }
 
-fn beside_states(config: &Config) -> usize {
-    EPISODE + usize::from(config.num_agents()) * SEAT
+/// Bytes of the description with what its creator declared, counted for each game although games of a run share it.
+fn beside_states(spec: &Spec) -> usize {
+    let template = if spec.custom_template { spec.prompt_template.len() } else { 0 };
+    let declared = spec.agent_meta.0.len() + template;
+    EPISODE + declared + usize::from(spec.config.num_agents()) * SEAT
 }
 
 #[cfg(test)]
@@ -58,34 +63,42 @@ mod tests {
     use super::*;
     use std::sync::Arc;
     use swarmbench_engine::{Settings, TaskName};
+    use swarmbench_journal::record::RecordedConfig;
+    use swarmbench_protocol::carried::Carried;
 
-    fn config(change: impl FnOnce(&mut Settings)) -> Config {
+    fn spec(change: impl FnOnce(&mut Settings)) -> Spec {
         let mut settings = Settings::standard(TaskName::Synchronization, 1);
         change(&mut settings);
-        Config::check(&settings).expect("good settings")
+        let config = Config::check(&settings).expect("good settings");
+        Spec::of(&RecordedConfig::of(&config), &Carried::default(), "").expect("a good spec")
     }
 
     #[test]
     fn the_standard_setting_is_small_and_the_largest_maps_are_not() {
-        assert!(expected(&config(|_| {}), 100, 0) < crate::budget::SMALL_BYTES);
-        let large = config(|settings| {
+        let standard = spec(|_| {});
+        assert!(expected(&standard, 100, 0) < crate::budget::SMALL_BYTES);
+        let agent_meta = Carried(format!("{:?}", "x".repeat(16_000)).into());
+        let more = Spec { agent_meta, ..standard.clone() };
+        assert_eq!(expected(&more, 100, 0), expected(&standard, 100, 0) + 16_000);
+        let large = spec(|settings| {
             (settings.width, settings.height) = (256, 256);
             (settings.num_agents, settings.memory) = (1, 50);
         });
-        assert!(of_world(&large, 0) > crate::budget::SMALL_BYTES);
-        assert!(of_world(&large, 0) < of_world(&large, 50) / 50);
+        let of_world = |round| of_world(&large.config, round);
+        assert!(of_world(0) > crate::budget::SMALL_BYTES);
+        assert!(of_world(0) < of_world(50) / 50);
     }
 
     #[test]
     fn no_layout_takes_more_than_was_expected() {
         for (agents, size) in [(1, 8), (12, 10), (1, 256), (1024, 256)] {
-            let config = config(|settings| {
+            let spec = spec(|settings| {
                 (settings.num_agents, settings.width, settings.height) = (agents, size, size);
                 (settings.view_size, settings.memory) = (3, 0);
             });
-            let expected = expected(&config, 0, 0);
-            let world = World::new(Arc::new(config));
-            let is = of_episode(&world, 0, 0);
+            let expected = expected(&spec, 0, 0);
+            let world = World::new(Arc::clone(&spec.config));
+            let is = of_episode(&spec, &world, 0, 0);
             assert!(is <= expected + 8192, "{agents} agents, {size} cells: {is}, not {expected}");
         }
     }

@@ -399,7 +399,7 @@ impl Registry {
     ) -> Result<Reservation, FindError> {
         let is_over = stored.end.is_some();
         let hosted = if is_over { 0 } else { spec.hosted_max() };
-        let bytes = memory::expected(&spec.config, stored.rounds, hosted);
+        let bytes = memory::expected(spec, stored.rounds, hosted);
         let group = Some(recovered_for(stored, party).group);
         match self.room_of(bytes, group) {
             Err(_) if spec.advances_by_itself() && !is_over => {

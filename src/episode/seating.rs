@@ -10,6 +10,7 @@ use super::spec::Spec;
 use crate::store::entries::{Held, Holder};
 use swarmbench_clock::after;
 use swarmbench_journal::record::{HeldSeat, Record, SeatHolder, Seats};
+use swarmbench_protocol::carried::Carried;
 
 /// What is wanted of the open seats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -107,7 +108,7 @@ impl Seating {
             owner: None,
             key: None,
             model: format!("built-in/{player}"),
-            agent_meta: serde_json::Map::new(),
+            agent_meta: Carried::default(),
             player: Some(player),
             at: now,
         };
@@ -183,7 +184,7 @@ mod tests {
             idle_timeout: Duration::from_mins(10),
             visibility: Visibility::Owner,
             model: "m".to_owned(),
-            agent_meta: serde_json::Map::new(),
+            agent_meta: Carried::default(),
             prompt_template: "".into(),
             prompt_revision: swarmbench_prompt::REVISION,
             custom_template: false,
@@ -205,7 +206,7 @@ mod tests {
             owner: None,
             key: None,
             model: model.to_owned(),
-            agent_meta: serde_json::Map::new(),
+            agent_meta: Carried::default(),
             player: None,
             at: START,
         }

@@ -1,6 +1,7 @@
 //! What an episode is, beyond its simulation: clocks, who may read it, who plays.
 
-use std::sync::Arc;
+use std::collections::HashSet;
+use std::sync::{Arc, LazyLock, Mutex};
 use std::time::Duration;
 
 use jiff::Timestamp;
@@ -9,6 +10,7 @@ use swarmbench_engine::{AgentId, Config, RULES_REVISION, World};
 use crate::ids::EpisodeId;
 use swarmbench_clock::millis;
 use swarmbench_journal::record::{self, FORMAT, Fork, Opening, RecordedConfig};
+use swarmbench_protocol::carried::Carried;
 pub use swarmbench_protocol::status::Visibility;
 
 /// A checked description of an episode.
@@ -27,7 +29,7 @@ pub struct Spec {
     pub visibility: Visibility,
     pub model: String,
     /// What else is known of who plays.
-    pub agent_meta: serde_json::Map<String, serde_json::Value>,
+    pub agent_meta: Carried,
     pub prompt_template: Arc<str>,
     /// The revision of the program's own words in prompts when it was created.
     pub prompt_revision: u32,
@@ -164,7 +166,7 @@ impl Spec {
     /// An episode of its own by these settings.
     pub fn of(
         config: &RecordedConfig,
-        agent_meta: &serde_json::Map<String, serde_json::Value>,
+        agent_meta: &Carried,
         prompt_template: &str,
     ) -> Result<Self, String> {
         let visibility = Visibility::parse(&config.visibility);
@@ -176,8 +178,8 @@ impl Spec {
             idle_timeout: Duration::from_millis(config.idle_timeout_ms),
             visibility: visibility.ok_or_else(|| format!("visibility {:?}", config.visibility))?,
             model: config.model.clone(),
-            agent_meta: agent_meta.clone(),
-            prompt_template: prompt_template.into(),
+            agent_meta: Carried(shared(&agent_meta.0)),
+            prompt_template: shared(prompt_template),
             prompt_revision: swarmbench_prompt::REVISION,
             custom_template: config.custom_template,
             run: None,
@@ -190,5 +192,61 @@ impl Spec {
             fill_with: config.fill_with.clone(),
             player: config.player.clone(),
         })
+    }
+}
+
+/// The one copy of a text that games have in common: what is declared of their player, and the template of their prompts.
+fn shared(text: &str) -> Arc<str> {
+    static TEXTS: LazyLock<Mutex<HashSet<Arc<str>>>> = LazyLock::new(Mutex::default);
+    let mut texts = TEXTS.lock().expect("nothing panics while it holds this");
+    if let Some(known) = texts.get(text) {
+        return Arc::clone(known);
+    }
+    if texts.len() == texts.capacity() {
+        texts.retain(|text| Arc::strong_count(text) > 1);
+        let kept = texts.len();
+        texts.reserve(kept + 1);
+    }
+    let text = Arc::from(text);
+    texts.insert(Arc::clone(&text));
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use allocation_counter::measure;
+    use swarmbench_engine::{Settings, TaskName};
+
+    use super::*;
+
+    /// Games of a run, and those that are recovered after a restart, have one copy of what they have in common.
+    #[test]
+    fn games_keep_what_is_declared_of_their_player_once_and_as_text() {
+        let meta = format!(r#"{{"x":[{}]}}"#, vec![r#"{"":0}"#; 1990].join(","));
+        let settings = Settings::standard(TaskName::Foraging, 1);
+        let config = RecordedConfig::of(&Config::check(&settings).expect("good settings"));
+        let template = "t".repeat(32_000);
+        let meta: Carried = serde_json::from_str(&meta).expect("an object");
+        let spec = Spec::of(&config, &meta, &template).expect("a good spec");
+        let world = World::new(Arc::clone(&spec.config));
+        let id = EpisodeId::from_text("ep_1".to_owned());
+        let opening = spec.opening(&id, Timestamp::UNIX_EPOCH, &world);
+        let opening = serde_json::to_string(&opening).expect("string keys");
+        let mut recovered = Vec::with_capacity(100);
+        let counted = measure(|| {
+            for _ in 0..100 {
+                let Ok(record::Record::Opening(opening)) = record::Record::parse(&opening) else {
+                    return;
+                };
+                recovered.extend(Spec::from_opening(&opening));
+            }
+        });
+        assert_eq!(recovered.len(), 100);
+        assert!(
+            recovered
+                .iter()
+                .all(|spec| Arc::ptr_eq(&spec.agent_meta.0, &recovered[0].agent_meta.0))
+        );
+        assert!(counted.bytes_max < 300_000, "{counted:?}");
     }
 }

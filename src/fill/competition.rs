@@ -18,6 +18,7 @@ use crate::store::StoreError;
 use crate::store::competitions::Declared;
 use crate::store::entries::{CompetitionRow, EntrantRow, Entry, Secret};
 use swarmbench_engine::TaskName;
+use swarmbench_protocol::carried::Carried;
 
 /// Sealed seeds of an attempt in a competition that is over; every task is played once on each.
 const SEEDS: u32 = 20;
@@ -147,7 +148,7 @@ impl Competition {
                 model: format!("model-{entrant}"),
                 temperature: Some(1.0),
                 top_p: None,
-                agent_meta: serde_json::Map::new(),
+                agent_meta: Carried::default(),
                 prompt_template: None,
                 template: None,
             };

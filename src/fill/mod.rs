@@ -11,8 +11,8 @@ use std::time::Duration;
 
 use futures::{StreamExt, TryStreamExt, stream};
 use jiff::Timestamp;
-use serde_json::Map;
 use swarmbench_clock::{Clock, Entropy, SeededEntropy, SystemClock, after};
+use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::status::Visibility;
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
@@ -435,7 +435,7 @@ fn definition(suite: Suite, model: String) -> Definition {
         model,
         temperature: Some(1.0),
         top_p: Some(1.0),
-        meta: Map::new(),
+        meta: Carried::default(),
         prompt_template: None,
         prompt_revision: swarmbench_prompt::REVISION,
         player: None,

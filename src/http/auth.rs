@@ -377,7 +377,13 @@ impl FromRequestParts<App> for Seat {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, ApiError> {
-        let detail = match Caller::from_request_parts(parts, app).await? {
+        Self::of(Caller::from_request_parts(parts, app).await?, app).await
+    }
+}
+
+impl Seat {
+    pub(super) async fn of(caller: Caller, app: &App) -> Result<Self, ApiError> {
+        let detail = match caller {
             Caller::Seat(episode, agent) => {
                 return Ok(Self { handle: app.episode(&episode).await?, agent });
             }

@@ -153,8 +153,11 @@ impl Bodies {
         if headers.contains_key(header::AUTHORIZATION) {
             return Bounds { rank: Rank::Urgent, limit, limit_name };
         }
-        let limit = self.limits.anonymous_body_bytes_max.min(limit);
-        Bounds { rank: Rank::Normal, limit, limit_name: "anonymous_body_bytes_max" }
+        let anonymous = self.limits.anonymous_body_bytes_max;
+        if limit <= anonymous {
+            return Bounds { rank: Rank::Normal, limit, limit_name };
+        }
+        Bounds { rank: Rank::Normal, limit: anonymous, limit_name: "anonymous_body_bytes_max" }
     }
 
     async fn collect(

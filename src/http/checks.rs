@@ -2,14 +2,16 @@
 
 use std::time::Duration;
 
-use serde_json::{Map, Value};
-
 use super::App;
 use super::error::ApiError;
 use super::limits::Limits;
 use crate::episode::spec::Visibility;
+use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::names;
 use swarmbench_protocol::problem::FieldProblem;
+
+/// Objects and lists in each other in an `agent_meta`: records that carry it are nested some deeper, and read at most 127 deep.
+pub(super) const AGENT_META_DEPTH_MAX: usize = 64;
 
 /// What is wrong with a request, so far.
 #[derive(Default)]
@@ -99,11 +101,16 @@ impl Problems {
     }
 
     /// Further declarations about the player.
-    pub(super) fn agent_meta(&mut self, limits: &Limits, meta: &Map<String, Value>) {
-        let bytes = serde_json::to_vec(meta).map_or(0, |json| json.len());
-        let most = limits.agent_meta_bytes_max;
+    pub(super) fn agent_meta(&mut self, limits: &Limits, meta: &Carried) {
+        let (bytes, most) = (meta.0.len(), limits.agent_meta_bytes_max);
         if bytes > most {
             let problem = format!("must be at most {most} bytes of JSON, is {bytes}");
+            self.refuse("agent_meta", problem);
+        }
+        let (depth, most) = (meta.depth(), AGENT_META_DEPTH_MAX);
+        if depth > most {
+            let problem =
+                format!("must be nested at most {most} deep (agent_meta_depth_max), is {depth}");
             self.refuse("agent_meta", problem);
         }
     }

@@ -13,6 +13,7 @@ use super::App;
 use super::auth::needs_token;
 use super::body::Arrived;
 use super::error::{ApiError, Code};
+use swarmbench_protocol::carried::{any_json, count_values};
 use swarmbench_protocol::problem::FieldProblem;
 
 /// A JSON body of the usual size, as it was read and as it came. It is read of callers with a token only, whom the extractors
@@ -88,31 +89,40 @@ impl App {
 /// Unknown fields of a body that an error names.
 const UNKNOWN_FIELDS_MAX: usize = 20;
 
+/// Values and names in a body: each takes more memory than the shortest that there are take in the body.
+pub(super) const BODY_VALUES_MAX: usize = 8192;
+
 /// Reads JSON; an error says whether it is none, or which fields are wrong.
 pub(super) fn read<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ApiError> {
+    let most = BODY_VALUES_MAX;
+    if bytes.len() > most && count_values(bytes) > most {
+        any_json(bytes).map_err(|error| no_json(&error))?;
+        let detail = format!("the body has more than {most} values and names");
+        return Err(ApiError::limit(Code::TooLarge, "body_values_max", most, detail));
+    }
     serde_json::from_slice(bytes).map_err(|error| diagnose::<T>(bytes, &error))
+}
+
+fn no_json(error: &serde_json::Error) -> ApiError {
+    ApiError::new(Code::Malformed, format!("the body is not JSON: {error}"))
 }
 
 /// Finds the errors of a body that was refused.
 fn diagnose<T: DeserializeOwned>(bytes: &[u8], error: &serde_json::Error) -> ApiError {
-    let value = match serde_json::from_slice::<serde_json::Value>(bytes) {
-        Ok(value) => value,
-        Err(error) => {
-            return ApiError::new(Code::Malformed, format!("the body is not JSON: {error}"));
-        }
-    };
-    let serde_json::Value::Object(object) = value else {
-        return ApiError::new(Code::Invalid, "the body must be a JSON object");
+    let object = match any_json(bytes) {
+        Ok(Some(object)) => object,
+        Ok(None) => return ApiError::new(Code::Invalid, "the body must be a JSON object"),
+        Err(error) => return no_json(&error),
     };
     let known = fields::<T>();
-    let unknown: Vec<FieldProblem> = (object.keys())
-        .filter(|key| !known.contains(&key.as_str()))
-        .take(UNKNOWN_FIELDS_MAX)
-        .map(|key| FieldProblem {
-            field: key.chars().take(100).collect(),
-            problem: format!("is unknown; the fields are {}", known.join(", ")),
-        })
-        .collect();
+    let mut unknown = Vec::new();
+    object.each(|field, _| {
+        if !known.contains(&field) && unknown.len() < UNKNOWN_FIELDS_MAX {
+            let field = field.chars().take(100).collect();
+            let problem = format!("is unknown; the fields are {}", known.join(", "));
+            unknown.push(FieldProblem { field, problem });
+        }
+    });
     if !unknown.is_empty() {
         return ApiError::fields(unknown);
     }
@@ -359,4 +369,27 @@ pub(super) fn wait(app: &App, seconds: Option<f64>) -> Result<Duration, ApiError
         return Err(ApiError::limit(Code::Malformed, "wait_s_max", most as usize, detail));
     }
     Ok(Duration::from_secs_f64(seconds))
+}
+
+#[cfg(test)]
+mod tests {
+    use allocation_counter::measure;
+    use swarmbench_protocol::act::ActRequest;
+
+    use super::*;
+
+    #[test]
+    fn a_body_that_is_refused_takes_a_small_multiple_of_its_bytes() {
+        for (part, code) in
+            [(r#"{"":0}"#, Code::Invalid), ("[]", Code::TooLarge), ("[[", Code::Malformed)]
+        {
+            let body = format!(r#"{{"x":[{}]}}"#, vec![part; 2500].join(","));
+            let mut refused = None;
+            let counted = measure(|| refused = read::<ActRequest>(body.as_bytes()).err());
+            let refused = refused.map(|error| error.sent().code);
+            assert_eq!(refused.as_deref(), Some(code.name()), "{part}");
+            let most = 4 * body.len() as u64 + 8192;
+            assert!(counted.bytes_max < most, "{part}: {counted:?} for {} bytes", body.len());
+        }
+    }
 }

@@ -1,6 +1,8 @@
 //! Every limit of the server by its name; the unit is the last part.
 
+use super::checks::AGENT_META_DEPTH_MAX;
 use super::client::NETWORKS_PER_SITE_MAX;
+use super::extract::BODY_VALUES_MAX;
 use super::serve::HEAD_BYTES_MAX;
 use crate::dataset::replay::IMPORT_CELLS_MAX;
 use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
@@ -11,7 +13,7 @@ use crate::host::DISK_FREE_BYTES_ENOUGH;
 use crate::hosted::HOSTED_ROUNDS_MAX;
 use crate::replay::{AGENT_ROUNDS_MAX, PAGE_BYTES_MAX, ROUNDS_MAX};
 use crate::store::READERS_MAX;
-use swarmbench_mcp::{MCP_STRUCTURED_BYTES_MAX, MCP_WAIT_S_MAX};
+use swarmbench_mcp::{MCP_STRUCTURED_BYTES_MAX, MCP_VALUES_MAX, MCP_WAIT_S_MAX};
 
 /// Scores in one series, beside the newest.
 pub(super) const SCORE_POINTS_MAX: u32 = 1000;
@@ -60,6 +62,8 @@ limits! {
         swarm_body_bytes_max: usize = 8 * 1024 * 1024,
         /// Bytes of a body without a token.
         anonymous_body_bytes_max: usize = 64 * 1024,
+        /// Bytes of a body for `/mcp` without the token of a seat.
+        mcp_anonymous_body_bytes_max: usize = 16 * 1024,
         /// Bytes of all bodies that are arriving or being handled, with what is made of them; as many again are for requests
         /// with a token.
         bodies_bytes_max: usize = 256 * 1024 * 1024,
@@ -189,6 +193,9 @@ limits! {
         seat_acts_waiting_max = SEAT_ACTS_WAITING_MAX,
         mcp_wait_s_max = MCP_WAIT_S_MAX,
         mcp_structured_bytes_max = MCP_STRUCTURED_BYTES_MAX,
+        mcp_values_max = MCP_VALUES_MAX,
+        body_values_max = BODY_VALUES_MAX,
+        agent_meta_depth_max = AGENT_META_DEPTH_MAX,
         waiting_max = WAITING_MAX,
         waiting_per_group_max = WAITING_PER_GROUP_MAX,
         head_bytes_max = HEAD_BYTES_MAX,

@@ -13,6 +13,7 @@ use axum::extract::{FromRequestParts as _, Request};
 use axum::http::header;
 use axum::http::request::Parts;
 use axum::routing::post;
+use bytes::Bytes;
 use swarmbench_mcp::{Refusal, Seat};
 use swarmbench_protocol::act::{ActRequest, Receipt};
 use swarmbench_protocol::loopback::is_loopback;
@@ -20,7 +21,7 @@ use swarmbench_protocol::loopback::is_loopback;
 use super::agent::act::submit;
 use super::agent::obs::see;
 use super::app::Access;
-use super::auth;
+use super::auth::{self, Caller};
 use super::client::{host, name_of};
 use super::prelude::*;
 use crate::fair::Origin;
@@ -29,17 +30,32 @@ pub(super) fn routes() -> Router<App> {
     Router::new().route("/mcp", post(post_mcp))
 }
 
+/// Headers that the library reads.
+const HEADERS: [&str; 4] = ["content-type", "mcp-protocol-version", "mcp-method", "mcp-name"];
+
 async fn post_mcp(State(app): State<App>, request: Request) -> Result<Response, ApiError> {
     let (mut parts, body) = request.into_parts();
     check_names(&app.access, &parts)?;
-    let seat = ServerSeat { app: app.clone(), parts: parts.clone(), origin: Origin::current() };
-    let request = Request::from_parts(parts.clone(), body);
-    let most = app.limits.body_bytes_max;
-    let body = app.json_body(request, most, "body_bytes_max").await?;
-    // The seat has the token; the library does not need it.
-    parts.headers.remove(header::AUTHORIZATION);
-    let request = Request::from_parts(parts, body.into_bytes());
-    Ok(swarmbench_mcp::answer(seat, request).await.map(Body::from))
+    let caller = Caller::from_request_parts(&mut parts, &app).await;
+    let (most, limit) = match &caller {
+        Ok(Caller::Seat(..)) => (app.limits.body_bytes_max, "body_bytes_max"),
+        _ => (app.limits.mcp_anonymous_body_bytes_max, "mcp_anonymous_body_bytes_max"),
+    };
+    let mut asked = Request::new(Bytes::new());
+    *asked.method_mut() = parts.method.clone();
+    for name in HEADERS {
+        let values = parts.headers.get_all(name).iter();
+        values.for_each(|value| drop(asked.headers_mut().append(name, value.clone())));
+    }
+    let body = app.json_body(Request::from_parts(parts, body), most, limit).await?;
+    *asked.body_mut() = match swarmbench_mcp::essential(body.as_ref()) {
+        Ok(body) => body,
+        Err(answer) => return Ok((*answer).map(Body::from)),
+    };
+    // Clients that play by tools wait most of the time, and keep nothing of a request but what is needed.
+    drop(body);
+    let seat = ServerSeat { app, caller, origin: Origin::current() };
+    Ok(swarmbench_mcp::answer(seat, asked).await.map(Body::from))
 }
 
 /// Refuses requests that a page of another site may have sent through a browser. Such a page reaches a server of this
@@ -72,18 +88,18 @@ fn is_expected(access: &Access, name: &str) -> bool {
         || access.hosts.iter().any(|host| host.eq_ignore_ascii_case(name))
 }
 
-/// The seat of the token that came with a request. The token is looked up when a tool is called: listing tools needs
-/// none, and a refusal is a result that the model can read.
+/// The seat of the token that came with a request. It is needed when a tool is called: listing tools needs none, and a
+/// refusal is a result that the model can read.
 struct ServerSeat {
     app: App,
-    parts: Parts,
+    caller: Result<Caller, ApiError>,
     /// Tools run in tasks of their own, for the party and with the rank of the request.
     origin: Origin,
 }
 
 impl ServerSeat {
     async fn find(&self) -> Result<auth::Seat, ApiError> {
-        auth::Seat::from_request_parts(&mut self.parts.clone(), &self.app).await
+        auth::Seat::of(self.caller.clone()?, &self.app).await
     }
 }
 

@@ -615,6 +615,7 @@ mod tests {
     use super::*;
     use crate::ids::EpisodeKey;
     use swarmbench_journal::Tally;
+    use swarmbench_protocol::carried::Carried;
     use swarmbench_protocol::suite::Suite;
 
     fn definition(parallel: u32) -> Definition {
@@ -623,7 +624,7 @@ mod tests {
             model: "a model".to_owned(),
             temperature: None,
             top_p: None,
-            meta: serde_json::Map::new(),
+            meta: Carried::default(),
             prompt_template: None,
             prompt_revision: swarmbench_prompt::REVISION,
             player: None,

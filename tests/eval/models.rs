@@ -65,7 +65,7 @@ async fn every_seat_is_a_conversation_with_the_prompt_of_the_server() {
     let serving = bench.serve().await;
     let run = serving.run().await;
     assert_eq!((run.run.temperature, run.run.top_p), (Some(0.7), Some(0.9)));
-    let eval = &run.run.agent_meta["eval"];
+    let eval = &run.run.agent_meta.values()["eval"];
     assert_eq!(
         (&eval["max_tokens"], &eval["extra"]["reasoning_effort"]),
         (&64.into(), &"low".into())

@@ -140,6 +140,6 @@ async fn a_server_that_runs_is_joined_and_a_database_in_use_is_left_alone() {
     let serving = bench.serve().await;
     let runs = serving.runs().await;
     assert_eq!(runs.len(), 3);
-    assert_eq!(runs[0].run.agent_meta["eval"]["players"], serde_json::json!(by_task));
+    assert_eq!(runs[0].run.agent_meta.values()["eval"]["players"], serde_json::json!(by_task));
     serving.stop().await;
 }

@@ -103,7 +103,7 @@ async fn seats_are_claimed_and_the_last_one_starts_the_episode() {
     assert_eq!(created["config"]["seed"], Value::Null, "the creator plays, too");
     assert_eq!(creator.agents(), ["Agent_0"]);
 
-    let by_name = json!({ "agent": "Agent_2", "model": "m2", "agent_meta": { "top_p": 0.5 } });
+    let by_name = json!({ "agent": "Agent_2", "model": "m2", "agent_meta": { "top_p": 0.5, "x": nested(63) } });
     let first = claim(&app, &creator, &blue, &by_name).ok().await;
     assert_eq!((&first["claim"], &first["status"]), (&json!(1), &json!("waiting")));
     let first = Held::of(&first);
@@ -144,7 +144,7 @@ async fn seats_are_claimed_and_the_last_one_starts_the_episode() {
     let held: Vec<u32> = seats.seats.iter().map(|seat| seat.holder).collect();
     assert_eq!(held, [0, 2, 1, 2]);
     assert_eq!(seats.holders[1].model, "m2");
-    assert_eq!(seats.holders[1].agent_meta["top_p"], 0.5);
+    assert_eq!(seats.holders[1].agent_meta.get("top_p"), Some("0.5"));
     assert!(seats.holders.iter().all(|holder| holder.player.is_none()));
     let keys = app.get("/api/v1/keys").token(&app.organizer).ok().await;
     let ids: Vec<Value> = list(&keys["items"]).iter().map(|key| key["id"].clone()).collect();
@@ -203,6 +203,11 @@ async fn a_seat_has_one_holder_however_many_want_it() {
     }
 }
 
+/// An object with so many in it, itself included: each in the one before.
+fn nested(deep: usize) -> Value {
+    (1..deep).fold(json!({}), |inner, _| json!({ "x": inner }))
+}
+
 #[tokio::test]
 async fn a_claim_is_all_or_nothing_and_says_what_is_wrong() {
     let app = TestApp::start().await;
@@ -217,6 +222,7 @@ async fn a_claim_is_all_or_nothing_and_says_what_is_wrong() {
         (json!({ "agent": "Agent_2", "seats": 1 }), "seats"),
         (json!({ "model": "" }), "model"),
         (json!({ "agent_meta": { "x": "y".repeat(20_000) } }), "agent_meta"),
+        (json!({ "agent_meta": nested(65) }), "agent_meta"),
         (json!({ "agents": 2 }), "agents"),
     ] {
         assert_eq!(fields(&ask(body).problem(422, "invalid").await), [wrong]);

@@ -6,7 +6,7 @@ use rstest::rstest;
 use serde_json::{Value, json};
 
 use crate::app::mcp::{observed, read, request, result, tool_call, tool_error};
-use crate::app::{Episode, TestApp, game, list, texts, verified};
+use crate::app::{Call, Episode, TestApp, game, list, texts, verified};
 
 /// The other agent acts.
 async fn other_acts(app: &TestApp, episode: &Episode, round: u64) {
@@ -238,15 +238,41 @@ async fn bodies_that_are_none_are_refused() {
             "{body}"
         );
     }
-    let long = "x".repeat(256 * 1024);
-    let call = tool_call("act", &json!({ "round": 0, "action": "UP", "message": long }));
-    let problem = app.mcp(&call).problem(413, "too_large").await;
-    assert_eq!(problem["limit"], json!({ "name": "body_bytes_max", "value": 262_144 }));
+    let episode = app.create(game(2, 2)).await;
+    let seat = Some(episode.seat(0));
+    for (bytes, token, name, most) in [
+        (256 * 1024, seat, "body_bytes_max", 256 * 1024),
+        (16 * 1024, None, "mcp_anonymous_body_bytes_max", 16 * 1024),
+        (16 * 1024, Some("seat_unknown"), "mcp_anonymous_body_bytes_max", 16 * 1024),
+        (16 * 1024, Some(&*episode.swarm), "mcp_anonymous_body_bytes_max", 16 * 1024),
+    ] {
+        let act = json!({ "round": 0, "action": "UP", "message": "x".repeat(bytes) });
+        let call = app.mcp(&tool_call("act", &act));
+        let call = token.into_iter().fold(call, Call::token);
+        let problem = call.problem(413, "too_large").await;
+        assert_eq!(problem["limit"], json!({ "name": name, "value": most }));
+    }
+    let values = json!({ "wait_s": vec![0; 300] });
+    let refused = app.mcp(&tool_call("look", &values)).send().await;
+    assert_eq!(refused.status, 400);
+    assert!(refused.text().contains("(mcp_values_max)"), "{}", refused.text());
     for method in ["GET", "DELETE", "PUT"] {
         let method = method.parse().expect("a method");
         let answer = app.call(method, "/mcp").send().await;
         assert_eq!((answer.status, answer.header("allow")), (405, "POST"));
     }
+}
+
+#[tokio::test]
+async fn what_clients_add_to_a_call_does_not_matter() {
+    let app = TestApp::start().await;
+    let episode = app.create(game(2, 2)).await;
+    let meta = json!({ "progressToken": 1, "example.com/trace": vec![json!({ "": 0 }); 10_000] });
+    let params = json!({ "name": "look", "arguments": {}, "_meta": meta, "task": meta });
+    let seen = observed(&result(
+        &app.mcp(&request("tools/call", &params)).token(episode.seat(0)).send().await,
+    ));
+    assert_eq!(seen["agent"], "Agent_0");
 }
 
 #[tokio::test]

@@ -16,7 +16,7 @@ pub(crate) fn spec(config: Config) -> Spec {
         idle_timeout: Duration::from_mins(20),
         visibility: Visibility::Public,
         model: "a test".to_owned(),
-        agent_meta: serde_json::Map::new(),
+        agent_meta: swarmbench_protocol::carried::Carried::default(),
         prompt_template: "".into(),
         prompt_revision: 1,
         custom_template: false,

@@ -2,11 +2,11 @@
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value, json};
 use swarmbench_engine::{Config, SettingErrors};
 use swarmbench_journal::record::RecordedConfig;
 use swarmbench_journal::record::{first_prompt_revision, is_first_prompt_revision};
 use swarmbench_prompt::Identity;
+use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::suite::{Game, Suite, digest_of_template};
 
 /// The `kind` in an `agent_meta`, and of a row, where people played.
@@ -17,8 +17,8 @@ pub const SYSTEM_MESSAGE: &str = "system_message";
 
 /// Whether an `agent_meta` declares that people played.
 #[must_use]
-pub fn is_human(meta: &Map<String, Value>) -> bool {
-    meta.get("kind").is_some_and(|kind| kind == HUMAN)
+pub fn is_human(meta: &Carried) -> bool {
+    meta.get("kind").is_some_and(|kind| kind.trim_matches('"') == HUMAN)
 }
 
 /// The unchanging part of a run; stored as JSON.
@@ -36,8 +36,8 @@ pub struct Definition {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub top_p: Option<f64>,
     /// Further declarations.
-    #[serde(default, skip_serializing_if = "Map::is_empty")]
-    pub meta: Map<String, Value>,
+    #[serde(default, skip_serializing_if = "Carried::is_empty")]
+    pub meta: Carried,
     /// A prompt template of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prompt_template: Option<String>,
@@ -84,11 +84,8 @@ impl Definition {
 
     /// The `agent_meta` of its episodes: the declared sampling and further declarations.
     #[must_use]
-    pub fn agent_meta(&self) -> Map<String, Value> {
-        let mut meta = self.meta.clone();
-        let sampling = [("temperature", self.temperature), ("top_p", self.top_p)].into_iter();
-        meta.extend(sampling.filter_map(|(name, value)| Some((name.to_owned(), json!(value?)))));
-        meta
+    pub fn agent_meta(&self) -> Carried {
+        self.meta.with(&[("temperature", self.temperature), ("top_p", self.top_p)])
     }
 
     /// Which prompt its player has: the same for all revisions of the program's words where the player reads no prompts.

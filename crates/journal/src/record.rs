@@ -6,12 +6,15 @@
 
 use std::sync::Arc;
 
-use serde::{Deserialize, Serialize};
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Error as _, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::value::RawValue;
 use swarmbench_engine::{Act, Action, AgentId, Config, Message, Seed, SettingErrors, Settings};
 
 use super::chain::Head;
 pub use swarmbench_protocol::act::Usage;
+use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::failure::Failure;
 
 /// The version of this format.
@@ -78,20 +81,34 @@ pub enum Record {
     End(End),
 }
 
-/// The first bytes of the record of a round, as it is written.
-const ROUND_BEGINS: &str = "{\"kind\":\"round\",";
+/// A record that begins with its kind, as it is written. Unlike [`Record`], which keeps all fields until it has found the
+/// kind, it is read in one pass.
+struct KindFirst(Record);
 
-/// The record of a round with its kind. Unlike [`Record`], which keeps all fields until it has found the kind, it is read
-/// in one pass.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct KnownRound {
-    #[serde(rename = "kind")]
-    _kind: serde::de::IgnoredAny,
-    round: u32,
-    acts: Vec<ActRecord>,
-    digest: String,
-    score: f64,
+impl<'de> Deserialize<'de> for KindFirst {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Fields;
+        impl<'de> Visitor<'de> for Fields {
+            type Value = Record;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("a record")
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Record, A::Error> {
+                let kind = map.next_entry::<&str, &str>()?;
+                let rest = MapAccessDeserializer::new(map);
+                match kind {
+                    Some(("kind", "opening")) => Box::deserialize(rest).map(Record::Opening),
+                    Some(("kind", "seats")) => Seats::deserialize(rest).map(Record::Seats),
+                    Some(("kind", "round")) => Round::deserialize(rest).map(Record::Round),
+                    Some(("kind", "end")) => End::deserialize(rest).map(Record::End),
+                    _ => Err(A::Error::missing_field("kind")),
+                }
+            }
+        }
+        deserializer.deserialize_map(Fields).map(Self)
+    }
 }
 
 impl Record {
@@ -100,13 +117,8 @@ impl Record {
     /// # Errors
     /// If the text is none.
     pub fn parse(text: &str) -> Result<Self, serde_json::Error> {
-        if text.starts_with(ROUND_BEGINS)
-            && let Ok(known) = serde_json::from_str(text)
-        {
-            let KnownRound { round, acts, digest, score, .. } = known;
-            return Ok(Self::Round(Round { round, acts, digest, score }));
-        }
-        serde_json::from_str(text)
+        let read = serde_json::from_str(text).map(|KindFirst(record)| record);
+        read.or_else(|_| serde_json::from_str(text))
     }
 }
 
@@ -125,7 +137,7 @@ pub struct Opening {
     /// All settings.
     pub config: RecordedConfig,
     /// Who plays: further fields of the creator.
-    pub agent_meta: serde_json::Map<String, serde_json::Value>,
+    pub agent_meta: Carried,
     /// The text of the prompt template.
     pub prompt_template: String,
     /// The revision of the words that the program itself puts into prompts; journals before revision 2 name none.
@@ -268,7 +280,7 @@ pub struct SeatHolder {
     /// Who plays.
     pub model: String,
     /// Who plays: further fields of the holder.
-    pub agent_meta: serde_json::Map<String, serde_json::Value>,
+    pub agent_meta: Carried,
     /// The public id of the holder's key, where one was needed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub key: Option<String>,

@@ -2,7 +2,6 @@
 
 use std::fmt;
 
-use serde_json::Value;
 use swarmbench_protocol::suite::digest_of_template;
 
 use super::{REVISION, TOOLKIT};
@@ -24,9 +23,9 @@ pub struct Identity {
 
 impl Identity {
     /// The prompt that this template makes with the words of this revision, `None` for the built-in template, and with
-    /// what `agent_meta` declares as its `system_message`: a text, or an object with a text for each task.
+    /// the JSON that `agent_meta` declares as its `system_message`: a text, or an object with a text for each task.
     #[must_use]
-    pub fn of(template: Option<&str>, revision: u32, system: Option<&Value>) -> Self {
+    pub fn of(template: Option<&str>, revision: u32, system: Option<&str>) -> Self {
         let is_revised = revision > 1 && template.is_none_or(has_own_words);
         Self {
             template: template.map(digest_of_template),
@@ -37,17 +36,15 @@ impl Identity {
 
     /// What is declared before anything is played, with the present words.
     #[must_use]
-    pub fn declared(template_digest: Option<String>, system: Option<&Value>) -> Self {
+    pub fn declared(template_digest: Option<String>, system: Option<&str>) -> Self {
         let system = system.map(digest_of_system);
         Self { template: template_digest, revision: Some(REVISION), system }
     }
 }
 
-fn digest_of_system(message: &Value) -> String {
-    match message {
-        Value::String(text) => digest_of_template(text),
-        by_task => digest_of_template(&by_task.to_string()),
-    }
+fn digest_of_system(message: &str) -> String {
+    let text: Option<String> = serde_json::from_str(message).ok();
+    digest_of_template(text.as_deref().unwrap_or(message))
 }
 
 /// Whether a template may print words of the program: these are in `task.description` and in `meaning` of actions.

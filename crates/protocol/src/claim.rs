@@ -1,10 +1,10 @@
 //! Seats of an episode that belong to several holders.
 
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
 
 use super::episode::SeatToken;
 use super::status::Status;
+use crate::carried::Carried;
 use crate::time::Timestamp;
 
 /// A claim to open seats, and who plays there.
@@ -23,7 +23,8 @@ pub struct ClaimRequest {
     #[cfg_attr(feature = "openapi", schema(default = "unnamed"))]
     pub model: Option<String>,
     /// What else is known of who plays; at most 16 KiB of JSON.
-    pub agent_meta: Option<Map<String, Value>>,
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<serde_json::Map<String, serde_json::Value>>))]
+    pub agent_meta: Option<Carried>,
 }
 
 /// Claimed seats, with tokens that are shown this once.

@@ -5,10 +5,11 @@ use std::collections::BTreeMap;
 use serde::de::value::SeqAccessDeserializer;
 use serde::de::{Error, SeqAccess, Unexpected, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 use super::Seconds;
 use crate::board::RowDifference;
+use crate::carried::Carried;
 use crate::failure::Failures;
 use crate::game_settings;
 use crate::metrics::MetricsMethod;
@@ -487,7 +488,8 @@ pub struct EntrantRequest {
     #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
     pub top_p: Option<f64>,
     /// What else is known of who plays; at most 16 KiB of JSON.
-    pub agent_meta: Option<Map<String, Value>>,
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<serde_json::Map<String, serde_json::Value>>))]
+    pub agent_meta: Option<Carried>,
     /// A prompt template of its own.
     pub prompt_template: Option<String>,
     /// The invitation code, if the competition asks for one. Where anybody may enter it takes a reserved place.

@@ -1,11 +1,11 @@
 //! Episodes: requests and responses.
 
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
 use swarmbench_engine::{AgentState, Seed, SpectatorView};
 
 use super::status::Status;
 use super::{Position, Seconds};
+use crate::carried::Carried;
 use crate::game_settings;
 use crate::time::Timestamp;
 
@@ -69,7 +69,8 @@ game_settings! {
         #[cfg_attr(feature = "openapi", schema(default = "unnamed"))]
         pub model: Option<String>,
         /// What else is known of who plays; at most 16 KiB of JSON.
-        pub agent_meta: Option<Map<String, Value>>,
+        #[cfg_attr(feature = "openapi", schema(value_type = Option<serde_json::Map<String, serde_json::Value>>))]
+        pub agent_meta: Option<Carried>,
         /// A prompt template of the episode's own; at most 32 KiB.
         pub prompt_template: Option<String>,
         /// How many seats are open to claims, those of the last agents; the creator gets no tokens for them.
@@ -106,7 +107,8 @@ game_settings! {
         pub idle_timeout_s: Seconds,
         pub visibility: String,
         pub model: String,
-        pub agent_meta: Map<String, Value>,
+        #[cfg_attr(feature = "openapi", schema(value_type = serde_json::Map<String, serde_json::Value>))]
+        pub agent_meta: Carried,
         /// Null for the built-in template; the journal has the text of either.
         pub prompt_template: Option<String>,
         #[serde(default)]
@@ -152,7 +154,8 @@ pub struct ForkRequest {
     #[cfg_attr(feature = "openapi", schema(default = "unnamed"))]
     pub model: Option<String>,
     /// What else is known of who plays; at most 16 KiB of JSON.
-    pub agent_meta: Option<Map<String, Value>>,
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<serde_json::Map<String, serde_json::Value>>))]
+    pub agent_meta: Option<Carried>,
     /// A prompt template of the fork's own; at most 32 KiB. The parent's by default.
     pub prompt_template: Option<String>,
     /// How many seats are open to claims, those of the last agents; the creator gets no tokens for them.

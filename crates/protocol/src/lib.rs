@@ -22,6 +22,7 @@ macro_rules! page {
 pub mod act;
 pub mod any_case;
 pub mod board;
+pub mod carried;
 pub mod claim;
 pub mod clock;
 pub mod competition;

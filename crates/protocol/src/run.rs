@@ -3,12 +3,12 @@
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
-use serde_json::{Map, Value};
 
 use super::Seconds;
 use super::failure::Failures;
 use super::problem::Limit;
 use super::suite::Suite;
+use crate::carried::Carried;
 use crate::game_settings;
 use crate::time::Timestamp;
 use swarmbench_engine::{Seed, Settings};
@@ -36,7 +36,8 @@ pub struct RunRequest {
     #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
     pub top_p: Option<f64>,
     /// What else is known of who plays; at most 16 KiB of JSON.
-    pub agent_meta: Option<Map<String, Value>>,
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<serde_json::Map<String, serde_json::Value>>))]
+    pub agent_meta: Option<Carried>,
     /// A prompt template of the run's own; at most 32 KiB.
     pub prompt_template: Option<String>,
     /// How many games are open at a time.
@@ -215,7 +216,8 @@ pub struct RunSummary {
     /// Its nucleus of sampling.
     pub top_p: Option<f64>,
     /// What else is known of who plays.
-    pub agent_meta: Map<String, Value>,
+    #[cfg_attr(feature = "openapi", schema(value_type = serde_json::Map<String, serde_json::Value>))]
+    pub agent_meta: Carried,
     /// The digest of the prompt template; null for the built-in one.
     pub template_digest: Option<String>,
     /// The name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `template_digest`; `default:1` for

@@ -9,6 +9,8 @@ use swarmbench_journal::record::{
     Decision, End, FORMAT, Opening, RawRecord, Record, RecordedConfig, Round,
 };
 
+use swarmbench_protocol::carried::Carried;
+
 use crate::environment::action;
 
 /// The acts of an episode so far.
@@ -210,7 +212,7 @@ impl Recording {
                 model: "in process".to_owned(),
                 ..RecordedConfig::of(config)
             },
-            agent_meta: serde_json::Map::new(),
+            agent_meta: Carried::default(),
             prompt_template: prompt_template.to_owned(),
             prompt_revision: swarmbench_prompt::REVISION,
             digest: world.digest().to_string(),

@@ -615,7 +615,7 @@ impl Actor {
             self.episode.hosted.get().map_or_else(|| self.episode.spec.hosted_max(), Vec::len);
         let keyframes =
             self.episode.keyframes.lock().expect("nothing panics while it holds this").bytes();
-        reservation.resize(memory::of_episode(&self.world, keyframes, hosted));
+        reservation.resize(memory::of_episode(&self.episode.spec, &self.world, keyframes, hosted));
     }
 
     /// Writes the record of the end.

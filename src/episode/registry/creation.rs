@@ -158,7 +158,7 @@ impl Registry {
     ) -> Result<Reservation, CreateError> {
         let Creation { party, purpose, spec, .. } = creation;
         self.host.quotas.admit(key, *party, *purpose)?;
-        let bytes = memory::expected(&spec.config, round, spec.hosted_max());
+        let bytes = memory::expected(spec, round, spec.hosted_max());
         // What an organizer creates may take more than a share.
         let group = (*purpose != Purpose::Organizer).then_some(party.group);
         Ok(self.room_of(bytes, group)?)

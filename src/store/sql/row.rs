@@ -1,7 +1,7 @@
 //! Rows of queries as values.
 
 use jiff::Timestamp;
-use serde_json::{Map, Value};
+use serde_json::Value;
 use sqlx::error::BoxDynError;
 use sqlx::postgres::PgRow;
 use sqlx::sqlite::SqliteRow;
@@ -13,6 +13,7 @@ use crate::ids::{CompetitionKey, EntryKey, EpisodeId, EpisodeKey, ImportKey, Run
 use crate::keys::{OwnerKey, Role};
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{ActRecord, RawRecord};
+use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::import::ImportConfig;
 
 /// A row of an answer.
@@ -170,7 +171,7 @@ columns! {
     Head: Vec<u8> => |bytes| <[u8; 32]>::of(bytes).map(Self);
     Secret: Vec<u8> => |bytes| Ok(Self(bytes));
     Value: String => |json: String| Ok(serde_json::from_str(&json)?);
-    Map<String, Value>: String => |json: String| Ok(serde_json::from_str(&json)?);
+    Carried: String => |json: String| Ok(serde_json::from_str(&json)?);
     ActRecord: String => |json: String| Ok(serde_json::from_str(&json)?);
     ImportConfig: String => |json: String| Ok(serde_json::from_str(&json)?);
     RawRecord: String => |text| Ok(Self::from_stored(text)?);

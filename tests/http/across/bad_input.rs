@@ -181,6 +181,14 @@ mod bodies {
     }
 
     #[tokio::test]
+    async fn a_body_of_too_many_values_is_too_large() {
+        let body = json!({ "suite": { "name": "s", "seeds": vec![1; 8200] }, "model": "m" });
+        let call = |app: &TestApp, _: &Episode| app.post("/api/v1/runs").json(&body);
+        let problem = refused(call, 413, "too_large").await;
+        assert_eq!(problem["limit"], json!({ "name": "body_values_max", "value": 8192 }));
+    }
+
+    #[tokio::test]
     async fn a_body_at_the_limit_is_read() {
         let app = TestApp::start().await;
         let episode = playing(&app).await;

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use serde_json::Map;
 use swarmbench::episode::Status;
 use swarmbench::episode::actor::{Claim, Handle, Spawn};
 use swarmbench::episode::lockstep::Submission;
@@ -24,6 +23,7 @@ use swarmbench::work::Workers;
 use swarmbench_clock::{Clock, ManualClock, SeededEntropy};
 use swarmbench_engine::{Act, Action, AgentId, Config, Seed, Settings, TaskName};
 use swarmbench_journal::record::Decision;
+use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::failure::Failure;
 use swarmbench_protocol::import::ImportConfig;
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
@@ -89,7 +89,7 @@ fn of(suite: Suite, model: &str) -> Definition {
         model: model.to_owned(),
         temperature: Some(1.0),
         top_p: None,
-        meta: Map::new(),
+        meta: Carried::default(),
         prompt_template: None,
         prompt_revision: 1,
         player: None,
@@ -264,7 +264,7 @@ impl Offline {
                 owner: None,
                 key: None,
                 model: model.to_owned(),
-                agent_meta: Map::new(),
+                agent_meta: Carried::default(),
                 player: None,
                 at: self.clock.now(),
             };

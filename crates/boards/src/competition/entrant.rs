@@ -3,6 +3,7 @@
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use swarmbench_prompt::Identity;
+use swarmbench_protocol::carried::Carried;
 
 use super::EntrantStatus;
 
@@ -70,8 +71,8 @@ pub struct Declaration {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub top_p: Option<f64>,
     /// Further declarations.
-    #[serde(default, skip_serializing_if = "serde_json::Map::is_empty")]
-    pub agent_meta: serde_json::Map<String, serde_json::Value>,
+    #[serde(default, skip_serializing_if = "Carried::is_empty")]
+    pub agent_meta: Carried,
     /// A prompt template of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prompt_template: Option<String>,

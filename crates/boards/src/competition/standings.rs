@@ -435,6 +435,8 @@ mod tests {
     use swarmbench_engine::TaskName;
 
     use super::super::definition::tests::{at, definition};
+    use swarmbench_protocol::carried::Carried;
+
     use super::*;
 
     fn standings(definition: &Definition, entrants: &[Entrant], attempts: &[Attempt]) -> Vec<Row> {
@@ -451,7 +453,7 @@ mod tests {
                 model: format!("model {id}"),
                 temperature: None,
                 top_p: None,
-                agent_meta: serde_json::Map::new(),
+                agent_meta: Carried::default(),
                 prompt_template: None,
                 template: None,
             },
@@ -554,8 +556,7 @@ mod tests {
         let mut entrants = ["a", "b", "c", "d"].map(entrant);
         for one in &mut entrants {
             one.declaration.model = "model".to_owned();
-            let meta = serde_json::Map::from_iter([("system_message".to_owned(), "hello".into())]);
-            one.declaration.agent_meta = meta;
+            one.declaration.agent_meta = Carried(r#"{"system_message":"hello"}"#.into());
         }
         let name = |id: &str| {
             let mut hash = Sha256::new();

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use futures::future::{Either, select};
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 use tokio_util::sync::CancellationToken;
 
 use super::conversation::Conversation;
@@ -23,6 +23,7 @@ use swarmbench_boards::run::SYSTEM_MESSAGE;
 use swarmbench_clock::{Clock, SystemClock, after};
 use swarmbench_engine::Settings;
 use swarmbench_protocol::act::{Receipt, SwarmAct};
+use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::observation::Observation;
 use swarmbench_protocol::run::{RunDetail, RunList, RunSummary};
 use swarmbench_protocol::status::RunStatus;
@@ -171,11 +172,11 @@ impl Conductor<'_> {
     async fn find(&self, planned: &Planned) -> Result<Begun, StopReason> {
         let identity = planned.identity();
         let runs = self.runs_of(&planned.name()).await?;
-        let evaluated = |run: &&RunSummary| run.agent_meta.contains_key(META);
-        for run in runs.iter().filter(evaluated) {
+        for run in &runs {
+            let Some(evaluated) = own(&run.agent_meta) else { continue };
             let is_running = run.status == RunStatus::Running.name();
             let is_finished = run.status == RunStatus::Finished.name();
-            if run.agent_meta[META]["identity"] != identity || !(is_running || is_finished) {
+            if evaluated["identity"] != identity || !(is_running || is_finished) {
                 continue;
             }
             if is_finished && self.again {
@@ -195,6 +196,7 @@ impl Conductor<'_> {
             });
         }
         let unfinished = |run: &&RunSummary| run.status == RunStatus::Running.name();
+        let evaluated = |run: &&RunSummary| run.agent_meta.get(META).is_some();
         let other = runs.iter().filter(evaluated).find(unfinished);
         let other = other.map(|run| (run.id.clone(), differences(run, planned)));
         let created = self.client.create_run(&planned.request(self.parallel)).await?;
@@ -262,6 +264,11 @@ fn stop_reason<E: Display>(error: DriveError<E>, own: impl FnOnce(E) -> StopReas
     }
 }
 
+/// What an evaluation wrote about one of its runs.
+fn own(meta: &Carried) -> Option<Value> {
+    serde_json::from_str(meta.get(META)?).ok()
+}
+
 /// How a run differs from the planned one, in words.
 fn differences(run: &RunSummary, planned: &Planned) -> Vec<String> {
     let settings = Settings::from(&run.suite.settings);
@@ -281,16 +288,16 @@ fn differences(run: &RunSummary, planned: &Planned) -> Vec<String> {
     let template = planned.template.as_deref().map(digest_of_template);
     compare("prompt template", run.template_digest.clone(), template);
     let is = planned.request(1).agent_meta.unwrap_or_default();
-    let system = |meta: &Map<String, Value>| meta.get(SYSTEM_MESSAGE).map(Value::to_string);
+    let system = |meta: &Carried| meta.get(SYSTEM_MESSAGE).map(str::to_owned);
     compare("system message", system(&run.agent_meta), system(&is));
-    let own = |meta: &Map<String, Value>| {
-        let mut own = meta.get(META).cloned().unwrap_or_default();
+    let how = |meta: &Carried| {
+        let mut own = own(meta).unwrap_or_default();
         if let Value::Object(own) = &mut own {
             own.remove("identity");
         }
         own
     };
-    let (was, is) = (own(&run.agent_meta), own(&is));
+    let (was, is) = (how(&run.agent_meta), how(&is));
     if was != is {
         found.push(format!("{} instead of {}", json!(is), json!(was)));
     }

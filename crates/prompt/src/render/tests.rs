@@ -167,14 +167,14 @@ fn the_filter_int_takes_decimal_places_away() {
 
 #[test]
 fn prompts_are_told_apart() {
-    let name = |template: Option<&str>, revision, system: Option<&serde_json::Value>| {
+    let name = |template: Option<&str>, revision, system: Option<&str>| {
         Identity::of(template, revision, system).to_string()
     };
     assert_eq!(name(None, 1, None), "default:1");
     assert_eq!(name(None, REVISION, None), "default");
     assert_eq!(name(Some(TOOLKIT), REVISION, None), "toolkit");
-    let system = serde_json::json!("You are one of many.");
-    assert_eq!(name(Some(TOOLKIT), 1, Some(&system)), "toolkit+system:4bb39329");
+    let system = "\"You are one of many.\"";
+    assert_eq!(name(Some(TOOLKIT), 1, Some(system)), "toolkit+system:4bb39329");
     // Words of the program belong to a template that prints them, and to no other.
     for (template, is_revised) in [
         ("{{ task.name }}", false),

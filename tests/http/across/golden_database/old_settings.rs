@@ -136,7 +136,7 @@ async fn keep_old_run(app: &TestApp) -> (String, String) {
         model: "an old one".to_owned(),
         temperature: None,
         top_p: None,
-        meta: serde_json::Map::new(),
+        meta: swarmbench_protocol::carried::Carried::default(),
         prompt_template: None,
         prompt_revision: 1,
         player: None,

@@ -8,6 +8,7 @@ use swarmbench_boards::run::SYSTEM_MESSAGE;
 use swarmbench_engine::{Seed, Settings, TaskName};
 use swarmbench_players::{BuiltIn, find};
 use swarmbench_prompt::Identity;
+use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::run::{OwnSettings, OwnSuite, RunRequest, SuiteRequest};
 use swarmbench_protocol::suite::{Suite, digest_of_template};
 
@@ -151,9 +152,9 @@ impl Planned {
     /// Which prompt a model gets.
     #[must_use]
     pub fn prompt(&self) -> Identity {
-        let system = self.system().map(SystemMessage::json);
+        let system = self.system().map(|system| system.json().to_string());
         let own =
-            Identity::of(self.template.as_deref(), swarmbench_prompt::REVISION, system.as_ref());
+            Identity::of(self.template.as_deref(), swarmbench_prompt::REVISION, system.as_deref());
         match &self.entry {
             Some(entry) => entry.prompt(own.system),
             None => own,
@@ -216,9 +217,12 @@ impl Planned {
             model: Some(self.name()),
             temperature,
             top_p,
-            agent_meta: Some(
-                [(META.to_owned(), Value::Object(eval))].into_iter().chain(system).collect(),
-            ),
+            agent_meta: Some(Carried::from(
+                [(META.to_owned(), Value::Object(eval))]
+                    .into_iter()
+                    .chain(system)
+                    .collect::<Map<_, _>>(),
+            )),
             prompt_template: self.template.clone(),
             parallel: Some(parallel),
             idle_timeout_s: Some(IDLE_TIMEOUT_S),

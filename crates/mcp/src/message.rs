@@ -1,0 +1,140 @@
+//! What the tools need of a message. The library keeps all that comes as trees of values, which take up to eighty times as
+//! much memory: what nobody reads is left out before, as it was written.
+
+use bytes::Bytes;
+use http::header::CONTENT_TYPE;
+use http::{HeaderValue, Response, StatusCode};
+use rmcp::model::ClientJsonRpcMessage;
+use serde::de::IgnoredAny;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use serde_json::value::RawValue;
+use swarmbench_protocol::carried::count_values;
+
+use crate::MCP_VALUES_MAX;
+
+/// The codes of JSON-RPC for bodies that are no JSON, and for JSON that is no request.
+const PARSE_ERROR: i32 = -32700;
+const INVALID_REQUEST: i32 = -32600;
+
+/// Bytes of what a client says of itself with each request; more is left out.
+const ABOUT_CLIENT_BYTES_MAX: usize = 4096;
+
+type Raw<'a> = Option<&'a RawValue>;
+
+#[serde_with::skip_serializing_none]
+#[derive(Deserialize, Serialize)]
+struct Message<'a> {
+    #[serde(borrow)]
+    jsonrpc: Raw<'a>,
+    id: Raw<'a>,
+    method: Raw<'a>,
+    params: Option<Params<'a>>,
+    result: Raw<'a>,
+    error: Raw<'a>,
+}
+
+#[serde_with::skip_serializing_none]
+#[derive(Deserialize, Serialize)]
+struct Params<'a> {
+    #[serde(borrow)]
+    name: Raw<'a>,
+    arguments: Raw<'a>,
+    uri: Raw<'a>,
+    cursor: Raw<'a>,
+    #[serde(rename = "protocolVersion")]
+    version: Raw<'a>,
+    capabilities: Raw<'a>,
+    #[serde(rename = "clientInfo")]
+    client: Raw<'a>,
+    #[serde(rename = "requestId")]
+    request: Raw<'a>,
+    #[serde(rename = "_meta")]
+    meta: Option<Meta<'a>>,
+}
+
+/// What a request says of its client since there are no sessions.
+#[serde_with::skip_serializing_none]
+#[derive(Deserialize, Serialize)]
+struct Meta<'a> {
+    #[serde(borrow, rename = "io.modelcontextprotocol/protocolVersion")]
+    version: Raw<'a>,
+    #[serde(rename = "io.modelcontextprotocol/clientInfo")]
+    client: Raw<'a>,
+    #[serde(rename = "io.modelcontextprotocol/clientCapabilities")]
+    capabilities: Raw<'a>,
+}
+
+/// The part of a message that is needed, with at most [`MCP_VALUES_MAX`] values.
+///
+/// # Errors
+/// The answer to what is no message.
+pub fn essential(body: &[u8]) -> Result<Bytes, Box<Response<Bytes>>> {
+    let is_none = |error: serde_json::Error| {
+        if serde_json::from_slice::<IgnoredAny>(body).is_ok() {
+            refused(INVALID_REQUEST, &format!("the body is no message of MCP: {error}"))
+        } else {
+            refused(PARSE_ERROR, &format!("the body is not JSON: {error}"))
+        }
+    };
+    let mut message: Message<'_> = serde_json::from_slice(body).map_err(is_none)?;
+    if let Some(meta) = message.params.as_mut().and_then(|params| params.meta.as_mut()) {
+        let short = |part: &mut Raw<'_>| {
+            *part = part.filter(|part| part.get().len() <= ABOUT_CLIENT_BYTES_MAX);
+        };
+        [&mut meta.version, &mut meta.client, &mut meta.capabilities].into_iter().for_each(short);
+    }
+    let message = serde_json::to_vec(&message).map_err(is_none)?;
+    let values = count_values(&message);
+    if values > MCP_VALUES_MAX {
+        let problem =
+            format!("the message has {values} values, more than {MCP_VALUES_MAX} (mcp_values_max)");
+        return Err(refused(INVALID_REQUEST, &problem));
+    }
+    serde_json::from_slice::<ClientJsonRpcMessage>(&message).map_err(is_none)?;
+    Ok(message.into())
+}
+
+fn refused(code: i32, message: &str) -> Box<Response<Bytes>> {
+    let body =
+        json!({ "jsonrpc": "2.0", "id": null, "error": { "code": code, "message": message } });
+    let mut response = Response::new(Bytes::from(body.to_string()));
+    *response.status_mut() = StatusCode::BAD_REQUEST;
+    response.headers_mut().insert(CONTENT_TYPE, HeaderValue::from_static("application/json"));
+    Box::new(response)
+}
+
+#[cfg(test)]
+mod tests {
+    use allocation_counter::measure;
+
+    use super::*;
+
+    #[test]
+    fn what_nobody_reads_is_left_out_and_takes_no_memory() {
+        let much = format!("[{}]", vec![r#"{"":0}"#; 18_000].join(","));
+        let look = |more: &str| {
+            format!(
+                r#"{{"jsonrpc":"2.0","id":1,"method":"tools/call","params":{{"name":"look"{more}}}}}"#
+            )
+        };
+        let client = "io.modelcontextprotocol/clientInfo";
+        for (sent, left) in [
+            (format!(r#","_meta":{{"x":{much},"progressToken":1}}"#), r#","_meta":{}"#),
+            (format!(r#","task":{much},"_meta":{{"{client}":{much}}}"#), r#","_meta":{}"#),
+            (
+                format!(r#","_meta":{{"{client}":{{"name":"a"}}}}"#),
+                r#","_meta":{"io.modelcontextprotocol/clientInfo":{"name":"a"}}"#,
+            ),
+        ] {
+            let sent = look(&sent);
+            let mut read = None;
+            let counted = measure(|| read = essential(sent.as_bytes()).ok());
+            assert_eq!(read.as_deref(), Some(look(left).as_bytes()));
+            assert!(counted.bytes_max < 16 * 1024, "{counted:?} for {} bytes", sent.len());
+        }
+        let sent = look(&format!(r#","arguments":{much}"#));
+        let counted = measure(|| assert!(essential(sent.as_bytes()).is_err()));
+        assert!(counted.bytes_max < 3 * sent.len() as u64, "{counted:?} for {} bytes", sent.len());
+    }
+}
