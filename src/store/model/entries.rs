@@ -9,6 +9,7 @@ use crate::store::metrics::MetricsRow;
 use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{ActRecord, RawRecord, Source};
+use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::import::ImportConfig;
 
 /// One change of the database.
@@ -342,7 +343,7 @@ pub struct Holder {
     pub key: Option<String>,
     pub model: String,
     /// Further declarations about the player.
-    pub agent_meta: serde_json::Map<String, serde_json::Value>,
+    pub agent_meta: Carried,
     /// The built-in player that the server hosts on these seats.
     pub player: Option<String>,
     /// When the seats were claimed.
