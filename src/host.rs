@@ -1,7 +1,27 @@
 //! Resources of the host besides time and randomness: free space on a disk, memory, and open files.
 
+use std::fs::File;
+use std::io::{self, Read as _};
 use std::path::{Component, Path, PathBuf};
 use std::sync::atomic::{AtomicU8, Ordering};
+
+/// Opens a file to read it. A device or a pipe is refused: it may have no end, or no beginning.
+pub fn open_file(path: &Path) -> io::Result<File> {
+    if !std::fs::metadata(path)?.is_file() {
+        return Err(io::Error::other("it is not a regular file"));
+    }
+    File::open(path)
+}
+
+/// Reads a text of at most `bytes_max` bytes.
+pub fn read_file(path: &Path, bytes_max: u64) -> io::Result<String> {
+    let mut text = String::new();
+    open_file(path)?.take(bytes_max + 1).read_to_string(&mut text)?;
+    if text.len() as u64 > bytes_max {
+        return Err(io::Error::other(format!("it has more than {bytes_max} bytes")));
+    }
+    Ok(text)
+}
 
 /// Raises the limit of open files as far as the host allows, and returns it; `None` means no limit.
 pub fn raise_open_files() -> Option<u64> {
