@@ -13,12 +13,20 @@ pub fn open_file(path: &Path) -> io::Result<File> {
     File::open(path)
 }
 
-/// Reads a text of at most `bytes_max` bytes.
-pub fn read_file(path: &Path, bytes_max: u64) -> io::Result<String> {
+/// Bytes of a file that is read as one text: templates, experiments, definitions, secrets.
+pub const TEXT_BYTES_MAX: u64 = 16 * 1024 * 1024;
+
+/// Reads a file that is one text.
+pub fn read_text(path: &Path) -> io::Result<String> {
+    text_of(open_file(path)?)
+}
+
+/// Reads one text to its end.
+pub fn text_of(from: impl io::Read) -> io::Result<String> {
     let mut text = String::new();
-    open_file(path)?.take(bytes_max + 1).read_to_string(&mut text)?;
-    if text.len() as u64 > bytes_max {
-        return Err(io::Error::other(format!("it has more than {bytes_max} bytes")));
+    let read = from.take(TEXT_BYTES_MAX + 1).read_to_string(&mut text)?;
+    if read as u64 > TEXT_BYTES_MAX {
+        return Err(io::Error::other(format!("it has more than {TEXT_BYTES_MAX} bytes")));
     }
     Ok(text)
 }

@@ -2,6 +2,7 @@
 
 use super::client::NETWORKS_PER_SITE_MAX;
 use super::serve::HEAD_BYTES_MAX;
+use super::front::REQUEST_ID_BYTES_MAX;
 use crate::dataset::bounds::IMPORT_STATE_BYTES_MAX;
 use crate::dataset::replay::IMPORT_CELLS_MAX;
 use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
@@ -198,6 +199,7 @@ limits! {
         replay_agent_rounds_max = AGENT_ROUNDS_MAX,
         replay_page_bytes_max = PAGE_BYTES_MAX,
         replay_import_cells_max = IMPORT_CELLS_MAX,
+        request_id_bytes_max = REQUEST_ID_BYTES_MAX,
         import_state_bytes_max = IMPORT_STATE_BYTES_MAX,
         score_points_max = SCORE_POINTS_MAX,
         take_ups_max = RECOVERIES_MAX,
