@@ -232,7 +232,6 @@ const HISTOGRAMS: &[(&str, &str)] = &[
 
 #[cfg(test)]
 mod tests {
-    use std::io::Write as _;
     use std::sync::{Arc, Mutex};
 
     use tracing::{Dispatch, Metadata};

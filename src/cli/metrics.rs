@@ -119,7 +119,7 @@ fn measured(
     let options = Options::all(wants_series);
     let read =
         swarmbench_analysis::journal::measure(journal.open()?, options, embedder, |round, of| {
-            set(&bar, round.into(), of.into())
+            set(&bar, round.into(), of.into());
         });
     bar.finish_and_clear();
     let (report, metrics) = read?;
@@ -210,7 +210,7 @@ async fn of_journals(args: &Args, client: &Client) -> anyhow::Result<RunMetrics>
     let ended = run.games.iter().filter(|game| game.reason.is_some() && game.void_reason.is_none());
     let mut items = Vec::new();
     for id in ended.filter_map(|game| game.episode.as_ref()) {
-        let game = of_journal(args, client.journal(id, None).await?).await;
+        let game = of_journal(args, Journal::Bytes(client.journal(id, None).await?)).await;
         items.push(game.with_context(|| id.clone())?);
     }
     let method = items.first().map(|game| game.method.clone());

@@ -181,12 +181,11 @@ pub(super) fn mean(mean: Option<f64>, deviation: Option<f64>) -> String {
 
 /// The terminal of the standard error, as progress bars draw on it. What they say is escaped; the cursor is moved here alone.
 #[derive(Debug, Default)]
-struct Terminal(Mutex<String>);
+struct Terminal(Mutex<Vec<u8>>);
 
 impl Terminal {
     fn push(&self, text: &str) -> io::Result<()> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push_str(text);
-        Ok(())
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).write_all(text.as_bytes())
     }
 
     fn go(&self, cells: usize, way: char) -> io::Result<()> {
@@ -229,7 +228,7 @@ impl TermLike for Terminal {
 
     fn flush(&self) -> io::Result<()> {
         let drawn = std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner));
-        io::stderr().lock().write_all(drawn.as_bytes())
+        io::stderr().lock().write_all(&drawn)
     }
 }
 

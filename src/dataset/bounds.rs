@@ -65,6 +65,7 @@ impl Default for Bounds {
 
 impl Bounds {
     /// The bounds of an index, whose rows are settings.
+    #[must_use]
     pub const fn of_index(self) -> Self {
         Self {
             file_bytes_max: self.index_bytes_max,

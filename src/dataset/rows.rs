@@ -246,7 +246,7 @@ mod tests {
             rows.iter().map(|row| json!(Named(COLUMNS, row)).to_string()).collect();
         // The last line has no end.
         std::fs::write(&lines, text.join("\n")).expect("written");
-        let file = std::fs::File::create(&parquet).expect("created");
+        let file = File::create(&parquet).expect("created");
         let mut table = Table::new(file, "episodes", COLUMNS).expect("a table");
         for row in rows {
             table.add(row).expect("a row");

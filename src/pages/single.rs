@@ -48,7 +48,7 @@ pub fn single_page(title: &str, game: &serde_json::Value) -> String {
 /// together; but what a script with a nonce imports has its nonce. A text in the page would have to hold a digest of itself
 /// to have it, too.
 fn nonce(page: [&String; 3]) -> String {
-    let digest = page.iter().fold(Sha256::new(), |digest, part| digest.chain_update(part));
+    let digest = page.iter().fold(Sha256::new(), Sha256::chain_update);
     BASE64.encode(&digest.finalize()[..18])
 }
 

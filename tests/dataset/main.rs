@@ -10,6 +10,7 @@ use std::process::{Command, Output, Stdio};
 
 use serde_json::{Value, json};
 use swarmbench::dataset::bounds::Bounds;
+use swarmbench::dataset::format::AgentRow;
 use swarmbench::dataset::imported;
 use swarmbench::dataset::read::{Problem, ReadError, Skipped, Taker, read};
 use swarmbench::dataset::tables::TableName;
@@ -176,9 +177,11 @@ fn what_was_read_is_what_was_written() {
                 })
                 .collect();
             assert_eq!(shown.grid, rows);
-            if let Some(packed) = &round.acts {
-                acts.extend(imported::agent_rows(packed).expect("acts"));
-            }
+            let more = |row: AgentRow| {
+                acts.push(row);
+                Ok(())
+            };
+            imported::each_act(round, 12, more).expect("acts");
             compared += 1;
         }
         assert_eq!(acts.len() as u64, game.acts);
