@@ -1,5 +1,6 @@
 //! Logs and metrics.
 
+use std::fmt::Debug;
 use std::io::IsTerminal;
 use std::sync::OnceLock;
 
@@ -7,7 +8,13 @@ use metrics::{Counter, Histogram, counter, histogram};
 use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 use metrics_process::Collector;
 use tokio::task::JoinHandle;
+use tracing::field::Field;
 use tracing::{Instrument as _, Span};
+use tracing_subscriber::field::MakeExt as _;
+use tracing_subscriber::fmt::FormatFields;
+use tracing_subscriber::fmt::format::{Writer, debug_fn};
+
+use swarmbench_protocol::names::shown;
 
 use crate::fair;
 
@@ -61,9 +68,24 @@ pub fn start_logs_of(format: LogFormat, usual: &str) {
         .log_internal_errors(false);
     // Tests start logs several times in one process: only the first start has an effect.
     drop(match format {
-        LogFormat::Text => builder.try_init(),
+        LogFormat::Text => builder.fmt_fields(fields()).try_init(),
         LogFormat::Json => builder.json().flatten_event(true).try_init(),
     });
+}
+
+/// Writes the fields of a line for people. What is logged may be a name or an error of others: it begins no line, and a
+/// terminal does not obey it.
+fn fields() -> impl for<'w> FormatFields<'w> + Send + Sync + 'static {
+    let field = |out: &mut Writer<'_>, field: &Field, value: &dyn Debug| {
+        let value = format!("{value:?}");
+        let value = shown(&value).replace('\n', "\\n");
+        if field.name() == "message" {
+            write!(out, "{value}")
+        } else {
+            write!(out, "{field}={value}")
+        }
+    };
+    debug_fn(field).delimited(" ")
 }
 
 /// The metrics of this process, described once.
@@ -210,9 +232,43 @@ const HISTOGRAMS: &[(&str, &str)] = &[
 
 #[cfg(test)]
 mod tests {
+    use std::sync::{Arc, Mutex};
+
     use tracing::{Dispatch, Metadata};
 
     use super::*;
+
+    #[test]
+    fn a_name_begins_no_line_of_the_log() {
+        let file = Arc::new(Mutex::new(Vec::new()));
+        let out = Arc::clone(&file);
+        let logs = tracing_subscriber::fmt().fmt_fields(fields()).with_ansi(false);
+        let logs = logs.with_writer(move || Pen(Arc::clone(&out))).finish();
+        let name = "a\u{1b}[2J\u{202e}\n2026-01-01T00:00:00Z ERROR b";
+        tracing::subscriber::with_default(logs, || {
+            let _request = tracing::info_span!("request", id = name, who = %name).entered();
+            tracing::warn!(%name, quoted = name, plain = ?"b", "of {name}");
+        });
+        let said = String::from_utf8(file.lock().expect("a lock").clone()).expect("text");
+        assert_eq!(said.matches('\n').count(), 1, "{said:?}");
+        assert!(
+            said.contains("plain=\"b\"") && said.contains(r"of a\u001b[2J\u202e\n2026"),
+            "{said:?}"
+        );
+        assert!(!said.contains(['\u{1b}', '\u{202e}']), "{said:?}");
+    }
+
+    struct Pen(Arc<Mutex<Vec<u8>>>);
+
+    impl std::io::Write for Pen {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            self.0.lock().expect("a lock").write(bytes)
+        }
+
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
 
     #[tokio::test]
     async fn parts_of_a_request_are_logged_within_it() {

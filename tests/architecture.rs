@@ -244,3 +244,30 @@ fn every_limit_that_is_named_is_in_the_table() {
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
+
+/// Whatever the program prints passes one module, which escapes what a terminal would obey; logs are written by another.
+#[test]
+fn printing_has_one_place() {
+    let mut wrong = Vec::new();
+    for file in files(&root().join("src")) {
+        if ["src/cli/output.rs", "src/telemetry.rs"].iter().any(|home| file.ends_with(home)) {
+            continue;
+        }
+        let text = fs::read_to_string(&file).expect("a source file");
+        let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+        for form in [
+            "println!",
+            "print!",
+            "dbg!",
+            "stdout()",
+            "stderr()",
+            "MultiProgress::new",
+            "ProgressBar::new",
+        ] {
+            if code.contains(form) {
+                wrong.push(format!("{} has {form}", file.display()));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}

@@ -1,7 +1,7 @@
 //! `swarmbench audit`
 
 use super::options::ServerArgs;
-use super::output::table;
+use super::output::{self, table};
 use super::pages::{Page, pages};
 use swarmbench_protocol::competition::AuditEntry;
 
@@ -37,7 +37,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let mut shown = table(&["when", "who", "what", "to", "detail"]);
     for entry in entries {
         if args.json {
-            out!("{}", serde_json::to_string(&entry)?);
+            output::data(&(serde_json::to_string(&entry)? + "\n"));
         }
         let (at, detail) = (entry.at.to_string(), entry.detail.to_string());
         shown.add_row([at, entry.who, entry.action, entry.subject, detail]);

@@ -16,6 +16,6 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args, mut command: clap::Command) -> anyhow::Result<()> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut command, "swarmbench", &mut script);
-    super::output::text(&String::from_utf8_lossy(&script));
+    super::output::data(&String::from_utf8_lossy(&script));
     Ok(())
 }

@@ -4,13 +4,12 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use futures::future::try_join_all;
-use indicatif::MultiProgress;
 use serde_json::json;
 use swarmbench_engine::TaskName;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 
-use super::output;
+use super::output::{self, progress_bars};
 use super::play::{bar, play_one, player, request, scores};
 use crate::server::{Parts, Server};
 use crate::store::Location;
@@ -88,7 +87,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
 
 async fn play_all(base: &str, seed: i64) -> anyhow::Result<Vec<(&'static str, EpisodeSummary)>> {
     let client = Client::new(base)?;
-    let bars = MultiProgress::new();
+    let bars = progress_bars();
     let games = TaskName::ALL.map(|task| {
         let client = client.clone();
         let bars = bars.clone();

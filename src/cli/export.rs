@@ -147,11 +147,6 @@ impl Args {
         filters.into_iter().filter_map(|(name, value)| Some((name, value?))).collect()
     }
 
-    /// Without a filter an export may be empty: nothing was mistyped.
-    fn has_filter(&self) -> bool {
-        self.query().iter().any(|(name, _)| *name != "forks")
-    }
-
     fn task(&self) -> Option<String> {
         self.task.map(|task| task.name().to_owned())
     }
@@ -276,7 +271,7 @@ fn write_imported(
     let select =
         |model| ImportedGames::select(store, args.task(), model, |done, of| set(bar, done, of));
     let games = select(args.model.clone())?;
-    if games.is_empty() && args.has_filter() {
+    if games.is_empty() {
         let mut models = Models::default();
         models.add(select(None)?.models()?);
         return Err(args.no_match(&models));
@@ -297,7 +292,7 @@ fn write_episodes(
         Export::select(store, selection, |_| true, progress, CancellationToken::new())
     };
     let export = match select(&selection) {
-        Ok(export) if !(export.is_empty() && args.has_filter()) => export,
+        Ok(export) if !export.is_empty() => export,
         Ok(_) | Err(ExportError::Unknown(_)) => {
             let mut models = Models::default();
             if selection.filter.played_by.take().is_some() && selection.episode.is_none() {
@@ -411,7 +406,7 @@ async fn download(args: &Args, server: &str, partial: &Path) -> anyhow::Result<(
     }
     sent?;
     file.sync_all()?;
-    if !args.has_filter() || has_games(partial)? {
+    if has_games(partial)? {
         return Ok(());
     }
     std::fs::remove_file(partial)?;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::bail;
+use anyhow::{Context as _, bail};
 use indicatif::{HumanCount, ProgressBar};
 use serde_json::json;
 
@@ -35,6 +35,10 @@ pub(super) struct Args {
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+    // A database that is new would be made first.
+    std::fs::metadata(&args.from).with_context(|| {
+        format!("there is no folder or archive {} to import", args.from.display())
+    })?;
     let store = open_database(&args.db, "stop it for the import").await?;
     let mut importer = Importer::new(store.clone());
     let from = args.from.clone();

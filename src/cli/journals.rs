@@ -1,7 +1,7 @@
 //! Journals as commands read them: files, or downloaded.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{self, BufRead, BufReader, Read};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,6 +20,57 @@ use swarmbench_journal::replay::verify_seen;
 use tokio_util::sync::CancellationToken;
 
 use super::options::ServerArgs;
+use crate::host::open_file;
+
+/// Bytes of a line of a journal, or of the file of a competition: more than all acts of a round can have.
+const LINE_BYTES_MAX: usize = 256 * 1024 * 1024;
+
+/// A file that is read line by line. A line without an end is an error before it fills the memory.
+pub(super) struct Lines<R> {
+    file: R,
+    /// Bytes of the current line, and what it may have.
+    line: usize,
+    most: usize,
+}
+
+impl<R> Lines<R> {
+    pub(super) const fn new(file: R) -> Self {
+        Self { file, line: 0, most: LINE_BYTES_MAX }
+    }
+}
+
+/// Opens a file to read it line by line.
+pub(super) fn open_lines(path: &Path) -> anyhow::Result<Lines<BufReader<File>>> {
+    let file = open_file(path).with_context(|| format!("{}", path.display()))?;
+    Ok(Lines::new(BufReader::new(file)))
+}
+
+impl<R: BufRead> BufRead for Lines<R> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        if self.line > self.most {
+            return Err(io::Error::other(format!("a line has more than {} bytes", self.most)));
+        }
+        self.file.fill_buf()
+    }
+
+    fn consume(&mut self, bytes: usize) {
+        // These bytes were shown before, so they are still there.
+        let taken = self.file.fill_buf().map_or(&[][..], |shown| &shown[..bytes.min(shown.len())]);
+        self.line = match taken.iter().rposition(|byte| *byte == b'\n') {
+            Some(end) => taken.len() - end - 1,
+            None => self.line + taken.len(),
+        };
+        self.file.consume(bytes);
+    }
+}
+
+impl<R: BufRead> Read for Lines<R> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let read = self.fill_buf()?.read(into)?;
+        self.consume(read);
+        Ok(read)
+    }
+}
 
 /// A journal that can be read more than once.
 pub(super) enum Journal {
@@ -46,12 +97,9 @@ impl Journal {
         Ok(Self::Bytes(bytes))
     }
 
-    fn open(&self) -> anyhow::Result<Box<dyn BufRead + '_>> {
+    pub(super) fn open(&self) -> anyhow::Result<Box<dyn BufRead + '_>> {
         Ok(match self {
-            Self::File(path) => {
-                let file = File::open(path).with_context(|| format!("{}", path.display()))?;
-                Box::new(BufReader::new(file))
-            }
+            Self::File(path) => Box::new(open_lines(path)?),
             Self::Bytes(bytes) => Box::new(bytes.as_slice()),
         })
     }
@@ -208,5 +256,31 @@ impl<R: BufRead> BufRead for Ending<R> {
 
     fn consume(&mut self, bytes: usize) {
         self.journal.consume(bytes);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_without_an_end_is_an_error() {
+        let text = b"four\nfive5\n\n12345678\n";
+        for buffer in 1..20 {
+            let lines = |most| {
+                let file = BufReader::with_capacity(buffer, &text[..]);
+                Lines { most, ..Lines::new(file) }
+            };
+            let mut read = Vec::new();
+            lines(9).read_to_end(&mut read).expect("short lines");
+            assert_eq!(read, text);
+            let mut line = Vec::new();
+            let mut endless = Lines {
+                most: 1000,
+                ..Lines::new(BufReader::with_capacity(buffer, io::repeat(b'x')))
+            };
+            assert!(endless.read_until(b'\n', &mut line).is_err());
+            assert!(line.len() <= 1020, "{}", line.len());
+        }
     }
 }

@@ -123,7 +123,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         }
     };
     if csv {
-        output::text(&board.csv());
+        output::data(&board.csv());
     } else if json {
         output::json(&board)?;
     } else {
@@ -149,7 +149,7 @@ pub(super) async fn run_cross_play(args: CrossPlayArgs) -> anyhow::Result<()> {
         }
     };
     if csv {
-        output::text(&found.csv());
+        output::data(&found.csv());
     } else if json {
         output::json(&found)?;
     } else {

@@ -11,7 +11,7 @@ use indicatif::ProgressBar;
 use serde::Serialize;
 
 use super::options::ServerArgs;
-use super::output::{progress_bar, set, table};
+use super::output::{self, progress_bar, set, table};
 use crate::migrations;
 use crate::store::Location;
 use crate::telemetry;
@@ -179,7 +179,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     measure(&args, &target, connections_max, &progress(&bar), &mut report).await?;
     bar.finish_and_clear();
     if args.json {
-        out!("{}", serde_json::to_string_pretty(&report)?);
+        output::json(&report)?;
     } else {
         show(&report);
     }

@@ -1,7 +1,6 @@
 //! `swarmbench metrics`
 
 use std::collections::BTreeMap;
-use std::io::BufReader;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -14,6 +13,7 @@ use swarmbench_journal::replay::verify_seen;
 use swarmbench_protocol::metrics::{GameMetrics, MetricMean, MetricsMethod, RunMetrics};
 
 use super::embedder::EmbedderArgs;
+use super::journals::Journal;
 use super::options::ServerArgs;
 use super::output::{self, fields, mean, progress_bar, set, table};
 use crate::measure::{means, series, values};
@@ -73,8 +73,7 @@ pub(super) async fn run(mut args: Args) -> anyhow::Result<()> {
     }
     let path = PathBuf::from(&args.game);
     if path.is_file() {
-        let journal = std::fs::read(&path).with_context(|| format!("{}", path.display()))?;
-        let game = of_journal(&args, journal).await;
+        let game = of_journal(&args, Journal::File(path.clone())).await;
         return show(&args, &game.with_context(|| format!("{}", path.display()))?);
     }
     let is_known = ["run_", "ep_", "imp_"].iter().any(|prefix| args.game.starts_with(prefix));
@@ -92,7 +91,7 @@ pub(super) async fn run(mut args: Args) -> anyhow::Result<()> {
 }
 
 /// Measures a journal on this machine.
-async fn of_journal(args: &Args, journal: Vec<u8>) -> anyhow::Result<GameMetrics> {
+async fn of_journal(args: &Args, journal: Journal) -> anyhow::Result<GameMetrics> {
     let embedder = args.embedder.open()?.of_texts(messages(&journal, &args.embedder)?).await?;
     let (definition, wants_series) = (args.definition, args.series);
     let work = move || measured(&journal, definition, wants_series, &embedder);
@@ -100,10 +99,10 @@ async fn of_journal(args: &Args, journal: Vec<u8>) -> anyhow::Result<GameMetrics
 }
 
 /// The messages of a journal, for an embedder that has to know them before.
-fn messages(journal: &[u8], embedder: &EmbedderArgs) -> anyhow::Result<Vec<String>> {
+fn messages(journal: &Journal, embedder: &EmbedderArgs) -> anyhow::Result<Vec<String>> {
     let mut messages = Vec::new();
     if !embedder.is_default() {
-        verify_seen(journal, None, Solver::Flow, |_, acts| {
+        verify_seen(journal.open()?, None, Solver::Flow, |_, acts| {
             messages.extend(acts.iter().filter_map(|act| act.message.clone()));
         })?;
     }
@@ -111,19 +110,17 @@ fn messages(journal: &[u8], embedder: &EmbedderArgs) -> anyhow::Result<Vec<Strin
 }
 
 fn measured(
-    journal: &[u8],
+    journal: &Journal,
     definition: Definition,
     wants_series: bool,
     embedder: &Arc<dyn Embedder>,
 ) -> anyhow::Result<GameMetrics> {
     let bar = progress_bar("{bar:30} round {pos} of {len}");
     let options = Options::all(wants_series);
-    let read = swarmbench_analysis::journal::measure(
-        BufReader::new(journal),
-        options,
-        embedder,
-        |round, of| set(&bar, round.into(), of.into()),
-    );
+    let read =
+        swarmbench_analysis::journal::measure(journal.open()?, options, embedder, |round, of| {
+            set(&bar, round.into(), of.into());
+        });
     bar.finish_and_clear();
     let (report, metrics) = read?;
     let measured = Measured::of(&metrics);
@@ -153,7 +150,7 @@ async fn of_server(args: &Args, client: &Client) -> anyhow::Result<GameMetrics> 
                 "an imported game has no journal, so only the embedder of the server measures it"
             );
         }
-        return of_journal(args, client.journal(&args.game, None).await?).await;
+        return of_journal(args, Journal::Bytes(client.journal(&args.game, None).await?)).await;
     }
     let kind = if args.game.starts_with("imp_") { "imports" } else { "episodes" };
     let path = format!("/api/v1/{kind}/{}/metrics", args.game);
@@ -213,7 +210,7 @@ async fn of_journals(args: &Args, client: &Client) -> anyhow::Result<RunMetrics>
     let ended = run.games.iter().filter(|game| game.reason.is_some() && game.void_reason.is_none());
     let mut items = Vec::new();
     for id in ended.filter_map(|game| game.episode.as_ref()) {
-        let game = of_journal(args, client.journal(id, None).await?).await;
+        let game = of_journal(args, Journal::Bytes(client.journal(id, None).await?)).await;
         items.push(game.with_context(|| id.clone())?);
     }
     let method = items.first().map(|game| game.method.clone());

@@ -1,10 +1,10 @@
 //! `swarmbench migrate`
 
 use data_encoding::HEXLOWER;
-use indicatif::{HumanCount, ProgressBar, ProgressStyle};
+use indicatif::{HumanCount, ProgressBar};
 use serde_json::json;
 
-use super::output::{self, progress_bar, set};
+use super::output::{self, progress_bar, set, style};
 use crate::competitions;
 use crate::store::Location;
 use crate::store::copy::{Copied, CopiedTable, Step, copy};
@@ -83,7 +83,7 @@ fn show(bar: &ProgressBar, part: &mut Option<(&'static str, &'static str)>, step
     };
     if part.replace(now) != Some(now) {
         bar.reset();
-        bar.set_style(ProgressStyle::with_template(template).expect("a valid template"));
+        bar.set_style(style(template));
         bar.set_message(format!("{} {}", now.0, now.1));
     }
     set(bar, done, of);

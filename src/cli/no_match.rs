@@ -43,6 +43,9 @@ impl Models {
 
     /// The error, where `filters` are those that no game matches and `model` is the one among them.
     pub(super) fn no_match(&self, filters: &[String], model: Option<&str>) -> anyhow::Error {
+        if filters.is_empty() {
+            return anyhow::anyhow!("there are no games to export: nothing is written");
+        }
         let filters = filters.join(" ");
         let names: Vec<String> = model
             .into_iter()

@@ -1,18 +1,24 @@
-//! What commands print: text, tables, JSON and progress bars.
+//! What commands print: text, tables, JSON and progress bars. Nothing is printed elsewhere.
+//!
+//! Much of it comes from others: names, journals, answers of servers. A terminal obeys control characters, and marks of
+//! direction make a text look like another one, so text is escaped here ([`shown`]), wherever it goes: what is in a file may
+//! be looked at in a terminal later. Data for programs (JSON, CSV, exports) are byte for byte what they are, but on a terminal.
 //!
 //! A reader may close the standard output or the standard error at any time, as `| head` does. That neither ends a command
 //! nor changes its exit code: the rest of its text is dropped. Only a [`Stream`], whose length has no bound, ends early.
 
-use std::io::{self, ErrorKind, Write};
+use std::borrow::Cow;
+use std::io::{self, ErrorKind, IsTerminal as _, Write};
 use std::process::ExitCode;
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use comfy_table::{Table, presets};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 use serde::Serialize;
 use swarmbench_client::client::ClientError;
 use swarmbench_protocol::failure::Failures;
+use swarmbench_protocol::names::shown;
 
 use crate::server::StartError;
 
@@ -36,20 +42,25 @@ static FAILED: OnceLock<io::Error> = OnceLock::new();
 /// Whether a [`Stream`] has lost its reader.
 static CUT: AtomicBool = AtomicBool::new(false);
 
-/// Prints a text to the standard output. [`code`] reports what fails.
+/// Prints a text for people to the standard output. [`code`] reports what fails.
 pub(super) fn text(text: &dyn std::fmt::Display) {
-    let mut out = io::stdout().lock();
-    check(write!(out, "{text}"));
+    check(io::stdout().lock().write_all(shown(&text.to_string()).as_bytes()));
+}
+
+/// Prints data for programs to the standard output.
+pub(super) fn data(data: &str) {
+    let data = if io::stdout().is_terminal() { shown(data) } else { Cow::Borrowed(data) };
+    check(io::stdout().lock().write_all(data.as_bytes()));
 }
 
 /// What `note!` is made of. Nobody can be told of its errors.
 pub(super) fn note_line(line: &dyn std::fmt::Display) {
-    drop(writeln!(io::stderr().lock(), "{line}"));
+    drop(writeln!(io::stderr().lock(), "{}", shown(&line.to_string())));
 }
 
 /// Prints a value as indented JSON.
 pub(super) fn json(value: &impl Serialize) -> anyhow::Result<()> {
-    out!("{}", serde_json::to_string_pretty(value)?);
+    data(&(serde_json::to_string_pretty(value)? + "\n"));
     Ok(())
 }
 
@@ -80,6 +91,10 @@ impl Stream {
 
 impl Write for Stream {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if self.0.is_terminal() {
+            let text = String::from_utf8_lossy(bytes);
+            return Self::noting(self.0.write_all(shown(&text).as_bytes())).map(|()| bytes.len());
+        }
         Self::noting(self.0.write(bytes))
     }
 
@@ -164,9 +179,88 @@ pub(super) fn mean(mean: Option<f64>, deviation: Option<f64>) -> String {
     cell(mean.zip(deviation).map(|(mean, deviation)| format!("{mean:.2} ± {deviation:.2}")))
 }
 
+/// The terminal of the standard error, as progress bars draw on it. What they say is escaped; the cursor is moved here alone.
+#[derive(Debug, Default)]
+struct Terminal(Mutex<Vec<u8>>);
+
+impl Terminal {
+    fn push(&self, text: &str) -> io::Result<()> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).write_all(text.as_bytes())
+    }
+
+    fn go(&self, cells: usize, way: char) -> io::Result<()> {
+        if cells == 0 { Ok(()) } else { self.push(&format!("\u{1b}[{cells}{way}")) }
+    }
+}
+
+impl TermLike for Terminal {
+    fn width(&self) -> u16 {
+        note_width().unwrap_or(80)
+    }
+
+    fn move_cursor_up(&self, n: usize) -> io::Result<()> {
+        self.go(n, 'A')
+    }
+
+    fn move_cursor_down(&self, n: usize) -> io::Result<()> {
+        self.go(n, 'B')
+    }
+
+    fn move_cursor_right(&self, n: usize) -> io::Result<()> {
+        self.go(n, 'C')
+    }
+
+    fn move_cursor_left(&self, n: usize) -> io::Result<()> {
+        self.go(n, 'D')
+    }
+
+    fn write_line(&self, line: &str) -> io::Result<()> {
+        self.push(&format!("{}\n", shown(line)))
+    }
+
+    fn write_str(&self, text: &str) -> io::Result<()> {
+        self.push(&shown(text))
+    }
+
+    fn clear_line(&self) -> io::Result<()> {
+        self.push("\r\u{1b}[2K")
+    }
+
+    fn flush(&self) -> io::Result<()> {
+        let drawn = std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner));
+        io::stderr().lock().write_all(&drawn)
+    }
+}
+
+/// Where progress bars are drawn: nowhere, if nobody looks.
+fn drawn() -> ProgressDrawTarget {
+    let is_dumb = std::env::var_os("TERM").is_some_and(|name| name == "dumb");
+    if is_dumb || !is_watched() {
+        return ProgressDrawTarget::hidden();
+    }
+    ProgressDrawTarget::term_like_with_hz(Box::<Terminal>::default(), 20)
+}
+
+/// Whether the standard error is a terminal.
+pub(super) fn is_watched() -> bool {
+    io::stderr().is_terminal()
+}
+
+/// The columns of the standard error, if it is a terminal.
+pub(super) fn note_width() -> Option<u16> {
+    terminal_size::terminal_size_of(io::stderr()).map(|(columns, _)| columns.0)
+}
+
 pub(super) fn progress_bar(template: &str) -> ProgressBar {
-    let style = ProgressStyle::with_template(template).expect("a valid template");
-    ProgressBar::new(0).with_style(style)
+    ProgressBar::with_draw_target(Some(0), drawn()).with_style(style(template))
+}
+
+pub(super) fn progress_bars() -> MultiProgress {
+    MultiProgress::with_draw_target(drawn())
+}
+
+pub(super) fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).expect("a valid template")
 }
 
 /// Shows that `done` of `all` is done.

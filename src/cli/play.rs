@@ -9,7 +9,7 @@ use swarmbench_engine::TaskName;
 use swarmbench_players::{BuiltIn, default_for, find};
 
 use super::options::{ServerArgs, rules};
-use super::output::{self, cell, mean, progress_bar, table, total};
+use super::output::{self, cell, mean, progress_bar, progress_bars, table, total};
 use swarmbench_client::client::Client;
 use swarmbench_client::play::{play, play_run};
 use swarmbench_protocol::episode::{EpisodeRequest, EpisodeSummary};
@@ -178,7 +178,7 @@ struct RunBars {
 
 impl RunBars {
     fn new(run: &RunDetail, player: &str) -> Self {
-        let all = MultiProgress::new();
+        let all = progress_bars();
         let whole = progress_bar("{prefix:38} {bar:30} {pos}/{len} games opened")
             .with_prefix(format!("{} ({})", run.run.suite.name, run.run.suite.rules));
         let ended =

@@ -1,6 +1,5 @@
 //! `swarmbench serve`
 
-use std::fs;
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::path::PathBuf;
 
@@ -8,6 +7,7 @@ use anyhow::{Context, bail};
 use ipnet::IpNet;
 use tokio::net::TcpListener;
 
+use crate::host::read_text;
 use crate::http::limits::Limits;
 use crate::http::{Access, Source};
 use crate::server::{Parts, Server, fit_memory, fit_open_files, listen};
@@ -114,10 +114,10 @@ fn joining(args: &Args) -> anyhow::Result<Option<(TcpListener, Joining)>> {
     let Some((address, file)) = args.node.as_ref().zip(args.cluster_secret_file.as_ref()) else {
         return Ok(None);
     };
-    let secret = fs::read(file).with_context(|| {
+    let secret = read_text(file).with_context(|| {
         format!("the secret of the cluster in {} cannot be read", file.display())
     })?;
-    let secret = secret.trim_ascii();
+    let secret = secret.trim_ascii().as_bytes();
     if secret.len() < SECRET_BYTES_MIN {
         bail!(
             "the secret in {} has {} bytes, {SECRET_BYTES_MIN} are needed: `openssl rand -hex 32` makes a good one",

@@ -1,6 +1,5 @@
 //! `swarmbench verify`
 
-use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
@@ -9,6 +8,7 @@ use indicatif::HumanCount;
 use serde_json::json;
 use swarmbench_engine::physics::Solver;
 
+use super::journals::{Lines, open_lines};
 use super::output::{self, cell, fields, progress_bar, rank, set, table, total};
 use crate::competitions;
 use crate::store::Location;
@@ -127,9 +127,9 @@ fn run_file(args: &Args, file: &Path) -> anyhow::Result<()> {
         SolverName::Both => Solver::Both,
     };
     let journal: Box<dyn BufRead> = if file.as_os_str() == "-" {
-        Box::new(BufReader::new(std::io::stdin()))
+        Box::new(Lines::new(BufReader::new(std::io::stdin())))
     } else {
-        Box::new(open(file)?)
+        Box::new(open_lines(file)?)
     };
     if file.extension().is_some_and(|end| end == "db") {
         bail!("{0} is a database: check it with `swarmbench verify --db {0}`", file.display());
@@ -141,9 +141,8 @@ fn run_file(args: &Args, file: &Path) -> anyhow::Result<()> {
     let played = |round: u32, of: u32| set(&bar, round.into(), of.into());
     let report = match &args.parent {
         None => verify(journal, head, solver, played).map_err(anyhow::Error::from),
-        Some(parent) => {
-            verify_fork(journal, open(parent)?, head, solver, played).map_err(anyhow::Error::from)
-        }
+        Some(parent) => verify_fork(journal, open_lines(parent)?, head, solver, played)
+            .map_err(anyhow::Error::from),
     };
     bar.finish_and_clear();
     let report = report.with_context(|| format!("{} does not verify", file.display()))?;
@@ -197,11 +196,6 @@ fn run_file(args: &Args, file: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn open(file: &Path) -> anyhow::Result<BufReader<File>> {
-    let opened = File::open(file);
-    Ok(BufReader::new(opened.with_context(|| format!("{}", file.display()))?))
-}
-
 fn parse_hash(option: &str, text: Option<&str>) -> anyhow::Result<Option<Head>> {
     let Some(text) = text else { return Ok(None) };
     let head = Head::parse(text);
@@ -220,7 +214,7 @@ fn run_competition(
     let bytes = std::fs::metadata(path).map_or(0, |file| file.len());
     let bar = progress_bar("{bar:30} {bytes} of {total_bytes}, {msg}");
     bar.set_length(bytes);
-    let file = BufReader::new(bar.wrap_read(file));
+    let file = Lines::new(BufReader::new(bar.wrap_read(file)));
     let report = competition::verify(file, Expected { commitment, head }, solver, |line| {
         bar.set_message(format!("line {line}"));
     });

@@ -10,15 +10,34 @@ pub struct Bounds {
     pub entries_max: usize,
     /// Nested folders.
     pub folders_max: usize,
+    /// The directory of an archive, which stays in memory.
+    pub directory_bytes_max: u64,
     /// Of one file, unpacked.
     pub file_bytes_max: u64,
+    /// Of an index, which stays in memory.
+    pub index_bytes_max: u64,
     /// Of all files, unpacked.
     pub total_bytes_max: u64,
     /// Unpacked size divided by packed size of a file in an archive, checked beyond [`RATIO_FREE_BYTES`].
     pub ratio_max: u64,
     /// Nested arrays and objects.
     pub depth_max: u32,
+    /// Of one state, or of one act, as JSON.
+    pub row_bytes_max: u64,
+    /// Numbers, texts, arrays and objects in one of them: the cells of the largest map, and some more.
+    pub row_values_max: u64,
+    /// Of the settings of a run, as JSON: they may name a model for each agent.
+    pub settings_bytes_max: u64,
+    /// Numbers, texts, arrays and objects in the settings.
+    pub settings_values_max: u64,
+    /// Of a state and its packed acts, as they are stored.
+    pub state_bytes_max: u64,
+    /// Of all states of a game, in the same way: one game at a time is in memory.
+    pub game_bytes_max: u64,
 }
+
+/// Bytes of a stored state with its packed acts; these have at most four times as many when they are unpacked.
+pub const IMPORT_STATE_BYTES_MAX: u64 = 32 * 1024 * 1024;
 
 /// The first bytes of a file are exempt from the ratio: a short text may be very repetitive.
 pub const RATIO_FREE_BYTES: u64 = 4 * 1024 * 1024;
@@ -28,18 +47,39 @@ impl Default for Bounds {
         Self {
             entries_max: 100_000,
             folders_max: 8,
+            directory_bytes_max: 64 * 1024 * 1024,
             file_bytes_max: 2 * 1024 * 1024 * 1024,
+            index_bytes_max: 64 * 1024 * 1024,
             total_bytes_max: 256 * 1024 * 1024 * 1024,
             ratio_max: 500,
             depth_max: 16,
+            row_bytes_max: 16 * 1024 * 1024,
+            row_values_max: 1_100_000,
+            settings_bytes_max: 1024 * 1024,
+            settings_values_max: 8192,
+            state_bytes_max: IMPORT_STATE_BYTES_MAX,
+            game_bytes_max: 256 * 1024 * 1024,
         }
     }
 }
 
-/// A file that is read within bounds. Reading beyond them fails.
+impl Bounds {
+    /// The bounds of an index, whose rows are settings.
+    #[must_use]
+    pub const fn of_index(self) -> Self {
+        Self {
+            file_bytes_max: self.index_bytes_max,
+            row_bytes_max: self.settings_bytes_max,
+            row_values_max: self.settings_values_max,
+            ..self
+        }
+    }
+}
+
+/// A file that is read within bounds. Reading beyond them fails, before a parser sees what is beyond.
 pub struct Bounded<'a, R> {
     file: R,
-    bounds: &'a Bounds,
+    bounds: Bounds,
     /// Its size in its archive.
     packed: Option<u64>,
     bytes: u64,
@@ -48,24 +88,22 @@ pub struct Bounded<'a, R> {
     depth: u32,
     in_text: bool,
     escaped: bool,
+    /// Where the current element of the outermost array or object begins, and how many values it has so far.
+    row: (u64, u64),
 }
 
 impl<'a, R: Read> Bounded<'a, R> {
-    pub const fn new(
-        file: R,
-        packed: Option<u64>,
-        bounds: &'a Bounds,
-        total: &'a Cell<u64>,
-    ) -> Self {
-        Self { file, bounds, packed, bytes: 0, total, depth: 0, in_text: false, escaped: false }
+    pub const fn new(file: R, packed: Option<u64>, bounds: Bounds, total: &'a Cell<u64>) -> Self {
+        let (depth, in_text, escaped) = (0, false, false);
+        Self { file, bounds, packed, bytes: 0, total, depth, in_text, escaped, row: (0, 0) }
     }
 
     fn count(&mut self, read: u64) -> io::Result<()> {
-        let Bounds { file_bytes_max, total_bytes_max, ratio_max, .. } = *self.bounds;
+        let Bounds { file_bytes_max, total_bytes_max, ratio_max, .. } = self.bounds;
         self.bytes += read;
         self.total.set(self.total.get() + read);
         if self.bytes > file_bytes_max {
-            return refuse(format!("it has more than {file_bytes_max} bytes"));
+            return refuse(format!("it has more than {file_bytes_max} bytes "));
         }
         if self.total.get() > total_bytes_max {
             return refuse(format!("all files together have more than {total_bytes_max} bytes"));
@@ -79,9 +117,9 @@ impl<'a, R: Read> Bounded<'a, R> {
         Ok(())
     }
 
-    /// Counts the nested arrays and objects; invalid JSON is found by the parser.
+    /// Counts the nested arrays and objects, and what an element has; invalid JSON is found by the parser.
     fn measure(&mut self, bytes: &[u8]) -> io::Result<()> {
-        for byte in bytes {
+        for (at, byte) in (self.bytes - bytes.len() as u64..).zip(bytes) {
             if self.in_text {
                 match byte {
                     _ if self.escaped => self.escaped = false,
@@ -94,6 +132,7 @@ impl<'a, R: Read> Bounded<'a, R> {
             match byte {
                 b'"' => self.in_text = true,
                 b'[' | b'{' => {
+                    self.row.1 += 1;
                     self.depth += 1;
                     if self.depth > self.bounds.depth_max {
                         let most = self.bounds.depth_max;
@@ -103,8 +142,26 @@ impl<'a, R: Read> Bounded<'a, R> {
                     }
                 }
                 b']' | b'}' => self.depth = self.depth.saturating_sub(1),
+                b',' if self.depth <= 1 => {
+                    self.check_row(at)?;
+                    self.row = (at, 0);
+                }
+                b',' => self.row.1 += 1,
                 _ => {}
             }
+        }
+        self.check_row(self.bytes)
+    }
+
+    /// Checks the element that ends at a place, or goes on there.
+    fn check_row(&self, at: u64) -> io::Result<()> {
+        let Bounds { row_bytes_max, row_values_max, .. } = self.bounds;
+        let (begin, values) = self.row;
+        if at - begin > row_bytes_max {
+            return refuse(format!("an element has more than {row_bytes_max} bytes"));
+        }
+        if values > row_values_max {
+            return refuse(format!("an element has more than {row_values_max} values"));
         }
         Ok(())
     }
@@ -130,7 +187,7 @@ mod tests {
     fn read(text: &str, packed: Option<u64>, bounds: &Bounds) -> Result<usize, String> {
         let total = Cell::new(0);
         let mut out = Vec::new();
-        let mut file = Bounded::new(text.as_bytes(), packed, bounds, &total);
+        let mut file = Bounded::new(text.as_bytes(), packed, *bounds, &total);
         file.read_to_end(&mut out).map_err(|error| error.to_string())
     }
 
@@ -145,12 +202,27 @@ mod tests {
     }
 
     #[test]
+    fn an_element_has_so_many_bytes_and_values() {
+        let bounds = Bounds { row_bytes_max: 9, row_values_max: 4, ..Bounds::default() };
+        assert_eq!(read("[1234567,[1,2,3],[1,2,3],\"[,,,,,\"]", None, &bounds), Ok(34));
+        for (bad, problem) in [
+            ("[1,[1,2,3,4],1]", "4 values"),
+            ("{\"a\":[[[[1]]]]}", "4 values"),
+            ("[1,\"123456789\"]", "9 bytes"),
+            ("\"123456789\"", "9 bytes"),
+        ] {
+            let error = read(bad, None, &bounds).expect_err(bad);
+            assert!(error.contains(problem), "{bad}: {error}");
+        }
+    }
+
+    #[test]
     fn bytes_are_counted_as_they_come() {
         let bounds = Bounds { file_bytes_max: 10, total_bytes_max: 15, ..Bounds::default() };
         assert_eq!(read("0123456789", None, &bounds), Ok(10));
         assert!(read("0123456789x", None, &bounds).is_err());
         let (total, mut out) = (Cell::new(8), Vec::new());
-        let mut file = Bounded::new(&b"01234567"[..], None, &bounds, &total);
+        let mut file = Bounded::new(&b"01234567"[..], None, bounds, &total);
         let error = file.read_to_end(&mut out).expect_err("too much").to_string();
         assert!(error.contains("together"), "{error}");
     }

@@ -16,10 +16,10 @@ use tokio_util::sync::CancellationToken;
 
 use super::columns::Table;
 use super::files::Files;
-use super::format::{self, META};
+use super::format::{self, AgentRow, META};
 use super::game::{Game, GameAct, Turn};
 use super::header::Header;
-use super::imported;
+use super::imported::{self, Unreadable};
 use super::measure;
 use super::tables::{self, Cell, Named, Outcome, TableName};
 use crate::ids::{EpisodeId, EpisodeKey, ImportKey};
@@ -490,8 +490,13 @@ impl<'a> ImportedGames<'a> {
             list.end()?;
             let mut list = List::array(files.begin(&format::agent_file(&stored.run_id))?)?;
             self.each(&stored, |round| {
-                let rows = round.acts.as_deref().map_or(Ok(Vec::new()), imported::agent_rows);
-                rows.map_err(unreadable)?.iter().try_for_each(|row| Ok(list.add(row)?))
+                let mut added = Ok(());
+                imported::each_act(round, stored.settings.num_agents, |row: AgentRow| {
+                    added = std::mem::replace(&mut added, Ok(())).and_then(|()| list.add(&row));
+                    Ok(())
+                })
+                .map_err(unreadable)?;
+                Ok(added?)
             })?;
             list.end()?;
             exported.episodes += 1;
@@ -502,8 +507,8 @@ impl<'a> ImportedGames<'a> {
         let mut entries = List::object(files.begin(META)?)?;
         for key in written {
             let Some(stored) = self.stored(key)? else { continue };
-            entries
-                .add_field(&stored.run_id, &imported::meta(&stored.meta).map_err(unreadable)?)?;
+            let meta = self.runtime.block_on(self.store.imported_meta(key))?.unwrap_or_default();
+            entries.add_field(&stored.run_id, &imported::meta(&meta).map_err(unreadable)?)?;
         }
         entries.end()?;
         files.finish()?;
@@ -526,6 +531,8 @@ impl<'a> ImportedGames<'a> {
         let mut from = 0;
         while from <= stored.rounds {
             let to = (stored.rounds + 1).min(from + CHUNK);
+            let bytes = self.runtime.block_on(self.store.imported_bytes(stored.key, from, to))?;
+            let to = imported::fitting(from, &bytes).map_err(unreadable)?;
             let rounds = self.runtime.block_on(self.store.imported_rounds(stored.key, from, to))?;
             rounds.iter().try_for_each(&mut add)?;
             from = to;
@@ -534,8 +541,9 @@ impl<'a> ImportedGames<'a> {
     }
 }
 
-fn unreadable(problem: String) -> ExportError {
-    ExportError::Journal(StoreError::broken(problem))
+#[expect(clippy::needless_pass_by_value, reason = "the shape that `map_err` calls")]
+fn unreadable(problem: Unreadable) -> ExportError {
+    ExportError::Journal(StoreError::broken(problem.to_string()))
 }
 
 /// The episode with this id, if the filter lets it through. Whether it may be read is decided by the caller.

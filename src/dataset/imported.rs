@@ -1,15 +1,18 @@
 //! A game that was read from files, as the store keeps it.
 
-use std::io::{Read, Write};
+use std::collections::HashSet;
+use std::io::{BufRead as _, BufReader, Read, Write};
 
 use flate2::Compression;
 use flate2::read::MultiGzDecoder;
 use flate2::write::GzEncoder;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use swarmbench_engine::{Action, TaskName};
 use swarmbench_protocol::import::ImportConfig;
 
+use super::bounds::{Bounds, IMPORT_STATE_BYTES_MAX};
 use super::format::{AgentAt, AgentRow, GameRow, Meta, Said};
 use crate::store::entries::{ImportRow, ImportedRound};
 use crate::store::imports::ImportHash;
@@ -17,9 +20,6 @@ use swarmbench_protocol::Position;
 use swarmbench_protocol::episode::{State, StateAgent};
 
 const MODEL_CHARS_MAX: usize = 200;
-
-/// The settings of a run, as JSON: they may name a model for each agent.
-const META_BYTES_MAX: usize = 1024 * 1024;
 
 /// Rows and columns of a map, and of a window.
 const SIDE_MAX: u32 = 1024;
@@ -40,23 +40,40 @@ struct StoredState {
     messages: Vec<Said>,
 }
 
+/// Unpacked bytes of the acts of a state.
+const ACTS_BYTES_MAX: u64 = 4 * IMPORT_STATE_BYTES_MAX;
+
 /// Checks the parts of a game as they are read, and makes the row of the store from them.
 pub struct Builder {
     run_id: String,
     meta: Meta,
+    bounds: Bounds,
     task: TaskName,
     model: String,
     rounds: Vec<ImportedRound>,
     names: Vec<String>,
     acts: u64,
+    /// What was acted in each round.
+    acted: Vec<Acted>,
     /// The acts of the current round, one JSON object per line.
-    open: Vec<u8>,
+    open: Option<GzEncoder<Vec<u8>>>,
     open_round: u32,
+    /// Bytes of all states and packed acts.
+    bytes: u64,
+}
+
+/// The acts of a round.
+#[derive(Clone, Default)]
+struct Acted {
+    /// A bit for each agent.
+    by: Vec<u64>,
+    /// Before they are packed.
+    bytes: u64,
 }
 
 impl Builder {
     /// A game without states. An error says which of its settings is invalid.
-    pub fn new(run_id: &str, meta: Meta) -> Result<Self, String> {
+    pub fn new(run_id: &str, meta: Meta, bounds: Bounds) -> Result<Self, String> {
         let model = model(&meta.model)?;
         let task = TaskName::parse(&meta.task)
             .ok_or_else(|| format!("the task {:?} is not known", short(&meta.task)))?;
@@ -74,19 +91,19 @@ impl Builder {
         if i64::try_from(meta.seed).is_err() {
             return Err(format!("the seed {} is too large", meta.seed));
         }
-        if text(&meta).len() > META_BYTES_MAX {
-            return Err(format!("the settings have more than {META_BYTES_MAX} bytes"));
-        }
         Ok(Self {
             run_id: run_id.to_owned(),
             meta,
+            bounds,
             task,
             model,
             rounds: Vec::new(),
             names: Vec::new(),
             acts: 0,
-            open: Vec::new(),
+            acted: Vec::new(),
+            open: None,
             open_round: 0,
+            bytes: 0,
         })
     }
 
@@ -119,6 +136,9 @@ impl Builder {
             if let Some(name) = self.names.iter().find(|name| !is_plain(name, NAME_CHARS_MAX)) {
                 return Err(at(format!("{:?} is not the name of an agent", short(name))));
             }
+            if let Some(name) = twice(&self.names) {
+                return Err(at(format!("two agents have the name {name:?}")));
+            }
         } else if !row.agents.iter().map(|agent| &agent.id).eq(&self.names) {
             return Err(at("its agents are not those of the rounds before it".to_owned()));
         }
@@ -134,14 +154,59 @@ impl Builder {
         {
             return Err(at(format!("the score falls from {} to {}", last.score, row.score)));
         }
+        let most = self.score_max(row.round);
+        if !(0.0..=most).contains(&row.score) {
+            return Err(at(format!("the score must be from 0 to {most}, is {}", row.score)));
+        }
+        self.check_messages(&row.messages).map_err(at)?;
         let (timestamp, agents, messages) = (row.timestamp, row.agents, row.messages);
-        let record = text(&StoredState { timestamp, grid, agents, messages });
-        self.rounds.push(ImportedRound {
-            round: row.round,
-            score: row.score,
-            state: record,
-            acts: None,
-        });
+        let state = text(&StoredState { timestamp, grid, agents, messages });
+        let added = state.len();
+        self.rounds.push(ImportedRound { round: row.round, score: row.score, state, acts: None });
+        self.count(expected, added)
+    }
+
+    /// The highest score after so many rounds: what the rules of the task can give, or a little more.
+    fn score_max(&self, rounds: u32) -> f64 {
+        let Meta { num_agents, width, height, .. } = self.meta;
+        let (agents, rounds) = (f64::from(num_agents), f64::from(rounds));
+        match self.task {
+            TaskName::Transport => agents,
+            // No agent is further from its cell of the shape, part of which may be outside of the map.
+            TaskName::Flocking => agents * f64::from(width + height + num_agents),
+            TaskName::Pursuit | TaskName::Synchronization => rounds,
+            TaskName::Foraging => agents * rounds,
+        }
+    }
+
+    /// Checks that each message is of another agent of the game.
+    fn check_messages(&self, messages: &[Said]) -> Result<(), String> {
+        let mut senders = Acted::default();
+        for said in messages {
+            let name = short(&said.agent_name);
+            let number = self.names.iter().position(|known| *known == said.agent_name);
+            let number = number.ok_or_else(|| format!("a message is of {name:?}, no agent"))?;
+            if !senders.add(number) {
+                return Err(format!("{name:?} has a second message"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Counts bytes that were added to a round.
+    fn count(&mut self, round: usize, added: usize) -> Result<(), String> {
+        let Bounds { state_bytes_max, game_bytes_max, .. } = self.bounds;
+        self.bytes += added as u64;
+        if self.rounds[round].bytes() > state_bytes_max {
+            return Err(format!(
+                "round {round} takes more than {state_bytes_max} bytes (state_bytes_max)"
+            ));
+        }
+        if self.bytes > game_bytes_max {
+            return Err(format!(
+                "the game takes more than {game_bytes_max} bytes (game_bytes_max)"
+            ));
+        }
         Ok(())
     }
 
@@ -173,45 +238,57 @@ impl Builder {
         if row.round as usize >= self.rounds.len() {
             return Err(at("there is no state of this round"));
         }
-        if !self.names.contains(&row.agent_id) {
+        let Some(agent) = self.names.iter().position(|name| *name == row.agent_id) else {
             return Err(at("it is no agent of this run"));
-        }
+        };
         // The toolkit writes rows with empty texts for agents that have escaped.
         let action = row.action.as_deref().unwrap_or_default();
         if !action.is_empty() && Action::ALL.iter().all(|known| known.name() != action) {
             return Err(at(&format!("the action {:?} is not known", short(action))));
         }
+        let mut line = serde_json::to_vec(row).expect("string keys");
+        line.push(b'\n');
+        self.acted.resize_with(self.rounds.len(), Acted::default);
+        let acted = &mut self.acted[row.round as usize];
+        acted.bytes += line.len() as u64;
+        if !acted.add(agent) {
+            return Err(at("it has a second act"));
+        }
+        if acted.bytes > ACTS_BYTES_MAX {
+            return Err(at(&format!(
+                "the acts of the round have more than {ACTS_BYTES_MAX} bytes"
+            )));
+        }
         if row.round != self.open_round {
-            self.pack();
+            self.pack()?;
             self.open_round = row.round;
         }
-        serde_json::to_writer(&mut self.open, row).expect("memory takes everything");
-        self.open.push(b'\n');
+        let open =
+            self.open.get_or_insert_with(|| GzEncoder::new(Vec::new(), Compression::default()));
+        open.write_all(&line).expect("memory takes everything");
         self.acts += 1;
         Ok(())
     }
 
-    /// Compresses the acts that were read, into their round.
-    fn pack(&mut self) {
-        let open = std::mem::take(&mut self.open);
-        if let Some(round) =
-            self.rounds.get_mut(self.open_round as usize).filter(|_| !open.is_empty())
-        {
-            // Several packed pieces one after the other are as good as one.
-            round.acts.get_or_insert_default().extend(packed(&open));
-        }
+    /// Completes the acts that were read, and puts them into their round.
+    pub fn pack(&mut self) -> Result<(), String> {
+        let Some(open) = self.open.take() else { return Ok(()) };
+        let packed = open.finish().expect("memory takes everything");
+        let round = self.open_round as usize;
+        // Several packed pieces one after the other are as good as one.
+        self.rounds[round].acts.get_or_insert_default().extend(&packed);
+        self.count(round, packed.len())
     }
 
     pub fn without_acts(&mut self) {
-        self.open.clear();
+        self.open = None;
         self.acts = 0;
         for round in &mut self.rounds {
             round.acts = None;
         }
     }
 
-    pub fn finish(mut self) -> Result<ImportRow, String> {
-        self.pack();
+    pub fn finish(self) -> Result<ImportRow, String> {
         let last = self.rounds.last().ok_or("it has no states")?;
         let meta = text(&self.meta);
         let mut hash = ImportHash::new(&self.run_id, &meta);
@@ -236,9 +313,25 @@ impl Builder {
     }
 }
 
+impl Acted {
+    /// Notes an agent; false if it is there already.
+    fn add(&mut self, agent: usize) -> bool {
+        let (place, bit) = (agent / 64, 1 << (agent % 64));
+        if self.by.len() <= place {
+            self.by.resize(place + 1, 0);
+        }
+        let is_new = self.by[place] & bit == 0;
+        self.by[place] |= bit;
+        is_new
+    }
+}
+
 /// The settings that make games comparable.
 fn settings(meta: &Meta) -> ImportConfig {
-    let word = |name: &str| meta.rest.get(name).and_then(Value::as_str).map(str::to_owned);
+    let word = |name: &str| {
+        let word = meta.rest.get(name).and_then(Value::as_str);
+        word.filter(|word| is_plain(word, NAME_CHARS_MAX)).map(str::to_owned)
+    };
     let number = |name: &str| meta.rest.get(name).and_then(Value::as_i64);
     ImportConfig {
         num_agents: meta.num_agents,
@@ -309,18 +402,54 @@ fn text(value: &impl Serialize) -> String {
     serde_json::to_string(value).expect("string keys")
 }
 
-fn packed(bytes: &[u8]) -> Vec<u8> {
-    let mut packer = GzEncoder::new(Vec::new(), Compression::default());
-    packer.write_all(bytes).and_then(|()| packer.finish()).expect("memory takes everything")
+/// A name that stands there a second time.
+fn twice(names: &[String]) -> Option<&String> {
+    let mut seen = HashSet::new();
+    names.iter().find(|name| !seen.insert(*name))
+}
+
+/// Why a stored game cannot be shown.
+#[derive(Debug, thiserror::Error)]
+pub enum Unreadable {
+    /// An earlier version stored more than is read now.
+    #[error("{0} (import_state_bytes_max is {IMPORT_STATE_BYTES_MAX})")]
+    TooLarge(String),
+    #[error("{0}")]
+    Broken(String),
+}
+
+impl From<String> for Unreadable {
+    fn from(problem: String) -> Self {
+        Self::Broken(problem)
+    }
+}
+
+/// How many of the states from `from` on, whose stored bytes these are, are read at once.
+///
+/// # Errors
+/// Where the first of them is missing, or too large.
+pub fn fitting(from: u32, bytes: &[u64]) -> Result<u32, Unreadable> {
+    let mut all = 0_u64;
+    let fits = |&&bytes: &&u64| {
+        all = all.saturating_add(bytes);
+        all <= IMPORT_STATE_BYTES_MAX
+    };
+    match (bytes.iter().take_while(fits).count(), bytes.first()) {
+        (0, Some(bytes)) => {
+            Err(Unreadable::TooLarge(format!("state {from} was stored with {bytes} bytes")))
+        }
+        (0, None) => Err(format!("state {from} is missing").into()),
+        (count, _) => Ok(from + u32::try_from(count).expect("states have numbers")),
+    }
 }
 
 /// The settings of a stored game, as its files have them.
-pub fn meta(stored: &str) -> Result<Meta, String> {
-    serde_json::from_str(stored).map_err(|error| error.to_string())
+pub fn meta(stored: &str) -> Result<Meta, Unreadable> {
+    Ok(serde_json::from_str(stored).map_err(|error| error.to_string())?)
 }
 
 /// A stored state, as the files have it.
-pub fn game_row(task: &str, round: &ImportedRound) -> Result<GameRow, String> {
+pub fn game_row(task: &str, round: &ImportedRound) -> Result<GameRow, Unreadable> {
     let state: StoredState =
         serde_json::from_str(&round.state).map_err(|error| error.to_string())?;
     let cells = |row: &String| row.chars().map(String::from).collect();
@@ -335,16 +464,38 @@ pub fn game_row(task: &str, round: &ImportedRound) -> Result<GameRow, String> {
     })
 }
 
-/// The acts of a round, as the files have them.
-pub fn agent_rows(acts: &[u8]) -> Result<Vec<AgentRow>, String> {
-    let mut lines = String::new();
-    MultiGzDecoder::new(acts).read_to_string(&mut lines).map_err(|error| error.to_string())?;
-    let row = |line: &str| serde_json::from_str(line).map_err(|error| error.to_string());
-    lines.lines().map(row).collect()
+/// Shows the acts of a round, one after the other, as the files have them: those of at most so many agents.
+pub fn each_act<T: DeserializeOwned>(
+    round: &ImportedRound,
+    agents: u32,
+    mut see: impl FnMut(T) -> Result<(), Unreadable>,
+) -> Result<(), Unreadable> {
+    let number = round.round;
+    let packed = round.acts.as_deref().unwrap_or_default();
+    let mut acts = BufReader::new(MultiGzDecoder::new(packed).take(ACTS_BYTES_MAX + 1));
+    let (mut line, mut bytes) = (Vec::new(), 0);
+    for act in 0.. {
+        line.clear();
+        bytes += acts.read_until(b'\n', &mut line).map_err(|error| error.to_string())? as u64;
+        if bytes > ACTS_BYTES_MAX {
+            let problem =
+                format!("the acts of round {number} have more than {ACTS_BYTES_MAX} bytes");
+            return Err(Unreadable::TooLarge(problem));
+        }
+        if line.is_empty() {
+            break;
+        }
+        if act == agents {
+            let problem = format!("round {number} has more acts than its {agents} agents");
+            return Err(Unreadable::TooLarge(problem));
+        }
+        see(serde_json::from_slice(&line).map_err(|error| error.to_string())?)?;
+    }
+    Ok(())
 }
 
 /// A stored state as the API has it.
-pub fn state(task: &str, round: &ImportedRound) -> Result<State, String> {
+pub fn state(task: &str, round: &ImportedRound) -> Result<State, Unreadable> {
     let row = game_row(task, round)?;
     let cell = |at: &AgentAt| {
         let (i, j) = (usize::try_from(at.y).ok()?, usize::try_from(at.x).ok()?);

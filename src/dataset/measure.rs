@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use serde::Deserialize;
 use swarmbench_analysis::game::{Agent, Decision, Heard, Setup, State};
 use swarmbench_analysis::journal::decisions;
 use swarmbench_analysis::{Definition, Embedder, Hash1, Meter, Metric, Metrics, Options, RunValue};
@@ -9,7 +10,7 @@ use swarmbench_engine::{Action, Control, Direction, Pos, TaskName, World};
 
 use super::format::GameRow;
 use super::game::{Game, Turn};
-use super::imported;
+use super::imported::{self, Unreadable};
 use crate::store::entries::ImportedRound;
 use crate::store::imports::StoredImport;
 
@@ -42,7 +43,7 @@ pub struct ImportMeter {
 impl ImportMeter {
     /// # Errors
     /// If it is a game of an unknown task.
-    pub fn new(stored: &StoredImport, series: bool) -> Result<Self, String> {
+    pub fn new(stored: &StoredImport, series: bool) -> Result<Self, Unreadable> {
         let setup = setup(stored)?;
         let options = Options::all(series);
         Ok(Self { task: setup.task, setup, options, meter: None, decided: Vec::new() })
@@ -52,7 +53,7 @@ impl ImportMeter {
     ///
     /// # Errors
     /// If it cannot be read.
-    pub fn add(&mut self, round: &ImportedRound) -> Result<(), String> {
+    pub fn add(&mut self, round: &ImportedRound) -> Result<(), Unreadable> {
         let row = imported::game_row(self.task.name(), round)?;
         let state = state(self.task, &row);
         let decided = decisions_of(self.task, round, &row, &state)?;
@@ -71,8 +72,9 @@ impl ImportMeter {
 
     /// # Errors
     /// If it has no state.
-    pub fn finish(self) -> Result<Metrics, String> {
-        let mut metrics = self.meter.ok_or("it has no states")?.metrics();
+    pub fn finish(self) -> Result<Metrics, Unreadable> {
+        let no_states = || "it has no states".to_owned();
+        let mut metrics = self.meter.ok_or_else(no_states)?.metrics();
         // Files have the same action for an agent that stays and for one without an action.
         let untold = (Definition::Paper, Metric::NoActionShare);
         metrics.values.insert(untold, RunValue::default());
@@ -87,7 +89,7 @@ impl ImportMeter {
 ///
 /// # Errors
 /// If it is a game of an unknown task.
-pub(super) fn setup(stored: &StoredImport) -> Result<Setup, String> {
+pub(super) fn setup(stored: &StoredImport) -> Result<Setup, Unreadable> {
     let settings = &stored.settings;
     let task = TaskName::parse(&stored.task);
     let task = task.ok_or_else(|| format!("there is no task {:?}", stored.task))?;
@@ -105,16 +107,24 @@ pub(super) fn setup(stored: &StoredImport) -> Result<Setup, String> {
     })
 }
 
+/// An act of the files, as far as it decides something.
+#[derive(Deserialize)]
+struct DecidedRow {
+    agent_id: String,
+    action: Option<String>,
+    message: Option<String>,
+}
+
 /// What was decided in a state of the files, in the order of its agents.
 pub(super) fn decisions_of(
     task: TaskName,
     round: &ImportedRound,
     row: &GameRow,
     state: &State,
-) -> Result<Vec<Decision>, String> {
-    let rows = round.acts.as_deref().map_or(Ok(Vec::new()), imported::agent_rows)?;
+) -> Result<Vec<Decision>, Unreadable> {
     let mut decided = vec![Decision::default(); row.agents.len()];
-    for act in rows {
+    let agents = u32::try_from(row.agents.len()).unwrap_or(u32::MAX);
+    imported::each_act(round, agents, |act: DecidedRow| {
         let agent = row.agents.iter().position(|agent| agent.id == act.agent_id);
         let agent = agent.ok_or_else(|| format!("there is no agent {:?}", act.agent_id))?;
         // The toolkit still writes rows for agents that have escaped.
@@ -125,7 +135,8 @@ pub(super) fn decisions_of(
                 ..Decision::default()
             };
         }
-    }
+        Ok(())
+    })?;
     Ok(decided)
 }
 

@@ -9,14 +9,16 @@ use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, BufRead as _, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
 use serde::de::{DeserializeOwned, DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
-use serde_json::Value;
+use serde_json::value::RawValue;
 use zip::ZipArchive;
 
 use super::bounds::{Bounded, Bounds};
 use super::format::{self, META, Meta, is_run_id};
 use super::imported::Builder;
+use crate::host::open_file;
 use crate::store::entries::ImportRow;
 
 /// Why most invalid run ids are invalid.
@@ -26,6 +28,9 @@ const BUFFER_BYTES: usize = 64 * 1024;
 
 /// A mark that some programs put at the begin of a text.
 const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
+
+/// Characters of what is said of a file, and of its name.
+const PROBLEM_CHARS_MAX: usize = 500;
 
 /// What is not imported because of a problem.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,8 +50,10 @@ pub struct Problem {
 }
 
 impl Problem {
-    fn new(skipped: Skipped, file: impl Into<String>, problem: impl Into<String>) -> Self {
-        Self { skipped, file: file.into(), problem: problem.into() }
+    /// Both texts may quote a file: they are cut, as there may be many.
+    fn new(skipped: Skipped, file: impl AsRef<str>, problem: impl AsRef<str>) -> Self {
+        let cut = |text: &str| text.chars().take(PROBLEM_CHARS_MAX).collect();
+        Self { skipped, file: cut(file.as_ref()), problem: cut(problem.as_ref()) }
     }
 }
 
@@ -87,7 +94,7 @@ pub fn read(path: &Path, bounds: &Bounds, taker: &mut dyn Taker) -> anyhow::Resu
             };
             Problem { file, ..problem }
         };
-        let mut runs = Vec::new();
+        let mut runs: Vec<(String, Box<RawValue>)> = Vec::new();
         let read = match batch.index {
             Some(index) => reading.index(&mut place, index, &mut runs),
             None => Err("is missing, so the players are not known".to_owned()),
@@ -100,7 +107,7 @@ pub fn read(path: &Path, bounds: &Bounds, taker: &mut dyn Taker) -> anyhow::Resu
         for (run_id, meta) in runs {
             let logs = games.remove(&run_id);
             done += u64::from(logs.is_some());
-            let (game, wrong) = reading.game(&mut place, &run_id, meta, logs.unwrap_or_default());
+            let (game, wrong) = reading.game(&mut place, &run_id, &meta, logs.unwrap_or_default());
             for wrong in wrong {
                 taker.problem(problem(wrong));
             }
@@ -173,7 +180,28 @@ impl Batches {
 /// Where files are read from. Every file has a number.
 enum Place {
     Folder(Vec<(String, PathBuf)>),
-    Archive(Box<ZipArchive<BufReader<File>>>),
+    Archive(Box<ZipArchive<BufReader<Limited>>>),
+}
+
+/// A file of which so many bytes more are read.
+struct Limited {
+    file: File,
+    left: Rc<Cell<u64>>,
+}
+
+impl Read for Limited {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.file.read(buffer)?;
+        let left = self.left.get().checked_sub(read as u64);
+        self.left.set(left.ok_or_else(|| io::Error::other("its directory is too large"))?);
+        Ok(read)
+    }
+}
+
+impl Seek for Limited {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.file.seek(to)
+    }
 }
 
 impl Place {
@@ -188,13 +216,17 @@ impl Place {
             }
             return Ok(Self::Folder(found.files));
         }
-        let mut file = File::open(path).map_err(failed)?;
+        let mut file = open_file(path).map_err(failed)?;
         if declared(&mut file).map_err(failed)? > bounds.entries_max as u64 {
             return Err(ReadError::Entries { path: path.to_owned(), most: bounds.entries_max });
         }
+        let left = Rc::new(Cell::new(bounds.directory_bytes_max));
+        let file = Limited { file, left: Rc::clone(&left) };
         let archive = ZipArchive::new(BufReader::with_capacity(BUFFER_BYTES, file));
         let archive =
             archive.map_err(|source| ReadError::Archive { path: path.to_owned(), source })?;
+        // Files have bounds of their own.
+        left.set(u64::MAX);
         if archive.len() > bounds.entries_max {
             return Err(ReadError::Entries { path: path.to_owned(), most: bounds.entries_max });
         }
@@ -257,7 +289,7 @@ fn walk(
             found.skip(&name, "has a name that is not UTF-8");
         } else if kind.is_file() {
             found.files.push((name, entry.path()));
-            if found.files.len() > bounds.entries_max {
+            if found.files.len() + found.skipped.len() > bounds.entries_max {
                 let most = bounds.entries_max;
                 return Err(ReadError::Entries { path: folder.to_owned(), most });
             }
@@ -310,7 +342,7 @@ impl Reading<'_> {
         &self,
         place: &mut Place,
         run_id: &str,
-        meta: Result<Meta, String>,
+        meta: &RawValue,
         logs: Logs,
     ) -> (Option<ImportRow>, Vec<Problem>) {
         let skip = |file: String, why| (None, vec![Problem::new(Skipped::Game, file, why)]);
@@ -319,7 +351,9 @@ impl Reading<'_> {
             return skip(META.to_owned(), format!("the run id {shown:?} {NO_RUN_ID}"));
         }
         let mut wrong = Vec::new();
-        let mut builder = match meta.and_then(|meta| Builder::new(run_id, meta)) {
+        let meta: Result<Meta, String> =
+            serde_json::from_str(meta.get()).map_err(|error| error.to_string());
+        let mut builder = match meta.and_then(|meta| Builder::new(run_id, meta, *self.bounds)) {
             Ok(builder) => builder,
             Err(why) => return skip(META.to_owned(), format!("run {run_id}: {why}")),
         };
@@ -331,7 +365,10 @@ impl Reading<'_> {
             return skip(format::game_file(run_id), why);
         }
         let read = match logs.acts {
-            Some(acts) => self.list(place, acts, &mut |row| builder.add_act(&row)),
+            Some(acts) => {
+                let read = self.list(place, acts, &mut |row| builder.add_act(&row));
+                read.and_then(|()| builder.pack())
+            }
             None => Err("is missing".to_owned()),
         };
         if let Err(why) = read {
@@ -352,7 +389,8 @@ impl Reading<'_> {
         number: usize,
         add: &mut dyn FnMut(T) -> Result<(), String>,
     ) -> Result<(), String> {
-        self.json(place, number, Elements { add, kind: std::marker::PhantomData })
+        let elements = Elements { add, kind: std::marker::PhantomData };
+        self.json(place, number, *self.bounds, elements)
     }
 
     /// Reads an index. If it is truncated, `runs` has the entries before the end.
@@ -360,17 +398,24 @@ impl Reading<'_> {
         &self,
         place: &mut Place,
         number: usize,
-        runs: &mut Vec<(String, Result<Meta, String>)>,
+        runs: &mut Vec<(String, Box<RawValue>)>,
     ) -> Result<(), String> {
-        self.json(place, number, Runs { runs, most: self.bounds.entries_max })
+        let most = self.bounds.entries_max;
+        self.json(place, number, self.bounds.of_index(), Runs { runs, most })
     }
 
-    fn json<S>(&self, place: &mut Place, number: usize, what: S) -> Result<(), String>
+    fn json<S>(
+        &self,
+        place: &mut Place,
+        number: usize,
+        bounds: Bounds,
+        what: S,
+    ) -> Result<(), String>
     where
         S: for<'de> DeserializeSeed<'de, Value = ()>,
     {
         let (file, packed) = place.file(number).map_err(|error| error.to_string())?;
-        let file = Bounded::new(file, packed, self.bounds, &self.total);
+        let file = Bounded::new(file, packed, bounds, &self.total);
         let mut file = BufReader::with_capacity(BUFFER_BYTES, file);
         let start = file.fill_buf().map_err(|error| error.to_string())?;
         if start.starts_with(BYTE_ORDER_MARK) {
@@ -414,9 +459,9 @@ impl<'de, T: DeserializeOwned> Visitor<'de> for Elements<'_, T> {
     }
 }
 
-/// Reads the runs of an index. An invalid one does not affect the others.
+/// Reads the runs of an index, as text: only one at a time becomes settings. An invalid one does not affect the others.
 struct Runs<'a> {
-    runs: &'a mut Vec<(String, Result<Meta, String>)>,
+    runs: &'a mut Vec<(String, Box<RawValue>)>,
     most: usize,
 }
 
@@ -444,9 +489,7 @@ impl<'de> Visitor<'de> for Runs<'_> {
                     self.most
                 )));
             }
-            let value: Value = map.next_value()?;
-            let meta = serde_json::from_value(value).map_err(|error| error.to_string());
-            self.runs.push((run_id, meta));
+            self.runs.push((run_id, map.next_value()?));
         }
         Ok(())
     }

@@ -4,7 +4,7 @@ use swarmbench_analysis::game::Setup;
 use swarmbench_engine::{Pos, TaskName};
 
 use super::format::GameRow;
-use super::imported;
+use super::imported::{self, Unreadable};
 use super::measure::{decisions_of, setup, state};
 use crate::replay::{PageMaker, Reel, Round, Scene};
 use crate::store::entries::ImportedRound;
@@ -34,7 +34,11 @@ pub struct ImportPage {
 
 impl ImportPage {
     /// A page from the state `from` on. `layout` is the first state of the game.
-    pub fn new(stored: &StoredImport, layout: &ImportedRound, from: u32) -> Result<Self, String> {
+    pub fn new(
+        stored: &StoredImport,
+        layout: &ImportedRound,
+        from: u32,
+    ) -> Result<Self, Unreadable> {
         let setup = setup(stored)?;
         let row = imported::game_row(setup.task.name(), layout)?;
         let block = shape(&cells_of(&row, "B"));
@@ -49,7 +53,7 @@ impl ImportPage {
     }
 
     /// Adds the next state, unless the page is full.
-    pub fn add(&mut self, round: &ImportedRound) -> Result<(), String> {
+    pub fn add(&mut self, round: &ImportedRound) -> Result<(), Unreadable> {
         if self.page.as_ref().is_some_and(PageMaker::is_full) {
             return Ok(());
         }
@@ -75,8 +79,8 @@ impl ImportPage {
     }
 
     /// The page.
-    pub fn finish(self) -> Result<swarmbench_protocol::replay::ReplayPage, String> {
-        Ok(self.page.ok_or("it has no states")?.finish())
+    pub fn finish(self) -> Result<swarmbench_protocol::replay::ReplayPage, Unreadable> {
+        Ok(self.page.ok_or_else(|| "it has no states".to_owned())?.finish())
     }
 
     fn scene(&self, row: &GameRow) -> Scene {
@@ -114,7 +118,7 @@ fn add_messages(round: &mut Round, after: &GameRow) {
 }
 
 /// What never moves, one text a row.
-pub fn ground(task: &str, round: &ImportedRound) -> Result<Vec<String>, String> {
+pub fn ground(task: &str, round: &ImportedRound) -> Result<Vec<String>, Unreadable> {
     let row = imported::game_row(task, round)?;
     let symbol = |cell: &String| match cell.as_str() {
         fixed @ ("W" | "N" | "F") => fixed.to_owned(),

@@ -8,6 +8,8 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 use serde_json::{Map, Value};
 
+use crate::host::open_file;
+
 /// Bytes of a line at most.
 const LINE_BYTES_MAX: usize = 4 * 1024 * 1024;
 
@@ -96,7 +98,7 @@ impl<F: FnMut(Row) -> io::Result<()>> Write for Lines<F> {
 
 /// Reads a file of Parquet if its name says so, else of JSON Lines.
 pub fn read(path: &Path, mut each: impl FnMut(Row) -> io::Result<()>) -> Result<(), RowsError> {
-    let mut file = File::open(path)?;
+    let mut file = open_file(path)?;
     if path.extension().is_none_or(|end| end != "parquet") {
         let mut lines = Lines::new(each);
         io::copy(&mut file, &mut lines)?;

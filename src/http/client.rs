@@ -5,9 +5,11 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::net::IpAddr;
 
+use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderName, Uri, header};
 use ipnet::IpNet;
 
+use super::error::{ApiError, Code};
 use crate::fair::{Group, Party};
 use swarmbench_protocol::loopback::is_loopback;
 
@@ -103,6 +105,42 @@ pub(super) fn name_of(host: &str) -> Option<&str> {
 
 /// How many times as much as an address, or a /64 network of IPv6, the /48 around that may have.
 pub(super) const NETWORKS_PER_SITE_MAX: u32 = 8;
+
+/// Refuses what another site would change through a browser: there the address of the browser is all the permission that
+/// many routes ask for, and a page of any site can send a `POST` without a body. What has an `Authorization` was sent by
+/// somebody who has the token: a browser adds none, and lets no page of another site add one here.
+pub(super) fn check_site(request: &Request, hosts: &[String]) -> Result<(), ApiError> {
+    let headers = request.headers();
+    if request.method().is_safe() || headers.contains_key(header::AUTHORIZATION) {
+        return Ok(());
+    }
+    let text = |name: &str| headers.get(name).map(|value| value.to_str().unwrap_or_default());
+    let site = text("sec-fetch-site");
+    let foreign = match (text("origin"), site) {
+        // A proxy may change `Host`; what a browser says of itself, no page can change.
+        (Some(_), Some("same-origin")) => None,
+        (Some(origin), _) => (!is_own(origin, request, hosts)).then_some(origin),
+        (None, site) => site.filter(|site| *site == "cross-site"),
+    };
+    let Some(foreign) = foreign else { return Ok(()) };
+    let shown: String = foreign.chars().take(100).collect();
+    let detail = format!(
+        "a page of another site ({shown:?}) changes nothing here without a token; if it is this server under a name that the \
+         header `Host` does not have, name it with `swarmbench serve --host`"
+    );
+    Err(ApiError::new(Code::Forbidden, detail))
+}
+
+/// Whether an `Origin` is of this server: of the host that the request asks for, of this machine, or of a name of the server.
+pub(super) fn is_own(origin: &str, request: &Request, hosts: &[String]) -> bool {
+    let Some(name) = origin.split_once("://").and_then(|(_, host)| name_of(host)) else {
+        return false;
+    };
+    let asked = host(request.headers(), request.uri()).and_then(name_of);
+    is_loopback(name)
+        || asked.is_some_and(|asked| asked.eq_ignore_ascii_case(name))
+        || hosts.iter().any(|host| host.eq_ignore_ascii_case(name))
+}
 
 /// What counts as one address: a host has a whole /64 of IPv6 to choose from.
 pub(super) fn network(address: IpAddr) -> IpAddr {

@@ -23,7 +23,7 @@ use tracing::{Instrument, Level, Span};
 use super::admit::{self, check_host};
 use super::auth::{Seat, Swarm};
 use super::body::is_light;
-use super::client::{Client, Peer};
+use super::client::{Client, Peer, check_site};
 use super::error::{ApiError, Code};
 use super::in_flight::RequestContext;
 use super::nodes::{self, Routed};
@@ -32,6 +32,8 @@ use super::{agent, router, stream, swarm};
 use crate::fair::Origin;
 
 pub(super) const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+/// Bytes of the id of a request.
+pub(super) const REQUEST_ID_BYTES_MAX: usize = 200;
 const NOSNIFF: HeaderValue = HeaderValue::from_static("nosniff");
 
 /// The whole service. Cloning shares it.
@@ -101,12 +103,16 @@ impl Front {
         Answered { response, context }
     }
 
-    /// The id that came with a request, or else a new one.
+    /// The id that came with a request, or else a new one. What cannot be an id is not logged, and is sent to nobody.
     pub(super) fn id_of(&self, request: &Request) -> HeaderValue {
         let Inner { app, requests, .. } = &*self.inner;
         request
             .headers()
             .get(REQUEST_ID)
+            .filter(|id| {
+                (1..=REQUEST_ID_BYTES_MAX).contains(&id.len())
+                    && id.as_bytes().iter().all(u8::is_ascii_graphic)
+            })
             .cloned()
             .unwrap_or_else(|| numbered(app.boot, requests.fetch_add(1, Ordering::Relaxed)))
     }
@@ -162,6 +168,7 @@ impl Front {
         if !self.is_for_nodes {
             // The server to which it was sent has done so.
             check_host(&request)?;
+            check_site(&request, &self.inner.app.access.hosts)?;
         }
         match self.inner.app.nodes.as_deref() {
             None => self.handle(request, play).await,

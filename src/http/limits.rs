@@ -4,6 +4,8 @@ use super::checks::AGENT_META_DEPTH_MAX;
 use super::client::NETWORKS_PER_SITE_MAX;
 use super::extract::BODY_VALUES_MAX;
 use super::serve::HEAD_BYTES_MAX;
+use super::front::REQUEST_ID_BYTES_MAX;
+use crate::dataset::bounds::IMPORT_STATE_BYTES_MAX;
 use crate::dataset::replay::IMPORT_CELLS_MAX;
 use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
 use crate::episode::quota::Caps;
@@ -204,6 +206,8 @@ limits! {
         replay_agent_rounds_max = AGENT_ROUNDS_MAX,
         replay_page_bytes_max = PAGE_BYTES_MAX,
         replay_import_cells_max = IMPORT_CELLS_MAX,
+        request_id_bytes_max = REQUEST_ID_BYTES_MAX,
+        import_state_bytes_max = IMPORT_STATE_BYTES_MAX,
         score_points_max = SCORE_POINTS_MAX,
         take_ups_max = RECOVERIES_MAX,
         readers_max = READERS_MAX,

@@ -22,7 +22,7 @@ use super::agent::act::submit;
 use super::agent::obs::see;
 use super::app::Access;
 use super::auth::{self, Caller};
-use super::client::{host, name_of};
+use super::client::{host, is_own, name_of};
 use super::prelude::*;
 use crate::fair::Origin;
 
@@ -34,8 +34,8 @@ pub(super) fn routes() -> Router<App> {
 const HEADERS: [&str; 4] = ["content-type", "mcp-protocol-version", "mcp-method", "mcp-name"];
 
 async fn post_mcp(State(app): State<App>, request: Request) -> Result<Response, ApiError> {
+    check_names(&app.access, &request)?;
     let (mut parts, body) = request.into_parts();
-    check_names(&app.access, &parts)?;
     let caller = Caller::from_request_parts(&mut parts, &app).await;
     let (most, limit) = match &caller {
         Ok(Caller::Seat(..)) => (app.limits.body_bytes_max, "body_bytes_max"),
@@ -59,26 +59,26 @@ async fn post_mcp(State(app): State<App>, request: Request) -> Result<Response, 
 }
 
 /// Refuses requests that a page of another site may have sent through a browser. Such a page reaches a server of this
-/// machine or of its network under a name of its own (`Host`), or is of another origin (`Origin`). Addresses cannot be
-/// borrowed in that way.
-fn check_names(access: &Access, parts: &Parts) -> Result<(), ApiError> {
-    let host = host(&parts.headers, &parts.uri);
-    let origin = parts.headers.get(header::ORIGIN).map(|origin| {
-        let origin = origin.to_str().unwrap_or_default();
-        origin.split_once("://").map_or(origin, |(_, host)| host)
-    });
-    for (field, name) in [("Host", host), ("Origin", origin)] {
-        let Some(name) = name else { continue };
-        if !name_of(name).is_some_and(|name| is_expected(access, name)) {
-            let shown: String = name.chars().take(100).collect();
-            let detail = format!(
-                "the header `{field}` names {shown:?}: /mcp answers to addresses, to localhost, and to the names that \
-                 the server was started with (`swarmbench serve --host NAME`)"
-            );
-            return Err(ApiError::new(Code::Forbidden, detail));
+/// machine, or of its network, under a name of its own that it lets point there (`Host`): addresses cannot be borrowed in that
+/// way. Or it asks under the server's own address, and is then of another origin (`Origin`), which may well be an address.
+fn check_names(access: &Access, request: &Request) -> Result<(), ApiError> {
+    let host = host(request.headers(), request.uri());
+    let origin = request.headers().get(header::ORIGIN);
+    let origin = origin.map(|origin| origin.to_str().unwrap_or_default());
+    let wrong = match (host, origin) {
+        (Some(host), _) if !name_of(host).is_some_and(|name| is_expected(access, name)) => {
+            ("Host", host)
         }
-    }
-    Ok(())
+        (_, Some(origin)) if !is_own(origin, request, &access.hosts) => ("Origin", origin),
+        _ => return Ok(()),
+    };
+    let (field, name) = wrong;
+    let shown: String = name.chars().take(100).collect();
+    let detail = format!(
+        "the header `{field}` names {shown:?}: /mcp answers to addresses, to localhost, and to the names that the server was \
+         started with (`swarmbench serve --host NAME`), and to pages of these alone"
+    );
+    Err(ApiError::new(Code::Forbidden, detail))
 }
 
 fn is_expected(access: &Access, name: &str) -> bool {

@@ -25,27 +25,34 @@ pub fn single_page(title: &str, game: &serde_json::Value) -> String {
     let entry = format!("import \"{NAMESPACE}{ENTRY}\";");
     let styles: String = STYLES.iter().filter_map(|name| FILES.text(name)).collect();
     let title = super::escape(title);
-    let hashes: Vec<String> = [&imports, &entry].map(|script| hash(script)).into();
-    let hashes = hashes.join(" ");
     let style_hash = hash(&styles);
     // In JSON a `<` is found in texts alone, where it may be written as a number.
     let game = game.to_string().replace('<', "\\u003c");
+    let nonce = nonce([&title, &imports, &game]);
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <meta name=\"color-scheme\" content=\"light dark\">\n\
-         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src {hashes} data:; \
+         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'nonce-{nonce}'; \
          style-src {style_hash}; img-src data: blob:; base-uri 'none'; form-action 'none'; \
          require-trusted-types-for 'script'; trusted-types 'none'\">\n\
          <title>{title}</title>\n<style>{styles}</style>\n\
-         <script type=\"importmap\">{imports}</script>\n</head>\n<body>\n<div id=\"app\"></div>\n\
+         <script type=\"importmap\" nonce=\"{nonce}\">{imports}</script>\n</head>\n<body>\n<div id=\"app\"></div>\n\
          <noscript><h1>{title}</h1><p>This page shows a recorded game, and needs scripts.</p></noscript>\n\
          <script type=\"application/json\" id=\"game\">{game}</script>\n\
-         <script type=\"module\">{entry}</script>\n</body>\n</html>\n"
+         <script type=\"module\" nonce=\"{nonce}\">{entry}</script>\n</body>\n</html>\n"
     )
 }
 
-/// The source of a policy that allows an inline script or style with exactly this content.
+/// What allows the scripts of a page. The modules are addresses with content (`data:`), which a policy can only allow all
+/// together; but what a script with a nonce imports has its nonce. A text in the page would have to hold a digest of itself
+/// to have it, too.
+fn nonce(page: [&String; 3]) -> String {
+    let digest = page.iter().fold(Sha256::new(), Sha256::chain_update);
+    BASE64.encode(&digest.finalize()[..18])
+}
+
+/// The source of a policy that allows an inline style with exactly this content.
 fn hash(content: &str) -> String {
     format!("'sha256-{}'", BASE64.encode(&Sha256::digest(content)))
 }
@@ -121,6 +128,20 @@ mod tests {
                 assert!(!source.contains(relative), "{name}: {relative}");
             }
         }
+    }
+
+    #[test]
+    fn the_policy_allows_the_scripts_of_the_page_alone() {
+        let page = |said: &str| single_page("A game", &json!({ "said": said }));
+        let nonce = |page: &str| {
+            let start = page.split_once("'nonce-").expect("a nonce").1;
+            start.split_once('\'').expect("an end").0.to_owned()
+        };
+        let (one, other) = (page("a"), page("b"));
+        assert!(!one.contains("data: 'nonce") && !one.contains("script-src data:"));
+        assert!(one.contains("; script-src 'nonce-"));
+        assert_eq!(one.matches(&format!(" nonce=\"{}\"", nonce(&one))).count(), 2);
+        assert_ne!(nonce(&one), nonce(&other));
     }
 
     #[test]

@@ -2,7 +2,6 @@
 
 use std::convert::Infallible;
 use std::fmt;
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -10,6 +9,8 @@ use std::str::FromStr;
 use percent_encoding::percent_decode_str;
 use sqlx::ConnectOptions as _;
 use sqlx::postgres::PgConnectOptions;
+
+use crate::host::read_text;
 
 /// A file of SQLite, or a database of PostgreSQL.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -170,7 +171,7 @@ impl Address {
         let options = PgConnectOptions::from_str(&self.url).expect("it was parsed before");
         match &self.password_file {
             None => Ok(options),
-            Some(path) => match fs::read_to_string(path) {
+            Some(path) => match read_text(path) {
                 Ok(text) => Ok(options.password(text.trim_end_matches(['\r', '\n']))),
                 Err(error) => Err((path.clone(), error)),
             },
@@ -235,7 +236,7 @@ mod tests {
     fn a_password_may_be_in_a_file() {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("secret");
-        fs::write(&file, "from a file\n").expect("written");
+        std::fs::write(&file, "from a file\n").expect("written");
         let parse = |file: &Path| {
             let url = format!("postgres://me@db.example/swarm?password_file={}", file.display());
             let Location::Postgres(address) = Location::from(url.as_str()) else {

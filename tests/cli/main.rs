@@ -189,11 +189,15 @@ async fn a_database_of_another_program_is_refused_and_stays_as_it_is() {
 
 /// A competition that nobody entered.
 fn empty_competition() -> String {
+    competition_named("a cup")
+}
+
+fn competition_named(name: &str) -> String {
     let sealed = Sealed { salt: [1; 32], seeds: vec![[2; 16], [3; 16]] };
     let hex = |bytes: &[u8]| data_encoding::HEXLOWER.encode(bytes);
     let window = json!({ "opens_at": "2026-03-01T12:00:00Z", "closes_at": "2026-03-02T12:00:00Z" });
     let definition = json!({
-        "name": "a cup", "description": "", "tasks": ["Foraging"], "seeds": 2, "rules": "paper",
+        "name": name, "description": "", "tasks": ["Foraging"], "seeds": 2, "rules": "paper",
         "settings": SuiteSettings { round_deadline_ms: Some(1000), ..SuiteSettings::default() },
         "idle_timeout_ms": 1000, "opens_at": window["opens_at"], "closes_at": window["closes_at"],
         "entry": "anybody", "attempts": [window], "parallel": 1, "counts": "best", "board": "public",
@@ -258,6 +262,72 @@ fn verify_names_what_it_has_not_proven() {
         assert_eq!(said.matches("not proven").count(), unproven.len(), "{args:?}: {said}");
         assert!(unproven.iter().all(|text| said.contains(text)), "{args:?}: {said}");
     }
+}
+
+/// What others wrote reaches a terminal as text: it sets no title, moves no cursor, and turns nothing around.
+#[test]
+fn what_others_wrote_is_not_obeyed_by_a_terminal() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let name = "\u{1b}]0;owned\u{7}cup \u{202e}puc\u{9b}2J";
+    let file = folder.path().join("cup.jsonl");
+    std::fs::write(&file, competition_named(name)).expect("a file");
+    let file = file.display().to_string();
+    let said = verified(&["--competition", &file]);
+    assert!(said.contains(r"\u001b]0;owned\u0007cup \u202epuc\u009b2J"), "{said}");
+    // Data are what they are.
+    let said = verified(&["--competition", &file, "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&said).expect("JSON");
+    assert_eq!(json["name"], name);
+    let journal = folder.path().join("journal.jsonl");
+    std::fs::write(&journal, "{\"record\":{\"kind\":\"\u{1b}\u{202e}\"}}\n").expect("a file");
+    let journal = journal.display().to_string();
+    let missing = format!("no-such{name}");
+    for args in
+        [["verify", &missing], ["import", &missing], ["replay", &journal], ["verify", &journal]]
+    {
+        let said = text(&swarmbench(&args).stderr);
+        let hidden = |c: char| c != '\n' && (c.is_control() || c == '\u{202e}');
+        assert!(!said.is_empty() && !said.contains(hidden), "{args:?}: {said:?}");
+    }
+}
+
+/// A device or a pipe has no end, or nobody at its other one.
+#[test]
+fn files_without_an_end_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let pipe = folder.path().join("pipe");
+    let made = std::process::Command::new("mkfifo").arg(&pipe).status().expect("mkfifo");
+    assert!(made.success());
+    let db = folder.path().join("games.db").display().to_string();
+    let journal = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/1");
+    let journal = std::fs::read_dir(journal).expect("a folder").map(|entry| entry.expect("a file"));
+    let journal = journal
+        .map(|entry| entry.path())
+        .find(|path| path.extension().is_some_and(|end| end == "jsonl"));
+    let journal = journal.expect("a journal").display().to_string();
+    for file in ["/dev/zero", &pipe.display().to_string()] {
+        let system = format!("@{file}");
+        for args in [
+            &["verify", file][..],
+            &["verify", "--competition", file],
+            &["verify", &journal, "--parent", file],
+            &["replay", file, "--html", "never.html"],
+            &["metrics", file],
+            &["import", file, "--db", &db],
+            &["eval", file, "--dry-run"],
+            &["eval", "--player", "default", "--prompt-template", file, "--dry-run"],
+            &["eval", "--model", "m", "--system", &system, "--dry-run"],
+            &["competition", "create", file],
+            &["table", "main", "--from", file],
+        ] {
+            let output = swarmbench(args);
+            let said = text(&output.stderr);
+            assert!(!output.status.success() && said.contains(file), "{args:?}: {said}");
+            assert!(output.status.code().is_some_and(|code| code < 100), "{args:?}: {said}");
+        }
+    }
+    let output = swarmbench(&["verify", &folder.path().display().to_string()]);
+    assert!(text(&output.stderr).contains("not a regular file"), "{}", text(&output.stderr));
 }
 
 #[test]

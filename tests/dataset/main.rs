@@ -10,6 +10,7 @@ use std::process::{Command, Output, Stdio};
 
 use serde_json::{Value, json};
 use swarmbench::dataset::bounds::Bounds;
+use swarmbench::dataset::format::AgentRow;
 use swarmbench::dataset::imported;
 use swarmbench::dataset::read::{Problem, ReadError, Skipped, Taker, read};
 use swarmbench::dataset::tables::TableName;
@@ -176,9 +177,11 @@ fn what_was_read_is_what_was_written() {
                 })
                 .collect();
             assert_eq!(shown.grid, rows);
-            if let Some(packed) = &round.acts {
-                acts.extend(imported::agent_rows(packed).expect("acts"));
-            }
+            let more = |row: AgentRow| {
+                acts.push(row);
+                Ok(())
+            };
+            imported::each_act(round, 12, more).expect("acts");
             compared += 1;
         }
         assert_eq!(acts.len() as u64, game.acts);
@@ -245,7 +248,7 @@ fn first_run_of(index: &str) -> String {
 #[test]
 fn what_cannot_be_is_told_and_skipped() {
     type Change = fn(&mut Value);
-    let in_states: [(Change, &str); 14] = [
+    let in_states: [(Change, &str); 19] = [
         (|rows| rows[1]["score"] = json!("high"), "invalid type"),
         (|rows| rows[2]["round"] = json!(7), "round 7 stands where round 2 was expected"),
         (|rows| rows[1]["grid"][3] = json!([".", "."]), "10 rows of 10 cells"),
@@ -260,6 +263,23 @@ fn what_cannot_be_is_told_and_skipped() {
         ),
         (|rows| rows[1]["agents"][3]["y"] = json!(-2), "round 1: Agent_3 is outside of the map"),
         (|rows| rows[2]["score"] = json!(-0.5), "round 2: the score falls from 0 to -0.5"),
+        (|rows| rows[0]["score"] = json!(-1), "round 0: the score must be from 0 to 12, is -1"),
+        (|rows| rows[5]["score"] = json!(12.5), "round 5: the score must be from 0 to 12, is 12.5"),
+        (
+            |rows| {
+                let said = json!({ "round": 0, "agent_name": "Agent_3", "message": "hi" });
+                rows[1]["messages"] = json!([said, said]);
+            },
+            "round 1: \"Agent_3\" has a second message",
+        ),
+        (
+            |rows| {
+                let said = json!({ "round": 0, "agent_name": "Agent_99", "message": "hi" });
+                rows[1]["messages"] = json!([said]);
+            },
+            "round 1: a message is of \"Agent_99\"",
+        ),
+        (|rows| rows[0]["agents"][2]["id"] = json!("Agent_1"), "two agents have the name"),
         (|rows| rows[1]["task"] = json!("Chess"), "its task is"),
         (|rows| *rows = json!({ "round": 0 }), "expected a list"),
         (|rows| *rows = json!([]), "no states"),
@@ -298,13 +318,21 @@ fn what_cannot_be_is_told_and_skipped() {
         let said = taken.problem("meta_log.json");
         assert!(said.contains(expected) && said.contains(&run), "{said}");
     }
-    let in_acts: [(Change, &str); 5] = [
+    let in_acts: [(Change, &str); 7] = [
         (|rows| rows[5]["round"] = json!(99), "round 99, agent \"Agent_5\": there is no state"),
         (|rows| rows[5]["agent_id"] = json!("Agent_99"), "no agent of this run"),
         (
             |rows| rows[17]["action"] = json!("FLY"),
             "round 1, agent \"Agent_5\": the action \"FLY\" is not known",
         ),
+        (
+            |rows| {
+                let row = rows[5].clone();
+                rows.as_array_mut().expect("a list").push(row);
+            },
+            "round 0, agent \"Agent_5\": it has a second act",
+        ),
+        (|rows| rows[6] = rows[5].clone(), "round 0, agent \"Agent_5\": it has a second act"),
         (|rows| rows[5]["view"] = json!("wall"), "invalid type"),
         (|rows| rows[5]["total_llm_tokens"] = json!("many"), "invalid type"),
     ];
@@ -438,6 +466,45 @@ fn archives_are_bounded() {
     assert!(taken.problem("a/game_log_r.json").contains("more than 16 arrays and objects"));
     assert!(taken.problem("b/meta_log.json").contains("more than 16 arrays and objects"));
     assert!(taken.problem("b/inner.zip").contains("not opened"));
+}
+
+/// A game with much in it is refused before it is in memory.
+#[test]
+fn games_are_bounded() {
+    let (_folder, batches) = small();
+    let run = first_run(&batches[0]);
+    let all = Bounds::default();
+    for (bounds, file, problem) in [
+        (Bounds { row_bytes_max: 600, ..all }, "game", "an element has more than 600 bytes"),
+        (Bounds { row_values_max: 90, ..all }, "game", "an element has more than 90 values"),
+        (Bounds { state_bytes_max: 700, ..all }, "game", "700 bytes (state_bytes_max)"),
+        (Bounds { state_bytes_max: 1800, ..all }, "agent", "1800 bytes (state_bytes_max)"),
+        (Bounds { game_bytes_max: 2000, ..all }, "game", "2000 bytes (game_bytes_max)"),
+    ] {
+        let taken = Collected::of(&batches[0], &bounds);
+        let said = taken.problem(&format!("{file}_log_{run}.json"));
+        assert!(said.contains(problem), "{said}");
+    }
+    for (bounds, problem) in [
+        (Bounds { index_bytes_max: 400, ..all }, "it has more than 400 bytes"),
+        (Bounds { settings_bytes_max: 100, ..all }, "an element has more than 100 bytes"),
+    ] {
+        let said = Collected::of(&batches[0], &bounds);
+        assert!(said.problem("meta_log.json").contains(problem), "{:?}", said.problems);
+    }
+    // Settings of a few bytes would take a hundred times as many as values.
+    change(&batches[0].join("meta_log.json"), |index| {
+        index[&run]["more"] = json!(vec![json!({ "": 0 }); 9000]);
+    });
+    let said = Collected::of(&batches[0], &all);
+    assert!(said.problem("meta_log.json").contains("more than 8192 values"), "{:?}", said.problems);
+    // The directory of an archive stays in memory, names and comments included.
+    let place = TempDir::new().expect("a folder");
+    let archive = place.path().join("data.zip");
+    pack(&batches[0], &archive);
+    let bounds = Bounds { directory_bytes_max: 200, ..all };
+    let error = read(&archive, &bounds, &mut Collected::default()).expect_err("too large");
+    assert!(error.to_string().contains("directory is too large"), "{error}");
 }
 
 #[test]
@@ -590,6 +657,20 @@ async fn the_same_data_again_changes_nothing_and_acts_that_were_missing_are_adde
         "{said}"
     );
     assert!(!out.exists() && !out.with_extension("partial").exists());
+
+    // Nothing is made where nothing can be read, or nothing is there to be written.
+    let (missing, new) = (place.path().join("missing"), place.path().join("new.db"));
+    let output = swarmbench(&["import", &missing.display().to_string()], &new);
+    let said = text(&output.stderr);
+    assert!(output.status.code() == Some(1) && said.contains("there is no folder"), "{said}");
+    assert!(!new.exists());
+    for with in [&["export"][..], &["export", "--format", "jsonl"]] {
+        let out = place.path().join("out-4");
+        let output = swarmbench(&[with, &[&out.display().to_string()]].concat(), &db);
+        let said = text(&output.stderr);
+        assert!(output.status.code() == Some(1) && said.contains("no games to export"), "{said}");
+        assert!(!out.exists() && !out.with_extension("partial").exists());
+    }
 
     let empty = TempDir::new().expect("a folder");
     let output = swarmbench(&["import", &empty.path().display().to_string()], &db);

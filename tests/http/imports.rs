@@ -1,6 +1,10 @@
 //! `/api/v1/imports`: games from files, and who may read them.
 
+use std::io::{Read as _, Write as _};
+
 use serde_json::{Value, json};
+use swarmbench::store::Store;
+use swarmbench::store::entries::{Entry, ImportRow, ImportedRound};
 
 use crate::app::program::{swarmbench, text};
 use crate::app::{Episode, TestApp, list};
@@ -322,4 +326,80 @@ async fn imported_games_are_listed_page_by_page() {
     }
     // They are no episodes.
     assert!(list(&there.get("/api/v1/episodes").ok().await["items"]).is_empty());
+}
+
+/// A game as earlier versions imported it: with any number of acts, of any size.
+fn stored(number: u8, state_bytes: usize, acts: &[&str], blank_bytes: usize) -> ImportRow {
+    let agents: Vec<Value> =
+        (0..2).map(|agent| json!({ "id": format!("Agent_{agent}"), "x": agent, "y": 0 })).collect();
+    let state = json!({ "timestamp": null, "grid": ["A."], "agents": agents, "messages": [] });
+    let level = flate2::Compression::fast();
+    let mut packed = flate2::write::GzEncoder::new(Vec::new(), level);
+    for act in acts {
+        packed.write_all(act.as_bytes()).expect("memory");
+    }
+    std::io::copy(&mut std::io::repeat(b' ').take(blank_bytes as u64), &mut packed)
+        .expect("memory");
+    let settings = json!({
+        "num_agents": 2, "max_round": 9, "width": 2, "height": 1, "view_size": 3, "rules": null, "control": null,
+        "memory": null, "noise": null, "max_delay": null,
+    });
+    ImportRow {
+        id: format!("imp_{number}"),
+        digest: [number; 32],
+        run_id: format!("run-{number}"),
+        meta: "{}".to_owned(),
+        model: "m".to_owned(),
+        task: "Pursuit".to_owned(),
+        seed: 1,
+        settings: serde_json::from_value(settings).expect("settings"),
+        score: 0.0,
+        resolved: 0,
+        acts: acts.len() as u64,
+        rounds: vec![ImportedRound {
+            round: 0,
+            score: 0.0,
+            state: format!("{:<state_bytes$}", state.to_string()),
+            acts: Some(packed.finish().expect("memory")),
+        }],
+    }
+}
+
+#[tokio::test]
+async fn what_earlier_versions_imported_is_read_within_bounds() {
+    const MIB: usize = 1024 * 1024;
+    let act = "{\"agent_id\": \"Agent_1\", \"action\": \"UP\", \"message\": \"up\"}\n";
+    let mut app = TestApp::start().await;
+    app.stop().await;
+    let store = Store::open(app.location()).await.expect("it opens");
+    let games = [
+        stored(0, 0, &[act; 2], 0),
+        stored(1, 0, &[act; 1000], 0),
+        stored(2, 0, &[act], 129 * MIB),
+        stored(3, 33 * MIB, &[act], 0),
+    ];
+    for game in games {
+        let entry = Entry::Import { game: Box::new(game), at: jiff::Timestamp::UNIX_EPOCH };
+        store.keep(vec![entry]).await.expect("stored");
+    }
+    store.close().await;
+    app.start_again().await;
+    let looks = ["replay", "metrics", "rounds/0/agents/Agent_1"];
+    for look in looks.into_iter().chain(["state"]) {
+        app.get(&format!("/api/v1/imports/imp_0/{look}")).ok().await;
+        let path = format!("/api/v1/imports/imp_3/{look}");
+        let problem = app.get(&path).problem(422, "invalid").await;
+        assert_eq!(problem["limit"]["name"], "import_state_bytes_max", "{problem}");
+    }
+    for (game, said) in [("imp_1", "more acts than its 2 agents"), ("imp_2", "134217728 bytes")] {
+        for look in looks {
+            let path = format!("/api/v1/imports/{game}/{look}");
+            let problem = app.get(&path).problem(422, "invalid").await;
+            assert_eq!(problem["limit"]["name"], "import_state_bytes_max", "{problem}");
+            assert!(
+                problem["detail"].as_str().is_some_and(|detail| detail.contains(said)),
+                "{problem}"
+            );
+        }
+    }
 }

@@ -129,3 +129,53 @@ async fn a_server_without_keys_opens_to_programs_on_its_machine_only() {
     let open = TestApp::builder().access(|access| access.open = true).start().await;
     open.post("/api/v1/episodes").json(&request()).header("host", "swarm.example").ok().await;
 }
+
+/// A browser sends some requests for a page of any site without asking first: those that have no body, or a plain one.
+#[tokio::test]
+async fn a_page_of_another_site_changes_nothing_on_an_open_server() {
+    let open = TestApp::builder().access(|access| access.open = true).start().await;
+    let manual = || {
+        let mut request = request();
+        request["start"] = json!("manual");
+        request
+    };
+    let episode = open.create(manual()).await;
+    let own = ("host", "swarm.example:8080");
+    for foreign in [
+        ("origin", "https://evil.example"),
+        ("origin", "http://192.0.2.9"),
+        ("origin", "null"),
+        ("sec-fetch-site", "cross-site"),
+    ] {
+        for (method, path) in [
+            (Method::POST, episode.path("/start")),
+            (Method::DELETE, episode.path("")),
+            (Method::POST, "/api/v1/episodes".to_owned()),
+            (Method::POST, "/api/v1/nothing".to_owned()),
+        ] {
+            let call = open.call(method, &path).header(own.0, own.1).header(foreign.0, foreign.1);
+            let problem = call.problem(403, "forbidden").await;
+            let said = problem["detail"].as_str().expect("a detail");
+            assert!(said.contains(foreign.1) && said.contains("another site"), "{said}");
+        }
+        // Pages of other sites may read what all may read, and a token is good from everywhere.
+        open.get(&episode.path("/state")).header(foreign.0, foreign.1).ok().await;
+        let act = json!({ "round": 7, "action": "STAY" });
+        let act = open.post("/act").json(&act).token(episode.seat(0));
+        act.header(foreign.0, foreign.1).problem(409, "round_ahead").await;
+    }
+    // Its own pages, also behind a proxy that changes `Host`, and programs, which have no origin, change what they may.
+    for headers in [
+        &[("origin", "http://swarm.example:8080"), ("sec-fetch-site", "same-origin")][..],
+        &[("origin", "https://public.example"), ("sec-fetch-site", "same-origin")],
+        &[("origin", "http://SWARM.example")],
+        &[("origin", "http://localhost:3000"), ("sec-fetch-site", "cross-site")],
+        &[("sec-fetch-site", "none")],
+        &[],
+    ] {
+        let episode = open.create(manual()).await;
+        let start = open.post(&episode.path("/start")).header(own.0, own.1);
+        let start = headers.iter().fold(start, |call, (name, value)| call.header(name, value));
+        start.ok().await;
+    }
+}

@@ -280,6 +280,12 @@ async fn pages_of_other_sites_are_refused() {
     let app = TestApp::builder().access(|access| access.hosts = vec!["swarm.example.org".into()]);
     let app = app.start().await;
     let ping = request("ping", &json!({}));
+    // A page of the address that was asked for is the server's own.
+    let own = app.mcp(&ping).header("host", "192.0.2.7:8080");
+    assert_eq!(own.header("origin", "http://192.0.2.7:8080").send().await.status, 200);
+    // A token makes no other site one of the server's.
+    let other = app.mcp(&ping).token("seat_any").header("origin", "http://192.0.2.7");
+    other.problem(403, "forbidden").await;
     for (name, value, is_good) in [
         ("host", "localhost", true),
         ("host", "127.0.0.1:9", true),
@@ -291,6 +297,7 @@ async fn pages_of_other_sites_are_refused() {
         ("origin", "http://localhost:3000", true),
         ("origin", "https://swarm.example.org", true),
         ("origin", "http://evil.example:8080", false),
+        ("origin", "http://192.0.2.7:8080", false),
         ("origin", "null", false),
     ] {
         let call = app.mcp(&ping).header(name, value);

@@ -1,6 +1,9 @@
 //! Names that people read: of keys, entrants, models, competitions and labels. Two different
 //! names must not look the same.
 
+use std::borrow::Cow;
+use std::fmt::Write as _;
+
 use unicode_properties::{GeneralCategory, UnicodeGeneralCategory};
 use unicode_security::confusable_detection::skeleton;
 
@@ -74,10 +77,32 @@ pub fn printable(text: &str) -> String {
     text.chars().map(replace).collect()
 }
 
+/// A text as a terminal or a line of a log may show it: control characters but line breaks and tabs, and characters that
+/// are not seen or turn others around, become `\u001b` and so on, as in JSON.
+#[must_use]
+pub fn shown(text: &str) -> Cow<'_, str> {
+    let is_plain = |c: char| c == '\n' || c == '\t' || !(c.is_control() || hides_or_turns(c));
+    if text.chars().all(is_plain) {
+        return Cow::Borrowed(text);
+    }
+    let mut shown = String::with_capacity(text.len() + 16);
+    for c in text.chars() {
+        if is_plain(c) {
+            shown.push(c);
+        } else {
+            for unit in c.encode_utf16(&mut [0; 2]) {
+                write!(shown, "\\u{unit:04x}").expect("text");
+            }
+        }
+    }
+    Cow::Owned(shown)
+}
+
 /// Marks of direction, characters without width, and those that no text may have.
 const fn hides_or_turns(c: char) -> bool {
     matches!(c, '\u{61C}' | '\u{200B}'..='\u{200F}' | '\u{202A}'..='\u{202E}' | '\u{2060}'..='\u{206F}')
-        || matches!(c, '\u{FEFF}' | '\u{FFFE}' | '\u{FFFF}')
+        || matches!(c, '\u{2028}' | '\u{2029}' | '\u{FEFF}' | '\u{FFFE}' | '\u{FFFF}')
+        || matches!(c, '\u{FFF9}'..='\u{FFFB}' | '\u{E0000}'..='\u{E007F}')
 }
 
 /// Whether a character is not seen, or turns others around.
@@ -112,6 +137,19 @@ fn is_blank(character: char) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_terminal_shows_what_it_would_obey() {
+        assert_eq!(shown("a\n\tb é 🐜"), "a\n\tb é 🐜");
+        for (text, expected) in [
+            ("\u{1b}]0;title\u{7}", "\\u001b]0;title\\u0007"),
+            ("a\rb\u{9b}2J\u{7f}", "a\\u000db\\u009b2J\\u007f"),
+            ("\u{202e}eulb\u{2066}\u{200f}\u{2028}", "\\u202eeulb\\u2066\\u200f\\u2028"),
+            ("a\u{e0041}", "a\\udb40\\udc41"),
+        ] {
+            assert_eq!(shown(text), expected);
+        }
+    }
 
     #[test]
     fn names_have_to_be_seen() {

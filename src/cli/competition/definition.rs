@@ -1,19 +1,15 @@
 //! The definition file of a competition: TOML with the fields of the request.
 
-use std::io::Read;
 use std::path::Path;
 
 use anyhow::{Context, anyhow, bail};
 
+use crate::host::{read_text, text_of};
+
 /// Reads a TOML file as the JSON of the request: the same fields, and times as strings.
 pub(super) fn read(file: &Path) -> anyhow::Result<serde_json::Value> {
     let name = file.display();
-    let text = if file.as_os_str() == "-" {
-        let mut text = String::new();
-        std::io::stdin().read_to_string(&mut text).map(|_| text)
-    } else {
-        std::fs::read_to_string(file)
-    };
+    let text = if file.as_os_str() == "-" { text_of(std::io::stdin()) } else { read_text(file) };
     let text = text.with_context(|| format!("{name} cannot be read"))?;
     let read: toml::Table = toml::from_str(&text).map_err(|error| anyhow!("{name}: {error}"))?;
     json(toml::Value::Table(read)).with_context(|| format!("{name} is not like JSON"))

@@ -246,7 +246,7 @@ impl Change {
             reason,
         } = self;
         let read = |file: PathBuf| {
-            std::fs::read_to_string(&file).with_context(|| format!("{}", file.display()))
+            crate::host::read_text(&file).with_context(|| format!("{}", file.display()))
         };
         let windows = window.into_iter();
         let windows =

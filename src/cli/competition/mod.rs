@@ -337,7 +337,7 @@ impl Declaration {
             contact,
         } = self;
         let read = |file: PathBuf| {
-            std::fs::read_to_string(&file).with_context(|| format!("{}", file.display()))
+            crate::host::read_text(&file).with_context(|| format!("{}", file.display()))
         };
         let prompt_template = prompt_template.map(read).transpose()?;
         let agent_meta = None;

@@ -8,7 +8,6 @@ mod progress;
 mod showing;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -174,7 +173,7 @@ impl Args {
             if is_name(&path) {
                 return Ok(path.display().to_string());
             }
-            std::fs::read_to_string(&path).with_context(|| {
+            crate::host::read_text(&path).with_context(|| {
                 format!("the prompt template {}: a file, or the name toolkit", path.display())
             })
         });
@@ -227,7 +226,7 @@ fn read_systems(experiment: &mut Experiment, folder: &Path) -> anyhow::Result<()
         for text in system.texts_mut() {
             if let Some(path) = text.strip_prefix('@') {
                 let path = folder.join(path);
-                let read = std::fs::read_to_string(&path);
+                let read = crate::host::read_text(&path);
                 *text = read.with_context(|| format!("the system message {}", path.display()))?;
             }
         }
@@ -238,7 +237,7 @@ fn read_systems(experiment: &mut Experiment, folder: &Path) -> anyhow::Result<()
 /// Reads an experiment; files that it names lie beside it.
 fn read(file: &Path) -> anyhow::Result<Experiment> {
     let shown = file.display();
-    let text = std::fs::read_to_string(file)
+    let text = crate::host::read_text(file)
         .with_context(|| format!("{shown}: name a file that describes an experiment"))?;
     let mut experiment: Experiment =
         toml::from_str(&text).map_err(|error| anyhow!("{shown}: {error}"))?;
@@ -416,7 +415,7 @@ fn stop_when_asked(stop: CancellationToken, models: Vec<Option<Model>>) {
                 () = SystemClock.sleep_until(after(SystemClock.now(), WAITING_EVERY)) => {}
             }
             // On a terminal the line for all games says it.
-            if !std::io::stderr().is_terminal() {
+            if !super::output::is_watched() {
                 note!("stopping: waiting for {} answers", in_flight());
             }
         }

@@ -4,9 +4,10 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar};
 use jiff::Timestamp;
 
+use super::super::output::{note_width, progress_bar, progress_bars};
 use super::attempt;
 use swarmbench_client::eval::conduct::{Found, News};
 use swarmbench_client::eval::plan::{Plan, Planned};
@@ -96,13 +97,10 @@ struct Game {
 
 impl<'a> Progress<'a> {
     pub(super) fn new(plan: &Plan, models: &'a [Option<Model>], is_several: bool) -> Self {
-        let bars = MultiProgress::new();
+        let bars = progress_bars();
         let planned = plan.runs.iter().map(Planned::rounds_max).sum();
-        let total = bars.add(ProgressBar::new(planned).with_style(style(if is_wide() {
-            WIDE.0
-        } else {
-            NARROW.0
-        })));
+        let total = bars.add(progress_bar(if is_wide() { WIDE.0 } else { NARROW.0 }));
+        total.set_length(planned);
         let now = SystemClock.now();
         Self {
             models,
@@ -218,9 +216,9 @@ impl<'a> Progress<'a> {
         let narrow = if self.is_several { NARROW_WITH_MODEL } else { NARROW.1 };
         let (bars, total) = (&self.bars, &self.total);
         self.games.entry(episode.to_owned()).or_insert_with(|| {
-            let bar = ProgressBar::new(max_round.into())
-                .with_style(style(if is_wide() { WIDE.1 } else { narrow }))
-                .with_prefix(name.clone());
+            let bar = progress_bar(if is_wide() { WIDE.1 } else { narrow });
+            let bar = bar.with_prefix(name.clone());
+            bar.set_length(max_round.into());
             Game {
                 run: number,
                 bar: bars.insert_before(total, bar),
@@ -462,17 +460,12 @@ fn time_left(passed: Duration, played: u64, left: u64) -> Option<String> {
 }
 
 fn is_wide() -> bool {
-    terminal_size::terminal_size_of(std::io::stderr())
-        .is_none_or(|(columns, _)| columns.0 >= WIDE_COLUMNS)
-}
-
-fn style(template: &str) -> ProgressStyle {
-    ProgressStyle::with_template(template).expect("a valid template")
+    note_width().is_none_or(|columns| columns >= WIDE_COLUMNS)
 }
 
 /// A bar that counts.
 pub(super) fn plain_bar(prefix: &str, all: u64, what: &str) -> ProgressBar {
-    ProgressBar::new(all)
-        .with_style(style(&format!("{{prefix:34}} {{bar:24}} {{pos}}/{{len}} {what}")))
-        .with_prefix(prefix.to_owned())
+    let bar = progress_bar(&format!("{{prefix:34}} {{bar:24}} {{pos}}/{{len}} {what}"));
+    bar.set_length(all);
+    bar.with_prefix(prefix.to_owned())
 }

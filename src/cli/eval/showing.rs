@@ -106,7 +106,7 @@ impl Showing {
             }
             Some(path) => note!("not all was played, so {} is not written", path.display()),
             None if self.format() == Format::Table => {}
-            None => super::super::output::text(&text),
+            None => super::super::output::data(&text),
         }
         Ok(())
     }

@@ -107,7 +107,8 @@ impl Showing {
         let text = written(format, sheets, notes, width);
         match &self.output {
             Some(path) => std::fs::write(path, text).with_context(|| path.display().to_string())?,
-            None => super::output::text(&text),
+            None if format == Format::Table => super::output::text(&text),
+            None => super::output::data(&text),
         }
         if format == Format::Csv {
             // CSV has no place for sentences.

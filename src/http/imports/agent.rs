@@ -4,16 +4,18 @@ use std::time::Duration;
 
 use axum::Json;
 use jiff::Timestamp;
+use serde::Deserialize;
 use swarmbench_engine::AgentId;
 
 use super::super::extract::AgentPlace;
 use super::super::prelude::*;
-use super::broken;
-use crate::dataset::format::{AgentAt, AgentRow};
-use crate::dataset::imported::{agent_rows, game_row};
+use super::unreadable;
+use crate::dataset::format::AgentAt;
+use crate::dataset::imported::{Unreadable, each_act, game_row};
 use crate::store::entries::ImportedRound;
 use swarmbench_clock::millis;
 use swarmbench_protocol::act::Usage;
+use swarmbench_protocol::failure::Failure;
 use swarmbench_protocol::replay::{AgentRound, ShownAct};
 
 /// Show what an agent of an imported game did in a round, as far as the files have it.
@@ -46,9 +48,13 @@ pub(in super::super) async fn show_import_agent_round(
         let detail = format!("the game has {} rounds, and no round {round}", stored.rounds);
         return Err(ApiError::new(Code::NotFound, detail).at_round(stored.rounds));
     }
-    let state = app.imported_state(&stored, round).await?;
+    let (state, memory) = app.imported_state(&stored, round).await?;
     let task = stored.task.clone();
-    let found = app.heavy.render(move || act_of(&task, &state, &agent)).await?.map_err(broken)?;
+    let found = app.heavy.render(move || {
+        let _memory = memory;
+        act_of(&task, &state, &agent)
+    });
+    let found = found.await?.map_err(unreadable)?;
     let (agent, act) = found.ok_or_else(|| ApiError::not_found("the agent"))?;
     let prompt = act.as_ref().and_then(|act| act.prompt.clone());
     Ok(Json(AgentRound {
@@ -68,17 +74,35 @@ fn act_of(
     task: &str,
     state: &ImportedRound,
     agent: &str,
-) -> Result<Option<(String, Option<AgentRow>)>, String> {
+) -> Result<Option<(String, Option<FoundRow>)>, Unreadable> {
     let agents = game_row(task, state)?.agents;
     let by_name = agents.iter().find(|known| known.id == agent);
     let by_place = || agents.get(AgentId::parse(agent)?.index());
     let Some(AgentAt { id, .. }) = by_name.or_else(by_place) else { return Ok(None) };
-    let rows = state.acts.as_deref().map_or(Ok(Vec::new()), agent_rows)?;
-    let act = rows.into_iter().find(|row| row.agent_id == *id);
+    let mut act = None;
+    each_act(state, u32::try_from(agents.len()).unwrap_or(u32::MAX), |row: FoundRow| {
+        if act.is_none() && row.agent_id == *id {
+            act = Some(row);
+        }
+        Ok(())
+    })?;
     Ok(Some((id.clone(), act)))
 }
 
-fn shown(row: AgentRow) -> ShownAct {
+/// An act of the files, as far as it is shown.
+#[derive(Deserialize)]
+struct FoundRow {
+    agent_id: String,
+    timestamp: Option<f64>,
+    prompt: Option<String>,
+    response: Option<String>,
+    action: Option<String>,
+    message: Option<String>,
+    api_call_time: Option<f64>,
+    failure: Option<Failure>,
+}
+
+fn shown(row: FoundRow) -> ShownAct {
     let latency = row.api_call_time.and_then(|s| Duration::try_from_secs_f64(s).ok());
     let usage = latency.map(|time| Usage { latency_ms: Some(millis(time)), ..Usage::default() });
     let at = row.timestamp.and_then(|s| Duration::try_from_secs_f64(s).ok());

@@ -4,7 +4,7 @@ use axum::Json;
 
 use super::super::episodes::metrics::{MetricsParams, definition};
 use super::super::prelude::*;
-use super::broken;
+use super::unreadable;
 use crate::dataset::measure::ImportMeter;
 use crate::measure::{self, SERIES_BYTES_OF_A_ROUND, method};
 use crate::store::metrics::Measured;
@@ -42,18 +42,19 @@ pub(in super::super) async fn show_import_metrics(
     let kept = if states.is_some() { stored.rounds as usize + 1 } else { 1 };
     let _memory = app.registry.room(kept * SERIES_BYTES_OF_A_ROUND)?;
     let _permit = app.heavy.replay().await?;
-    let mut meter = ImportMeter::new(&stored, states.is_some()).map_err(broken)?;
+    let mut meter = ImportMeter::new(&stored, states.is_some()).map_err(unreadable)?;
     let mut from = 0;
     while from <= stored.rounds {
         let to = (stored.rounds + 1).min(from + CHUNK);
-        let rounds = app.store.imported_rounds(stored.key, from, to).await?;
-        let added = app
-            .heavy
-            .render(move || rounds.iter().try_for_each(|round| meter.add(round)).map(|()| meter));
-        meter = added.await?.map_err(broken)?;
-        from = to;
+        let (rounds, memory) = app.imported_rounds(&stored, from, to).await?;
+        from += u32::try_from(rounds.len()).expect("a part");
+        let added = app.heavy.render(move || {
+            let _memory = memory;
+            rounds.iter().try_for_each(|round| meter.add(round)).map(|()| meter)
+        });
+        meter = added.await?.map_err(unreadable)?;
     }
-    let metrics = meter.finish().map_err(broken)?;
+    let metrics = meter.finish().map_err(unreadable)?;
     let measured = Measured::of(&metrics);
     Ok(Json(GameMetrics {
         episode: stored.id.clone(),

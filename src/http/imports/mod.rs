@@ -11,8 +11,15 @@ pub(super) mod state;
 use super::App;
 use super::auth::Caller;
 use super::error::{ApiError, Code};
+use crate::budget::Reservation;
+use crate::dataset::bounds::IMPORT_STATE_BYTES_MAX;
+use crate::dataset::imported::{Unreadable, fitting};
+use crate::store::entries::ImportedRound;
 use crate::store::imports::StoredImport;
 use swarmbench_protocol::import::ImportSummary;
+
+/// Bytes of a cell while a state is read.
+const CELL_BYTES: usize = 64;
 
 impl App {
     /// An imported game. They are public like episodes that have ended.
@@ -23,12 +30,47 @@ impl App {
         }
         self.store.find_import(id).await?.ok_or_else(unknown)
     }
+
+    /// The states of an imported game from `from` on, as far as they are read at once; it is a part of `from..to`. The
+    /// memory of them is reserved, with that of what they become.
+    async fn imported_rounds(
+        &self,
+        stored: &StoredImport,
+        from: u32,
+        to: u32,
+    ) -> Result<(Vec<ImportedRound>, Reservation), ApiError> {
+        let mut bytes = self.store.imported_bytes(stored.key, from, to).await?;
+        let to = fitting(from, &bytes).map_err(unreadable)?;
+        bytes.truncate((to - from) as usize);
+        let cells = stored.settings.width.saturating_mul(stored.settings.height) as usize;
+        let bytes = usize::try_from(bytes.iter().sum::<u64>()).unwrap_or(usize::MAX);
+        let taken = bytes.saturating_mul(2).saturating_add(cells.saturating_mul(CELL_BYTES));
+        let memory = self.registry.room(taken)?;
+        Ok((self.store.imported_rounds(stored.key, from, to).await?, memory))
+    }
+
+    /// One state of an imported game.
+    async fn imported_state(
+        &self,
+        stored: &StoredImport,
+        round: u32,
+    ) -> Result<(ImportedRound, Reservation), ApiError> {
+        let (mut found, memory) = self.imported_rounds(stored, round, round + 1).await?;
+        Ok((found.remove(0), memory))
+    }
 }
 
 /// The error of a stored game that cannot be read.
 #[expect(clippy::needless_pass_by_value, reason = "the shape that `map_err` calls")]
-fn broken(problem: String) -> ApiError {
-    ApiError::new(Code::Internal, format!("the game cannot be read: {problem}"))
+fn unreadable(problem: Unreadable) -> ApiError {
+    let detail = format!("the game cannot be read: {problem}");
+    match problem {
+        Unreadable::TooLarge(_) => {
+            let most = usize::try_from(IMPORT_STATE_BYTES_MAX).unwrap_or(usize::MAX);
+            ApiError::limit(Code::Invalid, "import_state_bytes_max", most, detail)
+        }
+        Unreadable::Broken(_) => ApiError::new(Code::Internal, detail),
+    }
 }
 
 impl From<StoredImport> for ImportSummary {

@@ -4,7 +4,8 @@ use super::super::answer::{joined, json};
 use super::super::episodes::replay::ReplayParams;
 use super::super::prelude::*;
 use super::super::replay_pages::{Game, PageKey, WrittenPage};
-use super::broken;
+use super::unreadable;
+use crate::dataset::imported::Unreadable;
 use crate::dataset::replay::{ImportPage, ground, rounds_of_import_page};
 use crate::replay::{PAGE_BYTES_MAX, ROUNDS_BEFORE};
 use crate::store::entries::ImportedRound;
@@ -39,14 +40,15 @@ pub(in super::super) async fn show_import_replay(
     let stored = app.import(&caller, &id).await?;
     let (from, to) = params.range(stored.rounds, stored.settings.num_agents)?;
     let to = to.min(from.saturating_add(rounds_of_import_page(&stored)));
-    let layout = app.imported_state(&stored, 0).await?;
+    let (layout, memory) = app.imported_state(&stored, 0).await?;
     let wants_ground = params.wants_ground();
     let of = stored.clone();
     let begin = app.heavy.render(move || {
+        let _memory = memory;
         let page = ImportPage::new(&of, &layout, from)?;
         Ok((head(&of, &layout, wants_ground, &page)?, page))
     });
-    let (head, page) = begin.await?.map_err(broken)?;
+    let (head, page) = begin.await?.map_err(unreadable)?;
     let key = PageKey { game: Game::Import(stored.key), from, to, has_decisions: stored.acts > 0 };
     let page =
         Box::pin(app.replay_pages.page(key, app.write_import_page(&stored, key, page))).await?;
@@ -59,7 +61,7 @@ fn head(
     layout: &ImportedRound,
     wants_ground: bool,
     page: &ImportPage,
-) -> Result<ReplayHead, String> {
+) -> Result<ReplayHead, Unreadable> {
     let settings = &stored.settings;
     Ok(ReplayHead {
         episode: stored.id.clone(),
@@ -81,16 +83,6 @@ fn head(
 }
 
 impl App {
-    /// One state of an imported game.
-    pub(super) async fn imported_state(
-        &self,
-        stored: &StoredImport,
-        round: u32,
-    ) -> Result<ImportedRound, ApiError> {
-        let found = self.store.imported_rounds(stored.key, round, round + 1).await?;
-        found.into_iter().next().ok_or_else(|| broken(format!("state {round} is missing")))
-    }
-
     /// Reads the states of a page.
     async fn write_import_page(
         &self,
@@ -104,13 +96,14 @@ impl App {
         let mut from = key.from.saturating_sub(ROUNDS_BEFORE);
         while from <= key.to {
             let to = (key.to + 1).min(from + CHUNK);
-            let rounds = self.store.imported_rounds(stored.key, from, to).await?;
-            let added = self
-                .heavy
-                .render(move || rounds.iter().try_for_each(|round| page.add(round)).map(|()| page));
-            page = added.await?.map_err(broken)?;
-            from = to;
+            let (rounds, memory) = self.imported_rounds(stored, from, to).await?;
+            from += u32::try_from(rounds.len()).expect("a part");
+            let added = self.heavy.render(move || {
+                let _memory = memory;
+                rounds.iter().try_for_each(|round| page.add(round)).map(|()| page)
+            });
+            page = added.await?.map_err(unreadable)?;
         }
-        Ok(WrittenPage::of(&page.finish().map_err(broken)?))
+        Ok(WrittenPage::of(&page.finish().map_err(unreadable)?))
     }
 }

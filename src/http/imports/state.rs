@@ -4,7 +4,7 @@ use axum::Json;
 
 use super::super::episodes::state::StateParams;
 use super::super::prelude::*;
-use super::broken;
+use super::unreadable;
 use crate::dataset::imported;
 use swarmbench_protocol::episode::State as StateBody;
 
@@ -33,7 +33,10 @@ pub(in super::super) async fn show_imported_state(
         let detail = format!("the game has {} rounds, and no round {round}", stored.rounds);
         return Err(ApiError::new(Code::NotFound, detail).at_round(stored.rounds));
     }
-    let state = app.imported_state(&stored, round).await?;
-    let state = imported::state(&stored.task, &state).map_err(broken)?;
-    Ok(Json(state))
+    let (state, memory) = app.imported_state(&stored, round).await?;
+    let shown = app.heavy.render(move || {
+        let _memory = memory;
+        imported::state(&stored.task, &state)
+    });
+    Ok(Json(shown.await?.map_err(unreadable)?))
 }

@@ -10,6 +10,7 @@ use axum::response::{IntoResponse, Response};
 use super::super::App;
 use super::super::error::ApiError;
 use crate::pages::FILES;
+use crate::telemetry::spawn_blocking;
 
 /// Where the files of pages come from.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -59,18 +60,21 @@ pub(super) async fn asset(
             }
         }
         Source::Folder(folder) => {
-            let path = within(folder, &name).ok_or_else(unknown)?;
-            let content = tokio::fs::read(path).await.map_err(|_| unknown())?;
+            let folder = folder.clone();
+            let read = move || std::fs::read(within(&folder, &name)?).ok();
+            let content = spawn_blocking(read).await.ok().flatten().ok_or_else(unknown)?;
             Ok((media_type, [(CACHE_CONTROL, "no-store")], content).into_response())
         }
     }
 }
 
-/// The path of a file in a folder; none for a name that leads out of it.
+/// The path of a file in a folder; none for a name or a link that leads out of it. The folder itself may be a link, and a
+/// link from one place in it to another is followed.
 fn within(folder: &Path, name: &str) -> Option<PathBuf> {
-    let name = Path::new(name);
-    let is_inside = name.components().all(|part| matches!(part, Component::Normal(_)));
-    is_inside.then(|| folder.join(name))
+    let is_name = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
+    let folder = folder.canonicalize().ok().filter(|_| is_name)?;
+    let path = folder.join(name).canonicalize().ok()?;
+    (path.starts_with(&folder) && path.is_file()).then_some(path)
 }
 
 /// Whether a client takes gzip: it is named, and not with the quality 0.
@@ -99,10 +103,38 @@ mod tests {
 
     #[test]
     fn names_do_not_lead_out_of_the_folder() {
-        let folder = Path::new("/srv/assets");
-        assert_eq!(within(folder, "pages/board.js"), Some(folder.join("pages/board.js")));
-        for bad in ["../serve.rs", "pages/../../x", "/etc/passwd"] {
-            assert_eq!(within(folder, bad), None, "{bad}");
+        use std::os::unix::fs::symlink;
+        let place = tempfile::tempdir().expect("a folder");
+        let (folder, secret) = (place.path().join("assets"), place.path().join("secret.js"));
+        std::fs::create_dir_all(folder.join("pages")).expect("a folder");
+        std::fs::write(folder.join("pages/board.js"), "").expect("written");
+        std::fs::write(&secret, "").expect("written");
+        for (to, link) in [
+            (secret.as_path(), folder.join("out.js")),
+            (place.path(), folder.join("up")),
+            (Path::new("pages/board.js"), folder.join("in.js")),
+            (folder.as_path(), place.path().join("link")),
+        ] {
+            symlink(to, link).expect("a link");
+        }
+        let file = folder.join("pages/board.js").canonicalize().expect("a file");
+        let linked = place.path().join("link");
+        for (folder, name) in
+            [(&folder, "pages/board.js"), (&folder, "in.js"), (&linked, "pages/board.js")]
+        {
+            assert_eq!(within(folder, name), Some(file.clone()), "{name}");
+        }
+        for bad in [
+            "../secret.js",
+            "pages/../../secret.js",
+            "/etc/passwd",
+            "out.js",
+            "up/secret.js",
+            "up",
+            "pages",
+            "none.js",
+        ] {
+            assert_eq!(within(&folder, bad), None, "{bad}");
         }
     }
 

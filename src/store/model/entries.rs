@@ -489,3 +489,10 @@ pub struct ImportedRound {
     pub state: String,
     pub acts: Option<Vec<u8>>,
 }
+
+impl ImportedRound {
+    /// As they are stored.
+    pub fn bytes(&self) -> u64 {
+        (self.state.len() + self.acts.as_ref().map_or(0, Vec::len)) as u64
+    }
+}

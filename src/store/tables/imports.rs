@@ -62,8 +62,6 @@ pub struct StoredImport {
     pub id: String,
     /// As its files call it.
     pub run_id: String,
-    /// Its entry in the index, as JSON.
-    pub meta: String,
     /// Who played, as the files say.
     pub model: String,
     pub task: String,
@@ -85,8 +83,8 @@ pub struct ImportFilter {
 }
 
 const SELECT: &str =
-    "SELECT key, id, run_id, meta, model, task, seed, settings, score, rounds, acts,
-                             imported_at FROM imports WHERE ";
+    "SELECT key, id, run_id, model, task, seed, settings, score, rounds, acts, imported_at
+                             FROM imports WHERE ";
 
 impl Store {
     /// Lists imported games, newest first, from the one after `before` on.
@@ -112,6 +110,26 @@ impl Store {
         let mut query = Builder::new(SELECT);
         query.push("id = ").push_bind(id);
         self.fetch_optional(query.build()).await
+    }
+
+    /// The entry of an imported game in the index of its files, as JSON.
+    pub async fn imported_meta(&self, key: ImportKey) -> Result<Option<String>, StoreError> {
+        let query = query("SELECT meta FROM imports WHERE key = $1");
+        self.fetch_optional(query.bind(key.0)).await
+    }
+
+    /// The bytes of the states `from..to` of an imported game, each with its acts.
+    pub async fn imported_bytes(
+        &self,
+        key: ImportKey,
+        from: u32,
+        to: u32,
+    ) -> Result<Vec<u64>, StoreError> {
+        let query = query(
+            "SELECT octet_length(state) + COALESCE(octet_length(acts), 0) FROM import_rounds
+             WHERE import = $1 AND round >= $2 AND round < $3 ORDER BY round",
+        );
+        self.fetch_all(query.bind(key.0).bind(from).bind(to)).await
     }
 
     /// The states `from..to` of an imported game, each with the acts that were given in it.
@@ -159,7 +177,7 @@ from_row! {
     ImportedRound { round, score, state, acts }
     ImportedGame { id, model, task, seed, settings, score, rounds }
     StoredImport {
-        key, id, run_id, meta, model, task, seed, settings, score, rounds, acts, imported_at,
+        key, id, run_id, model, task, seed, settings, score, rounds, acts, imported_at,
     }
 }
 
