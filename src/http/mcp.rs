@@ -11,7 +11,6 @@ use axum::Router;
 use axum::body::Body;
 use axum::extract::{FromRequestParts as _, Request};
 use axum::http::header;
-use axum::http::request::Parts;
 use axum::routing::post;
 use bytes::Bytes;
 use swarmbench_mcp::{Refusal, Seat};
@@ -44,8 +43,9 @@ async fn post_mcp(State(app): State<App>, request: Request) -> Result<Response, 
     let mut asked = Request::new(Bytes::new());
     *asked.method_mut() = parts.method.clone();
     for name in HEADERS {
-        let values = parts.headers.get_all(name).iter();
-        values.for_each(|value| drop(asked.headers_mut().append(name, value.clone())));
+        for value in parts.headers.get_all(name) {
+            asked.headers_mut().append(name, value.clone());
+        }
     }
     let body = app.json_body(Request::from_parts(parts, body), most, limit).await?;
     *asked.body_mut() = match swarmbench_mcp::essential(body.as_ref()) {

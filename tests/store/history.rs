@@ -454,7 +454,7 @@ impl History {
             manual_start: self.dice.one_in(4),
             round_deadline: may_be_clocked.then(|| Duration::from_secs(30)),
             model: self.named(),
-            agent_meta: self.meta(),
+            agent_meta: self.meta().into(),
             prompt_template: self.template(),
             custom_template: self.dice.one_in(3),
             run: run.as_ref().map(|(_, id, _)| id.clone()),
@@ -705,7 +705,7 @@ impl History {
             owner,
             key: of_key,
             model,
-            agent_meta,
+            agent_meta: agent_meta.into(),
             player: hosted.then(|| "greedy".to_owned()),
             at: self.at(),
         };
