@@ -18,7 +18,10 @@ pub(crate) enum By {
     Swarm,
 }
 
-/// Games in which random seeds have found a fault, by seed and number: each campaign begins with them.
+/// Every so many games there is one of these.
+const FOUND_EVERY: u64 = 8;
+
+/// Games in which random seeds have found a fault, by seed and number: each campaign begins with them, and plays them again.
 const FOUND: [(u64, u64); 1] = [
     // Its layout is solved already: it ends with its creation, whatever happens to the server then.
     (1_116_932_293, 4),
@@ -38,10 +41,10 @@ pub(crate) struct Game {
 }
 
 impl Game {
-    /// The game with this number: one in which a fault was found, and then games of the seed.
+    /// The game with this number: of the seed, or one in which a fault was found.
     pub(crate) fn new(seed: u64, number: u64) -> Self {
-        let found = usize::try_from(number).ok().and_then(|place| FOUND.get(place));
-        let (seed, drawn) = found.copied().unwrap_or_else(|| (seed, number - FOUND.len() as u64));
+        let found = usize::try_from(number % FOUND_EVERY).ok().and_then(|place| FOUND.get(place));
+        let (seed, drawn) = found.copied().unwrap_or((seed, number));
         Self { number, ..Self::draw(seed, drawn) }
     }
 

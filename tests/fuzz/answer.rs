@@ -150,7 +150,7 @@ fn answers_are_read_by_the_rules() {
         // Who answers matters for the receiver alone.
         let other = check(&text, config, AgentId(6));
         assert_eq!((other.is_valid(), other.act.action), (lower.is_valid(), lower.act.action));
-    },);
+    });
 }
 
 #[test]
@@ -177,5 +177,5 @@ fn the_first_marker_is_read_by_the_rules() {
         let read = check(&own, &config, AgentId(5));
         assert_eq!(read.act.action, Some(Action::Down));
         assert_eq!(read.act.message, Message::new("so be it"));
-    },);
+    });
 }

@@ -141,7 +141,7 @@ fn only_the_original_has_its_head() {
         }
         let report = verify(&bytes, Some(original.head));
         assert_eq!(report.is_ok(), bytes == original.bytes, "{report:?}");
-    },);
+    });
 }
 
 #[test]

@@ -86,7 +86,7 @@ const REACHED_BY_SEVERAL: [&str; 17] = [
     "acts confirmed again",
     "acts of the server",
     "refused: unavailable",
-    "ended: task done",
+    "ended: solved by the layout",
     "ended: idle",
     "crashes",
     "failed commits",

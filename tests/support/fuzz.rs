@@ -18,7 +18,7 @@ const INPUT_BYTES_MAX: usize = 8 * 1024;
 
 /// Gives a target inputs of a generator, so many of them, and checks each.
 macro_rules! check {
-    ($inputs:expr, $generator:expr, $check:expr) => {
+    ($inputs:expr, $generator:expr, $check:expr $(,)?) => {
         if fuzz::is_bolero_asked() {
             bolero::check!().with_iterations($inputs).with_generator($generator).for_each($check);
         } else {
