@@ -7,7 +7,6 @@ use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
-use futures::future::select;
 use futures::{StreamExt, stream};
 use jiff::Timestamp;
 use tokio::sync::{OnceCell, mpsc, oneshot};
@@ -48,9 +47,6 @@ const IDLE_STAYS: Duration = Duration::from_secs(10);
 
 /// How long the search for idle episodes pauses after it found too few.
 const LOOKS_FOR_IDLE_AFTER: Duration = Duration::from_secs(1);
-
-/// How long the recovery of an episode whose time is over waits for its end.
-const END_PATIENCE: Duration = Duration::from_secs(5);
 
 /// Concurrent recoveries from journals; each may read as much as some rounds have text.
 pub const RECOVERIES_MAX: usize = 32;
@@ -372,22 +368,11 @@ impl Registry {
         if let Some(slot) = self.slots().get_mut(id) {
             slot.leaving = Some(handle.gone());
         }
-        self.end_if_due(&handle).await;
+        handle.settled().await;
         if let Some(slot) = self.slots().get_mut(id) {
             slot.ends_at = None;
         }
         Ok(handle)
-    }
-
-    /// Waits for the end of an episode whose time ended before its actor was started: no caller may find it running.
-    async fn end_if_due(&self, handle: &Handle) {
-        if !handle.snapshot().status.is_over() && handle.ends_at() <= self.host.clock.now() {
-            let mut published = handle.follow();
-            let over = Box::pin(published.wait_for(|snapshot| snapshot.status.is_over()));
-            // If the time of day has come in doubt this moment, it continues.
-            let up = self.host.clock.sleep_until(after(self.host.clock.now(), END_PATIENCE));
-            drop(select(over, up).await);
-        }
     }
 
     /// Memory for a stored episode. One that advances by itself gets it also where none is free.

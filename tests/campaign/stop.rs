@@ -220,7 +220,7 @@ async fn acts_that_came_while_the_process_was_frozen_are_in_time() {
     let mut server = site.start();
     server.ready().await;
     let request = json!({
-        "task": "Synchronization", "num_agents": 4, "seed": 1, "round_deadline_s": 1.5, "max_round": 200,
+        "task": "Synchronization", "num_agents": 4, "seed": 1, "round_deadline_s": 3, "max_round": 200,
     });
     let waiting = Waiting::at(&site, server.run, request).await;
     let seen: Observation = Waiting::read(waiting.get("/obs", waiting.token(0))).await;
@@ -229,7 +229,7 @@ async fn acts_that_came_while_the_process_was_frozen_are_in_time() {
     let acts: Vec<_> =
         (0..4).map(|seat| tokio::spawn(waiting.act(seat, "", round).send())).collect();
     // Longer than the clock of the round.
-    tokio::time::sleep(Duration::from_secs(4)).await;
+    tokio::time::sleep(Duration::from_secs(6)).await;
     server.thaw();
     for act in acts {
         let answer = act.await.expect("no panic").expect("an answer");

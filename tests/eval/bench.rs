@@ -1,5 +1,6 @@
 //! A folder with a database, the program in it, and a look into what it left.
 
+use std::io::Read as _;
 use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 
@@ -49,8 +50,8 @@ pub(crate) struct Bench {
     pub(crate) folder: TempDir,
 }
 
-/// A running call.
-pub(crate) struct Running(Child);
+/// A running call, and what was read of its standard error already.
+pub(crate) struct Running(Child, Vec<u8>);
 
 impl Bench {
     pub(crate) fn new() -> Self {
@@ -125,7 +126,7 @@ impl Bench {
 
 impl Running {
     pub(crate) fn of(mut command: Command) -> Self {
-        Self(command.spawn().expect("the program runs"))
+        Self(command.spawn().expect("the program runs"), Vec::new())
     }
 
     /// Sends it a signal.
@@ -141,11 +142,27 @@ impl Running {
         move || _ = rustix::process::kill_process(pid, rustix::process::Signal::INT)
     }
 
+    /// Waits until it says this on its standard error.
+    pub(crate) async fn until_it_says(mut self, text: &'static str) -> Self {
+        let reading = spawn_blocking(move || {
+            let mut byte = [0];
+            while !String::from_utf8_lossy(&self.1).contains(text) {
+                let stderr = self.0.stderr.as_mut().expect("it is piped");
+                stderr.read_exact(&mut byte).expect("it says it before its end");
+                self.1.extend(byte);
+            }
+            self
+        });
+        reading.await.expect("no panic")
+    }
+
     pub(crate) async fn end(self) -> Done {
-        let output = spawn_blocking(|| self.0.wait_with_output().expect("it ran")).await;
+        let Self(child, read) = self;
+        let output = spawn_blocking(|| child.wait_with_output().expect("it ran")).await;
         let output = output.expect("no panic");
         let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("UTF-8");
-        Done { status: output.status, out: text(output.stdout), err: text(output.stderr) }
+        let err = text([read, output.stderr].concat());
+        Done { status: output.status, out: text(output.stdout), err }
     }
 }
 

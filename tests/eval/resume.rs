@@ -94,11 +94,9 @@ async fn an_interruption_loses_nothing_that_was_answered() {
     endpoint.has_seen(8).await;
     running.signal(Signal::INT);
     // The eighth is in flight, and paid for: it is waited for.
-    let ended = tokio::spawn(running.end());
-    tokio::time::sleep(WHILE).await;
-    assert!(!ended.is_finished());
+    let running = running.until_it_says("no more questions are asked").await;
     endpoint.release();
-    ended.await.expect("no panic").ends(130).says(&[
+    running.end().await.ends(130).says(&[
         "no more questions are asked. Waiting for the answers to 1, at most 600 s",
         "run the same command again to resume",
         "of 4 games were played",

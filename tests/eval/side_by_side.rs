@@ -1,7 +1,5 @@
 //! Several models at the same time.
 
-use std::time::Duration;
-
 use rustix::process::Signal;
 
 use super::bench::{Bench, Running};
@@ -135,8 +133,8 @@ async fn an_interruption_ends_all_of_them_and_the_same_command_resumes() {
     one.has_seen(4).await;
     other.has_seen(4).await;
     running.signal(Signal::INT);
-    // Until nothing begins any more; what is in flight then is finished.
-    tokio::time::sleep(Duration::from_millis(500)).await;
+    // Nothing begins any more; what is in flight is finished.
+    let running = running.until_it_says("no more questions are asked").await;
     one.release();
     other.release();
     running.end().await.ends(130).says(&["run the same command again to resume"]);

@@ -1,10 +1,12 @@
 //! The reader of language models' answers (rules: *Answers of language models*).
 
-use bolero::TypeGenerator;
+use bolero::{TypeGenerator, produce};
 use swarmbench_engine::answer::{self, Answer};
 use swarmbench_engine::{
     Act, Action, AgentId, AnswerReader, Config, Control, Message, Settings, TaskName,
 };
+
+use crate::fuzz;
 
 /// What makes a difference to the reader.
 const PIECES: [&str; 47] = [
@@ -109,50 +111,53 @@ fn answers_are_read_by_the_rules() {
             Control::ALL.map(|control| config(task, control, AnswerReader::LastMarker))
         })
         .collect();
-    bolero::check!().with_iterations(4_000).with_type::<(Vec<Part>, String, u8, bool)>().for_each(
-        |(parts, prose, setting, commands)| {
-            let config = &configs[usize::from(*setting) % configs.len()];
-            let agent = if *commands { AgentId::COMMANDER } else { AgentId(5) };
-            let text = text(parts);
-            let read = check(&text, config, agent);
+    fuzz::check!(4_000, produce::<(Vec<Part>, String, u8, bool)>(), |(
+        parts,
+        prose,
+        setting,
+        commands,
+    )| {
+        let config = &configs[usize::from(*setting) % configs.len()];
+        let agent = if *commands { AgentId::COMMANDER } else { AgentId(5) };
+        let text = text(parts);
+        let read = check(&text, config, agent);
 
-            // A line without a colon has no marker, so prose around the answer changes nothing.
-            let prose = prose.replace([':', '：'], " ");
-            let around = check(&format!("{prose}\n{text}\r{prose}"), config, agent);
-            // But that an answer with prose is not empty.
-            assert_eq!((&around.act, around.is_valid()), (&read.act, read.is_valid()));
+        // A line without a colon has no marker, so prose around the answer changes nothing.
+        let prose = prose.replace([':', '：'], " ");
+        let around = check(&format!("{prose}\n{text}\r{prose}"), config, agent);
+        // But that an answer with prose is not empty.
+        assert_eq!((&around.act, around.is_valid()), (&read.act, read.is_valid()));
 
-            // All line ends are the same.
-            let lines = text.replace("\r\n", "\n");
-            assert_eq!(check(&lines.replace('\n', "\r\n"), config, agent), read);
-            assert_eq!(check(&lines.replace('\n', "\r"), config, agent), read);
+        // All line ends are the same.
+        let lines = text.replace("\r\n", "\n");
+        assert_eq!(check(&lines.replace('\n', "\r\n"), config, agent), read);
+        assert_eq!(check(&lines.replace('\n', "\r"), config, agent), read);
 
-            // Markers, actions and receivers are read in any case.
-            let mut lower = read.clone();
-            let message = read.act.message.map(|message| message.as_str().to_ascii_lowercase());
-            lower.act.message = message.as_deref().and_then(Message::new);
-            assert_eq!(check(&text.to_ascii_lowercase(), config, agent), lower);
+        // Markers, actions and receivers are read in any case.
+        let mut lower = read.clone();
+        let message = read.act.message.map(|message| message.as_str().to_ascii_lowercase());
+        lower.act.message = message.as_deref().and_then(Message::new);
+        assert_eq!(check(&text.to_ascii_lowercase(), config, agent), lower);
 
-            // The last marker of a kind counts, whatever came before.
-            let last = check(&format!("{text}\nACTION: DOWN\nMSG: \"so be it\""), config, agent);
-            assert!(last.is_valid());
-            assert_eq!(last.act.action, Some(Action::Down));
-            assert_eq!(last.act.message, Message::new("so be it"));
-            assert!(read.act.to.is_none() || last.act.to == read.act.to);
-            assert!(!check(&format!("{text}\nACTION: nothing\nMSG:"), config, agent).is_valid());
+        // The last marker of a kind counts, whatever came before.
+        let last = check(&format!("{text}\nACTION: DOWN\nMSG: \"so be it\""), config, agent);
+        assert!(last.is_valid());
+        assert_eq!(last.act.action, Some(Action::Down));
+        assert_eq!(last.act.message, Message::new("so be it"));
+        assert!(read.act.to.is_none() || last.act.to == read.act.to);
+        assert!(!check(&format!("{text}\nACTION: nothing\nMSG:"), config, agent).is_valid());
 
-            // Who answers matters for the receiver alone.
-            let other = check(&text, config, AgentId(6));
-            assert_eq!((other.is_valid(), other.act.action), (lower.is_valid(), lower.act.action));
-        },
-    );
+        // Who answers matters for the receiver alone.
+        let other = check(&text, config, AgentId(6));
+        assert_eq!((other.is_valid(), other.act.action), (lower.is_valid(), lower.act.action));
+    });
 }
 
 #[test]
 fn any_bytes_are_read() {
     let configs = AnswerReader::ALL
         .map(|reader| config(TaskName::Synchronization, Control::Centralized, reader));
-    bolero::check!().with_iterations(2_000).for_each(|bytes: &[u8]| {
+    fuzz::check!(2_000, produce::<Vec<u8>>().with().len(0..4096_usize), |bytes| {
         for config in &configs {
             check(&String::from_utf8_lossy(bytes), config, AgentId::COMMANDER);
         }
@@ -164,15 +169,13 @@ fn any_bytes_are_read() {
 fn the_first_marker_is_read_by_the_rules() {
     let config =
         config(TaskName::Synchronization, Control::Decentralized, AnswerReader::FirstMarker);
-    bolero::check!().with_iterations(4_000).with_type::<(Vec<Part>, String)>().for_each(
-        |(parts, prose)| {
-            let text = text(parts);
-            check(&text, &config, AgentId(5));
-            let prose = prose.replace([':', '\n'], " ");
-            let own = format!("{prose}\naction: DOWN\nmsg: so be it\n{text}");
-            let read = check(&own, &config, AgentId(5));
-            assert_eq!(read.act.action, Some(Action::Down));
-            assert_eq!(read.act.message, Message::new("so be it"));
-        },
-    );
+    fuzz::check!(4_000, produce::<(Vec<Part>, String)>(), |(parts, prose)| {
+        let text = text(parts);
+        check(&text, &config, AgentId(5));
+        let prose = prose.replace([':', '\n'], " ");
+        let own = format!("{prose}\naction: DOWN\nmsg: so be it\n{text}");
+        let read = check(&own, &config, AgentId(5));
+        assert_eq!(read.act.action, Some(Action::Down));
+        assert_eq!(read.act.message, Message::new("so be it"));
+    });
 }

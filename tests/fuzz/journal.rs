@@ -4,12 +4,14 @@ use std::fs;
 use std::path::Path;
 use std::sync::LazyLock;
 
-use bolero::TypeGenerator;
+use bolero::{TypeGenerator, produce};
 use serde_json::Value;
 use swarmbench_engine::physics::Solver;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::RawRecord;
 use swarmbench_journal::replay::{Fault, Report, verify as verify_with};
+
+use crate::fuzz;
 
 /// A journal as the server gave it.
 struct Original {
@@ -130,23 +132,21 @@ impl Change {
 
 #[test]
 fn only_the_original_has_its_head() {
-    bolero::check!().with_iterations(1_500).with_type::<(u8, Change, Option<Change>)>().for_each(
-        |(which, change, another)| {
-            let original = &ORIGINALS[usize::from(*which) % ORIGINALS.len()];
-            let mut bytes = original.bytes.clone();
+    fuzz::check!(1_500, produce::<(u8, Change, Option<Change>)>(), |(which, change, another)| {
+        let original = &ORIGINALS[usize::from(*which) % ORIGINALS.len()];
+        let mut bytes = original.bytes.clone();
+        change.apply(&mut bytes);
+        if let Some(change) = another {
             change.apply(&mut bytes);
-            if let Some(change) = another {
-                change.apply(&mut bytes);
-            }
-            let report = verify(&bytes, Some(original.head));
-            assert_eq!(report.is_ok(), bytes == original.bytes, "{report:?}");
-        },
-    );
+        }
+        let report = verify(&bytes, Some(original.head));
+        assert_eq!(report.is_ok(), bytes == original.bytes, "{report:?}");
+    });
 }
 
 #[test]
 fn any_bytes_are_no_journal() {
-    bolero::check!().with_iterations(2_000).for_each(|bytes: &[u8]| {
+    fuzz::check!(2_000, produce::<Vec<u8>>().with().len(0..4096_usize), |bytes| {
         assert!(verify(bytes, None).is_err());
     });
 }
@@ -235,38 +235,39 @@ fn change(value: &mut Value, path: &[u8], leaf: &Leaf) {
 /// played. What is accepted then is a journal, but never the original one.
 #[test]
 fn records_with_good_hashes_are_judged_by_what_they_say() {
-    bolero::check!()
-        .with_iterations(1_000)
-        .with_type::<(u8, [(u8, [u8; 4], Leaf); 2], bool)>()
-        .for_each(|(which, changes, both)| {
-            let original = &ORIGINALS[usize::from(*which) % ORIGINALS.len()];
-            let text = std::str::from_utf8(&original.bytes).expect("UTF-8");
-            // `{"hash":"<64 digits>","record":<the record>}`
-            let record = |line: &str| line[84..line.len() - 1].to_owned();
-            let mut records: Vec<String> = text.lines().map(record).collect();
-            for (line, path, leaf) in &changes[..=usize::from(*both)] {
-                let line = usize::from(*line) % records.len();
-                let mut value: Value = serde_json::from_str(&records[line]).expect("JSON");
-                change(&mut value, path, leaf);
-                records[line] = value.to_string();
+    fuzz::check!(1_000, produce::<(u8, [(u8, [u8; 4], Leaf); 2], bool)>(), |(
+        which,
+        changes,
+        both,
+    )| {
+        let original = &ORIGINALS[usize::from(*which) % ORIGINALS.len()];
+        let text = std::str::from_utf8(&original.bytes).expect("UTF-8");
+        // `{"hash":"<64 digits>","record":<the record>}`
+        let record = |line: &str| line[84..line.len() - 1].to_owned();
+        let mut records: Vec<String> = text.lines().map(record).collect();
+        for (line, path, leaf) in &changes[..=usize::from(*both)] {
+            let line = usize::from(*line) % records.len();
+            let mut value: Value = serde_json::from_str(&records[line]).expect("JSON");
+            change(&mut value, path, leaf);
+            records[line] = value.to_string();
+        }
+        let mut head = Head::START;
+        let mut bytes = String::new();
+        for record in records {
+            head = head.link(record.as_bytes());
+            bytes += &RawRecord::from_stored(record).expect("JSON").line(head);
+        }
+        let same = bytes.as_bytes() == original.bytes;
+        assert_eq!(verify(bytes.as_bytes(), Some(original.head)).is_ok(), same);
+        if let Ok(report) = verify(bytes.as_bytes(), None) {
+            assert_eq!(report.head, head);
+            assert!(report.rounds <= report.opening.config.max_round);
+            if let Some(end) = report.end {
+                assert_eq!(
+                    (end.rounds, end.score.to_bits()),
+                    (report.rounds, report.score.to_bits())
+                );
             }
-            let mut head = Head::START;
-            let mut bytes = String::new();
-            for record in records {
-                head = head.link(record.as_bytes());
-                bytes += &RawRecord::from_stored(record).expect("JSON").line(head);
-            }
-            let same = bytes.as_bytes() == original.bytes;
-            assert_eq!(verify(bytes.as_bytes(), Some(original.head)).is_ok(), same);
-            if let Ok(report) = verify(bytes.as_bytes(), None) {
-                assert_eq!(report.head, head);
-                assert!(report.rounds <= report.opening.config.max_round);
-                if let Some(end) = report.end {
-                    assert_eq!(
-                        (end.rounds, end.score.to_bits()),
-                        (report.rounds, report.score.to_bits())
-                    );
-                }
-            }
-        });
+        }
+    });
 }

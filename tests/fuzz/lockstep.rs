@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use bolero::TypeGenerator;
+use bolero::{TypeGenerator, produce};
 use jiff::Timestamp;
 use swarmbench::episode::lockstep::{
     Clocks, Effect, Event, Lockstep, RecordedAct, Refusal, ResumeState, Submission,
@@ -13,6 +13,8 @@ use swarmbench::episode::{Ending, Status};
 use swarmbench_clock::after;
 use swarmbench_engine::{Act, Action, AgentId};
 use swarmbench_journal::record::{Decision, Source};
+
+use crate::fuzz;
 
 const AGENTS: u16 = 4;
 
@@ -299,16 +301,11 @@ impl Subject {
 
 #[test]
 fn every_order_of_events_keeps_the_barrier() {
-    bolero::check!()
-        .with_iterations(4_000)
-        .with_generator((
-            bolero::produce::<Setting>(),
-            bolero::produce::<Vec<Move>>().with().len(0..200_usize),
-        ))
-        .for_each(|(setting, moves)| {
-            let mut subject = Subject::new(setting.clone());
-            for step in moves {
-                subject.play(step);
-            }
-        });
+    let orders = (produce::<Setting>(), produce::<Vec<Move>>().with().len(0..200_usize));
+    fuzz::check!(4_000, orders, |(setting, moves)| {
+        let mut subject = Subject::new(setting.clone());
+        for step in moves {
+            subject.play(step);
+        }
+    });
 }

@@ -2,6 +2,8 @@
 //! for longer. (The target of `POST /act` is beside its code, in `src/http/agent/act.rs`.)
 
 mod answer;
+#[path = "../support/fuzz.rs"]
+mod fuzz;
 mod journal;
 mod lockstep;
 mod template;

@@ -93,7 +93,7 @@ pub(crate) const FLAWS_OF_SEVERAL: [(Flaw, Invariant, u64); 10] = [
     (Flaw::LeaseByOwnClock, Invariant::OneOwner, 0),
     (Flaw::TakesByAnOldView, Invariant::OneOwner, 0),
     (Flaw::AnswersForever, Invariant::OneOwner, 0),
-    (Flaw::AnswersForever, Invariant::Durable, 0),
+    (Flaw::AnswersForever, Invariant::Durable, 400),
     (Flaw::LeaseFromTheReply, Invariant::OneOwner, 60),
     (Flaw::GivesUpWhatIsUsed, Invariant::OneOwner, 0),
     (Flaw::NotesPlacesLate, Invariant::OneOwner, 20),

@@ -39,7 +39,8 @@ pub(crate) enum Invariant {
     StableReceipts,
     /// A refusal is true.
     TrueRefusals,
-    /// A round is resolved when all living seats have acted, and counts down to that.
+    /// A round is resolved when all living seats have acted, and counts down to that. Nobody is shown an open round in which
+    /// nobody may act.
     Barrier,
     /// Journals play again; what is shown is what they say.
     Replay,
@@ -547,6 +548,11 @@ impl Checker {
         }
         if snapshot.world.digest().0 != *digest || snapshot.head != head {
             wrong.push((Invariant::Replay, format!("{name}, its journal says something else")));
+        }
+        // Where the end could not be stored there is nothing else to be shown.
+        let is_known = !is_refused && !self.failed.contains_key(&server);
+        if snapshot.status == Status::Running && snapshot.world.is_over() && is_known {
+            wrong.push((Invariant::Barrier, format!("{name}, and nothing is left to be done")));
         }
         // A request from before an actor ended by a fault may get what that one published last.
         let may_be_old = is_refused && sent < episode.seen_first;

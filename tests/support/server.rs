@@ -172,7 +172,11 @@ impl Drop for Site {
         if std::thread::panicking()
             && let Some(folder) = self.folder.take()
         {
-            crate::dice::tell(&format!("the database is kept: {}", folder.keep().display()));
+            let (seed, kept) = (crate::dice::chosen(), folder.keep());
+            crate::dice::tell(&format!(
+                "SWARMBENCH_SEED={seed} draws the same again; the database is kept: {}",
+                kept.display()
+            ));
         }
     }
 }

@@ -65,22 +65,23 @@ impl AfterCommit {
         let task = next.world.config().task().name();
         let rounds = u64::from(next.world.round() - self.open.world.round());
         metrics::counter!("swarmbench_rounds_total", "task" => task).increment(rounds);
-        if let Some(outcome) = next.outcome {
-            let status = outcome.ending.status().name();
-            host.quotas.release(self.episode.key);
-            metrics::counter!("swarmbench_episodes_ended_total", "status" => status).increment(1);
-            let is_sealed = self.episode.spec.visibility == Visibility::Sealed;
-            let score = (!is_sealed).then(|| next.world.score());
-            tracing::info!(
-                episode = %self.episode.id, status, reason = outcome.ending.name(), score, "ended"
-            );
-        }
-        let ended = self.episode.run.filter(|_| next.outcome.is_some());
+        note_end(host, &self.episode, &next);
         next.set_opened(host.clock.now());
         publish.send_replace(next);
-        if let Some(run) = ended {
-            // The receiver is gone if runs are not managed.
-            _ = host.ended.send(run);
-        }
+    }
+}
+
+/// Counts an episode that has ended, durably, and tells its run.
+pub(in super::super) fn note_end(host: &Host, episode: &Running, snapshot: &Snapshot) {
+    let Some(outcome) = snapshot.outcome else { return };
+    let status = outcome.ending.status().name();
+    host.quotas.release(episode.key);
+    metrics::counter!("swarmbench_episodes_ended_total", "status" => status).increment(1);
+    let is_sealed = episode.spec.visibility == Visibility::Sealed;
+    let score = (!is_sealed).then(|| snapshot.world.score());
+    tracing::info!(episode = %episode.id, status, reason = outcome.ending.name(), score, "ended");
+    if let Some(run) = episode.run {
+        // The receiver is gone if runs are not managed.
+        _ = host.ended.send(run);
     }
 }

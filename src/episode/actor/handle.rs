@@ -69,6 +69,7 @@ pub(super) struct Inner {
     pub(super) published: watch::Receiver<Arc<Snapshot>>,
     /// The memory that it takes; free again with the last handle.
     pub(super) memory: Arc<Reservation>,
+    pub(super) settled: CancellationToken,
     pub(super) gone: CancellationToken,
 }
 
@@ -233,6 +234,12 @@ impl Handle {
     /// The group to whose share its memory belongs, if to any.
     pub(in super::super) fn memory_group(&self) -> Option<Group> {
         self.0.memory.party().map(|party| party.group)
+    }
+
+    /// Waits until what was due when the actor was started is durable and published, or cannot be stored. Until then nobody may
+    /// see the episode: it may have ended.
+    pub(in super::super) async fn settled(&self) {
+        self.0.settled.cancelled().await;
     }
 
     /// Cancelled when the actor has ended and hands nothing more to the journal.

@@ -38,6 +38,7 @@ use crate::store::entries::{
     ActRow, ClaimRow, EndRow, Entry, Holder, RoundRow, SeatingRow, TokenRow, brief_of,
 };
 use crate::work::Cancelled;
+pub(super) use commit::note_end;
 use commit::{ActKind, AfterCommit};
 use handle::{COMMANDS_WAITING_MAX, Inner, gone};
 pub use handle::{Handle, Running};
@@ -92,7 +93,8 @@ pub(super) fn spawn(host: Arc<Host>, init: EpisodeInit, memory: Reservation) -> 
     if let Some(seating) = seating.as_ref().filter(|_| latest.status != Status::Waiting) {
         episode.hosted.get_or_init(|| seating.hosted());
     }
-    let (gone, episode, memory) = (CancellationToken::new(), Arc::new(episode), Arc::new(memory));
+    let (gone, settled) = (CancellationToken::new(), CancellationToken::new());
+    let (episode, memory) = (Arc::new(episode), Arc::new(memory));
     let handle = Handle(Arc::new(Inner {
         episode: Arc::clone(&episode),
         clock: Arc::clone(&host.clock),
@@ -103,12 +105,12 @@ pub(super) fn spawn(host: Arc<Host>, init: EpisodeInit, memory: Reservation) -> 
         lookups: tokio::sync::Mutex::new(()),
         published,
         memory: Arc::clone(&memory),
+        settled: settled.clone(),
         gone: gone.clone(),
     }));
-    let may_be_hosted = episode.spec.may_be_hosted() && !latest.status.is_over();
     let has_clients = !episode.spec.is_all_hosted();
     let (spawn, workers) = (Arc::clone(&host.spawn), host.workers.clone());
-    let actor = Actor {
+    let mut actor = Actor {
         host,
         episode,
         world,
@@ -128,11 +130,15 @@ pub(super) fn spawn(host: Arc<Host>, init: EpisodeInit, memory: Reservation) -> 
     };
     actor.note_end();
     actor.note_memory();
-    if may_be_hosted {
+    let due = actor.due();
+    if due.is_empty() && actor.ahead.is_empty() {
+        settled.cancel();
+    }
+    if actor.episode.spec.may_be_hosted() && actor.lockstep.outcome().is_none() {
         // The receiver is gone if hosted seats are not played.
         _ = actor.host.hosted.send(handle.clone());
     }
-    let actor: BoxFuture<'static, ()> = Box::pin(actor.run(messages));
+    let actor: BoxFuture<'static, ()> = Box::pin(actor.run(due, settled.drop_guard(), messages));
     if has_clients {
         spawn(actor);
     } else {
@@ -175,12 +181,19 @@ struct Actor {
 }
 
 impl Actor {
-    async fn run(mut self, mut messages: mpsc::UnboundedReceiver<Envelope>) {
+    /// Performs what is due at the start, and then what messages and timers ask for.
+    async fn run(
+        mut self,
+        due: Vec<Effect>,
+        settling: DropGuard,
+        mut messages: mpsc::UnboundedReceiver<Envelope>,
+    ) {
         let mut published = self.publish.subscribe();
         let mut failed = pin!(self.failed.clone().cancelled_owned());
         let mut timer = Timer::default();
-        self.note_time_of_day();
-        self.resume().await;
+        if !due.is_empty() || !self.ahead.is_empty() {
+            self.perform(self.host.clock.now(), due, |_| drop(settling)).await;
+        }
         loop {
             timer.set(self.wakes_at(), &*self.host.clock);
             tokio::select! {
@@ -280,15 +293,14 @@ impl Actor {
         self.episode.ends_at.store(ends_at.as_millisecond(), Ordering::Release);
     }
 
-    /// Resumes before the first event: ends a layout that is solved already, or resolves a round whose
-    /// acts were all stored before a restart.
-    async fn resume(&mut self) {
+    /// What is due before the first event: a round is resolved whose acts were all stored before a restart, a layout that is
+    /// solved already ends, and so does an episode whose time was over before its actor was started.
+    fn due(&mut self) -> Vec<Effect> {
         let now = self.host.clock.now();
         let mut effects = self.lockstep.close();
         effects.extend(self.end_if_solved(now));
-        if !effects.is_empty() {
-            self.perform(now, effects, |_| {}).await;
-        }
+        effects.extend(self.tick(now, Event::Tick));
+        effects
     }
 
     /// A layout can be solved before the first round; nobody can act in it.
@@ -620,31 +632,60 @@ impl Actor {
 
     /// Writes the record of the end.
     fn end_entry(&mut self, ending: Ending) -> Entry {
-        let status = ending.status().name();
-        let record = end_record(End {
-            status: status.to_owned(),
-            reason: ending.name().to_owned(),
-            rounds: self.world.round(),
-            score: self.world.score(),
-            open_acts: self.lockstep.recorded().map(|act| &act.record).collect(),
-        });
-        self.head = self.head.link(record.as_str().as_bytes());
         let at = self.lockstep.outcome().map_or_else(|| self.host.clock.now(), |o| o.at);
-        Entry::End(EndRow {
-            episode: self.episode.key,
-            status,
-            reason: ending.name(),
-            record,
-            head: self.head,
-            bytes: self.bytes,
-            score: self.world.score(),
-            rounds: self.world.round(),
-            seed: self.world.config().seed(),
-            tally: self.tally,
-            counts: self.episode.spec.counts(),
-            at: self.stamp(at),
-        })
+        let at = self.stamp(at);
+        let counted = (self.bytes, self.tally);
+        let (episode, lockstep, world) = (&self.episode, &self.lockstep, &self.world);
+        ended(episode, lockstep, world, counted, &mut self.head, ending, at)
     }
+}
+
+impl EpisodeInit {
+    /// The end of a new episode whose layout is solved already: nobody can act in it.
+    pub(super) fn end_if_solved(&mut self) -> Option<Entry> {
+        if self.lockstep.status() != Status::Running || !self.world.is_over() {
+            return None;
+        }
+        self.lockstep.apply(self.episode.times.created_at, Event::Done);
+        let (lockstep, world, counted) = (&self.lockstep, &self.world, (self.bytes, self.tally));
+        let (head, at) = (&mut self.head, self.newest_at);
+        Some(ended(&self.episode, lockstep, world, counted, head, Ending::TaskDone, at))
+    }
+}
+
+/// The end of an episode as it is stored; its head is that of a chain with it.
+fn ended(
+    episode: &Running,
+    lockstep: &Lockstep,
+    world: &World,
+    (bytes, tally): (u64, Tally),
+    head: &mut Head,
+    ending: Ending,
+    at: Timestamp,
+) -> Entry {
+    let status = ending.status().name();
+    let record = end_record(End {
+        status: status.to_owned(),
+        reason: ending.name().to_owned(),
+        rounds: world.round(),
+        score: world.score(),
+        open_acts: lockstep.recorded().map(|act| &act.record).collect(),
+    });
+    *head = head.link(record.as_str().as_bytes());
+    Entry::End(EndRow {
+        episode: episode.key,
+        status,
+        reason: ending.name(),
+        record,
+        head: *head,
+        bytes,
+        score: world.score(),
+        rounds: world.round(),
+        seed: world.config().seed(),
+        tally,
+        counts: episode.spec.counts(),
+        at,
+    })
 }
 
 /// The record of who holds which seat, and the head of a chain with it.

@@ -10,7 +10,7 @@ use tokio::sync::{OnceCell, oneshot};
 use tokio_util::sync::{CancellationToken, DropGuard};
 use tracing::Instrument as _;
 
-use super::super::actor::{EpisodeInit, Handle, Running, Times, seated, spawn};
+use super::super::actor::{EpisodeInit, Handle, Running, Times, note_end, seated, spawn};
 use super::super::heavy::{is_heavy, off_thread};
 use super::super::lockstep::{Lockstep, ResumeState};
 use super::super::memory;
@@ -177,16 +177,7 @@ impl Registry {
         let world = off_thread(&self.host.workers, "layout", share, heavy, lay_out).await?;
         let past = Past::none(Arc::new(world));
         let new = NewEpisodes { creations: vec![creation], fork_of: None, past, rooms: vec![room] };
-        let handles = self.open(key.0, new).await?;
-        for handle in &handles {
-            let snapshot = handle.snapshot();
-            if !handle.spec.begins_waiting() && snapshot.world.is_over() {
-                // The layout has solved the task; the creator has to see that. Where the
-                // end cannot be stored, the actor ends, and the next request gets the error.
-                drop(handle.follow().wait_for(|snapshot| snapshot.status.is_over()).await);
-            }
-        }
-        Ok(handles)
+        self.open(key.0, new).await
     }
 
     async fn open_forks(
@@ -312,7 +303,7 @@ impl Registry {
             ends_at: AtomicI64::default(),
             times: Arc::new(Times::new(running)),
         };
-        let init = EpisodeInit {
+        let mut init = EpisodeInit {
             episode,
             lockstep: Lockstep::new(clocks(&spec), resume, running),
             newest_at: now,
@@ -322,6 +313,7 @@ impl Registry {
             tally: Tally::default(),
             seating,
         };
+        entries.extend(init.end_if_solved());
         Ok(Prepared { init, heads, entries, room })
     }
 
@@ -387,8 +379,12 @@ impl Registry {
         metrics::counter!("swarmbench_episodes_created_total").increment(1);
         let id = id.clone();
         let start = || async {
+            let is_solved = init.lockstep.outcome().is_some();
             let handle = spawn(Arc::clone(&self.host), init, room);
-            self.end_if_due(&handle).await;
+            if is_solved {
+                note_end(&self.host, &handle, &handle.snapshot());
+            }
+            handle.settled().await;
             handle
         };
         let handle = place.handle.get_or_init(start).await.clone();

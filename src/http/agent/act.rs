@@ -209,8 +209,12 @@ pub(in super::super) fn submission(
 }
 
 #[cfg(test)]
+#[path = "../../../tests/support/fuzz.rs"]
+mod fuzz;
+
+#[cfg(test)]
 mod tests {
-    use bolero::TypeGenerator;
+    use bolero::{TypeGenerator, produce};
     use serde_json::{Map, Value, json};
     use swarmbench_engine::{Settings, TaskName};
 
@@ -368,47 +372,49 @@ mod tests {
     #[test]
     fn bodies_are_read_strictly_and_kept_as_they_came() {
         let configs = configs();
-        bolero::check!()
-            .with_iterations(4_000)
-            .with_type::<(Body, u8, bool, Option<(u16, u8)>)>()
-            .for_each(|(body, setting, commands, broken)| {
-                let config = &configs[usize::from(*setting) % configs.len()];
-                let agent = if *commands { AgentId::COMMANDER } else { AgentId(5) };
-                let object = body.object();
-                let mut bytes = serde_json::to_vec(&object).expect("string keys");
-                let taken = check(&bytes, config, agent);
+        fuzz::check!(4_000, produce::<(Body, u8, bool, Option<(u16, u8)>)>(), |(
+            body,
+            setting,
+            commands,
+            broken,
+        )| {
+            let config = &configs[usize::from(*setting) % configs.len()];
+            let agent = if *commands { AgentId::COMMANDER } else { AgentId(5) };
+            let object = body.object();
+            let mut bytes = serde_json::to_vec(&object).expect("string keys");
+            let taken = check(&bytes, config, agent);
 
-                // A field that is null counts as left out.
-                let given = object.clone().into_iter().filter(|(_, value)| !value.is_null());
-                let given = Value::Object(given.collect()).to_string();
-                let same = check(given.as_bytes(), config, agent);
-                let same = same.map_err(|problem| problem.code);
-                assert_eq!(same, taken.map_err(|problem| problem.code));
+            // A field that is null counts as left out.
+            let given = object.clone().into_iter().filter(|(_, value)| !value.is_null());
+            let given = Value::Object(given.collect()).to_string();
+            let same = check(given.as_bytes(), config, agent);
+            let same = same.map_err(|problem| problem.code);
+            assert_eq!(same, taken.map_err(|problem| problem.code));
 
-                // An unknown field is refused by its name, unless all of it is too deep to be read.
-                let mut strange = object;
-                strange.insert("Round".to_owned(), json!(1));
-                let strange = Value::Object(strange).to_string();
-                let problem = check(strange.as_bytes(), config, agent).expect_err("unknown");
-                let named = problem.fields.first().map(|field| field.field.as_str());
-                let is_deep = problem.detail.contains("recursion limit");
-                assert_eq!(named, Some("Round").filter(|_| !is_deep), "{problem:?}");
+            // An unknown field is refused by its name, unless all of it is too deep to be read.
+            let mut strange = object;
+            strange.insert("Round".to_owned(), json!(1));
+            let strange = Value::Object(strange).to_string();
+            let problem = check(strange.as_bytes(), config, agent).expect_err("unknown");
+            let named = problem.fields.first().map(|field| field.field.as_str());
+            let is_deep = problem.detail.contains("recursion limit");
+            assert_eq!(named, Some("Round").filter(|_| !is_deep), "{problem:?}");
 
-                if let Some((at, byte)) = broken {
-                    let at = usize::from(*at) % bytes.len();
-                    bytes[at] = *byte;
-                    let _ = check(&bytes, config, agent);
-                    bytes.truncate(at);
-                    let problem = check(&bytes, config, agent).expect_err("it broke off");
-                    assert_eq!(problem.code, "malformed");
-                }
-            });
+            if let Some((at, byte)) = broken {
+                let at = usize::from(*at) % bytes.len();
+                bytes[at] = *byte;
+                let _ = check(&bytes, config, agent);
+                bytes.truncate(at);
+                let problem = check(&bytes, config, agent).expect_err("it broke off");
+                assert_eq!(problem.code, "malformed");
+            }
+        });
     }
 
     #[test]
     fn any_bytes_are_judged() {
         let configs = configs();
-        bolero::check!().with_iterations(2_000).for_each(|bytes: &[u8]| {
+        fuzz::check!(2_000, produce::<Vec<u8>>().with().len(0..4096_usize), |bytes| {
             let _ = check(bytes, &configs[0], AgentId::COMMANDER);
         });
     }

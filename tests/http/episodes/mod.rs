@@ -11,6 +11,7 @@ mod metrics;
 mod replay;
 mod scores;
 mod show;
+mod solved;
 mod start;
 mod state;
 mod verification;

@@ -318,6 +318,7 @@ impl Checker {
         }
         self.stats.count(
             match ending {
+                Ending::TaskDone if row.rounds == 0 => "ended: solved by the layout",
                 Ending::TaskDone => "ended: task done",
                 Ending::RoundsPlayed => "ended: rounds played",
                 Ending::Aborted => "ended: aborted",

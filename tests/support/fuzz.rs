@@ -1,0 +1,71 @@
+//! Fuzz targets whose inputs follow from the seed of the tests. Where a variable of bolero (`BOLERO_…`) is set, bolero draws them,
+//! or what drives it: for long runs.
+
+use std::fmt::Debug;
+
+use bolero::bolero_engine::input::Bytes;
+use bolero::bolero_engine::panic::{forward_panic, set_hook};
+use bolero::generator::bolero_generator::driver::Options;
+use bolero::{Engine, Test};
+use swarmbench_clock::{Entropy as _, SeededEntropy};
+
+#[expect(dead_code, reason = "other tests draw from it")]
+#[path = "dice.rs"]
+mod dice;
+
+/// Bytes of which an input is made, at most.
+const INPUT_BYTES_MAX: usize = 8 * 1024;
+
+/// Gives a target inputs of a generator, so many of them, and checks each.
+macro_rules! check {
+    ($inputs:expr, $generator:expr, $check:expr $(,)?) => {
+        if fuzz::is_bolero_asked() {
+            bolero::check!().with_iterations($inputs).with_generator($generator).for_each($check);
+        } else {
+            let engine = fuzz::Seeded { inputs: $inputs };
+            bolero::TestTarget::new(engine).with_generator($generator).for_each($check);
+        }
+    };
+}
+pub(crate) use check;
+
+pub(crate) fn is_bolero_asked() -> bool {
+    std::env::vars_os().any(|(name, _)| name.to_string_lossy().starts_with("BOLERO_"))
+}
+
+/// Draws inputs from the seed, and shrinks one that fails.
+pub(crate) struct Seeded {
+    pub(crate) inputs: usize,
+}
+
+impl<T: Test<Value: Debug>> Engine<T> for Seeded {
+    type Output = ();
+
+    fn run(self, mut test: T, options: Options) {
+        let seed = dice::chosen();
+        set_hook();
+        for input in 0..self.inputs {
+            let bytes = drawn(seed, input as u64);
+            forward_panic(false);
+            let Err(error) = test.test(&mut Bytes::new(&bytes, &options)) else { continue };
+            let shrunk = test.shrink(bytes, None, &options);
+            forward_panic(true);
+            let failure = shrunk.map_or_else(|| error.to_string(), |failure| failure.to_string());
+            panic!("SWARMBENCH_SEED={seed}, input {input}: {failure}");
+        }
+        forward_panic(true);
+    }
+}
+
+/// The bytes of an input, often few.
+fn drawn(seed: u64, input: u64) -> Vec<u8> {
+    let entropy = SeededEntropy::new(seed.rotate_left(32) ^ input);
+    let mut length = [0; 4];
+    entropy.fill(&mut length);
+    let [most, length] = [&length[..2], &length[2..]]
+        .map(|bytes| usize::from(u16::from_le_bytes([bytes[0], bytes[1]])));
+    let most = 1 + most % INPUT_BYTES_MAX;
+    let mut bytes = vec![0; 1 + length % most];
+    entropy.fill(&mut bytes);
+    bytes
+}
