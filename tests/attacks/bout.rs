@@ -18,11 +18,9 @@ use crate::measure::{cpu_s, memory_peak_mib};
 use crate::server::{Server, Site, program};
 use crate::wire::{Request, Source, Wire};
 
-/// Address space that a server gets, in MiB: an attack on memory ends the server and not the host.
-const ADDRESS_SPACE_MIB: u64 = 6 * 1024;
-
-/// Memory that the server may use for worlds and answers, as its environment says it.
-const MEMORY: &str = "1GiB";
+/// Address space that a server gets beside twice its memory, in MiB: what the allocator, threads and the database reserve
+/// and do not use. An attack on memory ends the server and not the host.
+const SPACE_RESERVE_MIB: u64 = 2 * 1024;
 
 /// How long attackers may prepare.
 const PREPARATION_MAX: Duration = Duration::from_mins(4);
@@ -37,6 +35,15 @@ pub(crate) struct Setting {
     pub(crate) time: Duration,
     /// Times are asserted, and numbers are large.
     pub(crate) is_long: bool,
+    /// `--memory-max` of all servers, where it is not what each attack says.
+    pub(crate) memory_mib: Option<u64>,
+}
+
+impl Setting {
+    /// `--memory-max` of the server that is attacked, in MiB.
+    pub(crate) fn memory_mib(&self, attack: &Attack) -> u64 {
+        self.memory_mib.unwrap_or(attack.memory_mib)
+    }
 }
 
 /// The results of playing for a while, in numbers.
@@ -61,6 +68,8 @@ pub(crate) struct Outcome {
     pub(crate) beside: Phase,
     pub(crate) attackers: Report,
     pub(crate) memory_peak_mib: u64,
+    /// The same of the server that was started again, alone.
+    pub(crate) memory_again_mib: u64,
     /// How the server ended, where it ended by itself.
     pub(crate) died: Option<String>,
     /// How long it took until it was ready again.
@@ -86,7 +95,11 @@ pub(crate) async fn play(attack: &Attack, setting: Setting) -> Outcome {
         outcome.not_played = Some(error.to_string());
     }
     outcome.attackers = bout.attackers.stop().await.unwrap_or_default();
-    outcome.memory_peak_mib = outcome.memory_peak_mib.max(memory_peak_mib(bout.server.pid()));
+    let peak = memory_peak_mib(bout.server.pid());
+    match outcome.ready_again {
+        Some(_) => outcome.memory_again_mib = peak,
+        None => outcome.memory_peak_mib = peak,
+    }
     let is_fault = |line: &String| line.contains(" ERROR ") || line.contains("panicked");
     outcome.faults.extend(bout.server.kill().into_iter().filter(is_fault));
     outcome
@@ -105,8 +118,8 @@ struct Bout<'a> {
 impl<'a> Bout<'a> {
     async fn open(site: &'a Site, attack: &'a Attack, setting: Setting) -> io::Result<Self> {
         let organizer = organizer(site)?;
-        let server = start(site, attack);
-        let at = address(site, &server).await?;
+        let server = start(site, attack, setting);
+        let at = address(site, server.run).await?;
         let mut wire =
             Wire::new(at, Source::behind_proxy(Ipv4Addr::new(192, 0, 2, 250)), &Arc::default());
         let rounds = if setting.is_long { 100 } else { 20 };
@@ -124,7 +137,7 @@ impl<'a> Bout<'a> {
             open_cup,
             member: self::member(&mut wire, &organizer, "stranger").await?,
         };
-        let honest = Honest::new(receiver, Place { cup, member, rounds });
+        let honest = Honest::new(receiver, Place { cup, member, organizer, rounds });
         let attackers = Attackers::start(&brief)?;
         Ok(Self { site, attack, setting, server, at: sender, honest, attackers })
     }
@@ -141,7 +154,8 @@ impl<'a> Bout<'a> {
         outcome.alone = self.phase(alone, false, outcome).await;
         if outcome.died.is_none() {
             self.attackers.say("go")?;
-            outcome.beside = self.phase(self.setting.time, true, outcome).await;
+            let time = self.setting.time.max(self.attack.least);
+            outcome.beside = self.phase(time, true, outcome).await;
         }
         Ok(())
     }
@@ -156,9 +170,8 @@ impl<'a> Bout<'a> {
         if is_attacked && self.attack.restarts {
             sleep(time / 3).await;
             cpu = cpu_s(self.server.pid()) - cpu_before;
-            match self.restart(outcome).await {
-                Ok(taken) => outcome.ready_again = Some(taken),
-                Err(error) => outcome.not_played = Some(error.to_string()),
+            if let Err(error) = self.restart(outcome).await {
+                outcome.not_played = Some(error.to_string());
             }
         }
         let limit = time + FINISH_MAX;
@@ -182,15 +195,36 @@ impl<'a> Bout<'a> {
         phase
     }
 
-    /// Kills the server and starts it again; how long it took until it was ready.
-    async fn restart(&mut self, outcome: &mut Outcome) -> io::Result<Duration> {
+    /// Kills the server and starts it again.
+    async fn restart(&mut self, outcome: &mut Outcome) -> io::Result<()> {
+        if let Some(status) = self.server.exit() {
+            outcome.died = Some(status.to_string());
+            return Ok(());
+        }
         outcome.memory_peak_mib = memory_peak_mib(self.server.pid());
         self.server.end();
-        self.server = start(self.site, self.attack);
-        let at = address(self.site, &self.server).await?;
+        let began = Instant::now();
+        self.server = start(self.site, self.attack, self.setting);
+        let listening = address(self.site, self.server.run);
+        let at = tokio::select! {
+            at = listening => at?,
+            status = self.server.ended() => {
+                outcome.died = Some(format!("when it was started again: {status}"));
+                return Ok(());
+            }
+        };
         self.at.send_replace(at);
         self.attackers.say(&format!("at {at}"))?;
-        Ok(self.server.ready().await)
+        let mut wire = Wire::new(at, Source::HOST, &Arc::default());
+        while !wire.ask(&Request::get("/readyz")).await.is_ok_and(|answer| answer.is_ok()) {
+            if let Some(status) = self.server.exit() {
+                outcome.died = Some(format!("when it was started again: {status}"));
+                return Ok(());
+            }
+            sleep(Duration::from_millis(1)).await;
+        }
+        outcome.ready_again = Some(began.elapsed());
+        Ok(())
     }
 }
 
@@ -210,18 +244,20 @@ fn shown(score: &Score) -> Phase {
     }
 }
 
-/// Starts a server with less memory than the host has.
-fn start(site: &Site, attack: &Attack) -> Server {
-    let kib = ADDRESS_SPACE_MIB * 1024;
+/// Starts a server with the memory of an attack, and as much address space as `docs/operate/operations.md` promises.
+fn start(site: &Site, attack: &Attack, setting: Setting) -> Server {
+    let memory_mib = setting.memory_mib(attack);
+    let kib = (2 * memory_mib + SPACE_RESERVE_MIB) * 1024;
     let files = attack.files.map_or_else(String::new, |files| format!("ulimit -n {files}; "));
     let mut command = Command::new("sh");
     command.args(["-c", &format!("ulimit -v {kib}; {files}exec \"$0\" \"$@\"")]).arg(program());
-    command.env("RUST_LOG", "warn,swarmbench::cli=info").env("SWARMBENCH_MEMORY_MAX", MEMORY);
-    site.start_by(command, &["--trusted-proxy", "127.0.0.1/32"])
+    command.env("RUST_LOG", "warn,swarmbench::cli=info");
+    command.env("SWARMBENCH_MEMORY_MAX", format!("{memory_mib}MiB"));
+    site.start_by(command, &[&["--trusted-proxy", "127.0.0.1/32"], attack.options].concat())
 }
 
-async fn address(site: &Site, server: &Server) -> io::Result<SocketAddr> {
-    let base = site.door.after(server.run - 1).await.base;
+async fn address(site: &Site, run: u64) -> io::Result<SocketAddr> {
+    let base = site.door.after(run - 1).await.base;
     base.trim_start_matches("http://").parse().map_err(io::Error::other)
 }
 

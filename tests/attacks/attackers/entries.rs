@@ -14,16 +14,29 @@ use crate::wire::Request;
 /// Attempts that all places take, with 64 games at a time.
 const ATTEMPTS: usize = 320;
 
+/// Accounts of one competition that have all places which it may have.
+const ACCOUNTS: usize = 60;
+
 /// Connections on which they are started.
 const STARTERS: usize = 16;
 
 /// Entrants of another competition start their attempts until there is no place for anybody.
 pub(super) async fn places(ctx: Arc<Ctx>) -> io::Result<()> {
-    let addresses = ctx.addresses("places");
     let cup = ctx.brief.open_cup.clone();
+    attempts(ctx, cup).await
+}
+
+/// Entrants of the honest one's competition do the same: a newcomer has to find a place there.
+pub(super) async fn many_accounts(ctx: Arc<Ctx>) -> io::Result<()> {
+    let cup = ctx.brief.cup.clone();
+    attempts(ctx, cup).await
+}
+
+async fn attempts(ctx: Arc<Ctx>, cup: String) -> io::Result<()> {
+    let addresses = ctx.addresses("places");
     let started = Arc::new(AtomicUsize::new(0));
     ctx.go().await;
-    let attempts = ctx.of(12, ATTEMPTS);
+    let attempts = if cup == ctx.brief.cup { ACCOUNTS } else { ctx.of(12, ATTEMPTS) };
     on_connections(STARTERS, |number| {
         let (ctx, cup, started) = (Arc::clone(&ctx), cup.clone(), Arc::clone(&started));
         async move {

@@ -8,16 +8,15 @@ use serde_json::json;
 use tokio::time::sleep;
 
 use super::games::{Large, acts_of_all};
-use super::{Ctx, on_connections};
+use super::{Addresses, Ctx, on_connections};
 use crate::honest::text;
 use crate::wire::Request;
 
 /// Bytes that the host takes for a reader that does not read; it makes it a little more.
 const WINDOW_BYTES: u32 = 2_048;
 
-/// Journals and exports of a game with much text are read a byte a second.
-pub(super) async fn slow_readers(ctx: Arc<Ctx>) -> io::Result<()> {
-    let addresses = ctx.addresses("slow_readers");
+/// A game with much text, whose journal has 14 MB in a long run.
+async fn much_text(ctx: &Ctx, addresses: Addresses) -> io::Result<String> {
     let (agents, rounds) = (12, ctx.of(4, 6));
     let body = json!({ "task": "Synchronization", "num_agents": agents, "max_round": rounds, "model": "much",
                        "visibility": "public" });
@@ -29,6 +28,13 @@ pub(super) async fn slow_readers(ctx: Arc<Ctx>) -> io::Result<()> {
         let act = acts_of_all(&episode, agents, round, Some(&reasoning)).with(&token);
         ctx.insist(&mut wire, &act).await?;
     }
+    Ok(episode)
+}
+
+/// Journals and exports of a game with much text are read a byte a second.
+pub(super) async fn slow_readers(ctx: Arc<Ctx>) -> io::Result<()> {
+    let addresses = ctx.addresses("slow_readers");
+    let episode = much_text(&ctx, addresses).await?;
     ctx.go().await;
     on_connections(ctx.of(48, 120), |number| {
         let paths = [
@@ -38,27 +44,50 @@ pub(super) async fn slow_readers(ctx: Arc<Ctx>) -> io::Result<()> {
             format!("/api/v1/exports/dataset.zip?episode={episode}"),
         ];
         let path = ctx.dice(&format!("reader {number}")).pick(&paths).clone();
-        let ctx = Arc::clone(&ctx);
-        async move {
-            loop {
-                let mut wire = ctx.wire(addresses, number);
-                let read = async {
-                    wire.open(Some(WINDOW_BYTES)).await?;
-                    wire.send(&Request::get(&path)).await?;
-                    ctx.tally.count("asked, read a byte a second");
-                    while wire.read_some(1).await? > 0 {
-                        sleep(Duration::from_secs(1)).await;
-                    }
-                    io::Result::Ok(())
-                };
-                if read.await.is_err() {
-                    ctx.tally.count("cut");
-                }
-                sleep(Duration::from_millis(200)).await;
-            }
-        }
+        read_slowly(Arc::clone(&ctx), addresses, number, path)
     })
     .await;
+    Ok(())
+}
+
+/// Asks for something and reads it a byte a second, again and again.
+async fn read_slowly(ctx: Arc<Ctx>, addresses: Addresses, number: usize, path: String) {
+    loop {
+        let mut wire = ctx.wire(addresses, number);
+        let read = async {
+            wire.open(Some(WINDOW_BYTES)).await?;
+            wire.send(&Request::get(&path)).await?;
+            ctx.tally.count("asked, read a byte a second");
+            while wire.read_some(1).await? > 0 {
+                sleep(Duration::from_secs(1)).await;
+            }
+            io::Result::Ok(())
+        };
+        if read.await.is_err() {
+            ctx.tally.count("cut");
+        }
+        sleep(Duration::from_millis(200)).await;
+    }
+}
+
+/// Addresses that take all streams of events together.
+const WATCHERS: usize = 8;
+
+/// Eight addresses take all streams of events, and twenty others all exports.
+pub(super) async fn all_streams(ctx: Arc<Ctx>) -> io::Result<()> {
+    let much = much_text(&ctx, Addresses::Many).await?;
+    let body = json!({ "task": "Synchronization", "num_agents": 2, "model": "watched", "visibility": "public" });
+    let watched = text(&ctx.create(&body).await?, "/id")?;
+    ctx.go().await;
+    let exports = on_connections(20, |number| {
+        let path = format!("/api/v1/exports/acts.jsonl?episode={much}");
+        read_slowly(Arc::clone(&ctx), Addresses::Many, 100 + number, path)
+    });
+    let streams = on_connections(4_200, |number| {
+        let path = format!("/api/v1/episodes/{watched}/events");
+        read_slowly(Arc::clone(&ctx), Addresses::Many, number % WATCHERS, path)
+    });
+    tokio::join!(exports, streams);
     Ok(())
 }
 
