@@ -2,7 +2,7 @@
 
 use std::io::{self, BufRead, BufReader, Write as _};
 use std::net::{Ipv4Addr, SocketAddr};
-use std::process::{Child, ChildStdin, Command, Stdio};
+use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -18,9 +18,9 @@ use crate::measure::{cpu_s, memory_peak_mib};
 use crate::server::{Server, Site, program};
 use crate::wire::{Request, Source, Wire};
 
-/// Address space that a server gets beside twice its memory, in MiB: what the allocator, threads and the database reserve
-/// and do not use. An attack on memory ends the server and not the host.
-const SPACE_RESERVE_MIB: u64 = 2 * 1024;
+/// Address space that a server gets beside twice its memory, in MiB: the program, stacks of its threads, and what the
+/// allocator and the database reserve and do not use. An attack on memory ends the server and not the host.
+const SPACE_RESERVE_MIB: u64 = 512;
 
 /// How long attackers may prepare.
 const PREPARATION_MAX: Duration = Duration::from_mins(4);
@@ -95,7 +95,7 @@ pub(crate) async fn play(attack: &Attack, setting: Setting) -> Outcome {
         outcome.not_played = Some(error.to_string());
     }
     outcome.attackers = bout.attackers.stop().await.unwrap_or_default();
-    let peak = memory_peak_mib(bout.server.pid());
+    let peak = memory_peak_mib(bout.server.pid()).max(bout.peak);
     match outcome.ready_again {
         Some(_) => outcome.memory_again_mib = peak,
         None => outcome.memory_peak_mib = peak,
@@ -107,6 +107,8 @@ pub(crate) async fn play(attack: &Attack, setting: Setting) -> Outcome {
 
 struct Bout<'a> {
     site: &'a Site,
+    /// The most memory that the running server has had resident, in MiB.
+    peak: u64,
     attack: &'a Attack,
     setting: Setting,
     server: Server,
@@ -139,13 +141,13 @@ impl<'a> Bout<'a> {
         };
         let honest = Honest::new(receiver, Place { cup, member, organizer, rounds });
         let attackers = Attackers::start(&brief)?;
-        Ok(Self { site, attack, setting, server, at: sender, honest, attackers })
+        Ok(Self { site, peak: 0, attack, setting, server, at: sender, honest, attackers })
     }
 
     async fn play(&mut self, outcome: &mut Outcome) -> io::Result<()> {
         tokio::select! {
-            ready = self.attackers.ready() => ready?,
-            status = self.server.ended() => {
+            ready = self.attackers.say_that("ready", PREPARATION_MAX) => ready?,
+            status = end(&mut self.server, &mut self.peak) => {
                 outcome.died = Some(format!("while the attack was prepared: {status}"));
                 return Ok(());
             }
@@ -154,6 +156,15 @@ impl<'a> Bout<'a> {
         outcome.alone = self.phase(alone, false, outcome).await;
         if outcome.died.is_none() {
             self.attackers.say("go")?;
+            if self.attack.takes {
+                tokio::select! {
+                    taken = self.attackers.say_that("taken", FINISH_MAX) => taken?,
+                    status = end(&mut self.server, &mut self.peak) => {
+                        outcome.died = Some(status.to_string());
+                        return Ok(());
+                    }
+                }
+            }
             let time = self.setting.time.max(self.attack.least);
             outcome.beside = self.phase(time, true, outcome).await;
         }
@@ -177,7 +188,7 @@ impl<'a> Bout<'a> {
         let limit = time + FINISH_MAX;
         let finished = tokio::select! {
             finished = timeout(limit.saturating_sub(began.elapsed()), &mut playing) => finished.is_ok(),
-            status = self.server.ended() => {
+            status = end(&mut self.server, &mut self.peak) => {
                 outcome.died = Some(status.to_string());
                 false
             }
@@ -201,14 +212,15 @@ impl<'a> Bout<'a> {
             outcome.died = Some(status.to_string());
             return Ok(());
         }
-        outcome.memory_peak_mib = memory_peak_mib(self.server.pid());
+        outcome.memory_peak_mib = memory_peak_mib(self.server.pid()).max(self.peak);
+        self.peak = 0;
         self.server.end();
         let began = Instant::now();
         self.server = start(self.site, self.attack, self.setting);
         let listening = address(self.site, self.server.run);
         let at = tokio::select! {
             at = listening => at?,
-            status = self.server.ended() => {
+            status = end(&mut self.server, &mut self.peak) => {
                 outcome.died = Some(format!("when it was started again: {status}"));
                 return Ok(());
             }
@@ -225,6 +237,17 @@ impl<'a> Bout<'a> {
         }
         outcome.ready_again = Some(began.elapsed());
         Ok(())
+    }
+}
+
+/// Waits until the process has ended by itself, and notes the memory that it takes.
+async fn end(server: &mut Server, peak: &mut u64) -> ExitStatus {
+    loop {
+        *peak = memory_peak_mib(server.pid()).max(*peak);
+        if let Some(status) = server.exit() {
+            return status;
+        }
+        sleep(Duration::from_millis(50)).await;
     }
 }
 
@@ -326,11 +349,12 @@ impl Attackers {
         input.flush()
     }
 
-    async fn ready(&mut self) -> io::Result<()> {
-        match timeout(PREPARATION_MAX, self.lines.recv()).await {
-            Ok(Some(line)) if line == "ready" => Ok(()),
+    /// Waits until they say a word.
+    async fn say_that(&mut self, word: &str, most: Duration) -> io::Result<()> {
+        match timeout(most, self.lines.recv()).await {
+            Ok(Some(line)) if line == word => Ok(()),
             Ok(line) => Err(io::Error::other(format!("the attackers say {line:?}"))),
-            Err(_) => Err(io::Error::other("the attackers are not prepared in time")),
+            Err(_) => Err(io::Error::other(format!("the attackers are not {word} in time"))),
         }
     }
 

@@ -76,7 +76,7 @@ pub(super) async fn hang_ups(ctx: Arc<Ctx>) -> io::Result<()> {
     let meta = JSON[0].of(usize::MAX, 16 * 1024);
     let path = format!("/api/v1/competitions/{}/entrants", ctx.brief.open_cup);
     ctx.go().await;
-    on_connections(16, |number| {
+    on_connections(64, |number| {
         let (ctx, meta, path) = (Arc::clone(&ctx), meta.clone(), path.clone());
         async move {
             for again in 0.. {
@@ -87,7 +87,7 @@ pub(super) async fn hang_ups(ctx: Arc<Ctx>) -> io::Result<()> {
                 );
                 let is_sent = wire.send(&Request::post_text(&*path, body)).await.is_ok();
                 ctx.tally.count(if is_sent { "sent, and hung up" } else { "broken" });
-                sleep(Duration::from_millis(2)).await;
+                sleep(Duration::from_millis(5)).await;
             }
         }
     })

@@ -22,21 +22,11 @@ const STARTERS: usize = 16;
 
 /// Entrants of another competition start their attempts until there is no place for anybody.
 pub(super) async fn places(ctx: Arc<Ctx>) -> io::Result<()> {
-    let cup = ctx.brief.open_cup.clone();
-    attempts(ctx, cup).await
-}
-
-/// Entrants of the honest one's competition do the same: a newcomer has to find a place there.
-pub(super) async fn many_accounts(ctx: Arc<Ctx>) -> io::Result<()> {
-    let cup = ctx.brief.cup.clone();
-    attempts(ctx, cup).await
-}
-
-async fn attempts(ctx: Arc<Ctx>, cup: String) -> io::Result<()> {
     let addresses = ctx.addresses("places");
+    let cup = ctx.brief.open_cup.clone();
     let started = Arc::new(AtomicUsize::new(0));
     ctx.go().await;
-    let attempts = if cup == ctx.brief.cup { ACCOUNTS } else { ctx.of(12, ATTEMPTS) };
+    let attempts = ctx.of(12, ATTEMPTS);
     on_connections(STARTERS, |number| {
         let (ctx, cup, started) = (Arc::clone(&ctx), cup.clone(), Arc::clone(&started));
         async move {
@@ -52,6 +42,33 @@ async fn attempts(ctx: Arc<Ctx>, cup: String) -> io::Result<()> {
     })
     .await;
     ctx.note(format!("{} attempts were started", started.load(Ordering::SeqCst)));
+    Ok(())
+}
+
+/// Entrants of the honest one's competition take all places that it may have, and each that becomes free.
+pub(super) async fn many_accounts(ctx: Arc<Ctx>) -> io::Result<()> {
+    ctx.go().await;
+    on_connections(ACCOUNTS, |number| {
+        let ctx = Arc::clone(&ctx);
+        async move {
+            let (cup, mut wire) = (ctx.brief.cup.clone(), ctx.wire(Addresses::Many, number));
+            let body = json!({ "name": format!("account {number}"), "model": "many" });
+            let key = ctx.enter(&mut wire, &cup, &body).await.unwrap_or_default();
+            let start = Request::post(format!("/api/v1/competitions/{cup}/attempts"), &json!({}));
+            let start = start.with(&key);
+            for again in 0.. {
+                let is_later = wire.ask(&start).await.is_ok_and(|answer| answer.is_later());
+                if again == 0 {
+                    ctx.take_one(ACCOUNTS);
+                }
+                if !is_later {
+                    return;
+                }
+                sleep(Duration::from_millis(100)).await;
+            }
+        }
+    })
+    .await;
     Ok(())
 }
 

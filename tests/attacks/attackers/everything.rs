@@ -10,7 +10,7 @@ use super::{ATTACKS, Attack, Attacking, Ctx, play};
 /// Whether an attack says nothing beside others: it needs a server of its own, or the memory of one.
 fn is_apart(attack: &Attack) -> bool {
     let has_own_server = attack.restarts || attack.files.is_some() || !attack.options.is_empty();
-    has_own_server || !attack.least.is_zero() || attack.name == "everything"
+    has_own_server || attack.takes || !attack.least.is_zero() || attack.name == "everything"
 }
 
 /// All attacks that can be played at once, with the numbers of a short run; together they still have half a core.

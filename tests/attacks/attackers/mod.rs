@@ -1,7 +1,7 @@
 //! The attackers: a process of its own, with a low priority and at most half a core.
 //!
 //! It reads lines: what it is to do ([`Brief`]), `go`, `at ADDRESS` when the server is somewhere else, and it stops at
-//! the end of its input. It writes two: `ready` when it is prepared, and in the end what it counted ([`Report`]).
+//! the end of its input. It writes `ready` when it is prepared, `taken` where others are to wait for that, and in the end what it counted ([`Report`]).
 
 mod boards;
 mod bodies;
@@ -105,6 +105,8 @@ pub(crate) struct Attack {
     pub(crate) options: &'static [&'static str],
     /// How long it takes at least, also in a short run.
     pub(crate) least: Duration,
+    /// Whether the honest entrant comes when the attackers have all that they take.
+    pub(crate) takes: bool,
 }
 
 macro_rules! attack {
@@ -119,6 +121,7 @@ macro_rules! attack {
             memory_mib: 1024,
             options: &[],
             least: Duration::ZERO,
+            takes: false,
         }
     };
     (small $name:literal, $run:path, $what:literal) => {
@@ -202,7 +205,14 @@ pub(crate) const ATTACKS: &[Attack] = &[
     attack!(small "body_flood", bodies::body_flood, "bodies full of tiny values from those who may not ask"),
     attack!(small "no_acts", bodies::no_acts, "8 MB of tiny values come as the acts of a swarm"),
     attack!(small "hang_ups", bodies::hang_ups, "entries with much JSON from those who hang up at once"),
-    attack!(small "all_streams", readers::all_streams, "eight addresses take all streams of events, twenty all exports"),
+    Attack {
+        takes: true,
+        ..attack!(
+            "all_streams",
+            readers::all_streams,
+            "eight addresses take all streams of events, twenty all exports"
+        )
+    },
     attack!(
         "storms",
         storms::storms,
@@ -210,7 +220,7 @@ pub(crate) const ATTACKS: &[Attack] = &[
     ),
     Attack {
         options: &["--episodes-max", "200"],
-        least: Duration::from_secs(8),
+        takes: true,
         ..attack!(
             "many_accounts",
             entries::many_accounts,
@@ -240,6 +250,8 @@ pub(crate) struct Ctx {
     /// How many attacks are not prepared yet.
     preparing: Arc<AtomicUsize>,
     is_prepared: AtomicBool,
+    /// How much of what they take the attackers have.
+    taken: AtomicUsize,
     notes: Arc<Mutex<Vec<String>>>,
     started: Instant,
     /// When the attack began, and what the process had had of the processors then.
@@ -256,6 +268,7 @@ impl Ctx {
             stage: Arc::clone(&self.stage),
             preparing: Arc::clone(&self.preparing),
             is_prepared: AtomicBool::new(false),
+            taken: AtomicUsize::new(0),
             notes: Arc::clone(&self.notes),
             started: self.started,
             since: Arc::clone(&self.since),
@@ -311,6 +324,13 @@ impl Ctx {
             tell("ready");
         }
         drop(self.stage.subscribe().wait_for(|begun| *begun).await);
+    }
+
+    /// Notes that one more of `all` is taken, or refused.
+    fn take_one(&self, all: usize) {
+        if self.taken.fetch_add(1, Ordering::SeqCst) + 1 == all {
+            tell("taken");
+        }
     }
 
     /// Asks while the server says "later", for at most half a minute.
@@ -401,6 +421,7 @@ async fn attack(brief: Brief) {
         stage: Arc::new(watch::Sender::new(false)),
         preparing: Arc::new(AtomicUsize::new(1)),
         is_prepared: AtomicBool::new(false),
+        taken: AtomicUsize::new(0),
         notes: Arc::default(),
         started: Instant::now(),
         since: Arc::new(Mutex::new((Instant::now(), 0.0))),

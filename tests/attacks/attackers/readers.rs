@@ -44,14 +44,21 @@ pub(super) async fn slow_readers(ctx: Arc<Ctx>) -> io::Result<()> {
             format!("/api/v1/exports/dataset.zip?episode={episode}"),
         ];
         let path = ctx.dice(&format!("reader {number}")).pick(&paths).clone();
-        read_slowly(Arc::clone(&ctx), addresses, number, path)
+        read_slowly(Arc::clone(&ctx), addresses, number, path, || ())
     })
     .await;
     Ok(())
 }
 
-/// Asks for something and reads it a byte a second, again and again.
-async fn read_slowly(ctx: Arc<Ctx>, addresses: Addresses, number: usize, path: String) {
+/// Asks for something and reads it a byte a second, again and again; `begins` is called with the first answer.
+async fn read_slowly(
+    ctx: Arc<Ctx>,
+    addresses: Addresses,
+    number: usize,
+    path: String,
+    begins: impl FnOnce(),
+) {
+    let mut begins = Some(begins);
     loop {
         let mut wire = ctx.wire(addresses, number);
         let read = async {
@@ -59,6 +66,7 @@ async fn read_slowly(ctx: Arc<Ctx>, addresses: Addresses, number: usize, path: S
             wire.send(&Request::get(&path)).await?;
             ctx.tally.count("asked, read a byte a second");
             while wire.read_some(1).await? > 0 {
+                begins.take().into_iter().for_each(|begins| begins());
                 sleep(Duration::from_secs(1)).await;
             }
             io::Result::Ok(())
@@ -73,21 +81,26 @@ async fn read_slowly(ctx: Arc<Ctx>, addresses: Addresses, number: usize, path: S
 /// Addresses that take all streams of events together.
 const WATCHERS: usize = 8;
 
+/// More streams of events, and more exports, than there may be.
+const STREAMS: usize = 4_200;
+const EXPORTS: usize = 20;
+
 /// Eight addresses take all streams of events, and twenty others all exports.
 pub(super) async fn all_streams(ctx: Arc<Ctx>) -> io::Result<()> {
     let much = much_text(&ctx, Addresses::Many).await?;
     let body = json!({ "task": "Synchronization", "num_agents": 2, "model": "watched", "visibility": "public" });
     let watched = text(&ctx.create(&body).await?, "/id")?;
     ctx.go().await;
-    let exports = on_connections(20, |number| {
-        let path = format!("/api/v1/exports/acts.jsonl?episode={much}");
-        read_slowly(Arc::clone(&ctx), Addresses::Many, 100 + number, path)
-    });
-    let streams = on_connections(4_200, |number| {
-        let path = format!("/api/v1/episodes/{watched}/events");
-        read_slowly(Arc::clone(&ctx), Addresses::Many, number % WATCHERS, path)
-    });
-    tokio::join!(exports, streams);
+    on_connections(EXPORTS + STREAMS, |number| {
+        let (address, path) = match number.checked_sub(EXPORTS) {
+            None => (WATCHERS + number, format!("/api/v1/exports/acts.jsonl?episode={much}")),
+            Some(number) => (number % WATCHERS, format!("/api/v1/episodes/{watched}/events")),
+        };
+        let of = Arc::clone(&ctx);
+        let begins = move || of.take_one(EXPORTS + STREAMS);
+        read_slowly(Arc::clone(&ctx), Addresses::Many, address, path, begins)
+    })
+    .await;
     Ok(())
 }
 
