@@ -200,9 +200,16 @@ impl Wire {
         Ok(())
     }
 
+    /// Whether the first line of an answer says that all is well.
+    pub(crate) async fn is_ok(&mut self) -> io::Result<bool> {
+        let mut line = String::new();
+        self.open(None).await?.read_line(&mut line).await?;
+        Ok(line.contains(" 200 "))
+    }
+
     /// Reads at most this many bytes; 0 if the server has closed the connection.
     pub(crate) async fn read_some(&mut self, most: usize) -> io::Result<usize> {
-        let mut buffer = [0; 256];
+        let mut buffer = [0; 4096];
         let most = most.min(buffer.len());
         let read = self.open(None).await?.read(&mut buffer[..most]).await?;
         self.tally.received(read);
@@ -212,12 +219,12 @@ impl Wire {
     /// Opens the connection, where `window` says so with a small buffer for what comes.
     pub(crate) async fn open(
         &mut self,
-        window: Option<u32>,
+        window: Option<usize>,
     ) -> io::Result<&mut BufReader<TcpStream>> {
         if self.stream.is_none() {
             let socket = TcpSocket::new_v4()?;
             if let Some(window) = window {
-                socket.set_recv_buffer_size(window)?;
+                socket.set_recv_buffer_size(u32::try_from(window).unwrap_or(u32::MAX))?;
             }
             if self.source.bind != Ipv4Addr::LOCALHOST {
                 socket.bind((self.source.bind, 0).into())?;

@@ -13,7 +13,7 @@ use crate::honest::text;
 use crate::wire::Request;
 
 /// Bytes that the host takes for a reader that does not read; it makes it a little more.
-const WINDOW_BYTES: u32 = 2_048;
+const WINDOW_BYTES: usize = 2_048;
 
 /// A game with much text, whose journal has 14 MB in a long run.
 async fn much_text(ctx: &Ctx, addresses: Addresses) -> io::Result<String> {
@@ -31,6 +31,9 @@ async fn much_text(ctx: &Ctx, addresses: Addresses) -> io::Result<String> {
     Ok(episode)
 }
 
+/// After so many refusals an attacker has tried.
+const REFUSALS: usize = 5;
+
 /// Journals and exports of a game with much text are read a byte a second.
 pub(super) async fn slow_readers(ctx: Arc<Ctx>) -> io::Result<()> {
     let addresses = ctx.addresses("slow_readers");
@@ -44,29 +47,40 @@ pub(super) async fn slow_readers(ctx: Arc<Ctx>) -> io::Result<()> {
             format!("/api/v1/exports/dataset.zip?episode={episode}"),
         ];
         let path = ctx.dice(&format!("reader {number}")).pick(&paths).clone();
-        read_slowly(Arc::clone(&ctx), addresses, number, path, || ())
+        read_slowly(Arc::clone(&ctx), addresses, number, (path, 1), || ())
     })
     .await;
     Ok(())
 }
 
-/// Asks for something and reads it a byte a second, again and again; `begins` is called with the first answer.
+/// Asks for something and reads so much of it a second, again and again; `tried` is called when an answer begins, or was
+/// refused a few times.
 async fn read_slowly(
     ctx: Arc<Ctx>,
     addresses: Addresses,
     number: usize,
-    path: String,
-    begins: impl FnOnce(),
+    (path, bytes_per_s): (String, usize),
+    tried: impl FnOnce(),
 ) {
-    let mut begins = Some(begins);
+    let (mut tried, mut refused) = (Some(tried), 0);
     loop {
         let mut wire = ctx.wire(addresses, number);
         let read = async {
-            wire.open(Some(WINDOW_BYTES)).await?;
+            wire.open(Some(WINDOW_BYTES.max(bytes_per_s / 2))).await?;
             wire.send(&Request::get(&path)).await?;
-            ctx.tally.count("asked, read a byte a second");
-            while wire.read_some(1).await? > 0 {
-                begins.take().into_iter().for_each(|begins| begins());
+            let is_ok = wire.is_ok().await?;
+            refused += usize::from(!is_ok);
+            if is_ok || refused == REFUSALS {
+                tried.take().into_iter().for_each(|tried| tried());
+            }
+            ctx.tally.count(if is_ok { "read slowly" } else { "refused" });
+            let mut is_open = is_ok;
+            while is_open {
+                let mut left = bytes_per_s;
+                while left > 0 && is_open {
+                    let read = wire.read_some(left).await?;
+                    (left, is_open) = (left - read, read > 0);
+                }
                 sleep(Duration::from_secs(1)).await;
             }
             io::Result::Ok(())
@@ -80,6 +94,10 @@ async fn read_slowly(
 
 /// Addresses that take all streams of events together.
 const WATCHERS: usize = 8;
+
+/// Bytes a second that a reader takes who is not cut off: the host buffers some MB for a reader, and asks for more when a
+/// third of them is taken.
+const BYTES_PER_S: usize = 150_000;
 
 /// More streams of events, and more exports, than there may be.
 const STREAMS: usize = 4_200;
@@ -97,8 +115,8 @@ pub(super) async fn all_streams(ctx: Arc<Ctx>) -> io::Result<()> {
             Some(number) => (number % WATCHERS, format!("/api/v1/episodes/{watched}/events")),
         };
         let of = Arc::clone(&ctx);
-        let begins = move || of.take_one(EXPORTS + STREAMS);
-        read_slowly(Arc::clone(&ctx), Addresses::Many, address, path, begins)
+        let tried = move || of.take_one(EXPORTS + STREAMS);
+        read_slowly(Arc::clone(&ctx), Addresses::Many, address, (path, BYTES_PER_S), tried)
     })
     .await;
     Ok(())
