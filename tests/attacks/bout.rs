@@ -18,9 +18,9 @@ use crate::measure::{cpu_s, memory_peak_mib};
 use crate::server::{Server, Site, program};
 use crate::wire::{Request, Source, Wire};
 
-/// Address space that a server gets beside twice its memory, in MiB: the program, stacks of its threads, and what the
-/// allocator and the database reserve and do not use. An attack on memory ends the server and not the host.
-const SPACE_RESERVE_MIB: u64 = 512;
+/// Address space that a server gets beside twice its memory, in MiB: stacks of its threads, and what the allocator and the
+/// database reserve and do not use. An attack on memory ends the server and not the host.
+const SPACE_RESERVE_MIB: u64 = 2 * 1024;
 
 /// How long attackers may prepare.
 const PREPARATION_MAX: Duration = Duration::from_mins(4);

@@ -71,22 +71,26 @@ pub(super) async fn no_acts(ctx: Arc<Ctx>) -> io::Result<()> {
     Ok(())
 }
 
-/// Entries with much JSON, from those who hang up at once.
+/// Entries with as much as they may have, and erasures, from those who hang up at once.
 pub(super) async fn hang_ups(ctx: Arc<Ctx>) -> io::Result<()> {
     let meta = JSON[0].of(usize::MAX, 16 * 1024);
-    let path = format!("/api/v1/competitions/{}/entrants", ctx.brief.open_cup);
+    let template = "x".repeat(32 * 1024);
+    let entrants = format!("/api/v1/competitions/{}/entrants", ctx.brief.cup);
+    let erase = Request { method: "DELETE", ..Request::get(format!("{entrants}/nobody")) };
     ctx.go().await;
     on_connections(64, |number| {
-        let (ctx, meta, path) = (Arc::clone(&ctx), meta.clone(), path.clone());
+        let (ctx, meta, template) = (Arc::clone(&ctx), meta.clone(), template.clone());
+        let (entrants, erase) = (entrants.clone(), erase.clone());
         async move {
             for again in 0.. {
                 // After a hundred entries they are refused, once their turn has come.
-                let mut wire = ctx.wire(Addresses::Many, number % 4);
+                let mut wire = ctx.wire(Addresses::Many, number % 32);
                 let body = format!(
-                    "{{\"name\":\"gone {number} {again}\",\"model\":\"gone\",\"agent_meta\":{meta}}}"
+                    "{{\"name\":\"gone {number} {again}\",\"model\":\"gone\",\"agent_meta\":{meta},\"prompt_template\":\"{template}\"}}"
                 );
-                let is_sent = wire.send(&Request::post_text(&*path, body)).await.is_ok();
-                ctx.tally.count(if is_sent { "sent, and hung up" } else { "broken" });
+                let enter = Request::post_text(&*entrants, body);
+                let is_sent = wire.send(if again % 2 == 0 { &enter } else { &erase }).await;
+                ctx.tally.count(if is_sent.is_ok() { "sent, and hung up" } else { "broken" });
                 sleep(Duration::from_millis(5)).await;
             }
         }

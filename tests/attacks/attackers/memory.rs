@@ -20,6 +20,9 @@ const META_BYTES_MAX: usize = 16 * 1024;
 /// Bytes of a body that is handled on the threads on which games run.
 const LIGHT_BODY_BYTES_MAX: usize = 128 * 1024;
 
+/// Bytes of a body that needs no memory of its own.
+const SHORT_BODY_BYTES: usize = 8 * 1024;
+
 /// Bytes of the headers of a request, of which a connection's buffer takes no more.
 const HEAD_BYTES: usize = 62_000;
 
@@ -90,12 +93,13 @@ async fn enter_and_start(ctx: &Ctx, wire: &mut Wire, body: String) -> bool {
     }
 }
 
-/// Looks by `/mcp` wait, each with as much beside its arguments as a body may have.
+/// Looks by `/mcp` wait, each with as much beside its arguments as a body may have, or a short one.
 pub(super) async fn waiting_meta(ctx: Arc<Ctx>) -> io::Result<()> {
     let seat = waiting_seat(&ctx).await?;
     ctx.go().await;
-    on_connections(400, |number| {
-        let meta = JSON[number % 2].of(usize::MAX, LIGHT_BODY_BYTES_MAX - 300);
+    on_connections(1_600, |number| {
+        let bytes = if number % 4 == 0 { LIGHT_BODY_BYTES_MAX } else { SHORT_BODY_BYTES };
+        let meta = JSON[number / 4 % 2].of(usize::MAX, bytes - 300);
         let look = mcp_look(45, &meta).with(&seat);
         hammer(ctx.wire(Addresses::Many, number), move |_| look.clone(), ctx.at.clone())
     })
@@ -112,9 +116,11 @@ pub(super) async fn heads(ctx: Arc<Ctx>) -> io::Result<()> {
     let lines = [one, many.concat()];
     let addresses = ctx.of(64, 256);
     ctx.go().await;
-    on_connections(ctx.of(6_000, 9_000), |number| {
+    on_connections(9_000, |number| {
         let (ctx, seat) = (Arc::clone(&ctx), seat.clone());
-        let head = lines[number % lines.len()].clone();
+        let head = &lines[number % lines.len()];
+        // Some of them are as long as a server may take that takes less.
+        let head = if number % 3 == 0 { shortened(head) } else { head.clone() };
         async move {
             loop {
                 let mut wire = ctx.wire(Addresses::Many, number % addresses);
@@ -128,6 +134,11 @@ pub(super) async fn heads(ctx: Arc<Ctx>) -> io::Result<()> {
     })
     .await;
     Ok(())
+}
+
+/// A quarter of the bytes of some headers, in as many lines.
+fn shortened(head: &str) -> String {
+    head.lines().map(|line| format!("{}\r\n", &line[..line.len() / 4])).collect()
 }
 
 /// Sends bytes and waits until something comes, or the connection is closed.
