@@ -3,8 +3,8 @@
 use super::checks::AGENT_META_DEPTH_MAX;
 use super::client::NETWORKS_PER_SITE_MAX;
 use super::extract::BODY_VALUES_MAX;
-use super::serve::HEAD_BYTES_MAX;
 use super::front::REQUEST_ID_BYTES_MAX;
+use super::serve::HEAD_BYTES_MAX;
 use crate::dataset::bounds::IMPORT_STATE_BYTES_MAX;
 use crate::dataset::replay::IMPORT_CELLS_MAX;
 use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;

@@ -2,7 +2,7 @@
 
 use std::io::{self, BufRead, BufReader, Write as _};
 use std::net::{Ipv4Addr, SocketAddr};
-use std::process::{Child, ChildStdin, Command, Stdio};
+use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -18,11 +18,9 @@ use crate::measure::{cpu_s, memory_peak_mib};
 use crate::server::{Server, Site, program};
 use crate::wire::{Request, Source, Wire};
 
-/// Address space that a server gets, in MiB: an attack on memory ends the server and not the host.
-const ADDRESS_SPACE_MIB: u64 = 6 * 1024;
-
-/// Memory that the server may use for worlds and answers, as its environment says it.
-const MEMORY: &str = "1GiB";
+/// Address space that a server gets beside twice its memory, in MiB: stacks of its threads, and what the allocator and the
+/// database reserve and do not use. An attack on memory ends the server and not the host.
+const SPACE_RESERVE_MIB: u64 = 2 * 1024;
 
 /// How long attackers may prepare.
 const PREPARATION_MAX: Duration = Duration::from_mins(4);
@@ -37,6 +35,15 @@ pub(crate) struct Setting {
     pub(crate) time: Duration,
     /// Times are asserted, and numbers are large.
     pub(crate) is_long: bool,
+    /// `--memory-max` of all servers, where it is not what each attack says.
+    pub(crate) memory_mib: Option<u64>,
+}
+
+impl Setting {
+    /// `--memory-max` of the server that is attacked, in MiB.
+    pub(crate) fn memory_mib(&self, attack: &Attack) -> u64 {
+        self.memory_mib.unwrap_or(attack.memory_mib)
+    }
 }
 
 /// The results of playing for a while, in numbers.
@@ -61,6 +68,8 @@ pub(crate) struct Outcome {
     pub(crate) beside: Phase,
     pub(crate) attackers: Report,
     pub(crate) memory_peak_mib: u64,
+    /// The same of the server that was started again, alone.
+    pub(crate) memory_again_mib: u64,
     /// How the server ended, where it ended by itself.
     pub(crate) died: Option<String>,
     /// How long it took until it was ready again.
@@ -86,7 +95,11 @@ pub(crate) async fn play(attack: &Attack, setting: Setting) -> Outcome {
         outcome.not_played = Some(error.to_string());
     }
     outcome.attackers = bout.attackers.stop().await.unwrap_or_default();
-    outcome.memory_peak_mib = outcome.memory_peak_mib.max(memory_peak_mib(bout.server.pid()));
+    let peak = memory_peak_mib(bout.server.pid()).max(bout.peak);
+    match outcome.ready_again {
+        Some(_) => outcome.memory_again_mib = peak,
+        None => outcome.memory_peak_mib = peak,
+    }
     let is_fault = |line: &String| line.contains(" ERROR ") || line.contains("panicked");
     outcome.faults.extend(bout.server.kill().into_iter().filter(is_fault));
     outcome
@@ -94,6 +107,8 @@ pub(crate) async fn play(attack: &Attack, setting: Setting) -> Outcome {
 
 struct Bout<'a> {
     site: &'a Site,
+    /// The most memory that the running server has had resident, in MiB.
+    peak: u64,
     attack: &'a Attack,
     setting: Setting,
     server: Server,
@@ -105,8 +120,8 @@ struct Bout<'a> {
 impl<'a> Bout<'a> {
     async fn open(site: &'a Site, attack: &'a Attack, setting: Setting) -> io::Result<Self> {
         let organizer = organizer(site)?;
-        let server = start(site, attack);
-        let at = address(site, &server).await?;
+        let server = start(site, attack, setting);
+        let at = address(site, server.run).await?;
         let mut wire =
             Wire::new(at, Source::behind_proxy(Ipv4Addr::new(192, 0, 2, 250)), &Arc::default());
         let rounds = if setting.is_long { 100 } else { 20 };
@@ -124,15 +139,15 @@ impl<'a> Bout<'a> {
             open_cup,
             member: self::member(&mut wire, &organizer, "stranger").await?,
         };
-        let honest = Honest::new(receiver, Place { cup, member, rounds });
+        let honest = Honest::new(receiver, Place { cup, member, organizer, rounds });
         let attackers = Attackers::start(&brief)?;
-        Ok(Self { site, attack, setting, server, at: sender, honest, attackers })
+        Ok(Self { site, peak: 0, attack, setting, server, at: sender, honest, attackers })
     }
 
     async fn play(&mut self, outcome: &mut Outcome) -> io::Result<()> {
         tokio::select! {
-            ready = self.attackers.ready() => ready?,
-            status = self.server.ended() => {
+            ready = self.attackers.say_that("ready", PREPARATION_MAX) => ready?,
+            status = end(&mut self.server, &mut self.peak) => {
                 outcome.died = Some(format!("while the attack was prepared: {status}"));
                 return Ok(());
             }
@@ -141,7 +156,17 @@ impl<'a> Bout<'a> {
         outcome.alone = self.phase(alone, false, outcome).await;
         if outcome.died.is_none() {
             self.attackers.say("go")?;
-            outcome.beside = self.phase(self.setting.time, true, outcome).await;
+            if self.attack.takes {
+                tokio::select! {
+                    taken = self.attackers.say_that("taken", FINISH_MAX) => taken?,
+                    status = end(&mut self.server, &mut self.peak) => {
+                        outcome.died = Some(status.to_string());
+                        return Ok(());
+                    }
+                }
+            }
+            let time = self.setting.time.max(self.attack.least);
+            outcome.beside = self.phase(time, true, outcome).await;
         }
         Ok(())
     }
@@ -156,15 +181,14 @@ impl<'a> Bout<'a> {
         if is_attacked && self.attack.restarts {
             sleep(time / 3).await;
             cpu = cpu_s(self.server.pid()) - cpu_before;
-            match self.restart(outcome).await {
-                Ok(taken) => outcome.ready_again = Some(taken),
-                Err(error) => outcome.not_played = Some(error.to_string()),
+            if let Err(error) = self.restart(outcome).await {
+                outcome.not_played = Some(error.to_string());
             }
         }
         let limit = time + FINISH_MAX;
         let finished = tokio::select! {
             finished = timeout(limit.saturating_sub(began.elapsed()), &mut playing) => finished.is_ok(),
-            status = self.server.ended() => {
+            status = end(&mut self.server, &mut self.peak) => {
                 outcome.died = Some(status.to_string());
                 false
             }
@@ -182,15 +206,48 @@ impl<'a> Bout<'a> {
         phase
     }
 
-    /// Kills the server and starts it again; how long it took until it was ready.
-    async fn restart(&mut self, outcome: &mut Outcome) -> io::Result<Duration> {
-        outcome.memory_peak_mib = memory_peak_mib(self.server.pid());
+    /// Kills the server and starts it again.
+    async fn restart(&mut self, outcome: &mut Outcome) -> io::Result<()> {
+        if let Some(status) = self.server.exit() {
+            outcome.died = Some(status.to_string());
+            return Ok(());
+        }
+        outcome.memory_peak_mib = memory_peak_mib(self.server.pid()).max(self.peak);
+        self.peak = 0;
         self.server.end();
-        self.server = start(self.site, self.attack);
-        let at = address(self.site, &self.server).await?;
+        let began = Instant::now();
+        self.server = start(self.site, self.attack, self.setting);
+        let listening = address(self.site, self.server.run);
+        let at = tokio::select! {
+            at = listening => at?,
+            status = end(&mut self.server, &mut self.peak) => {
+                outcome.died = Some(format!("when it was started again: {status}"));
+                return Ok(());
+            }
+        };
         self.at.send_replace(at);
         self.attackers.say(&format!("at {at}"))?;
-        Ok(self.server.ready().await)
+        let mut wire = Wire::new(at, Source::HOST, &Arc::default());
+        while !wire.ask(&Request::get("/readyz")).await.is_ok_and(|answer| answer.is_ok()) {
+            if let Some(status) = self.server.exit() {
+                outcome.died = Some(format!("when it was started again: {status}"));
+                return Ok(());
+            }
+            sleep(Duration::from_millis(1)).await;
+        }
+        outcome.ready_again = Some(began.elapsed());
+        Ok(())
+    }
+}
+
+/// Waits until the process has ended by itself, and notes the memory that it takes.
+async fn end(server: &mut Server, peak: &mut u64) -> ExitStatus {
+    loop {
+        *peak = memory_peak_mib(server.pid()).max(*peak);
+        if let Some(status) = server.exit() {
+            return status;
+        }
+        sleep(Duration::from_millis(50)).await;
     }
 }
 
@@ -210,18 +267,20 @@ fn shown(score: &Score) -> Phase {
     }
 }
 
-/// Starts a server with less memory than the host has.
-fn start(site: &Site, attack: &Attack) -> Server {
-    let kib = ADDRESS_SPACE_MIB * 1024;
+/// Starts a server with the memory of an attack, and as much address space as `docs/operate/operations.md` promises.
+fn start(site: &Site, attack: &Attack, setting: Setting) -> Server {
+    let memory_mib = setting.memory_mib(attack);
+    let kib = (2 * memory_mib + SPACE_RESERVE_MIB) * 1024;
     let files = attack.files.map_or_else(String::new, |files| format!("ulimit -n {files}; "));
     let mut command = Command::new("sh");
     command.args(["-c", &format!("ulimit -v {kib}; {files}exec \"$0\" \"$@\"")]).arg(program());
-    command.env("RUST_LOG", "warn,swarmbench::cli=info").env("SWARMBENCH_MEMORY_MAX", MEMORY);
-    site.start_by(command, &["--trusted-proxy", "127.0.0.1/32"])
+    command.env("RUST_LOG", "warn,swarmbench::cli=info");
+    command.env("SWARMBENCH_MEMORY_MAX", format!("{memory_mib}MiB"));
+    site.start_by(command, &[&["--trusted-proxy", "127.0.0.1/32"], attack.options].concat())
 }
 
-async fn address(site: &Site, server: &Server) -> io::Result<SocketAddr> {
-    let base = site.door.after(server.run - 1).await.base;
+async fn address(site: &Site, run: u64) -> io::Result<SocketAddr> {
+    let base = site.door.after(run - 1).await.base;
     base.trim_start_matches("http://").parse().map_err(io::Error::other)
 }
 
@@ -290,11 +349,12 @@ impl Attackers {
         input.flush()
     }
 
-    async fn ready(&mut self) -> io::Result<()> {
-        match timeout(PREPARATION_MAX, self.lines.recv()).await {
-            Ok(Some(line)) if line == "ready" => Ok(()),
+    /// Waits until they say a word.
+    async fn say_that(&mut self, word: &str, most: Duration) -> io::Result<()> {
+        match timeout(most, self.lines.recv()).await {
+            Ok(Some(line)) if line == word => Ok(()),
             Ok(line) => Err(io::Error::other(format!("the attackers say {line:?}"))),
-            Err(_) => Err(io::Error::other("the attackers are not prepared in time")),
+            Err(_) => Err(io::Error::other(format!("the attackers are not {word} in time"))),
         }
     }
 

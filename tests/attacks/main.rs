@@ -54,6 +54,7 @@ fn main() -> ExitCode {
         seed: dice::seed("attacks"),
         time: seconds.map_or(TIME, Duration::from_secs),
         is_long: seconds.is_some(),
+        memory_mib: dice::number("SWARMBENCH_ATTACK_MEMORY_MIB"),
     };
     // The honest entrant and what looks after it are light; one thread leaves the others to the server.
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
@@ -63,7 +64,7 @@ fn main() -> ExitCode {
     for attack in chosen {
         println!("\n{}: {}", attack.name, attack.what);
         let outcome = runtime.block_on(bout::play(attack, setting));
-        let problems = table::problems(attack, &outcome, setting.is_long);
+        let problems = table::problems(attack, &outcome, setting);
         if shows_all || !problems.is_empty() {
             table::tell(&outcome, &problems);
         }

@@ -5,10 +5,15 @@ use std::time::Duration;
 use swarmbench_loadtest::latencies::Spread;
 
 use crate::attackers::{Attack, CPU_SHARE};
-use crate::bout::{Outcome, Phase};
+use crate::bout::{Outcome, Phase, Setting};
 
-/// Memory that a server may have resident under any attack, in MiB.
-const MEMORY_MAX_MIB: u64 = 2_048;
+/// Memory that a server may have resident under any attack beside twice its `--memory-max`, in MiB: the program, its
+/// threads, and the pages of the database.
+const MEMORY_RESERVE_MIB: u64 = 64;
+
+/// A server that is started again may have more resident than the one before it, by this, in MiB: it meets the same games
+/// in another order.
+const AGAIN_RESERVE_MIB: u64 = 32;
 
 /// Beside attackers the 99th percentile of an act's receipt is at most this many times what it is alone, and as many
 /// milliseconds more.
@@ -21,7 +26,8 @@ const READY: Duration = Duration::from_secs(5);
 const KINDS: [&str; 3] = ["/act", "/act?wait", "/swarm/act"];
 
 /// What is not as it must be; with times only in a long run.
-pub(crate) fn problems(attack: &Attack, outcome: &Outcome, is_long: bool) -> Vec<String> {
+pub(crate) fn problems(attack: &Attack, outcome: &Outcome, setting: Setting) -> Vec<String> {
+    let is_long = setting.is_long;
     let mut problems = Vec::new();
     let mut check = |is_so: bool, told: String| {
         if is_so {
@@ -46,8 +52,13 @@ pub(crate) fn problems(attack: &Attack, outcome: &Outcome, is_long: bool) -> Vec
     let failures: Vec<&str> =
         failures.iter().filter(|failure| !is_refusal(failure)).map(String::as_str).collect();
     check(!failures.is_empty(), format!("honest requests failed: {}", failures.join("; ")));
-    let peak = outcome.memory_peak_mib;
-    check(peak > MEMORY_MAX_MIB, format!("{peak} MiB were resident; at most {MEMORY_MAX_MIB}"));
+    let most = 2 * setting.memory_mib(attack) + MEMORY_RESERVE_MIB;
+    let (peak, again) = (outcome.memory_peak_mib, outcome.memory_again_mib);
+    check(peak.max(again) > most, format!("{} MiB were resident; at most {most}", peak.max(again)));
+    check(
+        again > peak + AGAIN_RESERVE_MIB,
+        format!("a new start took {again} MiB, and the server before it {peak}"),
+    );
     let nameless = outcome.attackers.counts.nameless();
     check(!nameless.is_empty(), format!("refusals name no limit: {nameless:?}"));
     // Otherwise the times say nothing.
@@ -118,7 +129,7 @@ pub(crate) fn tell(outcome: &Outcome, problems: &[String]) {
     for note in &attackers.notes {
         println!("    {note}");
     }
-    println!("  most memory resident: {} MiB", outcome.memory_peak_mib);
+    println!("  most memory resident: {}", memory(outcome));
     if let Some(taken) = outcome.ready_again {
         println!("  ready again {taken:.1?} after the start");
     }
@@ -138,7 +149,7 @@ pub(crate) fn show(rows: &[(&str, Outcome, Vec<String>)]) {
         let bytes = attackers.counts.bytes_sent + attackers.counts.bytes_received;
         let most = beside.acts.iter().map(|spread| spread.max_ms).fold(0.0, f64::max);
         println!(
-            "| {name} | {:.0} | {:.1} | {} | {} | {} | {most:.0} ms | {} of {} | {:.0} ms | {:.2} | {} MiB | {} |",
+            "| {name} | {:.0} | {:.1} | {} | {} | {} | {most:.0} ms | {} of {} | {:.0} ms | {:.2} | {} | {} |",
             rate(attackers.counts.requests(), attackers.seconds),
             rate(bytes, attackers.seconds) / 1e6,
             attackers.counts.refused(),
@@ -148,7 +159,7 @@ pub(crate) fn show(rows: &[(&str, Outcome, Vec<String>)]) {
             beside.begun,
             beside.health.p99_ms,
             beside.server_cpu_s / beside.seconds.max(0.001),
-            outcome.memory_peak_mib,
+            memory(outcome),
             if problems.is_empty() { "holds".to_owned() } else { problems.join("; ") }
         );
     }
@@ -167,4 +178,10 @@ fn spread_of(spread: &Spread) -> String {
 #[expect(clippy::cast_precision_loss, reason = "it is shown with three digits")]
 fn rate(count: u64, seconds: f64) -> f64 {
     count as f64 / seconds.max(0.001)
+}
+
+/// The most memory that was resident, with that of a server that was started again.
+fn memory(outcome: &Outcome) -> String {
+    let (peak, again) = (outcome.memory_peak_mib, outcome.memory_again_mib);
+    if again == 0 { format!("{peak} MiB") } else { format!("{peak} MiB, again {again} MiB") }
 }

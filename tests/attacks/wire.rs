@@ -34,6 +34,9 @@ pub(crate) struct Source {
 }
 
 impl Source {
+    /// A program on the server's own host.
+    pub(crate) const HOST: Self = Self { bind: Ipv4Addr::new(127, 0, 0, 2), forwarded: None };
+
     /// A client behind the proxy.
     pub(crate) const fn behind_proxy(client: Ipv4Addr) -> Self {
         Self { bind: Ipv4Addr::LOCALHOST, forwarded: Some(client) }
@@ -45,17 +48,23 @@ impl Source {
 pub(crate) struct Request {
     pub(crate) method: &'static str,
     pub(crate) path: String,
+    /// Further lines of the head.
+    pub(crate) head: String,
     pub(crate) token: Option<String>,
     pub(crate) body: Option<String>,
 }
 
 impl Request {
     pub(crate) fn get(path: impl Into<String>) -> Self {
-        Self { method: "GET", path: path.into(), token: None, body: None }
+        Self { method: "GET", path: path.into(), head: String::new(), token: None, body: None }
     }
 
     pub(crate) fn post(path: impl Into<String>, body: &Value) -> Self {
-        Self { method: "POST", path: path.into(), token: None, body: Some(body.to_string()) }
+        Self::post_text(path, body.to_string())
+    }
+
+    pub(crate) fn post_text(path: impl Into<String>, body: String) -> Self {
+        Self { method: "POST", body: Some(body), ..Self::get(path) }
     }
 
     pub(crate) fn with(self, token: &str) -> Self {
@@ -64,7 +73,9 @@ impl Request {
 
     /// Its bytes, for a source.
     pub(crate) fn bytes(&self, source: Source) -> Vec<u8> {
-        let mut head = format!("{} {} HTTP/1.1\r\nhost: swarm.example\r\n", self.method, self.path);
+        let Self { method, path, head, .. } = self;
+        // The host is an address, as `/mcp` takes no name that the server was not started with.
+        let mut head = format!("{method} {path} HTTP/1.1\r\nhost: 192.0.2.1\r\n{head}");
         if let Some(address) = source.forwarded {
             write!(head, "x-forwarded-for: {address}\r\n").expect("a string takes all text");
         }
@@ -189,9 +200,16 @@ impl Wire {
         Ok(())
     }
 
+    /// Whether the first line of an answer says that all is well.
+    pub(crate) async fn is_ok(&mut self) -> io::Result<bool> {
+        let mut line = String::new();
+        self.open(None).await?.read_line(&mut line).await?;
+        Ok(line.contains(" 200 "))
+    }
+
     /// Reads at most this many bytes; 0 if the server has closed the connection.
     pub(crate) async fn read_some(&mut self, most: usize) -> io::Result<usize> {
-        let mut buffer = [0; 256];
+        let mut buffer = [0; 4096];
         let most = most.min(buffer.len());
         let read = self.open(None).await?.read(&mut buffer[..most]).await?;
         self.tally.received(read);
@@ -201,12 +219,12 @@ impl Wire {
     /// Opens the connection, where `window` says so with a small buffer for what comes.
     pub(crate) async fn open(
         &mut self,
-        window: Option<u32>,
+        window: Option<usize>,
     ) -> io::Result<&mut BufReader<TcpStream>> {
         if self.stream.is_none() {
             let socket = TcpSocket::new_v4()?;
             if let Some(window) = window {
-                socket.set_recv_buffer_size(window)?;
+                socket.set_recv_buffer_size(u32::try_from(window).unwrap_or(u32::MAX))?;
             }
             if self.source.bind != Ipv4Addr::LOCALHOST {
                 socket.bind((self.source.bind, 0).into())?;

@@ -182,7 +182,7 @@ pub(crate) async fn serve(
                 owner: None,
                 key: None,
                 model: "a holder".to_owned(),
-                agent_meta: serde_json::Map::new(),
+                agent_meta: swarmbench_protocol::carried::Carried::default(),
                 player: None,
                 at: clock.now(),
             };

@@ -49,9 +49,8 @@ async fn idle(wire: &mut Wire) -> io::Result<()> {
 
 /// An entry whose body comes a byte now and then.
 pub(super) async fn dribbled_body(wire: &mut Wire, cup: &str) -> io::Result<()> {
-    let body = Some(" ".repeat(BODY_BYTES));
     let path = format!("/api/v1/competitions/{cup}/entrants");
-    let bytes = Request { method: "POST", path, token: None, body }.bytes(wire.source);
+    let bytes = Request::post_text(path, " ".repeat(BODY_BYTES)).bytes(wire.source);
     let (head, body) = bytes.split_at(bytes.len() - BODY_BYTES);
     wire.send_bytes(head).await?;
     for byte in body.chunks(1) {

@@ -14,6 +14,9 @@ use crate::wire::Request;
 /// Attempts that all places take, with 64 games at a time.
 const ATTEMPTS: usize = 320;
 
+/// Accounts of one competition that have all places which it may have.
+const ACCOUNTS: usize = 60;
+
 /// Connections on which they are started.
 const STARTERS: usize = 16;
 
@@ -39,6 +42,33 @@ pub(super) async fn places(ctx: Arc<Ctx>) -> io::Result<()> {
     })
     .await;
     ctx.note(format!("{} attempts were started", started.load(Ordering::SeqCst)));
+    Ok(())
+}
+
+/// Entrants of the honest one's competition take all places that it may have, and each that becomes free.
+pub(super) async fn many_accounts(ctx: Arc<Ctx>) -> io::Result<()> {
+    ctx.go().await;
+    on_connections(ACCOUNTS, |number| {
+        let ctx = Arc::clone(&ctx);
+        async move {
+            let (cup, mut wire) = (ctx.brief.cup.clone(), ctx.wire(Addresses::Many, number));
+            let body = json!({ "name": format!("account {number}"), "model": "many" });
+            let key = ctx.enter(&mut wire, &cup, &body).await.unwrap_or_default();
+            let start = Request::post(format!("/api/v1/competitions/{cup}/attempts"), &json!({}));
+            let start = start.with(&key);
+            for again in 0.. {
+                let is_later = wire.ask(&start).await.is_ok_and(|answer| answer.is_later());
+                if again == 0 {
+                    ctx.take_one(ACCOUNTS);
+                }
+                if !is_later {
+                    return;
+                }
+                sleep(Duration::from_millis(100)).await;
+            }
+        }
+    })
+    .await;
     Ok(())
 }
 

@@ -60,7 +60,7 @@ async fn flood(mut wire: Wire, token: String, bytes: usize) {
             .expect("a string takes all text");
         }
         body.push_str("]}");
-        let act = Request { body: Some(body), ..Request::post("/swarm/act", &Value::Null) };
+        let act = Request::post_text("/swarm/act", body);
         if seats.is_empty() || wire.ask(&act.with(&token)).await.is_err() {
             sleep(Duration::from_millis(50)).await;
         }

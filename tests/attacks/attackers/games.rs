@@ -103,7 +103,7 @@ pub(super) fn acts_of_all(
         body.push('}');
     }
     body.push_str("]}");
-    Request { body: Some(body), ..Request::post("/swarm/act", &Value::Null) }
+    Request::post_text("/swarm/act", body)
 }
 
 /// Large games of Flocking are played as fast as the server takes acts.
@@ -187,4 +187,23 @@ pub(super) async fn restart(ctx: Arc<Ctx>) -> io::Result<()> {
     })
     .await;
     Ok(())
+}
+
+/// A look by `/mcp`, with something beside its arguments.
+pub(super) fn mcp_look(wait_s: u32, meta: &str) -> Request {
+    let body = format!(
+        "{{\"jsonrpc\":\"2.0\",\"id\":1,\"method\":\"tools/call\",\"params\":{{\"name\":\"look\",\
+         \"arguments\":{{\"wait_s\":{wait_s}}},\"_meta\":{meta}}}}}"
+    );
+    Request::post_text("/mcp", body)
+}
+
+/// The token of a seat whose looks wait: it has acted, and another one has not.
+pub(super) async fn waiting_seat(ctx: &Ctx) -> io::Result<String> {
+    let body = json!({ "task": "Synchronization", "num_agents": 2, "model": "waits", "visibility": "public" });
+    let created = ctx.create(&body).await?;
+    let seat = text(&created, "/seats/0/token")?;
+    let act = Request::post("/act", &json!({ "round": 0, "action": "STAY" })).with(&seat);
+    ctx.insist(&mut ctx.wire(Addresses::Many, 0), &act).await?.read::<Value>()?;
+    Ok(seat)
 }

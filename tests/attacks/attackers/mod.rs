@@ -1,9 +1,10 @@
 //! The attackers: a process of its own, with a low priority and at most half a core.
 //!
 //! It reads lines: what it is to do ([`Brief`]), `go`, `at ADDRESS` when the server is somewhere else, and it stops at
-//! the end of its input. It writes two: `ready` when it is prepared, and in the end what it counted ([`Report`]).
+//! the end of its input. It writes `ready` when it is prepared, `taken` where others are to wait for that, and in the end what it counted ([`Report`]).
 
 mod boards;
+mod bodies;
 mod connections;
 mod entries;
 mod everything;
@@ -11,7 +12,11 @@ mod floods;
 mod games;
 mod lists;
 mod looks;
+mod memory;
 mod readers;
+mod shapes;
+mod storms;
+mod templates;
 
 use std::future::Future;
 use std::io::{self, BufRead, Write as _};
@@ -94,6 +99,14 @@ pub(crate) struct Attack {
     pub(crate) files: Option<u32>,
     /// What each answer 201 may cost the server of its time on the processors, in milliseconds; asserted in a long run.
     pub(crate) creation_ms_max: Option<f64>,
+    /// `--memory-max` of its server, in MiB: little, where memory is what is attacked.
+    pub(crate) memory_mib: u64,
+    /// Further options of the server.
+    pub(crate) options: &'static [&'static str],
+    /// How long it takes at least, also in a short run.
+    pub(crate) least: Duration,
+    /// Whether the honest entrant comes when the attackers have all that they take.
+    pub(crate) takes: bool,
 }
 
 macro_rules! attack {
@@ -105,7 +118,14 @@ macro_rules! attack {
             restarts: false,
             files: None,
             creation_ms_max: None,
+            memory_mib: 1024,
+            options: &[],
+            least: Duration::ZERO,
+            takes: false,
         }
+    };
+    (small $name:literal, $run:path, $what:literal) => {
+        Attack { memory_mib: 256, least: Duration::from_secs(6), ..attack!($name, $run, $what) }
     };
 }
 
@@ -165,6 +185,48 @@ pub(crate) const ATTACKS: &[Attack] = &[
         lists::lists,
         "large lists, unread events, long polls, bodies sent byte by byte"
     ),
+    attack!(
+        small "killer_templates",
+        templates::killer_templates,
+        "chains and nests of all kinds in templates, sent and looked at in all ways"
+    ),
+    Attack {
+        restarts: true,
+        ..attack!(small "carried_json", memory::carried_json, "games with clocks carry much JSON, and the server is killed")
+    },
+    attack!(small "waiting_meta", memory::waiting_meta, "looks by /mcp wait with 130 KB beside their arguments"),
+    attack!(small "heads", memory::heads, "requests with heads of 62 KB are held open by the thousand"),
+    attack!(
+        small "unfinished_bodies",
+        memory::unfinished_bodies,
+        "bodies of about 131 KB by the thousand, whose last bytes come one by one"
+    ),
+    attack!(small "mcp_flood", bodies::mcp_flood, "one address sends 130 KB to /mcp without a token"),
+    attack!(small "body_flood", bodies::body_flood, "bodies full of tiny values from those who may not ask"),
+    attack!(small "no_acts", bodies::no_acts, "8 MB of tiny values come as the acts of a swarm"),
+    attack!(small "hang_ups", bodies::hang_ups, "entries with much JSON from those who hang up at once"),
+    Attack {
+        takes: true,
+        ..attack!(
+            "all_streams",
+            readers::all_streams,
+            "eight addresses take all streams of events, twenty all exports"
+        )
+    },
+    attack!(
+        "storms",
+        storms::storms,
+        "games, tokens and entries with templates are made as fast as possible"
+    ),
+    Attack {
+        options: &["--episodes-max", "200"],
+        takes: true,
+        ..attack!(
+            "many_accounts",
+            entries::many_accounts,
+            "many entrants take all places of the honest one's competition"
+        )
+    },
     attack!("everything", everything::everything, "all of these kinds at once"),
 ];
 
@@ -188,6 +250,8 @@ pub(crate) struct Ctx {
     /// How many attacks are not prepared yet.
     preparing: Arc<AtomicUsize>,
     is_prepared: AtomicBool,
+    /// How much of what they take the attackers have.
+    taken: AtomicUsize,
     notes: Arc<Mutex<Vec<String>>>,
     started: Instant,
     /// When the attack began, and what the process had had of the processors then.
@@ -204,6 +268,7 @@ impl Ctx {
             stage: Arc::clone(&self.stage),
             preparing: Arc::clone(&self.preparing),
             is_prepared: AtomicBool::new(false),
+            taken: AtomicUsize::new(0),
             notes: Arc::clone(&self.notes),
             started: self.started,
             since: Arc::clone(&self.since),
@@ -259,6 +324,13 @@ impl Ctx {
             tell("ready");
         }
         drop(self.stage.subscribe().wait_for(|begun| *begun).await);
+    }
+
+    /// Notes that one more of `all` is taken, or refused.
+    fn take_one(&self, all: usize) {
+        if self.taken.fetch_add(1, Ordering::SeqCst) + 1 == all {
+            tell("taken");
+        }
     }
 
     /// Asks while the server says "later", for at most half a minute.
@@ -349,6 +421,7 @@ async fn attack(brief: Brief) {
         stage: Arc::new(watch::Sender::new(false)),
         preparing: Arc::new(AtomicUsize::new(1)),
         is_prepared: AtomicBool::new(false),
+        taken: AtomicUsize::new(0),
         notes: Arc::default(),
         started: Instant::now(),
         since: Arc::new(Mutex::new((Instant::now(), 0.0))),

@@ -8,16 +8,15 @@ use serde_json::json;
 use tokio::time::sleep;
 
 use super::games::{Large, acts_of_all};
-use super::{Ctx, on_connections};
+use super::{Addresses, Ctx, on_connections};
 use crate::honest::text;
 use crate::wire::Request;
 
 /// Bytes that the host takes for a reader that does not read; it makes it a little more.
-const WINDOW_BYTES: u32 = 2_048;
+const WINDOW_BYTES: usize = 2_048;
 
-/// Journals and exports of a game with much text are read a byte a second.
-pub(super) async fn slow_readers(ctx: Arc<Ctx>) -> io::Result<()> {
-    let addresses = ctx.addresses("slow_readers");
+/// A game with much text, whose journal has 14 MB in a long run.
+async fn much_text(ctx: &Ctx, addresses: Addresses) -> io::Result<String> {
     let (agents, rounds) = (12, ctx.of(4, 6));
     let body = json!({ "task": "Synchronization", "num_agents": agents, "max_round": rounds, "model": "much",
                        "visibility": "public" });
@@ -29,6 +28,16 @@ pub(super) async fn slow_readers(ctx: Arc<Ctx>) -> io::Result<()> {
         let act = acts_of_all(&episode, agents, round, Some(&reasoning)).with(&token);
         ctx.insist(&mut wire, &act).await?;
     }
+    Ok(episode)
+}
+
+/// After so many refusals an attacker has tried.
+const REFUSALS: usize = 5;
+
+/// Journals and exports of a game with much text are read a byte a second.
+pub(super) async fn slow_readers(ctx: Arc<Ctx>) -> io::Result<()> {
+    let addresses = ctx.addresses("slow_readers");
+    let episode = much_text(&ctx, addresses).await?;
     ctx.go().await;
     on_connections(ctx.of(48, 120), |number| {
         let paths = [
@@ -38,25 +47,76 @@ pub(super) async fn slow_readers(ctx: Arc<Ctx>) -> io::Result<()> {
             format!("/api/v1/exports/dataset.zip?episode={episode}"),
         ];
         let path = ctx.dice(&format!("reader {number}")).pick(&paths).clone();
-        let ctx = Arc::clone(&ctx);
-        async move {
-            loop {
-                let mut wire = ctx.wire(addresses, number);
-                let read = async {
-                    wire.open(Some(WINDOW_BYTES)).await?;
-                    wire.send(&Request::get(&path)).await?;
-                    ctx.tally.count("asked, read a byte a second");
-                    while wire.read_some(1).await? > 0 {
-                        sleep(Duration::from_secs(1)).await;
-                    }
-                    io::Result::Ok(())
-                };
-                if read.await.is_err() {
-                    ctx.tally.count("cut");
-                }
-                sleep(Duration::from_millis(200)).await;
+        read_slowly(Arc::clone(&ctx), addresses, number, (path, 1), || ())
+    })
+    .await;
+    Ok(())
+}
+
+/// Asks for something and reads so much of it a second, again and again; `tried` is called when an answer begins, or was
+/// refused a few times.
+async fn read_slowly(
+    ctx: Arc<Ctx>,
+    addresses: Addresses,
+    number: usize,
+    (path, bytes_per_s): (String, usize),
+    tried: impl FnOnce(),
+) {
+    let (mut tried, mut refused) = (Some(tried), 0);
+    loop {
+        let mut wire = ctx.wire(addresses, number);
+        let read = async {
+            wire.open(Some(WINDOW_BYTES.max(bytes_per_s / 2))).await?;
+            wire.send(&Request::get(&path)).await?;
+            let is_ok = wire.is_ok().await?;
+            refused += usize::from(!is_ok);
+            if is_ok || refused == REFUSALS {
+                tried.take().into_iter().for_each(|tried| tried());
             }
+            ctx.tally.count(if is_ok { "read slowly" } else { "refused" });
+            let mut is_open = is_ok;
+            while is_open {
+                let mut left = bytes_per_s;
+                while left > 0 && is_open {
+                    let read = wire.read_some(left).await?;
+                    (left, is_open) = (left - read, read > 0);
+                }
+                sleep(Duration::from_secs(1)).await;
+            }
+            io::Result::Ok(())
+        };
+        if read.await.is_err() {
+            ctx.tally.count("cut");
         }
+        sleep(Duration::from_millis(200)).await;
+    }
+}
+
+/// Addresses that take all streams of events together.
+const WATCHERS: usize = 8;
+
+/// Bytes a second that a reader takes who is not cut off: the host buffers some MB for a reader, and asks for more when a
+/// third of them is taken.
+const BYTES_PER_S: usize = 150_000;
+
+/// More streams of events, and more exports, than there may be.
+const STREAMS: usize = 4_200;
+const EXPORTS: usize = 20;
+
+/// Eight addresses take all streams of events, and twenty others all exports.
+pub(super) async fn all_streams(ctx: Arc<Ctx>) -> io::Result<()> {
+    let much = much_text(&ctx, Addresses::Many).await?;
+    let body = json!({ "task": "Synchronization", "num_agents": 2, "model": "watched", "visibility": "public" });
+    let watched = text(&ctx.create(&body).await?, "/id")?;
+    ctx.go().await;
+    on_connections(EXPORTS + STREAMS, |number| {
+        let (address, path) = match number.checked_sub(EXPORTS) {
+            None => (WATCHERS + number, format!("/api/v1/exports/acts.jsonl?episode={much}")),
+            Some(number) => (number % WATCHERS, format!("/api/v1/episodes/{watched}/events")),
+        };
+        let of = Arc::clone(&ctx);
+        let tried = move || of.take_one(EXPORTS + STREAMS);
+        read_slowly(Arc::clone(&ctx), Addresses::Many, address, (path, BYTES_PER_S), tried)
     })
     .await;
     Ok(())

@@ -121,7 +121,7 @@ async fn people_are_marked_and_can_be_left_out() {
     app.stop().await;
     let mut offline = Offline::open(&app).await;
     let people = json!({ "kind": "human" }).as_object().expect("an object").clone();
-    let by_hand = Definition { meta: people, ..definition("by hand", 5) };
+    let by_hand = Definition { meta: people.into(), ..definition("by hand", 5) };
     offline.run(by_hand, None, &[Did::Scored(7); 5], "finished").await;
     offline.run(definition("a program", 5), None, &[Did::Scored(6); 5], "finished").await;
     offline.close().await;
