@@ -203,13 +203,13 @@ mod tests {
 
     #[test]
     fn an_element_has_so_many_bytes_and_values() {
-        let bounds = Bounds { row_bytes_max: 9, row_values_max: 4, ..Bounds::default() };
+        let bounds = Bounds { row_bytes_max: 16, row_values_max: 4, ..Bounds::default() };
         assert_eq!(read("[1234567,[1,2,3],[1,2,3],\"[,,,,,\"]", None, &bounds), Ok(34));
         for (bad, problem) in [
-            ("[1,[1,2,3,4],1]", "4 values"),
+            ("[1,[1,2,3,4,5],1]", "4 values"),
             ("{\"a\":[[[[1]]]]}", "4 values"),
-            ("[1,\"123456789\"]", "9 bytes"),
-            ("\"123456789\"", "9 bytes"),
+            ("[1,\"0123456789abcdef\"]", "16 bytes"),
+            ("\"0123456789abcdef\"", "16 bytes"),
         ] {
             let error = read(bad, None, &bounds).expect_err(bad);
             assert!(error.contains(problem), "{bad}: {error}");

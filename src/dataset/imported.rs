@@ -471,8 +471,8 @@ pub fn each_act<T: DeserializeOwned>(
     mut see: impl FnMut(T) -> Result<(), Unreadable>,
 ) -> Result<(), Unreadable> {
     let number = round.round;
-    let packed = round.acts.as_deref().unwrap_or_default();
-    let mut acts = BufReader::new(MultiGzDecoder::new(packed).take(ACTS_BYTES_MAX + 1));
+    let Some(packed) = &round.acts else { return Ok(()) };
+    let mut acts = BufReader::new(MultiGzDecoder::new(&packed[..]).take(ACTS_BYTES_MAX + 1));
     let (mut line, mut bytes) = (Vec::new(), 0);
     for act in 0.. {
         line.clear();

@@ -170,15 +170,15 @@ impl Honest {
         Wire::new(*self.at.borrow(), source, &score.tally).keeping_all()
     }
 
-    /// Asks until there is an answer that is not "later", which an organizer is never told; the server may be away for a
-    /// while.
+    /// Asks until there is an answer that is not "later"; the server may be away for a while. An organizer is told that only
+    /// where no connection is free: then the server does not know who asks.
     async fn ask(&self, wire: &mut Wire, request: &Request) -> io::Result<Answer> {
         let began = Instant::now();
         let is_organizers = request.token.as_ref() == Some(&self.place.organizer);
         loop {
             wire.to = *self.at.borrow();
             let (patience, pause) = match wire.ask(request).await {
-                Ok(answer) if answer.is_later() && !is_organizers => {
+                Ok(answer) if answer.is_later() && (!is_organizers || answer.is_of_connections()) => {
                     let pause = answer.retry_after.unwrap_or(Duration::from_secs(1));
                     if began.elapsed() + pause > PATIENCE {
                         return Ok(answer);
@@ -220,8 +220,10 @@ impl Honest {
         let key = self.enter(wire, score).await?;
         let path = format!("/api/v1/competitions/{}/attempts", self.place.cup);
         let began = Instant::now();
-        let started: Value =
-            self.ask(wire, &Request::post(&path, &json!({})).with(&key)).await?.read()?;
+        // The server may be killed after it has started the attempt, and before it says so.
+        let head = "idempotency-key: start\r\n".to_owned();
+        let start = Request { head, ..Request::post(&path, &json!({})).with(&key) };
+        let started: Value = self.ask(wire, &start).await?.read()?;
         score.took("start", began.elapsed());
         let token = text(&started, "/swarm_token")?;
         self.play_all(wire, score, &token).await?;

@@ -110,6 +110,11 @@ impl Answer {
         matches!(self.status, 429 | 503)
     }
 
+    /// Whether a connection is refused, of whoever asks.
+    pub(crate) fn is_of_connections(&self) -> bool {
+        self.kind().contains("connections")
+    }
+
     pub(crate) fn text(&self) -> String {
         String::from_utf8_lossy(&self.body[..self.body.len().min(300)]).into_owned()
     }

@@ -16,6 +16,7 @@ use serde_json::{Value, json};
 use swarmbench::server::{Parts, Server};
 use swarmbench_boards::competition::export::Writer;
 use swarmbench_boards::competition::sealed::Sealed;
+use swarmbench_journal::chain::Head;
 use swarmbench_protocol::suite::SuiteSettings;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
@@ -189,15 +190,11 @@ async fn a_database_of_another_program_is_refused_and_stays_as_it_is() {
 
 /// A competition that nobody entered.
 fn empty_competition() -> String {
-    competition_named("a cup")
-}
-
-fn competition_named(name: &str) -> String {
     let sealed = Sealed { salt: [1; 32], seeds: vec![[2; 16], [3; 16]] };
     let hex = |bytes: &[u8]| data_encoding::HEXLOWER.encode(bytes);
     let window = json!({ "opens_at": "2026-03-01T12:00:00Z", "closes_at": "2026-03-02T12:00:00Z" });
     let definition = json!({
-        "name": name, "description": "", "tasks": ["Foraging"], "seeds": 2, "rules": "paper",
+        "name": "a cup", "description": "", "tasks": ["Foraging"], "seeds": 2, "rules": "paper",
         "settings": SuiteSettings { round_deadline_ms: Some(1000), ..SuiteSettings::default() },
         "idle_timeout_ms": 1000, "opens_at": window["opens_at"], "closes_at": window["closes_at"],
         "entry": "anybody", "attempts": [window], "parallel": 1, "counts": "best", "board": "public",
@@ -264,20 +261,37 @@ fn verify_names_what_it_has_not_proven() {
     }
 }
 
+/// A journal of another model, as anybody may write one.
+fn journal_of(model: &str) -> String {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/1/abandoned.jsonl");
+    let journal = std::fs::read_to_string(file).expect("a journal");
+    let model = format!(r#""model":{}"#, json!(model));
+    let mut head = Head::START;
+    let lines = journal.lines().map(|line| {
+        let record = line.split_once(r#""record":"#).expect("a record").1;
+        let record = record.strip_suffix('}').expect("an end");
+        let record = record.replacen(r#""model":"abandoned""#, &model, 1);
+        head = head.link(record.as_bytes());
+        format!("{{\"hash\":\"{head}\",\"record\":{record}}}\n")
+    });
+    lines.collect()
+}
+
 /// What others wrote reaches a terminal as text: it sets no title, moves no cursor, and turns nothing around.
 #[test]
 fn what_others_wrote_is_not_obeyed_by_a_terminal() {
     let folder = tempfile::tempdir().expect("a folder");
-    let name = "\u{1b}]0;owned\u{7}cup \u{202e}puc\u{9b}2J";
-    let file = folder.path().join("cup.jsonl");
-    std::fs::write(&file, competition_named(name)).expect("a file");
+    let name = "\u{1b}]0;owned\u{7}me \u{202e}em\u{9b}2J";
+    let file = folder.path().join("game.jsonl");
+    std::fs::write(&file, journal_of(name)).expect("a file");
     let file = file.display().to_string();
-    let said = verified(&["--competition", &file]);
-    assert!(said.contains(r"\u001b]0;owned\u0007cup \u202epuc\u009b2J"), "{said}");
+    let said = verified(&[&file]);
+    assert!(said.contains(r"\u001b]0;owned\u0007me \u202eem\u009b2J"), "{said}");
     // Data are what they are.
-    let said = verified(&["--competition", &file, "--json"]);
+    let said = verified(&[&file, "--json"]);
     let json: serde_json::Value = serde_json::from_str(&said).expect("JSON");
-    assert_eq!(json["name"], name);
+    assert_eq!(json["model"], name);
+    assert!(said.contains('\u{202e}'), "{said}");
     let journal = folder.path().join("journal.jsonl");
     std::fs::write(&journal, "{\"record\":{\"kind\":\"\u{1b}\u{202e}\"}}\n").expect("a file");
     let journal = journal.display().to_string();
@@ -299,12 +313,8 @@ fn files_without_an_end_are_refused() {
     let made = std::process::Command::new("mkfifo").arg(&pipe).status().expect("mkfifo");
     assert!(made.success());
     let db = folder.path().join("games.db").display().to_string();
-    let journal = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/1");
-    let journal = std::fs::read_dir(journal).expect("a folder").map(|entry| entry.expect("a file"));
-    let journal = journal
-        .map(|entry| entry.path())
-        .find(|path| path.extension().is_some_and(|end| end == "jsonl"));
-    let journal = journal.expect("a journal").display().to_string();
+    let journal = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/1/abandoned.jsonl");
+    let journal = journal.display().to_string();
     for file in ["/dev/zero", &pipe.display().to_string()] {
         let system = format!("@{file}");
         for args in [
@@ -317,7 +327,6 @@ fn files_without_an_end_are_refused() {
             &["eval", file, "--dry-run"],
             &["eval", "--player", "default", "--prompt-template", file, "--dry-run"],
             &["eval", "--model", "m", "--system", &system, "--dry-run"],
-            &["competition", "create", file],
             &["table", "main", "--from", file],
         ] {
             let output = swarmbench(args);

@@ -359,7 +359,7 @@ fn stored(number: u8, state_bytes: usize, acts: &[&str], blank_bytes: usize) -> 
         rounds: vec![ImportedRound {
             round: 0,
             score: 0.0,
-            state: format!("{:<state_bytes$}", state.to_string()),
+            state: state.to_string() + &" ".repeat(state_bytes),
             acts: Some(packed.finish().expect("memory")),
         }],
     }

@@ -55,7 +55,7 @@ async fn every_answer_has_the_id_of_its_request() {
     let answer = app.get("/healthz").header("x-request-id", &longest).send().await;
     assert_eq!(answer.header("x-request-id"), longest);
     // It would be logged and sent back.
-    for bad in [&*format!("{longest}x"), &"x".repeat(20_000), "two words", ""] {
+    for bad in [&*format!("{longest}x"), &"x".repeat(8000), "two words", ""] {
         let answer = app.get("/healthz").header("x-request-id", bad).send().await;
         let id = answer.header("x-request-id");
         assert!(id.len() < 40 && id.len() >= 16 && id != bad, "{id:?}");

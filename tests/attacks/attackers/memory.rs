@@ -97,7 +97,7 @@ async fn enter_and_start(ctx: &Ctx, wire: &mut Wire, body: String) -> bool {
 pub(super) async fn waiting_meta(ctx: Arc<Ctx>) -> io::Result<()> {
     let seat = waiting_seat(&ctx).await?;
     ctx.go().await;
-    on_connections(1_600, |number| {
+    on_connections(1_200, |number| {
         let bytes = if number % 4 == 0 { LIGHT_BODY_BYTES_MAX } else { SHORT_BODY_BYTES };
         let meta = JSON[number / 4 % 2].of(usize::MAX, bytes - 300);
         let look = mcp_look(45, &meta).with(&seat);
@@ -146,7 +146,8 @@ async fn hold(ctx: &Ctx, wire: &mut Wire, bytes: &[u8]) {
     let is_sent = wire.send_bytes(bytes).await.is_ok();
     let is_held = is_sent && wire.read_some(1).await.is_ok_and(|read| read > 0);
     ctx.tally.count(if is_held { "answered" } else { "cut" });
-    sleep(Duration::from_millis(200)).await;
+    // Connecting again and again is another attack.
+    sleep(Duration::from_secs(2)).await;
 }
 
 /// Bodies of about the size from which a body is large, of which the last bytes come one by one.
