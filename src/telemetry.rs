@@ -77,6 +77,10 @@ pub fn start_logs_of(format: LogFormat, usual: &str) {
 /// terminal does not obey it.
 fn fields() -> impl for<'w> FormatFields<'w> + Send + Sync + 'static {
     let field = |out: &mut Writer<'_>, field: &Field, value: &dyn Debug| {
+        // Places in the source, of libraries that log by another crate.
+        if field.name().starts_with("log.") {
+            return Ok(());
+        }
         let value = format!("{value:?}");
         let value = shown(&value).replace('\n', "\\n");
         if field.name() == "message" {

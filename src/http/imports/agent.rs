@@ -35,6 +35,7 @@ use swarmbench_protocol::replay::{AgentRound, ShownAct};
     responses(
         (status = 200, description = "What it did", body = AgentRound),
         (status = 404, description = "`not_found`: no such game, round or agent"),
+        (status = 422, description = "`invalid`: an earlier version stored more than is read, `import_state_bytes_max`"),
     )
 )]
 pub(in super::super) async fn show_import_agent_round(

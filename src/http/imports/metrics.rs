@@ -26,6 +26,7 @@ const CHUNK: u32 = 64;
     responses(
         (status = 200, description = "The metrics", body = GameMetrics),
         (status = 404, description = "`not_found`: no such game, or no such state"),
+        (status = 422, description = "`invalid`: an earlier version stored more than is read, `import_state_bytes_max`"),
         (status = 503, description = "`overloaded`: too many games are being measured"),
     )
 )]

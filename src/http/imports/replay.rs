@@ -28,6 +28,7 @@ const CHUNK: u32 = 8;
     responses(
         (status = 200, description = "The states", body = Replay),
         (status = 404, description = "`not_found`: no such game, or no such state"),
+        (status = 422, description = "`invalid`: an earlier version stored more than is read, `import_state_bytes_max`"),
         (status = 503, description = "`overloaded`: too many games are being replayed"),
     )
 )]
