@@ -178,7 +178,9 @@ impl Honest {
         loop {
             wire.to = *self.at.borrow();
             let (patience, pause) = match wire.ask(request).await {
-                Ok(answer) if answer.is_later() && (!is_organizers || answer.is_of_connections()) => {
+                Ok(answer)
+                    if answer.is_later() && (!is_organizers || answer.is_of_connections()) =>
+                {
                     let pause = answer.retry_after.unwrap_or(Duration::from_secs(1));
                     if began.elapsed() + pause > PATIENCE {
                         return Ok(answer);

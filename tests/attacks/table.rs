@@ -40,6 +40,10 @@ pub(crate) fn problems(attack: &Attack, outcome: &Outcome, setting: Setting) -> 
     if let Some(status) = &outcome.died {
         check(true, format!("the server ended: {status}"));
     }
+    // An attack that cannot begin says nothing.
+    for note in outcome.attackers.notes.iter().filter(|note| note.contains(" gave up: ")) {
+        check(true, note.clone());
+    }
     let alone = &outcome.alone;
     check(alone.begun != alone.finished, format!("alone, too: {}", alone.failures.join("; ")));
     let Phase { begun, finished, moves_lost, failures, .. } = &outcome.beside;

@@ -96,6 +96,8 @@ async fn enter_and_start(ctx: &Ctx, wire: &mut Wire, body: String) -> bool {
 /// Looks by `/mcp` wait, each with as much beside its arguments as a body may have, or a short one.
 pub(super) async fn waiting_meta(ctx: Arc<Ctx>) -> io::Result<()> {
     let seat = waiting_seat(&ctx).await?;
+    let look = mcp_look(0, "{}").with(&seat);
+    ctx.wire(Addresses::Many, 0).ask(&look).await?.read::<serde_json::Value>()?;
     ctx.go().await;
     on_connections(1_200, |number| {
         let bytes = if number % 4 == 0 { LIGHT_BODY_BYTES_MAX } else { SHORT_BODY_BYTES };
