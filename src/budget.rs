@@ -73,17 +73,17 @@ impl Used {
     fn release(&mut self, party: Option<Party>, amount: usize) {
         self.sum -= amount;
         let Some(party) = party else { return };
-        release(&mut self.by_group, party.group, amount);
-        release(&mut self.by_member, party, amount);
+        release(&mut self.by_group, &party.group, amount);
+        release(&mut self.by_member, &party, amount);
     }
 }
 
 /// Takes an amount from what an account uses; no account stays with 0.
-fn release<K: Eq + Hash>(accounts: &mut HashMap<K, usize>, name: K, amount: usize) {
-    if let Some(used) = accounts.get_mut(&name) {
+fn release<K: Eq + Hash>(accounts: &mut HashMap<K, usize>, name: &K, amount: usize) {
+    if let Some(used) = accounts.get_mut(name) {
         *used -= amount;
         if *used == 0 {
-            accounts.remove(&name);
+            accounts.remove(name);
         }
     }
 }

@@ -104,7 +104,8 @@ pub fn read(path: &Path, mut each: impl FnMut(Row) -> io::Result<()>) -> Result<
         io::copy(&mut file, &mut lines)?;
         return Ok(lines.finish()?);
     }
-    if !is_flat(&footer(&mut file)?) {
+    let footer = footer(&mut file)?;
+    if !footer.is_empty() && !is_flat(&footer) {
         return Err(RowsError::Nested);
     }
     for row in SerializedFileReader::new(file)?.get_row_iter(None)? {

@@ -70,7 +70,9 @@ mod tests {
         let mut settings = Settings::standard(TaskName::Synchronization, 1);
         change(&mut settings);
         let config = Config::check(&settings).expect("good settings");
-        Spec::of(&RecordedConfig::of(&config), &Carried::default(), "").expect("a good spec")
+        let config =
+            RecordedConfig { visibility: "public".to_owned(), ..RecordedConfig::of(&config) };
+        Spec::of(&config, &Carried::default(), "").expect("a good spec")
     }
 
     #[test]

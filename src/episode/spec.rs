@@ -225,6 +225,7 @@ mod tests {
         let meta = format!(r#"{{"x":[{}]}}"#, vec![r#"{"":0}"#; 1990].join(","));
         let settings = Settings::standard(TaskName::Foraging, 1);
         let config = RecordedConfig::of(&Config::check(&settings).expect("good settings"));
+        let config = RecordedConfig { visibility: "public".to_owned(), ..config };
         let template = "t".repeat(32_000);
         let meta: Carried = serde_json::from_str(&meta).expect("an object");
         let spec = Spec::of(&config, &meta, &template).expect("a good spec");

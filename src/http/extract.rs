@@ -381,7 +381,7 @@ mod tests {
     #[test]
     fn a_body_that_is_refused_takes_a_small_multiple_of_its_bytes() {
         for (part, code) in
-            [(r#"{"":0}"#, Code::Invalid), ("[]", Code::TooLarge), ("[[", Code::Malformed)]
+            [(r#"{"":0}"#, Code::Invalid), ("[],[]", Code::TooLarge), ("[[", Code::Malformed)]
         {
             let body = format!(r#"{{"x":[{}]}}"#, vec![part; 2500].join(","));
             let mut refused = None;

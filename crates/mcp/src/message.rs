@@ -20,35 +20,33 @@ const INVALID_REQUEST: i32 = -32600;
 /// Bytes of what a client says of itself with each request; more is left out.
 const ABOUT_CLIENT_BYTES_MAX: usize = 4096;
 
-type Raw<'a> = Option<&'a RawValue>;
-
 #[serde_with::skip_serializing_none]
 #[derive(Deserialize, Serialize)]
 struct Message<'a> {
     #[serde(borrow)]
-    jsonrpc: Raw<'a>,
-    id: Raw<'a>,
-    method: Raw<'a>,
+    jsonrpc: Option<&'a RawValue>,
+    id: Option<&'a RawValue>,
+    method: Option<&'a RawValue>,
     params: Option<Params<'a>>,
-    result: Raw<'a>,
-    error: Raw<'a>,
+    result: Option<&'a RawValue>,
+    error: Option<&'a RawValue>,
 }
 
 #[serde_with::skip_serializing_none]
 #[derive(Deserialize, Serialize)]
 struct Params<'a> {
     #[serde(borrow)]
-    name: Raw<'a>,
-    arguments: Raw<'a>,
-    uri: Raw<'a>,
-    cursor: Raw<'a>,
+    name: Option<&'a RawValue>,
+    arguments: Option<&'a RawValue>,
+    uri: Option<&'a RawValue>,
+    cursor: Option<&'a RawValue>,
     #[serde(rename = "protocolVersion")]
-    version: Raw<'a>,
-    capabilities: Raw<'a>,
+    version: Option<&'a RawValue>,
+    capabilities: Option<&'a RawValue>,
     #[serde(rename = "clientInfo")]
-    client: Raw<'a>,
+    client: Option<&'a RawValue>,
     #[serde(rename = "requestId")]
-    request: Raw<'a>,
+    request: Option<&'a RawValue>,
     #[serde(rename = "_meta")]
     meta: Option<Meta<'a>>,
 }
@@ -58,11 +56,11 @@ struct Params<'a> {
 #[derive(Deserialize, Serialize)]
 struct Meta<'a> {
     #[serde(borrow, rename = "io.modelcontextprotocol/protocolVersion")]
-    version: Raw<'a>,
+    version: Option<&'a RawValue>,
     #[serde(rename = "io.modelcontextprotocol/clientInfo")]
-    client: Raw<'a>,
+    client: Option<&'a RawValue>,
     #[serde(rename = "io.modelcontextprotocol/clientCapabilities")]
-    capabilities: Raw<'a>,
+    capabilities: Option<&'a RawValue>,
 }
 
 /// The part of a message that is needed, with at most [`MCP_VALUES_MAX`] values.
@@ -79,7 +77,7 @@ pub fn essential(body: &[u8]) -> Result<Bytes, Box<Response<Bytes>>> {
     };
     let mut message: Message<'_> = serde_json::from_slice(body).map_err(is_none)?;
     if let Some(meta) = message.params.as_mut().and_then(|params| params.meta.as_mut()) {
-        let short = |part: &mut Raw<'_>| {
+        let short = |part: &mut Option<&RawValue>| {
             *part = part.filter(|part| part.get().len() <= ABOUT_CLIENT_BYTES_MAX);
         };
         [&mut meta.version, &mut meta.client, &mut meta.capabilities].into_iter().for_each(short);

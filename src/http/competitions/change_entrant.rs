@@ -41,8 +41,9 @@ pub(in super::super) async fn change_entrant(
     Json(change, _): Json<EntrantChange>,
 ) -> Result<axum::Json<EntrantSummary>, ApiError> {
     let wanted = Wanted::of(&app, change)?;
+    let competition = app.stored_competition(&id).await?;
+    wanted.check(&caller, &app.entrant(&competition, &entrant).await?)?;
     App::run_detached(async move {
-        let competition = app.stored_competition(&id).await?;
         // What is decided at once is decided one after the other; and nobody enters with the same name meanwhile.
         let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
         let before = app.entrant(&competition, &entrant).await?;
@@ -140,11 +141,12 @@ pub(in super::super) async fn erase_entrant(
     Ids(id, entrant): Ids,
     _: Params<Nothing>,
 ) -> Result<axum::Json<EntrantSummary>, ApiError> {
+    // Nobody else waits behind a stranger.
+    let competition = app.stored_competition(&id).await?;
+    check_own(&caller, &app.entrant(&competition, &entrant).await?)?;
     App::run_detached(async move {
-        let competition = app.stored_competition(&id).await?;
         let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
         let before = app.entrant(&competition, &entrant).await?;
-        check_own(&caller, &before)?;
         if !before.entrant.erased {
             // A competition that is being revealed is revealed before or after.
             let _open = app.runs.block_reveal().await;

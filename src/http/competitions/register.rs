@@ -59,12 +59,15 @@ pub(in super::super) async fn register_entrant(
     // A competition whose id is known may be entered, also on a private server.
     let competition = app.stored_competition(&id).await?;
     check_open(&competition, app.clock.wall())?;
-    let (request, _body) = request.read::<EntrantRequest>(&app).await?;
+    let (request, body) = request.read::<EntrantRequest>(&app).await?;
     check(&request, &app)?;
     // Concurrent entries are counted, and a code is valid once.
     App::run_detached(async move {
         let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
-        register(&app, &competition, own_key, client.address, request).await
+        let registered = register(&app, &competition, own_key, client.address, request).await;
+        // Its memory is reserved also while it waits and its client is gone.
+        drop(body);
+        registered
     })
     .await
 }
