@@ -100,6 +100,11 @@ pub(super) fn read<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ApiError> {
         let detail = format!("the body has more than {most} values and names");
         return Err(ApiError::limit(Code::TooLarge, "body_values_max", most, detail));
     }
+    read_envelope(bytes)
+}
+
+/// The same of a body whose parts are kept as they came, each to be read for itself.
+pub(super) fn read_envelope<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ApiError> {
     serde_json::from_slice(bytes).map_err(|error| diagnose::<T>(bytes, &error))
 }
 

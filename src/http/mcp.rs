@@ -30,7 +30,8 @@ pub(super) fn routes() -> Router<App> {
 }
 
 /// Headers that the library reads.
-const HEADERS: [&str; 4] = ["content-type", "mcp-protocol-version", "mcp-method", "mcp-name"];
+const HEADERS: [&str; 6] =
+    ["accept", "content-type", "host", "mcp-protocol-version", "mcp-method", "mcp-name"];
 
 async fn post_mcp(State(app): State<App>, request: Request) -> Result<Response, ApiError> {
     check_names(&app.access, &request)?;

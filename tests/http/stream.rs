@@ -90,8 +90,10 @@ async fn strangers_leave_streams_and_exports_to_each_other_and_to_organizers() {
     let builder = TestApp::builder().keys().access(|access| {
         access.trusted_proxies = vec!["127.0.0.0/8".parse().expect("a net")];
     });
-    let limits =
-        builder.limits(|limits| (limits.event_streams_max, limits.exports_open_max) = (8, 8));
+    let limits = builder.limits(|limits| {
+        (limits.event_streams_max, limits.exports_open_max) = (8, 8);
+        limits.journal_bytes_per_key_s_max = 0;
+    });
     let app = limits.start().await;
     let request = json!({ "task": "Synchronization", "num_agents": 2, "max_round": 40, "visibility": "public" });
     let (key, _) = app.key(json!({ "name": "blue" })).await;

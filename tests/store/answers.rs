@@ -484,6 +484,12 @@ impl Questions<'_> {
             side.store.room_for(side.competition(competition), &name, &model, owner).await
         })
         .await;
+        self.ask(&of("entry_addresses"), async |side| {
+            let mut all = side.store.entry_addresses(side.competition(competition)).await?;
+            all.sort_unstable();
+            Ok(all)
+        })
+        .await;
         if let Some(entry) = entry {
             self.ask(&of("has_name"), async |side| {
                 side.store.has_name(side.competition(competition), side.entry(entry), &name).await
@@ -493,6 +499,8 @@ impl Questions<'_> {
                 side.store.attempts_of(side.entry(entry)).await
             })
             .await;
+            self.ask(&of("is_active"), async |side| side.store.is_active(side.entry(entry)).await)
+                .await;
             self.ask(&of("runs_of_entrant"), async |side| {
                 side.store.runs_of_entrant(side.entry(entry)).await
             })
@@ -622,6 +630,11 @@ impl Questions<'_> {
                 side.store.imported_rounds(side.import(key), from, to).await
             })
             .await;
+            self.ask(&what, async |side| {
+                side.store.imported_bytes(side.import(key), from, to).await
+            })
+            .await;
+            self.ask(&what, async |side| side.store.imported_meta(side.import(key)).await).await;
             let states = [from, to, 4, 2, 2];
             self.ask(&what, async |side| {
                 side.store.imported_scores(side.import(key), &states).await

@@ -14,7 +14,7 @@ use utoipa::IntoParams;
 
 use super::super::agent::act::{receipt, submission};
 use super::super::auth::Swarm;
-use super::super::extract::{flag, read, wait};
+use super::super::extract::{flag, read, read_envelope, wait};
 use super::super::prelude::*;
 use super::next::Acted;
 use super::{Seated, Source};
@@ -65,7 +65,7 @@ pub(in super::super) async fn post_swarm_act(
     let limit = app.limits.swarm_body_bytes_max;
     let body = app.json_body(request, limit, "swarm_body_bytes_max").await?;
     app.check_backlog()?;
-    let Envelope { acts: Acts { acts, count } } = read(body.as_ref())?;
+    let Envelope { acts: Acts { acts, count } } = read_envelope(body.as_ref())?;
     let most = app.limits.acts_max;
     if count > most {
         let detail = format!("{count} acts were sent, at most {most} are accepted in one request");

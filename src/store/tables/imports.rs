@@ -126,7 +126,7 @@ impl Store {
         to: u32,
     ) -> Result<Vec<u64>, StoreError> {
         let query = query(
-            "SELECT octet_length(state) + COALESCE(octet_length(acts), 0) FROM import_rounds
+            "SELECT CAST(octet_length(state) + COALESCE(octet_length(acts), 0) AS BIGINT) FROM import_rounds
              WHERE import = $1 AND round >= $2 AND round < $3 ORDER BY round",
         );
         self.fetch_all(query.bind(key.0).bind(from).bind(to)).await

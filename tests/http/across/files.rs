@@ -65,12 +65,10 @@ async fn no_path_leads_a_second_server_into_the_same_file() {
     }
     // Those who only read may come, and go again.
     let copy = folder.join("copy.db").display().to_string();
-    for args in
-        [&["backup", &copy, "--db", "symbolic.db"][..], &["export", "out", "--db", "swarmbench.db"]]
-    {
-        let output = swarmbench_in(&folder, args).await;
-        assert!(output.status.success(), "{}", printed(&output));
-    }
+    let output = swarmbench_in(&folder, &["backup", &copy, "--db", "symbolic.db"]).await;
+    assert!(output.status.success(), "{}", printed(&output));
+    let output = swarmbench_in(&folder, &["export", "out", "--db", "swarmbench.db"]).await;
+    assert!(printed(&output).contains("no games to export"), "{}", printed(&output));
     // By another hard link SQLite would not find what was written last.
     for args in
         [&["backup", "new.db", "--db", "hard.db"][..], &["export", "new", "--db", "hard.db"]]

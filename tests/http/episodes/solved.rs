@@ -117,7 +117,7 @@ async fn a_run_goes_on_over_games_that_are_solved_already() {
     }
     let shown = app.get(&format!("/api/v1/runs/{id}")).token(&token).ok().await;
     let games = list(&shown["games"]);
-    let rounds: Vec<_> = games.iter().map(|game| game["rounds"].clone()).collect();
+    let rounds: Vec<_> = games.iter().map(|game| game["round"].clone()).collect();
     assert_eq!(
         (&shown["status"], rounds),
         (&json!("finished"), [0, 0, 1, 1].map(Value::from).to_vec())
