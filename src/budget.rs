@@ -237,8 +237,8 @@ mod tests {
     const ONE: Option<Party> = Some(Party::of(Group::Owner(OwnerKey(1))));
     const TWO: Option<Party> = Some(Party::of(Group::Owner(OwnerKey(2))));
 
-    fn entrant(number: i64) -> Option<Party> {
-        Some(Party::entrant(CompetitionKey(1), OwnerKey(number)))
+    fn entrant(number: i64) -> Party {
+        Party::entrant(CompetitionKey(1), OwnerKey(number))
     }
 
     fn all(most: usize) -> Exhausted {
@@ -256,7 +256,7 @@ mod tests {
         second.resize(90);
         assert_eq!((budget.used(), second.amount()), (90, 90));
         second.resize(10);
-        let beyond = budget.take(200, entrant(1));
+        let beyond = budget.take(200, Some(entrant(1)));
         assert_eq!(budget.used(), 210);
         assert_eq!(budget.reserve(1, None, Rank::Normal).err(), Some(all(100)));
         drop((second, beyond));
@@ -310,7 +310,7 @@ mod tests {
     #[test]
     fn the_members_of_a_group_share_its_part() {
         let budget = Budget::new("things_max", 1000, 0);
-        let counts: Vec<_> = (0..3).map(|number| fill(&budget, entrant(number)).0).collect();
+        let counts: Vec<_> = (0..3).map(|number| fill(&budget, Some(entrant(number))).0).collect();
         let counts: Vec<_> = counts.iter().map(Vec::len).collect();
         assert_eq!(counts, [25, 13, 6]);
         assert!(budget.has(500, ONE), "another group gets half of what is left");

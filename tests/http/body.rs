@@ -47,7 +47,7 @@ async fn without_its_body(app: &TestApp, method: &str, path: &str, token: &str) 
     stream.write_all(head.as_bytes()).await.expect("it is open");
     let mut answer = vec![0; 15];
     let read = stream.read_exact(&mut answer);
-    tokio::time::timeout(Duration::from_secs(60), read).await.expect("an answer").expect("bytes");
+    tokio::time::timeout(Duration::from_mins(1), read).await.expect("an answer").expect("bytes");
     String::from_utf8_lossy(&answer[9..12]).into_owned()
 }
 

@@ -66,18 +66,18 @@ impl TestApp {
     /// Puts the killers where harmless templates are stored, as servers did that took them.
     async fn store_killers(&mut self) {
         self.stop().await;
-        let mut statements = String::new();
+        let mut statements = Vec::new();
         for (number, (killer, _)) in killers().into_iter().enumerate() {
             for (table, column) in
                 [("templates", "text"), ("entries", "declaration"), ("runs", "definition")]
             {
                 let harmless = harmless(number);
-                statements += &format!(
+                statements.push(format!(
                     "UPDATE {table} SET {column} = replace({column}, '{harmless}', '{killer}');"
-                );
+                ));
             }
         }
-        self.tamper(statements.leak()).await;
+        self.tamper(statements.concat().leak()).await;
         self.start_again().await;
     }
 
