@@ -117,7 +117,7 @@ async fn hang_up(app: &TestApp, call: crate::app::Call) {
     tokio::select! {
         biased;
         _ = call.open() => {}
-        _ = app.get("/healthz").send() => {}
+        _ = app.get("/api/v1/competitions").send() => {}
     }
 }
 
