@@ -2,12 +2,14 @@
 
 use std::sync::Arc;
 
-use bolero::TypeGenerator;
+use bolero::{TypeGenerator, produce};
 use swarmbench::work::STACK_BYTES;
 use swarmbench_engine::{AgentId, Config, Settings, TaskName, World};
 use swarmbench_prompt::{TEMPLATE_BYTES_MAX, check, render};
 use swarmbench_protocol::observation::Sight;
 use swarmbench_protocol::status::Status;
+
+use crate::fuzz;
 
 /// What makes a template deeper, and what hides it.
 const PIECES: [&str; 46] = [
@@ -141,9 +143,6 @@ fn templates_that_ended_a_server_end_it_no_more() {
 fn any_template_is_refused_or_rendered() {
     on_half_a_stack(|| {
         let survives = survives();
-        bolero::check!()
-            .with_iterations(2_000)
-            .with_type::<Vec<Part>>()
-            .for_each(|parts| survives(&text(parts)));
+        fuzz::check!(2_000, produce::<Vec<Part>>(), |parts| survives(&text(parts)));
     });
 }
