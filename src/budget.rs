@@ -1,12 +1,12 @@
-//! Scarce amounts that are shared fairly: memory, event streams, open exports.
+//! Scarce amounts that are shared fairly: memory of worlds, answers and bodies, event streams, open exports.
 //!
 //! An amount is reserved before it is used, and free again when its [`Reservation`] is dropped. A group may have as much as is
 //! free afterwards, as it may have unfinished episodes ([`episode::quota`](crate::episode::quota)): one group alone gets half, two
 //! get a third each, and a new group finds some. An entrant may have as much as its competition could still get. The first
 //! reservation of a group may use all that is free.
 //!
-//! A reserve on top is for urgent requests: those of organizers, and of memory also those that play. Small amounts of memory use
-//! it, too ([`Budget::squeeze`]), so that running games can finish on a full server.
+//! A reserve on top is for urgent requests: of organizers for streams and exports, with a token for bodies. Of memory it is for small
+//! amounts ([`Budget::squeeze`]), so that running games can finish on a full server.
 
 use std::collections::HashMap;
 use std::hash::Hash;
@@ -94,7 +94,7 @@ impl Budget {
         Arc::new(Self { name, most, reserve, used: Mutex::default() })
     }
 
-    /// The memory of a server. The reserve is for small amounts and for bodies of those who play.
+    /// The memory of worlds and answers, with a reserve for small amounts. Bodies have a budget of their own.
     pub fn memory(bytes: usize) -> Arc<Self> {
         Self::new("memory_bytes_max", bytes, bytes / 4)
     }

@@ -147,7 +147,7 @@ pub(super) fn network(address: IpAddr) -> IpAddr {
     prefix(address, 32, 64).network()
 }
 
-/// What shares as one: whoever has a site has a whole /48 of IPv6.
+/// The network that shares as one: a site has a whole /48 of IPv6.
 pub(super) fn site(address: IpAddr) -> IpAddr {
     prefix(address, 32, 48).network()
 }
