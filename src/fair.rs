@@ -122,6 +122,16 @@ impl Origin {
     }
 }
 
+/// Requests of one kind of heavy work that run at once: large answers, large bodies, parts of journals and exports, reads of the
+/// database, rounds of hosted players. Each kind has a [`FairLimit`] of its own.
+pub const HEAVY_AT_ONCE_MAX: usize = 4;
+
+/// The name of that limit.
+pub const HEAVY_AT_ONCE: &str = "heavy_at_once_max";
+
+/// States that are replayed, and games that are recovered, at once; each may take as much memory as some rounds have text.
+pub const REPLAYS_MAX: usize = 16;
+
 /// Requests of each rank that wait for one scarce resource at once.
 pub const WAITING_MAX: usize = 4096;
 
@@ -595,8 +605,17 @@ pub struct Permit {
 }
 
 impl FairLimit {
-    /// `name` is that of the limit; `patience` is how long a request waits for a permit.
-    pub fn new(name: &'static str, shares: Shares, patience: Duration) -> Self {
+    /// Permits for a kind of heavy work; `patience` is how long a request waits for one.
+    pub fn heavy(shares: Shares, patience: Duration) -> Self {
+        Self::new(HEAVY_AT_ONCE, shares, patience)
+    }
+
+    /// Permits for replays: a group has no more than half of them.
+    pub fn replays(slots: usize, patience: Duration) -> Self {
+        Self::new("replays_max", Shares::halved(slots), patience)
+    }
+
+    fn new(name: &'static str, shares: Shares, patience: Duration) -> Self {
         let queue = Arc::new(Mutex::new(FairQueue::new(shares)));
         Self { name, slots: shares.slots, patience, queue }
     }

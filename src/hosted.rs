@@ -21,32 +21,29 @@ use crate::episode::lockstep::Submission;
 use crate::episode::recovery::RecoveryError;
 use crate::episode::replay::state_at;
 use crate::episode::spec::Spec;
-use crate::fair::{FairLimit, Party, Rank, Shares};
+use crate::fair::{FairLimit, HEAVY_AT_ONCE_MAX, Party, Rank, Shares};
 use crate::store::StoreError;
 use crate::work::{Cancelled, WorkError};
 use swarmbench_clock::after;
 use swarmbench_journal::record::Decision;
 
-/// Rounds of hosted games that are being decided or committed at once. Hosted games would play as fast as the disk
-/// allows; this leaves most of each commit to other players.
-pub const HOSTED_ROUNDS_MAX: usize = 4;
-
 /// Pause before a game is played again after a temporary failure.
 const PLAY_AGAIN: Duration = Duration::from_secs(1);
 
-/// Permits of hosted games to play a round: a group has no more than three of four.
+/// Permits of hosted games to decide and commit a round: a group has no more than three of four. Hosted games would play as fast
+/// as the disk allows; this leaves most of each commit to other players.
 pub fn permits() -> FairLimit {
     let shares = Shares {
-        slots: HOSTED_ROUNDS_MAX,
+        slots: HEAVY_AT_ONCE_MAX,
         reserve: 0,
-        slots_per_group: HOSTED_ROUNDS_MAX - 1,
-        slots_per_member: HOSTED_ROUNDS_MAX / 2,
-        slots_per_single: HOSTED_ROUNDS_MAX / 2,
+        slots_per_group: HEAVY_AT_ONCE_MAX - 1,
+        slots_per_member: HEAVY_AT_ONCE_MAX / 2,
+        slots_per_single: HEAVY_AT_ONCE_MAX / 2,
         // Each game waits for one permit at most.
         waiting: usize::MAX,
         waiting_per_group: usize::MAX,
     };
-    FairLimit::new("hosted_rounds_max", shares, Duration::MAX)
+    FairLimit::heavy(shares, Duration::MAX)
 }
 
 /// The built-in player for `name`, which may be [`DEFAULT_PLAYER`]. An error lists the players of the task.

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use swarmbench_analysis::game::{Heard, Setup, State};
 use swarmbench_analysis::journal::decisions;
-use swarmbench_analysis::{Counts, Definition, Hash1, Meter, Metric, Metrics, Options};
+use swarmbench_analysis::{Counts, Definition, Meter, Metric, Metrics, Options};
 use swarmbench_boards::result::mean_and_deviation;
 use swarmbench_clock::{Clock, after};
 use swarmbench_engine::World;
@@ -114,9 +114,7 @@ pub async fn measure(
     };
     let micros = MICROS_OF_AN_AGENT * u64::from(config.num_agents());
     let layout = Arc::new(World::new(Arc::new(config)));
-    let options = Options::all(series);
-    let meter =
-        Meter::new(Setup::of(&layout), State::of(&layout), options, Arc::new(Hash1::default()));
+    let meter = Meter::new(Setup::of(&layout), State::of(&layout), Options::all(series));
     let rounds = Rounds {
         id: &stored.id,
         key: stored.episode,

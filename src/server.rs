@@ -97,7 +97,6 @@ pub fn fit_memory(limits: Limits, memory_max: Option<usize>) -> Limits {
         connections_max: limits.connections_max.min(memory / 4 / CONNECTION_BYTES).max(1),
         bodies_bytes_max: limits.bodies_bytes_max.min(memory / 16),
         backlog_bytes_max: limits.backlog_bytes_max.min(memory / 16),
-        caches_bytes_max: limits.caches_bytes_max.min(memory / 8),
         ..limits
     }
 }

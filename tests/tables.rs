@@ -144,14 +144,14 @@ fn different_settings_are_refused_with_what_to_do() {
 fn values_of_two_embedders_never_meet() {
     let of = |embedder| json!({ "homogeneity": 0.5, "embedder": embedder, "metrics_revision": 1 });
     let mut export = Export::of(games("Pursuit", "a", &[1.0], &of("hash-1")));
-    export.games.extend(games("Pursuit", "b", &[2.0], &of("endpoint:m")));
+    export.games.extend(games("Pursuit", "b", &[2.0], &of("another")));
     for args in [
         &["table", "main", "--value", "homogeneity"][..],
         &["table", "--by", "model,embedder", "--value", "homogeneity"],
         &["correlations", "--metrics", "homogeneity"],
     ] {
         let error = export.refused(args);
-        assert!(error.contains("endpoint:m (1 game), hash-1 (1 game). They are never"), "{error}");
+        assert!(error.contains("another (1 game), hash-1 (1 game). They are never"), "{error}");
     }
     let chosen = ["table", "main", "--value", "homogeneity", "--where", "embedder=hash-1"];
     assert!(export.shown(&chosen).contains("0.50 ± 0.00 (1)"));

@@ -12,10 +12,8 @@ pub(crate) fn router() -> Router {
     Router::new()
         .route("/v1/models", get(models))
         .route("/v1/chat/completions", post(complete))
-        .route("/v1/embeddings", post(embed))
         .fallback(async || {
-            let routes = "there are /v1/chat/completions, /v1/embeddings and /v1/models";
-            refuse(StatusCode::NOT_FOUND, routes)
+            refuse(StatusCode::NOT_FOUND, "there are /v1/chat/completions and /v1/models")
         })
 }
 
@@ -47,50 +45,6 @@ async fn complete(Json(request): Json<Value>) -> Response {
         "usage": { "prompt_tokens": asked, "completion_tokens": said, "total_tokens": asked + said },
     }))
     .into_response()
-}
-
-/// Texts of a request for vectors, as text-embeddings-inference limits them.
-const TEXTS_MAX: usize = 32;
-
-async fn embed(Json(request): Json<Value>) -> Response {
-    let texts = match &request["input"] {
-        Value::Array(texts) => texts.iter().map(Value::as_str).collect(),
-        text => text.as_str().map(|text| vec![text]),
-    };
-    let (Some(model), Some(texts)) = (request["model"].as_str(), texts) else {
-        return refuse(
-            StatusCode::BAD_REQUEST,
-            "`model` and `input`, a text or several, are needed",
-        );
-    };
-    if texts.len() > TEXTS_MAX {
-        let message =
-            format!("batch size {} > maximum allowed batch size {TEXTS_MAX}", texts.len());
-        return refuse(StatusCode::UNPROCESSABLE_ENTITY, &message);
-    }
-    let tokens: usize = texts.iter().map(|text| text.len().div_ceil(4)).sum();
-    let data: Vec<_> = (texts.iter().enumerate())
-        .map(|(index, text)| json!({ "object": "embedding", "index": index, "embedding": vector(text) }))
-        .collect();
-    Json(json!({
-        "object": "list",
-        "data": data,
-        "model": model,
-        "usage": { "prompt_tokens": tokens, "total_tokens": tokens },
-    }))
-    .into_response()
-}
-
-/// The vector of a text: each word adds or subtracts 1 in one of 64 dimensions. Texts with the same words are alike, and one
-/// without words is never zero.
-pub(crate) fn vector(text: &str) -> Vec<f32> {
-    let mut vector = vec![0.0; 64];
-    vector[0] = 0.5;
-    for word in text.split_whitespace() {
-        let chance = Sha256::digest(word.to_lowercase());
-        vector[usize::from(chance[0] % 64)] += if chance[1] < 128 { 1.0 } else { -1.0 };
-    }
-    vector
 }
 
 fn refuse(status: StatusCode, message: &str) -> Response {

@@ -1,5 +1,5 @@
 //! A fake language model: an OpenAI-compatible endpoint that runs offline and plays badly, but by the rules. For trying
-//! `swarmbench eval` without a provider, a key or costs. Its `/v1/embeddings` compares texts by their words.
+//! `swarmbench eval` without a provider, a key or costs.
 //!
 //! `cargo run --example fake_model -- 9090`, and then
 //! `swarmbench eval --task all --seeds 27 --model fake --api-base http://127.0.0.1:9090/v1`

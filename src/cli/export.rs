@@ -9,7 +9,6 @@ use serde_json::json;
 use swarmbench_engine::TaskName;
 use tokio_util::sync::CancellationToken;
 
-use super::embedder::EmbedderArgs;
 use super::no_match::Models;
 use super::options::client;
 use super::output::{self, progress_bar, set};
@@ -77,8 +76,6 @@ pub(super) struct Args {
     /// Only this episode.
     #[arg(long)]
     episode: Option<String>,
-    #[command(flatten)]
-    embedder: EmbedderArgs,
     /// Imported games instead of episodes of this server.
     #[arg(long, conflicts_with_all = ["run", "no_mixed", "forks", "status", "episode", "format"])]
     imported: bool,
@@ -193,11 +190,6 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     if !args.with.is_empty() && args.format == Format::Dataset {
         bail!("--with names tables: use it with --format jsonl or parquet");
     }
-    if !args.embedder.is_default() && (args.server.is_some() || args.format == Format::Dataset) {
-        bail!(
-            "--embedder is for the tables of a database: use it with --db and --format jsonl or parquet"
-        );
-    }
     let exported = if let Some(server) = args.server.clone() {
         match args.format.end() {
             Some(end) => download_tables(&args, &server, &partial, end).await?,
@@ -306,17 +298,9 @@ fn write_episodes(
         return Ok(export.dataset(&mut *files(partial, is_archive)?)?);
     };
     std::fs::create_dir(partial).with_context(|| not_created(partial))?;
-    let embedder = args.embedder.open()?;
-    let embed = |messages| {
-        let runtime = tokio::runtime::Handle::current();
-        runtime.block_on(embedder.of_texts(messages)).map_err(Into::into)
-    };
     let table = |table: TableName| -> anyhow::Result<Exported> {
         let file = create(&partial.join(format!("{}.{end}", table.name())))?;
-        let mut export = select(&selection)?;
-        if !args.embedder.is_default() {
-            export = export.with_embedder(embed);
-        }
+        let export = select(&selection)?;
         Ok(match args.format {
             Format::Parquet => export.parquet(table, file)?,
             Format::Dataset | Format::Jsonl => export.lines(table, file)?,

@@ -11,7 +11,7 @@ use anyhow::{Context, anyhow, ensure};
 use serde::Deserialize;
 use swarmbench_analysis::game::{Setup, State};
 use swarmbench_analysis::journal::decisions;
-use swarmbench_analysis::{Hash1, Meter, Options};
+use swarmbench_analysis::{Meter, Options};
 use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{Act, AgentId, World};
 use swarmbench_figures::frame::Moment;
@@ -190,7 +190,7 @@ pub(super) fn replay(
         } else {
             // Counts need no comparison of texts.
             let options = Options { series: false, vectors: false, edits: false };
-            meter = Some(Meter::new(Setup::of(world), state, options, Arc::new(Hash1::new())));
+            meter = Some(Meter::new(Setup::of(world), state, options));
         }
         progress(world.round());
         if world.round() > last {

@@ -1,22 +1,18 @@
 //! `swarmbench metrics`
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
-use std::sync::Arc;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use swarmbench_analysis::metric::Panel;
-use swarmbench_analysis::{Definition, Embedder, METRICS_REVISION, Metric, Options};
+use swarmbench_analysis::{Definition, Metric, Options};
 use swarmbench_client::client::Client;
-use swarmbench_engine::physics::Solver;
-use swarmbench_journal::replay::verify_seen;
 use swarmbench_protocol::metrics::{GameMetrics, MetricMean, MetricsMethod, RunMetrics};
 
-use super::embedder::EmbedderArgs;
-use super::journals::Journal;
+use super::journals::open_lines;
 use super::options::ServerArgs;
 use super::output::{self, fields, mean, progress_bar, set, table};
-use crate::measure::{means, series, values};
+use crate::measure::{means, method, series, values};
 use crate::store::metrics::Measured;
 
 /// States of a series that a server sends at once.
@@ -29,8 +25,7 @@ const STATES: u32 = 1000;
     swarmbench metrics ep_0123…                        (on a server on this machine)\n  \
     swarmbench metrics run_0123…                       (of all games of a run, with means by task)\n  \
     swarmbench metrics game.jsonl                      (a journal file, without a server)\n  \
-    swarmbench metrics game.jsonl --series --format csv > states.csv\n  \
-    swarmbench metrics run_0123… --embedder endpoint:all-mpnet-base-v2 --embedder-url http://127.0.0.1:8081/v1"
+    swarmbench metrics game.jsonl --series --format csv > states.csv"
 )]
 pub(super) struct Args {
     /// An episode, a run, an imported game (by its id), or a journal file.
@@ -49,8 +44,6 @@ pub(super) struct Args {
     /// The same as --format json.
     #[arg(long, conflicts_with = "format")]
     json: bool,
-    #[command(flatten)]
-    embedder: EmbedderArgs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -73,8 +66,12 @@ pub(super) async fn run(mut args: Args) -> anyhow::Result<()> {
     }
     let path = PathBuf::from(&args.game);
     if path.is_file() {
-        let game = of_journal(&args, Journal::File(path.clone())).await;
-        return show(&args, &game.with_context(|| format!("{}", path.display()))?);
+        let (definition, wants_series) = (args.definition, args.series);
+        let work = move || {
+            let game = measured(&path, definition, wants_series);
+            game.with_context(|| format!("{}", path.display()))
+        };
+        return show(&args, &tokio::task::spawn_blocking(work).await??);
     }
     let is_known = ["run_", "ep_", "imp_"].iter().any(|prefix| args.game.starts_with(prefix));
     if !is_known {
@@ -91,36 +88,16 @@ pub(super) async fn run(mut args: Args) -> anyhow::Result<()> {
 }
 
 /// Measures a journal on this machine.
-async fn of_journal(args: &Args, journal: Journal) -> anyhow::Result<GameMetrics> {
-    let embedder = args.embedder.open()?.of_texts(messages(&journal, &args.embedder)?).await?;
-    let (definition, wants_series) = (args.definition, args.series);
-    let work = move || measured(&journal, definition, wants_series, &embedder);
-    tokio::task::spawn_blocking(work).await?
-}
-
-/// The messages of a journal, for an embedder that has to know them before.
-fn messages(journal: &Journal, embedder: &EmbedderArgs) -> anyhow::Result<Vec<String>> {
-    let mut messages = Vec::new();
-    if !embedder.is_default() {
-        verify_seen(journal.open()?, None, Solver::Flow, |_, acts| {
-            messages.extend(acts.iter().filter_map(|act| act.message.clone()));
-        })?;
-    }
-    Ok(messages)
-}
-
 fn measured(
-    journal: &Journal,
+    journal: &Path,
     definition: Definition,
     wants_series: bool,
-    embedder: &Arc<dyn Embedder>,
 ) -> anyhow::Result<GameMetrics> {
     let bar = progress_bar("{bar:30} round {pos} of {len}");
     let options = Options::all(wants_series);
-    let read =
-        swarmbench_analysis::journal::measure(journal.open()?, options, embedder, |round, of| {
-            set(&bar, round.into(), of.into());
-        });
+    let read = swarmbench_analysis::journal::measure(open_lines(journal)?, options, |round, of| {
+        set(&bar, round.into(), of.into());
+    });
     bar.finish_and_clear();
     let (report, metrics) = read?;
     let measured = Measured::of(&metrics);
@@ -130,11 +107,7 @@ fn measured(
         status: report.end.map_or_else(|| "running".to_owned(), |end| end.status),
         rounds: report.rounds,
         score: report.score,
-        method: MetricsMethod {
-            definition: definition.name().to_owned(),
-            metrics_revision: METRICS_REVISION,
-            embedder: embedder.id().to_owned(),
-        },
+        method: method(definition),
         sampled: measured.sampled(),
         values: values(&measured, definition),
         series: wants_series
@@ -144,14 +117,6 @@ fn measured(
 
 /// The metrics of an episode or an imported game of a server.
 async fn of_server(args: &Args, client: &Client) -> anyhow::Result<GameMetrics> {
-    if !args.embedder.is_default() {
-        if args.game.starts_with("imp_") {
-            bail!(
-                "an imported game has no journal, so only the embedder of the server measures it"
-            );
-        }
-        return of_journal(args, Journal::Bytes(client.journal(&args.game, None).await?)).await;
-    }
     let kind = if args.game.starts_with("imp_") { "imports" } else { "episodes" };
     let path = format!("/api/v1/{kind}/{}/metrics", args.game);
     let states = STATES.to_string();
@@ -185,9 +150,6 @@ async fn of_run(args: &Args, client: &Client) -> anyhow::Result<RunMetrics> {
     if args.series {
         bail!("--series is for one game: name an episode");
     }
-    if !args.embedder.is_default() {
-        return of_journals(args, client).await;
-    }
     let path = format!("/api/v1/runs/{}/metrics", args.game);
     let query = [("definition", args.definition.name())];
     let bar = progress_bar("{spinner} {pos} games");
@@ -202,21 +164,6 @@ async fn of_run(args: &Args, client: &Client) -> anyhow::Result<RunMetrics> {
     bar.finish_and_clear();
     run.tasks = means(&run.items);
     Ok(run)
-}
-
-/// The metrics of the games of a run, measured here.
-async fn of_journals(args: &Args, client: &Client) -> anyhow::Result<RunMetrics> {
-    let run = client.run(&args.game, None).await?;
-    let ended = run.games.iter().filter(|game| game.reason.is_some() && game.void_reason.is_none());
-    let mut items = Vec::new();
-    for id in ended.filter_map(|game| game.episode.as_ref()) {
-        let game = of_journal(args, Journal::Bytes(client.journal(id, None).await?)).await;
-        items.push(game.with_context(|| id.clone())?);
-    }
-    let method = items.first().map(|game| game.method.clone());
-    let method = method.with_context(|| format!("{}: no game has ended yet", args.game))?;
-    let tasks = means(&items);
-    Ok(RunMetrics { run: args.game.clone(), method, tasks, items, next_cursor: None })
 }
 
 fn show(args: &Args, game: &GameMetrics) -> anyhow::Result<()> {

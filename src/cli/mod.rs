@@ -13,7 +13,6 @@ mod competition;
 mod completions;
 mod correlations;
 mod demo;
-mod embedder;
 mod eval;
 mod export;
 mod figure;
@@ -94,7 +93,7 @@ enum Command {
     #[command(subcommand)]
     Board(board::Command),
     /// Show what the swarm did: metrics of an episode, a run, an imported game or a journal file.
-    Metrics(Box<metrics::Args>),
+    Metrics(metrics::Args),
     /// Copy the database of a server, also while the server runs.
     Backup(backup::Args),
     /// Move all data of a stopped server to another database: from SQLite to PostgreSQL, or back.
@@ -141,7 +140,7 @@ pub fn main() -> ExitCode {
         Command::Table(args) => with_runtime(table::run(*args)),
         Command::Correlations(args) => with_runtime(correlations::run(*args)),
         Command::Board(command) => with_runtime(board::run(command)),
-        Command::Metrics(args) => with_runtime(metrics::run(*args)),
+        Command::Metrics(args) => with_runtime(metrics::run(args)),
         Command::Backup(args) => with_runtime(backup::run(args)),
         Command::Migrate(args) => with_runtime(migrate::run(args)),
         Command::Export(args) => with_runtime(export::run(args)),

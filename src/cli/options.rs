@@ -1,12 +1,11 @@
 //! Options that several commands share, and what they open.
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 
 use swarmbench_engine::RuleSet;
 
 use crate::store::{Location, OpenError, Store};
 use swarmbench_client::client::Client;
-use swarmbench_client::llm::ApiKey;
 
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct ServerArgs {
@@ -58,37 +57,4 @@ pub(super) async fn open_database(
         }
         opened => Ok(opened?),
     }
-}
-
-/// The environment variable with the key of an endpoint where nobody names one.
-pub(super) const KEY_VARIABLE: &str = "OPENAI_API_KEY";
-
-/// The address of the endpoint of a model: as it was named with `option`, or in the environment.
-pub(super) fn api_base(named: Option<&str>, model: &str, option: &str) -> anyhow::Result<String> {
-    let environment = || std::env::var("OPENAI_BASE_URL").ok().filter(|url| !url.is_empty());
-    match named.map(str::to_owned).or_else(environment) {
-        Some(base) => Ok(base),
-        None => bail!(
-            "where is {model}? Name its endpoint with {option}, such as https://api.openai.com/v1, or \
-             http://127.0.0.1:11434/v1 for a model on this machine"
-        ),
-    }
-}
-
-/// The key for a model, from the variable that was named with `option`, or the usual one.
-pub(super) fn api_key(
-    named: Option<&str>,
-    usual: &str,
-    model: &str,
-    option: &str,
-) -> anyhow::Result<ApiKey> {
-    let variable = named.unwrap_or(usual);
-    let value = std::env::var(variable).ok();
-    if named.is_some() && value.is_none() {
-        bail!(
-            "the environment variable {variable} is not set: put the key for {model} into it, `export {variable}=…`, or \
-             name another with {option}"
-        );
-    }
-    Ok(ApiKey::new(variable, value))
 }

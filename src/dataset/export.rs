@@ -6,11 +6,9 @@
 
 use std::collections::{BTreeSet, HashSet};
 use std::io::{self, Write};
-use std::sync::Arc;
 
 use serde::Serialize;
 use swarmbench_analysis::game::Heard;
-use swarmbench_analysis::{Embedder, Hash1, METRICS_REVISION};
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 
@@ -27,7 +25,7 @@ use crate::run::definition;
 use crate::store::entries::ImportedRound;
 use crate::store::episodes::{Filter, Readable};
 use crate::store::imports::{ImportFilter, StoredImport};
-use crate::store::metrics::Measured;
+use crate::store::metrics::{Measured, stored_method};
 use crate::store::port::StoredEpisode;
 use crate::store::records::ActReader;
 use crate::store::{Store, StoreError};
@@ -54,8 +52,6 @@ pub enum ExportError {
     Table(#[from] parquet::errors::ParquetError),
     #[error("there is no episode {0}")]
     Unknown(String),
-    #[error("the messages have no vectors: {0}")]
-    Embedder(EmbedError),
     /// The receiver of the export has hung up.
     #[error("it was stopped")]
     Stopped,
@@ -87,24 +83,9 @@ pub struct Export<'a> {
     exported: Exported,
     progress: Box<dyn FnMut(u64, u64) + 'a>,
     stop: CancellationToken,
-    /// Makes the embedder of an episode from its messages; `None` for the one whose values are stored.
-    embed: Option<Box<Embed<'a>>>,
 }
 
-type EmbedError = Box<dyn std::error::Error + Send + Sync>;
-
-type Embed<'a> = dyn Fn(Vec<String>) -> Result<Arc<dyn Embedder>, EmbedError> + 'a;
-
 impl<'a> Export<'a> {
-    /// Measures all games with the embedders that `embed` makes from their messages.
-    #[must_use]
-    pub fn with_embedder(
-        self,
-        embed: impl Fn(Vec<String>) -> Result<Arc<dyn Embedder>, EmbedError> + 'a,
-    ) -> Self {
-        Self { embed: Some(Box::new(embed)), ..self }
-    }
-
     /// Selects what there is now. `may` decides whether an episode may be exported; `progress` is called with the
     /// number of episodes written and the number of all; `stop` ends the export early. It blocks: not to be called on
     /// an async thread.
@@ -142,7 +123,7 @@ impl<'a> Export<'a> {
         keys.reverse();
         let (exported, progress) = (Exported::default(), Box::new(progress));
         let played_by = filter.played_by.clone();
-        Ok(Self { store, runtime, keys, played_by, exported, progress, stop, embed: None })
+        Ok(Self { store, runtime, keys, played_by, exported, progress, stop })
     }
 
     /// Whether no episode was selected.
@@ -241,7 +222,7 @@ impl<'a> Export<'a> {
                 TableName::Rounds => {
                     let Some((stored, mut game)) = self.sound(key)? else { continue };
                     let created_at = stored.created_at;
-                    let mut meter = measure::meter(game.world(), false, self.embedder(&stored)?);
+                    let mut meter = measure::meter(game.world());
                     add(tables::round(&game, None, created_at, meter.now()))?;
                     self.play(&stored, &mut game, |game, turn| {
                         rounds += 1;
@@ -279,8 +260,7 @@ impl<'a> Export<'a> {
                 return Ok(None);
             }
         };
-        let embedder = self.embedder(&stored)?;
-        let measured = match self.measured(&stored, &embedder) {
+        let measured = match self.measured(&stored) {
             Ok(measured) => measured,
             Err(Fault::Broken(problem)) => {
                 self.leave_out(&stored, problem);
@@ -299,31 +279,19 @@ impl<'a> Export<'a> {
             tally: self.runtime.block_on(self.store.tally_of(key))?,
             suite,
             measured,
-            embedder: embedder.id().to_owned(),
         };
         Ok(Some(tables::episode(&header, &stored, &outcome)))
     }
 
-    /// What turns the texts of an episode into vectors.
-    fn embedder(&self, stored: &StoredEpisode) -> Result<Arc<dyn Embedder>, ExportError> {
-        let Some(embed) = &self.embed else { return Ok(Arc::new(Hash1::new())) };
-        let messages = self.store.messages_of(stored.episode, stored.rounds);
-        embed(self.runtime.block_on(messages)?).map_err(ExportError::Embedder)
-    }
-
     /// The metrics of an episode: those that are stored, or else it is replayed.
-    fn measured(
-        &self,
-        stored: &StoredEpisode,
-        embedder: &Arc<dyn Embedder>,
-    ) -> Result<Measured, Fault> {
-        let found = self.store.metrics_of(stored.episode, (embedder.id(), METRICS_REVISION));
+    fn measured(&self, stored: &StoredEpisode) -> Result<Measured, Fault> {
+        let found = self.store.metrics_of(stored.episode, stored_method());
         let found = self.runtime.block_on(found).map_err(ExportError::from)?;
         if let Some(found) = found {
             return Ok(Measured::read(&found).map_err(ExportError::from)?);
         }
         let mut game = Game::new(stored).map_err(Fault::Broken)?;
-        let mut meter = measure::meter(game.world(), false, Arc::clone(embedder));
+        let mut meter = measure::meter(game.world());
         self.try_play(stored, &mut game, |game, turn| {
             measure::add(&mut meter, game, turn);
             Ok(())

@@ -1,11 +1,9 @@
 //! Metrics of games as exports and imports have them.
 
-use std::sync::Arc;
-
 use serde::Deserialize;
 use swarmbench_analysis::game::{Agent, Decision, Heard, Setup, State};
 use swarmbench_analysis::journal::decisions;
-use swarmbench_analysis::{Definition, Embedder, Hash1, Meter, Metric, Metrics, Options, RunValue};
+use swarmbench_analysis::{Definition, Meter, Metric, Metrics, Options, RunValue};
 use swarmbench_engine::{Action, Control, Direction, Pos, TaskName, World};
 
 use super::format::GameRow;
@@ -18,9 +16,8 @@ use crate::store::imports::StoredImport;
 const FIXED: [&str; 3] = ["W", "N", "F"];
 
 /// A meter at the layout of a game.
-pub fn meter(layout: &World, series: bool, embedder: Arc<dyn Embedder>) -> Meter {
-    let options = Options::all(series);
-    Meter::new(Setup::of(layout), State::of(layout), options, embedder)
+pub fn meter(layout: &World) -> Meter {
+    Meter::new(Setup::of(layout), State::of(layout), Options::all(false))
 }
 
 /// Adds the round that led to the current state of a game.
@@ -64,8 +61,7 @@ impl ImportMeter {
             let is_open = |cell: &&String| !FIXED.contains(&cell.as_str());
             let open_cells = row.grid.iter().flatten().filter(is_open).count();
             let setup = Setup { open_cells, ..self.setup.clone() };
-            let embedder = Arc::new(Hash1::new());
-            self.meter = Some(Meter::new(setup, state, self.options, embedder));
+            self.meter = Some(Meter::new(setup, state, self.options));
         }
         Ok(())
     }

@@ -8,12 +8,12 @@ use jiff::Timestamp;
 use serde::Serialize;
 use serde::ser::{SerializeMap, Serializer};
 use swarmbench_analysis::game::Heard;
-use swarmbench_analysis::{Counts, Definition, METRICS_REVISION, Metric};
+use swarmbench_analysis::{Counts, Definition, Metric};
 use swarmbench_engine::{AgentId, for_each_setting};
 
 use super::game::{Game, GameAct, Turn, grid};
 use super::header::Header;
-use crate::store::metrics::Measured;
+use crate::store::metrics::{Measured, stored_method};
 use crate::store::port::StoredEpisode;
 use swarmbench_journal::Tally;
 use swarmbench_journal::record::{RecordedConfig, Source};
@@ -328,13 +328,11 @@ pub struct Outcome {
     /// The name and the digest of the suite of its run.
     pub suite: Option<(String, String)>,
     pub measured: Measured,
-    /// What turned texts into vectors.
-    pub embedder: String,
 }
 
 /// A row for an episode.
 pub fn episode(header: &Header, stored: &StoredEpisode, outcome: &Outcome) -> Vec<Cell> {
-    let Outcome { started_at, tally, suite, measured, embedder } = outcome;
+    let Outcome { started_at, tally, suite, measured } = outcome;
     let Header { opening, .. } = header;
     let config = &opening.config;
     let template = config.custom_template.then_some(&opening.prompt_template);
@@ -371,7 +369,8 @@ pub fn episode(header: &Header, stored: &StoredEpisode, outcome: &Outcome) -> Ve
         tally.completion_tokens.into(),
     ]);
     cells.extend(tally.failures.iter().map(|(_, count)| count.into()));
-    cells.extend([METRICS_REVISION.into(), embedder.into()]);
+    let (embedder, revision) = stored_method();
+    cells.extend([revision.into(), embedder.into()]);
     cells.extend([header.prompt().to_string().into(), (&config.answer_reader).into()]);
     let fork = opening.fork.as_ref();
     cells.extend([fork.map(|fork| &fork.episode).into(), fork.map(|fork| fork.round).into()]);

@@ -23,23 +23,45 @@ pub struct Caps {
     pub episodes_unfinished_max: usize,
     /// Episodes that have not ended, of one key.
     pub episodes_per_key_max: usize,
-    /// The percentage of all episodes that is reserved for organizers and for the next games of runs.
-    pub episodes_reserved_percent: u32,
-    /// The percentage of all episodes, beside the reserved ones, that only parties without an unfinished one open.
-    pub episodes_first_percent: u32,
-    /// How many episodes a group may have open, in percent of those that are free for it.
-    pub episodes_of_free_percent_max: u32,
+    /// The percentage of all episodes that is reserved for organizers and for the next games of runs; as many again are reserved
+    /// for parties without an unfinished one.
+    pub reserved_percent: u32,
     /// Bytes that the acts of one episode may take in the journal.
     pub journal_bytes_per_episode_max: u64,
-    /// Bytes that the acts of all episodes of one key, or of one network without keys, may take in the journal.
+    /// Bytes that the acts of all episodes of one key, or of one network without keys, may take in the journal. A competition has
+    /// [`KEYS_OF_COMPETITION`] times as many.
     pub journal_bytes_per_key_max: u64,
-    /// Bytes that the acts of all episodes of one competition may take in the journal.
-    pub journal_bytes_per_competition_max: u64,
-    /// Bytes of large acts a second that an entrant, a key or a network may write, on average; 0 for no limit.
+    /// Bytes of large acts a second that an entrant, a key or a network may write, on average; 0 for no limit. All entrants of a
+    /// competition together have [`KEYS_OF_COMPETITION`] times as many.
     pub journal_bytes_per_key_s_max: u64,
-    /// Bytes of large acts a second that all entrants of a competition may write, on average; 0 for no limit.
-    pub journal_bytes_per_competition_s_max: u64,
 }
+
+impl Caps {
+    /// The reserved episodes.
+    const fn reserved(&self) -> usize {
+        self.episodes_unfinished_max * self.reserved_percent as usize / 100
+    }
+
+    /// Bytes in the journal of the acts of a group.
+    const fn bytes_of(&self, group: Group) -> u64 {
+        times_keys(self.journal_bytes_per_key_max, group)
+    }
+
+    /// Bytes a second of the large acts of a group.
+    const fn bytes_per_s_of(&self, group: Group) -> u64 {
+        times_keys(self.journal_bytes_per_key_s_max, group)
+    }
+}
+
+const fn times_keys(of_key: u64, group: Group) -> u64 {
+    match group {
+        Group::Competition(_) => of_key.saturating_mul(KEYS_OF_COMPETITION),
+        _ => of_key,
+    }
+}
+
+/// The entrants of a competition may write as much as so many keys.
+pub const KEYS_OF_COMPETITION: u64 = 4;
 
 /// Bytes up to which the record of an act is stored whatever the quotas say: an action and a message
 /// always fit, so that an episode can be played to its end.
@@ -98,29 +120,24 @@ pub enum Full {
     EpisodesOfKey(usize),
     /// The group, or the entrant within it, has its share of the episodes.
     #[error(
-        "this {whose} has its share of unfinished episodes, {percent} % of what is free for it; end some episodes, or wait until some have ended"
+        "this {whose} has {open} unfinished episodes, as many as are free for it of {most}; end some episodes, or wait until some have ended"
     )]
     EpisodesOfShare {
         whose: Whose,
         open: usize,
-        /// The share, in percent of the free episodes.
-        percent: u32,
+        /// All episodes.
+        most: usize,
     },
     /// The acts of the episode have reached their maximum of bytes.
     #[error(
         "the acts of this episode take {0} bytes already; send them without `reasoning`, and an `action` instead of a long `response`"
     )]
     BytesOfEpisode(u64),
-    /// The acts of all episodes of the key have reached their maximum of bytes.
+    /// The acts of all episodes of a key, a network or a competition have reached their maximum of bytes.
     #[error(
-        "the acts of all episodes of this key take {0} bytes already; ask the organizer for more, or send acts without `reasoning` and with short responses"
+        "the acts of all episodes of this {whose} take {most} bytes already; ask the organizer for more, or send acts without `reasoning` and with short responses"
     )]
-    BytesOfKey(u64),
-    /// The acts of all episodes of the competition have reached their maximum of bytes.
-    #[error(
-        "the acts of all episodes of this competition take {0} bytes already; send acts without `reasoning` and with short responses"
-    )]
-    BytesOfCompetition(u64),
+    BytesOf { whose: Whose, most: u64 },
     /// Too many bytes come at once.
     #[error(
         "this {whose} sent more than {most} bytes of long acts and forks a second; send this again later, or with less text"
@@ -160,17 +177,12 @@ impl Full {
     /// The name of the cap and its value.
     pub const fn limit(self) -> (&'static str, u64) {
         match self {
-            Self::Episodes(most) => ("episodes_unfinished_max", most as u64),
+            Self::Episodes(most) | Self::EpisodesOfShare { most, .. } => {
+                ("episodes_unfinished_max", most as u64)
+            }
             Self::EpisodesOfKey(most) => ("episodes_per_key_max", most as u64),
-            Self::EpisodesOfShare { percent, .. } => {
-                ("episodes_of_free_percent_max", percent as u64)
-            }
             Self::BytesOfEpisode(most) => ("journal_bytes_per_episode_max", most),
-            Self::BytesOfKey(most) => ("journal_bytes_per_key_max", most),
-            Self::BytesOfCompetition(most) => ("journal_bytes_per_competition_max", most),
-            Self::BytesPerSecond { whose: Whose::Competition, most, .. } => {
-                ("journal_bytes_per_competition_s_max", most)
-            }
+            Self::BytesOf { most, .. } => ("journal_bytes_per_key_max", most),
             Self::BytesPerSecond { most, .. } => ("journal_bytes_per_key_s_max", most),
         }
     }
@@ -343,7 +355,7 @@ impl Quotas {
 impl Usage {
     fn check(&self, caps: &Caps, party: Party, purpose: Purpose) -> Result<(), Full> {
         let all = caps.episodes_unfinished_max;
-        let reserved = all * caps.episodes_reserved_percent as usize / 100;
+        let reserved = caps.reserved();
         let own = self.by_party.get(&party).map_or(0, |share| share.episodes);
         let open = match purpose {
             Purpose::Organizer => all,
@@ -374,27 +386,22 @@ impl Usage {
         own: usize,
         free: usize,
     ) -> Result<(), Full> {
-        let percent = caps.episodes_of_free_percent_max;
         let all = caps.episodes_unfinished_max;
-        let part = |free: usize| free * percent as usize / 100;
         let group = self.by_group.get(&party.group).copied().unwrap_or_default();
         let (used, most) = match purpose {
             // However many runs there are: others have half of the episodes.
             Purpose::NextGame if own == 0 => (group.playing, all.div_ceil(2)),
-            _ if own == 0 => (group.playing, part(free).max(1)),
-            _ => {
-                let first = all * caps.episodes_first_percent as usize / 100;
-                (group.episodes, part(free.saturating_sub(first)))
-            }
+            _ if own == 0 => (group.playing, free),
+            _ => (group.episodes, free.saturating_sub(caps.reserved())),
         };
         if used >= most {
             let (whose, open) = (whose(party.group), group.episodes);
-            return Err(Full::EpisodesOfShare { whose, open, percent });
+            return Err(Full::EpisodesOfShare { whose, open, most: all });
         }
         // Each further episode of the competition is also one fewer that is free.
         let is_entrant = matches!(party.group, Group::Competition(_));
         if is_entrant && own > 0 && own >= (most - used).div_ceil(2) {
-            return Err(Full::EpisodesOfShare { whose: Whose::Entrant, open: own, percent });
+            return Err(Full::EpisodesOfShare { whose: Whose::Entrant, open: own, most: all });
         }
         Ok(())
     }
@@ -404,14 +411,14 @@ impl Usage {
         let most = caps.journal_bytes_per_key_max;
         let own = party.owner().and_then(|owner| self.by_owner.get(&owner));
         if own.is_some_and(|own| own.bytes + more > most) {
-            return Err(Full::BytesOfKey(most));
+            return Err(Full::BytesOf { whose: Whose::Key, most });
         }
+        let (whose, most) = (whose(party.group), caps.bytes_of(party.group));
         let written = self.by_group.get(&party.group).map_or(0, |share| share.bytes);
         match party.group {
-            Group::Competition(_) if written + more > caps.journal_bytes_per_competition_max => {
-                Err(Full::BytesOfCompetition(caps.journal_bytes_per_competition_max))
+            Group::Competition(_) | Group::Address(_) if written + more > most => {
+                Err(Full::BytesOf { whose, most })
             }
-            Group::Address(_) if written + more > most => Err(Full::BytesOfKey(most)),
             _ => Ok(()),
         }
     }
@@ -424,18 +431,14 @@ impl Usage {
             0 => Ok(()),
             after_ms => Err(Full::BytesPerSecond { whose, most, after_ms }),
         };
-        let group = self.by_group.get(&party.group);
-        match party.group {
-            Group::Competition(_) => {
-                let entrant = self.by_party.get(&party);
-                check(entrant, Whose::Entrant, caps.journal_bytes_per_key_s_max)?;
-                check(group, Whose::Competition, caps.journal_bytes_per_competition_s_max)
-            }
-            Group::Owner(_) | Group::Address(_) => {
-                check(group, whose(party.group), caps.journal_bytes_per_key_s_max)
-            }
-            Group::Server => Ok(()),
+        if party.group == Group::Server {
+            return Ok(());
         }
+        if let Group::Competition(_) = party.group {
+            check(self.by_party.get(&party), Whose::Entrant, caps.journal_bytes_per_key_s_max)?;
+        }
+        let group = self.by_group.get(&party.group);
+        check(group, whose(party.group), caps.bytes_per_s_of(party.group))
     }
 
     fn add_bytes(&mut self, party: Party, bytes: u64) {
@@ -457,12 +460,10 @@ impl Usage {
     /// Counts a large act against the rate limit of writes.
     fn write(&mut self, caps: &Caps, party: Party, bytes: u64, now: Timestamp) {
         let group = &mut self.by_group.entry(party.group).or_default().bucket;
+        group.write(bytes, caps.bytes_per_s_of(party.group), now);
         if let Group::Competition(_) = party.group {
-            group.write(bytes, caps.journal_bytes_per_competition_s_max, now);
             let entrant = &mut self.by_party.entry(party).or_default().bucket;
             entrant.write(bytes, caps.journal_bytes_per_key_s_max, now);
-        } else {
-            group.write(bytes, caps.journal_bytes_per_key_s_max, now);
         }
     }
 
@@ -532,16 +533,12 @@ mod tests {
     use super::*;
 
     const CAPS: Caps = Caps {
-        episodes_unfinished_max: 3,
+        episodes_unfinished_max: 6,
         episodes_per_key_max: 2,
-        episodes_reserved_percent: 0,
-        episodes_first_percent: 0,
-        episodes_of_free_percent_max: 10_000,
+        reserved_percent: 0,
         journal_bytes_per_episode_max: 10_000,
         journal_bytes_per_key_max: 15_000,
-        journal_bytes_per_competition_max: 20_000,
         journal_bytes_per_key_s_max: 0,
-        journal_bytes_per_competition_s_max: 0,
     };
     const OWN: Party = Party::of(Group::Owner(OwnerKey(7)));
     const HOST: Party = Party::SERVER;
@@ -562,23 +559,10 @@ mod tests {
     }
 
     impl Opener {
-        fn of(episodes_unfinished_max: usize, episodes_reserved_percent: u32) -> Self {
-            Self::with(episodes_unfinished_max, episodes_reserved_percent, 0)
-        }
-
-        fn with(
-            episodes_unfinished_max: usize,
-            episodes_reserved_percent: u32,
-            episodes_first_percent: u32,
-        ) -> Self {
-            let caps = Caps {
-                episodes_unfinished_max,
-                episodes_reserved_percent,
-                episodes_first_percent,
-                episodes_of_free_percent_max: 100,
-                episodes_per_key_max: usize::MAX,
-                ..CAPS
-            };
+        fn of(episodes_unfinished_max: usize, reserved_percent: u32) -> Self {
+            let episodes_per_key_max = usize::MAX;
+            let caps =
+                Caps { episodes_unfinished_max, episodes_per_key_max, reserved_percent, ..CAPS };
             Self { quotas: Quotas::new(caps), next: 0 }
         }
 
@@ -600,31 +584,31 @@ mod tests {
         assert_eq!(admit(1, OWN), Ok(()));
         assert_eq!(admit(2, OWN), Ok(()));
         assert_eq!(admit(3, OWN), Err(Full::EpisodesOfKey(2)));
-        assert_eq!(admit(4, HOST), Ok(()));
-        assert_eq!(admit(5, HOST), Err(Full::Episodes(3)));
+        assert_eq!([4, 5, 6, 7].map(|key| admit(key, HOST)), [Ok(()); 4]);
+        assert_eq!(admit(8, HOST), Err(Full::Episodes(6)));
         quotas.release(EpisodeKey(1));
         quotas.release(EpisodeKey(1));
-        assert_eq!(quotas.unfinished(), 2);
-        assert_eq!(admit(3, OWN), Ok(()));
+        assert_eq!(quotas.unfinished(), 5);
+        assert_eq!(admit(3, HOST), Ok(()));
         // A recovered episode is not counted twice.
-        quotas.note(EpisodeKey(3), OWN);
-        assert_eq!(quotas.unfinished(), 3);
+        quotas.note(EpisodeKey(3), HOST);
+        assert_eq!(quotas.unfinished(), 6);
     }
 
     #[test]
     fn groups_share_the_episodes_and_a_newcomer_finds_some() {
         let mut opener = Opener::of(1000, 10);
         let usual = Purpose::Usual;
-        // 900 are open to all.
-        assert_eq!(opener.all(Party::of_key(Some(OwnerKey(1))), usual), 450);
-        assert_eq!(opener.all(Party::of_key(None), usual), 225);
+        // 900 are open to all, and 800 of them to those who have some.
+        assert_eq!(opener.all(Party::of_key(Some(OwnerKey(1))), usual), 400);
+        assert_eq!(opener.all(Party::of_key(None), usual), 200);
         // However many entrants somebody makes of himself, they have what one competition has, and a first game each.
         let entrants: Vec<usize> = (0..50).map(|n| opener.all(entrant(1, n), usual)).collect();
         assert!(entrants.iter().all(|count| *count > 0), "{entrants:?}");
-        assert_eq!(entrants.iter().sum::<usize>(), 156, "{entrants:?}");
+        assert_eq!(entrants.iter().sum::<usize>(), 143, "{entrants:?}");
         assert_eq!(opener.one(entrant(2, 1), usual), Ok(()), "another competition starts");
         // Programs of the host share with nobody, and leave the reserve.
-        assert_eq!(opener.all(HOST, usual), 68);
+        assert_eq!(opener.all(HOST, usual), 156);
         assert_eq!(opener.one(entrant(3, 1), usual), Err(Full::Episodes(1000)));
         assert_eq!(opener.all(entrant(3, 1), Purpose::NextGame), 1, "a run goes on");
         assert_eq!(opener.all(OWN, Purpose::Organizer), 99);
@@ -633,7 +617,7 @@ mod tests {
     /// What greedy entrants with `parallel` games each leave of a server of the usual size, and how many entrants that have none
     /// then get a first game.
     fn newcomers(competitions: i64, entrants: i64, parallel: usize) -> (usize, usize) {
-        let mut opener = Opener::with(20_000, 5, 10);
+        let mut opener = Opener::of(20_000, 10);
         for (cup, number) in (0..entrants).map(|number| (number % competitions, number)) {
             let one = |_: &usize| opener.one(entrant(cup, number), Purpose::Usual).is_ok();
             (0..parallel).take_while(one).for_each(drop);
@@ -647,14 +631,14 @@ mod tests {
     fn greedy_entrants_leave_first_games_to_others() {
         for (competitions, entrants, parallel, expected) in [
             // Nobody is greedy: half of all places are for one competition, so that others start.
-            (1, 0, 0, (0, 9500)),
-            (1, 162, 64, (8524, 5157)),
-            (1, 1000, 64, (9362, 4319)),
-            (1, 1000, 1, (1000, 8500)),
+            (1, 0, 0, (0, 9000)),
+            (1, 162, 64, (8031, 4904)),
+            (1, 1000, 64, (8869, 4066)),
+            (1, 1000, 1, (1000, 8000)),
             // They take what they can get, in many competitions at once.
-            (1, 1000, usize::MAX, (9486, 4257)),
-            (20, 162, usize::MAX, (17_095, 948)),
-            (20, 1000, usize::MAX, (17_933, 509)),
+            (1, 1000, usize::MAX, (8987, 4007)),
+            (20, 162, usize::MAX, (16_096, 948)),
+            (20, 1000, usize::MAX, (16_934, 508)),
         ] {
             let found = newcomers(competitions, entrants, parallel);
             assert_eq!(found, expected, "{entrants} entrants of {competitions} competitions");
@@ -663,7 +647,7 @@ mod tests {
 
     #[test]
     fn an_entrant_that_has_games_has_no_first_one_however_many_runs_it_starts() {
-        let mut opener = Opener::with(100, 10, 10);
+        let mut opener = Opener::of(100, 10);
         let greedy = opener.all(entrant(1, 1), Purpose::Usual);
         // Of each of its runs a game is the next one.
         assert_eq!(opener.all(entrant(1, 1), Purpose::NextGame), 0);
@@ -684,7 +668,7 @@ mod tests {
         assert_eq!((first, second), (250, 125));
         let share = opener.one(entrant(1, 1), Purpose::Usual);
         let limit = share.map_err(Full::limit);
-        assert_eq!(limit, Err(("episodes_of_free_percent_max", 100)));
+        assert_eq!(limit, Err(("episodes_unfinished_max", 1000)));
     }
 
     #[test]
@@ -708,9 +692,9 @@ mod tests {
         let all = caps.episodes_unfinished_max;
         let of_all = |percent: u32| all * percent as usize / 100;
         let is_next = purpose == Purpose::NextGame && own == 0;
-        let reserved = of_all(caps.episodes_reserved_percent) / if is_next { 2 } else { 1 };
+        let reserved = of_all(caps.reserved_percent) / if is_next { 2 } else { 1 };
         let free = (all - reserved).saturating_sub(open.len());
-        let free_for_more = free.saturating_sub(of_all(caps.episodes_first_percent));
+        let free_for_more = free.saturating_sub(of_all(caps.reserved_percent));
         let is_entrant = matches!(party.group, Group::Competition(_));
         match purpose {
             Purpose::Organizer => open.len() < all,
@@ -728,10 +712,9 @@ mod tests {
         fn episodes_are_shared_as_by_one_who_counts_all(
             all in 1..80_usize,
             reserved in 0..30_u32,
-            first in 0..40_u32,
             steps in proptest::collection::vec((0..5_i64, 0..4_i64, 0..12_u8), 0..200),
         ) {
-            let mut opener = Opener::with(all, reserved, first);
+            let mut opener = Opener::of(all, reserved);
             let caps = opener.quotas.caps;
             let mut open: Vec<(EpisodeKey, Party)> = Vec::new();
             for (group, member, what) in steps {
@@ -783,12 +766,18 @@ mod tests {
         assert_eq!(check(own, 9_000, 3_000), Err(Full::BytesOfEpisode(10_000)));
         assert_eq!(check(own, 99_000, ACT_BYTES_ALWAYS), Ok(()));
         quotas.add_bytes(own, 14_000, at(0));
-        assert_eq!(check(own, 0, 3_000), Err(Full::BytesOfKey(15_000)));
+        assert_eq!(check(own, 0, 3_000), Err(Full::BytesOf { whose: Whose::Key, most: 15_000 }));
         assert_eq!(check(cup, 0, 3_000), Ok(()), "nobody's key, nobody's bytes");
-        quotas.note_competition(CUP, 18_000);
-        assert_eq!(check(cup, 0, 3_000), Err(Full::BytesOfCompetition(20_000)));
+        quotas.note_competition(CUP, 58_000);
+        assert_eq!(
+            check(cup, 0, 3_000),
+            Err(Full::BytesOf { whose: Whose::Competition, most: 60_000 })
+        );
         quotas.note_bytes(OwnerKey(7), 1_000);
-        assert_eq!(quotas.check(OWN, Purpose::Usual), Err(Full::BytesOfKey(15_000)));
+        assert_eq!(
+            quotas.check(OWN, Purpose::Usual),
+            Err(Full::BytesOf { whose: Whose::Key, most: 15_000 })
+        );
     }
 
     #[test]
@@ -796,14 +785,12 @@ mod tests {
         let most = 10_000;
         let caps = Caps {
             journal_bytes_per_key_s_max: most,
-            journal_bytes_per_competition_s_max: 2 * most,
             journal_bytes_per_episode_max: u64::MAX,
             journal_bytes_per_key_max: u64::MAX,
-            journal_bytes_per_competition_max: u64::MAX,
             ..CAPS
         };
         let quotas = Quotas::new(caps);
-        for owner in 1..=4 {
+        for owner in 1..=5 {
             quotas.note(EpisodeKey(owner), entrant(1, owner));
         }
         // How many acts of 10,000 bytes one gets in.
@@ -824,11 +811,11 @@ mod tests {
         assert_eq!(check(1, at(0)), late);
         assert_eq!(quotas.check_act(EpisodeKey(1), 0, ACT_BYTES_ALWAYS, at(0)), Ok(()));
         // Others of the competition write, too, until it is too much together.
-        assert_eq!(flood(2, at(0)), 8);
+        assert_eq!([2, 3, 4].map(|owner| flood(owner, at(0))), [9, 9, 6]);
         let whose = Whose::Competition;
-        let late = Err(Full::BytesPerSecond { whose, most: 2 * most, after_ms: 500 });
-        assert_eq!(check(3, at(0)), late);
-        assert_eq!(flood(3, at(1)), 2);
+        let late = Err(Full::BytesPerSecond { whose, most: 4 * most, after_ms: 250 });
+        assert_eq!(check(5, at(0)), late);
+        assert_eq!(flood(5, at(1)), 4);
         assert_eq!(flood(1, at(100)), 9);
         // Nobody waits for hours where the clock was set back.
         assert_eq!(check(1, at(-3600)), Ok(()));

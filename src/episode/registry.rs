@@ -20,7 +20,7 @@ use super::slot::Slot;
 use super::slots::Slots;
 use super::spec::Spec;
 use crate::budget::{Budget, Exhausted, Reservation, SMALL_BYTES};
-use crate::fair::{self, FairLimit, Group, Party, Rank, Shares};
+use crate::fair::{self, FairLimit, Group, Party, REPLAYS_MAX, Rank};
 use crate::ids::{EpisodeId, EpisodeKey, Numbers, Place, RunKey};
 use crate::store::port::{EpisodeStore, StoredEpisode, Unfinished};
 use crate::store::{Stopped, StoreError};
@@ -47,15 +47,6 @@ const IDLE_STAYS: Duration = Duration::from_secs(10);
 
 /// How long the search for idle episodes pauses after it found too few.
 const LOOKS_FOR_IDLE_AFTER: Duration = Duration::from_secs(1);
-
-/// Concurrent recoveries from journals; each may read as much as some rounds have text.
-pub const RECOVERIES_MAX: usize = 32;
-
-/// Permits for recoveries: a group has no more than half of them.
-fn recoveries() -> FairLimit {
-    // It is asked by `acquire_always`: one waits for each episode at most.
-    FairLimit::new("take_ups_max", Shares::halved(RECOVERIES_MAX), Duration::MAX)
-}
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Location {
@@ -122,7 +113,8 @@ impl Registry {
             slots: Arc::default(),
             numbers: Arc::new(Numbers::after(last_key)),
             none_idle_until: Arc::default(),
-            recoveries: recoveries(),
+            // It is asked by `acquire_always`: one waits for each episode at most.
+            recoveries: FairLimit::replays(REPLAYS_MAX, Duration::MAX),
             ended: Arc::new(Mutex::new(Some(ended))),
             hosted: Arc::new(Mutex::new(Some(hosted))),
         }

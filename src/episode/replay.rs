@@ -34,7 +34,7 @@ fn rounds_at_once(config: &swarmbench_engine::Config) -> u32 {
 }
 
 /// Estimated bytes of the acts of `rounds` rounds during a replay. They are reserved, free or not: `replays_max`
-/// and `take_ups_max` bound how many replays and recoveries run at once.
+/// bounds how many replays and recoveries run at once.
 fn acts_bytes(config: &swarmbench_engine::Config, rounds: u32) -> usize {
     rounds as usize * usize::from(config.num_agents()) * ACT_BYTES_MAX
 }

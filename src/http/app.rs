@@ -47,6 +47,9 @@ const REVOCATION_PATIENCE: Duration = Duration::from_secs(15);
 /// How often it looks meanwhile.
 const REVOCATION_PAUSE: Duration = Duration::from_millis(50);
 
+/// Bytes of boards, lists, pages of replays and observations that are cached; an eighth of `memory_bytes_max` where that is less.
+const CACHES_BYTES_MAX: usize = 256 * 1024 * 1024;
+
 /// How long a request waits for the recovery of an episode.
 const RECOVERY_TIMEOUT: Duration = Duration::from_secs(20);
 
@@ -132,13 +135,13 @@ impl App {
         let mut boot = [0; 8];
         foundation.entropy.fill(&mut boot);
         let cache = (store.clone(), Arc::clone(clock));
-        let eighth = limits.caches_bytes_max as u64 / 8;
+        let eighth = (limits.memory_bytes_max / 8).min(CACHES_BYTES_MAX) as u64 / 8;
         Self(Arc::new(Shared {
             ready: AtomicBool::new(false),
             started_at: clock.wall(),
             boot: u64::from_le_bytes(boot),
             rates: Rates::new(limits, Arc::clone(clock)),
-            in_flight: Arc::new(InFlight::new(limits.requests_per_address_max)),
+            in_flight: Arc::new(InFlight::new(limits.connections_per_address_max)),
             tokens: Tokens::new(store.clone()),
             bodies: Bodies::new(limits),
             creations: Creations::new(),

@@ -50,12 +50,12 @@ pub(super) struct Bodies {
 
 impl Bodies {
     pub(super) fn new(limits: &Limits) -> Self {
-        let shares = Shares { slots_per_member: 1, ..Shares::halved(limits.large_bodies_max) };
+        let shares = Shares { slots_per_member: 1, ..Shares::halved(limits.heavy_at_once_max) };
         let bytes = limits.bodies_bytes_max;
         Self {
             limits: *limits,
             memory: Budget::new("bodies_bytes_max", bytes, bytes),
-            permits: FairLimit::new("large_bodies_max", shares, PATIENCE),
+            permits: FairLimit::heavy(shares, PATIENCE),
         }
     }
 }

@@ -89,7 +89,7 @@ impl Problems {
 
     /// The name of who plays.
     pub(super) fn model(&mut self, limits: &Limits, model: &str) {
-        if let Err(problem) = names::check_model(model, limits.model_chars_max) {
+        if let Err(problem) = names::check_model(model, limits.name_chars_max) {
             self.refuse("model", problem);
         }
     }

@@ -21,10 +21,9 @@ use crate::episode::lockstep::Refusal;
 use crate::episode::quota::Full;
 use crate::episode::recovery::RecoveryError;
 use crate::episode::registry::{CreateError, FindError};
-use crate::fair::Busy;
-use crate::fair::WAITING_MAX;
+use crate::fair::{Busy, HEAVY_AT_ONCE, HEAVY_AT_ONCE_MAX, WAITING_MAX};
 use crate::run::{RunError, manager};
-use crate::store::{READERS_MAX, StoreError};
+use crate::store::StoreError;
 use crate::work::WorkError;
 use swarmbench_boards::collection::Unknown;
 use swarmbench_clock::millis;
@@ -285,7 +284,7 @@ impl From<StoreError> for ApiError {
     fn from(error: StoreError) -> Self {
         if matches!(error, StoreError::Busy) {
             let detail = "too many requests read the database; try again later";
-            return Self::limit(Code::Overloaded, "readers_max", READERS_MAX, detail)
+            return Self::limit(Code::Overloaded, HEAVY_AT_ONCE, HEAVY_AT_ONCE_MAX, detail)
                 .retry_after(Duration::from_secs(1));
         }
         if matches!(error, StoreError::Elsewhere) {
@@ -432,9 +431,7 @@ impl From<Full> for Limit {
 impl From<Full> for ApiError {
     fn from(full: Full) -> Self {
         match full {
-            Full::BytesOfKey(_) | Full::BytesOfCompetition(_) => {
-                Self::new(Code::Forbidden, full.to_string()).with_limit(full)
-            }
+            Full::BytesOf { .. } => Self::new(Code::Forbidden, full.to_string()).with_limit(full),
             Full::Episodes(_)
             | Full::EpisodesOfKey(_)
             | Full::EpisodesOfShare { .. }

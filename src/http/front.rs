@@ -32,8 +32,6 @@ use super::{agent, router, stream, swarm};
 use crate::fair::Origin;
 
 pub(super) const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
-/// Bytes of the id of a request.
-pub(super) const REQUEST_ID_BYTES_MAX: usize = 200;
 const NOSNIFF: HeaderValue = HeaderValue::from_static("nosniff");
 
 /// The whole service. Cloning shares it.
@@ -110,7 +108,7 @@ impl Front {
             .headers()
             .get(REQUEST_ID)
             .filter(|id| {
-                (1..=REQUEST_ID_BYTES_MAX).contains(&id.len())
+                (1..=app.limits.name_chars_max).contains(&id.len())
                     && id.as_bytes().iter().all(u8::is_ascii_graphic)
             })
             .cloned()

@@ -22,7 +22,13 @@ pub(super) struct Heavy {
 
 impl Heavy {
     pub(super) fn new(workers: Workers, limits: &Limits) -> Self {
-        Self { workers, large_answers: large_answers(limits), replays: replays(limits) }
+        // A group has no more than half of them.
+        let shares = Shares { slots_per_member: 1, ..Shares::halved(limits.heavy_at_once_max) };
+        Self {
+            workers,
+            large_answers: FairLimit::heavy(shares, RENDER_TIMEOUT),
+            replays: FairLimit::replays(limits.replays_max, REPLAY_TIMEOUT),
+        }
     }
 
     /// Does work that keeps a core busy for milliseconds, off the async threads, when a share of them is free for the
@@ -61,15 +67,4 @@ impl Heavy {
 async fn permit(limit: &FairLimit, detail: &str) -> Result<Permit, ApiError> {
     let permit = limit.acquire(Party::current(), Rank::Normal).await;
     permit.map_err(|busy| ApiError::no_permit(busy, detail))
-}
-
-/// A group has no more than half of them.
-fn large_answers(limits: &Limits) -> FairLimit {
-    let shares = Shares { slots_per_member: 1, ..Shares::halved(limits.large_answers_max) };
-    FairLimit::new("large_answers_max", shares, RENDER_TIMEOUT)
-}
-
-/// A group has no more than half of them.
-fn replays(limits: &Limits) -> FairLimit {
-    FairLimit::new("replays_max", Shares::halved(limits.replays_max), REPLAY_TIMEOUT)
 }

@@ -1,5 +1,7 @@
 //! Creations that a client may repeat: the same `Idempotency-Key` and body give what the first one created.
 
+use std::hash::{BuildHasher as _, RandomState};
+
 use axum::http::HeaderMap;
 use sha2::{Digest, Sha256};
 use tokio::sync::{Mutex, MutexGuard};
@@ -13,16 +15,21 @@ use crate::store::StoreError;
 const CREATION_LOCKS: usize = 64;
 
 /// Serializes what must not happen twice at once.
-pub(super) struct Creations([Mutex<()>; CREATION_LOCKS]);
+pub(super) struct Creations {
+    locks: [Mutex<()>; CREATION_LOCKS],
+    /// Chosen at random: nobody finds names that share a lock.
+    hashes: RandomState,
+}
 
 impl Creations {
     pub(super) fn new() -> Self {
-        Self(std::array::from_fn(|_| Mutex::new(())))
+        let locks = std::array::from_fn(|_| Mutex::new(()));
+        Self { locks, hashes: RandomState::new() }
     }
 
     pub(super) async fn lock(&self, name: &str) -> MutexGuard<'_, ()> {
-        let lock = crc32fast::hash(name.as_bytes()) as usize % CREATION_LOCKS;
-        self.0[lock].lock().await
+        let lock = self.hashes.hash_one(name) % CREATION_LOCKS as u64;
+        self.locks[usize::try_from(lock).expect("it is small")].lock().await
     }
 
     pub(super) async fn lock_key(&self, named: Option<&Idempotency>) -> Option<MutexGuard<'_, ()>> {
@@ -44,7 +51,7 @@ pub(super) fn idempotency(
     limits: &Limits,
 ) -> Result<Option<Idempotency>, ApiError> {
     let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
-    let most = limits.idempotency_key_chars_max;
+    let most = limits.name_chars_max;
     let key = value.to_str().ok().filter(|key| (1..=most).contains(&key.len()));
     let key = key.ok_or_else(|| {
         let detail = format!("Idempotency-Key must be 1 to {most} printable ASCII characters");

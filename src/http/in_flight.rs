@@ -52,7 +52,7 @@ impl InFlight {
         }
         let (mut requests, most) = (self.requests(), self.most);
         if !requests.has_room(address, most) {
-            let name = "requests_per_address_max";
+            let name = "connections_per_address_max";
             let detail = format!("{most} requests of this address wait for their answers already");
             return Err(ApiError::limit(Code::Overloaded, name, most, detail)
                 .retry_after(Duration::from_secs(1)));

@@ -3,22 +3,16 @@
 use super::checks::AGENT_META_DEPTH_MAX;
 use super::client::NETWORKS_PER_SITE_MAX;
 use super::extract::BODY_VALUES_MAX;
-use super::front::REQUEST_ID_BYTES_MAX;
 use super::serve::HEAD_BYTES_MAX;
 use crate::dataset::bounds::IMPORT_STATE_BYTES_MAX;
 use crate::dataset::replay::IMPORT_CELLS_MAX;
 use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
 use crate::episode::quota::Caps;
-use crate::episode::registry::{FORK_PIECE_ROWS_MAX, RECOVERIES_MAX};
-use crate::fair::{PARTIES_REMEMBERED_MAX, WAITING_MAX, WAITING_PER_GROUP_MAX};
+use crate::episode::registry::FORK_PIECE_ROWS_MAX;
+use crate::fair::{HEAVY_AT_ONCE_MAX, PARTIES_REMEMBERED_MAX, REPLAYS_MAX, WAITING_MAX};
 use crate::host::DISK_FREE_BYTES_ENOUGH;
-use crate::hosted::HOSTED_ROUNDS_MAX;
 use crate::replay::{AGENT_ROUNDS_MAX, PAGE_BYTES_MAX, ROUNDS_MAX};
-use crate::store::READERS_MAX;
 use swarmbench_mcp::{MCP_STRUCTURED_BYTES_MAX, MCP_VALUES_MAX, MCP_WAIT_S_MAX};
-
-/// Scores in one series, beside the newest.
-pub(super) const SCORE_POINTS_MAX: u32 = 1000;
 
 /// Declares the limits that can be set, with their defaults, and those that cannot, in the order of their table.
 macro_rules! limits {
@@ -69,20 +63,14 @@ limits! {
         /// Bytes of all bodies that are arriving or being handled, with what is made of them; as many again are for requests
         /// with a token.
         bodies_bytes_max: usize = 256 * 1024 * 1024,
-        /// Large bodies that are handled at once.
-        large_bodies_max: usize = 4,
         /// Acts in one body.
         acts_max: usize = 1024,
         /// Observations in one answer.
         observations_max: usize = 1024,
-        /// Observations in one answer if the request has no `limit`.
-        observations_default: usize = 256,
         /// Bytes of an answer that is made in memory: lists and observations continue in the next one.
         answer_bytes_max: usize = 8_000_000,
-        /// Items of one page.
+        /// Items of one page, and scores of one series.
         page_items_max: u32 = 1000,
-        /// Items of one page if the request has no `limit`.
-        page_items_default: u32 = 50,
         /// Seconds that a request may wait.
         wait_s_max: u32 = 60,
         /// Requests that wait at once.
@@ -91,18 +79,14 @@ limits! {
         episodes_unfinished_max: usize = 20_000,
         /// Episodes of one key that have not ended.
         episodes_per_key_max: usize = 5_000,
-        /// Percent of all episodes that are reserved for organizers and for the next games of runs.
-        episodes_reserved_percent: u32 = 5,
-        /// Percent of all episodes, beside the reserved ones, that are for entrants, keys and addresses without an unfinished one.
-        episodes_first_percent: u32 = 10,
-        /// How many episodes a competition, a key or an address may have open, in percent of those that are free for it.
-        episodes_of_free_percent_max: u32 = 100,
+        /// Percent of all connections, episodes and entrants of a competition that are reserved for those who have none. As many
+        /// episodes again are for organizers and for the next games of runs, and as many places again in a competition for those
+        /// with an invitation code and for organizers.
+        reserved_percent: u32 = 10,
         /// Games of one run.
         run_games_max: usize = 1000,
         /// Games of one run that are open at a time.
         run_parallel_max: u32 = 64,
-        /// Games of one run that are open at a time if its creator does not set `parallel`.
-        run_parallel_default: u32 = 4,
         /// Rounds that a fork may take over.
         fork_rounds_max: u32 = 10_000,
         /// Forks that one request makes.
@@ -119,14 +103,11 @@ limits! {
         fork_acts_max: u64 = 262_144,
         /// Bytes that the acts of one episode may take in the journal; small acts are taken beyond it.
         journal_bytes_per_episode_max: u64 = 64 * 1024 * 1024,
-        /// Bytes that the acts of all episodes of a key may take in the journal.
+        /// Bytes that the acts of all episodes of a key may take in the journal; four times as many of a competition.
         journal_bytes_per_key_max: u64 = 16 * 1024 * 1024 * 1024,
-        /// Bytes that the acts of all episodes of a competition may take in the journal.
-        journal_bytes_per_competition_max: u64 = 64 * 1024 * 1024 * 1024,
-        /// Bytes of large acts a second of an entrant, a key or an address, on average; 0 for no limit.
+        /// Bytes of large acts a second of an entrant, a key or an address, on average, and four times as many of all entrants of a
+        /// competition; 0 for no limit.
         journal_bytes_per_key_s_max: u64 = 1024 * 1024,
-        /// Bytes of large acts a second of all entrants of a competition, on average; 0 for no limit.
-        journal_bytes_per_competition_s_max: u64 = 4 * 1024 * 1024,
         /// How much of the disk must be free for anything new, in percent.
         disk_free_percent_min: u32 = 5,
         /// Requests a second from one address, on average; 0 for no limit. Twice as many may come
@@ -134,20 +115,14 @@ limits! {
         address_requests_per_s_max: u32 = 2_000,
         /// Requests a second with one key and the tokens of its episodes; 0 for no limit.
         key_requests_per_s_max: u32 = 10_000,
-        /// Jobs that are queued for the writer before acts are refused.
-        backlog_jobs_max: usize = 50_000,
         /// Bytes of the jobs that are queued for the writer before acts are refused.
         backlog_bytes_max: usize = 256 * 1024 * 1024,
         /// Connections at once.
         connections_max: usize = 16_000,
-        /// Connections at once from one address, or one /64 network of IPv6; this host may have all. Of this and whatever else
-        /// is counted by address a /48 may have `networks_per_site_max` times as much.
+        /// Connections at once from one address, or one /64 network of IPv6, and its requests behind a proxy that are not answered
+        /// yet; this host may have all. Of this and whatever else is counted by address a /48 may have `networks_per_site_max` times
+        /// as much.
         connections_per_address_max: usize = 2000,
-        /// Requests of one address, or one /64 network of IPv6, that are not answered yet, also behind a proxy; this host may
-        /// have any number.
-        requests_per_address_max: usize = 2000,
-        /// Percent of all connections that are reserved for addresses that have none.
-        connections_reserved_percent: u32 = 5,
         /// Milliseconds in which a client has to send the head of a request, from its first byte on.
         head_ms_max: u64 = 10_000,
         /// Milliseconds in which a client has to send the body of a request, and some more for each of
@@ -163,30 +138,22 @@ limits! {
         idle_ms_max: u64 = 75_000,
         /// Milliseconds that open requests get to end when the server is asked to stop.
         drain_ms_max: u64 = 8000,
-        /// Characters of a model's name.
-        model_chars_max: usize = 200,
-        /// Characters of a suite's name.
-        suite_name_chars_max: usize = 100,
+        /// Characters of the name of a model or a suite, of an idempotency key and of a request's id.
+        name_chars_max: usize = 200,
         /// Characters of the reason for which something is voided.
         reason_chars_max: usize = 500,
         /// Bytes of `agent_meta`.
         agent_meta_bytes_max: usize = 16 * 1024,
-        /// Characters of an idempotency key.
-        idempotency_key_chars_max: usize = 200,
         /// Bytes of all worlds and all large answers together.
         memory_bytes_max: usize = 2 * 1024 * 1024 * 1024,
-        /// Bytes of boards, lists, pages of replays and observations that are cached.
-        caches_bytes_max: usize = 256 * 1024 * 1024,
         /// Bytes of a part of a journal or an export that is read at once; one record more may come on top.
         stream_part_bytes_max: usize = 256 * 1024,
-        /// Parts of journals and exports that are made at once.
-        parts_max: usize = 4,
         /// Exports that are made, or of which a piece waits for its reader.
         exports_open_max: usize = 16,
-        /// Large answers that are made at once: observations with prompts or of many cells, and lists.
-        large_answers_max: usize = 4,
-        /// States of earlier rounds that are made at once.
-        replays_max: usize = 16,
+        /// Requests of one kind of heavy work that run at once.
+        heavy_at_once_max: usize = HEAVY_AT_ONCE_MAX,
+        /// States of earlier rounds that are made at once, and games that are recovered.
+        replays_max: usize = REPLAYS_MAX,
     }
     fixed {
         networks_per_site_max = NETWORKS_PER_SITE_MAX,
@@ -199,18 +166,12 @@ limits! {
         body_values_max = BODY_VALUES_MAX,
         agent_meta_depth_max = AGENT_META_DEPTH_MAX,
         waiting_max = WAITING_MAX,
-        waiting_per_group_max = WAITING_PER_GROUP_MAX,
         head_bytes_max = HEAD_BYTES_MAX,
-        hosted_rounds_max = HOSTED_ROUNDS_MAX,
         replay_rounds_max = ROUNDS_MAX,
         replay_agent_rounds_max = AGENT_ROUNDS_MAX,
         replay_page_bytes_max = PAGE_BYTES_MAX,
         replay_import_cells_max = IMPORT_CELLS_MAX,
-        request_id_bytes_max = REQUEST_ID_BYTES_MAX,
         import_state_bytes_max = IMPORT_STATE_BYTES_MAX,
-        score_points_max = SCORE_POINTS_MAX,
-        take_ups_max = RECOVERIES_MAX,
-        readers_max = READERS_MAX,
         parties_remembered_max = PARTIES_REMEMBERED_MAX,
     }
     last {
@@ -222,9 +183,6 @@ limits! {
         events_pending_bytes_max: usize = 1024 * 1024,
         /// Entrants of a competition.
         entrants_max: usize = 10_000,
-        /// Percent of these places that are reserved: half for those with an invitation code and of organizers, half also for networks
-        /// (a /24 of IPv4, a /48 of IPv6) from which nobody entered the competition.
-        entrants_reserved_percent: u32 = 20,
         /// Entries in competitions an hour from one address, or one /64 network of IPv6, without an invitation; 0 for no
         /// limit. Programs on this machine are not limited.
         entries_per_address_h_max: u32 = 100,
@@ -237,14 +195,10 @@ impl Limits {
         Caps {
             episodes_unfinished_max: self.episodes_unfinished_max,
             episodes_per_key_max: self.episodes_per_key_max,
-            episodes_reserved_percent: self.episodes_reserved_percent,
-            episodes_first_percent: self.episodes_first_percent,
-            episodes_of_free_percent_max: self.episodes_of_free_percent_max,
+            reserved_percent: self.reserved_percent,
             journal_bytes_per_episode_max: self.journal_bytes_per_episode_max,
             journal_bytes_per_key_max: self.journal_bytes_per_key_max,
-            journal_bytes_per_competition_max: self.journal_bytes_per_competition_max,
             journal_bytes_per_key_s_max: self.journal_bytes_per_key_s_max,
-            journal_bytes_per_competition_s_max: self.journal_bytes_per_competition_s_max,
         }
     }
 }

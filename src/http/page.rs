@@ -153,13 +153,17 @@ impl Page {
 
 /// How many items a page has at most: `usual` where the query does not say.
 pub(super) fn page_limit(app: &App, asked: Option<u32>, usual: u32) -> Result<u32, ApiError> {
+    items(app, "limit", asked.unwrap_or(usual))
+}
+
+/// A number of items that the parameter `name` asks for, checked.
+pub(super) fn items(app: &App, name: &str, asked: u32) -> Result<u32, ApiError> {
     let most = app.limits.page_items_max;
-    let limit = asked.unwrap_or(usual);
-    if !(1..=most).contains(&limit) {
-        let detail = format!("limit must be from 1 to {most}, is {limit}");
+    if !(1..=most).contains(&asked) {
+        let detail = format!("{name} must be from 1 to {most}, is {asked}");
         return Err(ApiError::limit(Code::Malformed, "page_items_max", most as usize, detail));
     }
-    Ok(limit)
+    Ok(asked)
 }
 
 /// The page of a list that is shown as a whole if it fits into one answer.
@@ -182,6 +186,9 @@ impl PageParams {
 }
 
 /// Parameters of a list, newest first: filters, and those of its pages.
+/// Items of one page if the request has no `limit`.
+pub(super) const PAGE_ITEMS_DEFAULT: u32 = 50;
+
 macro_rules! list_params {
     ($(#[$about:meta])* $name:ident { $($(#[$about_filter:meta])* $filter:ident,)* }) => {
         $(#[$about])*
@@ -203,7 +210,7 @@ macro_rules! list_params {
                 &self,
                 app: &$crate::http::App,
             ) -> Result<$crate::http::page::Page, $crate::http::error::ApiError> {
-                let usual = app.limits.page_items_default;
+                let usual = $crate::http::page::PAGE_ITEMS_DEFAULT;
                 $crate::http::page::Page::new(app, self.limit, usual, self.cursor.as_deref())
             }
         }

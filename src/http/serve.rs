@@ -265,7 +265,7 @@ impl ConnectionLimit {
     fn new(limits: &Limits, trusted_proxies: Vec<IpNet>, stop: CancellationToken) -> Self {
         Self {
             most: limits.connections_max,
-            reserved: limits.connections_max * limits.connections_reserved_percent as usize / 100,
+            reserved: limits.connections_max * limits.reserved_percent as usize / 100,
             most_per_address: limits.connections_per_address_max,
             trusted_proxies,
             stop,
@@ -460,10 +460,11 @@ mod tests {
     #[test]
     fn the_last_places_are_for_addresses_that_have_none() {
         let limit = limit(20, 20);
-        let connection: Vec<_> = (0..19).map(|_| take(&limit, "127.0.0.1")).collect();
+        let connection: Vec<_> = (0..18).map(|_| take(&limit, "127.0.0.1")).collect();
         assert!(connection.iter().all(Result::is_ok));
         assert_eq!(reason(take(&limit, "127.0.0.1")), "server");
-        let _other = take(&limit, "192.0.2.1").expect("it has none yet");
+        let _others =
+            ["192.0.2.1", "192.0.2.3"].map(|new| take(&limit, new).expect("it has none yet"));
         let _room = take(&limit, "192.0.2.2").expect("this host has more than its share");
         assert!(connection[0].as_ref().is_ok_and(|first| first.end.is_cancelled()));
     }

@@ -54,12 +54,12 @@ const OVERSEERS_PART: usize = 4;
 impl Streams {
     pub(super) fn new(registry: Registry, workers: Workers, limits: &Limits) -> Self {
         let open = |name, most: usize| Budget::new(name, most, most.div_ceil(OVERSEERS_PART));
-        let shares = Shares::halved(limits.parts_max);
+        let shares = Shares::halved(limits.heavy_at_once_max);
         Self {
             registry,
             workers,
             part_bytes_max: limits.stream_part_bytes_max,
-            parts: FairLimit::new("parts_max", shares, PERMIT_TIMEOUT),
+            parts: FairLimit::heavy(shares, PERMIT_TIMEOUT),
             exports: open("exports_open_max", limits.exports_open_max),
             events: open("event_streams_max", limits.event_streams_max),
         }

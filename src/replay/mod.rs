@@ -6,10 +6,8 @@ mod page;
 mod talk;
 mod world;
 
-use std::sync::Arc;
-
 use swarmbench_analysis::game::{Agent, Decision, Heard, Setup, State};
-use swarmbench_analysis::{Hash1, Meter, Metric, Options};
+use swarmbench_analysis::{Meter, Metric, Options};
 use swarmbench_engine::{Action, Direction, Pos};
 use swarmbench_protocol::replay::{ReplayMark, ReplayMessage, ReplayState};
 
@@ -66,8 +64,7 @@ impl Reel {
     #[must_use]
     pub fn new(setup: Setup, scene: Scene, round: u32) -> Self {
         let metrics = Metric::of_rounds(setup.task).collect();
-        let embedder = Arc::new(Hash1::default());
-        let meter = Meter::new(setup, scene.state.clone(), Options::default(), embedder);
+        let meter = Meter::new(setup, scene.state.clone(), Options::default());
         Self { round, scene, talk: Talk::default(), metrics, meter }
     }
 

@@ -1,3 +1,5 @@
+use std::sync::Arc;
+
 use swarmbench_engine::{Act, AgentId, Config, Message, Settings, TaskName, World};
 use swarmbench_journal::record::{ActRecord, Decision as Decided};
 

@@ -36,7 +36,7 @@ pub use postgres::cluster::{
 };
 pub use postgres::session::SessionError;
 use readers::ReaderOptions;
-pub use readers::{READERS_MAX, patiently, patiently_blocking};
+pub use readers::{patiently, patiently_blocking};
 use sql::{Connection, FromRow, Statement, query};
 use sqlite::SQLITE_VERSION_MIN;
 pub use sqlite::backup;

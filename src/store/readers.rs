@@ -9,13 +9,10 @@ use sqlx::sqlite::{SqliteConnectOptions, SqlitePool, SqlitePoolOptions};
 
 use super::StoreError;
 use super::sql::Connection;
-use crate::fair::{FairLimit, Party, Permit, Rank, Shares};
+use crate::fair::{FairLimit, HEAVY_AT_ONCE_MAX, Party, Permit, Rank, Shares};
 
 /// Connections that read for running games, for players and entries, and for the server itself.
 const GAMES: usize = 3;
-
-/// Connections that read for all others.
-pub const READERS_MAX: usize = 4;
 
 /// Pages that each of these connections caches: the upper pages of the indexes of a million episodes.
 const CACHE_KIB: u32 = 8 * 1024;
@@ -152,7 +149,7 @@ impl Lane {
         let pool = Pool::open(options, slots).await?;
         // One is left for the next caller.
         let shares = Shares { slots, ..Shares::of(slots - 1) };
-        Ok(Self { pool, permits: FairLimit::new("readers_max", shares, PATIENCE) })
+        Ok(Self { pool, permits: FairLimit::heavy(shares, PATIENCE) })
     }
 }
 
@@ -160,7 +157,7 @@ impl Readers {
     pub(super) async fn open(options: ReaderOptions) -> Result<Self, sqlx::Error> {
         Ok(Self {
             games: Lane::open(options.clone(), GAMES).await?,
-            others: Lane::open(options, READERS_MAX).await?,
+            others: Lane::open(options, HEAVY_AT_ONCE_MAX).await?,
         })
     }
 
@@ -204,7 +201,7 @@ mod tests {
         let party = |number| Party::of(Group::Owner(OwnerKey(number)));
         let look = |number| Rank::Normal.scope(party(number).scope(readers.get()));
         let mut held = Vec::new();
-        for _ in 1..READERS_MAX {
+        for _ in 1..HEAVY_AT_ONCE_MAX {
             held.push(look(1).await.expect("a connection"));
         }
         let mut fourth = Box::pin(look(1));
@@ -228,7 +225,7 @@ mod tests {
         let party = Party::of(Group::Owner(OwnerKey(1)));
         let look = || Rank::Normal.scope(party.scope(readers.get()));
         let mut held = Vec::new();
-        for _ in 1..READERS_MAX {
+        for _ in 1..HEAVY_AT_ONCE_MAX {
             held.push(look().await.expect("a connection"));
         }
         let mut waits: Vec<_> = (0..WAITING_PER_GROUP_MAX).map(|_| Box::pin(look())).collect();

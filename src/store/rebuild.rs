@@ -1,10 +1,8 @@
 //! Rebuilds the table `results` from the journals.
 
-use std::sync::Arc;
-
 use futures::TryStreamExt;
+use swarmbench_analysis::Options;
 use swarmbench_analysis::journal::measure;
-use swarmbench_analysis::{Embedder, Hash1, Options};
 
 use super::again::{StoredJournal, play_again, read_journal};
 use super::metrics::{self, Measured, MetricsRow};
@@ -199,9 +197,7 @@ pub(super) async fn measured(
     let first_round = get(&row, "first_round")?;
     let stored = StoredJournal { episode, opening, first_round, seating, rounds, ending: None };
     let read = |journal| {
-        let options = Options::all(false);
-        let embedder: Arc<dyn Embedder> = Arc::new(Hash1::new());
-        let measured = measure(journal, options, &embedder, |_, _| ());
+        let measured = measure(journal, Options::all(false), |_, _| ());
         measured.map(|(_, metrics)| Measured::of(&metrics)).map_err(|fault| fault.to_string())
     };
     let measured = read_journal(database, &stored, read).await?;

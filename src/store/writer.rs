@@ -73,6 +73,9 @@ pub enum Blocked {
     Full,
 }
 
+/// Bytes for which a queued job counts at least: so their bytes bound their number, too, and the time until they are stored.
+const JOB_BYTES_MIN: usize = 4096;
+
 /// The state of the writer, shared with readers.
 #[derive(Debug, Default)]
 pub struct WriterState {
@@ -289,7 +292,7 @@ impl Writer {
     }
 
     pub(super) fn append(&self, entries: Vec<Entry>, committed: Committed) {
-        let bytes = entries.iter().map(Entry::bytes).sum();
+        let bytes = entries.iter().map(Entry::bytes).sum::<usize>().max(JOB_BYTES_MIN);
         self.state.add_backlog(bytes);
         if let Err(mpsc::error::SendError(job)) = self.queue.send(Job { entries, bytes, committed })
         {

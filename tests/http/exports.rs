@@ -715,7 +715,7 @@ async fn exports_at_once_are_limited() {
     let problem = app.get("/api/v1/exports/acts.jsonl").problem(503, "overloaded").await;
     assert_eq!(problem["limit"]["name"], "exports_open_max");
     // One turn, taken again and again: a turn ends with its export.
-    let app = TestApp::builder().limits(|limits| limits.parts_max = 1).start().await;
+    let app = TestApp::builder().limits(|limits| limits.heavy_at_once_max = 1).start().await;
     for _ in 0..20 {
         assert_eq!(app.get("/api/v1/exports/acts.jsonl").send().await.status, 200);
     }

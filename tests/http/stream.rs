@@ -66,7 +66,7 @@ async fn deaf(app: &TestApp, path: &str, token: &str) -> TcpStream {
 
 #[tokio::test]
 async fn slow_readers_keep_nobody_from_journals_and_exports() {
-    let app = TestApp::builder().limits(|limits| limits.parts_max = 1).start().await;
+    let app = TestApp::builder().limits(|limits| limits.heavy_at_once_max = 1).start().await;
     // Far more than the buffers of a connection with a slow reader hold.
     let episode = app.create(request(2, 20)).await;
     talk(&app, &episode, 20, 250_000).await;

@@ -14,7 +14,7 @@ use crate::Bench;
 use crate::endpoint::Endpoint;
 
 #[path = "../../examples/fake_model/endpoint.rs"]
-pub(crate) mod fake_model;
+mod fake_model;
 
 /// Plays a game; the score, and how many answers were valid and invalid.
 async fn play(model: &Model, settings: &Settings) -> Result<(f64, usize, usize), Stop> {

@@ -1,11 +1,9 @@
-//! Language models and embedders: asked at a real HTTP server that misbehaves in every way that endpoints do, and played from
-//! cassettes.
+//! Language models: asked at a real HTTP server that misbehaves in every way that endpoints do, and played from cassettes.
 
 mod answers;
 mod api;
 mod budget;
 mod cassettes;
-mod embed;
 #[expect(dead_code, reason = "the measurement of evaluations uses all of it")]
 mod endpoint;
 mod game;

@@ -87,7 +87,7 @@ async fn pauses_grow_until_it_is_given_up() {
         let mut bench = Bench::new(&endpoint);
         bench.settings.retries = 8;
         let model = bench.model();
-        let Stop::Unreachable { url, tries, last, .. } = stop_of(&model).await else { panic!() };
+        let Stop::Unreachable { url, tries, last } = stop_of(&model).await else { panic!() };
         assert_eq!(url, format!("{}/chat/completions", endpoint.base()));
         assert_eq!((tries, last), (9, format!("{status}, oops")));
         assert_eq!(endpoint.seen().len(), 9);

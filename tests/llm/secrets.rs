@@ -1,12 +1,9 @@
-//! Nobody gets to see the key: not in the log, not in an error, not on a cassette, not in an act, not beside vectors.
+//! Nobody gets to see the key: not in the log, not in an error, not on a cassette, not in an act.
 
 use std::io;
-use std::path::Path;
 use std::sync::Mutex;
 
-use swarmbench_client::embed::{Embeddings, VectorFile};
 use swarmbench_client::llm::{Answer, Cassette, Stop};
-use tokio_util::sync::CancellationToken;
 
 use crate::endpoint::{Endpoint, Reply};
 use crate::{Bench, KEY, question};
@@ -33,7 +30,7 @@ async fn indiscreet() -> Endpoint {
         let shown = seen.headers["authorization"].to_str().expect("a text");
         let words = format!("You are {shown}, {shown}");
         match number {
-            0 | 8 => Reply::error(500, &words),
+            0 => Reply::error(500, &words),
             1 => Reply::text(502, words.clone()).header("x-echo", words),
             2 => Reply::error(429, &words).header("retry-after", words),
             3 => Reply::text(200, words),
@@ -43,39 +40,10 @@ async fn indiscreet() -> Endpoint {
                 200,
                 &serde_json::json!({ "choices": [{ "message": { "refusal": words, "reasoning": words } }] }),
             ),
-            9 => Reply::json(200, &serde_json::json!({ "data": words })),
-            10 => Reply::json(
-                200,
-                &serde_json::json!({ "model": words, "data": [{ "embedding": [1.0] }] }),
-            ),
-            11 => Reply::error(422, &words),
             _ => Reply::error(401, &words),
         }
     })
     .await
-}
-
-/// What is shown of vectors: one that came after two retries, a text that is refused, a key that is refused.
-async fn shown_of_vectors(bench: &Bench, path: &Path) -> Vec<String> {
-    let file = VectorFile::record(path).expect("a file");
-    let embeddings = Embeddings::new(bench.settings.clone(), &bench.allowance, Some(file));
-    let embeddings = embeddings.expect("good settings");
-    let mut texts = vec![format!("{embeddings:?}")];
-    for (text, error) in [("came", None), ("long", Some("(422)")), ("late", Some("(401)"))] {
-        let never = CancellationToken::new();
-        let asked = embeddings.vectors([text.to_owned()], |_, _| {}, &never);
-        match (asked.await, error) {
-            (Ok(vectors), None) => texts.push(format!("{vectors:?}")),
-            (Err(refused), Some(status)) => {
-                let said = refused.to_string();
-                assert!(said.contains(status) && said.contains("Bearer [key]"), "{said}");
-                texts.extend([said, format!("{refused:?}")]);
-            }
-            (result, _) => panic!("{text}: {result:?}"),
-        }
-    }
-    texts.push(std::fs::read_to_string(path).expect("a file"));
-    texts
 }
 
 #[tokio::test]
@@ -111,7 +79,6 @@ async fn the_key_is_nowhere() {
         format!("{stop:?} {model:?} {cassette:?} {:?} {:?}", bench.settings, bench.allowance),
         std::fs::read_to_string(&path).expect("a file"),
     ]);
-    texts.extend(shown_of_vectors(&bench, &folder.path().join("vectors.jsonl")).await);
     let logged = String::from_utf8(LOG.lock().expect("a lock").clone()).expect("UTF-8");
     assert!(logged.matches("no answer: ").count() >= 5, "{logged}");
     assert!(logged.contains("500, You are Bearer [key]"), "{logged}");

@@ -263,7 +263,6 @@ impl Questions<'_> {
             let holder = self.number();
             self.ask(&of("seats_of"), async |side| side.store.seats_of(key, holder).await).await;
             self.ask(&of("started_at"), async |side| side.store.started_at(key).await).await;
-            self.ask(&of("messages_of"), async |side| side.store.messages_of(key, to).await).await;
             self.ask(&of("logged_rounds"), async |side| {
                 side.store.logged_rounds(key, from, to).await
             })

@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use swarmbench_analysis::game::{Decision, Heard, Setup, State};
-use swarmbench_analysis::{Hash1, Meter, Metrics, Options};
+use swarmbench_analysis::{Meter, Metrics, Options};
 use swarmbench_engine::{Act, Action, Config, Message, Settings, TaskName, World};
 
 const PLAIN: Options = Options { series: false, vectors: false, edits: false };
@@ -81,9 +81,8 @@ impl Game {
     }
 
     fn measure(&self, states: Vec<State>, options: Options) -> Metrics {
-        let embedder = Arc::new(Hash1::new());
         let (setup, layout) = (Setup::of(&self.layout), State::of(&self.layout));
-        let mut meter = Meter::new(setup, layout, options, embedder);
+        let mut meter = Meter::new(setup, layout, options);
         for (round, after) in self.rounds.iter().zip(states) {
             meter.round(&round.decisions, after, Some(&round.heard));
         }

@@ -8,25 +8,16 @@ use quick_cache::sync::Cache;
 
 use crate::characters::{is_digit, is_of_token};
 
-/// Turns texts into vectors of length 1. Values of two embedders never meet.
-pub trait Embedder: Send + Sync {
-    /// Its id, which is part of every value that depends on it.
-    fn id(&self) -> &str;
-
-    /// The vector of a text, of Euclidean length 1; `None` if it has none, then values of its round are undefined.
-    fn vector(&self, text: &str) -> Option<Arc<[f64]>>;
-}
-
 /// The embedder `hash-1`: hashed words and parts of words. Without a model, the same on every machine;
 /// `docs/evaluate/metrics.md` defines it.
 ///
-/// It keeps the vectors of the last texts, so one for each game or one for several is the same.
+/// It keeps the vectors of the last texts.
 pub struct Hash1 {
     cache: Cache<Box<str>, Option<Arc<[f64]>>>,
 }
 
 impl Hash1 {
-    /// Its id.
+    /// Its id, which is part of every value that depends on it.
     pub const ID: &str = "hash-1";
 
     /// Entries of a vector.
@@ -35,31 +26,21 @@ impl Hash1 {
     /// How many vectors are kept: 8 MiB.
     const VECTORS_MAX: usize = 1024;
 
-    /// An embedder that keeps no vectors yet.
+    /// The vector of a text, of Euclidean length 1; `None` if it has none, then values of its round are undefined.
     #[must_use]
-    pub fn new() -> Self {
-        Self { cache: Cache::new(Self::VECTORS_MAX) }
-    }
-}
-
-impl Default for Hash1 {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl Embedder for Hash1 {
-    fn id(&self) -> &str {
-        Self::ID
-    }
-
-    fn vector(&self, text: &str) -> Option<Arc<[f64]>> {
+    pub fn vector(&self, text: &str) -> Option<Arc<[f64]>> {
         if let Some(known) = self.cache.get(text) {
             return known;
         }
         let vector = Features::of(text).vector();
         self.cache.insert(text.into(), vector.clone());
         vector
+    }
+}
+
+impl Default for Hash1 {
+    fn default() -> Self {
+        Self { cache: Cache::new(Self::VECTORS_MAX) }
     }
 }
 

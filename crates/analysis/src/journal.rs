@@ -1,14 +1,12 @@
 //! Measures games from their journals.
 
 use std::io::BufRead;
-use std::sync::Arc;
 
 use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{Action, AgentId, Config};
 use swarmbench_journal::record::{ActRecord, Source};
 use swarmbench_journal::replay::{Fault, Report, verify_seen};
 
-use crate::embed::Embedder;
 use crate::game::{Decision, Heard, Setup, State};
 use crate::meter::{Meter, Metrics, Options};
 
@@ -20,7 +18,6 @@ use crate::meter::{Meter, Metrics, Options};
 pub fn measure(
     journal: impl BufRead,
     options: Options,
-    embedder: &Arc<dyn Embedder>,
     mut progress: impl FnMut(u32, u32),
 ) -> Result<(Report, Metrics), Fault> {
     let mut meter: Option<Meter> = None;
@@ -28,10 +25,7 @@ pub fn measure(
         progress(world.round(), world.config().max_round());
         let state = State::of(world);
         match &mut meter {
-            None => {
-                let embedder = Arc::clone(embedder);
-                meter = Some(Meter::new(Setup::of(world), state, options, embedder));
-            }
+            None => meter = Some(Meter::new(Setup::of(world), state, options)),
             Some(meter) => {
                 let decisions = decisions(world.config(), acts);
                 meter.round(&decisions, state, Some(&Heard::all(world)));

@@ -16,7 +16,7 @@ mod characters;
 mod embed;
 mod meter;
 
-pub use embed::{Embedder, Hash1};
+pub use embed::Hash1;
 pub use meter::{Counts, Meter, Metrics, Options};
 pub use metric::{Definition, Metric, RunValue};
 

@@ -4,10 +4,9 @@ use std::collections::BTreeMap;
 use std::fs::{File, read_to_string};
 use std::io::BufReader;
 use std::path::Path;
-use std::sync::Arc;
 
 use swarmbench_analysis::journal::measure;
-use swarmbench_analysis::{Definition, Embedder, Hash1, Metric, Options};
+use swarmbench_analysis::{Definition, Metric, Options};
 
 /// The toolkit's names of metrics.
 const NAMES: [(&str, Metric); 12] = [
@@ -33,12 +32,11 @@ struct Published {
 #[test]
 fn every_frame_of_every_metric_is_that_of_the_toolkit() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/toolkit");
-    let embedder: Arc<dyn Embedder> = Arc::new(Hash1::new());
     for game in 0..7 {
         let journal = File::open(folder.join(format!("game-{game}.jsonl"))).expect("a journal");
         let options = Options { series: true, vectors: true, edits: false };
         let (_, metrics) =
-            measure(BufReader::new(journal), options, &embedder, |_, _| ()).expect("it verifies");
+            measure(BufReader::new(journal), options, |_, _| ()).expect("it verifies");
         let published = read_to_string(folder.join(format!("toolkit-{game}.json")));
         let published: Published =
             serde_json::from_str(&published.expect("its values")).expect("they are JSON");

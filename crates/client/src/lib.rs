@@ -4,11 +4,10 @@
 //!
 //! - [`client`]: requests, and which of them are tried again.
 //! - [`drive`]: the one way in which seats are played. [`play`]: built-in players.
-//! - [`llm`]: language models. [`embed`]: vectors of texts. [`eval`]: experiments, their runs and reports.
+//! - [`llm`]: language models. [`eval`]: experiments, their runs and reports.
 
 pub mod client;
 pub mod drive;
-pub mod embed;
 pub mod eval;
 mod lines;
 pub mod llm;

@@ -12,7 +12,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
-/// Bytes of a line: far more than an answer or a vector has.
+/// Bytes of a line: far more than an answer has.
 const LINE_BYTES_MAX: u64 = 16 * 1024 * 1024;
 
 /// The value in the first line that names this program.

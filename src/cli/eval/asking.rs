@@ -5,11 +5,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::{anyhow, ensure};
+use anyhow::{anyhow, bail, ensure};
 use serde_json::{Map, Value};
 use tokio_util::sync::CancellationToken;
 
-use super::super::options::{KEY_VARIABLE, api_base, api_key};
 use swarmbench_client::eval::experiment::{Experiment, Price, SystemMessage};
 use swarmbench_client::eval::plan::{MODELS_AT_ONCE_MAX, ModelPlan, Plan, REQUESTS_MAX, Who};
 use swarmbench_client::llm::{
@@ -19,6 +18,9 @@ use swarmbench_clock::SystemClock;
 
 /// An address for models that are never asked there, as a cassette answers.
 const NOWHERE: &str = "http://127.0.0.1:9/v1";
+
+/// The environment variable with the key of an endpoint where nobody names one.
+const KEY_VARIABLE: &str = "OPENAI_API_KEY";
 
 /// Where Anthropic's own models are, and the variable with the key where nobody names one.
 const ANTHROPIC: (&str, &str) = ("https://api.anthropic.com/v1", "ANTHROPIC_API_KEY");
@@ -206,9 +208,9 @@ impl Asking {
                 // The secret of a header is that of this endpoint; the usual key may be that of another.
                 ApiKey::new(usual_variable, None)
             } else {
-                api_key(key_variable, usual_variable, &plan.name, "--api-key-env")?
+                api_key(key_variable, usual_variable, &plan.name)?
             };
-            (api_base(base, &plan.name, "--api-base")?, key, headers)
+            (api_base(base, &plan.name)?, key, headers)
         };
         Ok(Settings {
             sampling: Sampling {
@@ -227,6 +229,31 @@ impl Asking {
             ..Settings::new(&plan.model, base, key)
         })
     }
+}
+
+/// The address of the endpoint of a model: as it was named, or in the environment.
+fn api_base(named: Option<&str>, model: &str) -> anyhow::Result<String> {
+    let environment = || std::env::var("OPENAI_BASE_URL").ok().filter(|url| !url.is_empty());
+    match named.map(str::to_owned).or_else(environment) {
+        Some(base) => Ok(base),
+        None => bail!(
+            "where is {model}? Name its endpoint with --api-base, such as https://api.openai.com/v1, or \
+             http://127.0.0.1:11434/v1 for a model on this machine"
+        ),
+    }
+}
+
+/// The key for a model, from the variable that was named, or the usual one.
+fn api_key(named: Option<&str>, usual: &str, model: &str) -> anyhow::Result<ApiKey> {
+    let variable = named.unwrap_or(usual);
+    let value = std::env::var(variable).ok();
+    if named.is_some() && value.is_none() {
+        bail!(
+            "the environment variable {variable} is not set: put the key for {model} into it, `export {variable}=…`, or \
+             name another with --api-key-env"
+        );
+    }
+    Ok(ApiKey::new(variable, value))
 }
 
 fn headers(texts: &BTreeMap<String, String>) -> Result<Headers, String> {

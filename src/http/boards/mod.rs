@@ -10,7 +10,7 @@ use axum::response::{IntoResponse, Response};
 use super::App;
 use super::accept;
 use super::error::{ApiError, Code};
-use super::page::{CURSOR_BYTES_MAX, page_limit};
+use super::page::{CURSOR_BYTES_MAX, PAGE_ITEMS_DEFAULT, page_limit};
 use swarmbench_protocol::table::Table;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,7 +45,7 @@ impl Format {
     /// How many rows a page has at most: more in CSV, if the query does not say.
     fn page_limit(self, app: &App, asked: Option<u32>) -> Result<usize, ApiError> {
         let usual = match self {
-            Self::Json => app.limits.page_items_default,
+            Self::Json => PAGE_ITEMS_DEFAULT,
             Self::Csv => app.limits.page_items_max,
         };
         Ok(page_limit(app, asked, usual)? as usize)

@@ -72,8 +72,8 @@ mod tests {
             agent: AgentId(agent).to_string(),
             claim: Some(u32::MAX),
             holder: longest(NAME_CHARS_MAX),
-            model: longest(limits.model_chars_max),
-            player: longest(limits.model_chars_max),
+            model: longest(limits.name_chars_max),
+            player: longest(limits.name_chars_max),
             claimed_at: Some(jiff::Timestamp::MAX.into()),
         });
         let list = SeatList { open: u16::MAX, seats: seats.collect() };

@@ -200,21 +200,21 @@ async fn check_reserve(
     active: usize,
     address: IpAddr,
 ) -> Result<(), ApiError> {
-    let percent = app.limits.entrants_reserved_percent as usize;
+    let percent = app.limits.reserved_percent as usize;
     let reserved = app.limits.entrants_max * percent / 100;
     let left = app.limits.entrants_max.saturating_sub(active);
-    if left > reserved || address.is_loopback() {
+    if left > 2 * reserved || address.is_loopback() {
         return Ok(());
     }
     let near = neighbourhood(address);
     // Excluded entrants count, too: a network that was abused does not become a new one.
     let known = app.store.entry_addresses(competition.key).await?;
-    if left > reserved / 2 && !known.iter().any(|known| near.contains(known)) {
+    if left > reserved && !known.iter().any(|known| near.contains(known)) {
         return Ok(());
     }
     let detail = "the last places are for entrants with an invitation code, and some of them for networks from which nobody entered; \
                   ask the organizer for a code";
-    Err(ApiError::limit(Code::Forbidden, "entrants_reserved_percent", percent, detail))
+    Err(ApiError::limit(Code::Forbidden, "reserved_percent", percent, detail))
 }
 
 /// The invitation of a code. Where anybody may enter it is for places that are reserved.

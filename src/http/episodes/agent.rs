@@ -1,7 +1,6 @@
 //! `GET /api/v1/episodes/{id}/rounds/{round}/agents/{agent}`.
 
-use std::collections::BTreeMap;
-use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use axum::Json;
@@ -95,21 +94,19 @@ impl App {
         world: &World,
         agent: AgentId,
     ) -> Result<Vec<InboxMessage>, ApiError> {
-        let read: Vec<_> = world.heard().filter(|heard| heard.receiver == agent).collect();
+        let heard = world.heard().filter(|heard| heard.receiver == agent);
+        let heard: BTreeSet<_> = heard.map(|heard| (heard.sent, heard.sender)).collect();
         let mut sent = BTreeMap::new();
         if handle.spec.config.settings().noise > 0.0 {
-            for heard in &read {
-                if let Entry::Vacant(unread) = sent.entry(heard.sent) {
-                    let acts = self.store.acts(handle.key, heard.sent, heard.sent + 1).await?;
-                    unread.insert(acts.into_iter().next().unwrap_or_default().1);
-                }
+            let rounds: BTreeSet<u32> = heard.iter().map(|(round, _)| *round).collect();
+            // The acts of one round at a time are in memory.
+            for round in rounds {
+                let acts = self.store.acts(handle.key, round, round + 1).await?;
+                let acts = acts.into_iter().flat_map(|(_, acts)| acts);
+                let messages = acts.map(|(sender, act)| ((round, sender), act.record.message));
+                sent.extend(messages.filter(|(act, _)| heard.contains(act)));
             }
         }
-        let original = |round: u32, sender: AgentId| {
-            let acts = sent.get(&round)?;
-            let (_, act) = acts.iter().find(|(from, _)| *from == sender)?;
-            act.record.message.clone()
-        };
-        Ok(inbox(world, agent, original))
+        Ok(inbox(world, agent, |round, sender| sent.get(&(round, sender)).cloned().flatten()))
     }
 }

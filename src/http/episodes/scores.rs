@@ -4,7 +4,7 @@ use axum::Json;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
-use super::super::limits::SCORE_POINTS_MAX;
+use super::super::page::items;
 use super::super::prelude::*;
 use crate::store::port::StoredEpisode;
 use swarmbench_protocol::replay::Scores;
@@ -22,20 +22,10 @@ pub(in super::super) struct ScoresParams {
 }
 
 impl ScoresParams {
-    pub(in super::super) fn points(&self) -> Result<u32, ApiError> {
-        points(self.points, POINTS_USUAL)
+    /// How many scores are wanted, checked.
+    pub(in super::super) fn points(&self, app: &App) -> Result<u32, ApiError> {
+        items(app, "points", self.points.unwrap_or(POINTS_USUAL))
     }
-}
-
-/// How many scores are wanted, checked.
-pub(in super::super) fn points(wanted: Option<u32>, usual: u32) -> Result<u32, ApiError> {
-    let points = wanted.unwrap_or(usual);
-    if (1..=SCORE_POINTS_MAX).contains(&points) {
-        return Ok(points);
-    }
-    let detail = format!("points must be from 1 to {SCORE_POINTS_MAX}, is {points}");
-    let most = SCORE_POINTS_MAX as usize;
-    Err(ApiError::limit(Code::Malformed, "score_points_max", most, detail))
 }
 
 /// How many rounds are between two scores, and after how many rounds the later ones are.
@@ -67,7 +57,7 @@ pub(in super::super) async fn show_scores(
     Id(id): Id,
     Params(params): Params<ScoresParams>,
 ) -> Result<Json<Scores>, ApiError> {
-    let points = params.points()?;
+    let points = params.points(&app)?;
     let stored = app.readable_stored(&caller, id).await?;
     Ok(Json(app.scores(&stored, points).await?))
 }

@@ -182,10 +182,9 @@ pub(in super::super) async fn download_export(
     is_selected.await.map_err(stopped)?.map_err(|error| match error {
         ExportError::Journal(error) => error.into(),
         ExportError::Unknown(_) => ApiError::not_found("the episode"),
-        error @ (ExportError::Io(_)
-        | ExportError::Table(_)
-        | ExportError::Embedder(_)
-        | ExportError::Stopped) => ApiError::new(Code::Internal, error.to_string()),
+        error @ (ExportError::Io(_) | ExportError::Table(_) | ExportError::Stopped) => {
+            ApiError::new(Code::Internal, error.to_string())
+        }
     })?;
     let kind = [
         (header::CONTENT_TYPE, accept::file_type(&headers, file.content_type()).to_owned()),

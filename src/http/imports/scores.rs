@@ -22,7 +22,7 @@ pub(in super::super) async fn show_import_scores(
     Id(id): Id,
     Params(params): Params<ScoresParams>,
 ) -> Result<Json<Scores>, ApiError> {
-    let points = params.points()?;
+    let points = params.points(&app)?;
     let stored = app.import(&caller, &id).await?;
     let (every, places) = places(stored.rounds, points);
     let states: Vec<u32> = std::iter::once(0).chain(places).collect();

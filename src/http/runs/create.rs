@@ -19,6 +19,9 @@ use swarmbench_clock::millis;
 use swarmbench_protocol::run::{CreatedRun, OwnSuite, RunRequest, SuiteRequest};
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
+/// Games of a run that are open at a time if its creator does not say.
+const RUN_PARALLEL_DEFAULT: u32 = 4;
+
 /// Start a run: a suite of games for one model.
 ///
 /// The answer has one token for all seats of all its games, shown this once. Games are opened in the order of
@@ -124,7 +127,7 @@ fn definition(request: RunRequest, app: &App) -> Result<Definition, ApiError> {
     problems.agent_meta(limits, &meta);
     let prompt_template = swarmbench_prompt::chosen(request.prompt_template);
     problems.template(prompt_template.as_deref());
-    let parallel = request.parallel.unwrap_or(limits.run_parallel_default);
+    let parallel = request.parallel.unwrap_or(RUN_PARALLEL_DEFAULT);
     let most = limits.run_parallel_max;
     if !(1..=most).contains(&parallel) {
         problems.refuse("parallel", format!("must be from 1 to {most}, is {parallel}"));
@@ -153,7 +156,7 @@ const COMPETITION_PREFIX: &str = "cmp_";
 
 fn own_suite(own: OwnSuite, rules: &str, app: &App, problems: &mut Problems) -> Option<Suite> {
     let OwnSuite { name, tasks, seeds, settings } = own;
-    problems.text("suite.name", &name, app.limits.suite_name_chars_max);
+    problems.text("suite.name", &name, app.limits.name_chars_max);
     if Suite::BUILT_IN.contains(&name.as_str()) {
         problems.refuse("suite.name", "is that of a built-in suite; choose another");
     }

@@ -4,7 +4,7 @@ use axum::Json;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
-use super::super::episodes::scores::points;
+use super::super::page::items;
 use super::super::prelude::*;
 use super::games::GamesPage;
 use swarmbench_protocol::replay::RunScores;
@@ -44,7 +44,7 @@ pub(in super::super) async fn show_run_scores(
     Id(id): Id,
     Params(params): Params<RunScoresParams>,
 ) -> Result<Json<RunScores>, ApiError> {
-    let points = points(params.points, POINTS_USUAL)?;
+    let points = items(&app, "points", params.points.unwrap_or(POINTS_USUAL))?;
     let page = GamesPage::of(params.limit, params.cursor.as_deref())?;
     let known = app.known_run(&caller, &id).await?;
     let (games, next_cursor) = app.games_page(&caller, &known, page, |_| true).await?;

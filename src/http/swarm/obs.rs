@@ -19,6 +19,9 @@ use super::{Seated, Source};
 use crate::episode::{Snapshot, Status};
 use swarmbench_protocol::act::SwarmObsResponse;
 
+/// Observations in one answer if the request has no `limit`.
+const OBSERVATIONS_DEFAULT: usize = 256;
+
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
@@ -59,7 +62,7 @@ pub(in super::super) async fn get_swarm_obs(
 ) -> Result<Response, ApiError> {
     let timeout = wait(&app, params.wait)?;
     let most = app.limits.observations_max;
-    let limit = params.limit.unwrap_or(app.limits.observations_default);
+    let limit = params.limit.unwrap_or(OBSERVATIONS_DEFAULT);
     if !(1..=most).contains(&limit) {
         let detail = format!("limit must be from 1 to {most}, is {limit}");
         return Err(ApiError::limit(Code::Malformed, "observations_max", most, detail));

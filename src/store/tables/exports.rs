@@ -1,8 +1,5 @@
 //! Rounds with all that is stored of them, for exports.
 
-use std::collections::BTreeSet;
-
-use futures::TryStreamExt;
 use jiff::Timestamp;
 use serde::Deserialize;
 use swarmbench_engine::AgentId;
@@ -45,27 +42,6 @@ impl Store {
         found.map_or(Ok(None), Start::at)
     }
 
-    /// The different messages of the rounds before `end`.
-    pub async fn messages_of(
-        &self,
-        episode: EpisodeKey,
-        end: u32,
-    ) -> Result<Vec<String>, StoreError> {
-        let query = query(
-            "SELECT coalesce(brief, record) FROM acts WHERE episode = $1 AND round < $2 ORDER BY round, agent",
-        );
-        let mut reading = self.read().await?;
-        let mut rows = query.bind(episode.0).bind(end).fetch(&mut reading);
-        // Most acts have no message, and many the same.
-        let mut messages = BTreeSet::new();
-        while let Some(row) = rows.try_next().await? {
-            let Said { message } =
-                serde_json::from_str(row.text(0)?).map_err(StoreError::decode)?;
-            messages.extend(message);
-        }
-        Ok(messages.into_iter().collect())
-    }
-
     /// The resolved rounds `from..to` of an episode with their acts, in order: all of the acts but the answers and
     /// the reasoning of language models, which may be large.
     pub async fn logged_rounds(
@@ -96,12 +72,6 @@ impl Store {
         }
         Ok(rounds)
     }
-}
-
-/// What an act says.
-#[derive(Deserialize)]
-struct Said {
-    message: Option<String>,
 }
 
 /// What the start of an episode follows from.

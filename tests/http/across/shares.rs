@@ -31,7 +31,7 @@ async fn one_competition_leaves_places_to_another() {
         }
         runs.push(Attempt::of(&answer.json()).run);
     };
-    let limit = json!({ "name": "episodes_of_free_percent_max", "value": 100 });
+    let limit = json!({ "name": "episodes_unfinished_max", "value": 16 });
     assert_eq!(refused["limit"], limit);
     // Its further games hold half of all places, its last entrants have their first, and its last run says for what it waits.
     let mut open = 0;
@@ -168,7 +168,7 @@ async fn strangers_of_a_server_without_keys_share_by_address() {
         create("198.51.100.1").ok().await;
     }
     let problem = create("198.51.100.1").problem(503, "overloaded").await;
-    assert_eq!(problem["limit"]["name"], "episodes_of_free_percent_max");
+    assert_eq!(problem["limit"]["name"], "episodes_unfinished_max");
     create("198.51.100.2").ok().await;
 }
 
@@ -188,7 +188,7 @@ async fn networks_of_one_site_share_as_one_address() {
         create(&format!("2001:db8:1:{network}::1")).ok().await;
     }
     let problem = create("2001:db8:1:4::1").problem(503, "overloaded").await;
-    assert_eq!(problem["limit"]["name"], "episodes_of_free_percent_max");
+    assert_eq!(problem["limit"]["name"], "episodes_unfinished_max");
     create("2001:db8:2::1").ok().await;
 }
 
@@ -299,7 +299,7 @@ async fn entrants_of_one_network_leave_places_to_others() {
     // A restart makes no network a new one.
     app.restart().await;
     let problem = enter(&app, "198.51.100.99", "greedy", None).problem(403, "forbidden").await;
-    let limit = json!({ "name": "entrants_reserved_percent", "value": 20 });
+    let limit = json!({ "name": "reserved_percent", "value": 10 });
     assert_eq!(problem["limit"], limit);
     enter(&app, "2001:db8:1:1::1", "first of its site", None).ok().await;
     enter(&app, "2001:db8:1:2::1", "second", None).problem(403, "forbidden").await;
@@ -337,7 +337,7 @@ async fn an_excluded_entrant_frees_its_place_but_not_its_name() {
 #[tokio::test]
 async fn requests_at_once_are_limited_by_address_behind_a_proxy() {
     let app = TestApp::builder()
-        .limits(|limits| limits.requests_per_address_max = 1)
+        .limits(|limits| limits.connections_per_address_max = 1)
         .access(forwarded)
         .start()
         .await;
@@ -348,7 +348,7 @@ async fn requests_at_once_are_limited_by_address_behind_a_proxy() {
     let stream = look("198.51.100.1").open().await;
     assert_eq!(stream.status(), 200);
     let problem = look("198.51.100.1").problem(503, "overloaded").await;
-    let limit = json!({ "name": "requests_per_address_max", "value": 1 });
+    let limit = json!({ "name": "connections_per_address_max", "value": 1 });
     assert_eq!(problem["limit"], limit);
     drop(look("198.51.100.2").open().await);
     drop(stream);
@@ -397,7 +397,7 @@ async fn a_board_is_made_once_and_again_when_something_has_changed() {
 #[tokio::test]
 async fn a_short_list_waits_for_no_long_answer() {
     let builder = TestApp::builder().manual_clock().keys();
-    let app = builder.limits(|limits| limits.large_answers_max = 0).start().await;
+    let app = builder.limits(|limits| limits.heavy_at_once_max = 0).start().await;
     let cup = Cup::open(&app, json!({})).await;
     let blue = cup.enter(&app, "blue").await;
     cup.start(&app, &blue).await;
@@ -411,7 +411,7 @@ async fn a_short_list_waits_for_no_long_answer() {
         cup.enter(&app, &format!("team {number}")).await;
     }
     let problem = app.get(&cup.path("/entrants")).problem(503, "overloaded").await;
-    assert_eq!(problem["limit"]["name"], "large_answers_max");
+    assert_eq!(problem["limit"]["name"], "heavy_at_once_max");
     app.get(&cup.path("/entrants?limit=16")).ok().await;
     app.get(&cup.path("/entrants?limit=20")).ok().await;
     app.get(&cup.path("/attempts")).token(&blue.key).ok().await;

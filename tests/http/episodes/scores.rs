@@ -29,6 +29,6 @@ async fn scores_are_those_of_the_states() {
     for points in ["0", "1001"] {
         let path = episode.path(&format!("/scores?points={points}"));
         let problem = app.get(&path).problem(400, "malformed").await;
-        assert_eq!(problem["limit"]["name"], "score_points_max");
+        assert_eq!(problem["limit"]["name"], "page_items_max");
     }
 }

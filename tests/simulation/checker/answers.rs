@@ -188,11 +188,9 @@ impl Checker {
         let (was, most) = match full {
             Full::Episodes(most) => (sent.held.0.max(all) - 1, most),
             Full::EpisodesOfKey(most) => (sent.held.1.max(owned) - 1, most),
-            Full::EpisodesOfShare { open, .. } => (open, usize::MAX),
-            Full::BytesOfEpisode(_)
-            | Full::BytesOfKey(_)
-            | Full::BytesOfCompetition(_)
-            | Full::BytesPerSecond { .. } => return,
+            // All have one key, which gets no more than are free.
+            Full::EpisodesOfShare { most, .. } => (2 * (sent.held.0.max(all) - 1), most),
+            Full::BytesOfEpisode(_) | Full::BytesOf { .. } | Full::BytesPerSecond { .. } => return,
         };
         self.check(Invariant::Quotas, was >= most, || format!("{full}; it was {was}"));
     }

@@ -13,11 +13,10 @@ mod toolkit;
 mod totals;
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 pub use counts::Counts;
 
-use crate::embed::Embedder;
+use crate::embed::Hash1;
 use crate::game::{Decision, Heard, Setup, State};
 use crate::metric::{Definition, Metric, RunValue};
 use block::Pushed;
@@ -82,7 +81,7 @@ pub struct Meter {
     setup: Setup,
     state: State,
     options: Options,
-    embedder: Arc<dyn Embedder>,
+    embedder: Hash1,
     rounds: u32,
     counts: Vec<Counts>,
     /// The counts of the state now.
@@ -108,7 +107,7 @@ pub struct Meter {
 impl Meter {
     /// Begins with the layout.
     #[must_use]
-    pub fn new(setup: Setup, layout: State, options: Options, embedder: Arc<dyn Embedder>) -> Self {
+    pub fn new(setup: Setup, layout: State, options: Options) -> Self {
         let agents = layout.agents.len();
         let mut meter = Self {
             toolkit: Toolkit::new(&setup, &layout, options.series),
@@ -129,7 +128,7 @@ impl Meter {
             setup,
             state: layout,
             options,
-            embedder,
+            embedder: Hash1::default(),
         };
         meter.explore();
         let counts = Counts { explored: meter.explored.cells, ..Counts::default() };
@@ -213,7 +212,7 @@ impl Meter {
         };
         row.counts.components = row.sight.components;
         if self.options.vectors {
-            row.cosines = Cosines::of(said, &*self.embedder);
+            row.cosines = Cosines::of(said, &self.embedder);
         }
         if self.options.edits {
             let edits = texts::edit_consistency(said);

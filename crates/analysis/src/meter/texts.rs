@@ -4,7 +4,7 @@ use rapidfuzz::distance::levenshtein::{Args, BatchComparator, normalized_similar
 use sha2::{Digest as _, Sha256};
 
 use super::counts::{Said, real};
-use crate::embed::Embedder;
+use crate::embed::Hash1;
 use crate::game::Heard;
 
 /// How many distinct texts of a round are compared with each other, how many messages are looked at for echoes, and with
@@ -23,7 +23,7 @@ pub(super) struct Cosines {
 
 impl Cosines {
     /// Of all unordered pairs: of distinct texts, and of messages.
-    pub(super) fn of(said: &Said<'_>, embedder: &dyn Embedder) -> Self {
+    pub(super) fn of(said: &Said<'_>, embedder: &Hash1) -> Self {
         match (said.all.len(), said.distinct.len()) {
             (0 | 1, _) => Self::default(),
             (_, 1) => Self { distinct: Some(1.0), all: Some(1.0) },
@@ -37,10 +37,7 @@ impl Cosines {
 
 /// The mean cosine of all pairs of texts, each as often as it says: for vectors of length 1 it follows from the length
 /// of their sum.
-fn mean_cosine<'a>(
-    texts: impl Iterator<Item = (&'a str, u32)>,
-    embedder: &dyn Embedder,
-) -> Option<f64> {
+fn mean_cosine<'a>(texts: impl Iterator<Item = (&'a str, u32)>, embedder: &Hash1) -> Option<f64> {
     let (mut sum, mut count) = (Vec::new(), 0.0);
     for (text, times) in texts {
         let vector = embedder.vector(text)?;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use swarmbench_analysis::game::{Agent, Decision, Heard, Setup, State};
-use swarmbench_analysis::{Definition, Hash1, Meter, Metric, Metrics, Options, RunValue};
+use swarmbench_analysis::{Definition, Meter, Metric, Metrics, Options, RunValue};
 use swarmbench_engine::{
     Act, Action, AgentId, Config, Control, Message, Pos, Settings, TaskName, World,
 };
@@ -78,8 +78,7 @@ impl Played {
 
     /// Everything that can be measured.
     pub(crate) fn metrics(&self) -> Metrics {
-        let (embedder, options) = (std::sync::Arc::new(Hash1::new()), Options::all(true));
-        let mut meter = Meter::new(self.setup.clone(), self.layout.clone(), options, embedder);
+        let mut meter = Meter::new(self.setup.clone(), self.layout.clone(), Options::all(true));
         for round in &self.rounds {
             meter.round(&round.decisions, round.after.clone(), round.heard.as_deref());
         }

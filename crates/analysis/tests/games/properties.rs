@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use proptest::prelude::*;
 use swarmbench_analysis::game::{Decision, State};
-use swarmbench_analysis::{Counts, Definition, Embedder, Hash1, Metric, Metrics};
+use swarmbench_analysis::{Counts, Definition, Hash1, Metric, Metrics};
 use swarmbench_engine::{Act, Action, AgentId, Message, Pos, Settings, TaskName};
 
 use crate::played::Played;
@@ -258,7 +258,7 @@ proptest! {
     fn similarities_are_means_of_pairs(game in game()) {
         let metrics = game.metrics();
         let series = |metric| &metrics.series[&(Definition::Paper, metric)];
-        let embedder = Hash1::new();
+        let embedder = Hash1::default();
         let cosine = |a: &&str, b: &&str| {
             let [a, b] = [a, b].map(|text| embedder.vector(text).expect("it has features"));
             a.iter().zip(&*b).map(|(a, b)| a * b).sum()

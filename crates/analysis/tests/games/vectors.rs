@@ -1,9 +1,9 @@
 //! The embedder `hash-1` against values of an independent program, written from its definition.
 
-use swarmbench_analysis::{Embedder, Hash1};
+use swarmbench_analysis::Hash1;
 
 fn cosine(a: &str, b: &str) -> f64 {
-    let embedder = Hash1::new();
+    let embedder = Hash1::default();
     let of = |text| embedder.vector(text).expect("its features do not cancel");
     of(a).iter().zip(&*of(b)).map(|(a, b)| a * b).sum()
 }
@@ -26,7 +26,7 @@ fn cosines_are_those_of_another_program() {
 
 #[test]
 fn entries_are_those_of_another_program() {
-    let vector = Hash1::new().vector("Push UP, agents 3 and 12!").expect("it has features");
+    let vector = Hash1::default().vector("Push UP, agents 3 and 12!").expect("it has features");
     let entries: Vec<_> = vector.iter().copied().enumerate().filter(|&(_, x)| x != 0.0).collect();
     assert_eq!((vector.len(), entries.len()), (1024, 23));
     let expected = [(34, 0.200_535_150_759_921_5), (96, 0.200_535_150_759_921_5)];
@@ -39,7 +39,7 @@ fn entries_are_those_of_another_program() {
 
 #[test]
 fn texts_that_differ_in_case_have_the_same_vector() {
-    let embedder = Hash1::new();
+    let embedder = Hash1::default();
     assert_eq!(embedder.vector("ÉTAT 12"), embedder.vector("état 12"));
     assert_ne!(embedder.vector("etat 12"), embedder.vector("état 12"));
 }

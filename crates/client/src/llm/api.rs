@@ -7,8 +7,6 @@ use reqwest::header::{AUTHORIZATION, HeaderName};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
-use super::route::Route;
-
 /// The interface that an endpoint has for conversations.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
@@ -22,11 +20,19 @@ pub enum Api {
 }
 
 impl Api {
-    /// Where its conversations are.
-    pub(super) const fn route(self) -> Route {
+    /// What follows the address of the endpoint.
+    pub(super) const fn path(self) -> &'static str {
         match self {
-            Self::OpenAi => Route::Chat,
-            Self::Anthropic => Route::Messages,
+            Self::OpenAi => "/chat/completions",
+            Self::Anthropic => "/messages",
+        }
+    }
+
+    /// The name of a good answer.
+    pub(super) const fn answer(self) -> &'static str {
+        match self {
+            Self::OpenAi => "chat completion",
+            Self::Anthropic => "message",
         }
     }
 

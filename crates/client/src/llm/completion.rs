@@ -60,7 +60,7 @@ impl Completion {
 
 /// Reads JSON. A model that stops in the middle of a character leaves half of it, which many endpoints hand on and no JSON
 /// may have; what is whole is read all the same, as the model would say it again and again.
-pub(crate) fn parse(body: &[u8]) -> Option<Value> {
+pub(super) fn parse(body: &[u8]) -> Option<Value> {
     let body = body.strip_prefix(b"\xef\xbb\xbf").unwrap_or(body);
     let mended = || serde_json::from_str(&whole_characters(&String::from_utf8_lossy(body)));
     serde_json::from_slice(body).or_else(|_| mended()).ok()
@@ -188,7 +188,7 @@ impl Parts {
 }
 
 /// The usage, and the tokens that count for the budget.
-pub(crate) fn usage(usage: &Value) -> (Usage, Option<u64>) {
+fn usage(usage: &Value) -> (Usage, Option<u64>) {
     let sane = |value: &Value| value.as_u64().filter(|tokens| *tokens <= TOKENS_MAX);
     let number = |names: [&str; 2]| names.iter().find_map(|name| sane(&usage[*name]));
     let prompt_tokens = number(["prompt_tokens", "input_tokens"]);
@@ -202,9 +202,9 @@ pub(crate) fn usage(usage: &Value) -> (Usage, Option<u64>) {
 
 /// An endpoint's refusal.
 #[derive(Debug, Default)]
-pub(crate) struct Refusal {
+pub(super) struct Refusal {
     /// Its text, unchanged: the key has to be removed before it is shown.
-    pub(crate) said: String,
+    pub(super) said: String,
     /// What programs are to know it by: the values of `code` and `type`.
     pub(super) names: Vec<String>,
     /// The status that it gives itself, where it came with another.

@@ -8,11 +8,9 @@ use reqwest::header::{CONTENT_TYPE, HeaderMap, HeaderValue, LOCATION, RETRY_AFTE
 use reqwest::{Client, StatusCode, Url, redirect};
 use serde_json::{Map, Value};
 
-use super::api::Api;
-use super::completion::{Refusal, error_of, one_line, refusal};
+use super::Chat;
+use super::completion::{Completion, Refusal, error_of, one_line, parse, refusal};
 use super::key::NoKey;
-use super::requests::Request;
-use super::route::Route;
 use super::settings::Settings;
 use super::stop::{Said, Stop};
 use swarmbench_clock::{Clock, after, until};
@@ -35,7 +33,6 @@ pub(super) struct Endpoint {
     /// The address as it may be shown: what follows its path may be a secret.
     pub(super) shown: String,
     pub(super) settings: Settings,
-    pub(super) route: Route,
     /// The fields that all requests have.
     pub(super) body: Map<String, Value>,
     /// Whether the endpoint has ever answered.
@@ -87,16 +84,15 @@ impl Passing {
 impl Endpoint {
     /// # Errors
     /// [`Stop::Settings`] or [`Stop::WrongKey`] for what cannot work.
-    pub(super) fn new(settings: Settings, route: Route) -> Result<Self, Stop> {
-        let url = settings.url(route)?;
+    pub(super) fn new(settings: Settings) -> Result<Self, Stop> {
+        let url = settings.url()?;
         let body = settings.body()?;
         let mut shown = url.clone();
         shown.set_query(None);
         shown.set_fragment(None);
         let shown = shown.to_string();
         let mut headers = HeaderMap::new();
-        let api = if route == Route::Embeddings { Api::OpenAi } else { settings.api };
-        let (key_header, prefix) = api.key_header();
+        let (key_header, prefix) = settings.api.key_header();
         match settings.key.header(prefix) {
             None => {}
             Some(Ok(header)) => {
@@ -110,7 +106,7 @@ impl Endpoint {
                 )));
             }
         }
-        if let Some((name, version)) = api.version_header() {
+        if let Some((name, version)) = settings.api.version_header() {
             headers.insert(name, HeaderValue::from_static(version));
         }
         for (name, value) in settings.headers.values() {
@@ -129,7 +125,7 @@ impl Endpoint {
             .user_agent(concat!("swarmbench/", env!("CARGO_PKG_VERSION")))
             .build()
             .map_err(|error| Stop::Settings(format!("no HTTP client: {error}")))?;
-        Ok(Self { http, url, shown, settings, route, body, has_spoken: AtomicBool::new(false) })
+        Ok(Self { http, url, shown, settings, body, has_spoken: AtomicBool::new(false) })
     }
 
     /// The server: limits of concurrent requests are for all that is there.
@@ -138,30 +134,26 @@ impl Endpoint {
     }
 
     /// Asks once; the answer, and how long it took.
-    pub(super) async fn ask<R: Request>(
+    pub(super) async fn ask(
         &self,
-        request: &R,
+        chat: &Chat<'_>,
         clock: &dyn Clock,
-    ) -> Result<(R::Answer, Duration), Trouble> {
+    ) -> Result<(Completion, Duration), Trouble> {
         let began = clock.now();
         let timeout = self.settings.timeout;
-        let answer = tokio::select! {
-            result = self.exchange(request, clock) => result?,
+        let completion = tokio::select! {
+            result = self.exchange(chat, clock) => result?,
             () = clock.sleep_until(after(began, timeout)) => {
                 let said = format!("no whole answer within {} s", timeout.as_secs_f64());
                 return Err(Passing::trouble(Kind::TimeOut, said));
             }
         };
-        Ok((answer, until(began, clock.now())))
+        Ok((completion, until(began, clock.now())))
     }
 
-    async fn exchange<R: Request>(
-        &self,
-        asked: &R,
-        clock: &dyn Clock,
-    ) -> Result<R::Answer, Trouble> {
+    async fn exchange(&self, chat: &Chat<'_>, clock: &dyn Clock) -> Result<Completion, Trouble> {
         let mut body = self.body.clone();
-        body.extend(asked.fields());
+        body.extend(chat.fields());
         let request = self.http.post(self.url.clone()).json(&body);
         let response = request.send().await.map_err(|error| self.broken(error))?;
         self.has_spoken.store(true, Ordering::Relaxed);
@@ -176,7 +168,7 @@ impl Endpoint {
         }
         if !status.is_success() {
             let body = self.body_of(response, REFUSAL_BYTES_MAX).await.unwrap_or_default();
-            return self.refused(asked, status.as_u16(), &refusal(&body.bytes), wait);
+            return self.refused(chat, status.as_u16(), &refusal(&body.bytes), wait);
         }
         let body = self.body_of(response, BODY_BYTES_MAX).await?;
         if body.bytes.starts_with(b"data: ") || body.bytes.starts_with(b"event: ") {
@@ -194,31 +186,30 @@ impl Endpoint {
                 "{} ({}) that is no {}: {shown}",
                 status.as_u16(),
                 one_line(kind),
-                self.route.answer()
+                self.settings.api.answer()
             );
             Passing::trouble(Kind::Unreadable, said)
         };
-        let value = asked.parse(&body.bytes).ok_or_else(unreadable)?;
+        let value = parse(&body.bytes).ok_or_else(unreadable)?;
         if let Some(refusal) = error_of(&value) {
             // A router that had begun to answer cannot take its status back.
             let status = refusal.status.filter(|status| *status >= 400);
             return match status {
-                Some(status) => self.refused(asked, status, &refusal, wait),
+                Some(status) => self.refused(chat, status, &refusal, wait),
                 None => Err(Passing::trouble(Kind::Server, self.quoted(&refusal.said))),
             };
         }
-        asked.read(&value).ok_or_else(unreadable)
+        chat.read(&value).ok_or_else(unreadable)
     }
 
     /// What a status of failure means.
-    fn refused<R: Request>(
+    fn refused(
         &self,
-        asked: &R,
+        chat: &Chat<'_>,
         status: u16,
         refusal: &Refusal,
         wait: Option<Duration>,
-    ) -> Result<R::Answer, Trouble> {
-        let route = self.route;
+    ) -> Result<Completion, Trouble> {
         let url = self.shown.clone();
         let key = self.settings.credential();
         let (variable, state) = (key.variable().to_owned(), key.state());
@@ -230,8 +221,8 @@ impl Endpoint {
         if status == 400 && refusal.said.contains("credit balance is too low") {
             return Err(Trouble::Final(Stop::NoCredit { url, status, said }));
         }
-        if let Some(answer) = asked.excuse(status, refusal, &said) {
-            return Ok(answer);
+        if let Some(completion) = chat.excuse(status, refusal, &said) {
+            return Ok(completion);
         }
         let passing = |kind| {
             let Said(said) = &said;
@@ -245,22 +236,22 @@ impl Endpoint {
             }
             429 | 503 | 529 => return passing(Kind::Load),
             408 | 409 | 425 | 500.. => return passing(Kind::Server),
-            401 => Stop::WrongKey { url, route, variable, state, said },
+            401 => Stop::WrongKey { url, variable, state, said },
             402 => Stop::NoCredit { url, status, said },
             403 => Stop::Forbidden { url, variable, state, model, said },
             404 | 405 => Stop::NotFound { url, status, model, hint: self.not_found(refusal), said },
-            _ => Stop::BadRequest { url, status, hint: hint(route, refusal), said },
+            _ => Stop::BadRequest { url, status, hint: hint(refusal), said },
         };
         Err(Trouble::Final(stop))
     }
 
     fn only_streams(&self, said: Said) -> Stop {
-        Stop::OnlyStreams { url: self.shown.clone(), route: self.route, said }
+        Stop::OnlyStreams { url: self.shown.clone(), said }
     }
 
     /// What to try where nothing was found.
     fn not_found(&self, refusal: &Refusal) -> String {
-        let base = self.shown.trim_end_matches(self.route.path());
+        let base = self.shown.trim_end_matches(self.settings.api.path());
         let names_model = refusal.names.iter().any(|name| name.contains("model"))
             || refusal.said.contains(&self.settings.model);
         if names_model {
@@ -279,13 +270,12 @@ impl Endpoint {
             to.set_fragment(None);
             to.set_username("").ok()?;
             to.set_password(None).ok()?;
-            let base = to.path().strip_suffix(self.route.path()).map(str::to_owned);
+            let base = to.path().strip_suffix(self.settings.api.path()).map(str::to_owned);
             to.set_path(&base.unwrap_or_else(|| to.path().to_owned()));
             Some(self.quoted(to.as_str()))
         });
         let to = to.unwrap_or_else(|| "an address that cannot be read".to_owned());
-        let (url, route) = (self.shown.clone(), self.route);
-        Stop::Elsewhere { url, route, status: status.as_u16(), to }
+        Stop::Elsewhere { url: self.shown.clone(), status: status.as_u16(), to }
     }
 
     /// A connection that did not come about, or broke.
@@ -352,8 +342,8 @@ fn is_about_credit(name: &str) -> bool {
 }
 
 /// What to change in a refused request, if the refusal names it.
-fn hint(route: Route, refusal: &Refusal) -> String {
-    let of_chats: &[(&[&str], &str)] = &[
+fn hint(refusal: &Refusal) -> String {
+    let hints: &[(&[&str], &str)] = &[
         (
             &["max_completion_tokens", "max_tokens"],
             "leave --max-tokens out and say --extra '{\"max_completion_tokens\": …}' in its place",
@@ -366,15 +356,10 @@ fn hint(route: Route, refusal: &Refusal) -> String {
             &["context"],
             "the prompt is too long for this model: try a smaller --view-size or --memory",
         ),
+        (&["valid model"], "see whether the endpoint has a model of this name"),
     ];
-    let of_all: &[(&[&str], &str)] =
-        &[(&["valid model"], "see whether the endpoint has a model of this name")];
-    let hints = match route {
-        Route::Chat | Route::Messages => of_chats,
-        Route::Embeddings => &[],
-    };
     let is_meant = |words: &[&str]| words.iter().all(|word| refusal.said.contains(word));
-    let found = hints.iter().chain(of_all).find(|(words, _)| is_meant(words));
+    let found = hints.iter().find(|(words, _)| is_meant(words));
     found.map(|(_, hint)| format!(": {hint}")).unwrap_or_default()
 }
 

@@ -17,7 +17,7 @@
 //! - [`settings`]: which model is asked, where and how. [`key`]: its key, which is never shown. [`headers`]: further
 //!   headers. [`api`]: what differs between the interfaces of endpoints.
 //! - [`allowance`]: requests at once at each endpoint, and tokens, shared by all models of an evaluation.
-//! - `requests`: how requests of any kind are sent, tried again and given up. `route`: the kinds.
+//! - `requests`: how requests are sent, tried again and given up.
 //! - [`cassette`]: answers in a file.
 //! - [`completion`]: what an endpoint's answer says. [`stop`]: why there is none.
 
@@ -30,7 +30,6 @@ mod gate;
 pub mod headers;
 pub mod key;
 mod requests;
-pub mod route;
 pub mod settings;
 pub mod spent;
 pub mod stop;
@@ -41,8 +40,6 @@ pub use cassette::Cassette;
 pub use completion::{Answer, Failure};
 pub use headers::Headers;
 pub use key::ApiKey;
-pub(crate) use requests::{Request, Requests};
-pub use route::Route;
 pub use settings::{Sampling, Settings};
 pub use spent::Spent;
 pub use stop::Stop;
@@ -54,7 +51,7 @@ use serde_json::{Map, Value};
 
 use cassette::RecordedModel;
 use completion::{Completion, Refusal};
-use requests::Answered;
+use requests::{Answered, Requests};
 use stop::Said;
 
 use swarmbench_clock::millis;
@@ -104,8 +101,7 @@ impl Model {
                 settings.model
             )));
         }
-        let route = settings.api.route();
-        let requests = Requests::new(settings, route, allowance)?;
+        let requests = Requests::new(settings, allowance)?;
         let recorded = cassette.map(|cassette| cassette.model(requests.body())).transpose()?;
         Ok(Self(Arc::new(Inner { requests, recorded })))
     }
@@ -155,7 +151,7 @@ impl Model {
     pub async fn probe(&self) -> Result<(), Stop> {
         let requests = &self.0.requests;
         let probe = Chat { text: PROBE, question: None, settings: requests.settings() };
-        self.count(&requests.send(&probe).await?);
+        self.count(&requests.send(&probe).await?.completion);
         Ok(())
     }
 
@@ -167,27 +163,27 @@ impl Model {
         let answers = || requests.counters.spent().answers;
         let before = answers();
         let mut answered = requests.send(&chat).await?;
-        if answered.answer.is_rejected() {
+        if answered.completion.is_rejected() {
             if answers() == before {
                 // Nothing tells yet whether the endpoint takes any question with these settings.
                 self.probe().await?;
             }
             answered = requests.send(&chat).await?;
         }
-        self.count(&answered);
-        let Answered { answer: Completion { mut answer, .. }, latency, retries } = answered;
+        let Answered { completion, latency, retries } = answered;
+        self.count(&completion);
+        let mut answer = completion.answer;
         answer.usage.latency_ms = Some(millis(latency));
         answer.retries = retries;
         Ok(answer)
     }
 
-    fn count(&self, answered: &Answered<Completion>) {
-        let Completion { answer, tokens } = &answered.answer;
+    fn count(&self, completion: &Completion) {
         let counters = &self.0.requests.counters;
-        if answered.answer.is_rejected() {
+        if completion.is_rejected() {
             counters.rejected();
         } else {
-            counters.answered(&answer.usage, tokens.is_none(), answer.failure);
+            counters.answered(completion);
         }
     }
 
@@ -216,9 +212,8 @@ struct Chat<'a> {
     settings: &'a Settings,
 }
 
-impl Request for Chat<'_> {
-    type Answer = Completion;
-
+impl Chat<'_> {
+    /// What it asks for, for the log.
     fn subject(&self) -> String {
         self.question.map_or_else(
             || "a probe".to_owned(),
@@ -226,11 +221,13 @@ impl Request for Chat<'_> {
         )
     }
 
+    /// The fields of the body that differ from request to request.
     fn fields(&self) -> Map<String, Value> {
         let system = self.question.and_then(|question| question.system.as_deref());
         self.settings.api.fields(system, self.text)
     }
 
+    /// Reads the body of a success; `None` if it is something else.
     fn read(&self, body: &Value) -> Option<Completion> {
         let body = self.settings.api.completion(body)?;
         let Completion { mut answer, tokens } = completion::read(&body)?;
@@ -239,7 +236,7 @@ impl Request for Chat<'_> {
         Some(Completion { answer: answer.bounded(), tokens })
     }
 
-    /// A filter took offence at the question, or the endpoint does not take it as it is.
+    /// An answer in spite of a refusal: a filter took offence at the question, or the endpoint does not take it as it is.
     fn excuse(&self, status: u16, refusal: &Refusal, said: &Said) -> Option<Completion> {
         self.question?;
         let (what, failure) = match status {
@@ -255,7 +252,7 @@ impl Request for Chat<'_> {
         })
     }
 
-    /// As reported by the endpoint, or else a fourth of the bytes.
+    /// What an answer costs of the budget: as reported by the endpoint, or else a fourth of the bytes.
     fn tokens(&self, completion: &Completion) -> u64 {
         if completion.is_rejected() {
             return 0;

@@ -7,65 +7,38 @@ use backon::BackoffBuilder;
 use serde_json::{Map, Value};
 use tokio_util::sync::CancellationToken;
 
-use super::allowance::Allowance;
-use super::allowance::Turns;
-use super::completion::{self, Refusal};
+use super::Chat;
+use super::allowance::{Allowance, Turns};
+use super::completion::Completion;
 use super::endpoint::{Endpoint, Kind, Passing, Trouble};
 use super::gate::{Gate, Refusals};
-use super::route::Route;
 use super::settings::Settings;
 use super::spent::Counters;
-use super::stop::{Said, Stop};
+use super::stop::Stop;
 
 use swarmbench_clock::{after, millis};
 
 /// Retries of an address that never answered. It may be mistyped, and then its user must not wait for minutes.
 const NOBODY_RETRIES: u32 = 2;
 
-/// A request of one kind, and how its answer is read.
-pub(crate) trait Request {
-    /// A good answer.
-    type Answer;
-
-    /// What it asks for, for the log.
-    fn subject(&self) -> String;
-
-    /// The fields of the body that differ from request to request.
-    fn fields(&self) -> Map<String, Value>;
-
-    /// Reads JSON; `None` if it is none.
-    fn parse(&self, body: &[u8]) -> Option<Value> {
-        completion::parse(body)
-    }
-
-    /// Reads the body of a success; `None` if it is something else.
-    fn read(&self, body: &Value) -> Option<Self::Answer>;
-
-    /// An answer in spite of a refusal: where the request is at fault, and not the endpoint or its settings.
-    fn excuse(&self, status: u16, refusal: &Refusal, said: &Said) -> Option<Self::Answer>;
-
-    /// What an answer costs of the budget.
-    fn tokens(&self, answer: &Self::Answer) -> u64;
-}
-
 /// An answer, and what it took.
 #[derive(Debug)]
-pub(crate) struct Answered<A> {
-    pub(crate) answer: A,
+pub(super) struct Answered {
+    pub(super) completion: Completion,
     /// The duration of the request that succeeded.
-    pub(crate) latency: Duration,
+    pub(super) latency: Duration,
     /// Retries before it.
-    pub(crate) retries: u32,
+    pub(super) retries: u32,
 }
 
 /// See the module.
 #[derive(Debug)]
-pub(crate) struct Requests {
+pub(super) struct Requests {
     endpoint: Endpoint,
     allowance: Allowance,
     gate: Arc<Gate>,
     turns: Turns,
-    pub(crate) counters: Counters,
+    pub(super) counters: Counters,
     /// Why it stopped for ever; the error of all later requests.
     stop: OnceLock<Stop>,
     /// Wakes those who pause when it has stopped.
@@ -75,12 +48,8 @@ pub(crate) struct Requests {
 impl Requests {
     /// # Errors
     /// [`Stop::Settings`] where a setting cannot work.
-    pub(crate) fn new(
-        settings: Settings,
-        route: Route,
-        allowance: &Allowance,
-    ) -> Result<Self, Stop> {
-        let endpoint = Endpoint::new(settings, route)?;
+    pub(super) fn new(settings: Settings, allowance: &Allowance) -> Result<Self, Stop> {
+        let endpoint = Endpoint::new(settings)?;
         let Settings { model, requests, .. } = &endpoint.settings;
         let gate = allowance.gate(&endpoint.shown, model, *requests);
         let turns = allowance.turns(endpoint.origin(), requests.is_some());
@@ -95,22 +64,17 @@ impl Requests {
         })
     }
 
-    pub(crate) fn settings(&self) -> &Settings {
+    pub(super) fn settings(&self) -> &Settings {
         &self.endpoint.settings
     }
 
     /// The server that is asked.
-    pub(crate) fn origin(&self) -> String {
+    pub(super) fn origin(&self) -> String {
         self.endpoint.origin()
     }
 
-    /// The address that is asked, as it may be shown.
-    pub(crate) fn url(&self) -> &str {
-        &self.endpoint.shown
-    }
-
     /// The fields that all requests have.
-    pub(crate) fn body(&self) -> &Map<String, Value> {
+    pub(super) fn body(&self) -> &Map<String, Value> {
         &self.endpoint.body
     }
 
@@ -119,7 +83,7 @@ impl Requests {
     /// # Errors
     /// Why no answer can be had. All but [`Stop::BudgetSpent`] and [`Stop::Interrupted`] are also the errors of all later
     /// requests.
-    pub(crate) async fn send<R: Request>(&self, request: &R) -> Result<Answered<R::Answer>, Stop> {
+    pub(super) async fn send(&self, chat: &Chat<'_>) -> Result<Answered, Stop> {
         let clock = &**self.allowance.clock();
         let settings = self.settings();
         let mut pauses = settings.pauses().build();
@@ -137,24 +101,20 @@ impl Requests {
             };
             self.allowance.check()?;
             let in_flight = self.counters.request();
-            let asked = self.endpoint.ask(request, clock).await;
+            let asked = self.endpoint.ask(chat, clock).await;
             in_flight.over();
             let passing = match asked {
-                Ok((answer, latency)) => {
+                Ok((completion, latency)) => {
                     pass.answered();
-                    self.allowance.spend(request.tokens(&answer));
-                    return Ok(Answered { answer, latency, retries });
+                    self.allowance.spend(chat.tokens(&completion));
+                    return Ok(Answered { completion, latency, retries });
                 }
                 Err(Trouble::Final(stop)) => return Err(self.stop(stop)),
                 Err(Trouble::Passing(passing)) => passing,
             };
             let Passing { kind, said, wait, is_nobody } = passing;
             self.counters.trouble(kind, &said);
-            tracing::debug!(
-                model = settings.model,
-                subject = request.subject(),
-                "no answer: {said}"
-            );
+            tracing::debug!(model = settings.model, subject = chat.subject(), "no answer: {said}");
             if let Some(wait) = wait.filter(|wait| *wait > settings.patience) {
                 return Err(self.stop(self.come_later(wait, said)));
             }
@@ -171,8 +131,8 @@ impl Requests {
                     .ok_or(retries + 1)
             };
             let pause = pause.map_err(|tries| {
-                let (url, route) = (self.endpoint.shown.clone(), self.endpoint.route);
-                self.stop(Stop::Unreachable { url, route, tries, last: said })
+                let url = self.endpoint.shown.clone();
+                self.stop(Stop::Unreachable { url, tries, last: said })
             })?;
             // The next request finds the gate as it is now.
             drop(turn);
@@ -197,7 +157,7 @@ impl Requests {
     }
 
     /// Stops for ever. The first reason is reported.
-    pub(crate) fn stop(&self, stop: Stop) -> Stop {
+    pub(super) fn stop(&self, stop: Stop) -> Stop {
         let first = self.stop.get_or_init(|| stop).clone();
         self.stopped.cancel();
         first
@@ -206,7 +166,6 @@ impl Requests {
     fn come_later(&self, wait: Duration, last: String) -> Stop {
         Stop::ComeLater {
             url: self.endpoint.shown.clone(),
-            route: self.endpoint.route,
             wait_s: millis(wait).div_ceil(1000),
             patience_s: self.endpoint.settings.patience.as_secs(),
             last,

@@ -9,7 +9,6 @@ use serde_json::{Map, Value, json};
 use super::api::Api;
 use super::headers::Headers;
 use super::key::ApiKey;
-use super::route::Route;
 use super::stop::Stop;
 
 /// A model at an endpoint, how it is asked, and with how much patience.
@@ -19,8 +18,8 @@ pub struct Settings {
     pub model: String,
     /// The interface of the endpoint for conversations.
     pub api: Api,
-    /// The address of the endpoint up to `/chat/completions`, `/messages` or `/embeddings`, such as `https://api.openai.com/v1`. `/v1` is not
-    /// added; a slash at the end is ignored, and a query stays.
+    /// The address of the endpoint up to `/chat/completions` or `/messages`, such as `https://api.openai.com/v1`. `/v1` is
+    /// not added; a slash at the end is ignored, and a query stays.
     pub api_base: String,
     /// The key, if the endpoint wants one.
     pub key: ApiKey,
@@ -68,7 +67,7 @@ impl Settings {
         }
     }
 
-    /// All fields of the body except the messages or texts. Cassettes identify models by it.
+    /// All fields of the body except the messages. Cassettes identify models by it.
     ///
     /// # Errors
     /// [`Stop::Settings`] if a further field has its own setting, or contains the key.
@@ -129,7 +128,7 @@ impl Settings {
     ///
     /// # Errors
     /// [`Stop::Settings`] if this is no address, or it contains credentials.
-    pub(super) fn url(&self, route: Route) -> Result<Url, Stop> {
+    pub(super) fn url(&self) -> Result<Url, Stop> {
         let wrong = |what: &str| {
             Stop::Settings(format!(
                 "the api base {what}; it looks like https://api.openai.com/v1 or http://127.0.0.1:11434/v1"
@@ -142,9 +141,8 @@ impl Settings {
             let variable = self.key.variable();
             return Err(wrong(&format!("holds credentials: put the key into {variable} instead")));
         }
-        let path = url.path().trim_end_matches('/');
-        let path = path.strip_suffix(route.path()).unwrap_or(path);
-        let path = format!("{path}{}", route.path());
+        let (path, end) = (url.path().trim_end_matches('/'), self.api.path());
+        let path = format!("{}{end}", path.strip_suffix(end).unwrap_or(path));
         url.set_path(&path);
         Ok(url)
     }

@@ -2,7 +2,7 @@
 
 use std::sync::{Mutex, MutexGuard};
 
-use super::completion::{Answer, Failure};
+use super::completion::{Answer, Completion, Failure};
 use super::endpoint::Kind;
 use swarmbench_protocol::act::Usage;
 use swarmbench_protocol::failure::Failures;
@@ -61,7 +61,7 @@ impl Troubles {
 
 /// A [`Spent`] that grows.
 #[derive(Debug, Default)]
-pub(crate) struct Counters {
+pub(super) struct Counters {
     spent: Mutex<Spent>,
     trouble: Mutex<Option<String>>,
 }
@@ -79,7 +79,7 @@ impl Counters {
         self.last().clone()
     }
 
-    pub(crate) fn spent(&self) -> Spent {
+    pub(super) fn spent(&self) -> Spent {
         *self.get()
     }
 
@@ -108,14 +108,14 @@ impl Counters {
         }
     }
 
-    pub(crate) fn answered(&self, usage: &Usage, is_unmetered: bool, failure: Option<Failure>) {
+    pub(super) fn answered(&self, Completion { answer, tokens }: &Completion) {
         *self.last() = None;
         let mut spent = self.get();
         spent.answers += 1;
-        spent.prompt_tokens += usage.prompt_tokens.unwrap_or(0);
-        spent.completion_tokens += usage.completion_tokens.unwrap_or(0);
-        spent.unmetered += u64::from(is_unmetered);
-        if let Some(failure) = failure {
+        spent.prompt_tokens += answer.usage.prompt_tokens.unwrap_or(0);
+        spent.completion_tokens += answer.usage.completion_tokens.unwrap_or(0);
+        spent.unmetered += u64::from(tokens.is_none());
+        if let Some(failure) = answer.failure {
             spent.failures.count(failure);
         }
     }

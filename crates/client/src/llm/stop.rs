@@ -2,8 +2,6 @@
 
 use std::path::PathBuf;
 
-use super::route::Route;
-
 /// The end of a run that is no fault of the model: it costs the model no move, and the run can resume where it
 /// stopped. `Display` is for people: what happened, and what to do next. No key is ever in it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -11,14 +9,11 @@ pub enum Stop {
     /// 401: the endpoint wants another key, or any.
     #[error(
         "{url} asks for a good key (401), and {state}; put a key of this endpoint into {variable}, or name the variable \
-         that holds one with {}. {said}",
-        route.key_option()
+         that holds one with --api-key-env. {said}"
     )]
     WrongKey {
         /// What was asked.
         url: String,
-        /// For what.
-        route: Route,
         /// The environment variable of the key.
         variable: String,
         /// What is known of the key: refused, empty, not set.
@@ -85,29 +80,23 @@ pub enum Stop {
     /// The endpoint answers with a stream of events, though none was asked for, or refuses to answer without one.
     #[error(
         "{url} answers with a stream of events only, and only whole answers are read; turn streaming off at the \
-         endpoint (many proxies have a setting for it), or name another endpoint with {}{}",
-        route.address_option(),
+         endpoint (many proxies have a setting for it), or name another endpoint with --api-base{}",
         if said.0.is_empty() { String::new() } else { format!(". {said}") }
     )]
     OnlyStreams {
         /// What was asked.
         url: String,
-        /// For what.
-        route: Route,
         /// What the endpoint said, if it refused.
         said: Said,
     },
     /// 3xx: the endpoint is elsewhere, and a key is not carried there unasked.
     #[error(
         "{url} sends on to {to} ({status}), and keys are not carried to other addresses; if you trust that address, \
-         name it with {}",
-        route.address_option()
+         name it with --api-base"
     )]
     Elsewhere {
         /// What was asked.
         url: String,
-        /// For what.
-        route: Route,
         /// The status.
         status: u16,
         /// Where it sends.
@@ -128,15 +117,12 @@ pub enum Stop {
     },
     /// The endpoint could not be had, however often it was tried.
     #[error(
-        "{url} gave no answer in {tries} tries in a row; the last: {last}. {}: run the same command again when it \
-         answers",
-        route.kept()
+        "{url} gave no answer in {tries} tries in a row; the last: {last}. No move was lost: run the same command again \
+         when it answers"
     )]
     Unreachable {
         /// What was asked.
         url: String,
-        /// For what.
-        route: Route,
         /// How many tries failed in a row.
         tries: u32,
         /// What happened the last time.
@@ -145,14 +131,11 @@ pub enum Stop {
     /// The endpoint wants to be left alone for longer than anybody wants to wait.
     #[error(
         "{url} asks to retry in {wait_s} s ({last}), longer than the {patience_s} s that one pause may take; run the \
-         same command again then{}",
-        route.longer_pauses()
+         same command again then, or allow longer pauses with --patience"
     )]
     ComeLater {
         /// What was asked.
         url: String,
-        /// For what.
-        route: Route,
         /// Seconds that it asked for.
         wait_s: u64,
         /// Seconds that a pause may take.
@@ -189,7 +172,7 @@ pub enum Stop {
 
 /// What an endpoint said in a refusal: one line, cut, and without the key.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Said(pub String);
+pub struct Said(pub(super) String);
 
 impl std::fmt::Display for Said {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use swarmbench_analysis::game::{Decision, Setup, State};
 use swarmbench_analysis::metric::Panel as Group;
 use swarmbench_analysis::statistics::{Correlation, NoCorrelation};
-use swarmbench_analysis::{Hash1, Meter, Options};
+use swarmbench_analysis::{Meter, Options};
 use swarmbench_engine::{Act, Config, Message, Settings, TaskName};
 use swarmbench_figures::board::{Board, Row, Score};
 use swarmbench_figures::correlations::{Bars, Found, HeatMap};
@@ -206,7 +206,7 @@ pub(crate) fn moments(
     let mut moments = Vec::new();
     let options = Options { series: false, vectors: false, edits: false };
     let layout = State::of(game.world());
-    let mut meter = Meter::new(Setup::of(game.world()), layout, options, Arc::new(Hash1::new()));
+    let mut meter = Meter::new(Setup::of(game.world()), layout, options);
     while !game.world().is_over() && game.world().round() < rounds {
         let mut moment = Moment::of(game.world(), windows);
         let mut acts = game.decide();
