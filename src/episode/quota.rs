@@ -23,8 +23,8 @@ pub struct Caps {
     pub episodes_unfinished_max: usize,
     /// Episodes that have not ended, of one key.
     pub episodes_per_key_max: usize,
-    /// The percentage of all episodes that is reserved for organizers and for the next games of runs; as many again are reserved
-    /// for parties without an unfinished one.
+    /// The percentage of all episodes that is reserved for parties without an unfinished one; half as many are reserved for
+    /// organizers and for the next games of runs.
     pub reserved_percent: u32,
     /// Bytes that the acts of one episode may take in the journal.
     pub journal_bytes_per_episode_max: u64,
@@ -359,8 +359,8 @@ impl Usage {
         let own = self.by_party.get(&party).map_or(0, |share| share.episodes);
         let open = match purpose {
             Purpose::Organizer => all,
-            Purpose::NextGame if own == 0 => all - reserved / 2,
-            Purpose::NextGame | Purpose::Usual => all - reserved,
+            Purpose::NextGame if own == 0 => all - reserved / 4,
+            Purpose::NextGame | Purpose::Usual => all - reserved / 2,
         };
         let free = open.saturating_sub(self.unfinished.len());
         if free == 0 {
@@ -599,19 +599,19 @@ mod tests {
     fn groups_share_the_episodes_and_a_newcomer_finds_some() {
         let mut opener = Opener::of(1000, 10);
         let usual = Purpose::Usual;
-        // 900 are open to all, and 800 of them to those who have some.
-        assert_eq!(opener.all(Party::of_key(Some(OwnerKey(1))), usual), 400);
-        assert_eq!(opener.all(Party::of_key(None), usual), 200);
+        // 950 are open to all, and 850 of them to those who have some.
+        assert_eq!(opener.all(Party::of_key(Some(OwnerKey(1))), usual), 425);
+        assert_eq!(opener.all(Party::of_key(None), usual), 213);
         // However many entrants somebody makes of himself, they have what one competition has, and a first game each.
         let entrants: Vec<usize> = (0..50).map(|n| opener.all(entrant(1, n), usual)).collect();
         assert!(entrants.iter().all(|count| *count > 0), "{entrants:?}");
-        assert_eq!(entrants.iter().sum::<usize>(), 143, "{entrants:?}");
+        assert_eq!(entrants.iter().sum::<usize>(), 149, "{entrants:?}");
         assert_eq!(opener.one(entrant(2, 1), usual), Ok(()), "another competition starts");
         // Programs of the host share with nobody, and leave the reserve.
-        assert_eq!(opener.all(HOST, usual), 156);
+        assert_eq!(opener.all(HOST, usual), 162);
         assert_eq!(opener.one(entrant(3, 1), usual), Err(Full::Episodes(1000)));
         assert_eq!(opener.all(entrant(3, 1), Purpose::NextGame), 1, "a run goes on");
-        assert_eq!(opener.all(OWN, Purpose::Organizer), 99);
+        assert_eq!(opener.all(OWN, Purpose::Organizer), 49);
     }
 
     /// What greedy entrants with `parallel` games each leave of a server of the usual size, and how many entrants that have none
@@ -631,14 +631,14 @@ mod tests {
     fn greedy_entrants_leave_first_games_to_others() {
         for (competitions, entrants, parallel, expected) in [
             // Nobody is greedy: half of all places are for one competition, so that others start.
-            (1, 0, 0, (0, 9000)),
-            (1, 162, 64, (8031, 4904)),
-            (1, 1000, 64, (8869, 4066)),
-            (1, 1000, 1, (1000, 8000)),
+            (1, 0, 0, (0, 9500)),
+            (1, 162, 64, (8524, 5157)),
+            (1, 1000, 64, (9362, 4319)),
+            (1, 1000, 1, (1000, 8500)),
             // They take what they can get, in many competitions at once.
-            (1, 1000, usize::MAX, (8987, 4007)),
-            (20, 162, usize::MAX, (16_096, 948)),
-            (20, 1000, usize::MAX, (16_934, 508)),
+            (1, 1000, usize::MAX, (9486, 4257)),
+            (20, 162, usize::MAX, (17_095, 948)),
+            (20, 1000, usize::MAX, (17_933, 509)),
         ] {
             let found = newcomers(competitions, entrants, parallel);
             assert_eq!(found, expected, "{entrants} entrants of {competitions} competitions");
@@ -673,7 +673,7 @@ mod tests {
 
     #[test]
     fn a_run_goes_on_as_long_as_others_have_half() {
-        let mut opener = Opener::of(100, 10);
+        let mut opener = Opener::of(100, 20);
         let of = |cup, owners: std::ops::Range<i64>| owners.map(move |owner| entrant(cup, owner));
         let mut go_on = |mut parties: Box<dyn Iterator<Item = Party>>| {
             let goes_on = |party: &Party| opener.one(*party, Purpose::NextGame).is_ok();
@@ -692,7 +692,7 @@ mod tests {
         let all = caps.episodes_unfinished_max;
         let of_all = |percent: u32| all * percent as usize / 100;
         let is_next = purpose == Purpose::NextGame && own == 0;
-        let reserved = of_all(caps.reserved_percent) / if is_next { 2 } else { 1 };
+        let reserved = of_all(caps.reserved_percent) / if is_next { 4 } else { 2 };
         let free = (all - reserved).saturating_sub(open.len());
         let free_for_more = free.saturating_sub(of_all(caps.reserved_percent));
         let is_entrant = matches!(party.group, Group::Competition(_));

@@ -142,19 +142,25 @@ impl Registry {
     /// Reserves memory for an answer. Where none is free, idle episodes leave it first, and a small amount comes from the
     /// reserve.
     pub fn room(&self, bytes: usize) -> Result<Reservation, Exhausted> {
-        self.room_of(bytes, None)
+        self.room_of(bytes, None, Rank::Normal)
     }
 
-    /// Reserves memory as [`Registry::room`] does, for a game within the share of its group.
-    fn room_of(&self, bytes: usize, group: Option<Group>) -> Result<Reservation, Exhausted> {
+    /// Reserves memory as [`Registry::room`] does, within the share of a group: for its games and exports. An urgent request uses
+    /// the reserve, too.
+    pub fn room_of(
+        &self,
+        bytes: usize,
+        group: Option<Group>,
+        rank: Rank,
+    ) -> Result<Reservation, Exhausted> {
         let budget = &self.host.budget;
         let party = group.map(Party::of);
-        match budget.reserve(bytes, party, Rank::Normal) {
+        match budget.reserve(bytes, party, rank) {
             Ok(reservation) => return Ok(reservation),
             Err(Exhausted::All { .. }) => self.evict_idle(bytes, None),
             Err(Exhausted::Share { .. }) => self.evict_idle(bytes, group),
         }
-        let reserved = budget.reserve(bytes, party, Rank::Normal).or_else(|refused| {
+        let reserved = budget.reserve(bytes, party, rank).or_else(|refused| {
             if bytes <= SMALL_BYTES { budget.squeeze(bytes, party) } else { Err(refused) }
         });
         reserved.inspect_err(|_| {
@@ -378,7 +384,7 @@ impl Registry {
         let hosted = if is_over { 0 } else { spec.hosted_max() };
         let bytes = memory::expected(spec, stored.rounds, hosted);
         let group = Some(recovered_for(stored, party).group);
-        match self.room_of(bytes, group) {
+        match self.room_of(bytes, group, Rank::Normal) {
             Err(_) if spec.advances_by_itself() && !is_over => {
                 Ok(self.host.budget.take(bytes, group.map(Party::of)))
             }

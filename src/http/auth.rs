@@ -11,6 +11,7 @@ use swarmbench_engine::AgentId;
 use super::app::{Access, App};
 use super::client::Client;
 use super::error::{ApiError, Code};
+use super::serve::token_of;
 use crate::episode::actor::Handle;
 use crate::episode::quota::Purpose;
 use crate::episode::spec::Visibility;
@@ -88,7 +89,10 @@ impl FromRequestParts<App> for Caller {
         let token = bearer(value.to_str().map_err(|_| unknown())?)
             .map_err(|problem| ApiError::new(Code::Unauthorized, problem))?;
         let grant = app.tokens.grant(token).await?.ok_or_else(unknown)?;
-        app.tokens.party(&grant).await?.into_iter().for_each(Party::refine);
+        if let Some(party) = app.tokens.party(&grant).await? {
+            party.refine();
+            token_of(party);
+        }
         match grant {
             Grant::Seat { episode, owner, agent } => {
                 check_rate(app, owner)?;

@@ -28,6 +28,7 @@ use super::error::{ApiError, Code};
 use super::in_flight::RequestContext;
 use super::nodes::{self, Routed};
 use super::prelude::*;
+use super::serve::Counted;
 use super::{agent, router, stream, swarm};
 use crate::fair::Origin;
 
@@ -73,7 +74,12 @@ impl Front {
     }
 
     /// Answers a request that came over a connection of `peer`.
-    pub(super) async fn answer(&self, mut request: Request, peer: Peer) -> Answered {
+    pub(super) async fn answer(
+        &self,
+        mut request: Request,
+        peer: Peer,
+        connection: Arc<Counted>,
+    ) -> Answered {
         let started = Instant::now();
         let name = RequestName::of(&request, self.id_of(&request));
         if self.inner.app.nodes.is_some() {
@@ -87,7 +93,7 @@ impl Front {
             _ => name.span(),
         };
         let mut context = None;
-        let admitted = self.admit(request, peer, play, &mut context);
+        let admitted = self.admit(request, peer, connection, play, &mut context);
         let answered = AssertUnwindSafe(admitted).catch_unwind().instrument(span.clone()).await;
         let mut response = match answered {
             Ok(Ok(response)) => response,
@@ -120,6 +126,7 @@ impl Front {
         &self,
         mut request: Request,
         Peer(peer): Peer,
+        connection: Arc<Counted>,
         play: Option<Play>,
         context: &mut Option<RequestContext>,
     ) -> Result<Response, ApiError> {
@@ -149,7 +156,7 @@ impl Front {
         // Large futures are boxed: each layer would move them, which costs more than the rest of it.
         let answered =
             Box::pin(async move { (front.route(request, play, client).await, Origin::current()) });
-        let answered = rank.scope(client.party().scope(answered));
+        let answered = connection.scope(rank.scope(client.party().scope(answered)));
         let (response, origin) =
             if may_run_here { answered.await } else { app.workers.in_background(answered).await? };
         // It counts until its body is sent, and is made for the same party to its end.

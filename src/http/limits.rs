@@ -79,9 +79,9 @@ limits! {
         episodes_unfinished_max: usize = 20_000,
         /// Episodes of one key that have not ended.
         episodes_per_key_max: usize = 5_000,
-        /// Percent of all connections, episodes and entrants of a competition that are reserved for those who have none. As many
-        /// episodes again are for organizers and for the next games of runs, and as many places again in a competition for those
-        /// with an invitation code and for organizers.
+        /// Percent of all connections, episodes and entrants of a competition that are reserved for those who have none. Half as many
+        /// episodes are for organizers and for the next games of runs, and as many places again in a competition for those with
+        /// an invitation code and for organizers.
         reserved_percent: u32 = 10,
         /// Games of one run.
         run_games_max: usize = 1000,

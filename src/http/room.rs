@@ -1,10 +1,13 @@
 //! Which connection is evicted when the limit is reached and another client connects.
 //!
-//! The client with the most connections loses one, as long as it has more than its fair share of them. Which one of
-//! its connections that is, the caller's order decides.
+//! Half of all connections are for parties, who have sent a token; what they do not use is for others. Within its part, the
+//! holder with the most connections loses one, as long as it has more than its fair share of them. Which one of its
+//! connections that is, the caller's order decides.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::net::IpAddr;
+
+use crate::fair::Party;
 
 /// Connections of one client that are compared to choose one of them: the oldest ones.
 const COMPARED_MAX: usize = 256;
@@ -16,18 +19,28 @@ pub(super) enum Holder {
     Client(IpAddr),
     /// The clients of this trusted proxy whose connections have not sent a request yet.
     Unknown(IpAddr),
+    /// The party whose token came last.
+    Party(Party),
 }
 
 #[derive(Debug)]
 pub(super) struct Holders<T> {
     /// By the order in which they were accepted; no entry is empty.
     held: HashMap<Holder, BTreeMap<u64, T>>,
+    parties: Part,
+    others: Part,
+}
+
+/// The holders of one kind.
+#[derive(Debug, Default)]
+struct Part {
+    connections: usize,
     by_count: BTreeSet<(usize, Holder)>,
 }
 
 impl<T> Default for Holders<T> {
     fn default() -> Self {
-        Self { held: HashMap::new(), by_count: BTreeSet::new() }
+        Self { held: HashMap::new(), parties: Part::default(), others: Part::default() }
     }
 }
 
@@ -50,26 +63,36 @@ impl<T> Holders<T> {
             self.held.remove(&holder);
         }
         if after != before {
-            self.by_count.remove(&(before, holder));
+            let is_party = matches!(holder, Holder::Party(_));
+            let part = if is_party { &mut self.parties } else { &mut self.others };
+            part.connections = part.connections - before + after;
+            part.by_count.remove(&(before, holder));
             if after > 0 {
-                self.by_count.insert((after, holder));
+                part.by_count.insert((after, holder));
             }
         }
         result
     }
 
-    /// Removes the connection that makes room for one of `newcomer`: of the holder with the most connections, the least
-    /// by `key`. None if no holder has more than its share.
+    /// Removes the connection that makes room for one of `newcomer`, which has sent no token yet: of the holder with the most
+    /// connections, the least by `key`. None if no holder has more than its share.
     pub(super) fn evict<K: Ord>(
         &mut self,
         most: usize,
         newcomer: Holder,
         key: impl Fn(&T) -> K,
     ) -> Option<T> {
-        let holders = self.held.len() + usize::from(!self.held.contains_key(&newcomer));
+        let (parties, others, half) = (self.parties.connections, self.others.connections, most / 2);
         // Rounded up, or two clients would close each other's connections again and again.
-        let share = most.div_ceil(holders);
-        let &(count, holder) = self.by_count.last()?;
+        let (part, share) = if parties <= half || others >= half {
+            let holders =
+                self.others.by_count.len() + usize::from(!self.held.contains_key(&newcomer));
+            (&self.others, (most - parties.min(half)).div_ceil(holders))
+        } else {
+            let most = most.saturating_sub(others + 1);
+            (&self.parties, most.div_ceil(self.parties.by_count.len()))
+        };
+        let &(count, holder) = part.by_count.last()?;
         if count <= share {
             return None;
         }
@@ -160,6 +183,6 @@ mod tests {
             assert!(held.remove(holder, number).is_some());
             assert!(held.remove(holder, number).is_none());
         }
-        assert!(held.held.is_empty() && held.by_count.is_empty());
+        assert!(held.held.is_empty() && held.others.by_count.is_empty());
     }
 }

@@ -27,6 +27,7 @@ use super::front::{Answered, Front, REQUEST_ID};
 use super::limits::Limits;
 use super::room::{Holder, Holders};
 use super::timers::{ConnectionTimers, TimedBody, TimedStream, Timeouts};
+use crate::fair::Party;
 
 /// Bytes of a request's line and headers; hyper answers longer ones with 431 by itself.
 pub const HEAD_BYTES_MAX: usize = 16 * 1024;
@@ -90,9 +91,10 @@ pub async fn serve(
         match limit.take(peer, &timers) {
             Ok(permit) => {
                 let (front, ending) = (front.clone(), ending.clone());
+                let counted = Arc::clone(&permit.counted);
                 let answer = move |request| {
-                    let front = front.clone();
-                    async move { front.answer(request, peer).await }
+                    let (front, counted) = (front.clone(), Arc::clone(&counted));
+                    async move { front.answer(request, peer, counted).await }
                 };
                 connections.spawn(connection(stream, peer, answer, timers, ending, Some(permit)));
                 if limit.has_many_evicted() {
@@ -163,7 +165,7 @@ async fn connection<A: Future<Output = Answered>>(
     let service = service_fn(|request: Request<Incoming>| {
         let pending = timers.pending();
         if let Some(permit) = &permit {
-            permit.asked_by(peer, request.headers());
+            permit.counted.asked_by(peer, request.headers());
         }
         let answer = answer(request.map(Body::new));
         async move {
@@ -212,7 +214,7 @@ async fn connection<A: Future<Output = Answered>>(
 }
 
 /// The limits of connections: in all, and from one address. The last few are for addresses that have
-/// none. Where the limit is reached, a client with more than its fair share of them makes room.
+/// none. Where the limit is reached, a holder with more than its fair share of them makes room.
 struct ConnectionLimit {
     most: usize,
     reserved: usize,
@@ -312,42 +314,80 @@ impl ConnectionLimit {
         let connection = Connection { network, timers: timers.clone(), end: end.clone() };
         open.holders.add(holder, number, connection);
         metrics::gauge!("swarmbench_connections").increment(1.0);
-        let holder = Mutex::new(holder);
-        Ok(ConnectionPermit { limit: Arc::clone(self), network, number, holder, end })
+        let of = Mutex::new(Of { client: None, holder });
+        let counted = Arc::new(Counted { limit: Arc::clone(self), number, of });
+        Ok(ConnectionPermit { counted, network, end })
     }
 }
 
 /// A permit to keep a connection open, returned when this is dropped.
 struct ConnectionPermit {
-    limit: Arc<ConnectionLimit>,
+    counted: Arc<Counted>,
     network: IpAddr,
-    number: u64,
-    holder: Mutex<Holder>,
     /// Cancelled when the connection is to be closed for another one, or the server stops.
     end: CancellationToken,
 }
 
-impl ConnectionPermit {
+/// A connection as it is counted.
+pub(super) struct Counted {
+    limit: Arc<ConnectionLimit>,
+    number: u64,
+    of: Mutex<Of>,
+}
+
+/// The client whose request came last, and the holder for which the connection counts.
+struct Of {
+    client: Option<IpAddr>,
+    holder: Holder,
+}
+
+tokio::task_local! {
+    static CONNECTION: Arc<Counted>;
+}
+
+/// Counts the connection of the request that this task handles for the party whose token it has.
+pub(super) fn token_of(party: Party) {
+    // Requests from other servers of a cluster, and work of no request, have no connection that counts.
+    let _ =
+        CONNECTION.try_with(|connection| connection.move_to(|of| of.holder = Holder::Party(party)));
+}
+
+impl Counted {
+    /// Runs a future that handles a request of this connection.
+    pub(super) async fn scope<F: Future>(self: Arc<Self>, future: F) -> F::Output {
+        CONNECTION.scope(self, future).await
+    }
+
     /// Counts the connection for the client whose request it has sent.
     fn asked_by(&self, peer: Peer, headers: &HeaderMap) {
         let client = site(address(peer.0, headers, &self.limit.trusted_proxies));
-        let mut holder = self.holder.lock().expect("nothing panics while it holds this");
-        let before = std::mem::replace(&mut *holder, Holder::Client(client));
-        if before == *holder {
+        self.move_to(|of| {
+            if of.client.replace(client) != Some(client) {
+                of.holder = Holder::Client(client);
+            }
+        });
+    }
+
+    fn move_to(&self, change: impl FnOnce(&mut Of)) {
+        let mut of = self.of.lock().expect("nothing panics while it holds this");
+        let before = of.holder;
+        change(&mut of);
+        if before == of.holder {
             return;
         }
         let mut open = self.limit.open.lock().expect("nothing panics while it holds this");
         if let Some(connection) = open.holders.remove(before, self.number) {
-            open.holders.add(*holder, self.number, connection);
+            open.holders.add(of.holder, self.number, connection);
         }
     }
 }
 
 impl Drop for ConnectionPermit {
     fn drop(&mut self) {
-        let holder = *self.holder.get_mut().expect("nothing panics while it holds this");
-        let mut open = self.limit.open.lock().expect("nothing panics while it holds this");
-        match open.holders.remove(holder, self.number) {
+        let Counted { limit, number, of } = &*self.counted;
+        let of = of.lock().expect("nothing panics while it holds this");
+        let mut open = limit.open.lock().expect("nothing panics while it holds this");
+        match open.holders.remove(of.holder, *number) {
             Some(_) => open.release(self.network),
             None => open.evictions -= 1,
         }
@@ -416,7 +456,7 @@ mod tests {
         let forwarded = client.parse().expect("ASCII");
         let headers =
             HeaderMap::from_iter([(HeaderName::from_static("x-forwarded-for"), forwarded)]);
-        permit.asked_by(peer("203.0.113.1"), &headers);
+        permit.counted.asked_by(peer("203.0.113.1"), &headers);
     }
 
     fn reason(open: Result<ConnectionPermit, Full>) -> &'static str {

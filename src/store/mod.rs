@@ -23,6 +23,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use sqlx::ConnectOptions as _;
 
+use crate::fair::Party;
 use crate::ids::Place;
 use crate::migrations;
 use entries::Entry;
@@ -261,13 +262,15 @@ impl Store {
 
     /// Hands entries to the writer; see [`crate::store::port::EpisodeStore::append`].
     pub fn append(&self, entries: Vec<Entry>, committed: Committed) {
-        self.writer.append(entries, committed);
+        self.writer.append(entries, None, committed);
     }
 
     /// Keeps entries; see [`EpisodeStore::keep`](port::EpisodeStore::keep).
     #[must_use = "entries are durable only once it has returned"]
     pub fn keep(&self, entries: Vec<Entry>) -> Reply<'static, ()> {
-        port::committed(|committed| self.append(entries, committed))
+        // Without entries it waits for what was appended, and for nobody else's.
+        let party = (!entries.is_empty()).then(Party::current);
+        port::committed(|committed| self.writer.append(entries, party, committed))
     }
 
     pub fn writer(&self) -> &WriterState {

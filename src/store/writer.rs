@@ -1,7 +1,8 @@
 //! The one task that writes: it takes everything that is queued into one commit.
 //!
 //! Under load a commit carries what came in while the one before was on its way to the disk, so the
-//! cost of a commit is shared. Four things can go wrong, and each costs as little as it can:
+//! cost of a commit is shared. Games go first: of what is kept while no game waits for it, such as tokens, entries and new
+//! games, a commit carries [`KEPT_ROWS_MAX`] rows. Four things can go wrong, and each costs as little as it can:
 //!
 //! - A statement is refused, by a constraint say. The transaction is rolled back and its jobs are
 //!   written again, each behind a savepoint: that job alone gets an error, the others are committed.
@@ -30,6 +31,7 @@ use super::sql::{Builder, Connection, chunks, query};
 use super::sqlite::files::Files;
 use super::templates::Cut;
 use super::{Stopped, StoreError, competitions, postgres, sqlite};
+use crate::fair::{FairQueue, Party, Rank, Shares};
 use crate::ids::EpisodeKey;
 use crate::keys::KeyRow;
 use crate::store::entries::{EndRow, Entry, OpeningRow, TokenRow};
@@ -38,6 +40,10 @@ use crate::store::port::Committed;
 /// Jobs that one transaction takes at most, so that the first does not wait for ever.
 const GROUP_MAX: usize = 1024;
 
+/// Rows that a transaction changes for jobs for which no game waits; the last of them may go beyond it. Acts wait no longer than
+/// that takes.
+const KEPT_ROWS_MAX: usize = 256;
+
 /// How long a commit is tried again in all, while another program holds the lock or the database is not reached.
 const PATIENCE: Duration = Duration::from_mins(1);
 
@@ -45,7 +51,42 @@ const PATIENCE: Duration = Duration::from_mins(1);
 struct Job {
     entries: Vec<Entry>,
     bytes: usize,
+    /// For whom it is kept; `None` if it was appended, and running games wait for it.
+    kept_for: Option<Party>,
     committed: Committed,
+}
+
+/// Jobs for which no game waits: parties take turns, so that the many of one do not delay those of others.
+struct Kept(FairQueue<Job>);
+
+impl Kept {
+    fn new() -> Self {
+        Self(FairQueue::new(Shares::of(usize::MAX)))
+    }
+
+    /// Takes those jobs out of what came that are kept, and adds as many as a transaction has room for.
+    fn choose(&mut self, jobs: &mut Vec<Job>) -> Vec<Party> {
+        for job in jobs.extract_if(.., |job| job.kept_for.is_some()) {
+            self.0.add(job.kept_for.unwrap_or(Party::SERVER), Rank::Urgent, job);
+        }
+        let (mut rows, mut parties) = (0, Vec::new());
+        while rows < KEPT_ROWS_MAX
+            && let Some((party, _, job)) = self.0.pop()
+        {
+            rows += job.entries.iter().map(Entry::rows).sum::<usize>();
+            parties.push(party);
+            jobs.push(job);
+        }
+        parties
+    }
+
+    /// Notes how long the jobs of these parties took, that were written together.
+    fn done(&mut self, parties: Vec<Party>, took: Duration) {
+        let each = took / u32::try_from(parties.len().max(1)).unwrap_or(u32::MAX);
+        for party in parties {
+            self.0.done(party, Rank::Urgent, each);
+        }
+    }
 }
 
 pub(super) type Outcome = Result<(), StoreError>;
@@ -291,11 +332,17 @@ impl Writer {
         &self.state
     }
 
-    pub(super) fn append(&self, entries: Vec<Entry>, committed: Committed) {
+    /// Queues a job, of running games or `kept_for` somebody.
+    pub(super) fn append(
+        &self,
+        entries: Vec<Entry>,
+        kept_for: Option<Party>,
+        committed: Committed,
+    ) {
         let bytes = entries.iter().map(Entry::bytes).sum::<usize>().max(JOB_BYTES_MIN);
         self.state.add_backlog(bytes);
-        if let Err(mpsc::error::SendError(job)) = self.queue.send(Job { entries, bytes, committed })
-        {
+        let job = Job { entries, bytes, kept_for, committed };
+        if let Err(mpsc::error::SendError(job)) = self.queue.send(job) {
             self.state.remove_backlog(bytes);
             (job.committed)(Err(StoreError::Stopped(Stopped::Server)));
         }
@@ -318,7 +365,7 @@ async fn run(
     stop: CancellationToken,
 ) {
     group.set_up().await;
-    let mut jobs = Vec::with_capacity(GROUP_MAX);
+    let (mut jobs, mut kept) = (Vec::with_capacity(GROUP_MAX), Kept::new());
     loop {
         let taken = tokio::select! {
             biased;
@@ -327,17 +374,21 @@ async fn run(
                 queue.close();
                 queue.recv_many(&mut jobs, GROUP_MAX).await
             }
+            () = std::future::ready(()), if kept.0.waiting() > 0 => 0,
             () = group.watch_pause() => {
                 group.watch(&state).await;
                 continue;
             }
         };
-        if taken == 0 {
+        let parties = kept.choose(&mut jobs);
+        if taken == 0 && jobs.is_empty() {
             break;
         }
+        let began = Instant::now();
         let (jobs, receipts): (Vec<_>, Vec<_>) =
             jobs.drain(..).map(|job| (job.entries, (job.bytes, job.committed))).unzip();
-        let outcomes = group.keep(&state, &jobs, Instant::now() + PATIENCE, &stop).await;
+        let outcomes = group.keep(&state, &jobs, began + PATIENCE, &stop).await;
+        kept.done(parties, began.elapsed());
         for (entries, outcome) in jobs.iter().zip(&outcomes) {
             if outcome.is_ok() {
                 // Before the senders are notified: a client that knows of an end finds it on the board.

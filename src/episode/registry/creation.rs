@@ -161,7 +161,7 @@ impl Registry {
         let bytes = memory::expected(spec, round, spec.hosted_max());
         // What an organizer creates may take more than a share.
         let group = (*purpose != Purpose::Organizer).then_some(party.group);
-        Ok(self.room_of(bytes, group)?)
+        Ok(self.room_of(bytes, group, Rank::Normal)?)
     }
 
     async fn open_new(

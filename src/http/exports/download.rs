@@ -38,8 +38,11 @@ const PIECE_BYTES: usize = 64 * 1024;
 /// Pieces that wait for a slow reader before the export waits for it.
 const PIECES_PENDING: usize = 4;
 
-/// Bytes that an export is taken to need: two states, a group of rows, and the pieces that wait.
-const EXPORT_BYTES: usize = 32 * 1024 * 1024;
+/// Bytes that an export is taken to need: two states, and the pieces that wait.
+const EXPORT_BYTES: usize = 12 * 1024 * 1024;
+
+/// Bytes of a group of rows in Parquet, beside them.
+const ROW_GROUP_BYTES: usize = 20 * 1024 * 1024;
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
@@ -83,6 +86,14 @@ impl File {
             "jsonl" => Some(Self::Lines(table)),
             "parquet" => Some(Self::Parquet(table)),
             _ => None,
+        }
+    }
+
+    /// Bytes of memory that it needs while it is written.
+    const fn memory(self) -> usize {
+        match self {
+            Self::Dataset | Self::Lines(_) => EXPORT_BYTES,
+            Self::Parquet(_) => EXPORT_BYTES + ROW_GROUP_BYTES,
         }
     }
 
@@ -141,7 +152,7 @@ pub(in super::super) async fn download_export(
     let selection = selection(&app, &caller, params).await?;
     let party = Party::current();
     let open = app.streams.exports.reserve(1, Some(party), caller.rank())?;
-    let room = app.registry.room(EXPORT_BYTES)?;
+    let room = app.registry.room_of(file.memory(), Some(party.group), caller.rank())?;
     let permit = app.streams.parts.acquire(party, Rank::Normal).await.map_err(refused)?;
     // Organizers find sealed games in it, too.
     let audit_entry = caller.audit_entry(

@@ -167,6 +167,18 @@ impl Entry {
         }
     }
 
+    /// About how many rows of the database it changes.
+    pub fn rows(&self) -> usize {
+        match self {
+            Self::Open(row) => 1 + row.tokens.len(),
+            Self::ReplaceTokens { tokens, .. } => 2 * tokens.len(),
+            Self::Import { game, .. } => game.rounds.len(),
+            Self::AddInvitations { codes, .. } => codes.len(),
+            Self::RevokeInvitations { hashes, .. } => hashes.len(),
+            _ => 1,
+        }
+    }
+
     /// About how many bytes it takes in the queue of the writer.
     pub fn bytes(&self) -> usize {
         let text = match self {

@@ -102,13 +102,13 @@ pub struct StoredRound {
     pub head: Head,
 }
 
-/// Stores the journals of episodes. Entries become durable in the order in which they are handed over.
+/// Stores the journals of episodes. Entries that are appended become durable in the order in which they are handed over.
 pub trait EpisodeStore: Send + Sync + 'static {
     /// Keeps entries, all or none, and calls `committed` once they are durable. Never waits.
     fn append(&self, entries: Vec<Entry>, committed: Committed);
 
-    /// Keeps entries and waits until they, and all that was handed over before them, are durable;
-    /// without entries it only waits. They are stored also if the caller is gone.
+    /// Keeps entries and waits until they, and all that was appended before them, are durable; without entries it only
+    /// waits. What is appended meanwhile may be durable before them. They are stored also if the caller is gone.
     fn keep(&self, entries: Vec<Entry>) -> Reply<'_, ()> {
         committed(|committed| self.append(entries, committed))
     }

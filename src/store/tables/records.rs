@@ -294,6 +294,10 @@ impl EpisodeStore for Store {
         Self::append(self, entries, committed);
     }
 
+    fn keep(&self, entries: Vec<Entry>) -> Reply<'_, ()> {
+        Self::keep(self, entries)
+    }
+
     fn recovered(&self, episode: EpisodeKey) {
         self.writer().recovered(episode);
     }
