@@ -18,6 +18,9 @@ use crate::fair::{Group, Party, Rank};
 /// Bytes up to which memory is reserved from the reserve where the rest is used up.
 pub const SMALL_BYTES: usize = 64 * 1024;
 
+/// Bytes that a party gets from the reserve whatever its group uses: some games of the standard setting.
+pub const FIRST_BYTES: usize = 4 * SMALL_BYTES;
+
 /// The reason for which nothing is reserved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Exhausted {
@@ -152,14 +155,19 @@ impl Budget {
         Ok(())
     }
 
-    /// Reserves an amount from the reserve if there is some, whatever the share of the party is.
+    /// Reserves an amount from the reserve, if there is some. Beyond [`FIRST_BYTES`] a party gets no more than its share.
     pub fn squeeze(
         self: &Arc<Self>,
         amount: usize,
         party: Option<Party>,
     ) -> Result<Reservation, Exhausted> {
         let mut used = self.lock();
-        self.check(&used, amount, None, Rank::Urgent)?;
+        let of_party = party.map_or(0, |party| match party.member {
+            Some(_) => used.by_member.get(&party).copied().unwrap_or(0),
+            None => used.by_group.get(&party.group).copied().unwrap_or(0),
+        });
+        let shares = party.filter(|_| of_party + amount > FIRST_BYTES);
+        self.check(&used, amount, shares, Rank::Urgent)?;
         used.add(party, amount);
         Ok(self.reservation(amount, party))
     }
@@ -281,6 +289,19 @@ mod tests {
         assert_eq!(budget.squeeze(1, ONE).err(), Some(all(100)));
         drop(small);
         assert!(budget.reserve(8, TWO, Rank::Urgent).is_err(), "a share of what is free");
+    }
+
+    #[test]
+    fn small_amounts_beyond_the_first_are_shared_in_the_reserve_too() {
+        let budget = Budget::memory(8 * FIRST_BYTES);
+        let _most = budget.take(8 * FIRST_BYTES, ONE);
+        let refused =
+            |party| matches!(budget.squeeze(SMALL_BYTES, party), Err(Exhausted::Share { .. }));
+        assert!(refused(ONE));
+        let first = [(); 4].map(|()| budget.squeeze(SMALL_BYTES, TWO).expect("its first"));
+        assert!(refused(TWO), "another one gets as much");
+        drop(first);
+        assert!(!refused(TWO));
     }
 
     fn fill(budget: &Arc<Budget>, party: Option<Party>) -> (Vec<Reservation>, Exhausted) {

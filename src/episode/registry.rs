@@ -145,20 +145,19 @@ impl Registry {
         self.room_of(bytes, None, Rank::Normal)
     }
 
-    /// Reserves memory as [`Registry::room`] does, within the share of a group: for its games and exports. An urgent request uses
+    /// Reserves memory as [`Registry::room`] does, within the share of a party: for its games and exports. An urgent request uses
     /// the reserve, too.
     pub fn room_of(
         &self,
         bytes: usize,
-        group: Option<Group>,
+        party: Option<Party>,
         rank: Rank,
     ) -> Result<Reservation, Exhausted> {
         let budget = &self.host.budget;
-        let party = group.map(Party::of);
         match budget.reserve(bytes, party, rank) {
             Ok(reservation) => return Ok(reservation),
             Err(Exhausted::All { .. }) => self.evict_idle(bytes, None),
-            Err(Exhausted::Share { .. }) => self.evict_idle(bytes, group),
+            Err(Exhausted::Share { .. }) => self.evict_idle(bytes, party.map(|party| party.group)),
         }
         let reserved = budget.reserve(bytes, party, rank).or_else(|refused| {
             if bytes <= SMALL_BYTES { budget.squeeze(bytes, party) } else { Err(refused) }
@@ -383,10 +382,10 @@ impl Registry {
         let is_over = stored.end.is_some();
         let hosted = if is_over { 0 } else { spec.hosted_max() };
         let bytes = memory::expected(spec, stored.rounds, hosted);
-        let group = Some(recovered_for(stored, party).group);
-        match self.room_of(bytes, group, Rank::Normal) {
+        let party = Some(recovered_for(stored, party));
+        match self.room_of(bytes, party, Rank::Normal) {
             Err(_) if spec.advances_by_itself() && !is_over => {
-                Ok(self.host.budget.take(bytes, group.map(Party::of)))
+                Ok(self.host.budget.take(bytes, party))
             }
             room => Ok(room?),
         }

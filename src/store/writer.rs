@@ -465,12 +465,8 @@ pub(super) async fn write(
                 insert_tokens(connection, row.episode, &row.tokens).await?;
             }
             Entry::Seat(row) => super::seats::seat(connection, row).await?,
-            Entry::ReplaceTokens { episode, holder, tokens } => {
-                query("DELETE FROM tokens WHERE episode = $1 AND holder IS NOT DISTINCT FROM $2")
-                    .bind(episode.0)
-                    .bind(holder)
-                    .execute(&mut *connection)
-                    .await?;
+            Entry::ReplaceTokens { episode, holder, agents, tokens } => {
+                delete_tokens(connection, *episode, *holder, *agents).await?;
                 insert_tokens(connection, *episode, tokens).await?;
             }
             Entry::AddKey(row) => add_key(connection, row).await?,
@@ -669,6 +665,22 @@ async fn revoke_key(
         .bind(id)
         .execute(connection)
         .await?;
+    Ok(())
+}
+
+/// Deletes the tokens of a holder for these agents, the first and the last of them; agent -1 is all seats.
+async fn delete_tokens(
+    connection: &mut Connection,
+    episode: EpisodeKey,
+    holder: Option<u32>,
+    (first, last): (i64, i64),
+) -> Result<(), sqlx::Error> {
+    let delete = query(
+        "DELETE FROM tokens WHERE episode = $1 AND holder IS NOT DISTINCT FROM $2
+         AND coalesce(agent, -1) BETWEEN $3 AND $4",
+    );
+    let delete = delete.bind(episode.0).bind(holder).bind(first).bind(last);
+    delete.execute(connection).await?;
     Ok(())
 }
 

@@ -730,7 +730,7 @@ impl History {
         let Episode { key, agents, holders, .. } = self.episodes[place];
         let holder = (holders > 0 && self.dice.one_in(2)).then(|| holders - 1);
         let tokens = self.some_tokens(agents, holder);
-        vec![Entry::ReplaceTokens { episode: key, holder, tokens }]
+        vec![Entry::ReplaceTokens { episode: key, holder, agents: (-1, i64::MAX), tokens }]
     }
 
     fn add_key(&mut self) -> Vec<Entry> {

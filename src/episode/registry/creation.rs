@@ -160,8 +160,8 @@ impl Registry {
         self.host.quotas.admit(key, *party, *purpose)?;
         let bytes = memory::expected(spec, round, spec.hosted_max());
         // What an organizer creates may take more than a share.
-        let group = (*purpose != Purpose::Organizer).then_some(party.group);
-        Ok(self.room_of(bytes, group, Rank::Normal)?)
+        let shares = (*purpose != Purpose::Organizer).then_some(*party);
+        Ok(self.room_of(bytes, shares, Rank::Normal)?)
     }
 
     async fn open_new(

@@ -11,7 +11,7 @@ use crate::episode::actor::{Claim, Claimed, Handle};
 use crate::episode::seating::Wanted;
 use crate::episode::spec::Spec;
 use crate::ids::{Token, TokenKind};
-use crate::store::entries::{Entry, Holder, TokenRow};
+use crate::store::entries::{Holder, TokenRow};
 use crate::store::tokens::{Grant, Seats};
 use swarmbench_protocol::claim::{ClaimRequest, CreatedClaim};
 use swarmbench_protocol::episode::SeatToken;
@@ -82,8 +82,7 @@ async fn new_tokens(app: &App, handle: &Handle, number: u32) -> Result<Response,
     let seats = tokens.seats.iter().zip(&agents);
     let rows = seats.map(|(token, agent)| row(token.hash(), Some(*agent)));
     let rows = rows.chain([row(tokens.swarm.hash(), None)]).collect();
-    let entry = Entry::ReplaceTokens { episode: handle.key, holder: Some(number), tokens: rows };
-    app.store.keep(vec![entry]).await?;
+    app.store.replace_tokens(handle.key, Some(number), rows).await?;
     app.revoked(|grant| match grant {
         Grant::Seat { episode, agent, .. } => *episode == handle.id && agents.contains(agent),
         Grant::Swarm { episode, seats: Seats::Claimed(seats), .. } => {

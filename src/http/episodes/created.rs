@@ -12,7 +12,7 @@ use crate::episode::actor::Handle;
 use crate::episode::spec::Spec;
 use crate::ids::{EpisodeId, EpisodeKey, Token, TokenKind};
 use crate::keys::OwnerKey;
-use crate::store::entries::{Entry, TokenRow};
+use crate::store::entries::TokenRow;
 use crate::store::tokens::{Grant, Seats};
 use swarmbench_protocol::episode::{CreatedEpisode, SeatToken};
 use swarmbench_protocol::status::Status;
@@ -68,12 +68,9 @@ impl Tokens {
     /// New tokens of the creator in place of all that these episodes had.
     pub(super) async fn replaced(app: &App, episodes: &[Shown]) -> Result<Vec<Self>, ApiError> {
         let all: Vec<Self> = episodes.iter().map(|shown| Self::new(app, &shown.spec)).collect();
-        let replace = |(shown, tokens): (&Shown, &Self)| Entry::ReplaceTokens {
-            episode: shown.episode,
-            holder: None,
-            tokens: tokens.rows(),
-        };
-        app.store.keep(episodes.iter().zip(&all).map(replace).collect()).await?;
+        for (shown, tokens) in episodes.iter().zip(&all) {
+            app.store.replace_tokens(shown.episode, None, tokens.rows()).await?;
+        }
         let ids: HashSet<&EpisodeId> = episodes.iter().map(|shown| &shown.id).collect();
         app.revoked(
             |grant| matches!(grant, Grant::Seat { episode, .. } | Grant::Swarm { episode, .. } if ids.contains(episode)),

@@ -152,7 +152,7 @@ pub(in super::super) async fn download_export(
     let selection = selection(&app, &caller, params).await?;
     let party = Party::current();
     let open = app.streams.exports.reserve(1, Some(party), caller.rank())?;
-    let room = app.registry.room_of(file.memory(), Some(party.group), caller.rank())?;
+    let room = app.registry.room_of(file.memory(), Some(party), caller.rank())?;
     let permit = app.streams.parts.acquire(party, Rank::Normal).await.map_err(refused)?;
     // Organizers find sealed games in it, too.
     let audit_entry = caller.audit_entry(

@@ -29,12 +29,14 @@ pub enum Entry {
     Claim(Box<ClaimRow>),
     /// All seats are claimed: the final record of their holders.
     Seat(SeatingRow),
-    /// New tokens in place of all that a holder of seats had.
+    /// New tokens in place of those that a holder of seats had for some of them.
     ReplaceTokens {
         episode: EpisodeKey,
         /// The number of the claim; none for the creator.
         holder: Option<u32>,
-        /// All the holder's tokens from now on.
+        /// The first and the last of these agents; the token of all seats is that of agent -1.
+        agents: (i64, i64),
+        /// The holder's tokens for them from now on.
         tokens: Vec<TokenRow>,
     },
     AddKey(Box<KeyRow>),

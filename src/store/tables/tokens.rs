@@ -6,6 +6,7 @@ use swarmbench_engine::AgentId;
 
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey, TokenHash};
 use crate::keys::{Key, OwnerKey};
+use crate::store::entries::{Entry, TokenRow};
 use crate::store::sql::{from_row, query};
 use crate::store::{Store, StoreError};
 
@@ -44,7 +45,31 @@ pub enum Seats {
     Claimed(Arc<[AgentId]>),
 }
 
+/// Tokens that one commit replaces.
+const REPLACED_AT_ONCE: usize = 128;
+
 impl Store {
+    /// Replaces all tokens of a holder of seats, the creator's where `holder` is none, in pieces: acts of others are stored in
+    /// between. Where it breaks off, the same request makes all of them anew.
+    pub async fn replace_tokens(
+        &self,
+        episode: EpisodeKey,
+        holder: Option<u32>,
+        mut tokens: Vec<TokenRow>,
+    ) -> Result<(), StoreError> {
+        let number = |token: &TokenRow| token.agent.map_or(-1, |agent| i64::from(agent.0));
+        tokens.sort_unstable_by_key(number);
+        let mut first = -1;
+        while !tokens.is_empty() {
+            let rest = tokens.split_off(tokens.len().min(REPLACED_AT_ONCE));
+            let last = rest.first().map_or(i64::MAX, |next| number(next) - 1);
+            let agents = (first, last);
+            self.keep(vec![Entry::ReplaceTokens { episode, holder, agents, tokens }]).await?;
+            (tokens, first) = (rest, last.saturating_add(1));
+        }
+        Ok(())
+    }
+
     /// The rights of the token with this hash, if it is known.
     pub async fn find_token(&self, hash: TokenHash) -> Result<Option<Grant>, StoreError> {
         let query = query(concat!(
