@@ -52,9 +52,12 @@ impl Unread {
         self,
         app: &App,
     ) -> Result<(T, Arrived), ApiError> {
-        let limit = app.limits.body_bytes_max;
-        let body = app.json_body(self.0, limit, "body_bytes_max").await?;
+        let body = self.body(app).await?;
         Ok((read(body.as_ref())?, body))
+    }
+
+    async fn body(self, app: &App) -> Result<Arrived, ApiError> {
+        app.bodies.json(self.0, app.limits.body_bytes_max, "body_bytes_max").await
     }
 }
 
@@ -66,23 +69,9 @@ impl<T: DeserializeOwned + Default> FromRequest<App> for OptionalJson<T> {
 
     async fn from_request(request: Request, app: &App) -> Result<Self, ApiError> {
         check_has_token(&request)?;
-        let limit = app.limits.body_bytes_max;
-        let body = app.json_body(request, limit, "body_bytes_max").await?;
+        let body = Unread(request).body(app).await?;
         let value = if body.as_ref().is_empty() { T::default() } else { read(body.as_ref())? };
         Ok(Self(value, body))
-    }
-}
-
-impl App {
-    /// Reads a body of at most `limit` bytes that says it is JSON and is text. Its memory is reserved, and a large one has a
-    /// permit, until the result is dropped.
-    pub(super) async fn json_body(
-        &self,
-        request: Request,
-        limit: usize,
-        limit_name: &str,
-    ) -> Result<Arrived, ApiError> {
-        self.bodies.json(request, limit, limit_name).await
     }
 }
 

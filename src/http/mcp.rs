@@ -48,7 +48,7 @@ async fn post_mcp(State(app): State<App>, request: Request) -> Result<Response, 
             asked.headers_mut().append(name, value.clone());
         }
     }
-    let body = app.json_body(Request::from_parts(parts, body), most, limit).await?;
+    let body = app.bodies.json(Request::from_parts(parts, body), most, limit).await?;
     *asked.body_mut() = match swarmbench_mcp::essential(body.as_ref()) {
         Ok(body) => body,
         Err(answer) => return Ok((*answer).map(Body::from)),

@@ -40,9 +40,9 @@ use crate::store::port::Committed;
 /// Jobs that one transaction takes at most, so that the first does not wait for ever.
 const GROUP_MAX: usize = 1024;
 
-/// Rows that a transaction changes for jobs for which no game waits; the last of them may go beyond it. Acts wait no longer than
-/// that takes.
-const KEPT_ROWS_MAX: usize = 256;
+/// Rows that a transaction changes for jobs for which no game waits, each KiB of them counting as one more; the last job may go
+/// beyond it. Acts wait no longer than that takes.
+const KEPT_ROWS_MAX: usize = 128;
 
 /// How long a commit is tried again in all, while another program holds the lock or the database is not reached.
 const PATIENCE: Duration = Duration::from_mins(1);
@@ -73,7 +73,7 @@ impl Kept {
         while rows < KEPT_ROWS_MAX
             && let Some((party, _, job)) = self.0.pop()
         {
-            rows += job.entries.iter().map(Entry::rows).sum::<usize>();
+            rows += job.entries.iter().map(Entry::rows).sum::<usize>() + job.bytes / 1024;
             parties.push(party);
             jobs.push(job);
         }

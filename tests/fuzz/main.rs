@@ -2,6 +2,7 @@
 //! for longer. (The target of `POST /act` is beside its code, in `src/http/agent/act.rs`.)
 
 mod answer;
+mod carried;
 #[path = "../support/fuzz.rs"]
 mod fuzz;
 mod journal;

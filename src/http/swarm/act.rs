@@ -63,7 +63,7 @@ pub(in super::super) async fn post_swarm_act(
         return Err(ApiError::new(Code::Malformed, detail));
     }
     let limit = app.limits.swarm_body_bytes_max;
-    let body = app.json_body(request, limit, "swarm_body_bytes_max").await?;
+    let body = app.bodies.json(request, limit, "swarm_body_bytes_max").await?;
     app.check_backlog()?;
     let Envelope { acts: Acts { acts, count } } = read_envelope(body.as_ref())?;
     let most = app.limits.acts_max;

@@ -46,7 +46,7 @@ pub enum Seats {
 }
 
 /// Tokens that one commit replaces.
-const REPLACED_AT_ONCE: usize = 128;
+const REPLACED_AT_ONCE: usize = 64;
 
 impl Store {
     /// Replaces all tokens of a holder of seats, the creator's where `holder` is none, in pieces: acts of others are stored in
