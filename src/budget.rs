@@ -5,8 +5,8 @@
 //! get a third each, and a new group finds some. An entrant may have as much as its competition could still get. The first
 //! reservation of a group may use all that is free.
 //!
-//! A reserve on top is for urgent requests: of organizers for streams and exports, with a token for bodies. Of memory it is for small
-//! amounts ([`Budget::squeeze`]), so that running games can finish on a full server.
+//! A reserve on top is for urgent requests: of organizers and judges for streams and exports, with a token for bodies. Of memory it is
+//! for their exports and for small amounts ([`Budget::squeeze`]), so that running games can finish on a full server.
 
 use std::collections::HashMap;
 use std::hash::Hash;

@@ -102,7 +102,7 @@ enum Command {
     Export(export::Args),
     /// Draw a game, round by round: as an animated GIF, as video, or as pictures.
     Replay(replay::Args),
-    /// Draw figures of many games: scores, dynamics, correlations, boards.
+    /// Draw figures of many games: scores, dynamics, boards.
     Figure(Box<figure::Args>),
     /// Import games in the data format of the public toolkit.
     Import(import::Args),

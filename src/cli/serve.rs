@@ -52,7 +52,7 @@ pub(super) struct Args {
     /// Unfinished episodes that one key may have at a time.
     #[arg(long, env = "SWARMBENCH_EPISODES_PER_KEY", default_value_t = Limits::default().episodes_per_key_max)]
     episodes_per_key: usize,
-    /// Bytes that the acts of all episodes of one key may take.
+    /// Bytes that the acts of all episodes of one key may take; those of a competition may take four times as many.
     #[arg(long, env = "SWARMBENCH_JOURNAL_BYTES_PER_KEY", default_value_t = Limits::default().journal_bytes_per_key_max)]
     journal_bytes_per_key: u64,
     /// Free space of the disk below which nothing new is created, in percent; a disk with 2 GiB free is never full. 0 for

@@ -157,7 +157,7 @@ impl Registry {
         match budget.reserve(bytes, party, rank) {
             Ok(reservation) => return Ok(reservation),
             Err(Exhausted::All { .. }) => self.evict_idle(bytes, None),
-            Err(Exhausted::Share { .. }) => self.evict_idle(bytes, party.map(|party| party.group)),
+            Err(Exhausted::Share { .. }) => self.evict_idle(bytes, party),
         }
         let reserved = budget.reserve(bytes, party, rank).or_else(|refused| {
             if bytes <= SMALL_BYTES { budget.squeeze(bytes, party) } else { Err(refused) }
@@ -167,26 +167,29 @@ impl Registry {
         })
     }
 
-    /// Evicts idle episodes of a group, or of all, the longest unused first, until there
+    /// Evicts idle episodes of a party's group, its own first, or of all, the longest unused first, until there
     /// is room for `bytes` and an eighth of the budget more: so that not every request looks for them.
-    fn evict_idle(&self, bytes: usize, group: Option<Group>) {
+    fn evict_idle(&self, bytes: usize, party: Option<Party>) {
         let budget = &self.host.budget;
         let wanted = bytes.saturating_add(budget.most() / 8);
-        let is_enough = || budget.has(wanted, group.map(Party::of));
+        let group = party.map(|party| party.group);
+        let is_enough = || budget.has(wanted, party);
         let now = self.host.clock.now();
         if self.none_idle_until().get(&group).is_some_and(|until| now < *until) {
             return;
         }
         let mut slots = self.slots();
-        let is_of_group = |handle: &Handle| group.is_none() || handle.memory_group() == group;
-        let idle = |slot: &Slot| {
-            slot.handle.get().is_some_and(is_of_group) && slot.is_idle(now, IDLE_STAYS)
+        let is_of_group =
+            |whose: Option<Party>| group.is_none() || whose.map(|of| of.group) == group;
+        let idle = |(id, slot): (&EpisodeId, &Slot)| {
+            let whose = slot.handle.get()?.memory_party();
+            let is_idle = is_of_group(whose) && slot.is_idle(now, IDLE_STAYS);
+            is_idle.then(|| (whose != party, slot.used_at, id.clone()))
         };
-        let idle = slots.awake().filter(|(_, slot)| idle(slot));
-        let mut idle: Vec<_> = idle.map(|(id, slot)| (slot.used_at, id.clone())).collect();
+        let mut idle: Vec<_> = slots.awake().filter_map(idle).collect();
         idle.sort_unstable();
         let mut evicted = 0;
-        for (_, id) in idle {
+        for (_, _, id) in idle {
             if is_enough() {
                 break;
             }

@@ -144,7 +144,7 @@ impl App {
             in_flight: Arc::new(InFlight::new(limits.connections_per_address_max)),
             tokens: Tokens::new(store.clone()),
             bodies: Bodies::new(limits),
-            creations: Creations::new(),
+            creations: Creations::default(),
             waits: Waits::new(limits.waits_max, Arc::clone(clock), stop.clone()),
             rounds_seen: Mutex::new(0),
             heavy: Heavy::new(workers.clone(), limits),

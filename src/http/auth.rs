@@ -89,29 +89,18 @@ impl FromRequestParts<App> for Caller {
         let token = bearer(value.to_str().map_err(|_| unknown())?)
             .map_err(|problem| ApiError::new(Code::Unauthorized, problem))?;
         let grant = app.tokens.grant(token).await?.ok_or_else(unknown)?;
-        if let Some(party) = app.tokens.party(&grant).await? {
-            party.refine();
-            token_of(party);
-        }
-        match grant {
-            Grant::Seat { episode, owner, agent } => {
-                check_rate(app, owner)?;
-                Ok(Self::Seat(episode, agent))
-            }
-            Grant::Swarm { episode, owner, seats } => {
-                check_rate(app, owner)?;
-                Ok(Self::Swarm(episode, seats))
-            }
-            Grant::Run { run, owner, .. } => {
-                check_rate(app, owner)?;
-                Ok(Self::Run(run))
-            }
-            Grant::Key(key) if key.is_good(app.clock.wall()) => {
-                check_rate(app, key.number)?;
-                Ok(Self::Key(key))
-            }
-            Grant::Key(_) => Err(unknown()),
-        }
+        let party = app.tokens.party(&grant).await?;
+        party.into_iter().for_each(Party::refine);
+        let (owner, caller) = match grant {
+            Grant::Seat { episode, owner, agent } => (owner, Self::Seat(episode, agent)),
+            Grant::Swarm { episode, owner, seats } => (owner, Self::Swarm(episode, seats)),
+            Grant::Run { run, owner, .. } => (owner, Self::Run(run)),
+            Grant::Key(key) if key.is_good(app.clock.wall()) => (key.number, Self::Key(key)),
+            Grant::Key(_) => return Err(unknown()),
+        };
+        check_rate(app, owner)?;
+        party.into_iter().for_each(token_of);
+        Ok(caller)
     }
 }
 

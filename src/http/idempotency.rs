@@ -1,38 +1,44 @@
 //! Creations that a client may repeat: the same `Idempotency-Key` and body give what the first one created.
 
-use std::hash::{BuildHasher as _, RandomState};
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex as StdMutex, Weak};
 
 use axum::http::HeaderMap;
 use sha2::{Digest, Sha256};
-use tokio::sync::{Mutex, MutexGuard};
+use tokio::sync::{Mutex, OwnedMutexGuard};
 
 use super::error::{ApiError, Code};
 use super::limits::Limits;
 use crate::keys::OwnerKey;
 use crate::store::StoreError;
 
-/// Locks of creations; those with the same name have the same lock.
-const CREATION_LOCKS: usize = 64;
-
-/// Serializes what must not happen twice at once.
-pub(super) struct Creations {
-    locks: [Mutex<()>; CREATION_LOCKS],
-    /// Chosen at random: nobody finds names that share a lock.
-    hashes: RandomState,
-}
+/// Serializes what must not happen twice at once: a lock for each name in use.
+#[derive(Default)]
+pub(super) struct Creations(StdMutex<HashMap<String, Weak<Mutex<()>>>>);
 
 impl Creations {
-    pub(super) fn new() -> Self {
-        let locks = std::array::from_fn(|_| Mutex::new(()));
-        Self { locks, hashes: RandomState::new() }
+    pub(super) async fn lock(&self, name: &str) -> OwnedMutexGuard<()> {
+        let lock = {
+            let mut locks = self.0.lock().expect("nothing panics while it holds this");
+            if locks.len() == locks.capacity() {
+                locks.retain(|_, lock| lock.strong_count() > 0);
+                let kept = locks.len();
+                locks.reserve(kept + 1);
+            }
+            let known = locks.get(name).and_then(Weak::upgrade);
+            known.unwrap_or_else(|| {
+                let lock = Arc::default();
+                locks.insert(name.to_owned(), Arc::downgrade(&lock));
+                lock
+            })
+        };
+        lock.lock_owned().await
     }
 
-    pub(super) async fn lock(&self, name: &str) -> MutexGuard<'_, ()> {
-        let lock = self.hashes.hash_one(name) % CREATION_LOCKS as u64;
-        self.locks[usize::try_from(lock).expect("it is small")].lock().await
-    }
-
-    pub(super) async fn lock_key(&self, named: Option<&Idempotency>) -> Option<MutexGuard<'_, ()>> {
+    pub(super) async fn lock_key(
+        &self,
+        named: Option<&Idempotency>,
+    ) -> Option<OwnedMutexGuard<()>> {
         match named {
             Some((key, _)) => Some(self.lock(key).await),
             None => None,

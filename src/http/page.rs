@@ -185,10 +185,10 @@ impl PageParams {
     }
 }
 
-/// Parameters of a list, newest first: filters, and those of its pages.
 /// Items of one page if the request has no `limit`.
 pub(super) const PAGE_ITEMS_DEFAULT: u32 = 50;
 
+/// Parameters of a list, newest first: filters, and those of its pages.
 macro_rules! list_params {
     ($(#[$about:meta])* $name:ident { $($(#[$about_filter:meta])* $filter:ident,)* }) => {
         $(#[$about])*

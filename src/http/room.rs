@@ -1,10 +1,12 @@
 //! Which connection is evicted when the limit is reached and another client connects.
 //!
-//! Half of all connections are for parties, who have sent a token; what they do not use is for others. Within its part, the
-//! holder with the most connections loses one, as long as it has more than its fair share of them. Which one of its
-//! connections that is, the caller's order decides.
+//! Half of all connections are for parties, who have sent a token; what they do not use is for others. In the part that is too
+//! large the holder with the most connections loses one, as long as it has more than its fair share of them. Those of parties
+//! count for the party and for its address: neither many tokens nor many addresses take more than one. Which connection
+//! of the holder it is, the caller's order decides.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeSet, HashMap};
+use std::hash::Hash;
 use std::net::IpAddr;
 
 use crate::fair::Party;
@@ -12,99 +14,142 @@ use crate::fair::Party;
 /// Connections of one client that are compared to choose one of them: the oldest ones.
 const COMPARED_MAX: usize = 256;
 
-/// For whom connections are counted.
+/// An address for which connections are counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) enum Holder {
     /// The address, or the /48 network of IPv6, that sent the last request.
     Client(IpAddr),
     /// The clients of this trusted proxy whose connections have not sent a request yet.
     Unknown(IpAddr),
-    /// The party whose token came last.
-    Party(Party),
+}
+
+/// For whom a connection counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Whose {
+    pub(super) holder: Holder,
+    /// The party whose token this client sent last.
+    pub(super) party: Option<Party>,
+}
+
+impl Whose {
+    pub(super) const fn client(holder: Holder) -> Self {
+        Self { holder, party: None }
+    }
 }
 
 #[derive(Debug)]
 pub(super) struct Holders<T> {
-    /// By the order in which they were accepted; no entry is empty.
-    held: HashMap<Holder, BTreeMap<u64, T>>,
-    parties: Part,
-    others: Part,
+    /// By the order in which they were accepted.
+    connections: HashMap<u64, (Whose, T)>,
+    parties: Counts<Party>,
+    /// The addresses of parties.
+    of_parties: Counts<Holder>,
+    /// The addresses of connections without a party.
+    others: Counts<Holder>,
 }
 
-/// The holders of one kind.
-#[derive(Debug, Default)]
-struct Part {
-    connections: usize,
-    by_count: BTreeSet<(usize, Holder)>,
+/// Connections by holder; no entry is empty.
+#[derive(Debug)]
+struct Counts<K> {
+    held: HashMap<K, BTreeSet<u64>>,
+    by_count: BTreeSet<(usize, K)>,
+    sum: usize,
+}
+
+impl<K> Default for Counts<K> {
+    fn default() -> Self {
+        Self { held: HashMap::new(), by_count: BTreeSet::new(), sum: 0 }
+    }
+}
+
+impl<K: Copy + Ord + Hash> Counts<K> {
+    fn change(&mut self, holder: K, change: impl FnOnce(&mut BTreeSet<u64>) -> bool) {
+        let held = self.held.entry(holder).or_default();
+        let before = held.len();
+        change(held);
+        let after = held.len();
+        self.by_count.remove(&(before, holder));
+        if after == 0 {
+            self.held.remove(&holder);
+        } else {
+            self.by_count.insert((after, holder));
+        }
+        self.sum = self.sum - before + after;
+    }
+
+    /// The connections of the holder with the most, if these are more than its fair share of `part` beside `newcomers`.
+    fn largest(&self, part: usize, newcomers: usize) -> Option<&BTreeSet<u64>> {
+        let (count, holder) = self.by_count.last()?;
+        // Rounded up, or two clients would close each other's connections again and again.
+        let share = part.div_ceil(self.held.len() + newcomers);
+        self.held.get(holder).filter(|_| *count > share)
+    }
 }
 
 impl<T> Default for Holders<T> {
     fn default() -> Self {
-        Self { held: HashMap::new(), parties: Part::default(), others: Part::default() }
+        let (of_parties, others) = (Counts::default(), Counts::default());
+        Self { connections: HashMap::new(), parties: Counts::default(), of_parties, others }
     }
 }
 
 impl<T> Holders<T> {
-    pub(super) fn add(&mut self, holder: Holder, number: u64, connection: T) {
-        self.change(holder, |held| held.insert(number, connection));
+    pub(super) fn add(&mut self, whose: Whose, number: u64, connection: T) {
+        self.connections.insert(number, (whose, connection));
+        self.change(whose, |held| held.insert(number));
     }
 
     /// None if it was removed before.
-    pub(super) fn remove(&mut self, holder: Holder, number: u64) -> Option<T> {
-        self.change(holder, |held| held.remove(&number))
+    pub(super) fn remove(&mut self, number: u64) -> Option<T> {
+        let (whose, connection) = self.connections.remove(&number)?;
+        self.change(whose, |held| held.remove(&number));
+        Some(connection)
     }
 
-    fn change<R>(&mut self, holder: Holder, change: impl FnOnce(&mut BTreeMap<u64, T>) -> R) -> R {
-        let held = self.held.entry(holder).or_default();
-        let before = held.len();
-        let result = change(held);
-        let after = held.len();
-        if after == 0 {
-            self.held.remove(&holder);
-        }
-        if after != before {
-            let is_party = matches!(holder, Holder::Party(_));
-            let part = if is_party { &mut self.parties } else { &mut self.others };
-            part.connections = part.connections - before + after;
-            part.by_count.remove(&(before, holder));
-            if after > 0 {
-                part.by_count.insert((after, holder));
+    fn change(&mut self, whose: Whose, change: impl Fn(&mut BTreeSet<u64>) -> bool) {
+        match whose.party {
+            Some(party) => {
+                self.parties.change(party, &change);
+                self.of_parties.change(whose.holder, change);
             }
+            None => self.others.change(whose.holder, change),
         }
-        result
     }
 
-    /// Removes the connection that makes room for one of `newcomer`, which has sent no token yet: of the holder with the most
-    /// connections, the least by `key`. None if no holder has more than its share.
+    /// Removes the connection that makes room for one of `newcomer`, which has sent no token yet: the least by `key` of the
+    /// holder that has too many. None if nobody has.
     pub(super) fn evict<K: Ord>(
         &mut self,
         most: usize,
         newcomer: Holder,
         key: impl Fn(&T) -> K,
     ) -> Option<T> {
-        let (parties, others, half) = (self.parties.connections, self.others.connections, most / 2);
-        // Rounded up, or two clients would close each other's connections again and again.
-        let (part, share) = if parties <= half || others >= half {
-            let holders =
-                self.others.by_count.len() + usize::from(!self.held.contains_key(&newcomer));
-            (&self.others, (most - parties.min(half)).div_ceil(holders))
-        } else {
-            let most = most.saturating_sub(others + 1);
-            (&self.parties, most.div_ceil(self.parties.by_count.len()))
+        let (parties, others, half) = (self.parties.sum, self.others.sum, most / 2);
+        let is_new = usize::from(!self.others.held.contains_key(&newcomer));
+        let of_others = |part| self.others.largest(part, is_new);
+        let of_parties = |part, newcomers| {
+            let largest =
+                [self.parties.largest(part, newcomers), self.of_parties.largest(part, newcomers)];
+            largest.into_iter().flatten().max_by_key(|held| held.len())
         };
-        let &(count, holder) = part.by_count.last()?;
-        if count <= share {
-            return None;
-        }
-        let oldest = self.held.get(&holder)?.iter().take(COMPARED_MAX);
-        let (&number, _) = oldest.min_by_key(|(_, connection)| key(connection))?;
-        self.remove(holder, number)
+        // Where the part that is too large has nobody with too many, the other part may have.
+        let held = if parties <= half || others >= half {
+            of_others(most - parties.min(half)).or_else(|| of_parties(half, 1))
+        } else {
+            of_parties(most - others - 1, 0).or_else(|| of_others(most - half))
+        }?;
+        let connection = |number: &u64| &self.connections[number].1;
+        let oldest = held.iter().take(COMPARED_MAX);
+        let &number = oldest.min_by_key(|number| key(connection(number)))?;
+        self.remove(number)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fair::Group;
+    use crate::keys::OwnerKey;
 
     fn client(number: u8) -> Holder {
         Holder::Client([192, 0, 2, number].into())
@@ -120,7 +165,7 @@ mod tests {
         let mut number = 0;
         for &(holder, count) in counts {
             for _ in 0..count {
-                holders.add(holder, number, (holder, worth(number)));
+                holders.add(Whose::client(holder), number, (holder, worth(number)));
                 number += 1;
             }
         }
@@ -175,14 +220,49 @@ mod tests {
         assert_eq!(evicted, 90 - 34);
     }
 
+    /// Who loses a connection, by the last byte of the address and the number of the key: of so many connections of each.
+    fn loser_of(counts: &[(u8, i64, u64)], most: usize) -> Option<(u8, i64)> {
+        let mut holders = Holders::default();
+        let mut number = 0;
+        for &(address, key, count) in counts {
+            let party = (key > 0).then_some(Party::of(Group::Owner(OwnerKey(key))));
+            for _ in 0..count {
+                holders.add(Whose { holder: client(address), party }, number, (address, key));
+                number += 1;
+            }
+        }
+        holders.evict(most, proxy(), |_| 0)
+    }
+
+    #[test]
+    fn neither_many_addresses_nor_many_tokens_take_the_connections_of_one_who_plays() {
+        let addresses = |key: i64| (2..12).map(move |address| (address, key, 8));
+        let keys = (2..12).map(|key| (2, key, 8));
+        let honest = [(1, 1, 20)];
+        let with = |others: Vec<_>| [honest.to_vec(), others].concat();
+        // Without a token, with the same one, and with many from one address.
+        assert_eq!(loser_of(&with(addresses(0).collect()), 100), Some((11, 0)));
+        assert_eq!(loser_of(&with(addresses(2).collect()), 100).map(|(_, key)| key), Some(2));
+        assert_eq!(loser_of(&with(keys.collect()), 100).map(|(address, _)| address), Some(2));
+        // Whoever hoards in the part that is not too large makes room if nobody else can.
+        let singles =
+            |keys: std::ops::Range<i64>| keys.map(|key| (u8::try_from(key).expect("few"), key, 1));
+        let hoards: Vec<_> = singles(2..53).chain([(60, 0, 49)]).collect();
+        assert_eq!(loser_of(&hoards, 100), Some((60, 0)));
+        let crowd: Vec<_> = (2..52).map(|address| (address, 0, 1)).chain([(1, 1, 50)]).collect();
+        assert_eq!(loser_of(&crowd, 100), Some((1, 1)));
+        let few: Vec<_> = (2..82).map(|address| (address, 0, 1)).chain(honest).collect();
+        assert_eq!(loser_of(&few, 100), None);
+    }
+
     #[test]
     fn nothing_is_left_of_connections_that_are_gone() {
         let mut held = holders(&[(client(1), 2), (client(2), 1)], |number| number);
-        assert!(held.remove(client(2), 0).is_none());
-        for (holder, number) in [(client(1), 0), (client(1), 1), (client(2), 2)] {
-            assert!(held.remove(holder, number).is_some());
-            assert!(held.remove(holder, number).is_none());
+        for number in 0..3 {
+            assert!(held.remove(number).is_some());
+            assert!(held.remove(number).is_none());
         }
-        assert!(held.held.is_empty() && held.others.by_count.is_empty());
+        let others = &held.others;
+        assert!(others.held.is_empty() && others.by_count.is_empty() && others.sum == 0);
     }
 }

@@ -25,7 +25,7 @@ use super::client::{ByNetwork, Peer, address, site};
 use super::error::{ApiError, Code};
 use super::front::{Answered, Front, REQUEST_ID};
 use super::limits::Limits;
-use super::room::{Holder, Holders};
+use super::room::{Holder, Holders, Whose};
 use super::timers::{ConnectionTimers, TimedBody, TimedStream, Timeouts};
 use crate::fair::Party;
 
@@ -230,7 +230,7 @@ struct Connections {
     all: usize,
     /// By network, and those of this host together; no entry is 0.
     by_network: ByNetwork,
-    /// By client, also behind proxies.
+    /// By party and client, also behind proxies.
     holders: Holders<Connection>,
     /// Evicted and not closed yet.
     evictions: usize,
@@ -312,10 +312,10 @@ impl ConnectionLimit {
         open.accepted += 1;
         let end = self.stop.child_token();
         let connection = Connection { network, timers: timers.clone(), end: end.clone() };
-        open.holders.add(holder, number, connection);
+        open.holders.add(Whose::client(holder), number, connection);
         metrics::gauge!("swarmbench_connections").increment(1.0);
-        let of = Mutex::new(Of { client: None, holder });
-        let counted = Arc::new(Counted { limit: Arc::clone(self), number, of });
+        let whose = Mutex::new(Whose::client(holder));
+        let counted = Arc::new(Counted { limit: Arc::clone(self), number, whose });
         Ok(ConnectionPermit { counted, network, end })
     }
 }
@@ -332,13 +332,7 @@ struct ConnectionPermit {
 pub(super) struct Counted {
     limit: Arc<ConnectionLimit>,
     number: u64,
-    of: Mutex<Of>,
-}
-
-/// The client whose request came last, and the holder for which the connection counts.
-struct Of {
-    client: Option<IpAddr>,
-    holder: Holder,
+    whose: Mutex<Whose>,
 }
 
 tokio::task_local! {
@@ -347,9 +341,10 @@ tokio::task_local! {
 
 /// Counts the connection of the request that this task handles for the party whose token it has.
 pub(super) fn token_of(party: Party) {
-    // Requests from other servers of a cluster, and work of no request, have no connection that counts.
-    let _ =
-        CONNECTION.try_with(|connection| connection.move_to(|of| of.holder = Holder::Party(party)));
+    // Work of no request has no connection.
+    let _ = CONNECTION.try_with(|connection| {
+        connection.move_to(|whose| Whose { party: Some(party), ..whose });
+    });
 }
 
 impl Counted {
@@ -360,34 +355,30 @@ impl Counted {
 
     /// Counts the connection for the client whose request it has sent.
     fn asked_by(&self, peer: Peer, headers: &HeaderMap) {
-        let client = site(address(peer.0, headers, &self.limit.trusted_proxies));
-        self.move_to(|of| {
-            if of.client.replace(client) != Some(client) {
-                of.holder = Holder::Client(client);
-            }
-        });
+        let client = Holder::Client(site(address(peer.0, headers, &self.limit.trusted_proxies)));
+        // The party stays as long as the client does.
+        self.move_to(|whose| if whose.holder == client { whose } else { Whose::client(client) });
     }
 
-    fn move_to(&self, change: impl FnOnce(&mut Of)) {
-        let mut of = self.of.lock().expect("nothing panics while it holds this");
-        let before = of.holder;
-        change(&mut of);
-        if before == of.holder {
+    fn move_to(&self, change: impl FnOnce(Whose) -> Whose) {
+        let mut whose = self.whose.lock().expect("nothing panics while it holds this");
+        let changed = change(*whose);
+        if *whose == changed {
             return;
         }
+        *whose = changed;
         let mut open = self.limit.open.lock().expect("nothing panics while it holds this");
-        if let Some(connection) = open.holders.remove(before, self.number) {
-            open.holders.add(of.holder, self.number, connection);
+        if let Some(connection) = open.holders.remove(self.number) {
+            open.holders.add(changed, self.number, connection);
         }
     }
 }
 
 impl Drop for ConnectionPermit {
     fn drop(&mut self) {
-        let Counted { limit, number, of } = &*self.counted;
-        let of = of.lock().expect("nothing panics while it holds this");
+        let Counted { limit, number, .. } = &*self.counted;
         let mut open = limit.open.lock().expect("nothing panics while it holds this");
-        match open.holders.remove(of.holder, *number) {
+        match open.holders.remove(*number) {
             Some(_) => open.release(self.network),
             None => open.evictions -= 1,
         }

@@ -50,41 +50,38 @@ const PATIENCE: Duration = Duration::from_mins(1);
 /// Entries that are written together or not at all, and the callback for the outcome.
 struct Job {
     entries: Vec<Entry>,
+    /// Bytes in the queue, of appended entries.
     bytes: usize,
-    /// For whom it is kept; `None` if it was appended, and running games wait for it.
-    kept_for: Option<Party>,
+    /// For whom it is kept, and the rows that it counts; `None` if it was appended, and running games wait for it.
+    kept: Option<(Party, usize)>,
     committed: Committed,
 }
 
 /// Jobs for which no game waits: parties take turns, so that the many of one do not delay those of others.
-struct Kept(FairQueue<Job>);
+struct Kept(FairQueue<(usize, Job)>);
 
 impl Kept {
     fn new() -> Self {
         Self(FairQueue::new(Shares::of(usize::MAX)))
     }
 
-    /// Takes those jobs out of what came that are kept, and adds as many as a transaction has room for.
-    fn choose(&mut self, jobs: &mut Vec<Job>) -> Vec<Party> {
-        for job in jobs.extract_if(.., |job| job.kept_for.is_some()) {
-            self.0.add(job.kept_for.unwrap_or(Party::SERVER), Rank::Urgent, job);
+    /// Takes the kept jobs out of those that came.
+    fn take(&mut self, jobs: &mut Vec<Job>) {
+        for job in jobs.extract_if(.., |job| job.kept.is_some()) {
+            let (party, rows) = job.kept.unwrap_or((Party::SERVER, 0));
+            self.0.add(party, Rank::Urgent, (rows, job));
         }
-        let (mut rows, mut parties) = (0, Vec::new());
-        while rows < KEPT_ROWS_MAX
-            && let Some((party, _, job)) = self.0.pop()
-        {
-            rows += job.entries.iter().map(Entry::rows).sum::<usize>() + job.bytes / 1024;
-            parties.push(party);
-            jobs.push(job);
-        }
-        parties
     }
 
-    /// Notes how long the jobs of these parties took, that were written together.
-    fn done(&mut self, parties: Vec<Party>, took: Duration) {
-        let each = took / u32::try_from(parties.len().max(1)).unwrap_or(u32::MAX);
-        for party in parties {
-            self.0.done(party, Rank::Urgent, each);
+    /// Adds kept jobs for a transaction of `rows_max` rows. Parties pay for rows: a pause of the database is nobody's fault.
+    fn choose(&mut self, jobs: &mut Vec<Job>, rows_max: usize) {
+        let mut rows = 0;
+        while rows < rows_max
+            && let Some((party, rank, (counted, job))) = self.0.pop()
+        {
+            self.0.done(party, rank, Duration::from_micros(counted as u64));
+            rows += counted;
+            jobs.push(job);
         }
     }
 }
@@ -339,9 +336,13 @@ impl Writer {
         kept_for: Option<Party>,
         committed: Committed,
     ) {
-        let bytes = entries.iter().map(Entry::bytes).sum::<usize>().max(JOB_BYTES_MIN);
+        let bytes = entries.iter().map(Entry::bytes).sum::<usize>();
+        let kept = kept_for
+            .map(|party| (party, entries.iter().map(Entry::rows).sum::<usize>() + bytes / 1024));
+        // Acts are not refused for what others keep.
+        let bytes = if kept.is_some() { 0 } else { bytes.max(JOB_BYTES_MIN) };
         self.state.add_backlog(bytes);
-        let job = Job { entries, bytes, kept_for, committed };
+        let job = Job { entries, bytes, kept, committed };
         if let Err(mpsc::error::SendError(job)) = self.queue.send(job) {
             self.state.remove_backlog(bytes);
             (job.committed)(Err(StoreError::Stopped(Stopped::Server)));
@@ -380,15 +381,23 @@ async fn run(
                 continue;
             }
         };
-        let parties = kept.choose(&mut jobs);
+        kept.take(&mut jobs);
+        // Acts pass all kept jobs that came before them.
+        while jobs.len() < GROUP_MAX
+            && let Ok(job) = queue.try_recv()
+        {
+            jobs.push(job);
+            kept.take(&mut jobs);
+        }
+        // Where nothing can be written, or for much longer, all of it waits together.
+        let is_urgent = stop.is_cancelled() || state.blocked().is_some();
+        kept.choose(&mut jobs, if is_urgent { usize::MAX } else { KEPT_ROWS_MAX });
         if taken == 0 && jobs.is_empty() {
             break;
         }
-        let began = Instant::now();
         let (jobs, receipts): (Vec<_>, Vec<_>) =
             jobs.drain(..).map(|job| (job.entries, (job.bytes, job.committed))).unzip();
-        let outcomes = group.keep(&state, &jobs, began + PATIENCE, &stop).await;
-        kept.done(parties, began.elapsed());
+        let outcomes = group.keep(&state, &jobs, Instant::now() + PATIENCE, &stop).await;
         for (entries, outcome) in jobs.iter().zip(&outcomes) {
             if outcome.is_ok() {
                 // Before the senders are notified: a client that knows of an end finds it on the board.
@@ -708,7 +717,9 @@ pub(super) mod tests {
     use swarmbench_engine::AgentId;
 
     use super::*;
+    use crate::fair::Group;
     use crate::ids::RunKey;
+    use crate::keys::OwnerKey;
     use crate::store::Store;
     use crate::store::entries::ActRow;
     use crate::store::port::EpisodeStore;
@@ -781,6 +792,27 @@ pub(super) mod tests {
             kept.iter().take(100).all(|kept| *kept) && !kept.iter().skip(100).any(|kept| *kept)
         );
         store.close().await;
+    }
+
+    #[test]
+    fn kept_jobs_of_parties_take_turns_and_acts_pass_them() {
+        let job = |kept| Job { entries: Vec::new(), bytes: 0, kept, committed: Box::new(|_| ()) };
+        let party = |number| Party::of(Group::Owner(OwnerKey(number)));
+        let of = |number, rows| job(Some((party(number), rows)));
+        let mut jobs: Vec<_> = (0..9).map(|_| of(1, KEPT_ROWS_MAX / 2)).collect();
+        jobs.extend([of(2, KEPT_ROWS_MAX), job(None), of(2, 1)]);
+        let mut kept = Kept::new();
+        kept.take(&mut jobs);
+        assert_eq!(jobs.len(), 1, "the act");
+        let mut chosen = |rows_max| {
+            let mut jobs = Vec::new();
+            kept.choose(&mut jobs, rows_max);
+            jobs.iter().filter_map(|job| Some(job.kept?.0 == party(1))).collect::<Vec<_>>()
+        };
+        assert_eq!(chosen(KEPT_ROWS_MAX), [true, false]);
+        assert_eq!(chosen(KEPT_ROWS_MAX), [true, true], "it has had as much as the other one now");
+        assert_eq!(chosen(usize::MAX).len(), 7, "all that is left, when nothing can be written");
+        assert!(chosen(usize::MAX).is_empty());
     }
 
     #[tokio::test]

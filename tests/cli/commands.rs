@@ -44,7 +44,7 @@ use Shows::{Facts, List, Other};
 /// The arguments of a command, made anew for each time it is run.
 type Arguments = fn(&Site) -> Vec<String>;
 
-const CASES: [(&str, Shows, Arguments); 69] = [
+const CASES: [(&str, Shows, Arguments); 68] = [
     ("demo", Facts, |site| words("--exit --db", [site.new_file("demo.db")])),
     ("serve", Other("runs until it is stopped"), |_| words("--addr no-address", [])),
     ("key create", Facts, |site| words("--name somebody --server", [site.base()])),
@@ -123,7 +123,6 @@ const CASES: [(&str, Shows, Arguments); 69] = [
     ("figure frame", Other("writes a figure"), |site| {
         words("--rounds 0 --out", [site.new_file("frame.svg"), journal()])
     }),
-    ("figure correlations", Other("writes a figure"), |site| site.figure("--task Foraging")),
     ("figure sensitivity", Other("writes a figure"), |site| site.figure("--x seed --lines model")),
     ("figure board", Other("writes a figure"), |site| site.figure("")),
     ("import", Facts, |site| words("--db", [site.new_file("imports.db"), site.exported()])),

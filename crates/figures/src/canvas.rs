@@ -36,8 +36,7 @@ pub(crate) fn palette() -> Vec<Color> {
 
 /// Pixels, each the number of its colour in a palette.
 ///
-/// Colours that are not there become the nearest one; dashed lines are solid, and text runs to the right only: frames
-/// have no other.
+/// Colours that are not there become the nearest one, and dashed lines are solid: frames have no other.
 #[derive(Clone, Debug)]
 pub struct Canvas {
     width: usize,

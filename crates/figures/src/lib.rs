@@ -10,7 +10,6 @@
 //! A crate of its own because nothing else needs fonts and encoders, and figures are made without a server.
 
 pub mod board;
-pub mod correlations;
 pub mod dynamics;
 pub mod font;
 pub mod frame;

@@ -74,8 +74,6 @@ pub struct Text {
     pub size: f64,
     /// Its colour.
     pub color: Color,
-    /// Whether it runs upwards instead of to the right.
-    pub upwards: bool,
     /// What is written, without characters that no picture can show.
     pub text: String,
 }
@@ -173,13 +171,7 @@ impl Scene {
     /// Adds a text.
     pub fn text(&mut self, at: Point, anchor: Anchor, size: f64, color: Color, text: &str) {
         let text = printable(text);
-        self.shapes.push(Shape::Text(Text { at, anchor, size, color, upwards: false, text }));
-    }
-
-    /// Adds a text that runs upwards.
-    pub fn text_upwards(&mut self, at: Point, anchor: Anchor, size: f64, color: Color, text: &str) {
-        let text = printable(text);
-        self.shapes.push(Shape::Text(Text { at, anchor, size, color, upwards: true, text }));
+        self.shapes.push(Shape::Text(Text { at, anchor, size, color, text }));
     }
 
     /// Adds a text, cut in its middle where it would be wider than `width`.

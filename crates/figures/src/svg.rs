@@ -69,9 +69,6 @@ fn write_text(out: &mut String, text: &Text) -> Result {
         Anchor::Middle => out.write_str(" text-anchor=\"middle\"")?,
         Anchor::End => out.write_str(" text-anchor=\"end\"")?,
     }
-    if text.upwards {
-        write!(out, " transform=\"rotate(-90 {x} {y})\"")?;
-    }
     write!(out, " fill=\"{}\">{}</text>", Hex(text.color), Escaped(&text.text))
 }
 

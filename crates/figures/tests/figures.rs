@@ -30,8 +30,6 @@ fn the_same_numbers_give_the_same_bytes() {
     let figures: Vec<(&str, Box<dyn Figure>)> = vec![
         ("trends", Box::new(samples::trends(samples::names(2, 0), 6))),
         ("dynamics", Box::new(samples::dynamics("model, Pursuit", 6, 3))),
-        ("bars", Box::new(samples::bars("Pursuit", &samples::names(4, 0)))),
-        ("heat-map", Box::new(samples::heat_map("Pursuit", samples::names(4, 0)))),
         ("sensitivity", Box::new(samples::sensitivity(2, 3))),
         ("board", Box::new(samples::board(samples::names(3, 0)))),
         ("frames", Box::new(samples::frames(TaskName::Foraging, &[3], true))),
@@ -65,12 +63,8 @@ fn texts_stay_inside_and_lines_have_numbers() {
                         Anchor::Middle => width / 2.0,
                         Anchor::End => width,
                     };
-                    let (from, room) = if text.upwards {
-                        (scene.height - text.at.1 - before, scene.height)
-                    } else {
-                        (text.at.0 - before, scene.width)
-                    };
-                    let is_inside = from >= 0.0 && from + width <= room;
+                    let from = text.at.0 - before;
+                    let is_inside = from >= 0.0 && from + width <= scene.width;
                     assert!(is_inside && text.at.1 <= scene.height, "{name}: {text:?}");
                 }
                 Shape::Path(points, _) => {
@@ -112,7 +106,7 @@ fn hostile_texts_are_only_text() {
 }
 
 #[test]
-fn colours_are_those_of_okabe_and_ito_their_tints_and_greys() {
+fn colours_are_those_of_okabe_and_ito_and_greys() {
     let mut found = BTreeSet::new();
     for (_, scene) in all() {
         let text = svg(&scene);
@@ -122,18 +116,12 @@ fn colours_are_those_of_okabe_and_ito_their_tints_and_greys() {
             found.extend(colors.filter(|&color| color != "none").map(str::to_owned));
         }
     }
-    assert!(found.len() > 20, "{found:?}");
+    assert!(found.len() > 12, "{found:?}");
     for name in found {
         let part = |at: usize| u8::from_str_radix(&name[at..at + 2], 16).expect("hexadecimal");
-        assert!(is_allowed(Color(part(1), part(3), part(5))), "{name}");
+        let color = Color(part(1), part(3), part(5));
+        assert!(color == Color::grey(color.0) || OKABE_ITO.contains(&color), "{name}");
     }
-}
-
-fn is_allowed(color: Color) -> bool {
-    let is_tint = |of: &Color| {
-        (0..=1000).any(|share| of.mixed(Color::WHITE, f64::from(share) / 1000.0) == color)
-    };
-    (color.0 == color.1 && color.1 == color.2) || OKABE_ITO.iter().any(is_tint)
 }
 
 #[test]
@@ -141,9 +129,6 @@ fn texts_can_be_read_on_what_is_below_them() {
     for (name, scene) in all() {
         for (place, shape) in scene.shapes.iter().enumerate() {
             let Shape::Text(text) = shape else { continue };
-            if text.upwards {
-                continue;
-            }
             // The middle of the text, a bit above its base line.
             let half = font::width(&text.text, text.size) / 2.0;
             let x = text.at.0

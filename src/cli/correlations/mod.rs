@@ -13,11 +13,10 @@ use swarmbench_engine::TaskName;
 
 use super::games::{Axes, Choice, Games, Selected};
 use super::sheet::{Cell, Column, Kind, Row, Sheet, Showing};
-pub(super) use pairs::pairs;
-use pairs::{Pairs, within_tasks};
+use pairs::{Pairs, pairs, within_tasks};
 
 /// The metrics whose correlations with the score the paper shows: those that it draws.
-pub(super) fn of_paper() -> impl Iterator<Item = Metric> {
+fn of_paper() -> impl Iterator<Item = Metric> {
     Metric::ALL.into_iter().filter(|metric| metric.about().panel.is_some())
 }
 
@@ -31,7 +30,7 @@ const FAILURES: [(TaskName, Metric); 3] = [
 /// Whether messages become alike over a game.
 const CONVERGENCE: [Metric; 2] = [Metric::HomogeneityIncrease, Metric::EditConsistencyIncrease];
 
-pub(super) const SCORE: &str = "score";
+const SCORE: &str = "score";
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -64,12 +63,12 @@ pub(super) struct Args {
     showing: Showing,
 }
 
-pub(super) fn definition(name: &str) -> Result<Definition, &'static str> {
+fn definition(name: &str) -> Result<Definition, &'static str> {
     Definition::parse(name).ok_or("must be paper or toolkit")
 }
 
 /// The column of a metric in the table of episodes.
-pub(super) fn column(metric: Metric, definition: Definition) -> String {
+fn column(metric: Metric, definition: Definition) -> String {
     match definition {
         Definition::Paper => metric.name().to_owned(),
         Definition::Toolkit => format!("toolkit_{}", metric.name()),

@@ -4,10 +4,10 @@ use swarmbench_analysis::statistics::standardised;
 
 use super::super::games::Games;
 
-pub(in super::super) type Pairs = Vec<(f64, f64)>;
+pub(super) type Pairs = Vec<(f64, f64)>;
 
 /// The numbers of the games that have both.
-pub(in super::super) fn pairs(games: &Games, chosen: &[usize], x: &str, y: &str) -> Pairs {
+pub(super) fn pairs(games: &Games, chosen: &[usize], x: &str, y: &str) -> Pairs {
     let pair = |&game: &usize| games.number(x, game).zip(games.number(y, game));
     chosen.iter().filter_map(pair).collect()
 }

@@ -1,9 +1,9 @@
 //! `swarmbench figure`
 
 mod board;
-mod correlations;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
@@ -58,12 +58,16 @@ enum Kind {
     Dynamics(DynamicsArgs),
     /// Moments of a game: the map, and what the agents chose.
     Frame(FrameArgs),
-    /// How metrics correlate with the final score.
-    Correlations(correlations::Args),
     /// How the final score depends on two settings.
     Sensitivity(SensitivityArgs),
     /// Final scores: a row a model, a panel a task.
     Board(board::Args),
+    /// Charts of correlations, which the Python package draws: for one release this command says so.
+    #[command(hide = true)]
+    Correlations {
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        _any: Vec<OsString>,
+    },
 }
 
 #[derive(Debug, clap::Args)]
@@ -111,15 +115,21 @@ fn scale(text: &str) -> Result<f64, String> {
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let Args { figure, out, data, scale } = args;
+    if matches!(figure, Kind::Correlations { .. }) {
+        bail!(
+            "charts of correlations are drawn by the Python package: pip install './clients/python[analysis]' in a \
+             checkout; swarmseat-analysis report GAMES --out FOLDER; docs/evaluate/figures.md shows more"
+        );
+    }
     let out = out.context("name the file with --out, such as --out figure.svg")?;
     let format = Format::of(&out)?;
     let figure: Box<dyn Figure> = match figure {
         Kind::Trends(games) => Box::new(trends(&games).await?),
         Kind::Dynamics(args) => Box::new(dynamics(args).await?),
         Kind::Frame(args) => Box::new(frames(args).await?),
-        Kind::Correlations(args) => correlations::figure(args).await?,
         Kind::Sensitivity(args) => Box::new(sensitivity(&args).await?),
         Kind::Board(args) => Box::new(board::figure(args).await?),
+        Kind::Correlations { .. } => unreachable!("it was refused above"),
     };
     let scene = figure.scene();
     match format {
@@ -171,20 +181,16 @@ fn scores(games: &Games, chosen: &[usize]) -> Vec<f64> {
 /// How metrics of these games were computed, as a sentence.
 ///
 /// # Errors
-/// If they were computed in different ways, or one of these columns is not there.
-fn method(
-    Selected { games, chosen, .. }: &Selected,
-    definition: Definition,
-    columns: &[String],
-) -> anyhow::Result<String> {
-    for column in columns {
-        games.check_numbers(column, chosen)?;
+/// If they were computed in different ways, or the games lack one of them.
+fn method(Selected { games, chosen, .. }: &Selected, metrics: &[Metric]) -> anyhow::Result<String> {
+    for metric in metrics {
+        games.check_numbers(metric.name(), chosen)?;
     }
     let of = |column| games.text(column, chosen[0]);
     let (revision, embedder) = (of("metrics_revision"), of("embedder"));
     Ok(format!(
         "definition {}, metrics revision {revision}, embedder {embedder}",
-        definition.name()
+        Definition::Paper.name()
     ))
 }
 
@@ -257,9 +263,8 @@ async fn dynamics(args: DynamicsArgs) -> anyhow::Result<Dynamics> {
     let selected = select(&choice, &[]).await?;
     let Selected { games, chosen, notes } = &selected;
     let (metrics, panels): (Vec<Metric>, Vec<Panel>) = drawn().into_iter().unzip();
-    let names: Vec<String> = metrics.iter().map(|metric| metric.name().to_owned()).collect();
     let mut notes = notes.clone();
-    notes.push(method(&selected, Definition::Paper, &names)?);
+    notes.push(method(&selected, &metrics)?);
     let rounds = max_round(&selected)?;
     let series = series(&choice, &selected, &metrics, rounds).await?;
     let best = (0..chosen.len()).max_by(|&a, &b| {

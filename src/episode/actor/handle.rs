@@ -19,7 +19,7 @@ use super::mailbox::{
 };
 use super::times::Times;
 use crate::budget::Reservation;
-use crate::fair::{Group, Party};
+use crate::fair::Party;
 use crate::ids::{EpisodeId, EpisodeKey, RunKey};
 use crate::keys::OwnerKey;
 use crate::store::entries::Entry;
@@ -231,9 +231,9 @@ impl Handle {
         Arc::clone(&self.times)
     }
 
-    /// The group to whose share its memory belongs, if to any.
-    pub(in super::super) fn memory_group(&self) -> Option<Group> {
-        self.0.memory.party().map(|party| party.group)
+    /// The party to whose share its memory belongs, if to any.
+    pub(in super::super) fn memory_party(&self) -> Option<Party> {
+        self.0.memory.party()
     }
 
     /// Waits until what was due when the actor was started is durable and published, or cannot be stored. Until then nobody may

@@ -98,7 +98,7 @@ impl Registry {
     /// Creates an episode; it is durable when this returns.
     pub async fn create(&self, creation: Creation) -> Result<Handle, CreateError> {
         let registry = self.clone();
-        let created = self.detached(async move {
+        let created = self.detached(creation.party, async move {
             let first = registry.numbers.take(1, registry.host.clock.wall());
             let opened = registry.open_new(EpisodeKey(first), creation).await;
             registry.release_unless_opened(first, 1, opened)
@@ -115,7 +115,8 @@ impl Registry {
         past: Past,
     ) -> Result<Vec<Handle>, CreateError> {
         let registry = self.clone();
-        self.detached(async move {
+        let party = creations.first().map_or(Party::SERVER, |creation| creation.party);
+        self.detached(party, async move {
             let count = creations.len();
             let first = registry.numbers.take(count, registry.host.clock.wall());
             let opened = registry.open_forks(first, creations, fork_of, past).await;
@@ -124,13 +125,14 @@ impl Registry {
         .await
     }
 
-    /// In a task of its own: the caller may be dropped half-way, and a creation has to complete.
+    /// Creates episodes for a party in a task of its own: the caller may be dropped half-way, and a creation has to complete.
     async fn detached(
         &self,
+        party: Party,
         creating: impl Future<Output = Result<Vec<Handle>, CreateError>> + Send + 'static,
     ) -> Result<Vec<Handle>, CreateError> {
         let (done, created) = oneshot::channel();
-        let creating = fair::inherit(async move { drop(done.send(creating.await)) });
+        let creating = fair::inherit(party.scope(async move { drop(done.send(creating.await)) }));
         (self.host.spawn)(Box::pin(creating.in_current_span()));
         let stopping = || Err(StoreError::Stopped(Stopped::Server).into());
         created.await.unwrap_or_else(|_| stopping())

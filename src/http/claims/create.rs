@@ -82,7 +82,8 @@ async fn new_tokens(app: &App, handle: &Handle, number: u32) -> Result<Response,
     let seats = tokens.seats.iter().zip(&agents);
     let rows = seats.map(|(token, agent)| row(token.hash(), Some(*agent)));
     let rows = rows.chain([row(tokens.swarm.hash(), None)]).collect();
-    app.store.replace_tokens(handle.key, Some(number), rows).await?;
+    let replaced = app.store.replace_tokens(handle.key, Some(number), rows).await;
+    // Some of them may be gone also where it broke off.
     app.revoked(|grant| match grant {
         Grant::Seat { episode, agent, .. } => *episode == handle.id && agents.contains(agent),
         Grant::Swarm { episode, seats: Seats::Claimed(seats), .. } => {
@@ -91,6 +92,7 @@ async fn new_tokens(app: &App, handle: &Handle, number: u32) -> Result<Response,
         Grant::Swarm { .. } | Grant::Run { .. } | Grant::Key(_) => false,
     })
     .await?;
+    replaced?;
     Ok(created(handle, &Claimed { number, agents }, &tokens))
 }
 

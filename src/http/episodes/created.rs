@@ -68,14 +68,19 @@ impl Tokens {
     /// New tokens of the creator in place of all that these episodes had.
     pub(super) async fn replaced(app: &App, episodes: &[Shown]) -> Result<Vec<Self>, ApiError> {
         let all: Vec<Self> = episodes.iter().map(|shown| Self::new(app, &shown.spec)).collect();
+        let mut replaced = Ok(());
         for (shown, tokens) in episodes.iter().zip(&all) {
-            app.store.replace_tokens(shown.episode, None, tokens.rows()).await?;
+            if replaced.is_ok() {
+                replaced = app.store.replace_tokens(shown.episode, None, tokens.rows()).await;
+            }
         }
+        // Some of them may be gone also where it broke off.
         let ids: HashSet<&EpisodeId> = episodes.iter().map(|shown| &shown.id).collect();
         app.revoked(
             |grant| matches!(grant, Grant::Seat { episode, .. } | Grant::Swarm { episode, .. } if ids.contains(episode)),
         )
         .await?;
+        replaced?;
         Ok(all)
     }
 

@@ -185,6 +185,26 @@ async fn a_repeat_gives_the_same_episode_with_fresh_tokens() {
     assert_eq!(list(&app.get("/api/v1/episodes").ok().await["items"]).len(), 1);
 }
 
+/// Tokens of many seats are replaced in several commits: all of them, and nobody else's.
+#[tokio::test]
+async fn a_repeat_replaces_the_tokens_of_many_seats() {
+    let mut app = TestApp::start().await;
+    let game = json!({ "task": "Synchronization", "num_agents": 150, "width": 40, "height": 40 });
+    let other = app.create(game.clone()).await;
+    let again = || app.post("/api/v1/episodes").header("idempotency-key", "many").json(&game);
+    let first = Episode::of(&again().ok().await);
+    let second = Episode::of(&again().ok().await);
+    app.restart().await;
+    for seat in [0, 1, 63, 64, 65, 127, 128, 149] {
+        app.get("/obs").token(first.seat(seat)).problem(401, "unauthorized").await;
+        for episode in [&second, &other] {
+            app.get("/obs").token(episode.seat(seat)).ok().await;
+        }
+    }
+    app.get("/swarm/obs").token(&first.swarm).problem(401, "unauthorized").await;
+    assert_eq!(app.swarm_obs(&second).await.len(), 150);
+}
+
 #[tokio::test]
 async fn another_key_or_none_gives_another_episode() {
     let app = TestApp::start().await;

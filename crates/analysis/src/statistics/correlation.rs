@@ -39,16 +39,6 @@ pub enum NoCorrelation {
     SecondConstant(usize),
 }
 
-impl NoCorrelation {
-    /// How many pairs there are.
-    #[must_use]
-    pub const fn n(self) -> usize {
-        match self {
-            Self::TooFew(n) | Self::FirstConstant(n) | Self::SecondConstant(n) => n,
-        }
-    }
-}
-
 /// The correlation of pairs of finite numbers.
 ///
 /// # Errors

@@ -4,11 +4,9 @@ use std::sync::Arc;
 
 use swarmbench_analysis::game::{Decision, Setup, State};
 use swarmbench_analysis::metric::Panel as Group;
-use swarmbench_analysis::statistics::{Correlation, NoCorrelation};
 use swarmbench_analysis::{Meter, Options};
 use swarmbench_engine::{Act, Config, Message, Settings, TaskName};
 use swarmbench_figures::board::{Board, Row, Score};
-use swarmbench_figures::correlations::{Bars, Found, HeatMap};
 use swarmbench_figures::dynamics::{Curve, Dynamics};
 use swarmbench_figures::frame::{Frames, Moment};
 use swarmbench_figures::sensitivity::{Point, Sensitivity};
@@ -130,29 +128,6 @@ pub(crate) fn dynamics(title: &str, rounds: usize, games: usize) -> Dynamics {
     }
 }
 
-fn correlation(seed: usize) -> Found {
-    let (r, n) = (wave(seed, 40)[39].unwrap_or(0.1) * 2.0 - 1.0, 65 - seed % 3);
-    if seed % 9 == 8 {
-        return Err(NoCorrelation::FirstConstant(n));
-    }
-    let interval = Some(((r - 0.2).max(-1.0), (r + 0.2).min(1.0)));
-    Ok(Correlation { n, r, p: (1.0 - r.abs()).powi(4), interval, rho: r / 2.0 })
-}
-
-pub(crate) fn bars(title: &str, names: &[String]) -> Bars {
-    let rows = names.iter().cloned().zip((0..).map(correlation)).collect();
-    Bars { title: title.to_owned(), notes: vec!["definition paper".to_owned()], rows }
-}
-
-pub(crate) fn heat_map(title: &str, names: Vec<String>) -> HeatMap {
-    let cell = |i: usize, j: usize| {
-        let same = Correlation { n: 65, r: 1.0, p: 0.0, interval: None, rho: 1.0 };
-        if i == j { Ok(same) } else { correlation(i * 17 + j) }
-    };
-    let cells = (0..names.len()).map(|i| (0..=i).map(|j| cell(i, j)).collect()).collect();
-    HeatMap { title: title.to_owned(), notes: Vec::new(), names, cells }
-}
-
 pub(crate) fn sensitivity(lines: usize, places: usize) -> Sensitivity {
     let point = |task: usize, line: usize, place: usize| Point {
         line,
@@ -246,22 +221,17 @@ pub(crate) fn frames(task: TaskName, places: &[usize], messages: bool) -> Frames
 
 /// Every figure by a name, with little data and with much.
 pub(crate) fn all() -> Vec<(String, Scene)> {
-    let hostile = || HOSTILE.map(str::to_owned).to_vec();
+    let hostile = HOSTILE.map(str::to_owned).to_vec();
     let figures: Vec<(&str, Box<dyn Figure>)> = vec![
         ("trends-none", Box::new(trends(Vec::new(), 100))),
         ("trends-one", Box::new(trends(names(1, 0), 100))),
         ("trends-13", Box::new(trends(names(13, 40), 100))),
         ("trends-long", Box::new(trends(names(5, 200), 3))),
-        ("trends-hostile", Box::new(trends(hostile(), 20))),
+        ("trends-hostile", Box::new(trends(hostile, 20))),
         ("dynamics-one", Box::new(dynamics("vendor/model-1, Pursuit", 100, 1))),
         ("dynamics-five", Box::new(dynamics("vendor/model-1, Pursuit", 100, 5))),
         ("dynamics-none", Box::new(dynamics(&names(1, 200)[0], 100, 0))),
         ("dynamics-short", Box::new(dynamics(HOSTILE[0], 2, 2))),
-        ("bars-13", Box::new(bars("Pursuit", &names(13, 30)))),
-        ("bars-hostile", Box::new(bars(HOSTILE[1], &hostile()))),
-        ("bars-none", Box::new(bars("Pursuit", &[]))),
-        ("heat-14", Box::new(heat_map("Pursuit", names(14, 30)))),
-        ("heat-two", Box::new(heat_map("Pursuit", names(2, 200)))),
         ("sensitivity-3", Box::new(sensitivity(3, 3))),
         ("sensitivity-one", Box::new(sensitivity(1, 1))),
         ("sensitivity-9", Box::new(sensitivity(9, 12))),
