@@ -230,7 +230,7 @@ struct Connections {
     all: usize,
     /// By network, and those of this host together; no entry is 0.
     by_network: ByNetwork,
-    /// By party and client, also behind proxies.
+    /// Connections by party and client, also behind proxies.
     holders: Holders<Connection>,
     /// Evicted and not closed yet.
     evictions: usize,

@@ -389,7 +389,7 @@ async fn run(
             jobs.push(job);
             kept.take(&mut jobs);
         }
-        // Where nothing can be written, or for much longer, all of it waits together.
+        // All kept jobs share the patience of one transaction where nothing can be written, or when the server stops.
         let is_urgent = stop.is_cancelled() || state.blocked().is_some();
         kept.choose(&mut jobs, if is_urgent { usize::MAX } else { KEPT_ROWS_MAX });
         if taken == 0 && jobs.is_empty() {

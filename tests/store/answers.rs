@@ -720,7 +720,7 @@ async fn all_acts(
 #[test]
 fn all_methods_that_read_are_asked() {
     /// What writes, opens or closes, and what is about several servers, of which SQLite has one.
-    const OTHERS: [&str; 15] = [
+    const OTHERS: [&str; 16] = [
         "join",
         "catch_up",
         "has",
@@ -736,6 +736,7 @@ fn all_methods_that_read_are_asked() {
         "patiently",
         "next_of",
         "keep",
+        "replace_tokens",
     ];
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let asked = fs::read_to_string(root.join("tests/store/answers.rs")).expect("this file");

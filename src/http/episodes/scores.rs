@@ -22,7 +22,7 @@ pub(in super::super) struct ScoresParams {
 }
 
 impl ScoresParams {
-    /// How many scores are wanted, checked.
+    /// The number of scores that the query asks for, checked.
     pub(in super::super) fn points(&self, app: &App) -> Result<u32, ApiError> {
         items(app, "points", self.points.unwrap_or(POINTS_USUAL))
     }

@@ -20,7 +20,7 @@ pub enum Api {
 }
 
 impl Api {
-    /// What follows the address of the endpoint.
+    /// The path after the address of the endpoint.
     pub(super) const fn path(self) -> &'static str {
         match self {
             Self::OpenAi => "/chat/completions",

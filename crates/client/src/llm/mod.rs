@@ -213,7 +213,7 @@ struct Chat<'a> {
 }
 
 impl Chat<'_> {
-    /// What it asks for, for the log.
+    /// The purpose of the request, for the log.
     fn subject(&self) -> String {
         self.question.map_or_else(
             || "a probe".to_owned(),
@@ -252,7 +252,7 @@ impl Chat<'_> {
         })
     }
 
-    /// What an answer costs of the budget: as reported by the endpoint, or else a fourth of the bytes.
+    /// Tokens that an answer takes from the budget: as reported by the endpoint, or else a fourth of the bytes.
     fn tokens(&self, completion: &Completion) -> u64 {
         if completion.is_rejected() {
             return 0;

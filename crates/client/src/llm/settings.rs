@@ -67,7 +67,7 @@ impl Settings {
         }
     }
 
-    /// All fields of the body except the messages. Cassettes identify models by it.
+    /// Fields of the body, without the messages. Cassettes identify models by it.
     ///
     /// # Errors
     /// [`Stop::Settings`] if a further field has its own setting, or contains the key.
