@@ -2,6 +2,7 @@
 
 use std::process::Command;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use sqlx::postgres::PgConnection;
@@ -75,10 +76,15 @@ pub(crate) struct Fleet {
     pub(crate) exclusions: u64,
 }
 
-/// A port that no program has, below those that the host gives to connections.
-pub(crate) fn free_port(dice: &Dice) -> u16 {
+/// A port that no program has, below those that the host gives to connections. No two tests of this run get the same one, also
+/// before they listen there.
+pub(crate) fn free_port() -> u16 {
+    static DRAWN: AtomicU32 = AtomicU32::new(0);
     loop {
-        let port = 20_000 + u16::try_from(dice.below(12_000)).expect("small");
+        // Another run may have its ports still.
+        let number =
+            std::process::id().wrapping_mul(97).wrapping_add(DRAWN.fetch_add(1, Ordering::Relaxed));
+        let port = 20_000 + u16::try_from(number % 12_000).expect("small");
         if std::net::TcpListener::bind(("127.0.0.1", port)).is_ok() {
             return port;
         }
@@ -90,13 +96,11 @@ impl Fleet {
     pub(crate) async fn new(seed: u64) -> Option<Self> {
         let scratch = Scratch::new().await?;
         let database = Scratch::address_of(scratch.url());
-        // Not of the seed: another run may have the ports still.
-        let dice = Dice::of(std::process::id().into(), &format!("ports {seed}"));
         let mut nodes = Vec::new();
         for _ in 0..NODES {
             let database = Proxy::before(database.clone()).await;
-            let listens = free_port(&dice);
-            let peers = Proxy::at(free_port(&dice), format!("127.0.0.1:{listens}")).await;
+            let listens = free_port();
+            let peers = Proxy::at(free_port(), format!("127.0.0.1:{listens}")).await;
             let site = Site::at(scratch.url_at(database.address));
             nodes.push(Node { site, database, peers, listens, server: None });
         }

@@ -5,7 +5,7 @@ use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use super::nodes::{Fleet, free_port};
-use crate::dice::{Dice, tell};
+use crate::dice::tell;
 use crate::postgres;
 #[cfg(target_os = "linux")]
 use crate::preload;
@@ -75,7 +75,6 @@ async fn two(test: &str) -> Option<Fleet> {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_server_that_does_not_fit_says_why_and_ends() {
     let Some(mut fleet) = two("a_server_that_does_not_fit_says_why_and_ends").await else { return };
-    let dice = Dice::of(std::process::id().into(), "refusals");
     let members = fleet.members().await;
     let (url, secret) = (fleet.scratch.url().to_owned(), fleet.secret());
     let folder = tempfile::tempdir().expect("a folder");
@@ -86,7 +85,7 @@ async fn a_server_that_does_not_fit_says_why_and_ends() {
     };
     let (other, short) = (file("other", "another secret of the campaign"), file("short", "short"));
     let here = |port: u16| format!("127.0.0.1:{port}");
-    let (own, nobodys) = (here(free_port(&dice)), here(free_port(&dice)));
+    let (own, nobodys) = (here(free_port()), here(free_port()));
     let taken = fleet.node(0).peers.address.to_string();
     let sqlite = folder.path().join("swarmbench.db").display().to_string();
     let with = |node: &str, listen: &str, secret: &str, db: &str| {
@@ -120,13 +119,12 @@ async fn a_server_with_a_wrong_clock_does_not_join() {
     let test = "a_server_with_a_wrong_clock_does_not_join";
     let Some(mut fleet) = two(test).await else { return };
     let members = fleet.members().await;
-    let dice = Dice::of(std::process::id().into(), "clocks");
     let folder = tempfile::tempdir().expect("a folder");
     let library = preload::library("clock.c", folder.path());
     for (off, words) in
         [("5", "ms ahead of that of the database"), ("-5", "ms behind that of the database")]
     {
-        let own = format!("127.0.0.1:{}", free_port(&dice));
+        let own = format!("127.0.0.1:{}", free_port());
         let secret = fleet.secret();
         let options = ["--node", &own, "--cluster-secret-file", &secret];
         let mut command = serve(program(), fleet.scratch.url(), &options);
@@ -151,8 +149,7 @@ async fn an_older_server_and_a_fleet_exclude_each_other() {
     let site = Site::at(fleet.scratch.url().to_owned());
     let mut server = site.start_by(Command::new(&old), &[]);
     server.ready().await;
-    let dice = Dice::of(std::process::id().into(), "old");
-    let own = format!("127.0.0.1:{}", free_port(&dice));
+    let own = format!("127.0.0.1:{}", free_port());
     let secret = fleet.secret();
     let options = ["--node", &own, "--cluster-secret-file", &secret];
     let new = refused(serve(program(), fleet.scratch.url(), &options)).await;
