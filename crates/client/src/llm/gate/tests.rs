@@ -67,8 +67,11 @@ impl Simulation {
     }
 
     async fn ask(&self) {
+        // The same pauses in each run of the tests.
+        let seed = self.refuses.lock().expect("no panic").1.next_u64();
         let pauses = ExponentialBuilder::default()
             .with_jitter()
+            .with_jitter_seed(seed)
             .with_min_delay(Duration::from_millis(500))
             .with_max_delay(Duration::from_mins(1))
             .with_max_times(RETRIES as usize);
