@@ -19,7 +19,7 @@ pub type Reply<'a, T> = BoxFuture<'a, Result<T, StoreError>>;
 pub type Committed = Box<dyn FnOnce(Result<(), StoreError>) + Send>;
 
 /// Hands entries over at once, and returns when they are durable.
-pub(in crate::store) fn committed(append: impl FnOnce(Committed)) -> Reply<'static, ()> {
+pub fn committed(append: impl FnOnce(Committed)) -> Reply<'static, ()> {
     let (done, kept) = tokio::sync::oneshot::channel();
     append(Box::new(move |result| drop(done.send(result))));
     async move { kept.await.unwrap_or(Err(StoreError::Stopped(Stopped::Writer))) }.boxed()
