@@ -73,6 +73,14 @@ impl Used {
         }
     }
 
+    fn of_group(&self, party: Party) -> usize {
+        self.by_group.get(&party.group).copied().unwrap_or(0)
+    }
+
+    fn of_member(&self, party: Party) -> usize {
+        self.by_member.get(&party).copied().unwrap_or(0)
+    }
+
     fn release(&mut self, party: Option<Party>, amount: usize) {
         self.sum -= amount;
         let Some(party) = party else { return };
@@ -142,12 +150,12 @@ impl Budget {
         let Some(party) = party.filter(|party| party.group != Group::Server) else {
             return Ok(());
         };
-        let of_group = used.by_group.get(&party.group).copied().unwrap_or(0);
+        let of_group = used.of_group(party);
         let exceeds = |used: usize, share: usize| used > 0 && used + amount > share;
         if exceeds(of_group, free) {
             return Err(Exhausted::Share { name, most, used: of_group });
         }
-        let of_member = used.by_member.get(&party).copied().unwrap_or(0);
+        let of_member = used.of_member(party);
         // As much as the group could still get.
         if exceeds(of_member, free.saturating_sub(of_group + amount) / 2 + amount) {
             return Err(Exhausted::Share { name, most, used: of_member });
@@ -163,8 +171,8 @@ impl Budget {
     ) -> Result<Reservation, Exhausted> {
         let mut used = self.lock();
         let of_party = party.map_or(0, |party| match party.member {
-            Some(_) => used.by_member.get(&party).copied().unwrap_or(0),
-            None => used.by_group.get(&party.group).copied().unwrap_or(0),
+            Some(_) => used.of_member(party),
+            None => used.of_group(party),
         });
         let shares = party.filter(|_| of_party + amount > FIRST_BYTES);
         self.check(&used, amount, shares, Rank::Urgent)?;

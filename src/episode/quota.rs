@@ -60,7 +60,7 @@ const fn times_keys(of_key: u64, group: Group) -> u64 {
     }
 }
 
-/// The entrants of a competition may write as much as so many keys.
+/// Limits of journal bytes of a competition, as a multiple of those of a key.
 pub const KEYS_OF_COMPETITION: u64 = 4;
 
 /// Bytes up to which the record of an act is stored whatever the quotas say: an action and a message

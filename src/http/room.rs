@@ -220,7 +220,7 @@ mod tests {
         assert_eq!(evicted, 90 - 34);
     }
 
-    /// Who loses a connection, by the last byte of the address and the number of the key: of so many connections of each.
+    /// The address (last byte) and the key (0: no token) that lose a connection; `counts` has the connections of each pair.
     fn loser_of(counts: &[(u8, i64, u64)], most: usize) -> Option<(u8, i64)> {
         let mut holders = Holders::default();
         let mut number = 0;
@@ -244,7 +244,7 @@ mod tests {
         assert_eq!(loser_of(&with(addresses(0).collect()), 100), None);
         assert_eq!(loser_of(&with(addresses(2).collect()), 100).map(|(_, key)| key), Some(2));
         assert_eq!(loser_of(&with(keys.collect()), 100).map(|(address, _)| address), Some(2));
-        // Whoever hoards in the part that is not too large makes room if nobody else can.
+        // A client with many connections in the smaller part loses one if nobody in the larger part has too many.
         let singles =
             |keys: std::ops::Range<i64>| keys.map(|key| (u8::try_from(key).expect("few"), key, 1));
         let hoards: Vec<_> = singles(2..53).chain([(60, 0, 49)]).collect();

@@ -1,8 +1,8 @@
 //! The one task that writes: it takes everything that is queued into one commit.
 //!
 //! Under load a commit carries what came in while the one before was on its way to the disk, so the
-//! cost of a commit is shared. Games go first: of what is kept while no game waits for it, such as tokens, entries and new
-//! games, a commit carries [`KEPT_ROWS_MAX`] rows. Four things can go wrong, and each costs as little as it can:
+//! cost of a commit is shared. Appended entries of running games go first; a commit carries [`KEPT_ROWS_MAX`] rows of kept
+//! entries, such as tokens, registrations and new games. Four things can go wrong, and each costs as little as it can:
 //!
 //! - A statement is refused, by a constraint say. The transaction is rolled back and its jobs are
 //!   written again, each behind a savepoint: that job alone gets an error, the others are committed.

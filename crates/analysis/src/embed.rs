@@ -11,7 +11,7 @@ use crate::characters::{is_digit, is_of_token};
 /// The embedder `hash-1`: hashed words and parts of words. Without a model, the same on every machine;
 /// `docs/evaluate/metrics.md` defines it.
 ///
-/// It keeps the vectors of the last texts.
+/// Vectors of the last texts are cached.
 pub struct Hash1 {
     cache: Cache<Box<str>, Option<Arc<[f64]>>>,
 }
