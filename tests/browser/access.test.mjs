@@ -6,7 +6,7 @@ import { NARROW, WIDE, open } from "./support/browser.mjs";
 import { PLACES, expectedAt, full } from "./support/site.mjs";
 import { suite } from "./support/suite.mjs";
 
-const AXE = await readFile(new URL("node_modules/axe-core/axe.min.js", import.meta.url), "utf8");
+const AXE = await readFile(new URL("../node_modules/axe-core/axe.min.js", import.meta.url), "utf8");
 
 /** How far a page may be too wide: rounding. */
 const SLACK_PX = 1;

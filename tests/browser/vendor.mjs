@@ -6,7 +6,7 @@ import { fileURLToPath } from "node:url";
 import path from "node:path";
 
 const here = path.dirname(fileURLToPath(import.meta.url));
-const packages = path.join(here, "node_modules");
+const packages = path.join(here, "../node_modules");
 const vendor = path.join(here, "../../static/assets/vendor");
 
 const MODULES = {
