@@ -1,7 +1,7 @@
 //! The guides of organizers, entrants and judges, done as they are written: all their commands, in their order, at their times.
 
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
@@ -68,19 +68,19 @@ impl Shell {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));
         let state = self.folder.path().join("state");
         let state = state.display();
+        // Set by the script: with another PATH in its environment the process would be forked, pages and all.
+        let programs = Path::new(env!("CARGO_BIN_EXE_swarmbench")).parent().expect("a folder");
+        let programs = programs.display();
         let script = format!(
-            "set -euo pipefail\n[ -e '{state}' ] && source '{state}'\nset -x\n{commands}\nset +x\n\
+            "set -euo pipefail\nPATH='{programs}':$PATH\n[ -e '{state}' ] && source '{state}'\nset -x\n{commands}\nset +x\n\
              {{ declare -p | grep -E '^declare -- [A-Z]' ; declare -f; }} > '{state}'\n"
         );
-        let binary = PathBuf::from(env!("CARGO_BIN_EXE_swarmbench"));
-        let path = std::env::var("PATH").expect("a path");
-        let path = format!("{}:{path}", binary.parent().expect("a folder").display());
         let examples = self.folder.path().join("examples");
         if !examples.exists() {
             std::os::unix::fs::symlink(root.join("examples"), examples).expect("a link");
         }
         let mut shell = Command::new("bash");
-        shell.arg("-c").arg(script).env("PATH", path).current_dir(self.folder.path());
+        shell.arg("-c").arg(script).current_dir(self.folder.path());
         shell.env("SWARMBENCH_SERVER", &self.server).env_remove("SWARMBENCH_KEY");
         shell.envs(self.key.as_ref().map(|key| ("SWARMBENCH_KEY", key)));
         shell.stdin(Stdio::null());
