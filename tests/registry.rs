@@ -1,9 +1,6 @@
 //! Episodes over a real store with a journal that misbehaves: an actor that panics, an episode that cannot be read.
 //! And the memory that they may take, which follows from settings alone.
 
-#[path = "support/game.rs"]
-mod game;
-
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -161,7 +158,7 @@ fn spec(change: impl FnOnce(&mut Settings)) -> Spec {
     let mut settings = Settings::standard(TaskName::Synchronization, 1);
     settings.num_agents = 2;
     change(&mut settings);
-    game::spec(Config::check(&settings).expect("good settings"))
+    crate::game::spec(Config::check(&settings).expect("good settings"))
 }
 
 /// A game whose world takes some 200,000 bytes; one with a clock stays in memory.

@@ -45,7 +45,7 @@ impl Export {
     }
 
     fn run(&self, args: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_swarmbench"))
+        Command::new(swarmbench_testkit::program::program())
             .args(args)
             .arg("--from")
             .arg(self.write())

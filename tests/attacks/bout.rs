@@ -9,14 +9,14 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 use swarmbench_clock::{Clock, SystemClock, after};
 use swarmbench_loadtest::latencies::Spread;
+use swarmbench_testkit::program::{Server, Site, program};
 use tokio::sync::{mpsc, watch};
 use tokio::time::{sleep, timeout};
 
-use crate::attackers::{ATTACKERS, Attack, Brief, Report};
-use crate::honest::{Honest, Place, Score, text};
-use crate::measure::{cpu_s, memory_peak_mib};
-use crate::server::{Server, Site, program};
-use crate::wire::{Request, Source, Wire};
+use crate::attacks::attackers::{ATTACKERS, Attack, Brief, Report};
+use crate::attacks::honest::{Honest, Place, Score, text};
+use crate::attacks::measure::{cpu_s, memory_peak_mib};
+use crate::attacks::wire::{Request, Source, Wire};
 
 /// Address space that a server gets beside twice its memory, in MiB: stacks of its threads, and what the allocator and the
 /// database reserve and do not use. An attack on memory ends the server and not the host.

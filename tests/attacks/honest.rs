@@ -16,8 +16,8 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval, sleep};
 
-use crate::measure::Tally;
-use crate::wire::{Answer, Request, Source, Wire};
+use crate::attacks::measure::Tally;
+use crate::attacks::wire::{Answer, Request, Source, Wire};
 
 /// A seat acts this often, unless the server is slower.
 const PACE: Duration = Duration::from_millis(50);

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use serde::{Deserialize, Serialize};
 
-use crate::wire::Answer;
+use crate::attacks::wire::Answer;
 
 /// Ticks of `/proc/PID/stat` in a second, as Linux shows them to programs.
 const TICKS_PER_S: f64 = 100.0;

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use swarmbench_loadtest::latencies::Spread;
 
-use crate::attackers::{Attack, CPU_SHARE};
-use crate::bout::{Outcome, Phase, Setting};
+use crate::attacks::attackers::{Attack, CPU_SHARE};
+use crate::attacks::bout::{Outcome, Phase, Setting};
 
 /// Memory that a server may have resident under any attack beside twice its `--memory-max`, in MiB: the program, its
 /// threads, and the pages of the database.

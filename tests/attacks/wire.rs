@@ -13,7 +13,7 @@ use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
 use tokio::net::{TcpSocket, TcpStream};
 use tokio::time::timeout;
 
-use crate::measure::Tally;
+use crate::attacks::measure::Tally;
 
 /// How long an answer may take, long polls included.
 const PATIENCE: Duration = Duration::from_secs(75);

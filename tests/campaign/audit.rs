@@ -13,10 +13,10 @@ use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{ActRecord, End, RawRecord, Record, Round, Source};
 use swarmbench_journal::replay::verify;
 use swarmbench_protocol::episode::EpisodeList;
+use swarmbench_testkit::program::{Server, Site, complaints};
 
-use crate::clients::Clients;
-use crate::ledger::{Played, Sent};
-use crate::server::{Server, Site, complaints};
+use crate::campaign::clients::Clients;
+use crate::campaign::ledger::{Played, Sent};
 
 /// What the journals hold.
 #[derive(Clone, Copy, Debug, Default)]
@@ -63,7 +63,7 @@ pub(crate) async fn journals(clients: &Clients) -> Totals {
 /// What a server leaves behind that has stopped in good order.
 pub(crate) async fn check_left_behind(site: &Site) {
     if site.is_on_postgres() {
-        return check_database(site.location()).await;
+        return check_database(site.direct().parse().expect("a location")).await;
     }
     assert!(!site.wal().exists(), "what was written lately is not in the database");
     integrity(Path::new(site.db())).await;

@@ -5,12 +5,12 @@
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use crate::audit::audit_after;
-use crate::clients::{Clients, while_playing};
-use crate::dice::{Dice, number, seed, tell};
-use crate::postgres::{self, Scratch};
-use crate::proxy::{Proxy, Way};
-use crate::server::{PATIENCE, Site};
+use crate::campaign::audit::audit_after;
+use crate::campaign::clients::{Clients, while_playing};
+use crate::campaign::proxy::{Proxy, Way};
+use swarmbench_testkit::dice::{Dice, number, seed, tell};
+use swarmbench_testkit::postgres::{self, Scratch};
+use swarmbench_testkit::program::{PATIENCE, Site};
 
 /// How often the database goes away, where `SWARMBENCH_CUTS` does not say otherwise.
 const CUTS: u64 = 12;
@@ -50,15 +50,8 @@ async fn cut(proxy: &Proxy, cut: Cut, blind: Duration, away: Duration) {
     proxy.open();
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_database_that_goes_away_is_a_pause() {
-    let Some(url) = postgres::server() else {
-        println!(
-            "NOT RUN: a_database_that_goes_away_is_a_pause needs {} (.ci/postgres)",
-            postgres::VARIABLE
-        );
-        return;
-    };
+pub(crate) async fn a_database_that_goes_away_is_a_pause() {
+    let url = postgres::server().expect("a server for tests");
     let seed = seed("away");
     let cuts = number("SWARMBENCH_CUTS").unwrap_or(CUTS);
     let began = Instant::now();

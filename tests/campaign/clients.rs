@@ -16,14 +16,14 @@ use swarmbench_protocol::act::{
 use swarmbench_protocol::episode::{EpisodeSummary, State};
 use swarmbench_protocol::observation::Observation;
 use swarmbench_protocol::problem::Problem;
+use swarmbench_testkit::dice::Dice;
+use swarmbench_testkit::program::{Address, Door, PATIENCE};
 use tokio::sync::watch;
 use tokio::task::{JoinHandle, JoinSet};
 
-use crate::dice::Dice;
-use crate::doors::{Doors, Servers, Tried};
-use crate::ledger::{Holder, Known, Ledger, Played};
-use crate::plan::{By, Game};
-use crate::server::{Address, Door, PATIENCE};
+use crate::campaign::doors::{Doors, Servers, Tried};
+use crate::campaign::ledger::{Holder, Known, Ledger, Played};
+use crate::campaign::plan::{By, Game};
 
 /// Seconds that a long poll waits at the only server, and at one of several: there nobody tells a client that the server does not
 /// answer.

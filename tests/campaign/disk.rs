@@ -7,22 +7,20 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use rstest::rstest;
 use rustix::mount::{MountFlags, UnmountFlags, mount, mount_remount, unmount};
 use serde_json::json;
 use swarmbench_engine::AgentId;
 use swarmbench_protocol::act::{ActRequest, Receipt};
 use swarmbench_protocol::episode::CreatedEpisode;
+use swarmbench_testkit::dice::{Dice, seed, tell};
+use swarmbench_testkit::program::{Server, Site, until};
 use tempfile::TempDir;
 
-use crate::audit::audit;
-use crate::clients::{Clients, while_playing};
-use crate::dice::{Dice, seed, tell};
-use crate::ledger::Played;
-use crate::plan::By;
-use crate::postgres::is_on_postgres;
-use crate::preload;
-use crate::server::{Server, Site, until};
+use crate::campaign::audit::audit;
+use crate::campaign::clients::{Clients, while_playing};
+use crate::campaign::ledger::Played;
+use crate::campaign::plan::By;
+use crate::campaign::preload;
 
 /// How many games are played at once.
 const TABLES: usize = 4;
@@ -66,16 +64,15 @@ impl FaultyDisk {
     }
 }
 
-#[rstest]
-#[case::no_space("enospc", true)]
-#[case::an_error_of_the_device("eio", false)]
-#[case::a_torn_write("torn", true)]
-#[case::an_error_when_syncing("sync", false)]
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn nothing_is_acknowledged_after_a_failed_commit(#[case] kind: &str, #[case] mends: bool) {
-    if is_on_postgres("nothing_is_acknowledged_after_a_failed_commit") {
-        return;
-    }
+/// Failures of a disk: what it is, what the library is told, and whether it is mended before the server ends.
+pub(crate) const FAILURES: [(&str, &str, bool); 4] = [
+    ("no_space", "enospc", true),
+    ("an_error_of_the_device", "eio", false),
+    ("a_torn_write", "torn", true),
+    ("an_error_when_syncing", "sync", false),
+];
+
+pub(crate) async fn nothing_is_acknowledged_after_a_failed_commit(kind: &str, mends: bool) {
     let seed = seed(kind);
     let disk = FaultyDisk::new();
     let site = Site::new();
@@ -112,11 +109,7 @@ async fn nothing_is_acknowledged_after_a_failed_commit(#[case] kind: &str, #[cas
     audit(&site, server, &clients).await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn writes_that_take_only_a_part_do_no_harm() {
-    if is_on_postgres("writes_that_take_only_a_part_do_no_harm") {
-        return;
-    }
+pub(crate) async fn writes_that_take_only_a_part_do_no_harm() {
     let seed = seed("short");
     let disk = FaultyDisk::new();
     let site = Site::new();
@@ -138,20 +131,11 @@ async fn writes_that_take_only_a_part_do_no_harm() {
     audit(&site, server, &clients).await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_disk_that_is_really_full() {
-    if is_on_postgres("a_disk_that_is_really_full") {
-        return;
-    }
+pub(crate) async fn a_disk_that_is_really_full() {
     let seed = seed("full disk");
     let folder = TempDir::new().expect("a folder");
-    let tmpfs = mount("tmpfs", folder.path(), "tmpfs", MountFlags::empty(), c"size=3m");
-    if let Err(error) = tmpfs {
-        tell(&format!(
-            "full disk: NOT RUN, as no tmpfs may be mounted here ({error}); the injected faults are all there is"
-        ));
-        return;
-    }
+    mount("tmpfs", folder.path(), "tmpfs", MountFlags::empty(), c"size=3m")
+        .expect("root may mount");
     let mounted = Mounted(folder.path().to_owned());
     let site = Site::over(folder);
     // Declared after the site, so that it is gone before the folder is removed.

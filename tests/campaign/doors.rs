@@ -4,8 +4,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use crate::dice::Dice;
-use crate::server::{Address, Door, PATIENCE};
+use swarmbench_testkit::dice::Dice;
+use swarmbench_testkit::program::{Address, Door, PATIENCE};
 
 /// How long nobody listens before it is looked again.
 const PAUSE: Duration = Duration::from_millis(5);

@@ -2,7 +2,7 @@
 //! away. Clients ask any of them, and everything that holds for one server must hold for all of them together.
 
 mod nodes;
-mod refusals;
+pub(crate) mod refusals;
 mod times;
 
 use std::sync::Arc;
@@ -10,15 +10,14 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use swarmbench::store::Location;
+use swarmbench_testkit::dice::{Dice, number, seed, tell};
+use swarmbench_testkit::program::PATIENCE;
 
-use crate::audit::{Totals, check_database, journals};
-use crate::clients::{Clients, while_playing};
-use crate::dice::{Dice, number, seed, tell};
-use crate::kills::Moment;
-use crate::ledger::Played;
-use crate::postgres;
-use crate::proxy::{Proxy, Way};
-use crate::server::PATIENCE;
+use crate::campaign::audit::{Totals, check_database, journals};
+use crate::campaign::clients::{Clients, while_playing};
+use crate::campaign::kills::Moment;
+use crate::campaign::ledger::Played;
+use crate::campaign::proxy::{Proxy, Way};
 use nodes::{Fleet, NODES};
 use times::{Kind, Times};
 
@@ -219,14 +218,9 @@ struct Campaign {
     times: Times,
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn several_servers_lose_nothing_and_play_nothing_twice() {
-    let test = "several_servers_lose_nothing_and_play_nothing_twice";
+pub(crate) async fn several_servers_lose_nothing_and_play_nothing_twice() {
     let seed = seed("fleet");
-    let Some(fleet) = Fleet::new(seed).await else {
-        tell(&format!("NOT RUN: {test} needs {} (.ci/postgres)", postgres::VARIABLE));
-        return;
-    };
+    let fleet = Fleet::new(seed).await;
     let began = Instant::now();
     let clients = Clients::of_several(seed, Arc::clone(&fleet.doors));
     let mut campaign = Campaign { fleet, clients: Arc::clone(&clients), times: Times::default() };

@@ -6,10 +6,10 @@ use std::time::Duration;
 use serde_json::{Value, json};
 use swarmbench_engine::physics::Solver;
 use swarmbench_journal::replay::verify;
+use swarmbench_testkit::dice::{Dice, seed, tell};
+use swarmbench_testkit::program::{Server, Site, complaints};
 
-use crate::audit::check_left_behind;
-use crate::dice::{Dice, seed, tell};
-use crate::server::{Server, Site, complaints};
+use crate::campaign::audit::check_left_behind;
 
 const KILLS: usize = 12;
 
@@ -48,8 +48,7 @@ impl Address {
     }
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn forks_are_there_whole_or_not_at_all() {
+pub(crate) async fn forks_are_there_whole_or_not_at_all() {
     let seed = seed("forks");
     let site = Site::new();
     let mut server = site.start();

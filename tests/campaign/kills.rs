@@ -4,10 +4,10 @@ use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use crate::audit::{Totals, audit, integrity};
-use crate::clients::{Clients, while_playing};
-use crate::dice::{Dice, number, seed, tell};
-use crate::server::{Server, Site, complaints};
+use crate::campaign::audit::{Totals, audit, integrity};
+use crate::campaign::clients::{Clients, while_playing};
+use swarmbench_testkit::dice::{Dice, number, seed, tell};
+use swarmbench_testkit::program::{Server, Site, complaints};
 
 /// How many kills there are, where `SWARMBENCH_KILLS` does not say otherwise.
 const KILLS: u64 = 30;
@@ -38,8 +38,7 @@ impl Moment {
         [Self::Start, Self::Ready, Self::Acknowledged, Self::Sent, Self::Any];
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_was_acknowledged_survives_every_kill() {
+pub(crate) async fn what_was_acknowledged_survives_every_kill() {
     let seed = seed("kills");
     let kills = number("SWARMBENCH_KILLS").unwrap_or(KILLS);
     let began = Instant::now();

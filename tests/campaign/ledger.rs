@@ -10,9 +10,9 @@ use swarmbench_engine::{AgentId, Message};
 use swarmbench_protocol::act::{ActRequest, Receipt};
 use swarmbench_protocol::episode::{CreatedEpisode, EpisodeResult, State};
 use swarmbench_protocol::observation::Observation;
+use swarmbench_testkit::dice::Dice;
 
-use crate::dice::Dice;
-use crate::plan::Game;
+use crate::campaign::plan::Game;
 
 /// An episode; and the seat of a token, if it is one of a seat.
 pub(crate) type Holder = (Arc<Played>, Option<AgentId>);

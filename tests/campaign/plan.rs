@@ -7,7 +7,7 @@ use swarmbench_engine::{Action, AgentId, Control, RuleSet, TaskName};
 use swarmbench_protocol::act::{ActRequest, Usage};
 use swarmbench_protocol::episode::EpisodeRequest;
 
-use crate::dice::Dice;
+use swarmbench_testkit::dice::Dice;
 
 /// By which calls an episode is played.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

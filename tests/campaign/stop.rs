@@ -9,13 +9,13 @@ use serde_json::{Value, json};
 use swarmbench_protocol::act::{ActResponse, SwarmObsResponse};
 use swarmbench_protocol::episode::{CreatedEpisode, RoundEvent};
 use swarmbench_protocol::observation::Observation;
+use swarmbench_testkit::dice::{Dice, seed};
+use swarmbench_testkit::program::{Server, Site, complaints};
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 
-use crate::audit::{audit, check_left_behind};
-use crate::clients::{Clients, while_playing};
-use crate::dice::{Dice, seed};
-use crate::server::{Server, Site, complaints};
+use crate::campaign::audit::{audit, check_left_behind};
+use crate::campaign::clients::{Clients, while_playing};
 
 /// How often the server is stopped while many play.
 const STOPS: u64 = 5;
@@ -31,8 +31,7 @@ async fn stop(site: &Site, server: Server) {
     check_left_behind(site).await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn games_go_on_after_every_stop() {
+pub(crate) async fn games_go_on_after_every_stop() {
     let seed = seed("stop");
     let site = Site::new();
     let clients = Clients::new(seed, site.door.clone());
@@ -109,8 +108,7 @@ impl Waiting {
     }
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn whoever_waits_is_answered_in_full() {
+pub(crate) async fn whoever_waits_is_answered_in_full() {
     let site = Site::new();
     let mut server = site.start();
     server.ready().await;
@@ -188,8 +186,7 @@ async fn whoever_waits_is_answered_in_full() {
     stop(&site, server).await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_client_that_never_ends_its_request_holds_nobody_up() {
+pub(crate) async fn a_client_that_never_ends_its_request_holds_nobody_up() {
     let site = Site::new();
     let mut server = site.start();
     server.ready().await;
@@ -214,8 +211,7 @@ async fn a_client_that_never_ends_its_request_holds_nobody_up() {
     stop(&site, server).await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn acts_that_came_while_the_process_was_frozen_are_in_time() {
+pub(crate) async fn acts_that_came_while_the_process_was_frozen_are_in_time() {
     let site = Site::new();
     let mut server = site.start();
     server.ready().await;

@@ -14,7 +14,7 @@ use super::{Serving, empty_competition, text};
 fn commands() -> Vec<String> {
     let named = |words: &[&str]| -> Vec<String> {
         let help =
-            Command::new(env!("CARGO_BIN_EXE_swarmbench")).args(words).arg("--help").output();
+            Command::new(swarmbench_testkit::program::program()).args(words).arg("--help").output();
         let help = text(&help.expect("the binary runs").stdout);
         let Some((_, list)) = help.split_once("Commands:\n") else { return Vec::new() };
         // Further lines about a command are indented further.
@@ -198,7 +198,7 @@ impl Site {
     }
 
     fn command(&self, args: &[String]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
+        let mut command = Command::new(swarmbench_testkit::program::program());
         command.args(args).stdin(Stdio::null());
         command.env("SWARMBENCH_SERVER", &self.server.base);
         command.env("SWARMBENCH_KEY", &self.organizer);
@@ -359,7 +359,7 @@ fn a_server_whose_log_nobody_reads_serves() {
     let db: PathBuf = folder.path().join("silent.db");
     let free = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr());
     let address = free.expect("a port").to_string();
-    let mut process = Command::new(env!("CARGO_BIN_EXE_swarmbench"))
+    let mut process = Command::new(swarmbench_testkit::program::program())
         .args(["serve", "--addr", &address, "--db", &path(&db)])
         .env("RUST_LOG", "trace")
         .stdin(Stdio::null())
@@ -385,7 +385,7 @@ fn a_server_whose_log_nobody_reads_serves() {
 #[test]
 fn what_cannot_be_written_is_an_error() {
     let full = std::fs::OpenOptions::new().write(true).open("/dev/full").expect("Linux has one");
-    let output = Command::new(env!("CARGO_BIN_EXE_swarmbench"))
+    let output = Command::new(swarmbench_testkit::program::program())
         .arg("openapi")
         .stdout(full)
         .output()

@@ -18,7 +18,7 @@ struct Assistant {
 impl Assistant {
     /// Starts the command and introduces itself.
     fn start(server: &str, token: Option<&str>) -> Self {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
+        let mut command = Command::new(swarmbench_testkit::program::program());
         command.args(["mcp", "--server", server]).stdin(Stdio::piped()).stdout(Stdio::piped());
         command.env_remove("SWARMBENCH_TOKEN").stderr(Stdio::null());
         if let Some(token) = token {

@@ -7,6 +7,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::task::Poll;
+use swarmbench_testkit::needs;
 
 use flate2::read::GzDecoder;
 use futures::future::{Either, poll_fn, select};
@@ -22,8 +23,8 @@ use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 
-use super::postgres::Scratch;
 use super::{swarmbench, text};
+use swarmbench_testkit::postgres::Scratch;
 
 /// The golden databases, each in a folder with the number of its newest migration.
 const DATABASES: &str = "tests/golden/database";
@@ -79,14 +80,11 @@ struct Place {
 }
 
 impl Place {
-    /// The places that there are: a file, and PostgreSQL.
-    async fn all(golden: &Golden, test: &str) -> Vec<Self> {
+    /// A file, and PostgreSQL where the tests run on it.
+    async fn all(golden: &Golden) -> Vec<Self> {
         let mut places = vec![Self { location: golden.path("moved.db"), scratch: None }];
-        match Scratch::new().await {
-            Some(scratch) => {
-                places.push(Self { location: scratch.url().to_owned(), scratch: Some(scratch) });
-            }
-            None => not_run(test),
+        if let Some(scratch) = Scratch::new().await {
+            places.push(Self { location: scratch.url().to_owned(), scratch: Some(scratch) });
         }
         places
     }
@@ -99,10 +97,6 @@ impl Place {
         }
         sqlx::query_scalar(sum).fetch_one(&mut read(&self.location).await?).await.ok()
     }
-}
-
-fn not_run(test: &str) {
-    println!("NOT RUN: {test} needs SWARMBENCH_TEST_DB (.ci/postgres)");
 }
 
 async fn read(path: &str) -> Option<SqliteConnection> {
@@ -190,7 +184,7 @@ async fn answers(db: &str, facts: &Value) -> Vec<(String, u16, String)> {
 async fn a_database_moves_there_and_back_and_is_the_same() {
     let golden = Golden::new();
     let from = golden.db();
-    for place in Place::all(&golden, "moving to PostgreSQL and back").await {
+    for place in Place::all(&golden).await {
         let there = migrated(&from, &place.location);
         let back = golden.path(if place.scratch.is_some() { "back.db" } else { "again.db" });
         let again = migrated(&place.location, &back);
@@ -237,9 +231,6 @@ async fn databases_of_all_versions_move_there_and_back_and_are_the_same() {
         let from = golden.db();
         Store::open(location(&from)).await.expect("it opens").close().await;
         let scratch = Scratch::new().await;
-        if scratch.is_none() {
-            not_run("moving databases of all versions to PostgreSQL and back");
-        }
         let there = scratch
             .as_ref()
             .map_or_else(|| golden.path("moved.db"), |scratch| scratch.url().to_owned());
@@ -274,7 +265,7 @@ async fn a_copy_that_is_dropped_at_any_step_is_refused_and_continues() {
     let golden = Golden::new();
     let from = golden.db();
     let whole = moved(&from, &golden.path("whole.db")).await.expect("a copy");
-    for place in Place::all(&golden, "continuing a copy to PostgreSQL").await {
+    for place in Place::all(&golden).await {
         let to = location(&place.location);
         let (mut steps_max, mut interrupted) = (1, 0);
         let copied = loop {
@@ -327,10 +318,10 @@ fn kill(mut process: Child) {
 async fn a_copy_that_is_killed_is_refused_by_servers_and_continues() {
     let golden = Golden::new();
     let from = golden.db();
-    for place in Place::all(&golden, "killing a copy to PostgreSQL").await {
+    for place in Place::all(&golden).await {
         let to = &place.location;
         for least in [1, 1500, 4000] {
-            let mut process = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
+            let mut process = Command::new(swarmbench_testkit::program::program());
             let process =
                 process.args(migrate(&from, to)).stdout(Stdio::null()).stderr(Stdio::null());
             let mut process = process.spawn().expect("the binary runs");
@@ -396,7 +387,7 @@ async fn a_source_that_was_written_meanwhile_is_noticed() {
 async fn a_database_with_rows_of_its_own_is_never_overwritten() {
     let golden = Golden::new();
     let from = golden.db();
-    for place in Place::all(&golden, "a PostgreSQL with other rows").await {
+    for place in Place::all(&golden).await {
         let to = &place.location;
         let made = swarmbench(&["key", "create", "--name", "alice", "--db", to]);
         assert!(made.status.success(), "{}", text(&made.stderr));
@@ -437,11 +428,10 @@ fn errors_of_a_move_say_what_to_do() {
     drop(server);
 }
 
+#[needs(postgres)]
 #[tokio::test]
 async fn a_text_that_postgres_cannot_store_is_named_before_anything_is_copied() {
-    let Some(scratch) = Scratch::new().await else {
-        return not_run("a text that PostgreSQL cannot store");
-    };
+    let scratch = Scratch::new().await.expect("the tests run on PostgreSQL");
     let golden = Golden::new();
     write(&golden.db(), "UPDATE imports SET model = 'a' || char(0) || 'b' WHERE key = 3").await;
     let said = refused(&["migrate", "--from", &golden.db(), "--to", scratch.url()]);

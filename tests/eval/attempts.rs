@@ -9,7 +9,7 @@ use swarmbench_client::client::Client;
 use swarmbench_clock::{Clock, SystemClock};
 
 use super::bench::{Bench, Done, Running, Serving};
-use super::endpoint::{Endpoint, Reply, Seen};
+use crate::llm::endpoint::{Endpoint, Reply, Seen};
 
 /// Questions of an attempt: two tasks on one seed, three rounds, two agents.
 const QUESTIONS: usize = 12;
@@ -36,7 +36,7 @@ impl Cup {
     /// Opens a competition for a number of seconds, with some fields changed.
     async fn open_for(seconds: u64, change: Value) -> Self {
         let bench = Bench::new();
-        let mut command = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
+        let mut command = Command::new(swarmbench_testkit::program::program());
         let args = ["key", "create", "--name", "o", "--role", "organizer", "--db", "swarmbench.db"];
         let made = command.args(args).current_dir(bench.folder.path()).output().expect("it runs");
         let key = String::from_utf8(made.stdout).expect("UTF-8").trim().to_owned();

@@ -72,7 +72,7 @@ impl Bench {
 
     /// `swarmbench eval` with these arguments, whatever the environment of the test has.
     pub(crate) fn command(&self, args: &[&str]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
+        let mut command = Command::new(swarmbench_testkit::program::program());
         command.arg("eval").args(args).current_dir(self.folder.path());
         for name in ["OPENAI_API_KEY", "OPENAI_BASE_URL", "SWARMBENCH_SERVER", "SWARMBENCH_KEY"] {
             command.env_remove(name);

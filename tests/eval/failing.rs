@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::bench::Bench;
-use super::endpoint::{Endpoint, Reply, completion};
+use crate::llm::endpoint::{Endpoint, Reply, completion};
 
 /// Two games of 2 agents and 40 rounds: 160 answers.
 const GAME: [&str; 8] =

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use serde_json::json;
 
 use super::bench::{Bench, Running};
-use super::endpoint::{Endpoint, Reply, Seen, completion};
+use crate::llm::endpoint::{Endpoint, Reply, Seen, completion};
 
 /// Small games: two agents, four rounds.
 const SMALL: [&str; 6] = ["--num-agents", "2", "--max-round", "4", "--seeds", "1,2"];

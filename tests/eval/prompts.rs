@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::bench::Bench;
-use super::endpoint::{Endpoint, Reply};
+use crate::llm::endpoint::{Endpoint, Reply};
 
 const SMALL: [&str; 8] =
     ["--num-agents", "2", "--max-round", "2", "--seeds", "1", "--task", "Synchronization"];

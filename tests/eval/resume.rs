@@ -7,7 +7,7 @@ use std::time::Duration;
 use rustix::process::Signal;
 
 use super::bench::{Bench, Running};
-use super::endpoint::{Endpoint, Reply};
+use crate::llm::endpoint::{Endpoint, Reply};
 
 const GAME: [&str; 8] =
     ["--task", "Synchronization", "--num-agents", "2", "--max-round", "4", "--seeds", "1..5"];

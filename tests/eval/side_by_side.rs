@@ -3,7 +3,7 @@
 use rustix::process::Signal;
 
 use super::bench::{Bench, Running};
-use super::endpoint::{Endpoint, Reply};
+use crate::llm::endpoint::{Endpoint, Reply};
 
 const GAME: &str =
     "tasks = 'Synchronization'\nseeds = [1, 2]\n[settings]\nnum_agents = 2\nmax_round = 2\n";

@@ -1,5 +1,5 @@
 //! How long evaluations take beside their endpoints, measured with the real program:
-//! `cargo test --test eval -- --ignored --nocapture evaluations_take`.
+//! `cargo test --test program evaluations_take -- --ignored --nocapture`.
 
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
 use super::bench::Bench;
-use super::endpoint::{Endpoint, Reply};
+use crate::llm::endpoint::{Endpoint, Reply};
 
 /// Four games of 12 agents and 20 rounds, all seats asked at once.
 const GAMES: [&str; 10] = [

@@ -6,7 +6,7 @@ use swarmbench_engine::{
     Act, Action, AgentId, AnswerReader, Config, Control, Message, Settings, TaskName,
 };
 
-use crate::fuzz;
+use swarmbench_testkit::check;
 
 /// What makes a difference to the reader.
 const PIECES: [&str; 47] = [
@@ -111,7 +111,7 @@ fn answers_are_read_by_the_rules() {
             Control::ALL.map(|control| config(task, control, AnswerReader::LastMarker))
         })
         .collect();
-    fuzz::check!(4_000, produce::<(Vec<Part>, String, u8, bool)>(), |(
+    check!(4_000, produce::<(Vec<Part>, String, u8, bool)>(), |(
         parts,
         prose,
         setting,
@@ -157,7 +157,7 @@ fn answers_are_read_by_the_rules() {
 fn any_bytes_are_read() {
     let configs = AnswerReader::ALL
         .map(|reader| config(TaskName::Synchronization, Control::Centralized, reader));
-    fuzz::check!(2_000, produce::<Vec<u8>>().with().len(0..4096_usize), |bytes| {
+    check!(2_000, produce::<Vec<u8>>().with().len(0..4096_usize), |bytes| {
         for config in &configs {
             check(&String::from_utf8_lossy(bytes), config, AgentId::COMMANDER);
         }
@@ -169,7 +169,7 @@ fn any_bytes_are_read() {
 fn the_first_marker_is_read_by_the_rules() {
     let config =
         config(TaskName::Synchronization, Control::Decentralized, AnswerReader::FirstMarker);
-    fuzz::check!(4_000, produce::<(Vec<Part>, String)>(), |(parts, prose)| {
+    check!(4_000, produce::<(Vec<Part>, String)>(), |(parts, prose)| {
         let text = text(parts);
         check(&text, &config, AgentId(5));
         let prose = prose.replace([':', '\n'], " ");

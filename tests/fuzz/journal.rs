@@ -11,7 +11,7 @@ use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::RawRecord;
 use swarmbench_journal::replay::{Fault, Report, verify as verify_with};
 
-use crate::fuzz;
+use swarmbench_testkit::check;
 
 /// A journal as the server gave it.
 struct Original {
@@ -132,7 +132,7 @@ impl Change {
 
 #[test]
 fn only_the_original_has_its_head() {
-    fuzz::check!(1_500, produce::<(u8, Change, Option<Change>)>(), |(which, change, another)| {
+    check!(1_500, produce::<(u8, Change, Option<Change>)>(), |(which, change, another)| {
         let original = &ORIGINALS[usize::from(*which) % ORIGINALS.len()];
         let mut bytes = original.bytes.clone();
         change.apply(&mut bytes);
@@ -146,7 +146,7 @@ fn only_the_original_has_its_head() {
 
 #[test]
 fn any_bytes_are_no_journal() {
-    fuzz::check!(2_000, produce::<Vec<u8>>().with().len(0..4096_usize), |bytes| {
+    check!(2_000, produce::<Vec<u8>>().with().len(0..4096_usize), |bytes| {
         assert!(verify(bytes, None).is_err());
     });
 }
@@ -235,11 +235,7 @@ fn change(value: &mut Value, path: &[u8], leaf: &Leaf) {
 /// played. What is accepted then is a journal, but never the original one.
 #[test]
 fn records_with_good_hashes_are_judged_by_what_they_say() {
-    fuzz::check!(1_000, produce::<(u8, [(u8, [u8; 4], Leaf); 2], bool)>(), |(
-        which,
-        changes,
-        both,
-    )| {
+    check!(1_000, produce::<(u8, [(u8, [u8; 4], Leaf); 2], bool)>(), |(which, changes, both)| {
         let original = &ORIGINALS[usize::from(*which) % ORIGINALS.len()];
         let text = std::str::from_utf8(&original.bytes).expect("UTF-8");
         // `{"hash":"<64 digits>","record":<the record>}`

@@ -14,7 +14,7 @@ use swarmbench_clock::after;
 use swarmbench_engine::{Act, Action, AgentId};
 use swarmbench_journal::record::{Decision, Source};
 
-use crate::fuzz;
+use swarmbench_testkit::check;
 
 const AGENTS: u16 = 4;
 
@@ -302,7 +302,7 @@ impl Subject {
 #[test]
 fn every_order_of_events_keeps_the_barrier() {
     let orders = (produce::<Setting>(), produce::<Vec<Move>>().with().len(0..200_usize));
-    fuzz::check!(4_000, orders, |(setting, moves)| {
+    check!(4_000, orders, |(setting, moves)| {
         let mut subject = Subject::new(setting.clone());
         for step in moves {
             subject.play(step);

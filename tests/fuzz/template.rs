@@ -9,7 +9,7 @@ use swarmbench_prompt::{TEMPLATE_BYTES_MAX, check, render};
 use swarmbench_protocol::observation::Sight;
 use swarmbench_protocol::status::Status;
 
-use crate::fuzz;
+use swarmbench_testkit::check;
 
 /// What makes a template deeper, and what hides it.
 const PIECES: [&str; 46] = [
@@ -143,6 +143,6 @@ fn templates_that_ended_a_server_end_it_no_more() {
 fn any_template_is_refused_or_rendered() {
     on_half_a_stack(|| {
         let survives = survives();
-        fuzz::check!(2_000, produce::<Vec<Part>>(), |parts| survives(&text(parts)));
+        check!(2_000, produce::<Vec<Part>>(), |parts| survives(&text(parts)));
     });
 }

@@ -6,18 +6,7 @@
 //! to pass, a test moves a clock by hand; where something has to happen first, it asks with a wait.
 
 mod app;
-#[path = "../../crates/engine/tests/common/corners.rs"]
-mod corners;
 mod cup;
-#[path = "../../crates/engine/tests/common/dice.rs"]
-mod dice;
-#[path = "../support/game.rs"]
-mod game;
-#[path = "../../crates/engine/tests/privacy/oracle.rs"]
-mod oracle;
-#[expect(dead_code, reason = "other tests use other parts")]
-#[path = "../support/postgres.rs"]
-mod postgres;
 
 mod across;
 mod agent;

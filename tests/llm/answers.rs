@@ -6,8 +6,8 @@ use swarmbench_client::llm::{Answer, ApiKey, Failure};
 use swarmbench_engine::{Action, AgentId, Config, Settings, TaskName, answer};
 use swarmbench_protocol::act::ActRequest;
 
-use crate::endpoint::{Endpoint, Reply, completion};
-use crate::{Bench, KEY, VARIABLE, question};
+use crate::llm::endpoint::{Endpoint, Reply, completion};
+use crate::llm::{Bench, KEY, VARIABLE, question};
 
 #[tokio::test]
 async fn a_question_is_one_message_with_the_prompt_and_what_was_set() {

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use serde_json::{Value, json};
 use swarmbench_client::llm::{Api, ApiKey, Failure, Headers, Stop};
 
-use crate::endpoint::{Endpoint, Reply};
-use crate::{Bench, KEY, VARIABLE, question, stop_of};
+use crate::llm::endpoint::{Endpoint, Reply};
+use crate::llm::{Bench, KEY, VARIABLE, question, stop_of};
 
 /// A message of Anthropic.
 fn message(content: &Value, stop_reason: &str) -> Reply {

@@ -4,9 +4,9 @@ use futures::future::join_all;
 use serde_json::json;
 use swarmbench_client::llm::Stop;
 
-use crate::endpoint::{Endpoint, Reply, completion};
-use crate::time::Leaps;
-use crate::{Bench, ask, question};
+use crate::llm::endpoint::{Endpoint, Reply, completion};
+use crate::llm::time::Leaps;
+use crate::llm::{Bench, ask, question};
 
 #[tokio::test]
 async fn so_many_requests_are_in_flight_and_no_more() {
@@ -39,7 +39,7 @@ async fn who_asks_first_is_asked_first() {
     let answers = join_all(questions.iter().map(|question| model.answer(question))).await;
     assert!(answers.iter().all(Result::is_ok));
     let seen = endpoint.seen();
-    let prompts: Vec<_> = seen.iter().map(crate::endpoint::Seen::prompt).collect();
+    let prompts: Vec<_> = seen.iter().map(crate::llm::endpoint::Seen::prompt).collect();
     assert_eq!(
         prompts,
         questions.iter().map(|question| question.prompt.as_str()).collect::<Vec<_>>()

@@ -2,13 +2,14 @@
 
 use std::fs;
 use std::path::Path;
+use swarmbench_testkit::needs;
 
 use serde_json::{Value, json};
 use swarmbench_client::llm::{Answer, Cassette, Failure, Model, Question, Stop};
 use tempfile::TempDir;
 
-use crate::endpoint::{Endpoint, Reply, completion};
-use crate::{Bench, KEY, ask, question};
+use crate::llm::endpoint::{Endpoint, Reply, completion};
+use crate::llm::{Bench, KEY, ask, question};
 
 const ROUNDS: u32 = 3;
 const SEATS: u32 = 4;
@@ -240,7 +241,7 @@ async fn many_ask_at_once_and_every_answer_is_kept() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("cassette.jsonl");
     let endpoint = moody().await;
-    let bench = Bench::with(&endpoint, crate::time::Leaps::leaping(), 16, None);
+    let bench = Bench::with(&endpoint, crate::llm::time::Leaps::leaping(), 16, None);
     let model = bench.model_on(Some(&open(&path)));
     let asked: Vec<_> = questions().into_iter().map(|question| ask(&model, question)).collect();
     let mut given = Vec::new();
@@ -302,6 +303,7 @@ async fn a_cassette_that_cannot_be_used_says_why() {
 
 /// A disk that is full is a small file system of its own, which needs Linux and the right to mount one.
 #[cfg(target_os = "linux")]
+#[needs(root)]
 #[tokio::test]
 async fn an_answer_that_cannot_be_kept_stops_and_a_larger_disk_goes_on() {
     use rustix::mount::{MountFlags, UnmountFlags, mount, mount_remount, unmount};
@@ -317,10 +319,8 @@ async fn an_answer_that_cannot_be_kept_stops_and_a_larger_disk_goes_on() {
     }
 
     let folder = tempfile::tempdir().expect("a folder");
-    if let Err(error) = mount("tmpfs", folder.path(), "tmpfs", MountFlags::empty(), c"size=16k") {
-        eprintln!("full disk: NOT RUN, as no tmpfs may be mounted here ({error})");
-        return;
-    }
+    mount("tmpfs", folder.path(), "tmpfs", MountFlags::empty(), c"size=16k")
+        .expect("root may mount");
     let folder = Mounted(folder);
     let path = folder.0.path().join("cassette.jsonl");
     let endpoint =

@@ -10,8 +10,8 @@ use swarmbench_protocol::observation::Sight;
 use swarmbench_protocol::status::Status;
 use tokio::net::TcpListener;
 
-use crate::Bench;
-use crate::endpoint::Endpoint;
+use crate::llm::Bench;
+use crate::llm::endpoint::Endpoint;
 
 #[path = "../../examples/fake_model/endpoint.rs"]
 mod fake_model;
@@ -63,7 +63,7 @@ async fn the_offline_model_plays_all_tasks_and_a_cassette_plays_them_again() {
     let address = listener.local_addr().expect("an address");
     let server = tokio::spawn(async move { axum::serve(listener, fake_model::router()).await });
     let nobody = Endpoint::replies(vec![]).await;
-    let mut bench = Bench::with(&nobody, crate::time::Leaps::leaping(), 8, None);
+    let mut bench = Bench::with(&nobody, crate::llm::time::Leaps::leaping(), 8, None);
     bench.settings.api_base = format!("http://{address}/v1");
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("cassette.jsonl");

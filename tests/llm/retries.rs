@@ -10,9 +10,9 @@ use swarmbench_clock::Clock;
 use tokio::io::AsyncReadExt;
 use tokio::net::TcpListener;
 
-use crate::endpoint::{Endpoint, Reply, completion};
-use crate::time::{Leaps, TIME_OUT};
-use crate::{Bench, ask, question, stop_of};
+use crate::llm::endpoint::{Endpoint, Reply, completion};
+use crate::llm::time::{Leaps, TIME_OUT};
+use crate::llm::{Bench, ask, question, stop_of};
 
 /// What it is called, what comes, and where it is counted.
 type Case = (&'static str, Reply, fn(&Spent) -> u64);

@@ -5,8 +5,8 @@ use std::sync::Mutex;
 
 use swarmbench_client::llm::{Answer, Cassette, Stop};
 
-use crate::endpoint::{Endpoint, Reply};
-use crate::{Bench, KEY, question};
+use crate::llm::endpoint::{Endpoint, Reply};
+use crate::llm::{Bench, KEY, question};
 
 /// All that this process has logged.
 static LOG: Mutex<Vec<u8>> = Mutex::new(Vec::new());

@@ -3,9 +3,9 @@
 use serde_json::json;
 use swarmbench_client::llm::{ApiKey, Failure, Stop};
 
-use crate::endpoint::{Endpoint, Reply};
-use crate::time::Leaps;
-use crate::{Bench, KEY, VARIABLE, ask, key, question, stop_of};
+use crate::llm::endpoint::{Endpoint, Reply};
+use crate::llm::time::Leaps;
+use crate::llm::{Bench, KEY, VARIABLE, ask, key, question, stop_of};
 
 /// What a model that is refused so says, without having asked twice.
 async fn refused(reply: Reply, change: impl FnOnce(&mut Bench)) -> Stop {

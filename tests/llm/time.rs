@@ -8,7 +8,7 @@ use swarmbench_clock::{Clock, ManualClock, until};
 use tokio::sync::watch;
 use tokio::time::timeout;
 
-use crate::endpoint::PATIENCE;
+use crate::llm::endpoint::PATIENCE;
 
 /// From here on a wait is a time-out and no pause: it passes only by [`Leaps::pass`].
 pub(crate) const TIME_OUT: Duration = Duration::from_secs(10_000);

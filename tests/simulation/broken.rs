@@ -3,7 +3,7 @@
 
 use swarmbench::store::entries::Entry;
 
-use crate::checker::Invariant;
+use crate::simulation::checker::Invariant;
 
 /// What is broken. It is always something around the server, whose own code is the same as ever.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -24,9 +24,9 @@ use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{ActRecord, RawRecord, Source};
 use swarmbench_journal::replay::verify;
 
-use crate::clients::{Acts, Request, RequestId};
-use crate::database::Incarnation;
-use crate::journal::{JobResult, Lost};
+use crate::simulation::clients::{Acts, Request, RequestId};
+use crate::simulation::database::Incarnation;
+use crate::simulation::journal::{JobResult, Lost};
 
 /// What must hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -27,13 +27,13 @@ use swarmbench_journal::record::{Decision, Usage};
 use swarmbench_players::default_for;
 use swarmbench_players::game::play;
 use swarmbench_protocol::failure::Failure;
+use swarmbench_testkit::worlds::Dice;
 
-use crate::database::Incarnation;
-use crate::dice::Dice;
-use crate::executor::pause;
 use crate::game;
-use crate::run::ROUNDS_MAX;
-use crate::time::SimClock;
+use crate::simulation::database::Incarnation;
+use crate::simulation::executor::pause;
+use crate::simulation::run::ROUNDS_MAX;
+use crate::simulation::time::SimClock;
 
 /// How long a client waits for a round.
 const PATIENCE: Duration = Duration::from_secs(10);

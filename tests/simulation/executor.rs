@@ -9,7 +9,7 @@ use std::task::{Context, Poll, Wake, Waker};
 use futures::future::BoxFuture;
 use swarmbench::episode::actor::Spawn;
 
-use crate::database::Incarnation;
+use crate::simulation::database::Incarnation;
 
 /// The number of a task; they are counted in the order in which they were started.
 pub(crate) type TaskId = u64;

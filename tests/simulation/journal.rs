@@ -13,11 +13,11 @@ use swarmbench::store::port::{
     Committed, EpisodeStore, Reply, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
 };
 use swarmbench_engine::AgentId;
+use swarmbench_testkit::worlds::Dice;
 
-use crate::broken::Flaw;
-use crate::database::{Database, Incarnation, Tables, record};
-use crate::dice::Dice;
-use crate::executor::pause;
+use crate::simulation::broken::Flaw;
+use crate::simulation::database::{Database, Incarnation, Tables, record};
+use crate::simulation::executor::pause;
 
 /// Keeps entries in the order in which they were handed over, all of a job or none. It judges nothing:
 /// what should not have been handed over is for the checker to find. It refuses single jobs when the run says

@@ -22,20 +22,20 @@ use swarmbench::ids::{EpisodeId, Numbers};
 use swarmbench::store::entries::Entry;
 use swarmbench::work::Workers;
 use swarmbench_clock::Clock;
+use swarmbench_testkit::worlds::Dice;
 use tokio::sync::mpsc::UnboundedReceiver;
 
 use self::several::is_played;
 use self::trace::{line, told as told_as};
-use crate::broken::Flaw;
-use crate::checker::{Checker, Invariant, Stats, Violation};
-use crate::clients::{Acts, Desk, News, RequestId, Times, Told};
-use crate::database::{Database, Incarnation};
-use crate::dice::Dice;
-use crate::executor::{Executor, TaskId};
-use crate::fleet::{Net, Node, beat, work};
-use crate::journal::MemoryJournal;
-use crate::number;
-use crate::time::{ServerClock, SimClock};
+use crate::simulation::broken::Flaw;
+use crate::simulation::checker::{Checker, Invariant, Stats, Violation};
+use crate::simulation::clients::{Acts, Desk, News, RequestId, Times, Told};
+use crate::simulation::database::{Database, Incarnation};
+use crate::simulation::executor::{Executor, TaskId};
+use crate::simulation::fleet::{Net, Node, beat, work};
+use crate::simulation::journal::MemoryJournal;
+use crate::simulation::number;
+use crate::simulation::time::{ServerClock, SimClock};
 
 /// More steps than any run takes.
 const STEPS_MAX: usize = 20_000;
@@ -184,7 +184,7 @@ impl Report {
         let seed = self.options.seed;
         _ = writeln!(
             text,
-            "again: SWARMBENCH_SEED={seed} SWARMBENCH_SEEDS=1 cargo test --test simulation {}",
+            "again: SWARMBENCH_SEED={seed} SWARMBENCH_SEEDS=1 cargo test --test parts simulation::{}",
             if self.options.servers > 0 { "several_servers" } else { "seeds" }
         );
         text

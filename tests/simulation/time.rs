@@ -9,7 +9,7 @@ use std::time::Duration;
 use jiff::Timestamp;
 use swarmbench_clock::{Clock, ManualClock, after, until};
 
-use crate::broken::Flaw;
+use crate::simulation::broken::Flaw;
 
 /// A manual clock that knows for what moments somebody waits.
 pub(crate) struct SimClock {

@@ -21,9 +21,9 @@ use swarmbench::store::runs::RunFilter;
 use swarmbench_analysis::Metric;
 use swarmbench_engine::AgentId;
 
-use crate::history::{Episode, History};
-use crate::numbers::Side;
-use crate::{Pair, kind};
+use crate::store::history::{Episode, History};
+use crate::store::numbers::Side;
+use crate::store::{Pair, kind};
 
 /// Characters of two answers that are shown around the first difference.
 const SHOWN: usize = 300;

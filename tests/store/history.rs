@@ -22,10 +22,10 @@ use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{ActRecord, End, Fork, RawRecord, Source, Usage, end_record};
 use swarmbench_protocol::failure::Failure;
 use swarmbench_protocol::import::ImportConfig;
+use swarmbench_testkit::dice::Dice;
 
-use crate::dice::Dice;
 use crate::game;
-use crate::numbers::{Names, Side, UNKNOWN};
+use crate::store::numbers::{Names, Side, UNKNOWN};
 
 /// Texts of players. Those with U+0000 are stored as JSON has them, `\u0000`.
 const SAID: [&str; 10] = [

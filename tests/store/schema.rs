@@ -1,13 +1,14 @@
 //! Both engines have the same tables, columns and indexes.
 
 use std::collections::{BTreeMap, BTreeSet};
+use swarmbench_testkit::needs;
 
 use sqlx::postgres::PgConnection;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{ConnectOptions as _, Connection as _};
 use swarmbench::store::Store;
 
-use crate::{location, scratch};
+use crate::store::{location, scratch};
 
 /// The tables that only PostgreSQL has.
 const OWN: [&str; 5] = ["changes", "cluster", "members", "nodes", "places"];
@@ -178,9 +179,10 @@ fn assert_same<T: Ord + std::fmt::Debug>(what: &str, sqlite: &BTreeSet<T>, postg
     assert!(!sqlite.is_empty(), "no {what} were found");
 }
 
+#[needs(postgres)]
 #[tokio::test]
 async fn both_engines_have_the_same_tables() {
-    let Some(scratch) = scratch("both_engines_have_the_same_tables").await else { return };
+    let scratch = scratch().await;
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.db");
     Store::open(&path).await.expect("it opens").close().await;

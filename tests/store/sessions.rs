@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use swarmbench_testkit::needs;
 
 use futures::future::join_all;
 use jiff::Timestamp;
@@ -17,7 +18,7 @@ use swarmbench_engine::AgentId;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{Decision, RawRecord, Source};
 
-use crate::{location, scratch};
+use crate::store::{location, scratch};
 
 /// Longer than anything takes, so that a test that hangs fails.
 const PATIENCE: Duration = Duration::from_secs(50);
@@ -68,10 +69,10 @@ async fn noted(store: &Store) -> BTreeMap<u32, usize> {
     noted
 }
 
+#[needs(postgres)]
 #[tokio::test]
 async fn one_server_has_a_database_and_others_only_read_it() {
-    let test = "one_server_has_a_database_and_others_only_read_it";
-    let Some(scratch) = scratch(test).await else { return };
+    let scratch = scratch().await;
     let first = Store::open(location(&scratch)).await.expect("it opens");
     first.keep(vec![note(1)]).await.expect("kept");
     match Store::open(location(&scratch)).await {
@@ -93,16 +94,17 @@ async fn one_server_has_a_database_and_others_only_read_it() {
     second.close().await;
 }
 
+#[needs(postgres)]
 #[tokio::test]
 async fn a_database_without_tables_is_not_read() {
-    let Some(scratch) = scratch("a_database_without_tables_is_not_read").await else { return };
+    let scratch = scratch().await;
     assert!(Store::open_to_read(location(&scratch)).await.is_err());
 }
 
+#[needs(postgres)]
 #[tokio::test]
 async fn a_session_that_ends_between_batches_is_a_pause() {
-    let test = "a_session_that_ends_between_batches_is_a_pause";
-    let Some(scratch) = scratch(test).await else { return };
+    let scratch = scratch().await;
     let store = Store::open(location(&scratch)).await.expect("it opens");
     let mut other = scratch.connect().await;
     for number in 0..6 {
@@ -123,10 +125,10 @@ async fn a_session_that_ends_between_batches_is_a_pause() {
     store.close().await;
 }
 
+#[needs(postgres)]
 #[tokio::test(flavor = "multi_thread")]
 async fn sessions_that_end_during_batches_lose_and_double_nothing() {
-    let test = "sessions_that_end_during_batches_lose_and_double_nothing";
-    let Some(scratch) = scratch(test).await else { return };
+    let scratch = scratch().await;
     let store = Store::open(location(&scratch)).await.expect("it opens");
     let mut other = scratch.connect().await;
     let is_done = Arc::new(AtomicBool::new(false));
@@ -178,10 +180,10 @@ async fn sessions_that_end_during_batches_lose_and_double_nothing() {
     store.close().await;
 }
 
+#[needs(postgres)]
 #[tokio::test]
 async fn an_entry_about_a_row_that_is_not_there_is_refused_alone() {
-    let test = "an_entry_about_a_row_that_is_not_there_is_refused_alone";
-    let Some(scratch) = scratch(test).await else { return };
+    let scratch = scratch().await;
     let store = Store::open(location(&scratch)).await.expect("it opens");
     let rename = Entry::RenameEntrant { entry: EntryKey(7), name: "nobody".to_owned() };
     let jobs = [vec![note(1)], vec![note(2), rename], vec![note(3)]];
@@ -193,11 +195,11 @@ async fn an_entry_about_a_row_that_is_not_there_is_refused_alone() {
     store.close().await;
 }
 
+#[needs(postgres)]
 #[tokio::test]
 async fn a_server_whose_database_was_taken_over_writes_nothing_more() {
-    let test = "a_server_whose_database_was_taken_over_writes_nothing_more";
     for only_rows in [false, true] {
-        let Some(scratch) = scratch(test).await else { return };
+        let scratch = scratch().await;
         let store = Store::open(location(&scratch)).await.expect("it opens");
         let batch = |number| if only_rows { rows(number) } else { vec![note(number)] };
         store.keep(batch(0)).await.expect("kept");
@@ -221,10 +223,10 @@ async fn a_server_whose_database_was_taken_over_writes_nothing_more() {
     }
 }
 
+#[needs(postgres)]
 #[tokio::test]
 async fn a_server_notices_a_takeover_while_it_writes_nothing() {
-    let test = "a_server_notices_a_takeover_while_it_writes_nothing";
-    let Some(scratch) = scratch(test).await else { return };
+    let scratch = scratch().await;
     let store = Store::open(location(&scratch)).await.expect("it opens");
     let mut other = scratch.connect().await;
     // Its session ends, and another server has the database before it connects again.
@@ -236,10 +238,10 @@ async fn a_server_notices_a_takeover_while_it_writes_nothing() {
     store.close().await;
 }
 
+#[needs(postgres)]
 #[tokio::test]
 async fn a_server_that_lost_its_session_is_excluded_by_the_next() {
-    let test = "a_server_that_lost_its_session_is_excluded_by_the_next";
-    let Some(scratch) = scratch(test).await else { return };
+    let scratch = scratch().await;
     let first = Store::open(location(&scratch)).await.expect("it opens");
     first.keep(vec![note(1)]).await.expect("kept");
     let mut other = scratch.connect().await;

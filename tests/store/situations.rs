@@ -1,17 +1,17 @@
 //! What goes wrong with a PostgreSQL before anything is written, and what is said then: each sentence has to say what to do.
 
 use std::net::TcpListener;
-use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
+use swarmbench_testkit::needs;
+use swarmbench_testkit::postgres::Scratch;
 
 use sqlx::postgres::{PgConnectOptions, PgConnection};
 use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _};
 use swarmbench::store::entries::{AuditRow, Entry};
 use swarmbench::store::{Location, OpenError, Store};
 
-use crate::postgres::Scratch;
-use crate::{location, scratch};
+use crate::store::{location, scratch};
 
 /// How long a program of these tests may take to listen.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -65,10 +65,10 @@ fn note() -> Entry {
     }))
 }
 
+#[needs(postgres)]
 #[tokio::test]
 async fn a_wrong_password_is_refused_with_where_passwords_come_from() {
-    let test = "a_wrong_password_is_refused_with_where_passwords_come_from";
-    let Some(scratch) = scratch(test).await else { return };
+    let scratch = scratch().await;
     let url = scratch.url().replace(&password(&scratch), "guessed");
     let said = refused(url.as_str()).await;
     for expected in ["check user and password", "password_file", "pg_hba.conf"] {
@@ -85,10 +85,10 @@ async fn a_wrong_password_is_refused_with_where_passwords_come_from() {
     assert!(said.contains("no-such-file") && said.contains("cannot be read"), "{said}");
 }
 
+#[needs(postgres)]
 #[tokio::test]
 async fn a_database_that_is_not_there_is_named_with_how_to_make_it() {
-    let test = "a_database_that_is_not_there_is_named_with_how_to_make_it";
-    let Some(scratch) = scratch(test).await else { return };
+    let scratch = scratch().await;
     let said = refused(format!("{}_not", scratch.url()).as_str()).await;
     assert!(said.contains("there is no database") && said.contains("createdb"), "{said}");
 }
@@ -100,10 +100,10 @@ async fn a_port_at_which_nothing_listens_is_named() {
     assert!(said.contains("is PostgreSQL running there"), "{said}");
 }
 
+#[needs(postgres)]
 #[tokio::test]
 async fn tables_of_a_later_version_are_left_as_they_are() {
-    let test = "tables_of_a_later_version_are_left_as_they_are";
-    let Some(scratch) = scratch(test).await else { return };
+    let scratch = scratch().await;
     Store::open(location(&scratch)).await.expect("it opens").close().await;
     let mut other = scratch.connect().await;
     let later =
@@ -134,10 +134,10 @@ async fn a_file_of_a_later_version_is_left_as_it_is() {
     assert!(said.contains("a later version") && said.contains("start that version"), "{said}");
 }
 
+#[needs(postgres)]
 #[tokio::test]
 async fn a_role_that_may_not_make_tables_is_told_the_right_that_it_needs() {
-    let test = "a_role_that_may_not_make_tables_is_told_the_right_that_it_needs";
-    let Some(scratch) = scratch(test).await else { return };
+    let scratch = scratch().await;
     let name = format!("guest_{}", std::process::id());
     let password = password(&scratch);
     as_superuser(&scratch, &format!("CREATE ROLE {name} LOGIN PASSWORD '{password}'")).await;
@@ -150,11 +150,11 @@ async fn a_role_that_may_not_make_tables_is_told_the_right_that_it_needs() {
 }
 
 /// What PostgreSQL does with a full disk it does with a tablespace on one: the commit fails, and works again once there is room.
+#[needs(postgres, root)]
 #[tokio::test(flavor = "multi_thread")]
 async fn a_full_disk_is_a_pause_that_says_what_it_waits_for() {
-    let test = "a_full_disk_is_a_pause_that_says_what_it_waits_for";
-    let Some(scratch) = scratch(test).await else { return };
-    let Some(disk) = Disk::new(test) else { return };
+    let scratch = scratch().await;
+    let disk = Disk::new();
     let (name, space) = (scratch.name(), format!("small_{}", std::process::id()));
     let make = format!("CREATE TABLESPACE {space} LOCATION '{}'", disk.space().display());
     as_superuser_elsewhere(&scratch, &make).await;
@@ -206,25 +206,19 @@ async fn as_superuser_elsewhere(scratch: &Scratch, statement: &str) {
 struct Disk(tempfile::TempDir);
 
 impl Disk {
-    fn new(test: &str) -> Option<Self> {
+    fn new() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let mounted = Command::new("mount")
             .args(["-t", "tmpfs", "-o", "size=24m,mode=0777", "tmpfs"])
             .arg(folder.path())
             .stderr(Stdio::null())
             .status();
-        if !mounted.is_ok_and(|status| status.success()) {
-            println!("NOT RUN: {test} needs a disk of its own, which root may mount");
-            return None;
-        }
+        assert!(mounted.is_ok_and(|status| status.success()), "root may mount");
         let disk = Self(folder);
         std::fs::create_dir(disk.space()).expect("a folder");
         let owned = Command::new("chown").arg("postgres").arg(disk.space()).status();
-        if !owned.is_ok_and(|status| status.success()) {
-            println!("NOT RUN: {test} needs a PostgreSQL of the user postgres");
-            return None;
-        }
-        Some(disk)
+        assert!(owned.is_ok_and(|status| status.success()), "PostgreSQL has a user postgres");
+        disk
     }
 
     fn space(&self) -> std::path::PathBuf {
@@ -255,15 +249,12 @@ impl Drop for Disk {
 }
 
 /// The real pooler in its most usual mode, in which sessions are shared.
+#[needs(postgres, pgbouncer)]
 #[tokio::test]
 async fn a_pooler_that_shares_sessions_is_refused_and_another_is_not() {
-    let test = "a_pooler_that_shares_sessions_is_refused_and_another_is_not";
-    let Some(scratch) = scratch(test).await else { return };
+    let scratch = scratch().await;
     for (mode, is_refused) in [("transaction", true), ("session", false)] {
-        let Some(pooler) = Pooler::start(&scratch, mode) else {
-            println!("NOT RUN: {test} needs pgbouncer");
-            return;
-        };
+        let pooler = Pooler::start(&scratch, mode);
         if is_refused {
             let said = refused(pooler.url.as_str()).await;
             assert!(said.contains("pooler") && said.contains("pool_mode = session"), "{said}");
@@ -284,9 +275,7 @@ struct Pooler {
 
 impl Pooler {
     /// None where there is no such program.
-    fn start(scratch: &Scratch, mode: &str) -> Option<Self> {
-        let program = ["/usr/sbin/pgbouncer", "/usr/bin/pgbouncer"];
-        let program = program.into_iter().find(|path| Path::new(path).exists())?;
+    fn start(scratch: &Scratch, mode: &str) -> Self {
         let port =
             TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("it").port();
         let (user, at) = scratch.url().rsplit_once('@').expect("an address with a user");
@@ -308,7 +297,7 @@ impl Pooler {
         // It refuses to run as root.
         let user_of = "postgres";
         drop(Command::new("chown").args(["-R", user_of]).arg(folder.path()).status());
-        let mut command = Command::new(program);
+        let mut command = Command::new("/usr/sbin/pgbouncer");
         command.arg("--quiet").args(["--user", user_of]).arg(&file);
         let process = command.stdin(Stdio::null()).spawn().expect("it starts");
         let url = format!("{user}@127.0.0.1:{port}/{}", scratch.name());
@@ -318,7 +307,7 @@ impl Pooler {
             assert!(started.elapsed() < PATIENCE, "the pooler does not listen");
             std::thread::sleep(Duration::from_millis(20));
         }
-        Some(pooler)
+        pooler
     }
 }
 

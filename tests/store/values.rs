@@ -13,11 +13,12 @@ use swarmbench::store::runs::RunFilter;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::RawRecord;
 use swarmbench_protocol::names;
+use swarmbench_testkit::dice::Dice;
+use swarmbench_testkit::needs;
 
-use crate::Pair;
-use crate::dice::Dice;
-use crate::history::NAMED;
-use crate::numbers::Names;
+use crate::store::Pair;
+use crate::store::history::NAMED;
+use crate::store::numbers::Names;
 
 fn at(ms: i64) -> Timestamp {
     Timestamp::from_millisecond(ms).expect("a time")
@@ -115,11 +116,10 @@ fn round(number: u32, score: f64) -> Entry {
     Entry::Round(RoundRow { episode: EpisodeKey(1), round: number, digest, score, head, at })
 }
 
+#[needs(postgres)]
 #[tokio::test]
 async fn texts_are_ordered_and_found_by_their_bytes() {
-    let Some(mut pair) = Pair::new("texts_are_ordered_and_found_by_their_bytes").await else {
-        return;
-    };
+    let mut pair = Pair::new().await;
     let mut names = Names { competitions: vec!["cup".to_owned()], ..Names::default() };
     let mut first = vec![cup()];
     for (number, name) in (1..).zip(NAMED) {
@@ -183,9 +183,10 @@ fn no_name_has_what_stands_for_a_nul() {
     }
 }
 
+#[needs(postgres)]
 #[tokio::test]
 async fn numbers_keep_their_bits() {
-    let Some(mut pair) = Pair::new("numbers_keep_their_bits").await else { return };
+    let mut pair = Pair::new().await;
     let scores = [
         0.0,
         -0.0,
@@ -227,9 +228,10 @@ async fn numbers_keep_their_bits() {
 }
 
 /// The longest names: PostgreSQL takes about 2,700 bytes into a row of an index, after it has compressed them.
+#[needs(postgres)]
 #[tokio::test]
 async fn the_longest_names_fit_into_indexes() {
-    let Some(mut pair) = Pair::new("the_longest_names_fit_into_indexes").await else { return };
+    let mut pair = Pair::new().await;
     // Characters that look like many others, and different ones, which compress badly.
     let mut chars: Vec<char> =
         ('\u{80}'..=char::MAX).filter(|c| names::check(&c.to_string(), 1).is_ok()).collect();

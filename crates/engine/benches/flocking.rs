@@ -1,13 +1,10 @@
 //! The cost of a flock, for random layouts and for those that are hard to bound. One iteration
 //! measures several layouts, so that a lucky one does not decide.
 
-#[path = "../tests/common/dice.rs"]
-mod dice;
-
 use criterion::{BenchmarkId, Criterion, Throughput};
-use dice::Dice;
 use swarmbench_engine::Pos;
 use swarmbench_engine::tasks::flocking::{distance, target};
+use swarmbench_testkit::worlds::Dice;
 
 const LAYOUTS: usize = 8;
 

@@ -2,14 +2,11 @@
 //! number of cells for each agent; and how it grows with the map alone. In `growth_windows` present
 //! windows are written into buffers instead.
 
-#[path = "../tests/common/mod.rs"]
-mod common;
-
 use std::hint::black_box;
 
-use common::{Dice, world};
 use criterion::{BatchSize, BenchmarkId, Criterion, Throughput};
 use swarmbench_engine::{Canvas, Scratch, Settings, TaskName, World};
+use swarmbench_testkit::worlds::{Dice, world};
 
 const ROUNDS: usize = 16;
 

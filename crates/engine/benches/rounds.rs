@@ -2,14 +2,11 @@
 //! says something. `play` is a round and its digest, `play_and_observe` also all observations with what agents
 //! remember, `play_and_write` also all present windows, written into buffers that are used again.
 
-#[path = "../tests/common/mod.rs"]
-mod common;
-
 use std::hint::black_box;
 
-use common::{Dice, world};
 use criterion::{BatchSize, Criterion, Throughput};
 use swarmbench_engine::{Act, Canvas, Scratch, Settings, TaskName, World};
+use swarmbench_testkit::worlds::{Dice, world};
 
 /// As many rounds as the standard setting has.
 const ROUNDS: u64 = 100;

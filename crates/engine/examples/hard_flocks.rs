@@ -8,12 +8,9 @@
 //! The arguments are the number of agents, rows and columns of the map, the seed, drawn layouts, and steps uphill. The
 //! hardest layout is printed with its effort, one agent a line.
 
-#[path = "../tests/common/dice.rs"]
-mod dice;
-
-use dice::Dice;
 use swarmbench_engine::Pos;
 use swarmbench_engine::tasks::flocking::{effort, target};
+use swarmbench_testkit::worlds::Dice;
 
 /// A part of a layout, with the number of chances that an agent belongs to it.
 struct Part {

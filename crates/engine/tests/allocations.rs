@@ -1,11 +1,8 @@
 //! Rounds whose windows are written into buffers allocate nothing, whatever agents remember.
 
-#[path = "common/mod.rs"]
-mod common;
-
 use allocation_counter::measure;
-use common::{Dice, world};
 use swarmbench_engine::{Act, Canvas, Scratch, Settings, TaskName, World};
+use swarmbench_testkit::worlds::{Dice, world};
 
 /// Rounds of a new episode after which its state has all the memory that it needs.
 const FIRST: usize = 20;

@@ -3,15 +3,12 @@
 //! The bounds stand here as numbers, as `docs/rules.md` promises them, and are not taken from the limits: a limit
 //! that lets more through fails.
 
-#[path = "common/corners.rs"]
-mod corners;
-
 use std::sync::{Arc, LazyLock};
 
-use corners::corners;
 use swarmbench_engine::{
     Act, AgentId, Config, Control, Message, Observation, RuleSet, Settings, TaskName, World,
 };
+use swarmbench_testkit::corners::corners;
 
 /// Cells of the windows of all agents.
 const CELLS_MAX: usize = 1 << 20;
@@ -158,7 +155,7 @@ fn what_one_agent_sees_and_remembers_is_no_more_than_it_may_be() {
             talk(&mut world);
         }
         let seen = world.observe(AgentId(0));
-        assert_eq!(seen.history.len(), settings.memory.try_into().expect("a few"));
+        assert_eq!(seen.history.len(), usize::try_from(settings.memory).expect("a few"));
         let is = cells(&seen);
         assert!(is <= CELLS_OF_ONE_MAX, "{is} cells: {settings:?}");
         let texts = seen.messages.len() + seen.history.len();

@@ -1,13 +1,10 @@
 //! The cost of a flock is exact: it is what a search through all translations finds.
 
-#[path = "common/mod.rs"]
-mod common;
-
-use common::{Dice, world};
 use proptest::collection::vec;
 use proptest::prelude::*;
 use swarmbench_engine::tasks::flocking::{distance, target};
 use swarmbench_engine::{Pos, Settings, TaskName};
+use swarmbench_testkit::worlds::{Dice, world};
 
 /// The least cost over all translations, each by `assignment`.
 fn search(agents: &[Pos], target: &[Pos], assignment: fn(&[Vec<i32>]) -> i32) -> i32 {

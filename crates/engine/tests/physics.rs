@@ -3,14 +3,12 @@
 //! on crowded boards. (The recorded games are played with both in `vectors.rs`; hand-made
 //! situations stand beside the code.)
 
-mod common;
-
-use common::{Dice, world};
 use proptest::collection::vec;
 use proptest::prelude::*;
 use swarmbench_engine::physics::components::{Components, Node};
 use swarmbench_engine::physics::{Solver, flow, ilp};
 use swarmbench_engine::{Scratch, Settings, TaskName};
+use swarmbench_testkit::worlds::{Dice, world};
 
 /// A node as it may come from a board: agents that push, rest or push back, blocks, groups.
 fn node() -> impl Strategy<Value = Node> {

@@ -2,14 +2,12 @@
 
 #![expect(clippy::float_cmp, reason = "scores are exact")]
 
-mod common;
-
-use common::{Dice, world};
 use rand_mt::Mt;
 use swarmbench_engine::tasks::flocking;
 use swarmbench_engine::{
     Act, Action, AgentId, Message, Pos, Seen, Settings, SpectatorView, TaskName, World,
 };
+use swarmbench_testkit::worlds::{Dice, world};
 
 fn of(task: TaskName) -> Settings {
     Settings::standard(task, 7)

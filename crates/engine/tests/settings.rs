@@ -1,12 +1,10 @@
 //! Settings that cannot be played are refused with a reason; all others can be played to the end.
 
-mod common;
-
 use std::collections::BTreeSet;
 
-use common::{Dice, world};
 use proptest::prelude::*;
 use swarmbench_engine::{AgentId, Config, Pos, Settings, TaskName, World};
+use swarmbench_testkit::worlds::{Dice, world};
 
 /// A change to the standard settings of Transport, and what is said about it.
 type Row = (fn(&mut Settings), &'static str);

@@ -20,8 +20,8 @@ use swarmbench_loadtest::connection::{Connection, Target, request};
 use swarmbench_protocol::episode::CreatedEpisode;
 use tokio_util::sync::CancellationToken;
 
-use crate::common::{Dice, world};
 use crate::server::{self, made::Made};
+use crate::worlds::{Dice, world};
 
 /// Seats of an episode in the standard setting.
 const SEATS: usize = 12;

@@ -16,11 +16,13 @@ mod counting;
 
 mod benchmarks;
 mod callgrind;
-#[path = "../../engine/tests/common/mod.rs"]
-mod common;
 mod counts;
 #[path = "../../../benches/server/mod.rs"]
 mod server;
+// A file of the test kit, whose libraries are not for what is counted.
+#[path = "../../../tests/testkit/src/worlds.rs"]
+#[expect(unreachable_pub, reason = "it is a module of a library")]
+mod worlds;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -204,14 +204,11 @@ pub(in super::super) fn submission(
 }
 
 #[cfg(test)]
-#[path = "../../../tests/support/fuzz.rs"]
-mod fuzz;
-
-#[cfg(test)]
 mod tests {
     use bolero::{TypeGenerator, produce};
     use serde_json::{Map, Value, json};
     use swarmbench_engine::{Settings, TaskName};
+    use swarmbench_testkit::check;
 
     use super::super::super::extract::{fields, read};
     use super::*;
@@ -367,7 +364,7 @@ mod tests {
     #[test]
     fn bodies_are_read_strictly_and_kept_as_they_came() {
         let configs = configs();
-        fuzz::check!(4_000, produce::<(Body, u8, bool, Option<(u16, u8)>)>(), |(
+        check!(4_000, produce::<(Body, u8, bool, Option<(u16, u8)>)>(), |(
             body,
             setting,
             commands,
@@ -409,7 +406,7 @@ mod tests {
     #[test]
     fn any_bytes_are_judged() {
         let configs = configs();
-        fuzz::check!(2_000, produce::<Vec<u8>>().with().len(0..4096_usize), |bytes| {
+        check!(2_000, produce::<Vec<u8>>().with().len(0..4096_usize), |bytes| {
             let _ = check(bytes, &configs[0], AgentId::COMMANDER);
         });
     }

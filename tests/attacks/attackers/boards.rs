@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use serde_json::json;
 
 use super::{Addresses, Ctx, hammer, on_connections};
-use crate::wire::Request;
+use crate::attacks::wire::Request;
 
 /// Connections on which they enter.
 const ENTERING: usize = 16;

@@ -10,7 +10,7 @@ use tokio::time::sleep;
 use super::games::mcp_look;
 use super::shapes::{JSON, unknown_fields};
 use super::{Addresses, Ctx, hammer, on_connections};
-use crate::wire::Request;
+use crate::attacks::wire::Request;
 
 /// Bytes of a body that is just light, and of one that is large.
 const LIGHT_BYTES: usize = 130_000;

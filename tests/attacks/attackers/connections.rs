@@ -7,7 +7,7 @@ use std::time::Duration;
 use tokio::time::sleep;
 
 use super::{Addresses, Ctx, on_connections};
-use crate::wire::{Request, Wire};
+use crate::attacks::wire::{Request, Wire};
 
 /// Bytes of a body of which only a few come.
 const BODY_BYTES: usize = 10_000;

@@ -8,8 +8,8 @@ use serde_json::json;
 use tokio::time::{Duration, sleep};
 
 use super::{Addresses, Ctx, on_connections};
-use crate::measure::cpu_s;
-use crate::wire::Request;
+use crate::attacks::measure::cpu_s;
+use crate::attacks::wire::Request;
 
 /// Attempts that all places take, with 64 games at a time.
 const ATTEMPTS: usize = 320;

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use tokio::time::sleep;
 
 use super::{Ctx, on_connections};
-use crate::wire::{Request, Wire};
+use crate::attacks::wire::{Request, Wire};
 
 /// Acts in one body: as many as fit.
 const ACTS: usize = 36;

@@ -9,8 +9,8 @@ use serde_json::{Value, json};
 use tokio::time::sleep;
 
 use super::{Addresses, Ctx, on_connections};
-use crate::honest::text;
-use crate::wire::{Request, Wire};
+use crate::attacks::honest::text;
+use crate::attacks::wire::{Request, Wire};
 
 /// A large game, and who plays all of it.
 pub(super) struct Large {

@@ -9,8 +9,8 @@ use tokio::time::sleep;
 
 use super::connections::dribbled_body;
 use super::{Ctx, hammer, on_connections};
-use crate::honest::text;
-use crate::wire::Request;
+use crate::attacks::honest::text;
+use crate::attacks::wire::Request;
 
 /// Lists of episodes with much told of each, streams of events that nobody reads, long polls, slow bodies.
 pub(super) async fn lists(ctx: Arc<Ctx>) -> io::Result<()> {

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use serde_json::json;
 
 use super::{Ctx, hammer, on_connections};
-use crate::honest::text;
-use crate::wire::Request;
+use crate::attacks::honest::text;
+use crate::attacks::wire::Request;
 
 /// Bytes of text within the innermost loop of a template: up to 1 MiB in all, and less, for servers that allow less.
 const TEXT_BYTES: [usize; 3] = [4_700, 500, 60];

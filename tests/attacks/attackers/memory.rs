@@ -11,8 +11,8 @@ use tokio::time::sleep;
 use super::games::{mcp_look, waiting_seat};
 use super::shapes::JSON;
 use super::{Addresses, Ctx, hammer, on_connections};
-use crate::honest::text;
-use crate::wire::{Request, Wire};
+use crate::attacks::honest::text;
+use crate::attacks::wire::{Request, Wire};
 
 /// Bytes that `agent_meta` may have.
 const META_BYTES_MAX: usize = 16 * 1024;

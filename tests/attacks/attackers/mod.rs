@@ -30,14 +30,14 @@ use rustix::process::{Resource, getpriority_process, getrlimit, setpriority_proc
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use swarmbench_testkit::dice::Dice;
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::sleep;
 
-use crate::dice::Dice;
-use crate::honest::text;
-use crate::measure::{Counts, Tally};
-use crate::wire::{Answer, Request, Source, Wire};
+use crate::attacks::honest::text;
+use crate::attacks::measure::{Counts, Tally};
+use crate::attacks::wire::{Answer, Request, Source, Wire};
 
 /// The environment variable that makes the program the attackers.
 pub(crate) const ATTACKERS: &str = "SWARMBENCH_ATTACKERS";

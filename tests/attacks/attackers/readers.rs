@@ -9,8 +9,8 @@ use tokio::time::sleep;
 
 use super::games::{Large, acts_of_all};
 use super::{Addresses, Ctx, on_connections};
-use crate::honest::text;
-use crate::wire::Request;
+use crate::attacks::honest::text;
+use crate::attacks::wire::Request;
 
 /// Bytes that the host takes for a reader that does not read; it makes it a little more.
 const WINDOW_BYTES: usize = 2_048;

@@ -7,8 +7,8 @@ use serde_json::{Value, json};
 
 use super::shapes::TEMPLATES;
 use super::{Addresses, Ctx, hammer, on_connections};
-use crate::honest::text;
-use crate::wire::Request;
+use crate::attacks::honest::text;
+use crate::attacks::wire::Request;
 
 /// Games that end at once, new tokens for the same game and the same run, entries with templates that are long to read.
 pub(super) async fn storms(ctx: Arc<Ctx>) -> io::Result<()> {

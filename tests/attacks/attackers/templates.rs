@@ -8,8 +8,8 @@ use serde_json::{Value, json};
 use super::games::mcp_look;
 use super::shapes::{PARTS, TEMPLATES};
 use super::{Addresses, Ctx, on_connections};
-use crate::honest::text;
-use crate::wire::{Request, Wire};
+use crate::attacks::honest::text;
+use crate::attacks::wire::{Request, Wire};
 
 /// Bytes that a template may have.
 const TEMPLATE_BYTES_MAX: usize = 32 * 1024;

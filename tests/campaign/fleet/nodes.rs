@@ -6,14 +6,14 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use sqlx::postgres::PgConnection;
+use swarmbench_testkit::dice::{Dice, tell};
+use swarmbench_testkit::postgres::Scratch;
+use swarmbench_testkit::program::{PATIENCE, Server, Site, complaints, program};
 use tempfile::TempDir;
 
-use crate::dice::{Dice, tell};
-use crate::doors::Doors;
-use crate::ledger::{Ledger, Played};
-use crate::postgres::Scratch;
-use crate::proxy::Proxy;
-use crate::server::{PATIENCE, Server, Site, complaints, program};
+use crate::campaign::doors::Doors;
+use crate::campaign::ledger::{Ledger, Played};
+use crate::campaign::proxy::Proxy;
 
 /// How many servers there are.
 pub(crate) const NODES: usize = 3;
@@ -92,9 +92,8 @@ pub(crate) fn free_port() -> u16 {
 }
 
 impl Fleet {
-    /// None where there is no PostgreSQL.
-    pub(crate) async fn new(seed: u64) -> Option<Self> {
-        let scratch = Scratch::new().await?;
+    pub(crate) async fn new(seed: u64) -> Self {
+        let scratch = Scratch::new().await.expect("the tests run on PostgreSQL");
         let database = Scratch::address_of(scratch.url());
         let mut nodes = Vec::new();
         for _ in 0..NODES {
@@ -109,7 +108,7 @@ impl Fleet {
         std::fs::write(folder.path().join("secret"), "a secret of the campaign").expect("a file");
         let connection = scratch.connect().await;
         let doors = Doors::new(seed, doors);
-        Some(Self { nodes, doors, scratch, connection, folder, exclusions: 0 })
+        Self { nodes, doors, scratch, connection, folder, exclusions: 0 }
     }
 
     pub(crate) fn node(&self, node: usize) -> &Node {

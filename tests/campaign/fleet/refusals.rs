@@ -5,11 +5,9 @@ use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use super::nodes::{Fleet, free_port};
-use crate::dice::tell;
-use crate::postgres;
 #[cfg(target_os = "linux")]
-use crate::preload;
-use crate::server::{PATIENCE, Site, program};
+use crate::campaign::preload;
+use swarmbench_testkit::program::{PATIENCE, Site, program};
 
 /// The program of an earlier version.
 const OLD_PROGRAM: &str = "SWARMBENCH_OLD_PROGRAM";
@@ -59,22 +57,18 @@ fn serve(program: PathBuf, db: &str, options: &[&str]) -> Command {
     command
 }
 
-/// A fleet with its first two servers running; none where there is no PostgreSQL.
-async fn two(test: &str) -> Option<Fleet> {
-    let Some(mut fleet) = Fleet::new(0).await else {
-        tell(&format!("NOT RUN: {test} needs {} (.ci/postgres)", postgres::VARIABLE));
-        return None;
-    };
+/// A cluster with its first two servers running.
+async fn two() -> Fleet {
+    let mut fleet = Fleet::new(0).await;
     for node in 0..2 {
         fleet.start(node);
         fleet.ready(node).await;
     }
-    Some(fleet)
+    fleet
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_server_that_does_not_fit_says_why_and_ends() {
-    let Some(mut fleet) = two("a_server_that_does_not_fit_says_why_and_ends").await else { return };
+pub(crate) async fn a_server_that_does_not_fit_says_why_and_ends() {
+    let mut fleet = two().await;
     let members = fleet.members().await;
     let (url, secret) = (fleet.scratch.url().to_owned(), fleet.secret());
     let folder = tempfile::tempdir().expect("a folder");
@@ -114,10 +108,8 @@ async fn a_server_that_does_not_fit_says_why_and_ends() {
 }
 
 #[cfg(target_os = "linux")]
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_server_with_a_wrong_clock_does_not_join() {
-    let test = "a_server_with_a_wrong_clock_does_not_join";
-    let Some(mut fleet) = two(test).await else { return };
+pub(crate) async fn a_server_with_a_wrong_clock_does_not_join() {
+    let mut fleet = two().await;
     let members = fleet.members().await;
     let folder = tempfile::tempdir().expect("a folder");
     let library = preload::library("clock.c", folder.path());
@@ -134,17 +126,16 @@ async fn a_server_with_a_wrong_clock_does_not_join() {
     assert_eq!(fleet.members().await, members);
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn an_older_server_and_a_fleet_exclude_each_other() {
-    let test = "an_older_server_and_a_fleet_exclude_each_other";
-    let Some(old) = std::env::var_os(OLD_PROGRAM).map(PathBuf::from) else {
-        tell(&format!("NOT RUN: {test} needs {OLD_PROGRAM}, the program of the version before"));
-        return;
-    };
-    let Some(mut fleet) = Fleet::new(0).await else {
-        tell(&format!("NOT RUN: {test} needs {} (.ci/postgres)", postgres::VARIABLE));
-        return;
-    };
+/// Whether there is a program of the version before.
+pub(crate) fn has_old_program() -> bool {
+    std::env::var_os(OLD_PROGRAM).is_some()
+}
+
+pub(crate) async fn an_older_server_and_a_cluster_exclude_each_other() {
+    let old = std::env::var_os(OLD_PROGRAM)
+        .map(PathBuf::from)
+        .expect("the program of the version before");
+    let mut fleet = Fleet::new(0).await;
     // The old one was there first: it makes the tables, and has the database to itself.
     let site = Site::at(fleet.scratch.url().to_owned());
     let mut server = site.start_by(Command::new(&old), &[]);

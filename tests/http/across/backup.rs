@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::process::Output;
 use std::sync::Arc;
+use swarmbench_testkit::needs;
 
 use serde_json::{Value, json};
 use tokio::sync::watch;
@@ -10,7 +11,6 @@ use tokio::task::JoinHandle;
 
 use crate::app::program::{swarmbench, text};
 use crate::app::{Episode, TestApp, number, verified};
-use crate::postgres::is_on_postgres;
 
 /// Runs `swarmbench backup` as its user does.
 async fn backup(db: &Path, file: &Path) -> Output {
@@ -75,11 +75,9 @@ fn act(round: usize) -> Value {
     json!({ "round": round, "action": "SWITCH", "message": format!("round {round}") })
 }
 
+#[needs(sqlite)]
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn what_was_acknowledged_before_a_backup_is_in_it_and_the_game_goes_on() {
-    if is_on_postgres("what_was_acknowledged_before_a_backup_is_in_it_and_the_game_goes_on") {
-        return;
-    }
     let mut app = Arc::new(TestApp::start().await);
     // An episode that has ended, and one in which somebody has acted in an open round.
     let request = json!({ "task": "Synchronization", "seed": 2, "num_agents": 2, "max_round": 2 });
@@ -138,11 +136,9 @@ async fn what_was_acknowledged_before_a_backup_is_in_it_and_the_game_goes_on() {
     Arc::get_mut(&mut app).expect("the players are gone").stop().await;
 }
 
+#[needs(sqlite)]
 #[tokio::test]
 async fn a_backup_says_what_it_holds_and_replaces_only_what_was_broken_off() {
-    if is_on_postgres("a_backup_says_what_it_holds_and_replaces_only_what_was_broken_off") {
-        return;
-    }
     let mut app = TestApp::start().await;
     let request = json!({ "task": "Synchronization", "seed": 2, "num_agents": 3, "max_round": 9 });
     let episode = app.create(request).await;
@@ -178,11 +174,9 @@ async fn a_backup_says_what_it_holds_and_replaces_only_what_was_broken_off() {
     assert_eq!(restored.act(episode.seat(2), &act(1)).await["duplicate"], true);
 }
 
+#[needs(sqlite)]
 #[tokio::test]
 async fn only_a_database_is_backed_up() {
-    if is_on_postgres("only_a_database_is_backed_up") {
-        return;
-    }
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
     let said = refusal(&path("no-such.db"), &path("backup.db")).await;

@@ -5,9 +5,9 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 use swarmbench_engine::{Control, Settings, TaskName};
+use swarmbench_testkit::corners::corners;
 
 use crate::app::{Episode, TestApp, fields, list};
-use crate::corners::corners;
 use crate::cup;
 
 /// Follows a list of one kind from its first page to its last; all its items, and how many pages it had.

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use swarmbench_testkit::needs;
 
 use serde_json::{Value, json};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
@@ -13,7 +14,6 @@ use swarmbench::store::check::{Checked, check};
 use crate::app::program::{printed, swarmbench};
 use crate::app::{Episode, TestApp};
 use crate::cup::{Cup, pass_minutes, server};
-use crate::postgres::is_on_postgres;
 
 /// What no hash covers: names and labels, times, who may read, and what is only said.
 const UNCHECKED: [(&str, &str); 70] = [
@@ -163,11 +163,9 @@ async fn checked(path: &Path) -> Checked {
     })
 }
 
+#[needs(sqlite)]
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_changed_byte_is_found_wherever_something_follows_from_it() {
-    if is_on_postgres("a_changed_byte_is_found_wherever_something_follows_from_it") {
-        return;
-    }
     let sound = database().await;
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("damaged.db");
@@ -205,11 +203,9 @@ async fn a_changed_byte_is_found_wherever_something_follows_from_it() {
     assert!(found > 125, "{found} of 250, {unused} unused, {unchecked:?}");
 }
 
+#[needs(sqlite)]
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn damage_is_named_and_the_command_fails() {
-    if is_on_postgres("damage_is_named_and_the_command_fails") {
-        return;
-    }
     let app = TestApp::start().await;
     let request = json!({ "task": "Synchronization", "num_agents": 2, "max_round": 1 });
     let mut games = Vec::new();
@@ -244,11 +240,9 @@ async fn damage_is_named_and_the_command_fails() {
     assert!(!said.contains(&games[2].id), "{said}");
 }
 
+#[needs(sqlite)]
 #[tokio::test]
 async fn what_is_stored_a_second_time_is_compared_with_the_records() {
-    if is_on_postgres("what_is_stored_a_second_time_is_compared_with_the_records") {
-        return;
-    }
     let app = TestApp::start().await;
     let request = json!({ "task": "Synchronization", "num_agents": 2, "max_round": 1 });
     let episode = app.create(request).await;

@@ -2,13 +2,13 @@
 //! closed.
 
 use std::time::Duration;
+use swarmbench_testkit::needs;
 
 use futures::future::join_all;
 use serde_json::{Value, json};
 
 use crate::app::{Episode, TestApp, number};
 use crate::cup::{self, Cup};
-use crate::postgres::is_on_postgres;
 
 /// From now on the database refuses acts whose reasoning says so.
 const REFUSE: &str = "CREATE TRIGGER refuse BEFORE INSERT ON acts
@@ -99,11 +99,9 @@ async fn requests_that_wait_for_a_failed_episode_are_answered() {
     assert!(seen["observations"].as_array().is_some_and(|seen| !seen.is_empty()), "{seen}");
 }
 
+#[needs(sqlite)]
 #[tokio::test]
 async fn a_locked_database_is_waited_for() {
-    if is_on_postgres("a_locked_database_is_waited_for") {
-        return;
-    }
     let app = TestApp::start().await;
     let episode = app.create(request(2)).await;
     let mut other = app.other_program().await;

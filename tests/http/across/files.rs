@@ -3,6 +3,7 @@
 use std::fs;
 use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, symlink};
 use std::path::{Path, PathBuf};
+use swarmbench_testkit::needs;
 
 use rstest::rstest;
 use serde_json::{Value, json};
@@ -10,7 +11,6 @@ use swarmbench::store::{OpenError, Store};
 
 use crate::app::program::{printed, swarmbench_in};
 use crate::app::{Episode, TestApp};
-use crate::postgres::is_on_postgres;
 
 fn beside(database: &Path, end: &str) -> PathBuf {
     let mut name = database.to_owned().into_os_string();
@@ -35,11 +35,9 @@ fn locks(file: &Path) -> Vec<String> {
     kinds
 }
 
+#[needs(sqlite)]
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn no_path_leads_a_second_server_into_the_same_file() {
-    if is_on_postgres("no_path_leads_a_second_server_into_the_same_file") {
-        return;
-    }
     let mut app = TestApp::start().await;
     let database = app.database();
     let folder = database.parent().expect("a folder").to_owned();
@@ -107,6 +105,7 @@ enum Accident {
     FolderRenamed,
 }
 
+#[needs(sqlite)]
 #[rstest]
 #[case(Accident::Removed, "")]
 #[case(Accident::Removed, "-wal")]
@@ -119,9 +118,6 @@ async fn nothing_is_acknowledged_into_files_that_are_gone(
     #[case] accident: Accident,
     #[case] end: &str,
 ) {
-    if is_on_postgres("nothing_is_acknowledged_into_files_that_are_gone") {
-        return;
-    }
     let app = TestApp::start().await;
     let episode = game(&app).await;
     app.all_act(&episode, "SWITCH").await;
@@ -155,11 +151,9 @@ async fn nothing_is_acknowledged_into_files_that_are_gone(
     }
 }
 
+#[needs(sqlite)]
 #[tokio::test]
 async fn readiness_says_so_before_anybody_acts() {
-    if is_on_postgres("readiness_says_so_before_anybody_acts") {
-        return;
-    }
     let app = TestApp::start().await;
     let away = app.database().with_file_name("away.db");
     fs::rename(app.database(), &away).expect("renamed");
@@ -170,11 +164,9 @@ async fn readiness_says_so_before_anybody_acts() {
     game(&app).await;
 }
 
+#[needs(sqlite)]
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn only_their_owner_reads_the_files() {
-    if is_on_postgres("only_their_owner_reads_the_files") {
-        return;
-    }
     let app = TestApp::start().await;
     game(&app).await;
     let database = app.database();

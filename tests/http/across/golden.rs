@@ -20,9 +20,9 @@ use swarmbench_engine::{RULES_REVISION, RuleSet, TaskName};
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::replay::verify;
 use swarmbench_players::default_for;
+use swarmbench_testkit::worlds::Dice;
 
 use crate::app::{Episode, TestApp};
-use crate::dice::Dice;
 
 #[tokio::test]
 #[ignore = "writes files; only a new rules revision, or a new game, has something to record"]

@@ -13,6 +13,7 @@
 use std::fs::{self, File};
 use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
+use swarmbench_testkit::needs;
 
 use flate2::Compression;
 use flate2::read::GzDecoder;
@@ -29,7 +30,6 @@ use super::golden::games;
 use crate::app::program::{printed, swarmbench};
 use crate::app::{Call, Episode, TestApp, list};
 use crate::cup::{Attempt, Cup, Entrant};
-use crate::postgres::is_on_postgres;
 
 mod old_settings;
 
@@ -146,12 +146,10 @@ fn post(app: &TestApp, path: &str, token: &str, body: &Value) -> Call {
     if token.is_empty() { call } else { call.token(token) }
 }
 
+#[needs(sqlite)]
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 #[ignore = "writes files; only a new migration has something to record"]
 async fn golden_database_is_recorded() {
-    if is_on_postgres("golden_database_is_recorded") {
-        return;
-    }
     let folder = folder().join(newest_migration());
     if folder.exists() {
         return;
@@ -557,11 +555,9 @@ fn recorded() -> Vec<String> {
     names
 }
 
+#[needs(sqlite)]
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn every_golden_database_says_what_it_said() {
-    if is_on_postgres("every_golden_database_says_what_it_said") {
-        return;
-    }
     assert!(!recorded().is_empty());
     for migration in recorded() {
         let (mut app, facts) = open(&migration).await;
@@ -614,11 +610,9 @@ async fn sound(db: &str) {
     assert!(output.status.success() && said.contains("no damage was found"), "{said}");
 }
 
+#[needs(sqlite)]
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn every_golden_database_is_played_on() {
-    if is_on_postgres("every_golden_database_is_played_on") {
-        return;
-    }
     for migration in recorded() {
         let (mut app, facts) = open(&migration).await;
         // Names that were given without a key are nobody's since there are keys.

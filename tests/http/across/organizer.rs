@@ -69,8 +69,8 @@ impl Shell {
         let state = self.folder.path().join("state");
         let state = state.display();
         // Set by the script: with another PATH in its environment the process would be forked, pages and all.
-        let programs = Path::new(env!("CARGO_BIN_EXE_swarmbench")).parent().expect("a folder");
-        let programs = programs.display();
+        let program = swarmbench_testkit::program::program();
+        let programs = program.parent().expect("a folder").display();
         let script = format!(
             "set -euo pipefail\nPATH='{programs}':$PATH\n[ -e '{state}' ] && source '{state}'\nset -x\n{commands}\nset +x\n\
              {{ declare -p | grep -E '^declare -- [A-Z]' ; declare -f; }} > '{state}'\n"

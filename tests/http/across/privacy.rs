@@ -13,11 +13,11 @@ use futures::stream::{self, StreamExt};
 use serde::Deserialize;
 use serde_json::value::RawValue;
 use serde_json::{Value, json};
+use swarmbench_testkit::oracle::{self, Blind, Body, Game, PlannedAct, State};
+use swarmbench_testkit::worlds::Dice;
 
 use crate::app::mcp::observed;
 use crate::app::{Episode, TestApp, list};
-use crate::dice::Dice;
-use crate::oracle::{self, Blind, Body, Game, PlannedAct, State};
 
 /// The default number of pairs.
 const CASES: u64 = 200;

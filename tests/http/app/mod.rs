@@ -22,6 +22,7 @@ use swarmbench::server::{Parts, Server, StartError};
 use swarmbench::store::entries::Entry;
 use swarmbench::store::{Joining, Location, Store};
 use swarmbench_clock::{Clock as _, ManualClock, SeededEntropy, SystemClock};
+use swarmbench_testkit::postgres::Scratch;
 use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
@@ -29,7 +30,6 @@ use tokio::task::JoinHandle;
 
 pub(crate) use self::call::{Answer, Call, DOCUMENT, check_problem, fields, list, number, texts};
 pub(crate) use self::episode::{Episode, game, verified};
-use crate::postgres::Scratch;
 
 /// Longer than anything takes, so that a test that hangs fails.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(100);
@@ -142,8 +142,10 @@ struct OneServer {
     task: JoinHandle<Result<(), StartError>>,
 }
 
-/// The variable that puts a server before the one that plays, which takes nothing and forwards everything. It needs PostgreSQL.
-const FORWARDING: &str = "SWARMBENCH_TEST_FORWARDING";
+/// Whether a server stands before the one that plays, which takes nothing and forwards everything.
+fn is_forwarding() -> bool {
+    std::env::var_os("SWARMBENCH_TEST_ON").is_some_and(|on| on == "forwarding")
+}
 
 impl TestApp {
     pub(crate) fn builder() -> Builder {
@@ -231,7 +233,7 @@ impl TestApp {
 
     async fn launch(&mut self) {
         assert!(self.running.is_none(), "it runs");
-        if self.scratch.is_none() || std::env::var_os(FORWARDING).is_none() {
+        if !is_forwarding() {
             let (base, server) = Box::pin(self.start_one(None)).await;
             self.running = Some(Running { base, servers: vec![server] });
             return;
@@ -350,7 +352,7 @@ impl TestApp {
         }
     }
 
-    /// The file of the database. A test that asks for it begins with [`is_on_postgres`].
+    /// The file of the database. A test that asks for it `needs(sqlite)`.
     pub(crate) fn database(&self) -> PathBuf {
         assert!(self.scratch.is_none(), "PostgreSQL has no file");
         self.directory.path().join("swarmbench.db")

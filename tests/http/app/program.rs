@@ -12,7 +12,7 @@ pub(crate) async fn swarmbench<S: AsRef<OsStr>>(args: &[S]) -> Output {
 
 /// Paths in its arguments are relative to `folder`.
 pub(crate) async fn swarmbench_in<S: AsRef<OsStr>>(folder: &Path, args: &[S]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
+    let mut command = Command::new(swarmbench_testkit::program::program());
     command.args(args).current_dir(folder).stdin(Stdio::null());
     spawn_blocking(move || command.output()).await.expect("no panic").expect("the binary runs")
 }

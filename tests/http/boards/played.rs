@@ -22,14 +22,13 @@ use swarmbench::store::entries::{Entry, Holder, RunRow};
 use swarmbench::work::Workers;
 use swarmbench_clock::{Clock, ManualClock, SeededEntropy};
 use swarmbench_engine::{Act, Action, AgentId, Config, Seed, Settings, TaskName};
-use swarmbench_journal::record::Decision;
+use swarmbench_journal::record::{Decision, RecordedConfig};
 use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::failure::Failure;
 use swarmbench_protocol::import::ImportConfig;
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
 use crate::app::TestApp;
-use crate::game;
 
 /// Rounds of a game of the suite `small`.
 const ROUNDS: u32 = 10;
@@ -362,13 +361,17 @@ fn spec(suite: &Suite, task: &str, seed: Seed, model: &str) -> Spec {
         seed: seed.into(),
         ..Settings::from(&settings)
     });
+    let config = RecordedConfig {
+        visibility: "public".to_owned(),
+        ..RecordedConfig::of(&checked.expect("good settings"))
+    };
+    let plain = Spec::of(&config, &Carried::default(), "a template").expect("a good game");
     Spec {
         round_deadline: settings.round_deadline_ms.map(Duration::from_millis),
         bank: Duration::from_millis(settings.bank_ms),
         idle_timeout: Duration::from_hours(24),
         model: model.to_owned(),
-        prompt_template: "a template".into(),
-        ..game::spec(checked.expect("good settings"))
+        ..plain
     }
 }
 

@@ -2,9 +2,9 @@
 
 use futures::future::join_all;
 use serde_json::{Value, json};
+use swarmbench_testkit::needs;
 
 use crate::app::{Episode, TestApp, fields, list, verified};
-use crate::postgres::is_on_postgres;
 
 /// From now on the database refuses ends.
 const REFUSE: &str = "CREATE TRIGGER refuse BEFORE UPDATE ON episodes WHEN NEW.status = 'finished'
@@ -125,11 +125,9 @@ async fn a_run_goes_on_over_games_that_are_solved_already() {
 }
 
 /// Its end is in the commit that creates it: the server may be killed whenever it likes.
+#[needs(sqlite)]
 #[tokio::test]
 async fn what_creates_a_solved_game_ends_it() {
-    if is_on_postgres("what_creates_a_solved_game_ends_it") {
-        return;
-    }
     let app = TestApp::start().await;
     app.tamper(REFUSE).await;
     let key = "once";

@@ -13,8 +13,8 @@ use swarmbench_engine::AgentId;
 use swarmbench_journal::record::Source;
 
 use super::{Acked, Checker, Invariant, Place, Sent, same};
-use crate::clients::{Answer, RequestId};
-use crate::database::Incarnation;
+use crate::simulation::clients::{Answer, RequestId};
+use crate::simulation::database::Incarnation;
 
 impl Checker {
     #[expect(clippy::too_many_lines, reason = "one arm for each kind of answer")]

@@ -10,8 +10,8 @@ use swarmbench_clock::{Clock as _, after, until};
 use tokio::sync::watch;
 
 use super::{Member, Net, Node};
-use crate::broken::Flaw;
-use crate::database::Incarnation;
+use crate::simulation::broken::Flaw;
+use crate::simulation::database::Incarnation;
 
 /// How often a server looks at the others.
 const LOOKS_EVERY: Duration = Duration::from_millis(250);
@@ -40,11 +40,12 @@ pub(crate) async fn beat(node: Arc<Node>, looked: watch::Sender<()>) {
         }
         let members = node.journal.at_database(|tables| {
             let now = node.lease_clock();
-            let member = |(incarnation, row): (Incarnation, crate::database::Node)| Member {
-                incarnation,
-                is_expired: tables.is_expired(incarnation, now),
-                is_ready: row.is_ready,
-            };
+            let member =
+                |(incarnation, row): (Incarnation, crate::simulation::database::Node)| Member {
+                    incarnation,
+                    is_expired: tables.is_expired(incarnation, now),
+                    is_ready: row.is_ready,
+                };
             tables.nodes().into_iter().map(member).collect()
         });
         let members = members.await;
@@ -92,14 +93,14 @@ pub(crate) async fn work(net: Arc<Net>, node: Arc<Node>, mut looked: watch::Rece
 /// meanwhile, unless its process is gone.
 pub(super) async fn exclude(node: &Node, dead: Incarnation, is_gone: bool) {
     if node.flaw == Some(Flaw::FreesPlacesFirst) {
-        let frees = |tables: &mut crate::database::Tables| {
+        let frees = |tables: &mut crate::simulation::database::Tables| {
             if is_gone || tables.is_expired(dead, node.lease_clock()) {
                 tables.free(dead);
             }
         };
         node.journal.at_database(frees).await;
     }
-    let deletes = |tables: &mut crate::database::Tables| {
+    let deletes = |tables: &mut crate::simulation::database::Tables| {
         if is_gone || tables.is_expired(dead, node.lease_clock()) {
             tables.delete(dead);
         }

@@ -14,16 +14,16 @@ use swarmbench::episode::actor::Spawn;
 use swarmbench::episode::registry::Registry;
 use swarmbench::ids::{EpisodeId, Place};
 use swarmbench_clock::{Clock as _, after};
+use swarmbench_testkit::worlds::Dice;
 use tokio::sync::oneshot;
 
 pub(crate) use self::lease::{beat, work};
 pub(crate) use self::routes::{Order, client};
-use crate::broken::Flaw;
-use crate::clients::{Desk, Told};
-use crate::database::Incarnation;
-use crate::dice::Dice;
-use crate::journal::MemoryJournal;
-use crate::time::SimClock;
+use crate::simulation::broken::Flaw;
+use crate::simulation::clients::{Desk, Told};
+use crate::simulation::database::Incarnation;
+use crate::simulation::journal::MemoryJournal;
+use crate::simulation::time::SimClock;
 
 /// What servers reach of each other, and clients of them.
 pub(crate) struct Net {

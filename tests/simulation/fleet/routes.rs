@@ -9,12 +9,12 @@ use swarmbench::episode::recovery::RecoveryError;
 use swarmbench::ids::{EpisodeId, Place};
 use swarmbench::store::StoreError;
 use swarmbench_clock::{Clock as _, after};
+use swarmbench_testkit::worlds::Dice;
 use tokio::sync::oneshot;
 
 use super::{Net, Node, Reply, lease};
-use crate::clients::{Answer, News, Request, RequestId, Told, serve, think};
-use crate::database::Incarnation;
-use crate::dice::Dice;
+use crate::simulation::clients::{Answer, News, Request, RequestId, Told, serve, think};
+use crate::simulation::database::Incarnation;
 
 /// How long a request waits for another server to take what the last one had.
 const MOVE_PATIENCE: Duration = Duration::from_millis(1500);
@@ -315,7 +315,7 @@ pub(crate) async fn client(net: Arc<Net>, mut order: Order, seed: u64) {
 
 fn away(net: &Net, Order { number, id, .. }: Order) {
     let news = News::Answered(Answer::Away);
-    let told = Told { number, id, server: crate::executor::CLIENTS, plays: true, news };
+    let told = Told { number, id, server: crate::simulation::executor::CLIENTS, plays: true, news };
     net.desk.lock().expect("one thread").push_back(told);
 }
 

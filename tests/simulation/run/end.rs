@@ -13,8 +13,8 @@ use swarmbench_engine::AgentId;
 const WAITS_MAX: usize = 400;
 
 use super::{ROUNDS_MAX, Run, STEPS_MAX, Server, Step, UNUSED};
-use crate::checker::{Episode, Invariant};
-use crate::clients::{Acts, Request, act};
+use crate::simulation::checker::{Episode, Invariant};
+use crate::simulation::clients::{Acts, Request, act};
 
 impl Run {
     /// Everything is done that can be done without time and clients. Where several servers share the database a request may have

@@ -11,10 +11,10 @@ use swarmbench_engine::AgentId;
 
 use super::Run;
 use super::trace::asked;
-use crate::checker::Episode;
-use crate::clients::{Request, Told, act, again, serve, spec};
-use crate::executor::CLIENTS;
-use crate::fleet::{Order, client};
+use crate::simulation::checker::Episode;
+use crate::simulation::clients::{Request, Told, act, again, serve, spec};
+use crate::simulation::executor::CLIENTS;
+use crate::simulation::fleet::{Order, client};
 
 impl Run {
     pub(super) fn ask(&mut self, id: EpisodeId, request: Request) {

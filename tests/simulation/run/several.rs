@@ -12,9 +12,9 @@ use swarmbench_clock::Clock as _;
 use tokio::sync::watch;
 
 use super::{Node, Run, beat, work};
-use crate::checker::Invariant;
-use crate::clients::Answer;
-use crate::database::Incarnation;
+use crate::simulation::checker::Invariant;
+use crate::simulation::clients::Answer;
+use crate::simulation::database::Incarnation;
 
 /// Time that passes without a beat of those servers that run.
 const BEATS_MISSED: Duration = Duration::from_secs(1);

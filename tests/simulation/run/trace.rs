@@ -3,7 +3,7 @@
 use swarmbench::store::entries::Entry;
 use swarmbench_engine::AgentId;
 
-use crate::clients::{Answer, Request};
+use crate::simulation::clients::{Answer, Request};
 
 /// An entry in a line of the trace.
 pub(super) fn line(entry: &Entry) -> String {

@@ -1,16 +1,12 @@
 //! An observation depends on nothing that the agent may not know: two games are played in which others do hidden
 //! things differently, and agents that may not know of them see the same.
 
-#[path = "../common/dice.rs"]
-mod dice;
-mod oracle;
-
 use std::ops::Range;
 use std::sync::Arc;
 
-use dice::Dice;
-use oracle::{Blind, Body, Game, PlannedAct, State};
 use swarmbench_engine::{Act, Action, AgentId, Config, Message, World};
+use swarmbench_testkit::oracle::{self, Blind, Body, Game, PlannedAct, State};
+use swarmbench_testkit::worlds::Dice;
 
 /// How many pairs of games are played.
 const CASES: u64 = 2_000;

@@ -212,6 +212,7 @@ mod tests {
     use std::path::Path;
 
     use sqlx::Row as _;
+    use swarmbench_testkit::needs;
 
     use super::*;
 
@@ -246,12 +247,10 @@ mod tests {
         assert!(!path.exists());
     }
 
+    #[needs(postgres)]
     #[tokio::test]
     async fn groups_of_postgres_are_the_same() {
-        let Ok(url) = std::env::var("SWARMBENCH_TEST_DB") else {
-            eprintln!("NOT RUN: it needs a PostgreSQL in SWARMBENCH_TEST_DB (.ci/postgres)");
-            return;
-        };
+        let url = swarmbench_testkit::postgres::server().expect("a server for tests");
         let place = Place::Postgres(url.clone());
         let mut bare = open(&place).await;
         write_two_groups(&mut bare).await;

@@ -1,6 +1,7 @@
 //! Games, runs and competitions with settings that no new ones may have are played to their end.
 
 use std::fs;
+use swarmbench_testkit::needs;
 
 use serde_json::{Value, json};
 use swarmbench::episode::spec::Visibility;
@@ -15,7 +16,6 @@ use swarmbench_protocol::suite::{Suite, SuiteSettings};
 use super::*;
 use crate::app::{fields, number};
 use crate::cup;
-use crate::postgres::is_on_postgres;
 
 /// The database of which a running game and an announced competition are too large for new ones.
 const LARGE: &str = "0005";
@@ -67,13 +67,9 @@ async fn prove(app: &TestApp, episode: &str) {
     }
 }
 
+#[needs(sqlite)]
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_old_game_and_an_old_competition_are_played_on_with_what_no_new_one_may_have() {
-    if is_on_postgres(
-        "an_old_game_and_an_old_competition_are_played_on_with_what_no_new_one_may_have",
-    ) {
-        return;
-    }
     let (mut app, facts) = open(LARGE).await;
     let episode = Episode::of(&facts.running[0]);
     let announced = Cup { id: facts.cups.announced.clone(), created: Value::Null };
@@ -170,11 +166,9 @@ async fn keep_old_run(app: &TestApp) -> (String, String) {
     (id, token.reveal().to_owned())
 }
 
+#[needs(sqlite)]
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_old_run_is_played_with_the_largest_settings_that_there_were() {
-    if is_on_postgres("an_old_run_is_played_with_the_largest_settings_that_there_were") {
-        return;
-    }
     let mut app = TestApp::builder().manual_clock().keys().start().await;
     app.stop().await;
     let (run, swarm) = keep_old_run(&app).await;

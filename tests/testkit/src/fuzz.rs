@@ -9,33 +9,31 @@ use bolero::generator::bolero_generator::driver::Options;
 use bolero::{Engine, Test};
 use swarmbench_clock::{Entropy as _, SeededEntropy};
 
-#[expect(dead_code, reason = "other tests draw from it")]
-#[path = "dice.rs"]
-mod dice;
+use crate::dice;
 
 /// Bytes of which an input is made, at most.
 const INPUT_BYTES_MAX: usize = 8 * 1024;
 
 /// Gives a target inputs of a generator, so many of them, and checks each.
+#[macro_export]
 macro_rules! check {
     ($inputs:expr, $generator:expr, $check:expr $(,)?) => {
-        if fuzz::is_bolero_asked() {
+        if $crate::fuzz::is_bolero_asked() {
             bolero::check!().with_iterations($inputs).with_generator($generator).for_each($check);
         } else {
-            let engine = fuzz::Seeded { inputs: $inputs };
+            let engine = $crate::fuzz::Seeded { inputs: $inputs };
             bolero::TestTarget::new(engine).with_generator($generator).for_each($check);
         }
     };
 }
-pub(crate) use check;
 
-pub(crate) fn is_bolero_asked() -> bool {
+pub fn is_bolero_asked() -> bool {
     std::env::vars_os().any(|(name, _)| name.to_string_lossy().starts_with("BOLERO_"))
 }
 
 /// Draws inputs from the seed, and shrinks one that fails.
-pub(crate) struct Seeded {
-    pub(crate) inputs: usize,
+pub struct Seeded {
+    pub inputs: usize,
 }
 
 impl<T: Test<Value: Debug>> Engine<T> for Seeded {

@@ -1,5 +1,6 @@
 //! The real binary: started, found, killed, stopped.
 
+use std::ffi::OsStr;
 use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -10,20 +11,19 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
-use swarmbench::store::Location;
 use tempfile::TempDir;
 use tokio::sync::watch;
 
 use crate::postgres::Scratch;
 
 /// Longer than anything takes; a timeout is a failure.
-pub(crate) const PATIENCE: Duration = Duration::from_mins(1);
+pub const PATIENCE: Duration = Duration::from_mins(1);
 
 /// A server that is asked to stop ends within this time.
 const STOP: Duration = Duration::from_secs(10);
 
 /// Where clients find the server: they outlive it.
-pub(crate) struct Door {
+pub struct Door {
     address: watch::Sender<Option<Address>>,
     /// The last run that somebody ended.
     ended: AtomicU64,
@@ -31,19 +31,19 @@ pub(crate) struct Door {
 
 /// A running server, as clients see it.
 #[derive(Clone, Debug)]
-pub(crate) struct Address {
-    pub(crate) base: String,
+pub struct Address {
+    pub base: String,
     /// Counts the starts of the server, from 1.
-    pub(crate) run: u64,
+    pub run: u64,
 }
 
 impl Door {
-    pub(crate) fn new() -> Arc<Self> {
+    pub fn new() -> Arc<Self> {
         Arc::new(Self { address: watch::Sender::new(None), ended: AtomicU64::new(0) })
     }
 
     /// The address of the first run after `run` that listens.
-    pub(crate) async fn after(&self, run: u64) -> Address {
+    pub async fn after(&self, run: u64) -> Address {
         let mut address = self.address.subscribe();
         let is_open = |address: &Option<Address>| address.as_ref().is_some_and(|a| a.run > run);
         let open = tokio::time::timeout(PATIENCE, address.wait_for(is_open)).await;
@@ -52,44 +52,44 @@ impl Door {
     }
 
     /// The address of the run that listens now, if one does.
-    pub(crate) fn now(&self) -> Option<Address> {
+    pub fn now(&self) -> Option<Address> {
         self.address.borrow().clone()
     }
 
     /// From now on a run may end.
-    pub(crate) fn expect_end(&self, run: u64) {
+    pub fn expect_end(&self, run: u64) {
         self.ended.fetch_max(run, Ordering::SeqCst);
     }
 
     /// Whether somebody has ended a run, or is about to.
-    pub(crate) fn has_ended(&self, run: u64) -> bool {
+    pub fn has_ended(&self, run: u64) -> bool {
         self.ended.load(Ordering::SeqCst) >= run
     }
 
     /// Whether it is the current run.
-    pub(crate) fn is_open(&self, run: u64) -> bool {
+    pub fn is_open(&self, run: u64) -> bool {
         self.address.borrow().as_ref().is_some_and(|address| address.run == run)
     }
 }
 
 /// A database and what a server over it is started with.
-pub(crate) struct Site {
+pub struct Site {
     folder: Option<TempDir>,
     /// The database, where the tests run on PostgreSQL.
     scratch: Option<Scratch>,
     /// The database as the program is told it.
     db: String,
-    pub(crate) door: Arc<Door>,
+    pub door: Arc<Door>,
     runs: AtomicU64,
 }
 
 impl Site {
     /// A new folder, where `TMPDIR` says.
-    pub(crate) fn new() -> Self {
+    pub fn new() -> Self {
         Self::over(TempDir::new().expect("a folder"))
     }
 
-    pub(crate) fn over(folder: TempDir) -> Self {
+    pub fn over(folder: TempDir) -> Self {
         let scratch = Scratch::new_blocking();
         let file = || folder.path().join("swarmbench.db").display().to_string();
         let db = scratch.as_ref().map_or_else(file, |scratch| scratch.url().to_owned());
@@ -97,47 +97,46 @@ impl Site {
     }
 
     /// A database that somebody else owns.
-    pub(crate) fn at(db: String) -> Self {
+    pub fn at(db: String) -> Self {
         Self { folder: None, scratch: None, db, door: Door::new(), runs: AtomicU64::new(0) }
     }
 
     /// The same database, reached at another address; only on PostgreSQL.
-    pub(crate) fn through(mut self, address: SocketAddr) -> Self {
+    pub fn through(mut self, address: SocketAddr) -> Self {
         let scratch = self.scratch.as_ref().expect("only PostgreSQL is reached by an address");
         self.db = scratch.url_at(address);
         self
     }
 
     /// Whether the database is one of PostgreSQL.
-    pub(crate) fn is_on_postgres(&self) -> bool {
+    pub fn is_on_postgres(&self) -> bool {
         self.scratch.is_some()
     }
 
-    pub(crate) fn folder(&self) -> &Path {
+    pub fn folder(&self) -> &Path {
         self.folder.as_ref().expect("it is there").path()
     }
 
     /// The database, as commands take it with `--db`.
-    pub(crate) fn db(&self) -> &str {
+    pub fn db(&self) -> &str {
         &self.db
     }
 
     /// The database itself, whatever is between it and the server.
-    pub(crate) fn location(&self) -> Location {
-        let direct = self.scratch.as_ref().map_or(self.db.as_str(), Scratch::url);
-        direct.parse().expect("a location")
+    pub fn direct(&self) -> &str {
+        self.scratch.as_ref().map_or(self.db.as_str(), Scratch::url)
     }
 
-    pub(crate) fn wal(&self) -> PathBuf {
+    pub fn wal(&self) -> PathBuf {
         self.folder().join("swarmbench.db-wal")
     }
 
     /// Starts a server; clients learn of it once it listens.
-    pub(crate) fn start(&self) -> Server {
+    pub fn start(&self) -> Server {
         self.start_with(&[])
     }
 
-    pub(crate) fn start_with(&self, environment: &[(&str, &Path)]) -> Server {
+    pub fn start_with(&self, environment: &[(&str, &Path)]) -> Server {
         let mut command = Command::new(program());
         command.env("RUST_LOG", "info").envs(environment.iter().copied());
         self.start_by(command, &[])
@@ -145,7 +144,7 @@ impl Site {
 
     /// Starts a server by a command to which the program's arguments are added: the program, or a shell that sets
     /// limits and then becomes the program.
-    pub(crate) fn start_by(&self, mut command: Command, options: &[&str]) -> Server {
+    pub fn start_by(&self, mut command: Command, options: &[&str]) -> Server {
         let run = self.runs.fetch_add(1, Ordering::SeqCst) + 1;
         // A port of its own for every run: an earlier one may be somebody's outgoing connection by now.
         command.args(["serve", "--addr", "127.0.0.1:0", "--db"]).arg(&self.db).args(options);
@@ -162,9 +161,22 @@ impl Site {
 }
 
 /// The program under test: the one that was built with the tests, or what `SWARMBENCH_BIN` names.
-pub(crate) fn program() -> PathBuf {
-    std::env::var_os("SWARMBENCH_BIN")
-        .map_or_else(|| env!("CARGO_BIN_EXE_swarmbench").into(), PathBuf::from)
+pub fn program() -> PathBuf {
+    std::env::var_os("SWARMBENCH_BIN").map_or_else(built, PathBuf::from)
+}
+
+/// The program that cargo built with the tests: tests are in `deps` beside it.
+fn built() -> PathBuf {
+    let test = std::env::current_exe().expect("a test has a path");
+    let folder = test.parent().and_then(Path::parent).expect("it is in a folder of the build");
+    folder.join(format!("swarmbench{}", std::env::consts::EXE_SUFFIX))
+}
+
+/// The program with arguments, and nothing to read.
+pub fn command<S: AsRef<OsStr>>(arguments: &[S]) -> Command {
+    let mut command = Command::new(program());
+    command.args(arguments).stdin(Stdio::null());
+    command
 }
 
 impl Drop for Site {
@@ -195,9 +207,9 @@ fn listen(stderr: ChildStderr, log: &Mutex<Vec<String>>, door: &Door, run: u64) 
 }
 
 /// A running server.
-pub(crate) struct Server {
+pub struct Server {
     child: Child,
-    pub(crate) run: u64,
+    pub run: u64,
     started: Instant,
     log: Arc<Mutex<Vec<String>>>,
     listener: Option<JoinHandle<()>>,
@@ -206,7 +218,7 @@ pub(crate) struct Server {
 
 impl Server {
     /// Waits until it answers that it is ready; returns how long that took from its start.
-    pub(crate) async fn ready(&mut self) -> Duration {
+    pub async fn ready(&mut self) -> Duration {
         let client = reqwest::Client::new();
         let address = self.door.after(self.run - 1).await;
         let asked = Instant::now();
@@ -222,17 +234,17 @@ impl Server {
         }
     }
 
-    pub(crate) fn pid(&self) -> u32 {
+    pub fn pid(&self) -> u32 {
         self.child.id()
     }
 
     /// How the process has ended by itself, if it has.
-    pub(crate) fn exit(&mut self) -> Option<ExitStatus> {
+    pub fn exit(&mut self) -> Option<ExitStatus> {
         self.child.try_wait().expect("it can be asked")
     }
 
     /// Waits until the process has ended by itself.
-    pub(crate) async fn ended(&mut self) -> ExitStatus {
+    pub async fn ended(&mut self) -> ExitStatus {
         loop {
             if let Some(status) = self.exit() {
                 return status;
@@ -242,13 +254,13 @@ impl Server {
     }
 
     /// `kill -9`.
-    pub(crate) fn kill(mut self) -> Vec<String> {
+    pub fn kill(mut self) -> Vec<String> {
         self.end();
         self.log()
     }
 
     /// SIGSTOP. When this returns the process does not run, on any processor.
-    pub(crate) fn freeze(&self) {
+    pub fn freeze(&self) {
         kill_process(Pid::from_child(&self.child), Signal::STOP).expect("it can be told");
         let status = format!("/proc/{}/stat", self.child.id());
         while !std::fs::read_to_string(&status).is_ok_and(|text| text.contains(") T ")) {
@@ -257,12 +269,12 @@ impl Server {
     }
 
     /// SIGCONT: it continues.
-    pub(crate) fn thaw(&self) {
+    pub fn thaw(&self) {
         kill_process(Pid::from_child(&self.child), Signal::CONT).expect("it can be told");
     }
 
     /// SIGTERM. Returns how the process ended, how long that took, and its log.
-    pub(crate) async fn terminate(mut self) -> (ExitStatus, Duration, Vec<String>) {
+    pub async fn terminate(mut self) -> (ExitStatus, Duration, Vec<String>) {
         self.door.ended.store(self.run, Ordering::SeqCst);
         let told = Instant::now();
         kill_process(Pid::from_child(&self.child), Signal::TERM).expect("it can be told");
@@ -278,11 +290,11 @@ impl Server {
         (status, taken, self.log())
     }
 
-    pub(crate) fn log(&self) -> Vec<String> {
+    pub fn log(&self) -> Vec<String> {
         self.log.lock().expect("nothing panics while it holds this").clone()
     }
 
-    pub(crate) fn end(&mut self) {
+    pub fn end(&mut self) {
         self.door.ended.store(self.run, Ordering::SeqCst);
         // Both fail only where it has ended already.
         drop(self.child.kill());
@@ -313,13 +325,13 @@ impl Drop for Server {
 }
 
 /// The lines of a log that say that something is wrong; not to be ready yet is fine.
-pub(crate) fn complaints(log: &[String]) -> Vec<&String> {
+pub fn complaints(log: &[String]) -> Vec<&String> {
     let complains = |line: &&String| line.contains(" WARN ") || line.contains(" ERROR ");
     log.iter().filter(complains).filter(|line| !line.contains("path=\"/readyz\"")).collect()
 }
 
 /// Waits until something is so.
-pub(crate) async fn until(what: &str, is_so: impl Fn() -> bool) {
+pub async fn until(what: &str, is_so: impl Fn() -> bool) {
     let began = Instant::now();
     while !is_so() {
         assert!(began.elapsed() < PATIENCE, "it is not so: {what}");

@@ -10,53 +10,53 @@ use swarmbench_clock::{Entropy, SeededEntropy};
 const SEED: u64 = 20_260_301;
 
 /// The seed of this run: `SWARMBENCH_SEED`, or always the same. It is shown whether or not output is captured.
-pub(crate) fn seed(test: &str) -> u64 {
+pub fn seed(test: &str) -> u64 {
     let seed = chosen();
     tell(&format!("{test}: SWARMBENCH_SEED={seed}"));
     seed
 }
 
 /// The same without a word, for messages about a failure.
-pub(crate) fn chosen() -> u64 {
+pub fn chosen() -> u64 {
     number("SWARMBENCH_SEED").unwrap_or(SEED)
 }
 
 /// A whole number from the environment.
-pub(crate) fn number(name: &str) -> Option<u64> {
+pub fn number(name: &str) -> Option<u64> {
     let text = std::env::var(name).ok()?;
     Some(text.parse().unwrap_or_else(|_| panic!("{name} must be a whole number, is {text:?}")))
 }
 
 /// Writes a line to the standard error past the test harness, which would keep it back.
-pub(crate) fn tell(line: &str) {
+pub fn tell(line: &str) {
     writeln!(std::io::stderr(), "{line}").expect("the standard error takes text");
 }
 
 /// Draws that follow from a seed and from what they are for.
-pub(crate) struct Dice(SeededEntropy);
+pub struct Dice(SeededEntropy);
 
 impl Dice {
-    pub(crate) fn of(seed: u64, purpose: &str) -> Self {
+    pub fn of(seed: u64, purpose: &str) -> Self {
         let hash: [u8; 32] = Sha256::digest(format!("{seed} {purpose}")).into();
         Self(SeededEntropy::new(u64::from_le_bytes(hash[..8].try_into().expect("8 bytes"))))
     }
 
-    pub(crate) fn below(&self, n: usize) -> usize {
+    pub fn below(&self, n: usize) -> usize {
         let mut bytes = [0; 4];
         self.0.fill(&mut bytes);
         u32::from_le_bytes(bytes) as usize % n
     }
 
-    pub(crate) fn one_in(&self, n: usize) -> bool {
+    pub fn one_in(&self, n: usize) -> bool {
         self.below(n) == 0
     }
 
-    pub(crate) fn pick<'a, T>(&self, items: &'a [T]) -> &'a T {
+    pub fn pick<'a, T>(&self, items: &'a [T]) -> &'a T {
         &items[self.below(items.len())]
     }
 
     /// A duration below `most`.
-    pub(crate) fn time(&self, most: Duration) -> Duration {
+    pub fn time(&self, most: Duration) -> Duration {
         let micros = usize::try_from(most.as_micros()).expect("a short time").max(1);
         Duration::from_micros(self.below(micros) as u64)
     }

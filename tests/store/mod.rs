@@ -5,16 +5,8 @@
 //! everything. The number of seeds is in `SWARMBENCH_SEEDS`, the first in `SWARMBENCH_SEED`.
 
 mod answers;
-#[expect(dead_code, reason = "the campaign shares it and uses other parts")]
-#[path = "../support/dice.rs"]
-mod dice;
-#[path = "../support/game.rs"]
-mod game;
 mod history;
 mod numbers;
-#[expect(dead_code, reason = "the tests of servers share it and use other parts")]
-#[path = "../support/postgres.rs"]
-mod postgres;
 mod schema;
 mod sessions;
 mod situations;
@@ -29,10 +21,11 @@ use swarmbench::store::port::EpisodeStore as _;
 use swarmbench::store::{Location, Store, StoreError};
 use tempfile::TempDir;
 
-use dice::{number, tell};
 use history::{History, Step};
 use numbers::Side;
-use postgres::Scratch;
+use swarmbench_testkit::dice::{number, tell};
+use swarmbench_testkit::needs;
+use swarmbench_testkit::postgres::Scratch;
 
 /// Seeds that are played where nobody says how many.
 const SEEDS: u64 = 3;
@@ -41,14 +34,9 @@ const SEEDS: u64 = 3;
 const STEPS: usize = 120;
 const STEPS_BETWEEN: usize = 10;
 
-/// A database for a test; where there is no server for tests, it is said that the test did not run.
-pub(crate) async fn scratch(test: &str) -> Option<Scratch> {
-    let made = Scratch::new().await;
-    if made.is_none() {
-        let variable = postgres::VARIABLE;
-        tell(&format!("NOT RUN: {test} needs {variable} (.ci/postgres)"));
-    }
-    made
+/// A database for a test that needs PostgreSQL.
+pub(crate) async fn scratch() -> Scratch {
+    Scratch::new().await.expect("the tests run on PostgreSQL")
 }
 
 /// Where a database of PostgreSQL is.
@@ -65,12 +53,12 @@ pub(crate) struct Pair {
 }
 
 impl Pair {
-    pub(crate) async fn new(test: &str) -> Option<Self> {
-        let scratch = scratch(test).await?;
+    pub(crate) async fn new() -> Self {
+        let scratch = scratch().await;
         let folder = tempfile::tempdir().expect("a folder");
         let sqlite = Store::open(folder.path().join("a.db")).await.expect("it opens");
         let postgres = Store::open(location(&scratch)).await.expect("it opens");
-        Some(Self { folder, scratch, sqlite: Side::of(sqlite), postgres: Side::of(postgres) })
+        Self { folder, scratch, sqlite: Side::of(sqlite), postgres: Side::of(postgres) }
     }
 
     /// The file of SQLite.
@@ -142,12 +130,13 @@ impl Drop for Playing {
         if std::thread::panicking() {
             let seed = self.0;
             tell(&format!(
-                "again: SWARMBENCH_SEED={seed} SWARMBENCH_SEEDS=1 cargo test --test store histories"
+                "again: SWARMBENCH_SEED={seed} SWARMBENCH_SEEDS=1 cargo test --test parts store::histories"
             ));
         }
     }
 }
 
+#[needs(postgres)]
 #[tokio::test(flavor = "multi_thread")]
 async fn histories_are_the_same_on_both_engines() {
     let first = number("SWARMBENCH_SEED").unwrap_or(0);
@@ -155,8 +144,7 @@ async fn histories_are_the_same_on_both_engines() {
     let mut reached = BTreeMap::new();
     for seed in first..first + count {
         let playing = Playing(seed);
-        let test = "histories_are_the_same_on_both_engines";
-        let Some(pair) = Pair::new(test).await else { return };
+        let pair = Pair::new().await;
         play(seed, pair, &mut reached).await;
         drop(playing);
     }

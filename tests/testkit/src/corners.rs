@@ -78,7 +78,7 @@ fn orders(axes: &[Axis]) -> Vec<Vec<Axis>> {
 ///
 /// The maps are the smallest and the largest, the one that the most agents fill, and the one on which the most
 /// agents all hear each other. On each of them another way begins with as many as do that.
-pub(crate) fn corners(task: TaskName, control: Control) -> Vec<Settings> {
+pub fn corners(task: TaskName, control: Control) -> Vec<Settings> {
     let smallest = |size| Settings {
         task: task.name().to_owned(),
         control: control.name().to_owned(),

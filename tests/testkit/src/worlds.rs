@@ -1,18 +1,31 @@
-//! What several test files and the benchmarks need: worlds, and random decisions that can be
-//! repeated.
-
-mod dice;
+//! Worlds of the engine, and random decisions that can be repeated.
 
 use std::sync::Arc;
 
 use swarmbench_engine::{Act, Action, AgentId, Config, Message, Settings, World};
 
-pub(crate) use dice::Dice;
+/// A small generator of random numbers (`SplitMix64`), so that a case is known by its seed alone.
+pub struct Dice(pub u64);
+
+impl Dice {
+    fn roll(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut value = self.0;
+        value = (value ^ (value >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        value = (value ^ (value >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        value ^ (value >> 31)
+    }
+
+    /// A number in `0..n`.
+    pub fn below(&mut self, n: usize) -> usize {
+        usize::try_from(self.roll() % n as u64).expect("less than n")
+    }
+}
 
 impl Dice {
     /// One decision for each agent: any action of the task or none, and a message from one agent
     /// in eight.
-    pub(crate) fn acts(&mut self, world: &World) -> Vec<Act> {
+    pub fn acts(&mut self, world: &World) -> Vec<Act> {
         let actions = Action::of_task(world.config().task());
         let agents = usize::from(world.config().num_agents());
         (0..agents)
@@ -31,7 +44,7 @@ impl Dice {
 }
 
 /// Lays out an episode whose settings are known to be good.
-pub(crate) fn world(settings: &Settings) -> World {
+pub fn world(settings: &Settings) -> World {
     let config = Config::check(settings).expect("settings that can be played");
     World::new(Arc::new(config))
 }

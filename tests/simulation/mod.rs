@@ -13,12 +13,8 @@ mod broken;
 mod checker;
 mod clients;
 mod database;
-#[path = "../../crates/engine/tests/common/dice.rs"]
-mod dice;
 mod executor;
 mod fleet;
-#[path = "../support/game.rs"]
-mod game;
 mod journal;
 mod run;
 mod time;

@@ -3,8 +3,6 @@
 
 mod answer;
 mod carried;
-#[path = "../support/fuzz.rs"]
-mod fuzz;
 mod journal;
 mod lockstep;
 mod template;

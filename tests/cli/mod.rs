@@ -4,13 +4,11 @@ mod capacity;
 mod commands;
 mod mcp;
 mod migrate;
-#[expect(dead_code, reason = "other tests use other parts")]
-#[path = "../support/postgres.rs"]
-mod postgres;
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use swarmbench_testkit::needs;
 
 use serde_json::{Value, json};
 use swarmbench::server::{Parts, Server};
@@ -22,7 +20,7 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 
 fn swarmbench(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_swarmbench"))
+    Command::new(swarmbench_testkit::program::program())
         .args(args)
         .stdin(Stdio::null())
         .output()
@@ -380,7 +378,7 @@ impl Serving {
     /// Starts `swarmbench serve` and reads off its log where it listens.
     fn start(db: &Path, args: &[&str]) -> Self {
         let log = db.with_extension("log");
-        let process = Command::new(env!("CARGO_BIN_EXE_swarmbench"))
+        let process = Command::new(swarmbench_testkit::program::program())
             .args(["serve", "--addr", "127.0.0.1:0", "--db", &db.display().to_string()])
             .args(args)
             .env("RUST_LOG", "trace")
@@ -432,7 +430,7 @@ fn keys_are_made_where_the_server_is_stopped_and_by_organizers() {
     let said = text(&refused.stderr);
     assert!(!refused.status.success() && said.contains("--server"), "{said}");
     let behind = |key: &str, args: &[&str]| {
-        Command::new(env!("CARGO_BIN_EXE_swarmbench"))
+        Command::new(swarmbench_testkit::program::program())
             .arg("key")
             .args(args)
             .args(["--server", &server.base])
@@ -453,7 +451,7 @@ fn keys_are_made_where_the_server_is_stopped_and_by_organizers() {
     assert!(text(&revoked.stdout).contains("is revoked"), "{}", text(&revoked.stderr));
 
     // What was done while the server was stopped is in the audit log, too.
-    let log = Command::new(env!("CARGO_BIN_EXE_swarmbench"))
+    let log = Command::new(swarmbench_testkit::program::program())
         .args(["audit", "--json", "--server", &server.base])
         .env("SWARMBENCH_KEY", &organizer)
         .output()
@@ -468,7 +466,7 @@ fn keys_are_made_where_the_server_is_stopped_and_by_organizers() {
     assert_eq!(audit, [(false, revoke), (false, create.clone()), (true, create)]);
 
     let play = |key: &str| {
-        Command::new(env!("CARGO_BIN_EXE_swarmbench"))
+        Command::new(swarmbench_testkit::program::program())
             .args([
                 "play",
                 "--task",
@@ -498,7 +496,7 @@ fn an_organizer_confirms_the_clock() {
     });
     let server = Serving::start(&path, &[]);
     let confirm = |key: &str| {
-        Command::new(env!("CARGO_BIN_EXE_swarmbench"))
+        Command::new(swarmbench_testkit::program::program())
             .args(["clock", "confirm", "--server", &server.base])
             .env("SWARMBENCH_KEY", key)
             .output()
@@ -518,7 +516,7 @@ async fn a_run_is_played_and_one_that_was_left_is_played_to_its_end() {
     let folder = tempfile::tempdir().expect("a folder");
     let server = Serving::start(&folder.path().join("runs.db"), &[]);
     let play = |args: &[&str], token: Option<&str>| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
+        let mut command = Command::new(swarmbench_testkit::program::program());
         command.arg("play").args(args).args(["--server", &server.base]);
         if let Some(token) = token {
             command.env("SWARMBENCH_RUN_TOKEN", token);
@@ -727,19 +725,24 @@ fn a_load_test_measures_everything() {
     }
 }
 
-#[test]
-fn a_load_test_writes_to_the_engine_that_it_is_told() {
+/// A load test of acts, with a database of its own at this address.
+fn acts_into(db: &str) -> Output {
     let args = ["loadtest", "acts", "--json", "--turn", "0.05", "--turns", "1", "--writers", "1"];
-    let to = |db| on_a_server(&[&args[..], &["--db", db]].concat());
-    let refused = to("mysql://me:secret@localhost/games");
+    on_a_server(&[&args[..], &["--db", db]].concat())
+}
+
+#[test]
+fn a_load_test_refuses_an_engine_that_it_does_not_know() {
+    let refused = acts_into("mysql://me:secret@localhost/games");
     assert!(!refused.status.success());
     let why = text(&refused.stderr);
     assert!(why.contains("postgres://USER@HOST:PORT/DATABASE") && !why.contains("secret"), "{why}");
-    let Ok(db) = std::env::var("SWARMBENCH_TEST_DB") else {
-        eprintln!("NOT RUN in part: it needs a PostgreSQL in SWARMBENCH_TEST_DB (.ci/postgres)");
-        return;
-    };
-    let output = to(&db);
+}
+
+#[needs(postgres)]
+#[test]
+fn a_load_test_writes_to_the_engine_that_it_is_told() {
+    let output = acts_into(&swarmbench_testkit::postgres::server().expect("a server for tests"));
     let report = report(&output);
     assert!(output.status.success(), "{report}");
     for line in [0, 1] {

@@ -571,7 +571,7 @@ fn links_are_not_followed() {
 
 /// Runs the program as its user does.
 fn swarmbench(args: &[&str], db: &Path) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
+    let mut command = Command::new(swarmbench_testkit::program::program());
     command.args(args).arg("--db").arg(db).stdin(Stdio::null()).output().expect("the binary runs")
 }
 

@@ -6,37 +6,37 @@
 
 use swarmbench_engine::{Action, Control, RuleSet, Settings, TaskName};
 
-use crate::dice::Dice;
+use crate::worlds::Dice;
 
 /// An agent, as a spectator sees it.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Body {
-    pub(crate) at: (i64, i64),
-    pub(crate) alive: bool,
+pub struct Body {
+    pub at: (i64, i64),
+    pub alive: bool,
     /// Its light is on, or it carries food.
-    pub(crate) flag: bool,
+    pub flag: bool,
 }
 
 /// A state, as a spectator sees it.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct State {
-    pub(crate) score: f64,
+pub struct State {
+    pub score: f64,
     /// One character a cell, `A` for agents.
-    pub(crate) grid: Vec<Vec<char>>,
-    pub(crate) agents: Vec<Body>,
+    pub grid: Vec<Vec<char>>,
+    pub agents: Vec<Body>,
 }
 
 /// What an agent does in a round.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct PlannedAct {
-    pub(crate) action: &'static str,
-    pub(crate) message: Option<String>,
-    pub(crate) to: Option<usize>,
+pub struct PlannedAct {
+    pub action: &'static str,
+    pub message: Option<String>,
+    pub to: Option<usize>,
 }
 
 /// A part of the rules that is forgotten on purpose, to see whether anybody notices.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Blind {
+pub enum Blind {
     Nothing,
     /// The outermost cells of a window.
     Edge,
@@ -50,10 +50,10 @@ pub(crate) enum Blind {
 
 /// A game as it went: the state in which each round is decided, and what was done in it.
 #[derive(Clone, Debug)]
-pub(crate) struct Game {
-    pub(crate) settings: Settings,
-    pub(crate) states: Vec<State>,
-    pub(crate) planned: Vec<Vec<PlannedAct>>,
+pub struct Game {
+    pub settings: Settings,
+    pub states: Vec<State>,
+    pub planned: Vec<Vec<PlannedAct>>,
 }
 
 /// A window: its round, its corner and its cells.
@@ -61,7 +61,7 @@ type Window = (usize, (i64, i64), Vec<Vec<String>>);
 
 /// All that an agent may know, in a form that can be compared.
 #[derive(Debug, PartialEq)]
-pub(crate) struct Knowledge {
+pub struct Knowledge {
     round: usize,
     score: f64,
     alive: bool,
@@ -77,7 +77,7 @@ impl Game {
         self.settings.view_size / 2
     }
 
-    pub(crate) fn is_centralized(&self) -> bool {
+    pub fn is_centralized(&self) -> bool {
         self.settings.control == Control::Centralized.name()
     }
 
@@ -85,24 +85,24 @@ impl Game {
         self.settings.rules == RuleSet::Reference.name()
     }
 
-    pub(crate) fn state(&self) -> &State {
+    pub fn state(&self) -> &State {
         self.states.last().expect("a state")
     }
 
     /// Whether anything at all differs from the other game: now, and ever.
-    pub(crate) fn differs_from(&self, other: &Self) -> [bool; 2] {
+    pub fn differs_from(&self, other: &Self) -> [bool; 2] {
         let ever = self.states != other.states || self.planned != other.planned;
         [self.state() != other.state(), ever]
     }
 
     /// Whether one agent is within the window of another.
-    pub(crate) fn is_near(&self, state: &State, one: usize, other: usize) -> bool {
+    pub fn is_near(&self, state: &State, one: usize, other: usize) -> bool {
         let ((i, j), (k, l)) = (state.agents[one].at, state.agents[other].at);
         (i - k).abs() <= self.reach() && (j - l).abs() <= self.reach()
     }
 
     /// What an agent may know when it decides the last round.
-    pub(crate) fn knowledge(&self, agent: usize, blind: Blind) -> Knowledge {
+    pub fn knowledge(&self, agent: usize, blind: Blind) -> Knowledge {
         let round = self.states.len() - 1;
         let body = &self.state().agents[agent];
         let memory = usize::try_from(self.settings.memory).expect("not negative");
@@ -127,7 +127,7 @@ impl Game {
     }
 
     /// The window of an agent in a round.
-    pub(crate) fn window(&self, round: usize, agent: usize, blind: Blind) -> Window {
+    pub fn window(&self, round: usize, agent: usize, blind: Blind) -> Window {
         let state = &self.states[round];
         let (i, j) = state.agents[agent].at;
         let reach = self.reach() - i64::from(blind == Blind::Edge);
@@ -198,7 +198,7 @@ impl Game {
 }
 
 /// Settings of a small game of any kind.
-pub(crate) fn settings(dice: &mut Dice) -> Settings {
+pub fn settings(dice: &mut Dice) -> Settings {
     let one_of = |dice: &mut Dice, values: &[i64]| values[dice.below(values.len())];
     let task = TaskName::ALL[dice.below(5)];
     let rules = RuleSet::ALL[dice.below(2)];
@@ -221,7 +221,7 @@ pub(crate) fn settings(dice: &mut Dice) -> Settings {
 }
 
 /// What all agents do in a round, at random.
-pub(crate) fn planned(dice: &mut Dice, game: &Game) -> Vec<PlannedAct> {
+pub fn planned(dice: &mut Dice, game: &Game) -> Vec<PlannedAct> {
     (0..game.state().agents.len()).map(|agent| act(dice, game, agent)).collect()
 }
 
@@ -240,7 +240,7 @@ fn act(dice: &mut Dice, game: &Game, agent: usize) -> PlannedAct {
 
 /// The same round in the other game: agents do something else of which `observer` hears and sees nothing at once,
 /// and now and then any agent does.
-pub(crate) fn changed(
+pub fn changed(
     dice: &mut Dice,
     game: &Game,
     planned: &[PlannedAct],

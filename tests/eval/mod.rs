@@ -4,9 +4,6 @@
 mod attempts;
 mod bench;
 mod boards;
-#[path = "../llm/endpoint.rs"]
-#[expect(dead_code, reason = "the tests of the language models use all of it")]
-mod endpoint;
 mod experiments;
 mod failing;
 mod models;

@@ -7,24 +7,26 @@ use sqlx::postgres::{PgConnectOptions, PgConnection};
 use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _};
 
 /// The variable with the address of a server in which databases may be made: `.ci/postgres` sets it.
-pub(crate) const VARIABLE: &str = "SWARMBENCH_TEST_DB";
+pub const VARIABLE: &str = "SWARMBENCH_TEST_DB";
 
-/// The address of the server for tests, if there is one.
-pub(crate) fn server() -> Option<String> {
-    std::env::var(VARIABLE).ok().filter(|url| !url.is_empty())
+/// Whether the tests run on PostgreSQL: [`crate::needs`] goes by the same variable.
+pub fn is_asked() -> bool {
+    std::env::var_os("SWARMBENCH_TEST_ON").is_some_and(|on| !on.is_empty())
 }
 
-/// Whether the tests run on PostgreSQL, where a test of the files of SQLite has nothing to do; that it does not run is printed.
-pub(crate) fn is_on_postgres(test: &str) -> bool {
-    let is_on_postgres = server().is_some();
-    if is_on_postgres {
-        println!("NOT RUN on PostgreSQL, as it is about files of SQLite: {test}");
-    }
-    is_on_postgres
+/// The address of the server for tests, where they run on PostgreSQL.
+pub fn server() -> Option<String> {
+    let url = std::env::var(VARIABLE).ok().filter(|url| !url.is_empty());
+    assert_eq!(
+        url.is_some(),
+        is_asked(),
+        "SWARMBENCH_TEST_ON=postgres belongs to {VARIABLE}: .ci/postgres sets both"
+    );
+    url
 }
 
 /// A database of its own. It is dropped, whoever uses it, when this is.
-pub(crate) struct Scratch {
+pub struct Scratch {
     server: PgConnectOptions,
     name: String,
     url: String,
@@ -32,7 +34,7 @@ pub(crate) struct Scratch {
 
 impl Scratch {
     /// As [`Scratch::new`], where nothing can wait: on a thread of its own.
-    pub(crate) fn new_blocking() -> Option<Self> {
+    pub fn new_blocking() -> Option<Self> {
         let making = std::thread::spawn(|| {
             let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
             runtime.expect("a runtime").block_on(Self::new())
@@ -41,7 +43,7 @@ impl Scratch {
     }
 
     /// Makes a database; none where there is no server for tests.
-    pub(crate) async fn new() -> Option<Self> {
+    pub async fn new() -> Option<Self> {
         static MADE: AtomicU64 = AtomicU64::new(0);
         let url = server()?;
         let options = PgConnectOptions::from_str(&url).expect("an address");
@@ -64,29 +66,29 @@ impl Scratch {
     }
 
     /// Host and port of the server at an address.
-    pub(crate) fn address_of(url: &str) -> String {
+    pub fn address_of(url: &str) -> String {
         let (_, host) = url.rsplit_once('@').expect("an address with a user");
         host.split('/').next().expect("a host").to_owned()
     }
 
     /// The name of the database.
-    pub(crate) fn name(&self) -> &str {
+    pub fn name(&self) -> &str {
         &self.name
     }
 
     /// The address of the database.
-    pub(crate) fn url(&self) -> &str {
+    pub fn url(&self) -> &str {
         &self.url
     }
 
     /// The address of the database behind another address.
-    pub(crate) fn url_at(&self, address: std::net::SocketAddr) -> String {
+    pub fn url_at(&self, address: std::net::SocketAddr) -> String {
         let (user, _) = self.url.rsplit_once('@').expect("an address with a user");
         format!("{user}@{address}/{}", self.name)
     }
 
     /// A connection of another program.
-    pub(crate) async fn connect(&self) -> PgConnection {
+    pub async fn connect(&self) -> PgConnection {
         self.server.clone().database(&self.name).connect().await.expect("the database answers")
     }
 
