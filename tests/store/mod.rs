@@ -10,6 +10,7 @@ mod numbers;
 mod schema;
 mod sessions;
 mod situations;
+mod standby;
 mod values;
 
 use std::collections::BTreeMap;
@@ -23,6 +24,7 @@ use tempfile::TempDir;
 
 use history::{History, Step};
 use numbers::Side;
+use standby::Standby;
 use swarmbench_testkit::dice::{number, tell};
 use swarmbench_testkit::needs;
 use swarmbench_testkit::postgres::Scratch;
@@ -54,7 +56,11 @@ pub(crate) struct Pair {
 
 impl Pair {
     pub(crate) async fn new() -> Self {
-        let scratch = scratch().await;
+        Self::over(scratch().await).await
+    }
+
+    /// With this database of PostgreSQL.
+    pub(crate) async fn over(scratch: Scratch) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let sqlite = Store::open(folder.path().join("a.db")).await.expect("it opens");
         let postgres = Store::open(location(&scratch)).await.expect("it opens");
@@ -145,7 +151,7 @@ async fn histories_are_the_same_on_both_engines() {
     for seed in first..first + count {
         let playing = Playing(seed);
         let pair = Pair::new().await;
-        play(seed, pair, &mut reached).await;
+        play(seed, pair, None, &mut reached).await;
         drop(playing);
     }
     // A single seed may leave something out.
@@ -160,14 +166,24 @@ async fn histories_are_the_same_on_both_engines() {
     tell(&format!("{count} histories from seed {first} on: {reached:?}"));
 }
 
-async fn play(seed: u64, mut pair: Pair, reached: &mut BTreeMap<&'static str, u64>) {
+/// Plays a history, where there is a standby with each commit while it is away.
+async fn play(
+    seed: u64,
+    mut pair: Pair,
+    standby: Option<&Standby>,
+    reached: &mut BTreeMap<&'static str, u64>,
+) {
     let mut history = History::new(seed);
     let mut note = |what| *reached.entry(what).or_default() += 1;
     for step in 1..=STEPS {
         match history.step() {
             Step::Jobs(jobs) => {
                 let before = pair.sqlite.store.writer().changes().position();
-                let kept = pair.keep(&jobs, &history.names).await;
+                let keeping = pair.keep(&jobs, &history.names);
+                let kept = match standby {
+                    Some(standby) => standby.away(keeping).await,
+                    None => keeping.await,
+                };
                 for (job, kept) in jobs.iter().zip(&kept) {
                     if *kept {
                         note("ok");

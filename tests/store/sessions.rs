@@ -37,7 +37,7 @@ fn rows(round: u32) -> Vec<Entry> {
 }
 
 /// A row that nothing keeps from being there twice.
-fn note(number: u32) -> Entry {
+pub(super) fn note(number: u32) -> Entry {
     Entry::Audit(Box::new(AuditRow {
         at: Timestamp::UNIX_EPOCH,
         who: "local".to_owned(),
@@ -61,7 +61,7 @@ async fn end_writers(other: &mut PgConnection) -> usize {
 }
 
 /// How often each number was noted.
-async fn noted(store: &Store) -> BTreeMap<u32, usize> {
+pub(super) async fn noted(store: &Store) -> BTreeMap<u32, usize> {
     let mut noted = BTreeMap::new();
     for entry in store.audit(None, u32::MAX).await.expect("read") {
         *noted.entry(entry.subject.parse().expect("a number")).or_default() += 1;

@@ -79,13 +79,6 @@ pub(in crate::store) async fn exclude_others(
     query("DELETE FROM nodes").execute(connection).await.map(drop)
 }
 
-fn note_fatal(state: &WriterState, error: &(dyn std::error::Error + Send + Sync + 'static)) {
-    match error.downcast_ref::<Excluded>() {
-        Some(Excluded::TakenOver) => state.exclude(&error),
-        Some(Excluded::Lost { .. }) | None => state.fail(&error),
-    }
-}
-
 /// What an error means for the transaction in which it came, by the class of its code.
 pub(in crate::store) fn failure(error: sqlx::Error) -> Failure {
     let Some(code) = session::sqlstate(&error) else {
@@ -163,6 +156,19 @@ impl Node {
         Ok(Self { server, connection: Some(connection), incarnation, committed: 0, cluster })
     }
 
+    /// Notes that this server cannot go on. One of several leaves its games to the others: it ends, and is started again.
+    fn note_fatal(
+        &self,
+        state: &WriterState,
+        error: &(dyn std::error::Error + Send + Sync + 'static),
+    ) {
+        match error.downcast_ref::<Excluded>() {
+            Some(Excluded::TakenOver) => state.exclude(&error),
+            Some(Excluded::Lost { .. }) | None if self.cluster.is_some() => state.exclude(&error),
+            Some(Excluded::Lost { .. }) | None => state.fail(&error),
+        }
+    }
+
     /// This server as one of several, if it is.
     pub(in crate::store) fn cluster(&self) -> Option<&Arc<Cluster>> {
         self.cluster.as_ref()
@@ -214,7 +220,7 @@ impl Node {
                 // No job alone is at fault.
                 Err(Failure::Refused(error)) => return refuse(error.into()),
                 Err(Failure::Fatal(error)) => {
-                    note_fatal(state, &*error);
+                    self.note_fatal(state, &*error);
                     return all(Err(StoreError::Failed));
                 }
                 Err(Failure::Away(error)) => {
@@ -240,7 +246,7 @@ impl Node {
         }
         match answered(state, self.reach()).await {
             Ok(_) => state.set_unblocked(),
-            Err(Failure::Fatal(error)) => note_fatal(state, &*error),
+            Err(Failure::Fatal(error)) => self.note_fatal(state, &*error),
             Err(Failure::Away(error) | Failure::Refused(error)) => {
                 self.connection = None;
                 state.set_blocked(blocked_by(&error), &error);
@@ -266,24 +272,8 @@ impl Node {
         one_by_one: bool,
         sent: &mut Option<Sent>,
     ) -> Result<Vec<Outcome>, Failure> {
-        if self.connection.is_none() || sent.is_some() {
-            let is_done = self.reach().await?;
-            match (sent.take(), is_done) {
-                (Some(sent), true) => {
-                    tracing::info!("a commit whose answer was lost is done");
-                    self.committed += 1;
-                    self.witness().await?;
-                    return Ok(sent.outcomes);
-                }
-                (None, true) => {
-                    let (found, known) = (self.committed + 1, self.committed);
-                    return Err(Excluded::Lost { found, known }.into());
-                }
-                (Some(_), false) => {
-                    tracing::info!("a commit whose answer was lost is not done, and made again");
-                }
-                (None, false) => {}
-            }
+        if let Some(outcomes) = self.settle(sent).await? {
+            return Ok(outcomes);
         }
         let started = Instant::now();
         let connection = self.connection.as_mut().expect("it was reached");
@@ -303,12 +293,48 @@ impl Node {
         Ok(outcomes)
     }
 
+    /// Finds out whether a commit that was sent is done; its outcomes if it is. The commit stays `sent`, and uncounted, until a
+    /// witness of it was acknowledged: before that a standby without it may still take over, and its row then says that it is not done.
+    async fn settle(&mut self, sent: &mut Option<Sent>) -> Result<Option<Vec<Outcome>>, Failure> {
+        if self.connection.is_some() && sent.is_none() {
+            return Ok(None);
+        }
+        let is_sent = sent.is_some();
+        // What is refused here says nothing of the jobs, of which some may be stored.
+        let in_doubt = |failure| match failure {
+            Failure::Refused(error) if is_sent => Failure::Away(error),
+            failure => failure,
+        };
+        let is_done = self.reach().await.map_err(in_doubt)?;
+        match (is_sent, is_done) {
+            (true, true) => {
+                self.witness().await.map_err(in_doubt)?;
+                tracing::info!("a commit whose answer was lost is done");
+                self.committed += 1;
+                Ok(sent.take().map(|sent| sent.outcomes))
+            }
+            (false, true) => {
+                let (found, known) = (self.committed + 1, self.committed);
+                Err(Excluded::Lost { found, known }.into())
+            }
+            (true, false) => {
+                tracing::info!("a commit whose answer was lost is not done, and made again");
+                *sent = None;
+                Ok(None)
+            }
+            (false, false) => Ok(None),
+        }
+    }
+
     /// Connects where there is no connection, and reads the row of this server: whether there is a commit more than the known ones.
     async fn reach(&mut self) -> Result<bool, Failure> {
         if self.connection.is_none() {
             let connection = self.server.try_connect().await.map_err(Failure::Away)?;
             let mut connection = Connection::Postgres(connection);
             self.server.set_up_writer(&mut connection).await.map_err(failure)?;
+            let name = session_name(self.incarnation);
+            session::set_name(&mut connection, &name).await.map_err(failure)?;
+            self.end_old_sessions(&mut connection).await?;
             self.lock_again(&mut connection).await?;
             self.connection = Some(connection);
         }
@@ -335,25 +361,40 @@ impl Node {
         }
     }
 
-    /// Takes the lock of the database for a new session. The old session of this server may still have it, where PostgreSQL has
-    /// not noticed that its connection broke.
-    async fn lock_again(&self, connection: &mut Connection) -> Result<(), Failure> {
+    /// Ends the sessions by which this server has written so far, and waits until they are gone. PostgreSQL may not have noticed
+    /// that a connection broke, and a commit that waits for a standby shows in no row before its session ends.
+    async fn end_old_sessions(&self, connection: &mut Connection) -> Result<(), Failure> {
+        let until = Instant::now() + TERMINATE_PATIENCE;
         let own = session_name(self.incarnation);
+        loop {
+            let old = session::others_called(connection, &own).await.map_err(failure)?;
+            if old.is_empty() {
+                return Ok(());
+            }
+            if Instant::now() >= until {
+                let stays = "an old session of this server does not end".to_owned();
+                return Err(Failure::Away(sqlx::Error::Protocol(stays)));
+            }
+            for pid in old {
+                session::terminate(connection, pid).await.map_err(failure)?;
+            }
+            tokio::time::sleep(PAUSES.0).await;
+        }
+    }
+
+    /// Takes the lock of the database for a new session.
+    async fn lock_again(&self, connection: &mut Connection) -> Result<(), Failure> {
         let until = Instant::now() + TERMINATE_PATIENCE;
         let is_shared = self.cluster.is_some();
         while !session::try_lock(connection, is_shared).await.map_err(failure)? {
             let holder = session::lock_holder(connection).await.map_err(failure)?;
-            match holder {
-                Some((name, pid)) if name == own => {
-                    session::terminate(connection, pid).await.map_err(failure)?;
-                }
-                // Another server has the lock, or takes it at this moment: then the row of this one is gone.
-                Some(_) if Instant::now() >= until => return Err(Excluded::TakenOver.into()),
-                Some(_) | None => {}
+            // Another server has the lock, or takes it at this moment: then the row of this one is gone.
+            if holder.is_some() && Instant::now() >= until {
+                return Err(Excluded::TakenOver.into());
             }
             tokio::time::sleep(PAUSES.0).await;
         }
-        session::set_name(connection, &own).await.map_err(failure)
+        Ok(())
     }
 }
 

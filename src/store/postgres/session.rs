@@ -331,6 +331,18 @@ pub(in crate::store) async fn set_name(
     set.execute(connection).await.map(drop)
 }
 
+/// The processes of PostgreSQL that serve other sessions of this name in the database.
+pub(in crate::store) async fn others_called(
+    connection: &mut Connection,
+    name: &str,
+) -> Result<Vec<i64>, sqlx::Error> {
+    let others = query(
+        "SELECT CAST(pid AS bigint) FROM pg_stat_activity
+         WHERE application_name = $1 AND datname = current_database() AND pid <> pg_backend_pid()",
+    );
+    others.bind(name).all(connection).await
+}
+
 /// Ends another session.
 pub(in crate::store) async fn terminate(
     connection: &mut Connection,

@@ -44,9 +44,13 @@ impl Scratch {
 
     /// Makes a database; none where there is no server for tests.
     pub async fn new() -> Option<Self> {
+        Some(Self::in_server(&server()?).await)
+    }
+
+    /// Makes a database in the server at an address.
+    pub async fn in_server(url: &str) -> Self {
         static MADE: AtomicU64 = AtomicU64::new(0);
-        let url = server()?;
-        let options = PgConnectOptions::from_str(&url).expect("an address");
+        let options = PgConnectOptions::from_str(url).expect("an address");
         let options = options.disable_statement_logging();
         let number = MADE.fetch_add(1, Ordering::Relaxed);
         let name = format!("sbt_{}_{number}", std::process::id());
@@ -62,7 +66,7 @@ impl Scratch {
             .await;
         scratch.execute(&mut connection, &format!("CREATE DATABASE {}", scratch.name)).await;
         drop(connection.close().await);
-        Some(scratch)
+        scratch
     }
 
     /// Host and port of the server at an address.

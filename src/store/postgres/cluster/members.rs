@@ -9,7 +9,7 @@ use tokio::sync::watch;
 
 use super::super::group::session_name;
 use super::super::session::{self, Server};
-use super::{ALIVE, CLOCK_OFF_MAX, Cluster, Purpose, TAKEN_OVER_AFTER, alive_key};
+use super::{ALIVE, CLOCK_OFF_MAX, Cluster, LATE_AFTER, Purpose, TAKEN_OVER_AFTER, alive_key};
 use crate::store::sql::{Begin, Connection, query};
 use crate::store::{OpenError, StoreError};
 
@@ -100,8 +100,22 @@ pub struct Beat {
 pub enum Death {
     /// It was not seen for [`TAKEN_OVER_AFTER`].
     Expired,
-    /// Its process is gone.
+    /// Its process seems to be gone, and its beat is late: a connection that was cut alone looks the same.
     Seen,
+    /// Another process has its address.
+    Replaced,
+}
+
+impl Death {
+    /// How long ago the last beat is at least, in milliseconds; negative where any beat may have come, that of a start included.
+    fn silent_ms(self) -> i64 {
+        let silent = match self {
+            Self::Expired => TAKEN_OVER_AFTER,
+            Self::Seen => LATE_AFTER,
+            Self::Replaced => return -2 * i64::try_from(STARTS_WITHIN.as_millis()).unwrap_or(0),
+        };
+        i64::try_from(silent.as_millis()).unwrap_or(i64::MAX)
+    }
 }
 
 /// Checks that a server may play together with those that use the database, before it changes anything.
@@ -238,14 +252,14 @@ impl Cluster {
             .await?;
         let database = found.ok_or(StoreError::Failed)?;
         self.takes_work.store(beat.is_ready, Ordering::Release);
-        self.answers_from(sent);
         let after = host_ms();
-        if u128::from(before.abs_diff(after)) > CLOCK_OFF_MAX.as_millis() {
-            // An answer that took so long says little of the clock: the last offset stays.
-            return Ok(());
-        }
-        let offset = i64::midpoint(before, after) - database;
+        self.answers_from(sent);
+        // An answer that took so long says little of the clock: the last offset stays.
+        let tells_clock = u128::from(before.abs_diff(after)) <= CLOCK_OFF_MAX.as_millis();
+        let offset = tells_clock.then(|| i64::midpoint(before, after) - database);
         self.on(&self.beats, Purpose::Beats, async |connection| {
+            show_connected(connection, self.incarnation).await?;
+            let Some(offset) = offset else { return Ok(0) };
             let update = query("UPDATE members SET offset_ms = $2 WHERE incarnation = $1 AND abs(offset_ms - $2) > 5");
             update.bind(self.incarnation).bind(offset).execute(connection).await
         })
@@ -349,7 +363,7 @@ async fn enter(
         if is_connected(connection, before).await? {
             return Err(JoinError::Address(joining.address.clone()).into());
         }
-        delete(connection, before, Death::Seen).await?;
+        delete(connection, before, Death::Replaced).await?;
     }
     let joined = query(
         "INSERT INTO members (incarnation, slot, address, version, beat_at, seen)
@@ -367,6 +381,21 @@ async fn enter(
         .optional::<(i64, i64)>(connection)
         .await?;
     joined.ok_or_else(|| JoinError::Full(location.to_owned()).into())
+}
+
+/// Takes the lock that shows others that this server has a session, unless this session has it. An old session of this server
+/// may keep it for a while, where PostgreSQL has not noticed that its connection broke: so it is tried with every beat.
+pub(super) async fn show_connected(
+    connection: &mut Connection,
+    incarnation: i64,
+) -> Result<(), sqlx::Error> {
+    let lock = query(
+        "SELECT pg_try_advisory_lock(CAST($1 AS integer), CAST($2 AS integer))
+         WHERE NOT EXISTS (SELECT 1 FROM pg_locks WHERE locktype = 'advisory' AND granted AND objsubid = 2
+             AND pid = pg_backend_pid() AND CAST(classid AS bigint) = $1)",
+    );
+    let lock = lock.bind(i64::from(ALIVE)).bind(alive_key(incarnation));
+    lock.optional::<bool>(connection).await.map(drop)
 }
 
 async fn is_connected(connection: &mut Connection, incarnation: i64) -> Result<bool, sqlx::Error> {
@@ -389,13 +418,12 @@ async fn exclude(
     let sessions = query(
         "SELECT CAST(pid AS bigint) FROM pg_stat_activity
          WHERE datname = current_database() AND (application_name = $1 OR application_name LIKE $1 || '/%')
-             AND EXISTS (SELECT 1 FROM members WHERE incarnation = $2 AND ($3 OR beat_at < now_ms() - $4))",
+             AND EXISTS (SELECT 1 FROM members WHERE incarnation = $2 AND beat_at < now_ms() - $3)",
     );
     let sessions: Vec<i64> = sessions
         .bind(session_name(incarnation))
         .bind(incarnation)
-        .bind(death == Death::Seen)
-        .bind(ttl_ms())
+        .bind(death.silent_ms())
         .all(connection)
         .await?;
     for pid in sessions {
@@ -412,17 +440,12 @@ async fn delete(
     incarnation: i64,
     death: Death,
 ) -> Result<bool, sqlx::Error> {
-    let expired =
-        query("DELETE FROM members WHERE incarnation = $1 AND ($2 OR beat_at < now_ms() - $3)");
-    let expired = expired.bind(incarnation).bind(death == Death::Seen).bind(ttl_ms());
+    let expired = query("DELETE FROM members WHERE incarnation = $1 AND beat_at < now_ms() - $2");
+    let expired = expired.bind(incarnation).bind(death.silent_ms());
     if expired.execute(connection).await? == 0 {
         return Ok(false);
     }
     let node = query("DELETE FROM nodes WHERE incarnation = $1").bind(incarnation);
     node.execute(connection).await?;
     Ok(true)
-}
-
-fn ttl_ms() -> i64 {
-    i64::try_from(TAKEN_OVER_AFTER.as_millis()).unwrap_or(i64::MAX)
 }

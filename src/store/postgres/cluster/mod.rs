@@ -31,6 +31,9 @@ pub use places::Unowned;
 /// A member that was not seen for so long is taken over.
 pub const TAKEN_OVER_AFTER: Duration = Duration::from_secs(6);
 
+/// A beat that comes no sooner is late: one a second is usual.
+const LATE_AFTER: Duration = Duration::from_millis(1500);
+
 /// How long after its last beat a member answers. Less than [`TAKEN_OVER_AFTER`], so that it never answers for what another has.
 pub const ANSWERS_FOR: Duration = Duration::from_millis(4500);
 
@@ -164,11 +167,7 @@ impl Cluster {
             // A beat that a crash of the database has lost was none.
             Purpose::Beats => {
                 query("SET synchronous_commit = off").execute(&mut connection).await?;
-                let lock =
-                    query("SELECT pg_try_advisory_lock(CAST($1 AS integer), CAST($2 AS integer))");
-                let lock = lock.bind(i64::from(ALIVE)).bind(alive_key(self.incarnation));
-                // An old session of this server may still have it.
-                let _: bool = lock.one(&mut connection).await?;
+                members::show_connected(&mut connection, self.incarnation).await?;
             }
             Purpose::Takes => {
                 query(

@@ -23,10 +23,22 @@ pub fn needs(what: TokenStream, test: TokenStream) -> TokenStream {
     let missing = what.split(',').map(str::trim).find(|need| !is_there(need));
     let ignored = missing.map(|need| format!("#[ignore = \"needs {need}\"]")).unwrap_or_default();
     // Makes the compiler note that the result depends on the variable.
-    let attribute = format!("const _: Option<&str> = option_env!(\"{ON}\"); {ignored}");
-    let mut all: TokenStream = attribute.parse().expect("it is Rust");
-    all.extend(test);
-    all
+    let noted = format!("const _: Option<&str> = option_env!(\"{ON}\");");
+    let (attributes, function) = split(test);
+    [parsed(&noted), attributes, parsed(&ignored), function].into_iter().collect()
+}
+
+fn parsed(text: &str) -> TokenStream {
+    text.parse().expect("it is Rust")
+}
+
+/// The attributes of an item, and the item without them: `rstest` hands those on to its cases that stand below it.
+fn split(item: TokenStream) -> (TokenStream, TokenStream) {
+    let (mut attributes, mut rest) = (TokenStream::new(), item.into_iter().peekable());
+    while let Some(hash) = rest.next_if(|token| token.to_string() == "#") {
+        attributes.extend([hash].into_iter().chain(rest.next()));
+    }
+    (attributes, rest.collect())
 }
 
 fn is_there(need: &str) -> bool {
