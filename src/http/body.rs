@@ -181,8 +181,7 @@ impl Bodies {
                 Ok(Some(Ok(frame))) => collected.add(&frame.into_data().unwrap_or_default())?,
                 Ok(None) => return Ok((collected.bytes.freeze(), collected.reserved)),
                 Ok(Some(Err(error))) if error.is::<LengthLimitError>() => {
-                    let detail = format!("the body has more than {limit} bytes");
-                    return Err(ApiError::limit(Code::TooLarge, limit_name, limit, detail));
+                    return Err(too_large(limit_name, limit));
                 }
                 Ok(Some(Err(_))) => {
                     return Err(ApiError::new(Code::Malformed, "the body broke off"));
@@ -216,6 +215,12 @@ fn is_json(headers: &HeaderMap) -> bool {
         let essence = value.split(';').next().unwrap_or_default().trim();
         essence.eq_ignore_ascii_case("application/json")
     })
+}
+
+/// The refusal of a body beyond a limit.
+pub(super) fn too_large(limit_name: &str, limit: usize) -> ApiError {
+    let detail = format!("the body has more than {limit} bytes");
+    ApiError::limit(Code::TooLarge, limit_name, limit, detail)
 }
 
 #[cfg(test)]

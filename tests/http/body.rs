@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use serde_json::json;
+use swarmbench_testkit::needs;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
 
@@ -51,6 +52,7 @@ async fn without_its_body(app: &TestApp, method: &str, path: &str, token: &str) 
     String::from_utf8_lossy(&answer[9..12]).into_owned()
 }
 
+#[needs(own_server)]
 #[tokio::test]
 async fn no_body_is_read_before_it_is_known_who_sends_it() {
     // A body may take longer than the test.

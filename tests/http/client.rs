@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use serde_json::json;
+use swarmbench_testkit::needs;
 
 use crate::app::raw::Raw;
 use crate::app::{TestApp, game};
@@ -40,6 +41,7 @@ async fn an_address_that_asks_too_often_is_told_when_to_come_again() {
     );
 }
 
+#[needs(own_server)]
 #[tokio::test]
 async fn a_key_that_asks_too_often_takes_nothing_from_others() {
     let app = TestApp::builder()

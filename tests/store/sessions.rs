@@ -13,10 +13,11 @@ use sqlx::postgres::PgConnection;
 use swarmbench::ids::{EntryKey, EpisodeKey};
 use swarmbench::store::entries::{ActRow, AuditRow, Entry, RoundRow};
 use swarmbench::store::port::EpisodeStore as _;
-use swarmbench::store::{OpenError, Store};
+use swarmbench::store::{Beat, Death, Joining, OpenError, Store};
 use swarmbench_engine::AgentId;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{Decision, RawRecord, Source};
+use swarmbench_testkit::postgres::Scratch;
 
 use crate::store::{location, scratch};
 
@@ -262,4 +263,67 @@ async fn a_server_that_lost_its_session_is_excluded_by_the_next() {
     second.keep(vec![note(4)]).await.expect("the first has closed nothing of the second");
     second.close().await;
     other.close().await.expect("it closes");
+}
+
+/// One of several servers on a database, which shows others only by hand that it lives.
+pub(super) async fn joined(scratch: &Scratch, port: u16) -> Store {
+    let joining = Joining {
+        address: format!("127.0.0.1:{port}"),
+        secret: Arc::from(&b"the secret of the tests"[..]),
+        forwards_only: false,
+        host_ms: swarmbench::fleet::host_ms,
+    };
+    Store::join(location(scratch), &joining).await.expect("it joins")
+}
+
+async fn beat(store: &Store) {
+    let beat = Beat { is_ready: true, episodes: 0 };
+    let cluster = store.cluster().expect("it has joined");
+    cluster.beat(beat, swarmbench::fleet::host_ms).await.expect("the database answers");
+}
+
+/// A connection that is cut alone, and a session that is lost, look like the end of a process.
+#[needs(postgres)]
+#[tokio::test]
+async fn a_server_that_was_just_seen_is_not_taken_for_dead() {
+    let scratch = scratch().await;
+    let (one, other) = (joined(&scratch, 1).await, joined(&scratch, 2).await);
+    let number = one.cluster().expect("it has joined").incarnation();
+    let cluster = other.cluster().expect("it has joined");
+    beat(&one).await;
+    assert!(!cluster.exclude(number, Death::Seen).await.expect("asked"), "it was seen just now");
+    // The host's clock, as the database's decides; much longer than a beat may be late.
+    tokio::time::sleep(Duration::from_secs(2)).await;
+    assert!(cluster.exclude(number, Death::Seen).await.expect("asked"), "its beat is late");
+    for store in [one, other] {
+        store.close().await;
+    }
+}
+
+#[needs(postgres)]
+#[tokio::test]
+async fn a_beat_takes_the_lock_that_an_old_session_had() {
+    let scratch = scratch().await;
+    let (one, other) = (joined(&scratch, 1).await, joined(&scratch, 2).await);
+    let number = one.cluster().expect("it has joined").incarnation();
+    let connected = || other.cluster().expect("it has joined").is_connected(number);
+    // As PostgreSQL keeps a session whose connection broke without a word.
+    let mut old = scratch.connect().await;
+    let taken: bool =
+        sqlx::query_scalar("SELECT pg_try_advisory_lock(1400332658, CAST($1 AS integer))")
+            .bind(number)
+            .fetch_one(&mut old)
+            .await
+            .expect("it is free");
+    assert!(taken);
+    beat(&one).await;
+    old.close().await.expect("it closes");
+    while connected().await.expect("asked") {
+        tokio::time::sleep(Duration::from_millis(1)).await;
+    }
+    beat(&one).await;
+    assert!(connected().await.expect("asked"), "it has the lock now");
+    for store in [one, other] {
+        store.close().await;
+    }
 }

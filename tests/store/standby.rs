@@ -7,19 +7,17 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::pin::pin;
 use std::process::Command;
-use std::sync::Arc;
 use std::time::Duration;
 
 use sqlx::ConnectOptions as _;
 use sqlx::postgres::{PgConnectOptions, PgConnection};
-use swarmbench::store::{Joining, Store};
 use swarmbench_testkit::needs;
 use swarmbench_testkit::postgres::Scratch;
 use tempfile::TempDir;
 use tokio::sync::Mutex;
 
-use super::sessions::{note, noted};
-use super::{Pair, Playing, location, play};
+use super::sessions::{joined, note, noted};
+use super::{Pair, Playing, play};
 
 /// A server of PostgreSQL for one test, whose settings no other test has.
 struct OwnServer {
@@ -136,13 +134,7 @@ async fn a_server_of_a_cluster_keeps_entries_once_while_a_standby_is_away() {
     let server = OwnServer::start();
     let scratch = Scratch::in_server(&server.url()).await;
     let standby = Standby::of(&scratch).await;
-    let joining = Joining {
-        address: "127.0.0.1:1".to_owned(),
-        secret: Arc::from(&b"the secret of the tests"[..]),
-        forwards_only: false,
-        host_ms: swarmbench::fleet::host_ms,
-    };
-    let store = Store::join(location(&scratch), &joining).await.expect("it joins");
+    let store = joined(&scratch, 1).await;
     for number in 0..20 {
         let kept = standby.away(store.keep(vec![note(number)])).await;
         kept.unwrap_or_else(|error| panic!("{number}: {error}"));

@@ -23,8 +23,9 @@ use metrics::Counter;
 use quick_cache::sync::Cache;
 use tokio_util::sync::CancellationToken;
 
-use super::body::LIGHT_BODY_BYTES_MAX;
+use super::body::{LIGHT_BODY_BYTES_MAX, too_large};
 use super::client::Client;
+use super::front::is_of_a_player;
 use super::prelude::*;
 use crate::ids::{CompetitionKey, EpisodeId, Place, RunKey};
 use crate::store::{Cluster, Store, StoreError};
@@ -245,6 +246,21 @@ impl Nodes {
         let is_small =
             body.size_hint().upper().is_some_and(|most| most <= LIGHT_BODY_BYTES_MAX as u64);
         if !is_small {
+            let limits = &app.limits;
+            let path = parts.uri.path();
+            let (name, most) = if path == "/swarm/act" {
+                ("swarm_body_bytes_max", limits.swarm_body_bytes_max)
+            } else {
+                ("body_bytes_max", limits.body_bytes_max)
+            };
+            if body.size_hint().lower() > most as u64 {
+                // No server takes it. The refusal of another one may be lost with a connection that it closes unread.
+                return if is_of_a_player(path) {
+                    Err(too_large(name, most))
+                } else {
+                    Ok(Routed::Here(Request::from_parts(parts, body)))
+                };
+            }
             // It is passed on as it comes, so it cannot be sent again.
             let question = Question::of(&mut parts, Bytes::new());
             return match self.send(&question, Some(body), client, to).await {

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use serde_json::{Value, json};
+use swarmbench_testkit::needs;
 
 use crate::app::{Episode, TestApp, game, list, number, verified};
 
@@ -25,6 +26,7 @@ pub(crate) async fn until_in_memory(app: &TestApp, expected: u64) {
     panic!("there are never {expected} episodes in memory");
 }
 
+#[needs(own_server)]
 #[tokio::test]
 async fn idle_episodes_are_evicted_and_recovered() {
     let app = TestApp::with_manual_clock().await;
@@ -43,6 +45,7 @@ async fn idle_episodes_are_evicted_and_recovered() {
     until_in_memory(&app, 0).await;
 }
 
+#[needs(own_server)]
 #[tokio::test]
 async fn a_clock_keeps_its_episode_in_memory() {
     let app = TestApp::with_manual_clock().await;

@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 use swarmbench::run::definition::Definition;
 use swarmbench::standings::Standings;
 use swarmbench_engine::TaskName;
+use swarmbench_testkit::needs;
 
 use super::played::{Did, Offline, definition};
 use super::{BOARD, board, column, csv, played, records};
@@ -203,6 +204,7 @@ async fn rows_of_other_rules_are_converted_and_marked() {
 }
 
 /// Games with other settings or rules have a board of their own, even if their suites share a name.
+#[needs(own_server)]
 #[tokio::test]
 async fn suites_of_one_name_and_other_settings_are_kept_apart() {
     let mut app = played().await;
@@ -380,6 +382,7 @@ async fn sealed_results_are_not_on_the_board_before_they_are_revealed() {
 }
 
 /// What was read once is kept up with what is committed.
+#[needs(own_server)]
 #[tokio::test]
 async fn a_board_has_what_is_durable() {
     let mut app = played().await;
@@ -422,6 +425,7 @@ async fn a_board_has_what_is_durable() {
     offline.close().await;
 }
 
+#[needs(own_server)]
 #[tokio::test]
 async fn games_from_files_are_marked_and_only_shown_where_they_are_asked_for() {
     let mut app = played().await;

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use rstest::rstest;
 use serde_json::{Value, json};
+use swarmbench_testkit::needs;
 
 use super::{agents, look};
 use crate::across::memory::until_in_memory;
@@ -241,6 +242,7 @@ async fn waiting(app: &TestApp, episode: &Episode) -> tokio::task::JoinHandle<An
     }
 }
 
+#[needs(own_server)]
 #[tokio::test]
 async fn waits_are_limited_and_end_when_the_server_stops() {
     let mut app = TestApp::builder().limits(|limits| limits.waits_max = 1).start().await;
