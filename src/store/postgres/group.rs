@@ -51,6 +51,8 @@ pub(in crate::store) struct Node {
 /// A commit that was sent, and whose answer is not known.
 struct Sent {
     outcomes: Vec<Outcome>,
+    /// Whether the row of this server said since that it is not done: the database may have failed over meanwhile, and back.
+    is_undone: bool,
 }
 
 /// Why the row of this server is not as it was left: nothing may be acknowledged any more.
@@ -226,7 +228,8 @@ impl Node {
                 Err(Failure::Away(error)) => {
                     self.connection = None;
                     state.set_blocked(blocked_by(&error), &error);
-                    if sent.is_none() && Instant::now() >= deadline {
+                    let is_in_doubt = sent.as_ref().is_some_and(|sent: &Sent| !sent.is_undone);
+                    if !is_in_doubt && Instant::now() >= deadline {
                         return refuse(StoreError::Away);
                     }
                     tokio::select! {
@@ -319,7 +322,9 @@ impl Node {
             }
             (true, false) => {
                 tracing::info!("a commit whose answer was lost is not done, and made again");
-                *sent = None;
+                if let Some(sent) = sent {
+                    sent.is_undone = true;
+                }
                 Ok(None)
             }
             (false, false) => Ok(None),
@@ -419,7 +424,7 @@ async fn commit_all(
         jobs.iter().flatten().all(|entry| matches!(entry, Entry::Act(_) | Entry::Round(_)));
     if only_rows {
         // One statement, which commits by itself: no transaction of this process is ever open while it sleeps.
-        *sent = Some(Sent { outcomes: outcomes.clone() });
+        *sent = Some(Sent { outcomes: outcomes.clone(), is_undone: false });
         let written = super::rows::append(connection, place, jobs.iter().flatten()).await;
         let is_ours = written.map_err(|error| settled(failure(error), sent))?;
         return if is_ours { Ok(outcomes) } else { Err(not_ours()) };
@@ -477,7 +482,7 @@ async fn commit(
     outcomes: Vec<Outcome>,
     sent: &mut Option<Sent>,
 ) -> Result<Vec<Outcome>, Failure> {
-    *sent = Some(Sent { outcomes: outcomes.clone() });
+    *sent = Some(Sent { outcomes: outcomes.clone(), is_undone: false });
     match query("COMMIT").execute(connection).await {
         Ok(_) => Ok(outcomes),
         Err(error) => Err(settled(failure(error), sent)),
