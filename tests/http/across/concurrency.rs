@@ -112,7 +112,7 @@ async fn many_episodes_are_played_at_once_by_the_built_in_players() {
     }
 }
 
-/// Sends a request, and hangs up as soon as so many others were answered, one after the other: somewhere on the way.
+/// A request whose client hangs up after `others` further requests were answered, wherever the server is with it by then.
 async fn hang_up(app: &TestApp, call: crate::app::Call, others: usize) {
     let answered = async {
         for _ in 0..others {
