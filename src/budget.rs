@@ -1,12 +1,12 @@
-//! Scarce amounts that are shared fairly: memory of worlds, answers and bodies, event streams, open exports.
+//! Budgets of scarce amounts that are shared fairly: memory of worlds, answers and bodies, event streams, open exports.
 //!
-//! An amount is reserved before it is used, and free again when its [`Reservation`] is dropped. A group may have as much as is
-//! free afterwards, as it may have unfinished episodes ([`episode::quota`](crate::episode::quota)): one group alone gets half, two
-//! get a third each, and a new group finds some. An entrant may have as much as its competition could still get. The first
-//! reservation of a group may use all that is free.
+//! An amount is reserved before its use, and freed when its [`Reservation`] is dropped. A group may have as much as is free
+//! afterwards, as with unfinished episodes ([`episode::quota`](crate::episode::quota)): one group alone gets half, two get a third
+//! each, and a new group finds some. An entrant may have as much as its competition could still get. The first reservation of a
+//! group may use everything that is free.
 //!
-//! A reserve on top is for urgent requests: of organizers and judges for streams and exports, with a token for bodies. Of memory it is
-//! for their exports and for small amounts ([`Budget::squeeze`]), so that running games can finish on a full server.
+//! A reserve on top is for urgent requests: of organizers and judges for streams and exports, with a token for bodies. The reserve
+//! of memory is for their exports and for small amounts ([`Budget::squeeze`]), so that running games can finish on a full server.
 
 use std::collections::HashMap;
 use std::hash::Hash;
@@ -15,13 +15,13 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use crate::fair::{Group, Party, Rank};
 
-/// Bytes up to which memory is reserved from the reserve where the rest is used up.
+/// Largest amount, in bytes, that may come from the memory reserve where the rest is used up.
 pub const SMALL_BYTES: usize = 64 * 1024;
 
-/// Bytes that a party gets from the reserve whatever its group uses: some games of the standard setting.
+/// Bytes that a party gets from the reserve whatever its group uses: enough for some games of the standard setting.
 pub const FIRST_BYTES: usize = 4 * SMALL_BYTES;
 
-/// The reason for which nothing is reserved.
+/// Reason why an amount is not reserved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Exhausted {
     #[error("{name}, {most} in all, is used up")]
@@ -32,20 +32,20 @@ pub enum Exhausted {
     Share {
         name: &'static str,
         most: usize,
-        /// How much the party uses.
+        /// Amount that the party uses.
         used: usize,
     },
 }
 
 impl Exhausted {
-    /// The name of the limit and its value.
+    /// Name and value of the limit.
     pub const fn limit(self) -> (&'static str, usize) {
         let (Self::All { name, most } | Self::Share { name, most, .. }) = self;
         (name, most)
     }
 }
 
-/// An amount with the name of its limit.
+/// A limited amount, with the name of its limit.
 #[derive(Debug)]
 pub struct Budget {
     name: &'static str,
@@ -54,12 +54,12 @@ pub struct Budget {
     used: Mutex<Used>,
 }
 
-/// The amounts that are reserved.
+/// Reserved amounts.
 #[derive(Debug, Default)]
 struct Used {
     sum: usize,
     by_group: HashMap<Group, usize>,
-    /// Of parties that are members of a group.
+    /// Amounts of parties that are members of a group.
     by_member: HashMap<Party, usize>,
 }
 
@@ -89,7 +89,7 @@ impl Used {
     }
 }
 
-/// Takes an amount from what an account uses; no account stays with 0.
+/// Subtracts an amount from an account, and removes an account with 0.
 fn release<K: Eq + Hash>(accounts: &mut HashMap<K, usize>, name: &K, amount: usize) {
     if let Some(used) = accounts.get_mut(name) {
         *used -= amount;
@@ -105,7 +105,7 @@ impl Budget {
         Arc::new(Self { name, most, reserve, used: Mutex::default() })
     }
 
-    /// The memory of worlds and answers, with a reserve for small amounts. Bodies have a budget of their own.
+    /// Budget for the memory of worlds and answers, with a reserve for small amounts. Bodies have a budget of their own.
     pub fn memory(bytes: usize) -> Arc<Self> {
         Self::new("memory_bytes_max", bytes, bytes / 4)
     }
@@ -130,7 +130,7 @@ impl Budget {
         Ok(reservation)
     }
 
-    /// Whether so much could be reserved now.
+    /// Whether this amount could be reserved now.
     pub fn has(&self, amount: usize, party: Option<Party>) -> bool {
         self.check(&self.lock(), amount, party, Rank::Normal).is_ok()
     }
@@ -156,14 +156,14 @@ impl Budget {
             return Err(Exhausted::Share { name, most, used: of_group });
         }
         let of_member = used.of_member(party);
-        // As much as the group could still get.
+        // The share of a member is as much as the group could still get.
         if exceeds(of_member, free.saturating_sub(of_group + amount) / 2 + amount) {
             return Err(Exhausted::Share { name, most, used: of_member });
         }
         Ok(())
     }
 
-    /// Reserves an amount from the reserve, if there is some. Beyond [`FIRST_BYTES`] a party gets no more than its share.
+    /// Reserves an amount from the reserve, if that has enough. Beyond [`FIRST_BYTES`] a party gets no more than its share.
     pub fn squeeze(
         self: &Arc<Self>,
         amount: usize,
@@ -190,7 +190,6 @@ impl Budget {
         Reservation { budget: Arc::clone(self), party, amount: AtomicUsize::new(amount) }
     }
 
-    /// How much is reserved.
     pub fn used(&self) -> usize {
         self.lock().sum
     }
@@ -210,7 +209,7 @@ pub struct Reservation {
 }
 
 impl Reservation {
-    /// Changes how much is reserved, free or not: memory that is already in use cannot be refused.
+    /// Changes the reserved amount, free or not: memory that is already in use cannot be refused.
     pub fn resize(&self, amount: usize) {
         let mut used = self.budget.lock();
         let before = self.amount.swap(amount, Ordering::AcqRel);
@@ -227,7 +226,6 @@ impl Reservation {
         Ok(())
     }
 
-    /// How much is reserved.
     pub fn amount(&self) -> usize {
         self.amount.load(Ordering::Acquire)
     }

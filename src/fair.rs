@@ -1,9 +1,9 @@
 //! Fair scheduling of scarce resources between parties.
 //!
-//! A [`Party`] is a member of a group: an entrant of a competition, the holder of a key, an address. Shares
-//! are equal between groups first and between the members of a group second, so that a competition with a
-//! thousand free keys gets no more than a single key does. [`FairQueue`] decides which request is next, and is
-//! pure; [`FairLimit`] uses it for permits of async code, and [`work`](crate::work) for jobs.
+//! A [`Party`] is a member of a group: an entrant of a competition, the holder of a key, an address. Shares are equal between
+//! groups first and between the members of a group second, so that a competition with a thousand free keys gets no more than a
+//! single key does. [`FairQueue`] decides which request is next, and is pure; [`FairLimit`] uses it for permits of async code, and
+//! [`work`](crate::work) for jobs.
 
 use std::cell::Cell;
 use std::collections::{BTreeSet, HashMap, VecDeque};
@@ -17,21 +17,21 @@ use tokio::sync::oneshot;
 use crate::ids::CompetitionKey;
 use crate::keys::OwnerKey;
 
-/// Shares are equal between groups first.
+/// Unit that gets an equal share first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Group {
     Server,
     Competition(CompetitionKey),
     Owner(OwnerKey),
-    /// Clients without a key, by address, or /48 network of IPv6.
+    /// Clients without a key, by address, or by /48 network of IPv6.
     Address(IpAddr),
 }
 
-/// For whom something is done.
+/// Beneficiary of work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Party {
     pub group: Group,
-    /// The entrant, in the group of a competition.
+    /// The entrant, where the group is a competition.
     pub member: Option<OwnerKey>,
 }
 
@@ -41,7 +41,7 @@ tokio::task_local! {
 }
 
 impl Party {
-    /// Work that no request asked for.
+    /// Party of work that no request asked for.
     pub const SERVER: Self = Self::of(Group::Server);
 
     /// A group that is its own only member.
@@ -52,7 +52,7 @@ impl Party {
         Self { group: Group::Competition(competition), member: Some(owner) }
     }
 
-    /// The party of the request that this task handles; the server if it handles none.
+    /// Party of the request that this task handles; the server if it handles none.
     pub fn current() -> Self {
         CURRENT.try_with(Cell::get).unwrap_or(Self::SERVER)
     }
@@ -61,7 +61,7 @@ impl Party {
         CURRENT.scope(Cell::new(self), future).await
     }
 
-    /// Makes this the party of the rest of the request, once more is known about the caller.
+    /// Changes the party for the rest of the request, once more is known about the caller.
     pub fn refine(self) {
         // Outside of a request there is no caller.
         let _ = CURRENT.try_with(|current| current.set(self));
@@ -70,16 +70,16 @@ impl Party {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rank {
-    /// A running game waits for it. It may use the reserve and is served first.
+    /// A running game waits for the work: it may use the reserve and is served first.
     Urgent,
     Normal,
 }
 
 impl Rank {
-    /// In the order in which they are served.
+    /// Ranks in the order in which they are served.
     const ALL: [Self; 2] = [Self::Urgent, Self::Normal];
 
-    /// The rank of the request that this task handles. Games wait for work that no request asked for.
+    /// Rank of the request that this task handles. Work that no request asked for is urgent, as games wait for it.
     pub fn current() -> Self {
         RANK.try_with(|rank| *rank).unwrap_or(Self::Urgent)
     }
@@ -89,13 +89,13 @@ impl Rank {
     }
 }
 
-/// Runs a future for the party of this task and with its rank, wherever it is spawned.
+/// Runs a future for the party and with the rank of this task, wherever it is spawned.
 pub fn inherit<F: Future>(future: F) -> impl Future<Output = F::Output> {
     let Origin { party, rank } = Origin::current();
     rank.scope(party.scope(future))
 }
 
-/// The party and the rank of a task, for work that is done outside of it, like the body of an answer.
+/// Party and rank of a task, for work outside of it, such as the body of an answer.
 #[derive(Clone, Copy, Debug)]
 pub struct Origin {
     party: Party,
@@ -111,48 +111,48 @@ impl Origin {
         Self { party, rank }
     }
 
-    /// Runs a future for that party and with that rank.
+    /// Runs a future for this party and with this rank.
     pub async fn scope<F: Future>(self, future: F) -> F::Output {
         self.rank.scope(self.party.scope(future)).await
     }
 
-    /// Runs `work` for that party and with that rank.
+    /// Runs `work` for this party and with this rank.
     pub fn enter<T>(self, work: impl FnOnce() -> T) -> T {
         RANK.sync_scope(self.rank, || CURRENT.sync_scope(Cell::new(self.party), work))
     }
 }
 
 /// Requests of one kind of heavy work that run at once: large answers, large bodies, parts of journals and exports, reads of the
-/// database, rounds of hosted players. Each kind has a [`FairLimit`] of its own.
+/// database, rounds of hosted players. Each kind has its own [`FairLimit`].
 pub const HEAVY_AT_ONCE_MAX: usize = 4;
 
-/// The name of that limit.
+/// Name of the limit [`HEAVY_AT_ONCE_MAX`].
 pub const HEAVY_AT_ONCE: &str = "heavy_at_once_max";
 
-/// States that are replayed, and games that are recovered, at once; each may take as much memory as some rounds have text.
+/// Replays and recoveries that run at once; each may take as much memory as some rounds have text.
 pub const REPLAYS_MAX: usize = 16;
 
-/// Requests of each rank that wait for one scarce resource at once.
+/// Requests of each rank that may wait for one scarce resource.
 pub const WAITING_MAX: usize = 4096;
 
-/// Of these, requests of one group.
+/// Requests of one group among them.
 pub const WAITING_PER_GROUP_MAX: usize = WAITING_MAX / 4;
 
-/// The slots there are, and how many of them one party may use.
+/// Number of slots, and limits of how many one party may use.
 #[derive(Clone, Copy, Debug)]
 pub struct Shares {
     /// Slots in use at once.
     pub slots: usize,
-    /// Of these, slots that only urgent requests may use.
+    /// Slots among them that only urgent requests may use.
     pub reserve: usize,
     pub slots_per_group: usize,
-    /// Of a group that has members, the entrants of a competition: slots of each.
+    /// Slots of each member, in a group with members: each entrant of a competition.
     pub slots_per_member: usize,
     /// Slots of a group that is its own only member, such as the owner of a key.
     pub slots_per_single: usize,
-    /// Requests of each rank that wait at once.
+    /// Requests of each rank that may wait at once.
     pub waiting: usize,
-    /// Requests of one group and rank that wait at once.
+    /// Requests of one group and rank that may wait at once.
     pub waiting_per_group: usize,
 }
 
@@ -164,7 +164,7 @@ impl Shares {
         }
     }
 
-    /// All slots for whoever asks, and the usual number of waiting requests.
+    /// Shares without limits for a party, and with the usual number of waiting requests.
     pub const fn of(slots: usize) -> Self {
         Self {
             slots,
@@ -177,7 +177,7 @@ impl Shares {
         }
     }
 
-    /// Up to half of the slots for a group, and for a member.
+    /// Shares with at most half of the slots for a group, and for a member.
     pub const fn halved(slots: usize) -> Self {
         let half = slots.div_ceil(2);
         Self {
@@ -224,7 +224,7 @@ trait Requests {
     fn is_empty(&self) -> bool;
 }
 
-/// A member's requests in their order.
+/// Requests of a member, in order.
 #[derive(Debug)]
 struct Line<T>(Ranked<VecDeque<T>>);
 
@@ -239,7 +239,7 @@ impl<T> Requests for Line<T> {
 }
 
 impl<T> Line<T> {
-    /// Drops requests that are not wanted, and returns how many.
+    /// Drops unwanted requests, and returns their number.
     fn retain(&mut self, is_wanted: &mut impl FnMut(&T) -> bool) -> Ranked<usize> {
         let mut dropped = Ranked::default();
         for rank in Rank::ALL {
@@ -256,7 +256,7 @@ impl<T> Line<T> {
 struct Members<T> {
     waiting: Ranked<usize>,
     accounts: Accounts<Option<OwnerKey>, Line<T>>,
-    /// The number of idle members when they were last counted.
+    /// Number of idle members at the last count.
     idle: usize,
 }
 
@@ -289,7 +289,7 @@ impl<T> Members<T> {
     }
 }
 
-/// What a group or a member uses, and its requests.
+/// Use and requests of a group or a member.
 #[derive(Debug)]
 struct Account<R> {
     running: usize,
@@ -303,18 +303,18 @@ impl<R: Requests> Account<R> {
     }
 }
 
-/// Groups, or the members of one group.
+/// Accounts of groups, or of the members of one group.
 #[derive(Debug)]
 struct Accounts<K, R> {
     /// Slots of each account at once.
     slots: usize,
     known: HashMap<K, Account<R>>,
     order: Order<K>,
-    /// The usage of the account that was served last; new accounts start with it.
+    /// Usage of the account that was served last; new accounts start with it.
     floor: Duration,
 }
 
-/// Accounts in the order in which they are served. Reading the first takes constant time, a change logarithmic time.
+/// Order in which accounts are served. Reading the first takes constant time, a change logarithmic time.
 #[derive(Debug)]
 struct Order<K> {
     /// Accounts that may have a slot: by slots in use, then by usage.
@@ -360,8 +360,8 @@ impl<K: Copy + Ord + Hash, R: Requests> Accounts<K, R> {
         result
     }
 
-    /// Adds a request to an account, which may be new. A known account has used at least as much as a new one starts
-    /// with: it is forgotten once the others have caught up with it.
+    /// Adds a request to an account, which may be new. A known account has used at least as much as a new one starts with: it is
+    /// forgotten once the others have caught up with it.
     fn add(&mut self, name: K, new: impl FnOnce() -> R, add: impl FnOnce(&mut R)) {
         let floor = self.floor;
         let begin = || Account { running: 0, used: floor, requests: new() };
@@ -394,7 +394,7 @@ impl<K: Copy + Ord + Hash, R: Requests> Accounts<K, R> {
         self.known.iter().filter(waiting).map(|(name, _)| *name).collect()
     }
 
-    /// Forgets the idle account that has used the least.
+    /// Forgets the idle account with the least usage.
     fn forget(&mut self) -> Option<R> {
         let (_, name) = self.order.idle.pop_first()?;
         self.known.remove(&name).map(|account| account.requests)
@@ -407,15 +407,15 @@ impl<K: Copy + Ord + Hash, R: Requests> Accounts<K, R> {
     }
 }
 
-/// Idle groups and members, together, whose usage is remembered. Beyond this the one that has used the least is
-/// forgotten, and starts like a new one when it comes back.
+/// Idle groups and members, together, whose usage is remembered. Beyond this number the one with the least usage is forgotten, and
+/// starts like a new one when it comes back.
 pub const PARTIES_REMEMBERED_MAX: usize = 16_384;
 
-/// Requests that wait for a slot, and the order in which they get one.
+/// A queue of requests for slots, in the order in which they get one.
 ///
-/// Of the waiting groups the one with the fewest slots in use is next; of those with equally many the one
-/// that has used slots for the least time. The same holds for the members of the group. A group that comes
-/// back after a pause starts at the least time of the others, so that a pause gives no advantage.
+/// The next group is the one with the fewest slots in use, and among equals the one that has used slots for the least time. The
+/// same holds for the members of the group. A group that returns after a pause starts at the least time of the others, so that a
+/// pause gives no advantage.
 ///
 /// Every operation except [`FairQueue::retain`] takes time logarithmic in the number of groups and members.
 #[derive(Debug)]
@@ -441,12 +441,12 @@ impl<T> FairQueue<T> {
         }
     }
 
-    /// Requests that wait.
+    /// Number of waiting requests.
     pub const fn waiting(&self) -> usize {
         self.waiting.all()
     }
 
-    /// Slots in use.
+    /// Number of slots in use.
     pub const fn running(&self) -> usize {
         self.running
     }
@@ -455,7 +455,7 @@ impl<T> FairQueue<T> {
     pub fn push(&mut self, party: Party, rank: Rank, request: T) -> Result<(), T> {
         let group = self.groups.known.get(&party.group);
         let of_group = group.map_or(0, |group| *group.requests.waiting.of(rank));
-        // Nothing waits for slots that there never are.
+        // Without slots nothing may wait, as it would wait for ever.
         if self.shares.slots == 0
             || *self.waiting.of(rank) >= self.shares.waiting
             || of_group >= self.shares.waiting_per_group
@@ -466,8 +466,7 @@ impl<T> FairQueue<T> {
         Ok(())
     }
 
-    /// Adds a request to the queue of its party, even if too many wait: the caller bounds how many of its kind there
-    /// are.
+    /// Adds a request to the queue of its party, even if too many wait: the caller bounds the number of such requests.
     pub fn add(&mut self, party: Party, rank: Rank, request: T) {
         let new_line = || Line(Ranked { urgent: VecDeque::new(), normal: VecDeque::new() });
         let add = |line: &mut Line<T>| line.0.of_mut(rank).push_back(request);
@@ -486,7 +485,7 @@ impl<T> FairQueue<T> {
         Rank::ALL.into_iter().find_map(|rank| self.pop_of(rank))
     }
 
-    /// Takes the next request of this rank that may have a slot, as [`FairQueue::pop`] does.
+    /// Takes the next request of this rank that may have a slot, like [`FairQueue::pop`].
     pub fn pop_of(&mut self, rank: Rank) -> Option<(Party, Rank, T)> {
         let Shares { slots, reserve, .. } = self.shares;
         let is_free = match rank {
@@ -512,7 +511,7 @@ impl<T> FairQueue<T> {
         Some((Party { group, member }, rank, request))
     }
 
-    /// Frees the slot of a request, which used it for this long.
+    /// Frees the slot of a request, which was in use for the time `used`.
     pub fn done(&mut self, party: Party, rank: Rank, used: Duration) {
         self.running -= 1;
         self.running_normal -= usize::from(rank == Rank::Normal);
@@ -522,7 +521,7 @@ impl<T> FairQueue<T> {
         self.settle(party.group);
     }
 
-    /// Drops requests that are no longer wanted.
+    /// Drops unwanted requests.
     pub fn retain(&mut self, mut is_wanted: impl FnMut(&T) -> bool) {
         for name in self.groups.waiting() {
             let dropped = self.groups.change(name, |group| group.requests.retain(&mut is_wanted));
@@ -533,7 +532,7 @@ impl<T> FairQueue<T> {
         }
     }
 
-    /// Forgets accounts with which the others have caught up, and idle ones beyond [`PARTIES_REMEMBERED_MAX`]; to be
+    /// Forgets accounts with which the others have caught up, and idle accounts beyond [`PARTIES_REMEMBERED_MAX`]. Has to be
     /// called after every change of a group.
     fn settle(&mut self, changed: Group) {
         self.change_idle(changed, |members| while members.forget_caught_up().is_some() {});
@@ -550,12 +549,12 @@ impl<T> FairQueue<T> {
         }
     }
 
-    /// Idle groups and members.
+    /// Number of idle groups and members.
     fn remembered(&self) -> usize {
         self.groups.order.idle.len() + self.idle_members
     }
 
-    /// Changes the idle members of a group, if it is known, and counts them.
+    /// Changes the idle members of a group, if the group is known, and counts them.
     fn change_idle<R>(
         &mut self,
         name: Group,
@@ -575,7 +574,7 @@ pub fn blocking<T>(party: Party, rank: Rank, work: impl FnOnce() -> T) -> T {
     RANK.sync_scope(rank, || CURRENT.sync_scope(Cell::new(party), work))
 }
 
-/// All slots are in use, and as many requests wait as may.
+/// All slots are in use, and the maximum of requests waits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("as many requests use this, or wait for it, as may ({name} is {slots})")]
 pub struct Busy {
@@ -594,7 +593,7 @@ pub struct FairLimit {
     queue: Arc<Mutex<Waiters>>,
 }
 
-/// A slot that is in use until this is dropped.
+/// A slot in use, freed on drop.
 #[derive(Debug)]
 #[must_use]
 pub struct Permit {
@@ -605,7 +604,7 @@ pub struct Permit {
 }
 
 impl FairLimit {
-    /// Permits for a kind of heavy work; `patience` is how long a request waits for one.
+    /// Permits for a kind of heavy work; a request waits for one no longer than `patience`.
     pub fn heavy(shares: Shares, patience: Duration) -> Self {
         Self::new(HEAVY_AT_ONCE, shares, patience)
     }
@@ -620,7 +619,7 @@ impl FairLimit {
         Self { name, slots: shares.slots, patience, queue }
     }
 
-    /// A permit for the party. An error means that too many wait, or that none became free in time.
+    /// Waits for a permit. Fails if too many requests wait, or none becomes free in time.
     pub async fn acquire(&self, party: Party, rank: Rank) -> Result<Permit, Busy> {
         let busy = Busy { name: self.name, slots: self.slots };
         let (grant, granted) = oneshot::channel();
@@ -638,7 +637,7 @@ impl FairLimit {
         }
     }
 
-    /// A permit for the party, if nobody waits for one and its share has one.
+    /// Returns a permit if no request waits, and the party's share has one.
     pub fn acquire_at_once(&self, party: Party, rank: Rank) -> Option<Permit> {
         let (grant, mut granted) = oneshot::channel();
         {
@@ -649,12 +648,11 @@ impl FairLimit {
             queue.push(party, rank, grant).ok()?;
         }
         dispatch(&self.queue);
-        // Where its share is used up, the request that nobody waits for any more is passed over.
+        // Where the party's share is used up, the abandoned request is passed over.
         granted.try_recv().ok()
     }
 
-    /// A permit for the party, however many wait and however long it takes: for requests whose number is
-    /// bounded elsewhere.
+    /// Waits for a permit, however many requests wait and however long it takes: for requests whose number is bounded elsewhere.
     pub async fn acquire_always(&self, party: Party, rank: Rank) -> Permit {
         let (grant, granted) = oneshot::channel();
         lock(&self.queue).add(party, rank, grant);
@@ -662,7 +660,7 @@ impl FairLimit {
         granted.await.expect("a request stays in the queue until it is granted")
     }
 
-    /// Slots in use, and requests that wait.
+    /// Numbers of slots in use and of waiting requests.
     pub fn load(&self) -> (usize, usize) {
         let queue = lock(&self.queue);
         (queue.running(), queue.waiting())
@@ -724,8 +722,8 @@ mod tests {
         Party::entrant(CompetitionKey(1), OwnerKey(number))
     }
 
-    /// Serves all requests that wait, one after another, each for its cost in milliseconds. Returns how much of the
-    /// first `until` milliseconds each party got.
+    /// Serves all waiting requests, one after another, each for its cost in milliseconds. Returns how much of the first `until`
+    /// milliseconds each party got.
     fn serve(queue: &mut FairQueue<u64>, until: u64) -> HashMap<Party, u64> {
         let (mut now, mut got) = (0, HashMap::new());
         while now < until
@@ -828,7 +826,7 @@ mod tests {
         {
             queue.done(party, rank, Duration::from_millis(1));
         }
-        // Its usage is remembered until others have caught up.
+        // The account's usage is remembered until others have caught up.
         assert_eq!((queue.running(), queue.groups.known.len()), (0, 2));
         for _ in 0..5 {
             queue.push(owner(3), Rank::Normal, 0).expect("room");
@@ -856,7 +854,7 @@ mod tests {
             let members =
                 queue.groups.known.values().map(|group| group.requests.accounts.known.len());
             assert_eq!(members.sum::<usize>() + queue.groups.known.len(), PARTIES_REMEMBERED_MAX);
-            // Those who used the most are remembered the longest.
+            // Accounts with the highest usage are remembered longest.
             let first = &queue.groups.known[&party(0).group].requests.accounts;
             assert!(first.known.contains_key(&party(0).member));
         }
@@ -978,7 +976,7 @@ mod tests {
         let limit = limit(1);
         let first = limit.acquire(owner(1), Rank::Normal).await.expect("a permit");
         for _ in 0..5 {
-            // Polled once, so that it waits, and given up.
+            // A request that was polled once, so that it waits, and then dropped.
             let mut waits = Box::pin(limit.acquire(owner(1), Rank::Normal));
             assert!(futures::poll!(&mut waits).is_pending());
         }

@@ -5,7 +5,7 @@ use std::io::{self, Read as _};
 use std::path::{Component, Path, PathBuf};
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// Opens a file to read it. A device or a pipe is refused: it may have no end, or no beginning.
+/// Opens a regular file to read it. Refuses devices and pipes, which may have no end, or no beginning.
 pub fn open_file(path: &Path) -> io::Result<File> {
     if !std::fs::metadata(path)?.is_file() {
         return Err(io::Error::other("it is not a regular file"));
@@ -13,15 +13,15 @@ pub fn open_file(path: &Path) -> io::Result<File> {
     File::open(path)
 }
 
-/// Bytes of a file that is read as one text: templates, experiments, definitions, secrets.
+/// Maximum bytes of a file that is read as one text: templates, experiments, definitions, secrets.
 pub const TEXT_BYTES_MAX: u64 = 16 * 1024 * 1024;
 
-/// Reads a file that is one text.
+/// Reads a file as one text, of at most [`TEXT_BYTES_MAX`].
 pub fn read_text(path: &Path) -> io::Result<String> {
     text_of(open_file(path)?)
 }
 
-/// Reads one text to its end.
+/// Reads one text to its end, of at most [`TEXT_BYTES_MAX`].
 pub fn text_of(from: impl io::Read) -> io::Result<String> {
     let mut text = String::new();
     let read = from.take(TEXT_BYTES_MAX + 1).read_to_string(&mut text)?;
@@ -44,13 +44,13 @@ pub fn raise_open_files() -> Option<u64> {
     }
 }
 
-/// Bytes of memory that this process may use: those of the machine, or fewer if its control groups or its address space
-/// are limited. `None` if the host does not report it.
+/// Bytes of memory that this process may use: the machine's, or fewer if its control groups or its address space are limited.
+/// `None` if the host does not report it.
 pub fn memory_bytes() -> Option<usize> {
     let read = |path: &Path| std::fs::read_to_string(path).ok();
     let machine = read(Path::new("/proc/meminfo")).and_then(|text| total_memory(&text));
     let own_group = read(Path::new("/proc/self/cgroup")).and_then(|text| group_path(&text));
-    // In a container its own group is at the root.
+    // A container sees its own group at the root.
     let groups = Path::new("/sys/fs/cgroup");
     let own_group = groups.join(own_group.unwrap_or_default());
     let own_groups = own_group.ancestors().take_while(|path| path.starts_with(groups));
@@ -62,7 +62,7 @@ pub fn memory_bytes() -> Option<usize> {
     all.min().map(|bytes: u64| usize::try_from(bytes).unwrap_or(usize::MAX))
 }
 
-/// The most memory that a process had until now, in bytes. `None` if it has ended, or the host does not report it.
+/// Peak memory of a process, in bytes. `None` if the process has ended, or the host does not report it.
 pub fn peak_memory_bytes(process: u32) -> Option<u64> {
     let status = std::fs::read_to_string(format!("/proc/{process}/status")).ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
@@ -70,7 +70,7 @@ pub fn peak_memory_bytes(process: u32) -> Option<u64> {
     kib.checked_mul(1024)
 }
 
-/// Asks a process to end, as its service manager would.
+/// Asks a process to end, as its service manager would: with SIGTERM.
 pub fn ask_to_stop(process: u32) -> std::io::Result<()> {
     use rustix::process::{Pid, Signal, kill_process};
     let process = i32::try_from(process).ok().and_then(Pid::from_raw);
@@ -78,24 +78,24 @@ pub fn ask_to_stop(process: u32) -> std::io::Result<()> {
     Ok(kill_process(process, Signal::TERM)?)
 }
 
-/// The memory of the machine, from `/proc/meminfo`.
+/// Bytes of the machine's memory, from `/proc/meminfo`.
 fn total_memory(text: &str) -> Option<u64> {
     let line = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
     let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     kib.checked_mul(1024)
 }
 
-/// The path of the control group (version 2), from `/proc/self/cgroup`.
+/// Path of the control group (version 2), from `/proc/self/cgroup`.
 fn group_path(text: &str) -> Option<PathBuf> {
     let path = text.lines().find_map(|line| line.strip_prefix("0::/"))?;
     Some(PathBuf::from(path))
         .filter(|path| path.components().all(|part| matches!(part, Component::Normal(_))))
 }
 
-/// A disk with this many free bytes is not full, however large it is.
+/// Free bytes with which a disk is not full, however large it is.
 pub const DISK_FREE_BYTES_ENOUGH: u64 = 2 << 30;
 
-/// Space of a disk that this process may use, in bytes. What is reserved for the superuser is not part of it.
+/// Space of a disk that this process may use, in bytes, without the superuser's reserve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DiskSpace {
     pub free: u64,
@@ -114,7 +114,7 @@ impl DiskSpace {
     }
 }
 
-/// The disk with the database.
+/// The disk of the database.
 pub trait Disk: Send + Sync + 'static {
     /// `None` if the host does not report it.
     fn space(&self) -> Option<DiskSpace>;
@@ -175,7 +175,7 @@ impl Disk for ManualDisk {
     }
 }
 
-/// This host and this process, for people.
+/// Name of this host and this process, for people.
 pub fn process_name() -> String {
     let host = rustix::system::uname().nodename().to_string_lossy().into_owned();
     format!("{host}, process {}", std::process::id())

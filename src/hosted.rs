@@ -1,9 +1,9 @@
-//! Players that the server itself hosts.
+//! Players that the server hosts.
 //!
-//! A hosted seat is played like any other: its player is shown the engine's observation of that seat
-//! and nothing else, and its acts pass the barrier and enter the journal like all acts. A player's decision
-//! depends on its earlier observations. So it is shown every round in which its agent lives, once and in
-//! order, including those that it missed; after a restart these are all rounds so far.
+//! A hosted seat is played like any other: its player sees the engine's observation of that seat and nothing else, and its acts
+//! pass the barrier and enter the journal like all acts. A player's decision depends on its earlier observations. So it sees every
+//! round in which its agent lives, once and in order, including rounds that it missed; after a restart these are all rounds so
+//! far.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -30,8 +30,8 @@ use swarmbench_journal::record::Decision;
 /// Pause before a game is played again after a temporary failure.
 const PLAY_AGAIN: Duration = Duration::from_secs(1);
 
-/// Permits of hosted games to decide and commit a round: a group has no more than three of four. Hosted games would play as fast
-/// as the disk allows; this leaves most of each commit to other players.
+/// Permits of hosted games to decide and commit a round; a group holds three of four at most. Hosted games would play as fast as
+/// the disk allows: this leaves most of each commit to other players.
 pub fn permits() -> FairLimit {
     let shares = Shares {
         slots: HEAVY_AT_ONCE_MAX,
@@ -39,20 +39,20 @@ pub fn permits() -> FairLimit {
         slots_per_group: HEAVY_AT_ONCE_MAX - 1,
         slots_per_member: HEAVY_AT_ONCE_MAX / 2,
         slots_per_single: HEAVY_AT_ONCE_MAX / 2,
-        // Each game waits for one permit at most.
+        // Each game waits for at most one permit.
         waiting: usize::MAX,
         waiting_per_group: usize::MAX,
     };
     FairLimit::heavy(shares, Duration::MAX)
 }
 
-/// The built-in player for `name`, which may be [`DEFAULT_PLAYER`]. An error lists the players of the task.
+/// Resolves the name of a built-in player, which may be [`DEFAULT_PLAYER`]. An error lists the players of the task.
 pub fn player(name: &str, task: TaskName) -> Result<String, String> {
     let found = find(name, task).map_err(|error| error.to_string())?;
     Ok(found.name.to_owned())
 }
 
-/// Plays the server's seats of the episodes it receives, until it is asked to stop.
+/// Plays the server's seats in the episodes that it receives, until it is told to stop.
 pub async fn run(
     mut episodes: mpsc::UnboundedReceiver<Handle>,
     host: Arc<Host>,
@@ -95,13 +95,12 @@ pub enum HostedError {
     Recovery(#[from] RecoveryError),
     #[error(transparent)]
     Work(#[from] WorkError),
-    /// An act could not be stored.
     #[error(transparent)]
     Journal(#[from] StoreError),
 }
 
 impl HostedError {
-    /// Whether a retry may succeed: too many others are reading or waiting for heavy work.
+    /// Whether a retry may succeed: too many others are reading, or waiting for heavy work.
     fn is_temporary(&self) -> bool {
         match self {
             Self::Recovery(RecoveryError::Journal(error)) | Self::Journal(error) => {
@@ -150,7 +149,7 @@ pub async fn play(
                     let acts = decided.into_iter().filter(|(agent, _)| snapshot.waits_for(*agent));
                     for outcome in handle.submit(acts.collect()).await {
                         match outcome {
-                            // A clock may have run out, or the episode ended.
+                            // A clock may have run out, or the episode may have ended.
                             Ok(_) | Err(ActError::Refused(_) | ActError::Busy) => {}
                             Err(ActError::Journal(error)) => return Err(error.into()),
                         }
@@ -160,21 +159,21 @@ pub async fn play(
             }
         }
         if published.changed().await.is_err() {
-            // Its actor has ended; the recovery sends the episode again.
+            // The actor has ended; the recovery sends the episode again.
             return Ok(());
         }
     }
 }
 
-/// The players of one episode's hosted seats. Their memory is reserved with that of the episode.
+/// Players of one episode's hosted seats. The episode's reservation includes their memory.
 pub struct Players {
     seats: Vec<(AgentId, Box<dyn Player>)>,
-    /// The first round that they were not shown.
+    /// First round that the players have not been shown.
     shown: u32,
 }
 
 impl Players {
-    /// The players of these seats, by their names. None has been shown a round yet.
+    /// Players of these seats, by name, before any round.
     pub fn new(spec: &Spec, hosted: &[(AgentId, String)]) -> Result<Self, HostedError> {
         let made = hosted.iter().map(|(agent, name)| {
             let built_in = find(name, spec.config.task());
@@ -186,7 +185,7 @@ impl Players {
         Ok(Self { seats, shown: 0 })
     }
 
-    /// Shows the living agents' players the observations of the next round, and asks for their decisions.
+    /// Shows the next round to the players of living agents, and returns their decisions.
     pub fn decide(&mut self, world: &World) -> Vec<(AgentId, Submission)> {
         let seats = self.seats.iter_mut().filter(|(agent, _)| world.is_alive(*agent));
         let decided = seats.map(|(agent, player)| (*agent, decision(world, *agent, &mut **player)));
@@ -195,8 +194,8 @@ impl Players {
         decided
     }
 
-    /// Decides a round on a worker thread, however short it takes: hosted games would play as fast as the disk allows.
-    /// The queue needs no bound, as each game has one decision at a time.
+    /// Decides a round on a worker thread, however short it takes: hosted games would play as fast as the disk allows. The queue
+    /// needs no bound, as each game has one decision at a time.
     async fn decide_off_thread(
         mut self,
         world: &Arc<World>,

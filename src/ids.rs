@@ -1,4 +1,4 @@
-//! Ids that are shown, and tokens that are shown once.
+//! Public ids, and tokens that are shown once.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 
 use swarmbench_clock::Entropy;
 
-/// Numbers of rows in the database; short, and never shown.
+/// Keys of rows in the database: short, never shown.
 macro_rules! row_keys {
     ($($(#[doc = $doc:literal])* $name:ident;)*) => {$(
         $(#[doc = $doc])*
@@ -18,42 +18,43 @@ macro_rules! row_keys {
 }
 
 row_keys! {
-    /// The number of an episode in the database.
+    /// Key of an episode.
     EpisodeKey;
-    /// The number of a run in the database.
+    /// Key of a run.
     RunKey;
-    /// The number of a competition in the database.
+    /// Key of a competition.
     CompetitionKey;
-    /// The number of an entrant of a competition in the database.
+    /// Key of an entrant of a competition.
     EntryKey;
-    /// The number of an imported game in the database.
+    /// Key of an imported game.
     ImportKey;
 }
 
-/// Numbers for new rows, each larger than all before.
+/// Source of keys for new rows, each larger than all before.
 #[derive(Debug)]
 pub struct Numbers {
     next: AtomicI64,
-    /// Of one of several servers, each of which gives numbers of its own: the time in milliseconds, its slot, and a count.
+    /// Slot of this server when several share the database. Each then composes numbers from milliseconds, its slot and a count.
     slot: Option<i64>,
 }
 
 impl Numbers {
-    /// Bits of a count, of a slot and a count, and how many numbers follow one another at most.
+    /// Low bits for the count, which limit how many consecutive numbers are possible. Above them are 10 bits for the slot, then
+    /// milliseconds.
     const COUNT_BITS: u32 = 12;
     const SLOT_BITS: u32 = 10 + Self::COUNT_BITS;
 
-    /// Numbers after the last one that was given.
+    /// Numbers after `last`.
     pub const fn after(last: i64) -> Self {
         Self { next: AtomicI64::new(last + 1), slot: None }
     }
 
-    /// Numbers of one of several servers, which has this slot to itself. They are in the order of time, also between servers.
+    /// Numbers of one of several servers; `slot` is its own alone. Their order is that of time, also between servers.
     pub const fn of_slot(slot: i16, last: i64) -> Self {
         Self { next: AtomicI64::new(last + 1), slot: Some(slot as i64) }
     }
 
-    /// The first of `count` numbers that follow one another.
+    /// The first of `count` consecutive numbers.
     pub fn take(&self, count: usize, now: Timestamp) -> i64 {
         let count = i64::try_from(count).expect("a few numbers");
         let first_of = |next: i64| {
@@ -61,7 +62,7 @@ impl Numbers {
             let block = |millis: i64| (millis << Self::SLOT_BITS) | (slot << Self::COUNT_BITS);
             let now = block(now.as_millisecond());
             let last = next - 1;
-            // The rest of a block that this server has begun, if it is large enough.
+            // Continues the block that this server has begun, if enough numbers are left.
             let begun = block(last >> Self::SLOT_BITS);
             let end = begun + (1 << Self::COUNT_BITS);
             if last < now {
@@ -82,8 +83,8 @@ impl Numbers {
     }
 }
 
-/// What one server of several on the same database does alone: play a game that belongs to no run, play a run with all its games,
-/// or change a competition.
+/// Unit of work that one of several servers on a database does alone: play a game that belongs to no run, play a run with all its
+/// games, or change a competition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Place {
     Game(EpisodeKey),
@@ -92,12 +93,11 @@ pub enum Place {
 }
 
 impl Place {
-    /// The place of a game.
     pub fn of_game(episode: EpisodeKey, run: Option<RunKey>) -> Self {
         run.map_or(Self::Game(episode), Self::Run)
     }
 
-    /// As it is stored: the number of its kind, and its own.
+    /// The stored form: the number of the kind and the key.
     pub const fn numbers(self) -> (i16, i64) {
         match self {
             Self::Game(EpisodeKey(key)) => (0, key),
@@ -106,7 +106,7 @@ impl Place {
         }
     }
 
-    /// The place with these numbers; none where this program knows no such kind.
+    /// The place with these numbers; none for a kind that this program does not know.
     pub const fn from_numbers(kind: i16, key: i64) -> Option<Self> {
         match kind {
             0 => Some(Self::Game(EpisodeKey(key))),
@@ -117,7 +117,7 @@ impl Place {
     }
 }
 
-/// The public id of an episode: `ep_` and 32 hexadecimal digits that grow with time. Cloning shares it.
+/// Public id of an episode: `ep_` and 32 hexadecimal digits that grow with time. Clones share the text.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct EpisodeId(Arc<str>);
 
@@ -126,7 +126,7 @@ impl EpisodeId {
         Self(dated_id("ep_", now, entropy).into())
     }
 
-    /// An id as it was stored or sent; it may not exist.
+    /// An id as stored or received; such an episode may not exist.
     pub fn from_text(text: String) -> Self {
         Self(text.into())
     }
@@ -150,7 +150,7 @@ pub(crate) fn dated_id(prefix: &str, now: Timestamp, entropy: &dyn Entropy) -> S
     format!("{prefix}{}", uuid.simple())
 }
 
-/// The kind of a token, recognized by its prefix.
+/// Kind of a token, which is recognized by its prefix.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TokenKind {
     /// One agent of one episode.
@@ -159,7 +159,7 @@ pub enum TokenKind {
     Swarm,
     /// A person.
     Key,
-    /// An invitation to a competition; valid for nothing else.
+    /// An invitation to a competition, valid for nothing else.
     Invitation,
 }
 
@@ -175,17 +175,16 @@ impl TokenKind {
     }
 }
 
-/// A token in clear: a prefix, 192 random bits and a checksum. It is shown once and never stored; `Debug` does not show
-/// it.
+/// A token in clear text: a prefix, 192 random bits and a checksum. Shown once, never stored, and hidden from `Debug`.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Token(String);
 
-/// What is stored of a token.
+/// The stored form of a token.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TokenHash(pub [u8; 32]);
 
 impl TokenHash {
-    /// The hash of a token in clear; the text may be anything.
+    /// Hash of any text, which need not be a valid token.
     pub fn of(text: &str) -> Self {
         Self(Sha256::digest(text).into())
     }
@@ -203,7 +202,7 @@ impl Token {
         Self(format!("{}{body}", kind.prefix()))
     }
 
-    /// Reads a token that was sent. A token with a wrong checksum was never issued.
+    /// Parses a received token. A token with a wrong checksum was never issued.
     pub fn parse(text: &str) -> Option<Self> {
         let body = text.strip_prefix(Self::kind_of(text)?.prefix())?;
         let bytes =
@@ -219,7 +218,7 @@ impl Token {
         Self::kind_of(&self.0).expect("every token has a prefix")
     }
 
-    /// The token in clear, for its holder.
+    /// The token in clear text, for its holder.
     pub fn reveal(&self) -> &str {
         &self.0
     }
@@ -256,7 +255,7 @@ mod tests {
                 }
             }
         }
-        // A later server of the same slot goes on behind all of them, and time decides between servers.
+        // A later server in the same slot continues after all of them, and time orders the numbers of different servers.
         let later = Numbers::of_slot(0, last);
         assert!(later.take(1, at(1)) > last);
         assert!(one.take(1, at(5000)) < two.take(1, at(5001)));

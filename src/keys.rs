@@ -7,7 +7,7 @@ use crate::ids::{Token, TokenHash, TokenKind, dated_id};
 use swarmbench_clock::Entropy;
 use swarmbench_protocol::names;
 
-/// The number of a key in the database; never shown. An episode that was created with a key belongs to it.
+/// Number of an access key in the database; never shown. Episodes that were created with a key belong to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct OwnerKey(pub i64);
 
@@ -32,7 +32,7 @@ pub const NAME_CHARS_MAX: usize = 100;
 /// A key without its token.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Key {
-    /// `None` until it is stored.
+    /// `None` before the key is stored.
     pub number: Option<OwnerKey>,
     pub id: String,
     pub role: Role,
@@ -43,7 +43,7 @@ pub struct Key {
 }
 
 impl Key {
-    /// Makes a key. The token is to be shown once. An error says what is wrong with the name.
+    /// Makes a key and its token, which must be shown once. The error describes an invalid name.
     pub fn new(
         role: Role,
         name: &str,
@@ -64,7 +64,7 @@ impl Key {
         Ok((key, Token::new(TokenKind::Key, entropy)))
     }
 
-    /// Whether the key is accepted at that time.
+    /// Whether the key is accepted at `now`.
     pub fn is_good(&self, now: Timestamp) -> bool {
         self.revoked_at.is_none() && self.expires_at.is_none_or(|at| now < at)
     }
@@ -90,11 +90,11 @@ impl Key {
     }
 }
 
-/// A key with the hash of its token, by which it is found.
+/// A key with the hash of its token.
 #[derive(Clone, Debug)]
 pub struct KeyRow {
     pub key: Key,
     pub hash: TokenHash,
-    /// The first key of the team, where it is that of another member.
+    /// First key of the team, if this is the key of another member.
     pub acts_for: Option<OwnerKey>,
 }

@@ -1,7 +1,7 @@
 //! A networked evaluation server for SwarmBench: it hosts episodes, resolves their rounds when all
 //! agents have acted, and keeps everything in a journal from which any of it can be recomputed.
 //!
-//! The modules, from what a request meets first to what all others use:
+//! The modules, from those that a request meets first to those that all others use:
 //!
 //! - [`cli`]: the commands. [`server`]: starts and stops everything below.
 //! - [`http`]: routes and connections; the only place that names axum.
@@ -21,7 +21,7 @@
 )]
 #![expect(clippy::missing_errors_doc, reason = "error types say what can fail")]
 #![expect(clippy::must_use_candidate, reason = "types that must not be dropped at once say so")]
-// They panic where nobody reads; `cli::output` has others.
+// Those macros panic when nobody reads the output; `cli::output` has replacements.
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod budget;

@@ -1,6 +1,6 @@
 //! The command line of swarmbench; see [`swarmbench::cli`].
 
-/// The host's allocator took a third of the processor's time with thousands of connections.
+/// mimalloc, as the host's allocator took a third of the processor's time with thousands of connections.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 

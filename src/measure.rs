@@ -1,4 +1,4 @@
-//! Metrics of episodes: replayed and measured after their end, in the background, or when they are first read.
+//! Metrics of episodes, replayed and measured in the background after the end, or when they are first read.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -26,33 +26,33 @@ use crate::store::metrics::{Measured, MetricsRow, Unmeasured, stored_method};
 use crate::store::port::StoredEpisode;
 use crate::store::{Store, StoreError};
 
-/// Queued games that are read at once.
+/// Queued games read at once.
 const QUEUED_AT_ONCE: u32 = 64;
 
-/// How often an empty queue is read again.
+/// Time between reads of an empty queue.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// Microseconds for which an agent's part of a round is measured, at most: distances, texts and their vectors.
+/// Maximum microseconds to measure an agent's part of a round: distances, texts and their vectors.
 const MICROS_OF_AN_AGENT: u64 = 20;
 
-/// Bytes of the values of one round, where the values of all rounds are computed.
+/// Bytes of one round's values when the values of all rounds are computed.
 pub const SERIES_BYTES_OF_A_ROUND: usize =
     Metric::ALL.len() * Definition::ALL.len() * size_of::<Option<f64>>() + size_of::<Counts>();
 
-/// How these values were computed, as it is said beside them.
+/// Description of how values were computed, which is sent with them.
 pub fn method(definition: Definition) -> MetricsMethod {
     let (embedder, metrics_revision) = stored_method();
     let (definition, embedder) = (definition.name().to_owned(), embedder.to_owned());
     MetricsMethod { definition, metrics_revision, embedder }
 }
 
-/// The values of a definition, as they are sent.
+/// Values of a definition in the form that is sent.
 pub fn values(measured: &Measured, definition: Definition) -> MetricValues {
     let of = measured.of_definition(definition).iter();
     of.map(|(name, &(value, rounds))| (name.clone(), MetricValue { value, rounds })).collect()
 }
 
-/// By task and metric, the means over the games that have a value.
+/// Means over the games that have a value, by task and metric.
 pub fn means(games: &[GameMetrics]) -> BTreeMap<String, BTreeMap<String, MetricMean>> {
     let mut of_tasks = BTreeMap::<&String, BTreeMap<&String, Vec<f64>>>::new();
     for game in games {
@@ -70,7 +70,7 @@ pub fn means(games: &[GameMetrics]) -> BTreeMap<String, BTreeMap<String, MetricM
     of_tasks.map(|(task, of)| (task.clone(), of.into_iter().filter_map(mean).collect())).collect()
 }
 
-/// The values of some states of a game of `rounds` rounds that was measured with its series, up to these states at least.
+/// Values of some states of a game of `rounds` rounds. The game was measured with its series at least up to these states.
 pub fn series(
     metrics: &Metrics,
     definition: Definition,
@@ -133,21 +133,21 @@ pub async fn measure(
     Ok(meter.metrics())
 }
 
-/// Measures an episode that has ended.
+/// Measures an ended episode.
 async fn measured(host: &Host, stored: &StoredEpisode) -> Result<MetricsRow, RecoveryError> {
     let party = Party::of_key(stored.owner);
     let metrics = measure(host, stored, stored.rounds, false, party).await?;
     Ok(MetricsRow::new(stored.episode, &Measured::of(&metrics)))
 }
 
-/// Measures games that have ended, one after another, for ever.
+/// Measures ended games one after another, forever.
 pub async fn run(store: &Store, host: &Host, clock: &dyn Clock) {
     loop {
         match measure_queued(store, host).await {
             Ok(true) => {}
             Ok(false) => clock.sleep_until(after(clock.now(), PAUSE)).await,
             Err(error) => {
-                // That the database is away is logged once, by the writer.
+                // The writer logs once that the database is away.
                 if !matches!(error, RecoveryError::Journal(StoreError::Away)) {
                     tracing::warn!(%error, "games that have ended cannot be measured; trying again");
                 }
@@ -157,9 +157,9 @@ pub async fn run(store: &Store, host: &Host, clock: &dyn Clock) {
     }
 }
 
-/// Measures the first games of the queue, and keeps their metrics in one commit. False where it is empty.
+/// Measures the first games of the queue and stores their metrics in one commit. False if the queue is empty.
 async fn measure_queued(store: &Store, host: &Host) -> Result<bool, RecoveryError> {
-    // Of several servers one takes from the queue.
+    // One of several servers works off the queue.
     if store.cluster().is_some_and(|cluster| !cluster.is_oldest()) {
         return Ok(false);
     }
@@ -169,7 +169,7 @@ async fn measure_queued(store: &Store, host: &Host) -> Result<bool, RecoveryErro
     for Unmeasured { number, episode } in queued {
         match measured_if_stored(store, host, episode).await {
             Ok(metrics) => entries.push(Entry::Measured { number: Some(number), metrics }),
-            // The queue of heavy work is full, or the journal cannot be read: later.
+            // The queue of heavy work is full, or the journal cannot be read: retried later.
             Err(error) => {
                 stopped = Some(error);
                 break;
@@ -184,7 +184,7 @@ async fn measure_queued(store: &Store, host: &Host) -> Result<bool, RecoveryErro
     stopped.map_or(Ok(count > 0), Err)
 }
 
-/// The metrics of an episode; `None` where it is not stored any more, or its journal is broken.
+/// Metrics of an episode; `None` if it is not stored any more or its journal is broken.
 async fn measured_if_stored(
     store: &Store,
     host: &Host,

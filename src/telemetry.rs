@@ -18,12 +18,12 @@ use swarmbench_protocol::names::shown;
 
 use crate::fair;
 
-/// Spawns a part of a request, with the request's id in its log lines, its party and its rank.
+/// Spawns a part of a request with its log span, its party and its rank.
 pub fn spawn<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> JoinHandle<T> {
     tokio::spawn(fair::inherit(work).in_current_span())
 }
 
-/// The same for work that blocks its thread.
+/// Spawns blocking work with the log span of the request. Party and rank are not inherited.
 pub fn spawn_blocking<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
 ) -> JoinHandle<T> {
@@ -31,11 +31,11 @@ pub fn spawn_blocking<T: Send + 'static>(
     tokio::task::spawn_blocking(move || span.in_scope(work))
 }
 
-/// Buckets of durations.
+/// Histogram buckets of durations.
 const SECONDS: [f64; 12] =
     [0.000_5, 0.001, 0.002_5, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 1.0, 5.0, 60.0];
 
-/// Buckets of cells of observations that are written for a request.
+/// Histogram buckets of cells in the observations written for a request.
 const CELLS: [f64; 6] = [64.0, 1024.0, 8192.0, 32_768.0, 262_144.0, 2_097_152.0];
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,36 +48,36 @@ pub enum LogFormat {
     Json,
 }
 
-/// Starts writing logs to the standard error, filtered by `RUST_LOG`, by default at level info.
+/// Starts logging to standard error. `RUST_LOG` sets the filter; the default is level info.
 pub fn start_logs(format: LogFormat) {
     start_logs_of(format, "info");
 }
 
-/// Starts writing logs as [`start_logs`] does, with the default filter `usual`.
+/// As [`start_logs`], with the default filter `usual`.
 pub fn start_logs_of(format: LogFormat, usual: &str) {
     use tracing_subscriber::{EnvFilter, fmt};
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(usual));
-    // It logs whole messages, and so what agents see.
+    // rmcp logs whole messages, which contain what agents see.
     let filter = filter.add_directive("rmcp=off".parse().expect("a directive"));
     let colors = std::io::stderr().is_terminal();
     let builder = fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
         .with_ansi(colors)
-        // A standard error without a reader would make it panic.
+        // The subscriber would panic if standard error had no reader.
         .log_internal_errors(false);
-    // Tests start logs several times in one process: only the first start has an effect.
+    // Tests start logging several times in one process: only the first start has an effect.
     drop(match format {
         LogFormat::Text => builder.fmt_fields(fields()).try_init(),
         LogFormat::Json => builder.json().flatten_event(true).try_init(),
     });
 }
 
-/// Writes the fields of a line for people. What is logged may be a name or an error of others: it begins no line, and a
-/// terminal does not obey it.
+/// Formats the fields of a text log line. Values may be names or errors from clients: they are escaped, so that they cannot begin a
+/// line or control the terminal.
 fn fields() -> impl for<'w> FormatFields<'w> + Send + Sync + 'static {
     let field = |out: &mut Writer<'_>, field: &Field, value: &dyn Debug| {
-        // Places in the source, of libraries that log by another crate.
+        // Source locations, from libraries that use the `log` crate.
         if field.name().starts_with("log.") {
             return Ok(());
         }
@@ -92,7 +92,7 @@ fn fields() -> impl for<'w> FormatFields<'w> + Send + Sync + 'static {
     debug_fn(field).delimited(" ")
 }
 
-/// The metrics of this process, described once.
+/// Metrics of this process, registered once.
 pub fn metrics() -> &'static PrometheusHandle {
     static HANDLE: OnceLock<PrometheusHandle> = OnceLock::new();
     HANDLE.get_or_init(|| {
@@ -104,14 +104,14 @@ pub fn metrics() -> &'static PrometheusHandle {
             .expect("the buckets are not empty")
             .build_recorder();
         let handle = recorder.handle();
-        // A program that embeds the server may have a recorder already, which stays.
+        // A program that embeds the server may have installed a recorder, which stays.
         drop(metrics::set_global_recorder(recorder));
         describe();
         handle
     })
 }
 
-/// Metrics that change with every act or look. They are looked up once, as that costs more than the change.
+/// Metrics that change with every act or observation. Cached, as the look-up costs more than the change.
 pub struct Frequent {
     pub acts_valid: Counter,
     pub acts_invalid: Counter,
@@ -123,7 +123,7 @@ pub struct Frequent {
     pub commit_seconds: Histogram,
 }
 
-/// Notes a commit of this many entries.
+/// Records a commit of this many entries.
 pub fn note_commit(entries: usize, took: std::time::Duration) {
     let frequent = frequent();
     frequent.commits.increment(1);
@@ -131,7 +131,7 @@ pub fn note_commit(entries: usize, took: std::time::Duration) {
     frequent.commit_entries.increment(entries as u64);
 }
 
-/// See [`Frequent`].
+/// Cached [`Frequent`] metrics.
 pub fn frequent() -> &'static Frequent {
     static FREQUENT: OnceLock<Frequent> = OnceLock::new();
     FREQUENT.get_or_init(|| {
@@ -149,14 +149,14 @@ pub fn frequent() -> &'static Frequent {
     })
 }
 
-/// All metrics in the text format of Prometheus; those of the process are read now.
+/// All metrics in the text format of Prometheus; metrics of the process are read now.
 pub fn render() -> String {
     let handle = metrics();
     process().collect();
     handle.render()
 }
 
-/// Metrics of this process from the host: memory, processor time, open files, threads.
+/// Metrics of this process: memory, processor time, open files, threads.
 fn process() -> &'static Collector {
     static PROCESS: OnceLock<Collector> = OnceLock::new();
     PROCESS.get_or_init(Collector::default)

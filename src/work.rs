@@ -1,13 +1,12 @@
 //! Heavy work: a fixed number of threads of low priority, shared fairly.
 //!
-//! Work of more than a few milliseconds leaves the async threads: steps of large worlds, replays, prompts,
-//! boards, decisions of built-in players. It runs on [`Workers`], one thread per core. Their priority is lower
-//! than that of the async threads (on Linux), so that a light request never waits for a core. A [`FairQueue`]
-//! decides which job is next, so that no party can block the others. One thread is reserved for urgent jobs,
-//! and another prefers normal ones, so that neither kind can occupy all threads.
+//! Work of more than a few milliseconds leaves the async threads: steps of large worlds, replays, prompts, boards, decisions of
+//! built-in players. It runs on [`Workers`], one thread per core. On Linux their priority is lower than that of the async threads,
+//! so that a light request never waits for a core. A [`FairQueue`] decides which job is next, so that no party can block the
+//! others. One thread is reserved for urgent jobs, and another prefers normal ones, so that neither kind can occupy all threads.
 //!
-//! Whole requests that no running game waits for, and those with large bodies, are handled on async threads of the
-//! same low priority: [`Workers::in_background`].
+//! Async threads of the same low priority handle whole requests that no running game waits for, and requests with large bodies:
+//! [`Workers::in_background`].
 
 use std::num::NonZeroUsize;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -22,10 +21,10 @@ use tracing::Instrument as _;
 
 use crate::fair::{FairQueue, Party, Rank, Shares, WAITING_MAX, WAITING_PER_GROUP_MAX};
 
-/// The nice value of worker threads.
+/// Nice value of worker threads.
 const NICE: i32 = 10;
 
-/// The stack of every thread that serves requests. The deepest prompt template takes 0.8 MiB of it in a debug build, as
+/// Stack size of every thread that serves requests. The deepest prompt template takes 0.8 MiB in a debug build, as
 /// `crates/prompt/tests/depth.rs` measures.
 pub const STACK_BYTES: usize = 2 * 1024 * 1024;
 
@@ -35,7 +34,7 @@ pub enum WorkError {
         "the queue of heavy work is full, {WAITING_PER_GROUP_MAX} jobs of a group and {WAITING_MAX} in all"
     )]
     Busy,
-    /// It panicked, or the workers have stopped.
+    /// The work panicked, or the workers have stopped.
     #[error("the work was interrupted")]
     BrokeOff,
 }
@@ -123,11 +122,11 @@ impl Shared {
     }
 }
 
-/// Threads for heavy work. Clones share them; they end with the last clone.
+/// Threads for heavy work. Clones share them; the threads end with the last clone.
 #[derive(Clone)]
 pub struct Workers(Option<Arc<Owner>>);
 
-/// Ends the threads when it is dropped.
+/// Owner of the threads, which end when it is dropped.
 struct Owner {
     shared: Arc<Shared>,
     threads: usize,
@@ -135,7 +134,7 @@ struct Owner {
     background: Option<Runtime>,
 }
 
-/// What a thread does first.
+/// Jobs that a thread takes, in order of preference.
 #[derive(Clone, Copy)]
 enum Duty {
     /// Only urgent jobs.
@@ -198,14 +197,13 @@ impl Workers {
         Self(Some(Arc::new(Owner { shared, threads, background })))
     }
 
-    /// No threads: callers do their work themselves. Then the order does not depend on the host, for tests that repeat
-    /// a run.
+    /// No threads: callers do their work themselves. Then the order does not depend on the host, for tests that repeat a run.
     pub const fn inline() -> Self {
         Self(None)
     }
 
-    /// Does work for a party in its turn. Work whose caller is gone is not begun, and can stop early by asking
-    /// [`Cancelled`]. Its time is counted under `kind`.
+    /// Does work for a party in its turn. Work is not begun once its caller is gone, and can stop early by asking [`Cancelled`].
+    /// Its time is counted under `kind`.
     pub async fn run<T: Send + 'static>(
         &self,
         kind: &'static str,
@@ -216,8 +214,7 @@ impl Workers {
         self.hand_over(kind, work, |shared, job| shared.push(party, rank, job)).await
     }
 
-    /// Does work however much waits: the caller bounds how much of it there is, as an actor does, which resolves one
-    /// round at a time.
+    /// Does work however much waits: the caller bounds the amount, like an actor, which resolves one round at a time.
     pub async fn run_always<T: Send + 'static>(
         &self,
         kind: &'static str,
@@ -232,7 +229,7 @@ impl Workers {
         self.hand_over(kind, work, add).await
     }
 
-    /// Queues work by `queue` and waits for its result. Its log lines have the request's id as well.
+    /// Queues work with `queue` and waits for its result. Its log lines carry the request's id, too.
     async fn hand_over<T: Send + 'static>(
         &self,
         kind: &'static str,
@@ -249,7 +246,7 @@ impl Workers {
         result.await.map_err(|_| WorkError::BrokeOff)
     }
 
-    /// Runs a future on async threads of low priority. It is dropped when its caller is.
+    /// Runs a future on async threads of low priority. The future is dropped when the caller is.
     pub async fn in_background<T: Send + 'static>(
         &self,
         work: impl Future<Output = T> + Send + 'static,
@@ -259,13 +256,13 @@ impl Workers {
         };
         let task = AbortOnDropHandle::new(background.spawn(work.in_current_span()));
         task.await.map_err(|error| match error.try_into_panic() {
-            // The handler for panics of all requests answers it.
+            // The handler for panics of all requests answers this panic.
             Ok(panic) => std::panic::resume_unwind(panic),
             Err(_) => WorkError::BrokeOff,
         })
     }
 
-    /// Runs a task on async threads of low priority to its end; returns it if there are none.
+    /// Runs a task to its end on async threads of low priority; returns it if there are none.
     pub fn spawn_in_background(
         &self,
         task: BoxFuture<'static, ()>,
@@ -282,7 +279,7 @@ impl Workers {
         self.0.as_deref().map_or(1, |owner| owner.threads)
     }
 
-    /// Jobs that run, and jobs that wait.
+    /// Numbers of running and waiting jobs.
     pub fn load(&self) -> (usize, usize) {
         let Some(Owner { shared, .. }) = self.0.as_deref() else { return (0, 0) };
         let state = shared.state();
@@ -290,8 +287,8 @@ impl Workers {
     }
 }
 
-/// Async threads of low priority, one per core. Threads that they start, such as those of new database connections,
-/// inherit the priority.
+/// Async threads of low priority, one per core. Threads that they start inherit the priority, such as those of new database
+/// connections.
 fn background(threads: usize) -> Option<Runtime> {
     let mut builder = Builder::new_multi_thread();
     builder.worker_threads(threads).thread_name("background").enable_all();
@@ -321,7 +318,7 @@ fn work(shared: &Shared, duty: Duty) {
             metrics::histogram!("swarmbench_heavy_seconds", "kind" => kind)
                 .record(started.elapsed());
         } else {
-            // Its memory is freed here, not under the lock of the queue.
+            // The memory of the job is freed here, not under the lock of the queue.
             drop(job);
         }
         state = shared.state();
@@ -333,7 +330,7 @@ fn work(shared: &Shared, duty: Duty) {
     }
 }
 
-/// Lowers the priority of this thread. On other systems than Linux it would lower that of the whole process.
+/// Lowers the priority of this thread. Other systems than Linux would lower that of the whole process.
 #[cfg(target_os = "linux")]
 fn lower_priority() {
     if let Err(error) = rustix::process::setpriority_process(None, NICE) {
@@ -396,7 +393,7 @@ mod tests {
     async fn what_games_wait_for_does_not_keep_everything_else_from_all_threads() {
         let workers = Workers::new(2);
         let stop = Arc::new(std::sync::atomic::AtomicBool::new(false));
-        // As many games as can be that always have something to do.
+        // As many games as possible that always have something to do.
         let games: Vec<_> = (0..4)
             .map(|number| {
                 let (workers, stop) = (workers.clone(), Arc::clone(&stop));
@@ -539,7 +536,7 @@ mod tests {
             }
             workers.run("test", owner(1), Rank::Normal, |_| 3).await
         };
-        // Without a thread it would wait for ever.
+        // Without a thread the task would wait for ever.
         let done = tokio::time::timeout(Duration::from_mins(1), done).await;
         assert_eq!(done, Ok(Ok(3)));
     }

@@ -1,4 +1,4 @@
-//! How the arguments of a command are read: negative numbers are values, and errors name what is expected.
+//! Parsing of command lines: negative numbers are values, and errors name what is expected.
 
 use std::error::Error as _;
 use std::net::AddrParseError;
@@ -9,19 +9,19 @@ use clap::{CommandFactory, FromArgMatches};
 
 use super::Cli;
 
-/// The command line, with all commands.
+/// The command with all subcommands.
 pub(super) fn command() -> clap::Command {
     with_negative_numbers(Cli::command())
 }
 
-/// Reads the arguments of this process. Ends it where they are wrong, and for `--help` and `--version`.
+/// Parses the arguments of this process. Exits on errors, and for `--help` and `--version`.
 pub(super) fn parse() -> Cli {
     let matches = command().try_get_matches_from(std::env::args_os());
     let cli = matches.and_then(|mut matches| Cli::from_arg_matches_mut(&mut matches));
     cli.unwrap_or_else(|error| in_words(error).exit())
 }
 
-/// `-1` is a value and no option, so that a number out of range gets the error that names the range.
+/// Makes `-1` a value instead of an option, so that a number out of range gets the error that names the range.
 fn with_negative_numbers(command: clap::Command) -> clap::Command {
     let command = command.mut_args(|argument| {
         let takes_values = argument.get_action().takes_values();
@@ -30,7 +30,7 @@ fn with_negative_numbers(command: clap::Command) -> clap::Command {
     command.mut_subcommands(with_negative_numbers)
 }
 
-/// The parsers of numbers and addresses do not say what they expect.
+/// Adds what was expected to errors of numbers and addresses, whose parsers do not say it.
 fn in_words(error: clap::Error) -> clap::Error {
     let text = |kind| match error.get(kind) {
         Some(ContextValue::String(text)) => text.as_str(),

@@ -5,7 +5,7 @@ use super::output::{self, table};
 use super::pages::{Page, pages};
 use swarmbench_protocol::competition::AuditEntry;
 
-/// Entries that the server sends in one page.
+/// Maximum entries that the server sends in one page.
 const PAGE_ENTRIES_MAX: usize = 1000;
 
 #[derive(Debug, clap::Args)]

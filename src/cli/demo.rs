@@ -54,7 +54,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let base = format!("http://{}", listener.local_addr()?);
     let (stop, stopped) = oneshot::channel::<()>();
     let serving = tokio::spawn(server.run(listener, async {
-        // Dropping the sender stops the server.
+        // The server stops when the sender is dropped.
         drop(stopped.await);
     }));
     if !args.json {
@@ -103,7 +103,7 @@ async fn play_all(base: &str, seed: i64) -> anyhow::Result<Vec<(&'static str, Ep
     try_join_all(games).await
 }
 
-/// A new database, in a directory of this process.
+/// Path of a new database, in a directory of this process.
 fn fresh_database() -> anyhow::Result<PathBuf> {
     let directory = std::env::temp_dir().join(format!("swarmbench-demo-{}", std::process::id()));
     std::fs::create_dir_all(&directory)

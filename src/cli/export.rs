@@ -95,7 +95,7 @@ enum Format {
 }
 
 impl Format {
-    /// How the names of tables end; none for files of the toolkit.
+    /// File extension of tables; none for files of the toolkit.
     const fn end(self) -> Option<&'static str> {
         match self {
             Self::Dataset => None,
@@ -123,14 +123,14 @@ impl Args {
         self.with.iter().map(table).collect()
     }
 
-    /// The names of the files of tables.
+    /// Names of the files of tables.
     fn table_files(&self, end: &str) -> Vec<String> {
         let tables = [TableName::Episodes, TableName::Acts, TableName::Rounds];
         let all = tables.into_iter().chain(self.more_tables());
         all.map(|table| format!("{}.{end}", table.name())).collect()
     }
 
-    /// The filters, as the query of a server has them.
+    /// The filters as a server's query parameters.
     fn query(&self) -> Vec<(&'static str, String)> {
         let filters = [
             ("run", self.run.clone()),
@@ -152,7 +152,7 @@ impl Args {
         self.status.map(|status| status.name().to_owned())
     }
 
-    /// The error where no game matches.
+    /// Error when no game matches.
     fn no_match(&self, models: &Models) -> anyhow::Error {
         let mut filters = Vec::new();
         if self.imported {
@@ -238,7 +238,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Writes all files, on a thread of its own.
+/// Writes all files. Blocks, so it needs a thread of its own.
 fn write(args: &Args, partial: &Path, is_archive: bool) -> anyhow::Result<Exported> {
     let runtime = tokio::runtime::Handle::current();
     let store = runtime.block_on(Store::open_to_read(&args.db))?;

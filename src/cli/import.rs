@@ -35,7 +35,7 @@ pub(super) struct Args {
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    // A database that is new would be made first.
+    // Checked first, as opening would create a new database.
     std::fs::metadata(&args.from).with_context(|| {
         format!("there is no folder or archive {} to import", args.from.display())
     })?;
@@ -94,7 +94,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Stores games, and counts them.
+/// Stores games and counts them.
 struct Importer {
     store: Store,
     runtime: tokio::runtime::Handle,
@@ -134,7 +134,7 @@ impl Taker for Importer {
         }
         self.acts += game.acts;
         let entry = Entry::Import { game: Box::new(game), at: SystemClock.now() };
-        // It is stored before the next one is read, so that only one game is in memory.
+        // Stored before the next game is read, so that only one is in memory.
         Ok(self.runtime.block_on(self.store.keep(vec![entry]))?)
     }
 

@@ -188,7 +188,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// An entry of the audit log for a change on the server's own machine.
+/// An audit entry for a change on the server's own machine.
 fn audit_entry(action: &'static str, subject: &str, detail: serde_json::Value) -> Entry {
     Entry::Audit(Box::new(AuditRow {
         at: SystemClock.now(),

@@ -15,7 +15,7 @@ use swarmbench_boards::page;
 use swarmbench_protocol::board::{BoardRow, CrossPlay, CrossPlayPair, Leaderboard, RowDifference};
 use swarmbench_protocol::table::Table as _;
 
-/// The width of a terminal from which rows also show confidence intervals and failures.
+/// Minimum terminal width for confidence intervals and failures.
 const WIDE: u16 = 132;
 
 #[derive(Debug, clap::Args)]
@@ -159,7 +159,7 @@ pub(super) async fn run_cross_play(args: CrossPlayArgs) -> anyhow::Result<()> {
 }
 
 fn show(board: &Leaderboard) {
-    // A file or a pipe takes lines of any length.
+    // Output to a file or a pipe has lines of any length.
     let width = terminal_size::terminal_size().map_or(u16::MAX, |(width, _)| width.0);
     let Leaderboard { suite, digest, rules, pick, sort, .. } = board;
     out!("{suite}@{digest}, rules {rules}, {pick} run of each, by {sort}");
@@ -210,7 +210,7 @@ fn rows(board: &Leaderboard, width: u16) -> Table {
     shown
 }
 
-/// How far a row is below another, with the interval of 95 %.
+/// Distance of a row from a better one, with the interval of 95 %.
 pub(super) fn below(difference: Option<&RowDifference>) -> String {
     let Some(difference) = difference else { return String::new() };
     let interval = match (difference.low, difference.high) {
@@ -220,19 +220,19 @@ pub(super) fn below(difference: Option<&RowDifference>) -> String {
     format!("{:.2}\n{interval}", difference.mean)
 }
 
-/// Breaks lines in cells so that the table fits a terminal.
+/// Wraps cells so that the table fits a terminal.
 pub(super) fn fit(table: &mut Table, width: u16) {
     if width < u16::MAX {
         table.set_content_arrangement(ContentArrangement::Dynamic).set_width(width);
     }
 }
 
-/// The heading of a task: the longest name would take too much of a terminal.
+/// Heading of a task. The longest name is shortened.
 pub(super) fn short(task: &str) -> &str {
     if task == TaskName::Synchronization.name() { "Synchr." } else { task }
 }
 
-/// The player of a row, and remarks about its run.
+/// Player of a row, and remarks about its run.
 fn player(row: &BoardRow) -> String {
     let mark = match (row.reference, row.vouched) {
         (true, _) => " *",
@@ -264,7 +264,7 @@ fn player(row: &BoardRow) -> String {
     text
 }
 
-/// The score of a task, with its deviation below it, and the number of games if some are missing.
+/// Score of a task with its deviation below, and the number of games if some are missing.
 fn score(row: &BoardRow, task: &String) -> String {
     let Some(score) = row.tasks.get(task) else { return String::new() };
     let (Some(mean), Some(deviation)) = (score.mean, score.deviation) else {
@@ -324,7 +324,7 @@ fn show_cross_play(found: &CrossPlay) {
     out!("? one of these names is not vouched for");
 }
 
-/// The settings that are not those of the standard one.
+/// Settings that differ from the standard.
 fn unusual(settings: &serde_json::Map<String, serde_json::Value>) -> String {
     let standard = serde_json::to_value(swarmbench_protocol::suite::SuiteSettings::default());
     let standard = standard.unwrap_or_default();
@@ -398,7 +398,7 @@ mod tests {
             next_cursor: None,
         };
         let narrow = rows(&board, 80).to_string();
-        // Long names are broken, and nothing is missing.
+        // Long names are wrapped, and nothing is missing.
         for expected in
             ["?", "alice", "T 0.7", "aborted", "declared", "9.60", "±0.49", "4/5", "48.00"]
         {

@@ -197,7 +197,7 @@ fn progress(bar: &ProgressBar) -> Progress {
         set(&bar, done, of);
         if bar.message() != what {
             bar.set_message(what.to_owned());
-            // A bar shows nothing without a terminal.
+            // A bar prints nothing without a terminal.
             if bar.is_hidden() {
                 note!("{what} ({of})");
             }
@@ -205,7 +205,7 @@ fn progress(bar: &ProgressBar) -> Progress {
     })
 }
 
-/// How many connections may be open, by the limits of both processes and the options.
+/// Connections that may be open, by the limits of both processes and the options.
 fn connections(args: &Args, metrics: &Metrics, notes: &mut Vec<String>) -> usize {
     let own = crate::host::raise_open_files().map_or(usize::MAX, |files| {
         usize::try_from(files.saturating_sub(FILES_RESERVED)).unwrap_or(usize::MAX)
@@ -221,7 +221,7 @@ fn connections(args: &Args, metrics: &Metrics, notes: &mut Vec<String>) -> usize
     most
 }
 
-/// Where bare writers make their databases. Checked here, as clap would print a password that is in a wrong address.
+/// Location of the bare writers' databases. Checked here, as clap would print a password in an invalid address.
 fn bare_place(args: &Args) -> anyhow::Result<Place> {
     match &args.db {
         None => Ok(Place::Folder(args.dir.clone())),
@@ -297,7 +297,7 @@ async fn measure(
     }
     if named(Scenario::Polls) {
         let seats = usize::from(args.seats);
-        // One connection for each request, and one for each episode to act at.
+        // One connection for each poll, and one for each episode to act on.
         let polls = scaled("polls", args.polls.into(), connections_max * seats / (seats + 1));
         report.polls = Some(polls::run(target, polls, seats, progress).await?);
     }
@@ -468,7 +468,7 @@ fn show_play(lines: &[play::Line]) {
     );
 }
 
-/// Shows how long reads take.
+/// Prints the durations of reads.
 pub(super) fn show_reads(reads: &reads::Report) {
     let mut shown = numbers(&[
         "read",
@@ -585,7 +585,7 @@ fn show_slow(slow: &slow::Report) {
     );
 }
 
-/// A table of numbers, whose first column is text.
+/// A table of numbers whose first column is text.
 pub(super) fn numbers(headings: &[&str]) -> Table {
     let mut table = table(headings);
     for column in table.column_iter_mut().skip(1) {
@@ -602,7 +602,7 @@ fn micros(number: Option<f64>) -> String {
     number.map_or_else(|| "?".to_owned(), |micros| format!("{micros:.1}"))
 }
 
-/// A time of less than a millisecond, too.
+/// A number with two decimals, also for times below a millisecond.
 fn exact(number: f64) -> String {
     format!("{number:.2}")
 }

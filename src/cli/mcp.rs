@@ -41,11 +41,11 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What an assistant reads that was set up without a token.
+/// Message to an assistant that was set up without a token.
 const NO_TOKEN: &str = "no seat token: put the token of one agent (seat_…) into the environment of `swarmbench mcp` as \
     SWARMBENCH_TOKEN, and start the assistant again";
 
-/// A seat on a server elsewhere.
+/// A seat on a remote server.
 struct RemoteSeat {
     client: Client,
     token: Option<String>,

@@ -15,7 +15,7 @@ use super::output::{self, fields, mean, progress_bar, set, table};
 use crate::measure::{means, method, series, values};
 use crate::store::metrics::Measured;
 
-/// States of a series that a server sends at once.
+/// States of a series that a server sends in one page.
 const STATES: u32 = 1000;
 
 #[derive(Debug, clap::Args)]
@@ -115,7 +115,7 @@ fn measured(
     })
 }
 
-/// The metrics of an episode or an imported game of a server.
+/// Metrics of an episode or an imported game on a server.
 async fn of_server(args: &Args, client: &Client) -> anyhow::Result<GameMetrics> {
     let kind = if args.game.starts_with("imp_") { "imports" } else { "episodes" };
     let path = format!("/api/v1/{kind}/{}/metrics", args.game);
@@ -145,7 +145,7 @@ async fn of_server(args: &Args, client: &Client) -> anyhow::Result<GameMetrics> 
     Ok(game)
 }
 
-/// The metrics of all games of a run.
+/// Metrics of all games of a run.
 async fn of_run(args: &Args, client: &Client) -> anyhow::Result<RunMetrics> {
     if args.series {
         bail!("--series is for one game: name an episode");
@@ -228,7 +228,7 @@ fn show_run(args: &Args, run: &RunMetrics) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The parts of a table of metrics.
+/// Sections of a table of metrics.
 const PANELS: [(Option<Panel>, &str); 4] = [
     (Some(Panel::Messages), "messages"),
     (Some(Panel::Choices), "choices"),
@@ -260,7 +260,7 @@ fn heading(game: &GameMetrics) -> impl std::fmt::Display {
     ])
 }
 
-/// A row for each game and metric.
+/// Writes a row for each game and metric.
 fn values_csv(games: &[GameMetrics]) -> anyhow::Result<()> {
     let mut out = csv::Writer::from_writer(output::stream());
     out.write_record([
@@ -293,11 +293,11 @@ fn values_csv(games: &[GameMetrics]) -> anyhow::Result<()> {
     Ok(out.flush()?)
 }
 
-/// A row for each state.
+/// Writes a row for each state.
 fn series_csv(game: &GameMetrics) -> anyhow::Result<()> {
     let all = game.series.as_ref().context("the server sent no series")?;
     let mut out = csv::Writer::from_writer(output::stream());
-    // A count that is a metric, too, is written once.
+    // A count that is also a metric is written once.
     let values: BTreeMap<_, _> =
         all.values.iter().filter(|(name, _)| !all.counts.contains_key(*name)).collect();
     let names = all.counts.keys().chain(values.keys().copied());

@@ -73,7 +73,7 @@ const ROWS: &str = "{msg} {bar:30} {human_pos} of {human_len} rows, {eta} left";
 const EPISODES: &str = "{bar:30} episode {pos} of {len}, {eta} left";
 const SEARCH: &str = "{spinner} {msg}";
 
-/// Shows a step; `part` is what the bar is about, and a new part starts it again.
+/// Shows a step. `part` is the subject of the bar, which restarts with each new part.
 fn show(bar: &ProgressBar, part: &mut Option<(&'static str, &'static str)>, step: Step) {
     let (now, template, done, of) = match step {
         Step::Search(_) => (("texts that", "PostgreSQL cannot store"), SEARCH, 0, 0),

@@ -1,4 +1,4 @@
-//! The command line, one file a command.
+//! Command line, with one file per command.
 
 #[macro_use]
 mod output;
@@ -168,7 +168,7 @@ fn asked_to_stop() -> impl Future<Output = ()> {
     async fn received(signal: std::io::Result<Signal>) {
         match signal {
             Ok(mut signal) => drop(signal.recv().await),
-            // A signal without a handler is never received.
+            // If no handler can be installed, the signal is never received here.
             Err(_) => std::future::pending().await,
         }
     }

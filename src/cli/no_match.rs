@@ -1,4 +1,4 @@
-//! The error of an export without games, with the models that do have some.
+//! Error of an export without games, which names models that have some.
 
 use std::collections::BTreeSet;
 use std::io::{self, Write};
@@ -7,13 +7,13 @@ use serde::Deserialize;
 
 use crate::dataset::rows::Splitter;
 
-/// Names that the error has at most.
+/// Maximum names in the error.
 const SHOWN_MAX: usize = 10;
 
-/// Names that are compared at most.
+/// Maximum names that are compared.
 const NAMES_MAX: usize = 10_000;
 
-/// The models of games. Rows of the table `episodes` are written to it, as JSON Lines.
+/// Models of games. A writer that takes rows of the table `episodes` as JSON Lines.
 #[derive(Default)]
 pub(super) struct Models {
     names: BTreeSet<String>,
@@ -22,7 +22,7 @@ pub(super) struct Models {
 
 #[derive(Deserialize)]
 struct Row {
-    /// A list, as JSON.
+    /// A JSON list.
     models: String,
 }
 
@@ -31,7 +31,7 @@ impl Models {
         add(&mut self.names, names);
     }
 
-    /// The names that are most like this one, the nearest first.
+    /// The most similar names, nearest first.
     fn nearest(&self, wanted: &str) -> Vec<&str> {
         let wanted = wanted.to_lowercase();
         let likeness = |name: &str| strsim::jaro_winkler(&wanted, &name.to_lowercase());
@@ -41,7 +41,7 @@ impl Models {
         names.into_iter().take(SHOWN_MAX).map(|(_, name)| name).collect()
     }
 
-    /// The error, where `filters` are those that no game matches and `model` is the one among them.
+    /// The error. No game matches `filters`; `model` is the model among them.
     pub(super) fn no_match(&self, filters: &[String], model: Option<&str>) -> anyhow::Error {
         if filters.is_empty() {
             return anyhow::anyhow!("there are no games to export: nothing is written");
@@ -88,7 +88,7 @@ mod tests {
     fn the_nearest_names_come_first_and_there_are_few() {
         let mut models = Models::default();
         models.add((0..20).map(|number| format!("other-{number}")));
-        // Rows come in pieces of any size.
+        // Rows arrive in chunks of any size.
         for piece in [r#"{"models":"[\"qwen\"]"}"#, "\n{\"models\":\"[\\\"GPT-", "4o\\\"]\"}\n"] {
             models.write_all(piece.as_bytes()).expect("rows");
         }

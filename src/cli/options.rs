@@ -23,7 +23,7 @@ impl ServerArgs {
     }
 }
 
-/// A client of a server that is alive: one that does not answer is noticed before long requests are made.
+/// A client of a server that answers: a dead one is noticed before long requests.
 pub(super) async fn client(server: &str, key: Option<String>) -> anyhow::Result<Client> {
     let client = Client::new(server)?;
     client.health().await?;
@@ -33,14 +33,14 @@ pub(super) async fn client(server: &str, key: Option<String>) -> anyhow::Result<
     })
 }
 
-/// The name of a rule set, as it is on the wire.
+/// Wire name of a rule set.
 pub(super) fn rules(name: &str) -> Result<String, String> {
     let names = RuleSet::ALL.map(RuleSet::name).join(", ");
     let found = RuleSet::find(name).map(|rules| rules.name().to_owned());
     found.ok_or_else(|| format!("the rule sets are {names}"))
 }
 
-/// Where the data of a command is: on a running server, or in a database that no server uses.
+/// Source of a command's data: a running server, or a database that no server uses.
 pub(super) enum Source {
     Server(Client),
     Database(Store),

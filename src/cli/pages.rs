@@ -12,13 +12,12 @@ pub(super) struct Page<T> {
 }
 
 impl<T> Page<T> {
-    /// A whole list.
     pub(super) const fn of(items: Vec<T>) -> Self {
         Self { items, next_cursor: None }
     }
 }
 
-/// All items of a list.
+/// Reads all items of a list.
 pub(super) async fn all<T: DeserializeOwned>(
     client: &Client,
     path: &str,

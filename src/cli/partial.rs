@@ -1,11 +1,11 @@
-//! Files and folders that get their name when they are complete.
+//! Files and folders that get their names when they are complete.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 
-/// A file or folder that is being written under a name that ends in `.partial`. It is removed unless it is kept.
+/// A file or folder that is written under a name ending in `.partial`, and removed unless it is kept.
 pub(super) struct Partial {
     to: PathBuf,
     now: PathBuf,
@@ -13,7 +13,7 @@ pub(super) struct Partial {
 }
 
 impl Partial {
-    /// For a file, which replaces one that exists.
+    /// Begins a file, which will replace an existing one.
     pub(super) fn file(to: &Path) -> anyhow::Result<(Self, File)> {
         let is_other = to.metadata().is_ok_and(|found| !found.is_file());
         anyhow::ensure!(
@@ -27,7 +27,7 @@ impl Partial {
         Ok((this, file))
     }
 
-    /// For a folder, which must not exist.
+    /// Begins a folder, which must not exist.
     pub(super) fn folder(to: &Path) -> anyhow::Result<(Self, PathBuf)> {
         anyhow::ensure!(!to.exists(), "{} exists and is not overwritten", to.display());
         let this = Self::new(to);
@@ -43,7 +43,7 @@ impl Partial {
         Self { to: to.to_owned(), now: partial.into(), is_kept: false }
     }
 
-    /// Gives it its name.
+    /// Renames it to its final name.
     pub(super) fn keep(mut self) -> anyhow::Result<()> {
         std::fs::rename(&self.now, &self.to)
             .with_context(|| format!("{} cannot be written", self.to.display()))?;
@@ -63,7 +63,7 @@ impl Partial {
 impl Drop for Partial {
     fn drop(&mut self) {
         if !self.is_kept {
-            // There is nothing to do about one that cannot be removed; its name says what it is.
+            // Failures are ignored: the name shows that the file is incomplete.
             let _ = std::fs::remove_file(&self.now);
             let _ = std::fs::remove_dir_all(&self.now);
         }

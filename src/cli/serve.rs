@@ -106,10 +106,10 @@ fn node(text: &str) -> Result<String, String> {
     }
 }
 
-/// Bytes that the secret of a cluster has at least.
+/// Minimum bytes of a cluster's secret.
 const SECRET_BYTES_MIN: usize = 16;
 
-/// Listens for the other servers of a cluster, if this is to be one of several.
+/// Listens for the other servers of a cluster, if this server joins one.
 fn joining(args: &Args) -> anyhow::Result<Option<(TcpListener, Joining)>> {
     let Some((address, file)) = args.node.as_ref().zip(args.cluster_secret_file.as_ref()) else {
         return Ok(None);
@@ -130,7 +130,7 @@ fn joining(args: &Args) -> anyhow::Result<Option<(TcpListener, Joining)>> {
         Some(address.parse().unwrap_or_else(|_| (Ipv4Addr::UNSPECIFIED, port).into()))
     };
     let at = args.node_listen.or_else(usual).context("--node has no port")?;
-    // Before it joins: a process that had this address has ended then.
+    // Listens before it joins: success proves that an earlier process at this address has ended.
     let listener = listen(at).with_context(|| {
         format!("cannot listen on {at} for the other servers; is another program there?")
     })?;
@@ -153,7 +153,7 @@ fn host(text: &str) -> Result<String, String> {
     Ok(text.to_ascii_lowercase())
 }
 
-/// Reads a number of bytes: 6GiB, 512MiB, 1000000.
+/// Parses a number of bytes: 6GiB, 512MiB, 1000000.
 fn bytes(text: &str) -> Result<usize, String> {
     let units = [("KiB", 1 << 10), ("MiB", 1 << 20), ("GiB", 1 << 30), ("TiB", 1 << 40)];
     let unit = units.iter().find_map(|(name, size)| Some((text.strip_suffix(name)?, *size)));
@@ -164,7 +164,7 @@ fn bytes(text: &str) -> Result<usize, String> {
         .ok_or_else(|| "a number of bytes, at least 16MiB, such as 6GiB or 512MiB".to_owned())
 }
 
-/// With less no game fits.
+/// Minimum memory, below which no game fits.
 const MEMORY_LEAST: usize = 16 << 20;
 
 fn access(args: &Args) -> Access {

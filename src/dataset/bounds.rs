@@ -3,43 +3,43 @@
 use std::cell::Cell;
 use std::io::{self, Read};
 
-/// What is read at most. Bytes are counted as they are read: the sizes in an archive's directory are not trusted.
+/// Limits of a read. Bytes are counted as they are read, as the sizes in an archive's directory are not trusted.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
     /// Files of a folder, or entries of an archive.
     pub entries_max: usize,
     /// Nested folders.
     pub folders_max: usize,
-    /// The directory of an archive, which stays in memory.
+    /// Directory of an archive, which stays in memory.
     pub directory_bytes_max: u64,
-    /// Of one file, unpacked.
+    /// One unpacked file.
     pub file_bytes_max: u64,
-    /// Of an index, which stays in memory.
+    /// An index, which stays in memory.
     pub index_bytes_max: u64,
-    /// Of all files, unpacked.
+    /// All unpacked files together.
     pub total_bytes_max: u64,
     /// Unpacked size divided by packed size of a file in an archive, checked beyond [`RATIO_FREE_BYTES`].
     pub ratio_max: u64,
-    /// Nested arrays and objects.
+    /// Nesting of arrays and objects.
     pub depth_max: u32,
-    /// Of one state, or of one act, as JSON.
+    /// JSON of one state or one act.
     pub row_bytes_max: u64,
-    /// Numbers, texts, arrays and objects in one of them: the cells of the largest map, and some more.
+    /// Numbers, texts, arrays and objects in one state or act: the cells of the largest map, with some room.
     pub row_values_max: u64,
-    /// Of the settings of a run, as JSON: they may name a model for each agent.
+    /// JSON of a run's settings, which may name a model for each agent.
     pub settings_bytes_max: u64,
     /// Numbers, texts, arrays and objects in the settings.
     pub settings_values_max: u64,
-    /// Of a state and its packed acts, as they are stored.
+    /// A state with its packed acts, as stored.
     pub state_bytes_max: u64,
-    /// Of all states of a game, in the same way: one game at a time is in memory.
+    /// All states of a game with their packed acts, as stored. One game at a time is in memory.
     pub game_bytes_max: u64,
 }
 
-/// Bytes of a stored state with its packed acts; these have at most four times as many when they are unpacked.
+/// Maximum bytes of a stored state with its packed acts. Unpacked acts may have four times as many.
 pub const IMPORT_STATE_BYTES_MAX: u64 = 32 * 1024 * 1024;
 
-/// The first bytes of a file are exempt from the ratio: a short text may be very repetitive.
+/// Bytes of a file that are exempt from the ratio, as a short text may be very repetitive.
 pub const RATIO_FREE_BYTES: u64 = 4 * 1024 * 1024;
 
 impl Default for Bounds {
@@ -64,7 +64,7 @@ impl Default for Bounds {
 }
 
 impl Bounds {
-    /// The bounds of an index, whose rows are settings.
+    /// Bounds for an index, whose rows are settings.
     #[must_use]
     pub const fn of_index(self) -> Self {
         Self {
@@ -76,11 +76,11 @@ impl Bounds {
     }
 }
 
-/// A file that is read within bounds. Reading beyond them fails, before a parser sees what is beyond.
+/// A reader that fails when a bound is exceeded, before a parser sees the excess.
 pub struct Bounded<'a, R> {
     file: R,
     bounds: Bounds,
-    /// Its size in its archive.
+    /// Size of the file in its archive.
     packed: Option<u64>,
     bytes: u64,
     /// Bytes of all files so far.
@@ -88,7 +88,7 @@ pub struct Bounded<'a, R> {
     depth: u32,
     in_text: bool,
     escaped: bool,
-    /// Where the current element of the outermost array or object begins, and how many values it has so far.
+    /// Offset of the current element of the outermost array or object, and its number of values so far.
     row: (u64, u64),
 }
 
@@ -117,7 +117,7 @@ impl<'a, R: Read> Bounded<'a, R> {
         Ok(())
     }
 
-    /// Counts the nested arrays and objects, and what an element has; invalid JSON is found by the parser.
+    /// Counts nesting and the values of elements. Invalid JSON is left to the parser.
     fn measure(&mut self, bytes: &[u8]) -> io::Result<()> {
         for (at, byte) in (self.bytes - bytes.len() as u64..).zip(bytes) {
             if self.in_text {
@@ -153,7 +153,7 @@ impl<'a, R: Read> Bounded<'a, R> {
         self.check_row(self.bytes)
     }
 
-    /// Checks the element that ends at a place, or goes on there.
+    /// Checks the current element, which ends at `at` or continues there.
     fn check_row(&self, at: u64) -> io::Result<()> {
         let Bounds { row_bytes_max, row_values_max, .. } = self.bounds;
         let (begin, values) = self.row;

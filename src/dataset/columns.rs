@@ -1,4 +1,4 @@
-//! Parquet: rows are gathered and written in groups of bounded size.
+//! Parquet files, written in row groups of bounded size.
 
 use std::io::Write;
 use std::sync::Arc;
@@ -12,13 +12,12 @@ use parquet::schema::types::Type;
 
 use super::tables::{Cell, Column, Kind};
 
-/// A group of rows is written when it has this many rows.
+/// Rows after which a row group is written.
 const ROWS_MAX: usize = 8192;
 
-/// A group of rows is also written when its texts have this many bytes.
+/// Bytes of texts after which a row group is written.
 const BYTES_MAX: usize = 8 * 1024 * 1024;
 
-/// A table that is being written as a Parquet file.
 pub struct Table<W: Write + Send> {
     file: SerializedFileWriter<W>,
     columns: &'static [Column],
@@ -27,7 +26,7 @@ pub struct Table<W: Write + Send> {
 }
 
 impl<W: Write + Send> Table<W> {
-    /// `name` is the name of the schema of a row.
+    /// `name` names the schema of a row.
     pub fn new(out: W, name: &str, columns: &'static [Column]) -> Result<Self> {
         let fields = columns.iter().map(|column| field(*column)).collect::<Result<_>>()?;
         let schema = Type::group_type_builder(name).with_fields(fields).build()?;

@@ -1,8 +1,8 @@
-//! Writing: stored episodes, replayed one after the other, one round at a time.
+//! Export of stored episodes, which are replayed one after the other, round by round.
 //!
-//! An export reads a few rounds at once and has one episode's world in memory, however many episodes there are; the
-//! texts of acts are read part by part. It needs a thread of its own: it computes, reads the store, and waits for the
-//! reader of its output.
+//! An export reads a few rounds at once and has one episode's world in memory, however many episodes there are; the texts of
+//! acts are read part by part. An export needs a thread of its own: it computes, reads the store, and waits for the reader of
+//! its output.
 
 use std::collections::{BTreeSet, HashSet};
 use std::io::{self, Write};
@@ -30,16 +30,16 @@ use crate::store::port::StoredEpisode;
 use crate::store::records::ActReader;
 use crate::store::{Store, StoreError};
 
-/// Rounds per read.
+/// Rounds of one read.
 const CHUNK: u32 = 8;
 
-/// Episodes per page of the list.
+/// Episodes of one page of the list.
 const PAGE: u32 = 100;
 
-/// Bytes of acts, with their texts, per read.
+/// Bytes of complete acts of one read.
 const ACTS_BYTES: usize = 256 * 1024;
 
-/// Bytes that are buffered before they are compressed or sent.
+/// Bytes buffered before they are compressed or sent.
 const BUFFER_BYTES: usize = 64 * 1024;
 
 #[derive(Debug, thiserror::Error)]
@@ -57,7 +57,7 @@ pub enum ExportError {
     Stopped,
 }
 
-/// The episodes to export: all that have ended if the filter names no status.
+/// The episodes to export: all ended ones if the filter names no status.
 #[derive(Clone, Debug)]
 pub struct Selection {
     pub filter: Filter,
@@ -69,16 +69,16 @@ pub struct Exported {
     pub episodes: u64,
     pub rounds: u64,
     pub acts: u64,
-    /// Episodes that are left out because they cannot be replayed, with the reason.
+    /// Episodes that cannot be replayed and are left out, with the reason.
     pub broken: Vec<(String, String)>,
 }
 
 pub struct Export<'a> {
     store: &'a Store,
     runtime: Handle,
-    /// The numbers of the selected episodes: nothing else of them stays in memory.
+    /// Keys of the selected episodes, the only data about them that stays in memory.
     keys: Vec<EpisodeKey>,
-    /// The acts of its seats alone are in the table of acts.
+    /// A model: the table of acts is restricted to its seats.
     played_by: Option<String>,
     exported: Exported,
     progress: Box<dyn FnMut(u64, u64) + 'a>,
@@ -86,9 +86,8 @@ pub struct Export<'a> {
 }
 
 impl<'a> Export<'a> {
-    /// Selects what there is now. `may` decides whether an episode may be exported; `progress` is called with the
-    /// number of episodes written and the number of all; `stop` ends the export early. It blocks: not to be called on
-    /// an async thread.
+    /// Selects episodes as of now. `may` decides whether an episode may be exported; `progress` gets the written and the
+    /// total number of episodes; `stop` ends the export early. Blocks, so not for async threads.
     pub fn select(
         store: &'a Store,
         selection: &Selection,
@@ -99,7 +98,7 @@ impl<'a> Export<'a> {
         let runtime = Handle::current();
         let Selection { filter, episode } = selection;
         let wanted = |stored: &StoredEpisode| {
-            // A voided episode counts nowhere: it is exported only when it is named.
+            // A voided episode counts nowhere, and is exported only by its id.
             let counts = stored.void_reason.is_none() || episode.is_some();
             (filter.status.is_some() || stored.ended_at.is_some()) && counts && may(stored)
         };
@@ -119,7 +118,7 @@ impl<'a> Export<'a> {
                 );
             }
         }
-        // Lists begin with the newest.
+        // Lists start with the newest episode, exports with the oldest.
         keys.reverse();
         let (exported, progress) = (Exported::default(), Box::new(progress));
         let played_by = filter.played_by.clone();
@@ -131,7 +130,7 @@ impl<'a> Export<'a> {
         self.keys.is_empty()
     }
 
-    /// Writes the files of the toolkit: the states and the acts of every episode, and then the index.
+    /// Writes the files of the toolkit: states and acts of each episode, then the index.
     pub fn dataset(mut self, files: &mut dyn Files) -> Result<Exported, ExportError> {
         let mut written = Vec::new();
         let (mut rounds, mut acts) = (0, 0);
@@ -250,7 +249,7 @@ impl<'a> Export<'a> {
         Ok(self.finish(rounds, acts))
     }
 
-    /// The row of an episode; it is replayed where it was not measured yet.
+    /// An episode's row. An episode without stored metrics is replayed.
     fn episode(&mut self, key: EpisodeKey) -> Result<Option<Vec<Cell>>, ExportError> {
         let Some(stored) = self.stored(key)? else { return Ok(None) };
         let header = match Header::read(&stored) {
@@ -283,7 +282,7 @@ impl<'a> Export<'a> {
         Ok(Some(tables::episode(&header, &stored, &outcome)))
     }
 
-    /// The metrics of an episode: those that are stored, or else it is replayed.
+    /// Stored metrics of an episode, or else those of a replay.
     fn measured(&self, stored: &StoredEpisode) -> Result<Measured, Fault> {
         let found = self.store.metrics_of(stored.episode, stored_method());
         let found = self.runtime.block_on(found).map_err(ExportError::from)?;
@@ -317,8 +316,8 @@ impl<'a> Export<'a> {
         Ok(found.into_iter().find(|stored| stored.episode == key))
     }
 
-    /// A selected episode at its layout, or `None` if its journal cannot be replayed. It is replayed before anything is
-    /// written, because a file that was begun cannot be withdrawn.
+    /// A selected episode before its first round; `None` if its journal cannot be replayed. The check by a replay comes
+    /// before any output, as a file cannot be withdrawn once begun.
     fn sound(&mut self, key: EpisodeKey) -> Result<Option<(StoredEpisode, Game)>, ExportError> {
         let Some(stored) = self.stored(key)? else { return Ok(None) };
         let played = Game::new(&stored)
@@ -350,7 +349,7 @@ impl<'a> Export<'a> {
         })
     }
 
-    /// Replays an episode that passed [`Self::sound`], act by act, with the texts of each.
+    /// Replays an episode that passed [`Self::sound`], act by act with all texts.
     fn play_acts(
         &self,
         stored: &StoredEpisode,
@@ -404,7 +403,7 @@ pub struct ImportedGames<'a> {
 }
 
 impl<'a> ImportedGames<'a> {
-    /// Selects what there is now. It blocks: not to be called on an async thread.
+    /// Selects imported games as of now. Blocks, so not for async threads.
     pub fn select(
         store: &'a Store,
         task: Option<String>,
@@ -437,8 +436,8 @@ impl<'a> ImportedGames<'a> {
         Ok(models)
     }
 
-    /// Writes the games as they were imported. Of several with one name the oldest is written, as a file name can be
-    /// used once.
+    /// Writes games in the form in which they were imported. Of several games with one name only the oldest is written, as
+    /// file names are unique.
     pub fn dataset(mut self, files: &mut dyn Files) -> Result<Exported, ExportError> {
         let mut exported = Exported::default();
         let mut names = HashSet::new();
@@ -514,7 +513,7 @@ fn unreadable(problem: Unreadable) -> ExportError {
     ExportError::Journal(StoreError::broken(problem.to_string()))
 }
 
-/// The episode with this id, if the filter lets it through. Whether it may be read is decided by the caller.
+/// Finds an episode that passes the filter. The caller decides whether it may be read.
 async fn find(
     store: &Store,
     filter: &Filter,
@@ -531,7 +530,6 @@ async fn find(
 }
 
 enum Fault {
-    /// The journal cannot be replayed.
     Broken(String),
     Error(ExportError),
 }
@@ -550,12 +548,12 @@ fn lay_out(stored: &StoredEpisode) -> Result<Game, ExportError> {
     Game::new(stored).map_err(|problem| changed(stored, &problem))
 }
 
-/// Stored episodes do not change, so this does not happen.
+/// Error for a journal that changed after its check. Stored episodes never change, so it does not occur.
 fn changed(stored: &StoredEpisode, problem: &str) -> ExportError {
     ExportError::Journal(StoreError::broken(format!("episode {}: {problem}", stored.id)))
 }
 
-/// A JSON array or object, written element by element, each on a line of its own.
+/// Writes a JSON array or object with each element on a line of its own.
 struct List<'a> {
     out: io::BufWriter<&'a mut dyn Write>,
     is_empty: bool,

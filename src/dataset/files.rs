@@ -1,4 +1,4 @@
-//! The files of an export: in a folder, or in an archive that is written as a stream.
+//! Output files of an export: a folder, or an archive written as a stream.
 
 use std::cell::Cell;
 use std::fs::File;
@@ -9,9 +9,9 @@ use std::rc::Rc;
 use zip::write::{SimpleFileOptions, StreamWriter};
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
-/// Takes files one after the other.
+/// A sink for files in sequence.
 pub trait Files {
-    /// Begins a file; everything written before the next call belongs to it.
+    /// Begins a file; writes until the next call belong to it.
     fn begin(&mut self, name: &str) -> io::Result<&mut dyn Write>;
 
     /// Completes the last file and the archive.
@@ -48,7 +48,7 @@ impl Files for Folder {
     }
 }
 
-/// A zip archive, written as a stream: the size of a file follows its data, in 64 bits.
+/// A zip archive written as a stream: the size of a file follows its data, with 64 bits.
 pub struct Archive<W: Write> {
     zip: Option<ZipWriter<StreamWriter<Gate<W>>>>,
     is_shut: Rc<Cell<bool>>,
@@ -63,13 +63,13 @@ impl<W: Write> Archive<W> {
 }
 
 impl<W: Write> Drop for Archive<W> {
-    /// An incomplete archive gets no end record: it would look complete.
+    /// Drops the end record of an incomplete archive, which would otherwise look complete.
     fn drop(&mut self) {
         self.is_shut.set(true);
     }
 }
 
-/// Passes bytes on until it is shut.
+/// Passes bytes on until shut, then discards them.
 struct Gate<W> {
     out: W,
     is_shut: Rc<Cell<bool>>,

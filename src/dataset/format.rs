@@ -1,27 +1,26 @@
-//! The shapes of the three kinds of files: an index of runs, the states of a run, and what its agents
-//! did.
+//! The three kinds of files of the toolkit: an index of runs, the states of a run, and the acts of a run.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use swarmbench_protocol::failure::Failure;
 
-/// The name of the index.
+/// File name of the index.
 pub const META: &str = "meta_log.json";
 
-/// The name of the file with the states of a run.
+/// File name of a run's states.
 pub fn game_file(run_id: &str) -> String {
     format!("game_log_{run_id}.json")
 }
 
-/// The name of the file with the acts of a run.
+/// File name of a run's acts.
 pub fn agent_file(run_id: &str) -> String {
     format!("agent_log_{run_id}.json")
 }
 
 pub const RUN_ID_CHARS_MAX: usize = 128;
 
-/// Whether a text may be part of a file name: letters, digits, `-`, `_`, spaces and parentheses. The toolkit makes its
-/// ids of a time and the name of a thread.
+/// Whether a text may be part of a file name: letters, digits, `-`, `_`, spaces and parentheses. The toolkit's ids consist of
+/// a time and the name of a thread.
 pub fn is_run_id(text: &str) -> bool {
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | ' ' | '(' | ')');
     (1..=RUN_ID_CHARS_MAX).contains(&text.len()) && text.chars().all(plain) && text.trim() == text
@@ -30,9 +29,9 @@ pub fn is_run_id(text: &str) -> bool {
 /// The settings of a run: a value of the index.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Meta {
-    /// One name, or a list with the name of each agent's model.
+    /// One model name, or a list with the name of each agent's model.
     pub model: Value,
-    /// Logs of the toolkit's first versions call it `level`.
+    /// Named `level` in logs of the toolkit's first versions.
     #[serde(alias = "level")]
     pub task: String,
     pub num_agents: u32,
@@ -42,8 +41,8 @@ pub struct Meta {
     pub seed: u64,
     /// Rows and columns of an agent's window.
     pub view_size: u32,
-    /// Further fields. An export has `rules`, `control`, `memory`, `noise`, `max_delay`, `status`, `run` if the game
-    /// belongs to one, and `mixed` and `holders` if its seats had several holders.
+    /// Further fields. Exports have `rules`, `control`, `memory`, `noise`, `max_delay`, `status`, `run` for games of a run,
+    /// and `mixed` and `holders` for games with several holders.
     #[serde(flatten)]
     pub rest: Map<String, Value>,
 }
@@ -57,9 +56,9 @@ pub struct GameRow {
     pub task: String,
     /// Resolved rounds; 0 is the layout.
     pub round: u32,
-    /// Rows of cells of one character.
+    /// Rows of one-character cells.
     pub grid: Vec<Vec<String>>,
-    /// All agents, also those that have left the map.
+    /// All agents, including escaped ones.
     pub agents: Vec<AgentAt>,
     pub score: f64,
     /// Messages of the last resolved round.
@@ -83,20 +82,19 @@ pub struct Said {
     pub message: String,
 }
 
-/// What an agent did in a round.
+/// An act of an agent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AgentRow {
     /// Seconds since 1970.
     pub timestamp: Option<f64>,
     #[serde(alias = "level")]
     pub task: String,
-    /// The round of the act; the state before it has the same number.
+    /// Round of the act, equal to the number of the state before it.
     pub round: u32,
     pub agent_id: String,
-    /// Rows of cells of the agent's window, its own cell with its own number.
+    /// Rows of cells of the agent's window. Its own cell has its own number.
     pub view: Option<Vec<Vec<String>>>,
     pub prompt: Option<String>,
-    /// The answer of the language model.
     pub response: Option<String>,
     pub action: Option<String>,
     pub message: Option<String>,
@@ -104,18 +102,18 @@ pub struct AgentRow {
     pub api_call_time: Option<f64>,
     /// Whether the action had its effect.
     pub action_success: Option<bool>,
-    /// Tokens of all the agent's answers so far.
+    /// Total tokens of the agent's answers so far.
     pub total_llm_tokens: Option<u64>,
-    /// Why the answer of the language model was invalid. The toolkit has neither this nor the fields below.
+    /// Reason of an invalid answer. This and all following fields are extensions of the toolkit's format.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<Failure>,
-    /// The model of the holder of its seat.
+    /// Model of the seat's holder.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
-    /// The number of the holder of its seat; 0 is the creator.
+    /// Number of the seat's holder; 0 is the creator.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub holder: Option<u32>,
-    /// The built-in player, if the server played the seat.
+    /// The built-in player of a hosted seat.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub player: Option<String>,
 }

@@ -1,4 +1,4 @@
-//! A stored episode, replayed round by round.
+//! Replay of a stored episode, round by round.
 
 use std::sync::Arc;
 
@@ -18,25 +18,24 @@ use swarmbench_prompt::tasks;
 use swarmbench_protocol::observation::Sight;
 use swarmbench_protocol::status::Status;
 
-/// An episode that is being replayed.
 pub struct Game {
     pub header: Header,
     config: Arc<Config>,
     description: String,
     replayer: Replayer,
     began_at: Timestamp,
-    /// By agent: tokens of its answers so far, if any were reported.
+    /// By agent: total tokens of its answers so far, if any were reported.
     tokens: Vec<Option<u64>>,
 }
 
 /// A replayed round.
 pub struct Turn {
     pub round: u32,
-    /// The state in which it was decided.
+    /// State before the round.
     pub before: Arc<World>,
-    /// What was decided, in order of the agents' numbers.
+    /// In order of the agents' numbers.
     pub acts: Vec<GameAct>,
-    /// When the round was resolved.
+    /// Time of the round's resolution.
     pub at: Timestamp,
 }
 
@@ -44,14 +43,14 @@ pub struct GameAct {
     pub agent: AgentId,
     pub at: Timestamp,
     pub record: ActRecord,
-    /// Whether the action had its effect.
+    /// Whether the action had an effect; see `took_effect`.
     pub took_effect: bool,
-    /// Tokens of all the agent's answers up to this one, if any were reported.
+    /// Total tokens of the agent's answers up to this one, if any were reported.
     pub tokens: Option<u64>,
 }
 
 impl GameAct {
-    /// The same act with its complete record.
+    /// A copy with the complete record.
     #[must_use]
     pub fn with(&self, record: ActRecord) -> Self {
         let Self { agent, at, took_effect, tokens, .. } = *self;
@@ -74,12 +73,12 @@ impl Game {
         })
     }
 
-    /// The state now.
+    /// The current state.
     pub fn world(&self) -> &World {
         self.replayer.world()
     }
 
-    /// Plays the next round, and compares the state with the recorded digest.
+    /// Plays the next round; fails if the state's digest differs from the recorded one.
     pub fn play(&mut self, round: LoggedRound) -> Result<Turn, String> {
         let at = |fault: RoundFault| format!("round {}: {fault}", round.round);
         let before = Arc::clone(self.replayer.world());
@@ -105,12 +104,12 @@ impl Game {
         Ok(Turn { round: round.round, acts: acts.collect(), before, at: round.at })
     }
 
-    /// The window in which an agent decided a round; `None` once it has escaped.
+    /// The window that an agent saw when it decided a round; `None` once it has escaped.
     pub fn view(&self, turn: &Turn, agent: AgentId) -> Option<Vec<Vec<String>>> {
         view(&turn.before.observe(agent), self.config.rules())
     }
 
-    /// The settings, as the index has them.
+    /// The episode's entry in the index.
     pub fn meta(&self, status: &str) -> Meta {
         let Header { opening, .. } = &self.header;
         let config = &opening.config;
@@ -123,7 +122,8 @@ impl Game {
             ("max_delay", json!(config.max_delay)),
             ("status", json!(status)),
         ];
-        // Settings that came later are there only where a game has them: the same game, exported again, is imported once.
+        // A newer setting is written only if the game uses it: an export must stay the same, so that it is imported only
+        // once.
         if !AnswerReader::is_usual(&config.answer_reader) {
             rest.push(("answer_reader", json!(config.answer_reader)));
         }
@@ -133,7 +133,7 @@ impl Game {
         if let Some(run) = &opening.run {
             rest.push(("run", json!(run)));
         }
-        // Other games keep the fields that they always had: the same game, exported again, is imported once.
+        // Games with one holder keep the original fields: an export must stay the same, so that it is imported only once.
         if self.header.is_mixed() {
             let holders: Vec<u32> = self.header.by_agent().map(|holder| holder.holder).collect();
             rest.extend([("mixed", json!(true)), ("holders", json!(holders))]);
@@ -159,7 +159,7 @@ impl Game {
         self.row(self.began_at, Vec::new())
     }
 
-    /// The state after `turn`, the last round played.
+    /// The state after `turn`, which must be the last played round.
     pub fn after(&self, turn: &Turn) -> GameRow {
         let said = turn.acts.iter().filter_map(|act| {
             Some(Said {
@@ -189,7 +189,7 @@ impl Game {
         }
     }
 
-    /// A row of the agent's file for an act of the last round played.
+    /// A row of the file of acts for an act of the last played round.
     pub fn act(&self, turn: &Turn, act: &GameAct) -> AgentRow {
         let seen = turn.before.observe(act.agent);
         let record = &act.record;
@@ -217,7 +217,7 @@ impl Game {
         }
     }
 
-    /// The agent's prompt; `None` if the template fails.
+    /// The agent's prompt; `None` if its template fails.
     fn prompt(&self, seen: &Observation) -> Option<String> {
         let sight = Sight::of(
             seen,
@@ -230,8 +230,8 @@ impl Game {
     }
 }
 
-/// Whether an action had its effect: a move did if the agent got somewhere in its direction, `SWITCH` always, `STAY`
-/// and no action never.
+/// Whether an action had an effect: moves if the agent got somewhere in their direction, `SWITCH` always, `STAY` and a
+/// missing action never.
 fn took_effect(action: Option<Action>, from: &AgentState, to: &AgentState) -> bool {
     match action.map(|action| (action, action.direction())) {
         Some((_, Some(direction))) => {
@@ -250,7 +250,7 @@ fn seconds(at: Timestamp) -> f64 {
     millis / 1000.0
 }
 
-/// The whole map, one character per cell. An agent is `A`, or `a` if its light is off or it carries no food.
+/// The whole map with one character a cell. `A` is an agent, or `a` if its light is off or it carries no food.
 pub fn grid(world: &World) -> Vec<Vec<String>> {
     let seen = world.spectator_view();
     let mut grid: Vec<Vec<String>> =
@@ -268,7 +268,7 @@ pub fn grid(world: &World) -> Vec<Vec<String>> {
     grid
 }
 
-/// The window of an agent. Its own cell has its own number, marked like those of other agents.
+/// An agent's window. Its own cell has its own number, marked as the cells of other agents are.
 fn view(seen: &Observation, rules: RuleSet) -> Option<Vec<Vec<String>>> {
     let flag = seen.light_on.or(seen.carrying_food);
     let marked = flag.is_some_and(|flag| match rules {

@@ -1,4 +1,4 @@
-//! What a stored episode tells without a replay: its settings, and who holds its seats.
+//! Facts about a stored episode that need no replay: its settings and the holders of its seats.
 
 use std::collections::BTreeSet;
 
@@ -13,7 +13,7 @@ pub struct Header {
     pub opening: Opening,
     /// In order of their numbers.
     holders: Vec<SeatHolder>,
-    /// By agent: the place of its holder in `holders`.
+    /// By agent: index of its holder in `holders`.
     seats: Vec<usize>,
 }
 
@@ -42,35 +42,35 @@ impl Header {
         Ok(Self { opening: *opening, holders: seats.holders, seats: places })
     }
 
-    /// Who holds the seat of an agent.
+    /// The holder of an agent's seat.
     pub fn holder(&self, agent: AgentId) -> &SeatHolder {
         &self.holders[self.seats[agent.index()]]
     }
 
-    /// The holder of each seat, in order of the agents' numbers.
+    /// Holders by seat, in order of the agents' numbers.
     pub fn by_agent(&self) -> impl Iterator<Item = &SeatHolder> {
         self.seats.iter().map(|place| &self.holders[*place])
     }
 
-    /// Whether the seats had more than one holder.
+    /// Whether seats have more than one holder.
     pub fn is_mixed(&self) -> bool {
         self.holders.len() > 1
     }
 
-    /// Which prompt the creator's player could ask for.
+    /// The identity of the prompt that the creator's player could ask for.
     pub fn prompt(&self) -> Identity {
         let Opening { config, prompt_template, prompt_revision, agent_meta, .. } = &self.opening;
         let template = config.custom_template.then_some(prompt_template.as_str());
         Identity::of(template, *prompt_revision, agent_meta.get(SYSTEM_MESSAGE))
     }
 
-    /// All models that held seats.
+    /// Models of all holders.
     pub fn models(&self) -> BTreeSet<&str> {
         self.holders.iter().map(|holder| holder.model.as_str()).collect()
     }
 }
 
-/// An episode without a record of seats: nobody else could hold one, or it never began.
+/// Seats of an episode without a seating record: no seat was open to others, or the episode never began.
 fn all_of_the_creator(opening: &Opening) -> Seats {
     let creator = SeatHolder {
         holder: 0,

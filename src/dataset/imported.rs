@@ -1,4 +1,4 @@
-//! A game that was read from files, as the store keeps it.
+//! Imported games: from files to the store, and back to states and acts.
 
 use std::collections::HashSet;
 use std::io::{BufRead as _, BufReader, Read, Write};
@@ -21,7 +21,7 @@ use swarmbench_protocol::episode::{State, StateAgent};
 
 const MODEL_CHARS_MAX: usize = 200;
 
-/// Rows and columns of a map, and of a window.
+/// Maximum rows or columns of a map, and of a window.
 const SIDE_MAX: u32 = 1024;
 
 const AGENTS_MAX: u32 = 1024;
@@ -31,7 +31,7 @@ const ROUNDS_MAX: u32 = 100_000;
 /// Characters of an agent's name.
 const NAME_CHARS_MAX: usize = 64;
 
-/// A state as it is stored, with each row of the grid as one text.
+/// A state as stored: each row of the grid is one text.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct StoredState {
     timestamp: Option<f64>,
@@ -40,10 +40,10 @@ struct StoredState {
     messages: Vec<Said>,
 }
 
-/// Unpacked bytes of the acts of a state.
+/// Maximum unpacked bytes of the acts of a state.
 const ACTS_BYTES_MAX: u64 = 4 * IMPORT_STATE_BYTES_MAX;
 
-/// Checks the parts of a game as they are read, and makes the row of the store from them.
+/// Checks the parts of a game as they are read, and builds its row for the store.
 pub struct Builder {
     run_id: String,
     meta: Meta,
@@ -53,26 +53,26 @@ pub struct Builder {
     rounds: Vec<ImportedRound>,
     names: Vec<String>,
     acts: u64,
-    /// What was acted in each round.
+    /// Agents with an act, and bytes of acts, for each round.
     acted: Vec<Acted>,
-    /// The acts of the current round, one JSON object per line.
+    /// Packed acts of the current round, one JSON object a line.
     open: Option<GzEncoder<Vec<u8>>>,
     open_round: u32,
     /// Bytes of all states and packed acts.
     bytes: u64,
 }
 
-/// The acts of a round.
+/// Agents that occurred in a round, and the bytes of their acts.
 #[derive(Clone, Default)]
 struct Acted {
-    /// A bit for each agent.
+    /// One bit for each agent.
     by: Vec<u64>,
-    /// Before they are packed.
+    /// Unpacked bytes.
     bytes: u64,
 }
 
 impl Builder {
-    /// A game without states. An error says which of its settings is invalid.
+    /// Starts a game without states. An error names the invalid setting.
     pub fn new(run_id: &str, meta: Meta, bounds: Bounds) -> Result<Self, String> {
         let model = model(&meta.model)?;
         let task = TaskName::parse(&meta.task)
@@ -166,20 +166,20 @@ impl Builder {
         self.count(expected, added)
     }
 
-    /// The highest score after so many rounds: what the rules of the task can give, or a little more.
+    /// Upper bound of the score after a number of rounds by the rules of the task, not always tight.
     fn score_max(&self, rounds: u32) -> f64 {
         let Meta { num_agents, width, height, .. } = self.meta;
         let (agents, rounds) = (f64::from(num_agents), f64::from(rounds));
         match self.task {
             TaskName::Transport => agents,
-            // No agent is further from its cell of the shape, part of which may be outside of the map.
+            // An agent's distance to its cell of the shape, part of which may be outside of the map, is at most this.
             TaskName::Flocking => agents * f64::from(width + height + num_agents),
             TaskName::Pursuit | TaskName::Synchronization => rounds,
             TaskName::Foraging => agents * rounds,
         }
     }
 
-    /// Checks that each message is of another agent of the game.
+    /// Checks that each message comes from a different agent of the game.
     fn check_messages(&self, messages: &[Said]) -> Result<(), String> {
         let mut senders = Acted::default();
         for said in messages {
@@ -193,7 +193,7 @@ impl Builder {
         Ok(())
     }
 
-    /// Counts bytes that were added to a round.
+    /// Counts bytes added to a round.
     fn count(&mut self, round: usize, added: usize) -> Result<(), String> {
         let Bounds { state_bytes_max, game_bytes_max, .. } = self.bounds;
         self.bytes += added as u64;
@@ -210,14 +210,14 @@ impl Builder {
         Ok(())
     }
 
-    /// Whether an agent can be where it is: on the map, or on the next cell after its escape in Transport.
+    /// Whether an agent's position is possible: on the map, or one cell outside after its escape in Transport.
     fn is_possible(&self, agent: &AgentAt) -> bool {
         let outside = i64::from(self.task == TaskName::Transport);
         let fits = |n: i32, cells: u32| (-outside..i64::from(cells) + outside).contains(&n.into());
         fits(agent.x, self.meta.width) && fits(agent.y, self.meta.height)
     }
 
-    /// The rows of a grid; every cell has one character.
+    /// The rows of a grid as texts. Every cell must have one character.
     fn grid(&self, rows: &[Vec<String>]) -> Result<Vec<String>, String> {
         let (height, width) = (self.meta.height as usize, self.meta.width as usize);
         if rows.len() != height || rows.iter().any(|row| row.len() != width) {
@@ -230,7 +230,7 @@ impl Builder {
         Ok(rows.iter().map(|row| row.concat()).collect())
     }
 
-    /// Adds an act. The acts of a round may be in any order.
+    /// Adds an act. Acts of a round may come in any order.
     pub fn add_act(&mut self, row: &AgentRow) -> Result<(), String> {
         let at = |problem: &str| {
             format!("round {}, agent {:?}: {problem}", row.round, short(&row.agent_id))
@@ -241,7 +241,7 @@ impl Builder {
         let Some(agent) = self.names.iter().position(|name| *name == row.agent_id) else {
             return Err(at("it is no agent of this run"));
         };
-        // The toolkit writes rows with empty texts for agents that have escaped.
+        // The toolkit writes rows with empty texts for escaped agents.
         let action = row.action.as_deref().unwrap_or_default();
         if !action.is_empty() && Action::ALL.iter().all(|known| known.name() != action) {
             return Err(at(&format!("the action {:?} is not known", short(action))));
@@ -270,12 +270,12 @@ impl Builder {
         Ok(())
     }
 
-    /// Completes the acts that were read, and puts them into their round.
+    /// Closes the packed acts read so far, and appends them to their round.
     pub fn pack(&mut self) -> Result<(), String> {
         let Some(open) = self.open.take() else { return Ok(()) };
         let packed = open.finish().expect("memory takes everything");
         let round = self.open_round as usize;
-        // Several packed pieces one after the other are as good as one.
+        // Concatenated gzip members are one valid stream.
         self.rounds[round].acts.get_or_insert_default().extend(&packed);
         self.count(round, packed.len())
     }
@@ -314,7 +314,7 @@ impl Builder {
 }
 
 impl Acted {
-    /// Notes an agent; false if it is there already.
+    /// Marks an agent; false if it was already marked.
     fn add(&mut self, agent: usize) -> bool {
         let (place, bit) = (agent / 64, 1 << (agent % 64));
         if self.by.len() <= place {
@@ -326,7 +326,7 @@ impl Acted {
     }
 }
 
-/// The settings that make games comparable.
+/// The settings that decide whether games are comparable.
 fn settings(meta: &Meta) -> ImportConfig {
     let word = |name: &str| {
         let word = meta.rest.get(name).and_then(Value::as_str);
@@ -348,7 +348,7 @@ fn settings(meta: &Meta) -> ImportConfig {
     }
 }
 
-/// One name for those who played.
+/// A single name for a model or a list of models.
 fn model(value: &Value) -> Result<String, String> {
     match value {
         Value::String(name) => plain_model(name).map(str::to_owned),
@@ -375,7 +375,7 @@ fn plain_model(name: &str) -> Result<&str, String> {
     }
 }
 
-/// All names, or the first of them and how many are left out.
+/// All names, or the first ones and the number of those left out.
 fn joined(names: &[&str]) -> String {
     let all = names.join(" + ");
     if all.chars().count() <= MODEL_CHARS_MAX {
@@ -393,7 +393,7 @@ fn is_plain(text: &str, most: usize) -> bool {
     (1..=most).contains(&text.chars().count()) && !text.contains(char::is_control)
 }
 
-/// The beginning of a text, for a message.
+/// The beginning of a text, for error messages.
 fn short(text: &str) -> String {
     text.chars().take(60).collect()
 }
@@ -402,16 +402,16 @@ fn text(value: &impl Serialize) -> String {
     serde_json::to_string(value).expect("string keys")
 }
 
-/// A name that stands there a second time.
+/// A name that occurs twice, if any.
 fn twice(names: &[String]) -> Option<&String> {
     let mut seen = HashSet::new();
     names.iter().find(|name| !seen.insert(*name))
 }
 
-/// Why a stored game cannot be shown.
+/// A stored game cannot be shown.
 #[derive(Debug, thiserror::Error)]
 pub enum Unreadable {
-    /// An earlier version stored more than is read now.
+    /// An earlier version stored a game beyond the current limits.
     #[error("{0} (import_state_bytes_max is {IMPORT_STATE_BYTES_MAX})")]
     TooLarge(String),
     #[error("{0}")]
@@ -424,10 +424,10 @@ impl From<String> for Unreadable {
     }
 }
 
-/// How many of the states from `from` on, whose stored bytes these are, are read at once.
+/// The end of the range of states, from `from` on, that are read at once. `bytes` are their stored sizes.
 ///
 /// # Errors
-/// Where the first of them is missing, or too large.
+/// If the state `from` is missing or too large.
 pub fn fitting(from: u32, bytes: &[u64]) -> Result<u32, Unreadable> {
     let mut all = 0_u64;
     let fits = |&&bytes: &&u64| {
@@ -443,12 +443,12 @@ pub fn fitting(from: u32, bytes: &[u64]) -> Result<u32, Unreadable> {
     }
 }
 
-/// The settings of a stored game, as its files have them.
+/// The settings of a stored game, in the form of its files.
 pub fn meta(stored: &str) -> Result<Meta, Unreadable> {
     Ok(serde_json::from_str(stored).map_err(|error| error.to_string())?)
 }
 
-/// A stored state, as the files have it.
+/// A stored state, in the form of the files.
 pub fn game_row(task: &str, round: &ImportedRound) -> Result<GameRow, Unreadable> {
     let state: StoredState =
         serde_json::from_str(&round.state).map_err(|error| error.to_string())?;
@@ -464,7 +464,7 @@ pub fn game_row(task: &str, round: &ImportedRound) -> Result<GameRow, Unreadable
     })
 }
 
-/// Shows the acts of a round, one after the other, as the files have them: those of at most so many agents.
+/// Passes the acts of a round to `see` one by one, in the form of the files; fails if there are more acts than agents.
 pub fn each_act<T: DeserializeOwned>(
     round: &ImportedRound,
     agents: u32,
@@ -494,7 +494,7 @@ pub fn each_act<T: DeserializeOwned>(
     Ok(())
 }
 
-/// A stored state as the API has it.
+/// A stored state, in the form of the API.
 pub fn state(task: &str, round: &ImportedRound) -> Result<State, Unreadable> {
     let row = game_row(task, round)?;
     let cell = |at: &AgentAt| {

@@ -1,4 +1,4 @@
-//! Metrics of games as exports and imports have them.
+//! Metrics of exported and imported games.
 
 use serde::Deserialize;
 use swarmbench_analysis::game::{Agent, Decision, Heard, Setup, State};
@@ -12,44 +12,44 @@ use super::imported::{self, Unreadable};
 use crate::store::entries::ImportedRound;
 use crate::store::imports::StoredImport;
 
-/// What fixed things are on a grid: walls, nest and food.
+/// Symbols of fixed cells on a grid: walls, nest and food.
 const FIXED: [&str; 3] = ["W", "N", "F"];
 
-/// A meter at the layout of a game.
+/// A meter for a game before its first round.
 pub fn meter(layout: &World) -> Meter {
     Meter::new(Setup::of(layout), State::of(layout), Options::all(false))
 }
 
-/// Adds the round that led to the current state of a game.
+/// Adds the last played round of a game.
 pub fn add(meter: &mut Meter, game: &Game, turn: &Turn) {
     let world = game.world();
     let acts = turn.acts.iter().map(|act| &act.record);
     meter.round(&decisions(world.config(), acts), State::of(world), Some(&Heard::all(world)));
 }
 
-/// An imported game that is being measured, state by state.
+/// Measures an imported game state by state.
 pub struct ImportMeter {
     setup: Setup,
     task: TaskName,
     options: Options,
     meter: Option<Meter>,
-    /// What was decided in the last state.
+    /// Decisions in the last state.
     decided: Vec<Decision>,
 }
 
 impl ImportMeter {
     /// # Errors
-    /// If it is a game of an unknown task.
+    /// For games of an unknown task.
     pub fn new(stored: &StoredImport, series: bool) -> Result<Self, Unreadable> {
         let setup = setup(stored)?;
         let options = Options::all(series);
         Ok(Self { task: setup.task, setup, options, meter: None, decided: Vec::new() })
     }
 
-    /// Adds the next state, and what was decided in it.
+    /// Adds the next state with its decisions.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If the state or its acts cannot be read.
     pub fn add(&mut self, round: &ImportedRound) -> Result<(), Unreadable> {
         let row = imported::game_row(self.task.name(), round)?;
         let state = state(self.task, &row);
@@ -67,11 +67,11 @@ impl ImportMeter {
     }
 
     /// # Errors
-    /// If it has no state.
+    /// Without states.
     pub fn finish(self) -> Result<Metrics, Unreadable> {
         let no_states = || "it has no states".to_owned();
         let mut metrics = self.meter.ok_or_else(no_states)?.metrics();
-        // Files have the same action for an agent that stays and for one without an action.
+        // The files do not distinguish an agent that stays from one without an action.
         let untold = (Definition::Paper, Metric::NoActionShare);
         metrics.values.insert(untold, RunValue::default());
         if let Some(series) = metrics.series.get_mut(&untold) {
@@ -81,16 +81,16 @@ impl ImportMeter {
     }
 }
 
-/// The setup of an imported game; how many cells are open follows from its layout.
+/// The setup of an imported game. The number of open cells is left to the layout.
 ///
 /// # Errors
-/// If it is a game of an unknown task.
+/// For games of an unknown task.
 pub(super) fn setup(stored: &StoredImport) -> Result<Setup, Unreadable> {
     let settings = &stored.settings;
     let task = TaskName::parse(&stored.task);
     let task = task.ok_or_else(|| format!("there is no task {:?}", stored.task))?;
     let size = |cells: u32| i32::try_from(cells).unwrap_or(i32::MAX);
-    // The toolkit has no other control.
+    // The toolkit knows no other control.
     let control = settings.control.as_deref().and_then(Control::parse);
     Ok(Setup {
         task,
@@ -103,7 +103,7 @@ pub(super) fn setup(stored: &StoredImport) -> Result<Setup, Unreadable> {
     })
 }
 
-/// An act of the files, as far as it decides something.
+/// The fields of an act that matter for decisions.
 #[derive(Deserialize)]
 struct DecidedRow {
     agent_id: String,
@@ -111,7 +111,7 @@ struct DecidedRow {
     message: Option<String>,
 }
 
-/// What was decided in a state of the files, in the order of its agents.
+/// The decisions in a state of the files, in order of its agents.
 pub(super) fn decisions_of(
     task: TaskName,
     round: &ImportedRound,
@@ -123,7 +123,7 @@ pub(super) fn decisions_of(
     imported::each_act(round, agents, |act: DecidedRow| {
         let agent = row.agents.iter().position(|agent| agent.id == act.agent_id);
         let agent = agent.ok_or_else(|| format!("there is no agent {:?}", act.agent_id))?;
-        // The toolkit still writes rows for agents that have escaped.
+        // The toolkit still writes rows for escaped agents.
         if state.agents[agent].alive {
             decided[agent] = Decision {
                 action: act.action.as_deref().and_then(|name| Action::parse(task, name)),
@@ -136,7 +136,7 @@ pub(super) fn decisions_of(
     Ok(decided)
 }
 
-/// A state of the files, as far as metrics need it.
+/// The part of a state that metrics need.
 pub(super) fn state(task: TaskName, row: &GameRow) -> State {
     let cell = |at: Pos| {
         let (i, j) = (usize::try_from(at.i).ok()?, usize::try_from(at.j).ok()?);

@@ -1,10 +1,10 @@
-//! The data format of the public toolkit, both ways, and tables of episodes, acts and rounds for data people.
+//! Import and export of the public toolkit's data format, and tables of episodes, acts and rounds for analysts.
 //!
-//! [`mod@format`] has the shapes of the format's files. [`header`] reads what a stored episode tells without a replay;
-//! [`game`] plays it again, round by round; [`export`] writes it into [`files`], as tables in JSON Lines ([`tables`]) or in Parquet
-//! ([`columns`]). [`read`] reads such files, which are untrusted, within [`bounds`], and makes rows for the store of
-//! them ([`imported`]). [`measure`] computes metrics of both, [`replay`] the states of imported games as they are sent. [`rows`] reads tables. The format field by field:
-//! `docs/evaluate/dataset.md`.
+//! [`mod@format`] defines the files. [`header`] reads facts about a stored episode that need no replay; [`game`] replays it
+//! round by round; [`export`] writes it into [`files`], as tables in JSON Lines ([`tables`]) or in Parquet ([`columns`]).
+//! [`read`] reads files of the format, which are untrusted, within [`bounds`], and converts them to rows of the store
+//! ([`imported`]). [`measure`] computes metrics of exported and imported games, [`replay`] replay pages of imported games.
+//! [`rows`] reads tables. `docs/evaluate/dataset.md` describes every field.
 
 pub mod bounds;
 pub mod columns;

@@ -1,7 +1,7 @@
-//! Reading: a folder or an archive with any number of batches, one game at a time.
+//! Import: reads a folder or an archive with any number of batches, one game at a time.
 //!
-//! A batch is a folder with an index. Nothing is unpacked to the disk, and a name in an archive never
-//! becomes a path. A problem with a file is reported with its name, and the others are read.
+//! A batch is a folder with an index. Nothing is unpacked to the disk, and a name in an archive never becomes a path. A
+//! problem with a file is reported with its name, and reading continues with the others.
 
 use std::borrow::Cow;
 use std::cell::Cell;
@@ -21,24 +21,24 @@ use super::imported::Builder;
 use crate::host::open_file;
 use crate::store::entries::ImportRow;
 
-/// Why most invalid run ids are invalid.
+/// Description of a valid run id.
 const NO_RUN_ID: &str = "is not one: it has 1 to 128 letters, digits, -, _, spaces and parentheses";
 
 const BUFFER_BYTES: usize = 64 * 1024;
 
-/// A mark that some programs put at the begin of a text.
+/// The mark that some programs put at the beginning of a text file.
 const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
 
-/// Characters of what is said of a file, and of its name.
+/// Maximum characters of a reported problem, and of a file name in it.
 const PROBLEM_CHARS_MAX: usize = 500;
 
-/// What is not imported because of a problem.
+/// The part that is not imported because of a problem.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Skipped {
     Game,
-    /// The acts of a game that is imported without them.
+    /// The game is imported without its acts.
     Acts,
-    /// A file, or the rest of an index: which games it has is not known.
+    /// A file, or the rest of an index; its games are unknown.
     File,
 }
 
@@ -50,7 +50,7 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// Both texts may quote a file: they are cut, as there may be many.
+    /// Truncates both texts: they may quote a file, and there may be many problems.
     fn new(skipped: Skipped, file: impl AsRef<str>, problem: impl AsRef<str>) -> Self {
         let cut = |text: &str| text.chars().take(PROBLEM_CHARS_MAX).collect();
         Self { skipped, file: cut(file.as_ref()), problem: cut(problem.as_ref()) }
@@ -68,13 +68,13 @@ pub enum ReadError {
 }
 
 pub trait Taker {
-    /// A complete game. After an error nothing more is read.
+    /// Receives a complete game. An error ends the import.
     fn game(&mut self, game: ImportRow) -> anyhow::Result<()>;
 
-    /// A file or a run that is skipped.
+    /// Receives the problem of a skipped file or run.
     fn problem(&mut self, problem: Problem);
 
-    /// How many games of how many were read.
+    /// Receives the finished and the total number of games.
     fn progress(&mut self, done: u64, of: u64);
 }
 
@@ -127,7 +127,7 @@ pub fn read(path: &Path, bounds: &Bounds, taker: &mut dyn Taker) -> anyhow::Resu
     Ok(())
 }
 
-/// The files of a batch, by their numbers in the [`Place`].
+/// The files of a batch, by their numbers in [`Place`].
 #[derive(Default)]
 struct Batch {
     index: Option<usize>,
@@ -148,7 +148,7 @@ impl Batches {
         for (place, path) in names.into_iter().enumerate() {
             let (folder, name) = path.rsplit_once('/').unwrap_or(("", &path));
             if folder.split('/').any(|part| part == "__MACOSX") {
-                // Attributes of files, which the packer of one system adds.
+                // macOS adds these folders with attributes of files to its archives.
                 continue;
             }
             let mut problem = |skipped, problem: &str| {
@@ -177,13 +177,13 @@ impl Batches {
     }
 }
 
-/// Where files are read from. Every file has a number.
+/// The source of numbered files.
 enum Place {
     Folder(Vec<(String, PathBuf)>),
     Archive(Box<ZipArchive<BufReader<Limited>>>),
 }
 
-/// A file of which so many bytes more are read.
+/// A file with a limit of bytes to be read.
 struct Limited {
     file: File,
     left: Rc<Cell<u64>>,
@@ -225,7 +225,7 @@ impl Place {
         let archive = ZipArchive::new(BufReader::with_capacity(BUFFER_BYTES, file));
         let archive =
             archive.map_err(|source| ReadError::Archive { path: path.to_owned(), source })?;
-        // Files have bounds of their own.
+        // Entries have bounds of their own.
         left.set(u64::MAX);
         if archive.len() > bounds.entries_max {
             return Err(ReadError::Entries { path: path.to_owned(), most: bounds.entries_max });
@@ -236,14 +236,14 @@ impl Place {
     fn names(&self) -> Vec<String> {
         match self {
             Self::Folder(files) => files.iter().map(|(name, _)| name.clone()).collect(),
-            // A name that is not UTF-8 is none of those that are read.
+            // Names that are not UTF-8 match no file of the format.
             Self::Archive(archive) => (archive.file_names())
                 .map(|name| name.map(Cow::into_owned).unwrap_or_default())
                 .collect(),
         }
     }
 
-    /// Opens a file. The second value is its packed size, if it is in an archive.
+    /// Opens a file; the second value is its packed size in the archive.
     fn file(&mut self, number: usize) -> io::Result<(Box<dyn Read + '_>, Option<u64>)> {
         match self {
             Self::Folder(files) => Ok((Box::new(File::open(&files[number].1)?), None)),
@@ -256,11 +256,11 @@ impl Place {
     }
 }
 
-/// The content of a folder.
+/// Files of a folder.
 #[derive(Default)]
 struct Found {
     files: Vec<(String, PathBuf)>,
-    /// Skipped files, with the reason.
+    /// Skipped files with the reasons.
     skipped: Vec<(String, String)>,
 }
 
@@ -270,7 +270,7 @@ impl Found {
     }
 }
 
-/// Lists the files of a folder. Links are not followed.
+/// Lists the files of a folder without following links.
 fn walk(
     folder: &Path,
     name: &str,
@@ -304,11 +304,9 @@ fn walk(
     Ok(())
 }
 
-/// The number of entries that an archive declares. It is checked before the directory is read, which takes memory for
-/// each entry.
+/// The number of entries that an archive declares, checked before its directory is read into memory.
 fn declared(file: &mut File) -> io::Result<u64> {
-    // The end of the directory is at most a comment of 64 KiB before the end of the file, and the one for many
-    // entries right before it.
+    // The end record is followed by a comment of at most 64 KiB; the end record of Zip64 directly precedes it.
     const TAIL_BYTES: u64 = 64 * 1024 + 22 + 20 + 56;
     let bytes = file.seek(SeekFrom::End(0))?;
     file.seek(SeekFrom::Start(bytes.saturating_sub(TAIL_BYTES)))?;
@@ -337,7 +335,7 @@ struct Reading<'a> {
 }
 
 impl Reading<'_> {
-    /// Reads one game, and reports the problems of its files.
+    /// Reads a game and reports the problems of its files.
     fn game(
         &self,
         place: &mut Place,
@@ -382,7 +380,7 @@ impl Reading<'_> {
         }
     }
 
-    /// Reads an array and passes its elements on, one at a time.
+    /// Reads an array and passes on its elements one at a time.
     fn list<T: DeserializeOwned>(
         &self,
         place: &mut Place,
@@ -393,7 +391,7 @@ impl Reading<'_> {
         self.json(place, number, *self.bounds, elements)
     }
 
-    /// Reads an index. If it is truncated, `runs` has the entries before the end.
+    /// Reads an index. Of a truncated one, `runs` gets the complete entries.
     fn index(
         &self,
         place: &mut Place,
@@ -430,7 +428,7 @@ impl Reading<'_> {
     }
 }
 
-/// Reads the elements of an array.
+/// Deserializes an array element by element.
 struct Elements<'a, T> {
     add: &'a mut dyn FnMut(T) -> Result<(), String>,
     kind: std::marker::PhantomData<T>,
@@ -459,7 +457,8 @@ impl<'de, T: DeserializeOwned> Visitor<'de> for Elements<'_, T> {
     }
 }
 
-/// Reads the runs of an index, as text: only one at a time becomes settings. An invalid one does not affect the others.
+/// Deserializes an index with each run left as text. Settings are parsed one run at a time, so an invalid one does not affect
+/// the others.
 struct Runs<'a> {
     runs: &'a mut Vec<(String, Box<RawValue>)>,
     most: usize,

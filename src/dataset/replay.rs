@@ -1,4 +1,4 @@
-//! Replays of imported games.
+//! Replay pages of imported games.
 
 use swarmbench_analysis::game::Setup;
 use swarmbench_engine::{Pos, TaskName};
@@ -10,30 +10,30 @@ use crate::replay::{PageMaker, Reel, Round, Scene};
 use crate::store::entries::ImportedRound;
 use crate::store::imports::StoredImport;
 
-/// Cells of all states of a page of an imported game; a page has one round at least.
+/// Maximum cells of all states of a page. A page always has at least one round.
 pub const IMPORT_CELLS_MAX: u32 = 4 * 1024 * 1024;
 
-/// How many states of a game are read for a page at most.
+/// Maximum number of states read for a page.
 #[must_use]
 pub fn rounds_of_import_page(stored: &StoredImport) -> u32 {
     let cells = stored.settings.width.saturating_mul(stored.settings.height);
     (IMPORT_CELLS_MAX / cells.max(1)).max(1)
 }
 
-/// A page of an imported game that is being made.
+/// Builds a page of an imported game.
 pub struct ImportPage {
     task: TaskName,
     setup: Setup,
     from: u32,
-    /// The cells of the block relative to its position.
+    /// Cells of the block relative to its position.
     block: Vec<Pos>,
     page: Option<PageMaker>,
-    /// What was decided in the last state.
+    /// Decisions in the last state.
     decided: Round,
 }
 
 impl ImportPage {
-    /// A page from the state `from` on. `layout` is the first state of the game.
+    /// Starts a page at the state `from`. `layout` is the first state of the game.
     pub fn new(
         stored: &StoredImport,
         layout: &ImportedRound,
@@ -45,14 +45,14 @@ impl ImportPage {
         Ok(Self { task: setup.task, setup, from, block, page: None, decided: Round::default() })
     }
 
-    /// The cells of the block relative to its position, where there is one.
+    /// Cells of the block relative to its position; `None` in tasks without a block.
     #[must_use]
     pub fn block_cells(&self) -> Option<Vec<[i32; 2]>> {
         let cells = self.block.iter().map(|cell| [cell.i, cell.j]).collect();
         Some(cells).filter(|_| !self.block.is_empty())
     }
 
-    /// Adds the next state, unless the page is full.
+    /// Adds the next state unless the page is full.
     pub fn add(&mut self, round: &ImportedRound) -> Result<(), Unreadable> {
         if self.page.as_ref().is_some_and(PageMaker::is_full) {
             return Ok(());
@@ -78,7 +78,6 @@ impl ImportPage {
         Ok(())
     }
 
-    /// The page.
     pub fn finish(self) -> Result<swarmbench_protocol::replay::ReplayPage, Unreadable> {
         Ok(self.page.ok_or_else(|| "it has no states".to_owned())?.finish())
     }
@@ -92,7 +91,7 @@ impl ImportPage {
         Scene { loaded, prey: cells_of(row, "P").first().copied(), block, distance: None, state }
     }
 
-    /// Where the block is, whose cells on the map are these: a part of it may be outside.
+    /// Position of the block from its visible cells; the rest may be outside of the map.
     fn block_position(&self, visible: &[Pos]) -> Option<Pos> {
         let first = visible.first()?;
         let lies_at = |at: &Pos| {
@@ -107,7 +106,7 @@ impl ImportPage {
     }
 }
 
-/// The messages of a game without acts, as the state after the round has them.
+/// Adds the messages of a game without acts, which are in the state after the round.
 fn add_messages(round: &mut Round, after: &GameRow) {
     for said in after.messages.iter().filter(|said| !said.message.is_empty()) {
         let agent = after.agents.iter().position(|agent| agent.id == said.agent_name);
@@ -117,7 +116,7 @@ fn add_messages(round: &mut Round, after: &GameRow) {
     }
 }
 
-/// What never moves, one text a row.
+/// The immovable cells, one text a row.
 pub fn ground(task: &str, round: &ImportedRound) -> Result<Vec<String>, Unreadable> {
     let row = imported::game_row(task, round)?;
     let symbol = |cell: &String| match cell.as_str() {
@@ -127,7 +126,7 @@ pub fn ground(task: &str, round: &ImportedRound) -> Result<Vec<String>, Unreadab
     Ok(row.grid.iter().map(|cells| cells.iter().map(symbol).collect()).collect())
 }
 
-/// Cells relative to the first row and column of all of them.
+/// Cells relative to their bounding box.
 fn shape(cells: &[Pos]) -> Vec<Pos> {
     let top = cells.iter().map(|cell| cell.i).min().unwrap_or_default();
     let left = cells.iter().map(|cell| cell.j).min().unwrap_or_default();
@@ -139,7 +138,7 @@ fn cell(row: &GameRow, at: Pos) -> Option<&str> {
     Some(row.grid.get(i)?.get(j)?.as_str())
 }
 
-/// The cells with a symbol, row by row.
+/// Positions of a symbol, row by row.
 fn cells_of(row: &GameRow, symbol: &str) -> Vec<Pos> {
     let rows = (0..).zip(&row.grid);
     let cells = rows.flat_map(|(i, cells)| {

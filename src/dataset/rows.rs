@@ -1,4 +1,4 @@
-//! Reading rows of a table, from JSON Lines or Parquet. Files may come from anywhere.
+//! Reads rows of a table from JSON Lines or Parquet. The files are untrusted.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -10,10 +10,10 @@ use serde_json::{Map, Value};
 
 use crate::host::open_file;
 
-/// Bytes of a line at most.
+/// Maximum bytes of a line.
 const LINE_BYTES_MAX: usize = 4 * 1024 * 1024;
 
-/// The cells of a row by the names of their columns.
+/// Cells by column names.
 pub type Row = Map<String, Value>;
 
 #[derive(Debug, thiserror::Error)]
@@ -28,14 +28,14 @@ pub enum RowsError {
     Nested,
 }
 
-/// Takes bytes and gives whole lines.
+/// Splits a stream of bytes into lines.
 #[derive(Default)]
 pub struct Splitter {
     line: Vec<u8>,
 }
 
 impl Splitter {
-    /// Calls `each` with every line that these bytes complete.
+    /// Calls `each` for every line completed by these bytes.
     pub fn push(
         &mut self,
         bytes: &[u8],
@@ -57,7 +57,7 @@ impl Splitter {
     }
 }
 
-/// Takes JSON Lines and calls `each` with every row. [`Self::finish`] is called after the last byte.
+/// A writer that parses JSON Lines and calls `each` for every row. [`Self::finish`] must follow the last byte.
 pub struct Lines<F> {
     each: F,
     splitter: Splitter,
@@ -69,7 +69,7 @@ impl<F: FnMut(Row) -> io::Result<()>> Lines<F> {
         Self { each, splitter: Splitter::default(), read: 0 }
     }
 
-    /// Reads a last line that has no end.
+    /// Parses a last line without a line break.
     pub fn finish(mut self) -> io::Result<()> {
         self.write_all(b"\n")
     }
@@ -96,7 +96,7 @@ impl<F: FnMut(Row) -> io::Result<()>> Write for Lines<F> {
     }
 }
 
-/// Reads a file of Parquet if its name says so, else of JSON Lines.
+/// Reads Parquet if the file name ends so, else JSON Lines.
 pub fn read(path: &Path, mut each: impl FnMut(Row) -> io::Result<()>) -> Result<(), RowsError> {
     let mut file = open_file(path)?;
     if path.extension().is_none_or(|end| end != "parquet") {
@@ -115,7 +115,7 @@ pub fn read(path: &Path, mut each: impl FnMut(Row) -> io::Result<()>) -> Result<
     Ok(())
 }
 
-/// The metadata at the end of a file of Parquet; nothing where it cannot be found.
+/// The metadata at the end of a Parquet file; empty if not found.
 fn footer(file: &mut File) -> io::Result<Vec<u8>> {
     let mut tail = [0; 8];
     let end = file.seek(SeekFrom::End(-8))?;
@@ -127,8 +127,8 @@ fn footer(file: &mut File) -> io::Result<Vec<u8>> {
     file.take(bytes).read_to_end(&mut footer).map(|_| footer)
 }
 
-/// Whether a footer begins with a flat schema, as those of tables are. The library parses nested ones by recursion, as deep as
-/// the file says.
+/// Whether the metadata begins with a flat schema, as those of tables are. The library parses nested schemas recursively, as
+/// deep as the file says.
 fn is_flat(footer: &[u8]) -> bool {
     let mut thrift = Thrift(footer);
     let of_schema = |thrift: &mut Thrift<'_>| {
@@ -145,7 +145,7 @@ fn is_flat(footer: &[u8]) -> bool {
     of_schema(&mut thrift).is_some()
 }
 
-/// The compact protocol of Thrift, as much of it as flat schemas need.
+/// A parser for the subset of Thrift's compact protocol that flat schemas use.
 struct Thrift<'a>(&'a [u8]);
 
 impl Thrift<'_> {
@@ -165,7 +165,7 @@ impl Thrift<'_> {
         None
     }
 
-    /// An element of a schema. Each field has to be of its type, since the library does not look at it.
+    /// Parses an element of a schema. Fields must have the right types, which the library does not check.
     fn element(&mut self, children_max: u64) -> Option<()> {
         let mut field = 0;
         loop {
@@ -186,7 +186,7 @@ impl Thrift<'_> {
         }
     }
 
-    /// A text, or a time of any unit.
+    /// Parses a logical type: a text, or a time of any unit.
     fn kind(&mut self) -> Option<()> {
         let ([0x1c, 0, 0, rest @ ..]
         | [0x8c, 0x11 | 0x12, 0x1c, 0x1c | 0x2c | 0x3c, 0, 0, 0, 0, rest @ ..]) = self.0
@@ -198,7 +198,7 @@ impl Thrift<'_> {
     }
 }
 
-/// The kinds of values that tables have; times are left out.
+/// Converts values of tables to JSON; times are left out.
 fn value(field: Field) -> Option<Value> {
     match field {
         Field::Null => Some(Value::Null),
@@ -245,7 +245,7 @@ mod tests {
         let (lines, parquet) = (folder.path().join("t.jsonl"), folder.path().join("t.parquet"));
         let text: Vec<String> =
             rows.iter().map(|row| json!(Named(COLUMNS, row)).to_string()).collect();
-        // The last line has no end.
+        // The last line has no line break.
         std::fs::write(&lines, text.join("\n")).expect("written");
         let file = File::create(&parquet).expect("created");
         let mut table = Table::new(file, "episodes", COLUMNS).expect("a table");
@@ -272,7 +272,7 @@ mod tests {
             let error = rows_of(&path).expect_err("it is damaged").to_string();
             assert!(error.contains(expected), "{name}: {error}");
         }
-        // As deep as it has elements, each of which says that it has one or two billion children.
+        // Nested as deep as there are elements; each element claims one or two billion children.
         for children in [&[0x02][..], &[0xfe, 0xff, 0xff, 0xff, 0x0f]] {
             let element = [&[0x35, 2, 0x18, 1, b'a', 0x15], children, &[0]].concat();
             let schema =

@@ -25,11 +25,11 @@ pub enum Kind {
     Whole,
     Real,
     Flag,
-    /// In milliseconds of UTC.
+    /// Milliseconds of UTC.
     Time,
 }
 
-/// Its name and what it holds. Every value may be missing.
+/// Name and kind. Every value may be missing.
 pub type Column = (&'static str, Kind);
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -45,7 +45,7 @@ pub enum Cell {
     Time(Timestamp),
 }
 
-/// Always with three digits: readers take the format of the first time for that of all.
+/// Writes three digits after the second in all cases: readers infer the format of a column from its first value.
 fn with_milliseconds<S: Serializer>(time: &Timestamp, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_str(&format_args!("{time:.3}"))
 }
@@ -85,17 +85,17 @@ impl TableName {
     }
 }
 
-/// The metrics that the toolkit computes, too.
+/// Metrics that the toolkit also computes.
 fn of_toolkit() -> impl Iterator<Item = Metric> {
     Metric::ALL.into_iter().filter(|metric| metric.about().of_paper)
 }
 
-/// Whether a metric is a column of rounds: a state has it, and it is no count.
+/// Whether a metric is a column of rounds: it has a value for each state and is not a count.
 fn is_column(metric: Metric) -> bool {
     metric.about().by_round && !Counts::NAMES.contains(&metric.name())
 }
 
-/// Names of columns are made once.
+/// Leaks the name of a column, which is composed only once.
 fn name(text: String) -> &'static str {
     Box::leak(text.into_boxed_str())
 }
@@ -248,7 +248,7 @@ macro_rules! define_settings {
 
 for_each_setting! { define_settings, {}, {} }
 
-/// A row as a line of JSON, with the names of its columns.
+/// A row with its columns, serialized as a JSON object.
 pub struct Named<'a>(pub &'a [Column], pub &'a [Cell]);
 
 impl Serialize for Named<'_> {
@@ -297,7 +297,7 @@ impl<T: Into<Self>> From<Option<T>> for Cell {
     }
 }
 
-/// The cells with which every row begins.
+/// The first cells of every row.
 fn head(header: &Header, model: &str) -> Vec<Cell> {
     let config = &header.opening.config;
     vec![
@@ -321,16 +321,15 @@ fn json(value: &impl Serialize) -> String {
     serde_json::to_string(value).expect("string keys")
 }
 
-/// What is known of an episode beside its header.
+/// Facts about an episode that are not in its header.
 pub struct Outcome {
     pub started_at: Option<Timestamp>,
     pub tally: Tally,
-    /// The name and the digest of the suite of its run.
+    /// Name and digest of its run's suite.
     pub suite: Option<(String, String)>,
     pub measured: Measured,
 }
 
-/// A row for an episode.
 pub fn episode(header: &Header, stored: &StoredEpisode, outcome: &Outcome) -> Vec<Cell> {
     let Outcome { started_at, tally, suite, measured } = outcome;
     let Header { opening, .. } = header;
@@ -382,7 +381,7 @@ pub fn episode(header: &Header, stored: &StoredEpisode, outcome: &Outcome) -> Ve
     cells
 }
 
-/// A row for a message that was delivered with the current state.
+/// The row of a message delivered with the current state.
 pub fn heard(game: &Game, heard: &Heard) -> Vec<Cell> {
     let sender = &game.header.holder(heard.sender).model;
     let mut cells = head(&game.header, sender);
@@ -397,7 +396,7 @@ pub fn heard(game: &Game, heard: &Heard) -> Vec<Cell> {
     cells
 }
 
-/// A row for the window in which an agent decided the last round played; `None` once it has escaped.
+/// The row of a window that an agent saw when it decided the last played round; `None` once it has escaped.
 pub fn view(game: &Game, turn: &Turn, agent: AgentId) -> Option<Vec<Cell>> {
     let rows = game.view(turn, agent)?;
     let rows: Vec<String> = rows.into_iter().map(|row| row.join(" ")).collect();
@@ -406,7 +405,7 @@ pub fn view(game: &Game, turn: &Turn, agent: AgentId) -> Option<Vec<Cell>> {
     Some(cells)
 }
 
-/// A row for an act of the last round played.
+/// The row of an act of the last played round.
 pub fn act(game: &Game, turn: &Turn, act: &GameAct) -> Vec<Cell> {
     let record = &act.record;
     let holder = game.header.holder(act.agent);
@@ -442,7 +441,7 @@ pub fn act(game: &Game, turn: &Turn, act: &GameAct) -> Vec<Cell> {
     cells
 }
 
-/// A row for the current state: `turn` is the round that led to it, or `None` for the layout.
+/// The row of the current state. `turn` is the round that led to it; `None` at the layout.
 pub fn round(
     game: &Game,
     turn: Option<&Turn>,

@@ -1,17 +1,17 @@
-//! Estimates the work of an episode, and decides where it runs: heavy work leaves the async threads.
+//! Estimates of an episode's work, and where it runs: heavy work leaves the async threads.
 
 use swarmbench_engine::{Config, Control, TaskName};
 
 use crate::fair::{Party, Rank};
 use crate::work::{Cancelled, WorkError, Workers};
 
-/// Steps that take longer leave the async threads, in microseconds.
+/// Longest step that runs on the async threads, in microseconds.
 const LIGHT_MICROS: u64 = 2000;
 
-/// About how long a step and its digest take at worst, in microseconds.
+/// Estimates the time of a step and its digest at worst, in microseconds.
 ///
-/// It follows from the settings alone, so that whatever is decided by it is decided the same again. Measured
-/// in milliseconds, with random acts and messages from all agents, on one core of 2026:
+/// The settings alone decide the estimate, so that decisions based on it can be repeated. Measured in milliseconds, with random
+/// acts and messages from all agents, on one core of 2026:
 ///
 /// | task | agents | map | window | late or lost messages | step | digest | estimate |
 /// | --- | ---: | ---: | ---: | --- | ---: | ---: | ---: |
@@ -28,7 +28,7 @@ const LIGHT_MICROS: u64 = 2000;
 /// | Flocking | 128 | 64² | 5 | no | 31 | 0.03 | 43 |
 /// | Flocking | 256 | 256² | 5 | no | 770 | 0.06 | 664 |
 ///
-/// So two things are dear: messages that are delivered, and Flocking, with the fourth power of its agents.
+/// Two things are expensive: messages that are delivered, and Flocking, with the fourth power of its agents.
 pub fn step_micros(config: &Config) -> u64 {
     let agents = u64::from(config.num_agents());
     let settings = config.settings();
@@ -39,7 +39,7 @@ pub fn step_micros(config: &Config) -> u64 {
     20 + agents + messages + flocking
 }
 
-/// How many messages a round delivers at most.
+/// Upper bound of the messages that a round delivers.
 fn deliveries(config: &Config) -> u64 {
     let agents = u64::from(config.num_agents());
     let in_sight = match config.control() {
@@ -62,8 +62,8 @@ pub fn is_heavy(config: &Config) -> bool {
     is_long(step_micros(config))
 }
 
-/// Does work for a party, off the async threads where it is heavy. Work that a running game waits for is
-/// done however much else waits: a game has one round at a time.
+/// Does work for a party, off the async threads where it is heavy. Work that a running game waits for is always admitted: a game
+/// has one round at a time.
 pub(crate) async fn off_thread<T: Send + 'static>(
     workers: &Workers,
     kind: &'static str,

@@ -1,19 +1,17 @@
-//! How many acts of each seat may be in flight.
+//! Limits of acts in flight, by seat.
 //!
-//! The acts of an episode are decided one after another. So that a seat that sends more acts than its game
-//! needs delays nobody but itself, only a limited number of its acts wait at once, from their arrival until they
-//! are answered; the others are not affected.
+//! An episode decides its acts one after another. Only a limited number of acts of a seat wait at once, from their arrival until
+//! they are answered, so a seat that sends more than its game needs delays nobody but itself.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use swarmbench_engine::AgentId;
 
-/// Acts of one seat that wait at once, in several calls. One call may hold any number where no other
-/// act of the seat waits.
+/// Acts of one seat that may wait at once, in several calls. One call may hold any number where no other act of the seat waits.
 pub const SEAT_ACTS_WAITING_MAX: u32 = 16;
 
-/// Bounds the waiting acts of each seat; by agent, how many of its acts wait.
+/// By agent: the number of its acts that wait.
 #[derive(Debug)]
 pub(super) struct InFlightLimit(Box<[AtomicU32]>);
 
@@ -22,8 +20,8 @@ impl InFlightLimit {
         Arc::new(Self((0..agents).map(|_| AtomicU32::new(0)).collect()))
     }
 
-    /// Takes a permit for each act of a call. Returns the permits, and in order the agents that get none as too many of
-    /// their acts wait already.
+    /// Takes a permit for each act of a call. Returns the permits and, sorted, the agents that get none as too many of their acts
+    /// wait already.
     pub(super) fn take(
         self: &Arc<Self>,
         acts: impl Iterator<Item = AgentId>,
@@ -46,7 +44,7 @@ impl InFlightLimit {
     }
 }
 
-/// How often each agent is among some, in their order.
+/// Number of times that each agent occurs, sorted by agent.
 fn counted(agents: impl Iterator<Item = AgentId>) -> Vec<(AgentId, u32)> {
     let mut agents: Vec<AgentId> = agents.collect();
     agents.sort_unstable();
@@ -54,16 +52,16 @@ fn counted(agents: impl Iterator<Item = AgentId>) -> Vec<(AgentId, u32)> {
     same.map(|same| (same[0], u32::try_from(same.len()).unwrap_or(u32::MAX))).collect()
 }
 
-/// The permits of some acts, returned when this is dropped.
+/// Permits of acts in flight, returned on drop.
 #[derive(Debug)]
 pub(super) struct InFlightPermits {
     limit: Arc<InFlightLimit>,
-    /// In order of the agents.
+    /// Sorted by agent.
     counts: Vec<(AgentId, u32)>,
 }
 
 impl InFlightPermits {
-    /// The permits of these acts, as far as there are any, for themselves.
+    /// Splits off permits for these acts, as far as there are any.
     pub(super) fn split(&mut self, acts: impl Iterator<Item = AgentId>) -> Self {
         let mut counts = counted(acts);
         for (agent, count) in &mut counts {
@@ -106,7 +104,7 @@ mod tests {
         let (more, refused) = limit.take([ONE, OTHER].into_iter());
         assert_eq!(refused, [ONE]);
         drop(all);
-        // The other's permit is still held, and counts for itself alone.
+        // The other seat's permit is still held, and counts for that seat alone.
         let (_, refused) = limit.take(times(ONE, 1).chain(times(OTHER, SEAT_ACTS_WAITING_MAX)));
         assert_eq!(refused, [OTHER]);
         drop(more);

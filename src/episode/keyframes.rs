@@ -1,4 +1,4 @@
-//! States that an episode keeps, so that one of any round comes quickly.
+//! Keyframes: states that an episode keeps, so that the state of any round is quickly computed.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use swarmbench_engine::World;
 
 use super::heavy::step_micros;
 
-/// States of an episode. When there are too many, or they are too large, every second one is dropped.
+/// Keyframes of an episode. When there are too many, or they are too large, every second one is dropped.
 #[derive(Clone)]
 pub(super) struct Keyframes {
     stride: u32,
@@ -15,14 +15,14 @@ pub(super) struct Keyframes {
 }
 
 impl Keyframes {
-    /// Microseconds of steps between two states, as long as there is room for all of them.
+    /// Microseconds of steps between two keyframes, as long as there is room for all of them.
     const STRIDE_MICROS: u64 = 200_000;
-    /// Rounds between two states, where rounds are light: replaying some hundreds costs less than
-    /// keeping states of every short game.
+    /// Maximum rounds between two keyframes, where rounds are light: replaying some hundreds costs less than keeping states of
+    /// every short game.
     const STRIDE_MAX: u64 = 512;
-    /// Bytes of all states; a game takes as long to fill it as the steps between them.
+    /// Maximum bytes of all keyframes; a game takes as long to fill them as the steps between them.
     const BYTES_MAX: usize = 64 * 1024 * 1024;
-    /// States, however small they are.
+    /// Maximum number of keyframes, however small they are.
     const COUNT_MAX: usize = 1024;
 
     /// Starts with the layout, which is always kept.
@@ -33,7 +33,6 @@ impl Keyframes {
         Self { stride, worlds: vec![layout], bytes }
     }
 
-    /// The state before the first round.
     pub(super) fn layout(&self) -> &World {
         &self.worlds[0]
     }
@@ -53,7 +52,7 @@ impl Keyframes {
         }
     }
 
-    /// About how many bytes they take.
+    /// Estimated bytes of all keyframes.
     pub(super) const fn bytes(&self) -> usize {
         self.bytes
     }

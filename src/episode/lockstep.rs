@@ -1,9 +1,8 @@
-//! The barrier as a pure machine: it takes an event and the time, and returns effects.
+//! The barrier as a pure machine: an event and the time go in, effects come out.
 //!
-//! No simulation, no storage and no waiting happens here, so that every order of events can be
-//! tested. The rules are those of the wire contract: one act for each living seat and round; the same
-//! act again gets the same receipt; when a seat's clock runs out it does nothing, and the others
-//! play on.
+//! Simulation, storage and waiting happen elsewhere, so that tests cover every order of events. The rules are those of the wire
+//! contract: one act per living seat and round; a repeated act gets the same receipt; a seat whose clock runs out does nothing,
+//! and the others play on.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -17,7 +16,7 @@ use crate::store::port::StoredAct;
 use swarmbench_clock::{after, millis};
 use swarmbench_journal::record::{Decision, RawRecord, Source};
 
-/// What a player sent for a round.
+/// A player's act for a round.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Submission {
     pub round: u32,
@@ -30,47 +29,46 @@ pub enum Event {
     Start,
     /// The creator ends the episode.
     Abort,
-    /// The task is done without a round: the layout has solved it.
+    /// The layout has solved the task before any round.
     Done,
     /// A player acts.
     Submit {
         agent: AgentId,
         submission: Submission,
-        /// What this seat did in that round, if the round is over and it did something.
+        /// Act of this seat in that round, if the round is over and the seat acted.
         earlier: Option<RecordedAct>,
-        /// Whether the journal has room for it.
+        /// Whether the journal has room for the act.
         room: Result<(), Full>,
     },
-    /// Time has passed, and no message waits: what is due until now is due.
+    /// Time has passed and no message waits: everything due by now happens.
     Tick,
-    /// A message came: what was due before it is due. A clock that ends at this moment has not run out, as the
-    /// next message may be the act of its seat.
+    /// A message came: everything due before now happens. A clock that ends exactly now has not run out, as the next message may
+    /// be the act of its seat.
     Arrival,
-    /// The open round was published: its clock begins. A slow disk costs no player any time.
+    /// The open round was published: its clock begins, so a slow disk costs no player any time.
     Opened {
-        /// When it could first be seen.
+        /// Time of the publication.
         at: Timestamp,
     },
-    /// The round for which a [`Effect::Resolve`] asked was resolved.
+    /// The round of an [`Effect::Resolve`] was resolved.
     Resolved {
-        /// By agent, whether it is still on the map.
+        /// By agent: whether it is still on the map.
         alive: Vec<bool>,
-        /// Why the episode has ended, if it has.
+        /// Reason for the end of the episode, if it has ended.
         ending: Option<Ending>,
     },
 }
 
-/// What is to be done, in this order.
+/// Work for the actor, to be done in order.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Effect {
     /// Answer the caller; an accepted act only once it is durable.
     Answer(Result<Receipt, Refusal>),
     /// Record that the episode was started.
     KeepStart,
-    /// Record what a seat did in the open round.
+    /// Record the act of a seat in the open round.
     KeepAct { agent: AgentId, recorded: RecordedAct },
-    /// All living seats have acted or run out of time: resolve the round from
-    /// [`Lockstep::acts`], then apply [`Event::Resolved`].
+    /// Resolve the round from [`Lockstep::acts`], then apply [`Event::Resolved`]: all living seats have acted or run out of time.
     Resolve,
     /// Record and publish the end.
     End(Ending),
@@ -78,15 +76,15 @@ pub enum Effect {
     Publish,
 }
 
-/// An act as it was first answered. Cloning shares its texts.
+/// An accepted act, with what its first receipt says. Clones share the texts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecordedAct {
     pub decision: Arc<Decision>,
-    /// The time that it took of the seat's bank, in milliseconds.
+    /// Time that the act took from the seat's bank, in milliseconds.
     pub bank_spent_ms: u64,
-    /// Its record, written once.
+    /// Journal record of the act, serialized once.
     pub record: RawRecord,
-    /// How many seats the round waited for after it.
+    /// Number of seats that the round still waited for after this act.
     pub waiting_for: u32,
 }
 
@@ -109,19 +107,17 @@ impl RecordedAct {
 pub struct Receipt {
     pub round: u32,
     pub recorded: RecordedAct,
-    /// Whether it had been sent before.
+    /// Whether the same act had been accepted before.
     pub duplicate: bool,
 }
 
-/// Why an act, a start or an abort was not taken.
+/// Reason to refuse an act.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
     #[error("round {sent} is not open yet; the episode stands at round {round}")]
     RoundAhead { sent: u32, round: u32 },
-    /// This seat answered that round with another act.
     #[error("this seat answered round {sent} with another act, and the first one counts")]
     AlreadyActed { sent: u32, round: u32 },
-    /// The episode has ended, or the agent has escaped.
     #[error("{}", if *.escaped { "this agent has escaped and no longer acts" } else { "the episode has ended" })]
     EpisodeOver {
         /// The last round.
@@ -129,10 +125,9 @@ pub enum Refusal {
         /// Whether it is the agent alone that is gone.
         escaped: bool,
     },
-    /// The round is over and this seat did not answer it.
     #[error("round {sent} is over for this seat; the episode stands at round {round}")]
     RoundOver { sent: u32, round: u32 },
-    /// The journal takes no more text of this episode, or of its owner.
+    /// The journal's cap on text of this episode, or of its owner, was reached.
     #[error("{full}")]
     NoRoom {
         /// The cap that was reached.
@@ -149,29 +144,28 @@ struct Seat {
     recorded: Option<RecordedAct>,
 }
 
-/// How long a round and a game may take.
+/// Time limits of rounds and of a game.
 #[derive(Clone, Copy, Debug)]
 pub struct Clocks {
-    /// How long a round lasts before banks are touched.
+    /// Length of a round before banks are touched.
     pub round_deadline: Option<Duration>,
-    /// What each seat may overspend in all.
+    /// Time that each seat may overspend over all rounds.
     pub bank: Duration,
-    /// After how long without any act the episode is abandoned.
+    /// Time without any act after which the episode is abandoned.
     pub idle_timeout: Duration,
-    /// From this moment on no round begins: the round that is running may end, and the episode with it.
+    /// From this moment on no round begins: the open round may end, and the episode with it.
     pub closes_at: Option<Timestamp>,
 }
 
-/// The state of the barrier.
 #[derive(Clone, Debug)]
 pub struct Lockstep {
     clocks: Clocks,
-    /// Whether it is not abandoned, however long nobody acts.
+    /// While set, the episode is not abandoned, however long nobody acts.
     is_held: bool,
     phase: Phase,
     round: u32,
     seats: Vec<Seat>,
-    /// When the open round was published; none as long as nobody can see it.
+    /// Publication of the open round; `None` as long as nobody can see it.
     opened_at: Option<Timestamp>,
     last_act_at: Timestamp,
 }
@@ -179,32 +173,32 @@ pub struct Lockstep {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
     Waiting,
-    /// Acts are taken.
+    /// Acts are accepted.
     Open,
-    /// All acts are there; the round is being resolved.
+    /// All acts are in; the round is being resolved.
     Closed,
     Over(Outcome),
 }
 
-/// The state from which an episode continues: a new one has no acts and full banks.
+/// State from which an episode continues. A new episode has no acts and full banks.
 #[derive(Clone, Debug)]
 pub struct ResumeState {
-    /// Whether it waits for its start.
+    /// Whether the episode waits for its start.
     pub waiting: bool,
     pub outcome: Option<Outcome>,
     pub round: u32,
-    /// By agent, whether it is on the map.
+    /// By agent: whether it is on the map.
     pub alive: Vec<bool>,
-    /// By agent, what was taken from its bank in all rounds.
+    /// By agent: time taken from its bank in all rounds.
     pub bank_spent: Vec<Duration>,
-    /// What was recorded for the open round already.
+    /// Acts that are already recorded for the open round.
     pub recorded: Vec<(AgentId, RecordedAct)>,
-    /// When the last act came, or the episode was created.
+    /// Time of the last act, or of the creation.
     pub last_act_at: Timestamp,
 }
 
 impl Lockstep {
-    /// Continues an episode from a state. An open round gets its full clock (again), from `now` on.
+    /// Continues an episode. An open round gets its full clock from `now` on, even if that had begun before.
     pub fn new(clocks: Clocks, resume: ResumeState, now: Timestamp) -> Self {
         let phase = match resume.outcome {
             Some(outcome) => Phase::Over(outcome),
@@ -233,28 +227,27 @@ impl Lockstep {
         lockstep
     }
 
-    /// The acts of the open round, in order of their seats; none from the escaped.
+    /// Acts of the open round, in order of seats; the escaped have none.
     pub fn recorded(&self) -> impl Iterator<Item = &RecordedAct> {
         self.seats.iter().filter_map(|seat| seat.recorded.as_ref())
     }
 
-    /// The acts of the open round for the engine: one for each agent, the default for the escaped.
+    /// Acts of the open round for the engine: one per agent, the default for the escaped.
     pub fn acts(&self) -> Vec<Act> {
         let act = |recorded: &RecordedAct| recorded.decision.act.clone();
         self.seats.iter().map(|seat| seat.recorded.as_ref().map(act).unwrap_or_default()).collect()
     }
 
-    /// By agent, what is left of its bank at the opening of the round.
+    /// By agent: what was left of its bank when the round opened.
     pub fn banks(&self) -> Vec<Duration> {
         self.seats.iter().map(|seat| seat.bank).collect()
     }
 
-    /// The seats that have acted in the open round.
+    /// Seats that have acted in the open round.
     pub fn acted(&self) -> impl Iterator<Item = AgentId> + '_ {
         (0..).map(AgentId).zip(&self.seats).filter(|(_, s)| s.recorded.is_some()).map(|(a, _)| a)
     }
 
-    /// When the open round was published, if it was.
     pub const fn opened_at(&self) -> Option<Timestamp> {
         self.opened_at
     }
@@ -263,19 +256,18 @@ impl Lockstep {
         self.round
     }
 
-    /// Notes what the time of day says: when no round begins any more, and whether the episode is not to be
-    /// abandoned for now.
+    /// Updates what depends on the time of day: the closing time, and whether the episode is kept from being abandoned.
     pub fn note_time_of_day(&mut self, closes_at: Option<Timestamp>, is_held: bool) {
         self.clocks.closes_at = closes_at;
         self.is_held = is_held;
     }
 
-    /// Whether it is not abandoned for now.
+    /// Whether the episode is kept from being abandoned.
     pub const fn is_held(&self) -> bool {
         self.is_held
     }
 
-    /// When the episode is abandoned unless somebody acts.
+    /// Time at which the episode is abandoned unless somebody acts.
     pub fn idle_at(&self) -> Timestamp {
         if self.is_held {
             return Timestamp::MAX;
@@ -283,8 +275,7 @@ impl Lockstep {
         after(self.last_act_at, self.clocks.idle_timeout)
     }
 
-    /// When the episode ends unless there is a request: one that waits for its start ends when it
-    /// closes, too.
+    /// Time at which the episode ends without a request. A waiting episode also ends when it closes.
     pub fn ends_at(&self) -> Timestamp {
         let idle = self.idle_at();
         match (self.phase, self.clocks.closes_at) {
@@ -293,12 +284,12 @@ impl Lockstep {
         }
     }
 
-    /// When the last act of a player came, or else the start or the creation.
+    /// Time of the last act of a player, or else of the start or the creation.
     pub const fn last_act_at(&self) -> Timestamp {
         self.last_act_at
     }
 
-    /// Whether no round begins any more.
+    /// Whether no more rounds begin.
     fn is_closed(&self, now: Timestamp) -> bool {
         self.clocks.closes_at.is_some_and(|at| at <= now)
     }
@@ -311,7 +302,6 @@ impl Lockstep {
         }
     }
 
-    /// How the episode ended, if it has.
     pub const fn outcome(&self) -> Option<Outcome> {
         match self.phase {
             Phase::Over(outcome) => Some(outcome),
@@ -319,7 +309,7 @@ impl Lockstep {
         }
     }
 
-    /// When the next [`Event::Tick`] is due.
+    /// Time at which the next [`Event::Tick`] is due.
     pub fn wakes_at(&self) -> Option<Timestamp> {
         let idle = self.idle_at();
         match self.phase {
@@ -334,7 +324,7 @@ impl Lockstep {
         }
     }
 
-    /// Takes an event; `now` is when it happened.
+    /// Applies an event that happened at `now`.
     pub fn apply(&mut self, now: Timestamp, event: Event) -> Vec<Effect> {
         match event {
             Event::Start => self.start(now),
@@ -353,7 +343,7 @@ impl Lockstep {
         }
     }
 
-    /// Starts a waiting episode; doing it again changes nothing.
+    /// Starts a waiting episode; a repeated start changes nothing.
     fn start(&mut self, now: Timestamp) -> Vec<Effect> {
         if self.phase != Phase::Waiting {
             return Vec::new();
@@ -420,7 +410,7 @@ impl Lockstep {
             return effects;
         }
         let bank_spent_ms = millis(self.overspent(now).min(seat.bank));
-        // It may have waited for its turn while something else happened.
+        // The act may have waited for its turn while something else happened.
         self.last_act_at = self.last_act_at.max(now);
         let recorded = RecordedAct::new(agent, decision, bank_spent_ms, self.waiting_for() - 1);
         self.seats[agent.index()].recorded = Some(recorded.clone());
@@ -475,7 +465,7 @@ impl Lockstep {
         }
         self.round += 1;
         self.opened_at = None;
-        // What the task or its rounds end has not been cut short.
+        // An ending by the task or the last round is not cut short by the closing time.
         if let Some(ending) = ending.or_else(|| self.is_closed(now).then_some(Ending::Closed)) {
             self.end(now, ending)
         } else {
@@ -491,7 +481,7 @@ impl Lockstep {
         }
     }
 
-    /// After recovery: resolves an open round that has all its acts.
+    /// Resolves an open round that has all its acts, after a recovery.
     pub fn close(&mut self) -> Vec<Effect> {
         let mut effects = Vec::new();
         let has_acts = self.seats.iter().any(|seat| seat.recorded.is_some());
@@ -501,14 +491,14 @@ impl Lockstep {
         effects
     }
 
-    /// How many living seats have not acted in the open round.
+    /// Number of living seats that have not acted in the open round.
     fn waiting_for(&self) -> u32 {
         let pending =
             self.seats.iter().filter(|seat| seat.alive && seat.recorded.is_none()).count();
         u32::try_from(pending).expect("at most 1,024 agents")
     }
 
-    /// By how much the open round has passed its deadline.
+    /// Time by which the open round has passed its deadline.
     fn overspent(&self, now: Timestamp) -> Duration {
         let deadline = self.opened_at.zip(self.clocks.round_deadline);
         let deadline = deadline.map(|(opened_at, round)| after(opened_at, round));
@@ -521,7 +511,7 @@ impl Lockstep {
     }
 }
 
-/// Whether two acts are the same: usage and reasoning are not compared, the first are stored.
+/// Whether two acts are the same. Usage and reasoning are not compared; the first ones are stored.
 fn is_same(recorded: &Decision, sent: &Decision) -> bool {
     recorded.act == sent.act && recorded.response == sent.response
 }
@@ -698,7 +688,7 @@ mod tests {
         assert_eq!(answer(&effects).expect("just in time").recorded.bank_spent_ms, 1000);
     }
 
-    /// To the millisecond: what happens at the closing time happens after it.
+    /// The closing time is exact to the millisecond: an event at that time comes after it.
     #[test]
     fn the_round_that_runs_at_the_closing_time_is_the_last() {
         let closing = Clocks { closes_at: Some(at(20)), ..clocks(Some(10), 0) };
@@ -714,7 +704,7 @@ mod tests {
             submit(&mut machine, at(2), 1, 0, Action::Up);
             assert_eq!(machine.apply(resolved_at, resolved()), [expected], "{resolved_at}");
         }
-        // The last one has its whole clock, and a bank that goes beyond the closing time.
+        // The last round has its whole clock, and a bank that goes beyond the closing time.
         let mut machine = new(2, Clocks { bank: Duration::from_secs(30), ..closing });
         submit(&mut machine, at(1), 0, 0, Action::Up);
         assert_eq!(machine.wakes_at(), Some(at(40)), "not at the closing time");
@@ -723,7 +713,7 @@ mod tests {
         assert_eq!(answer(&last).expect("in time").recorded.waiting_for, 0);
         assert_eq!(machine.apply(at(40), resolved()), [Effect::End(Ending::Closed)]);
         assert_eq!(machine.status(), Status::Aborted);
-        // What ends by itself was not cut short.
+        // An episode that ends by itself was not cut short.
         let mut machine = new(1, closing);
         submit(&mut machine, at(25), 0, 0, Action::Up);
         let ending = Some(Ending::TaskDone);

@@ -1,46 +1,44 @@
-//! How much memory an episode takes, in round numbers: enough to keep all of them together within a budget.
+//! Estimates of an episode's memory, in round numbers: good enough to keep all episodes together within a budget.
 
 use swarmbench_engine::{Config, World};
 
 use super::spec::Spec;
 
-/// Bytes of a cell of a board, at most.
+/// Maximum bytes of a board's cell.
 const CELL: usize = 3;
 
-/// Bytes of an agent in a state: its body, its act and its message.
+/// Bytes of an agent in a state: its body, act and message.
 const AGENT: usize = 400;
 
-/// Bytes of an agent whatever round it is: its seat, its clock, its place in the snapshot.
+/// Bytes of an agent outside of states: its seat, clock and place in the snapshot.
 const SEAT: usize = 400;
 
-/// Bytes of an episode beside its states: its task, its channels, its description.
+/// Bytes of an episode outside of states: its task, channels and description.
 const EPISODE: usize = 8 * 1024;
 
-/// Bytes that a player which the server hosts keeps for each cell of the map, and beside that.
+/// Bytes of a hosted player for each cell of the map, and in addition.
 const PLAYER_CELL: usize = 16;
 const PLAYER: usize = 16 * 1024;
 
-/// Bytes of an episode in the state `world`, with keyframes of `keyframes` bytes and `hosted` players of the
-/// server.
+/// Bytes of an episode in the state `world`, with `keyframes` bytes of keyframes and `hosted` players of the server.
 pub fn of_episode(spec: &Spec, world: &World, keyframes: usize, hosted: usize) -> usize {
     let players = of_players(&spec.config, hosted);
     beside_states(spec) + players + world.approximate_bytes().saturating_add(keyframes)
 }
 
-/// Bytes that an episode takes at most before it is known what it takes: in round `round`, without other states
-/// that it keeps.
+/// Upper bound of an episode's bytes in round `round`, before its actual size is known and without other states that it keeps.
 pub fn expected(spec: &Spec, round: u32, hosted: usize) -> usize {
     beside_states(spec) + of_players(&spec.config, hosted) + of_world(&spec.config, round)
 }
 
-/// Estimated bytes of `hosted` players of the server: most of them remember the map that they saw.
+/// Estimated bytes of `hosted` players: most of them remember the map that they saw.
 fn of_players(config: &Config, hosted: usize) -> usize {
     let settings = config.settings();
     let cells = usize::try_from(settings.width * settings.height).unwrap_or(usize::MAX);
     hosted * (cells * PLAYER_CELL + PLAYER)
 }
 
-/// Bytes of the state after `round` rounds, at most.
+/// Upper bound of the bytes of the state after `round` rounds.
 pub fn of_world(config: &Config, round: u32) -> usize {
     let settings = config.settings();
     let size = |cells: i64| usize::try_from(cells).unwrap_or(usize::MAX);
@@ -51,7 +49,7 @@ pub fn of_world(config: &Config, round: u32) -> usize {
     board.saturating_mul(remembered + 1)
 }
 
-/// Bytes of the description with what its creator declared, counted for each game although games of a run share it.
+/// Bytes of the description with the creator's declarations, counted for each game although games of a run share them.
 fn beside_states(spec: &Spec) -> usize {
     let template = if spec.custom_template { spec.prompt_template.len() } else { 0 };
     let declared = spec.agent_meta.0.len() + template;

@@ -1,12 +1,12 @@
 //! Running episodes.
 //!
-//! [`lockstep`] is the barrier as a pure machine; [`actor`] performs its effects, one task an episode.
-//! [`seating`] assigns seats to holders. [`registry`] creates, finds and evicts episodes; [`recovery`] makes a
-//! running episode of a journal; [`past`] is what a fork takes over; [`replay`] computes states of earlier rounds; [`heavy`] estimates work and moves
-//! it off the async threads; [`quota`] limits what each owner uses, [`memory`] estimates the memory of an episode.
-//! Readers look at the published [`Snapshot`].
+//! [`lockstep`] is the barrier as a pure machine; an [`actor`] performs its effects, one task per episode. [`seating`] assigns
+//! seats to holders. [`registry`] creates, finds and evicts episodes; [`recovery`] makes a running episode of a journal; [`past`]
+//! is what a fork takes over; [`replay`] computes states of earlier rounds; [`heavy`] estimates work and moves it off the async
+//! threads; [`quota`] limits what each owner uses, and [`memory`] estimates the memory of an episode. Readers look at the
+//! published [`Snapshot`].
 //!
-//! Modules know each other in one direction: `registry`, `recovery`, `past`, `replay`, `actor`, and below it all others.
+//! Dependencies run in one direction: `registry`, `recovery`, `past`, `replay`, `actor`, and below it all others.
 
 pub mod actor;
 pub mod heavy;

@@ -1,4 +1,4 @@
-//! What a fork takes over of its parent: the rounds before its first own one, and the state after them.
+//! The part of its parent that a fork takes over: the rounds before its own first one, and the state after them.
 
 use std::sync::Arc;
 
@@ -14,25 +14,25 @@ use crate::store::port::{RoundActs, StoredEpisode};
 use crate::work::Cancelled;
 use swarmbench_journal::record::{RawRecord, Source, round_record};
 
-/// About how long writing the records of a round takes, in microseconds.
+/// Estimated time in which the records of a round are written, in microseconds.
 const WRITE_MICROS: u64 = 20;
 
-/// Rounds that were played, as the journals of several forks have them.
+/// Rounds that were played, as they stand in the journals of forks.
 pub struct Past {
-    /// The state after them.
+    /// State after the rounds.
     pub(super) world: Arc<World>,
     pub(super) keyframes: Keyframes,
     pub(super) rounds: Vec<PastRound>,
-    /// Bytes that their acts take in a journal.
+    /// Journal bytes of the acts.
     pub(super) bytes: u64,
 }
 
 pub(super) struct PastRound {
     pub(super) acts: Vec<PastAct>,
     pub(super) record: RawRecord,
-    /// The digest of the state after it.
+    /// Digest of the state after the round.
     pub(super) digest: [u8; 32],
-    /// The score after it.
+    /// Score after the round.
     pub(super) score: f64,
 }
 
@@ -44,7 +44,7 @@ pub(super) struct PastAct {
 }
 
 impl Past {
-    /// Before the first round: only the layout.
+    /// The past before the first round: only the layout.
     pub fn none(layout: Arc<World>) -> Self {
         let keyframes = Keyframes::new(Arc::clone(&layout));
         Self { world: layout, keyframes, rounds: Vec::new(), bytes: 0 }
@@ -74,12 +74,12 @@ impl Past {
         Ok(Self { world, ..past })
     }
 
-    /// Whether the episode is over by the rules after these rounds.
+    /// Whether the rules end the episode after these rounds.
     pub fn is_over(&self) -> bool {
         self.world.is_over()
     }
 
-    /// How many acts and rounds there are.
+    /// Number of acts and rounds.
     pub(super) fn rows(&self) -> usize {
         self.rounds.iter().map(|round| round.acts.len() + 1).sum()
     }

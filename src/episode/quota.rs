@@ -1,10 +1,14 @@
 //! Per-owner quotas: episodes that have not ended, and bytes in the journal.
 //!
-//! Unfinished episodes are shared by two rules. A party (an entrant of a competition; a key, or a network, outside of competitions)
-//! that has one opens another as long as its group (the competition; the party itself) has fewer open than are free, and an
-//! entrant as long as it has fewer than its competition could still open. So one group alone has half at most, two have a third
-//! each, and the last places are never for further games. A party that has none needs no share: it opens one as long as fewer
-//! parties of its group play than places are free. A few are reserved for organizers, and for runs that go on.
+//! Two rules share the unfinished episodes. A group is a competition, a key, or a network without keys; a party is an entrant of a
+//! competition, or else the group itself.
+//!
+//! - A party with episodes opens another as long as its group has fewer open than are free, and an entrant only as long as it has
+//!   fewer than its competition could still open. So one group alone has half at most, two have a third each, and further games
+//!   never take the last places.
+//! - A party without episodes needs no share: it opens one as long as fewer parties of its group play than places are free.
+//!
+//! A few places are reserved for organizers, and for runs that go on.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr};
@@ -16,38 +20,38 @@ use crate::fair::{Group, Party};
 use crate::ids::{CompetitionKey, EpisodeKey};
 use crate::keys::OwnerKey;
 
-/// The caps. What exceeds them is refused; running episodes continue.
+/// Caps on use. Requests beyond them are refused; running episodes continue.
 #[derive(Clone, Copy, Debug)]
 pub struct Caps {
-    /// Episodes that have not ended, in all.
+    /// Unfinished episodes in total.
     pub episodes_unfinished_max: usize,
-    /// Episodes that have not ended, of one key.
+    /// Unfinished episodes of one key.
     pub episodes_per_key_max: usize,
-    /// The percentage of all episodes that is reserved for parties without an unfinished one; half as many are reserved for
-    /// organizers and for the next games of runs.
+    /// Percentage of all episodes that is reserved for parties without an unfinished one; half as many are reserved for organizers
+    /// and for the next games of runs.
     pub reserved_percent: u32,
-    /// Bytes that the acts of one episode may take in the journal.
+    /// Journal bytes of the acts of one episode.
     pub journal_bytes_per_episode_max: u64,
-    /// Bytes that the acts of all episodes of one key, or of one network without keys, may take in the journal. A competition has
+    /// Journal bytes of the acts of all episodes of one key, or of one network without keys. A competition gets
     /// [`KEYS_OF_COMPETITION`] times as many.
     pub journal_bytes_per_key_max: u64,
-    /// Bytes of large acts a second that an entrant, a key or a network may write, on average; 0 for no limit. All entrants of a
-    /// competition together have [`KEYS_OF_COMPETITION`] times as many.
+    /// Bytes of large acts per second that an entrant, a key or a network may write, on average; 0 for no limit. All entrants of a
+    /// competition together get [`KEYS_OF_COMPETITION`] times as many.
     pub journal_bytes_per_key_s_max: u64,
 }
 
 impl Caps {
-    /// The reserved episodes.
+    /// Number of reserved episodes.
     const fn reserved(&self) -> usize {
         self.episodes_unfinished_max * self.reserved_percent as usize / 100
     }
 
-    /// Bytes in the journal of the acts of a group.
+    /// Cap on the journal bytes of a group's acts.
     const fn bytes_of(&self, group: Group) -> u64 {
         times_keys(self.journal_bytes_per_key_max, group)
     }
 
-    /// Bytes a second of the large acts of a group.
+    /// Cap on the bytes per second of a group's large acts.
     const fn bytes_per_s_of(&self, group: Group) -> u64 {
         times_keys(self.journal_bytes_per_key_s_max, group)
     }
@@ -60,34 +64,34 @@ const fn times_keys(of_key: u64, group: Group) -> u64 {
     }
 }
 
-/// Limits of journal bytes of a competition, as a multiple of those of a key.
+/// Limits of a competition's journal bytes, as a multiple of those of a key.
 pub const KEYS_OF_COMPETITION: u64 = 4;
 
-/// Bytes up to which the record of an act is stored whatever the quotas say: an action and a message
-/// always fit, so that an episode can be played to its end.
+/// Size of an act's record that is stored whatever the quotas say: an action and a message always fit, so that an episode can be
+/// played to its end.
 pub const ACT_BYTES_ALWAYS: u64 = 2048;
 
-/// How many seconds' worth of bytes may be written at once.
+/// Seconds of the permitted rate that may be written at once.
 pub const BURST_S: i64 = 8;
 
-/// The fraction of the bytes that a network may write without a key that is forgotten once it plays nothing.
+/// Divisor of the bytes that a key may write: a network that plays nothing, and has written no more than this fraction, is
+/// forgotten.
 const FORGOTTEN: u64 = 100;
 
 impl Party {
-    /// The party that plays with this key, if any, outside of competitions. Callers without a key and a known address
-    /// are one group.
+    /// Party of a key outside of competitions. Callers without a key and without a known address share one group.
     pub fn of_key(owner: Option<OwnerKey>) -> Self {
         let unknown = Group::Address(IpAddr::V4(Ipv4Addr::UNSPECIFIED));
         Self::of(owner.map_or(unknown, Group::Owner))
     }
 
-    /// The party that plays with this key in a competition, or else outside.
+    /// Party of a key in a competition, or else outside.
     pub fn within(competition: Option<CompetitionKey>, owner: Option<OwnerKey>) -> Self {
         let entrant = |key| Self { group: Group::Competition(key), member: owner };
         competition.map_or_else(|| Self::of_key(owner), entrant)
     }
 
-    /// The key with which it plays, if any.
+    /// Key of the party, if any.
     pub const fn owner(self) -> Option<OwnerKey> {
         match self.group {
             Group::Owner(owner) => Some(owner),
@@ -99,59 +103,54 @@ impl Party {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
-    /// Anything else.
+    /// Any other episode.
     Usual,
-    /// The next game of a run that has none open: if its party has none either, it uses half of the reserve, too.
+    /// Next game of a run that has none open. If its party has none either, half of the organizers' reserve is open to it, too.
     NextGame,
-    /// An episode of an organizer: it may use all of the reserve and more than a share.
+    /// Episode of an organizer: all of the reserve is open to it, and it may exceed a share.
     Organizer,
 }
 
 /// A cap that was reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Full {
-    /// The server has its maximum of episodes.
     #[error("the server already plays its maximum of {0} episodes; wait until some have ended")]
     Episodes(usize),
-    /// The key has its maximum of episodes.
     #[error(
         "this key already has its maximum of {0} unfinished episodes; end some, or wait until some have ended"
     )]
     EpisodesOfKey(usize),
-    /// The group, or the entrant within it, has its share of the episodes.
+    /// The group, or the entrant in it, already has its share of the episodes.
     #[error(
         "this {whose} has {open} unfinished episodes, as many as are free for it of {most}; end some episodes, or wait until some have ended"
     )]
     EpisodesOfShare {
         whose: Whose,
         open: usize,
-        /// All episodes.
+        /// The server's maximum of episodes.
         most: usize,
     },
-    /// The acts of the episode have reached their maximum of bytes.
     #[error(
         "the acts of this episode take {0} bytes already; send them without `reasoning`, and an `action` instead of a long `response`"
     )]
     BytesOfEpisode(u64),
-    /// The acts of all episodes of a key, a network or a competition have reached their maximum of bytes.
     #[error(
         "the acts of all episodes of this {whose} take {most} bytes already; ask the organizer for more, or send acts without `reasoning` and with short responses"
     )]
     BytesOf { whose: Whose, most: u64 },
-    /// Too many bytes come at once.
     #[error(
         "this {whose} sent more than {most} bytes of long acts and forks a second; send this again later, or with less text"
     )]
     BytesPerSecond {
         whose: Whose,
-        /// How many bytes a second there may be.
+        /// Permitted bytes per second.
         most: u64,
-        /// After how many milliseconds the same act is taken.
+        /// Time after which the same act is accepted, in milliseconds.
         after_ms: u64,
     },
 }
 
-/// Who reached a cap.
+/// Kind of party or group that reached a cap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Whose {
     Competition,
@@ -174,7 +173,7 @@ impl std::fmt::Display for Whose {
 }
 
 impl Full {
-    /// The name of the cap and its value.
+    /// Name and value of the cap.
     pub const fn limit(self) -> (&'static str, u64) {
         match self {
             Self::Episodes(most) | Self::EpisodesOfShare { most, .. } => {
@@ -196,7 +195,7 @@ const fn whose(group: Group) -> Whose {
     }
 }
 
-/// Counts what owners use; shared by all episodes of a server.
+/// Use by each owner; shared by all episodes of a server.
 #[derive(Debug)]
 pub struct Quotas {
     caps: Caps,
@@ -217,18 +216,17 @@ struct OfOwner {
     bytes: u64,
 }
 
-/// What a group, or a party, uses.
+/// Use of a group or a party.
 #[derive(Clone, Copy, Debug, Default)]
 struct Share {
     episodes: usize,
-    /// Of a group: its parties with unfinished episodes.
+    /// For a group: its parties with unfinished episodes.
     playing: usize,
     bytes: u64,
     bucket: TokenBucket,
 }
 
 impl Quotas {
-    /// Nothing is used yet.
     pub fn new(caps: Caps) -> Self {
         Self { caps, usage: Mutex::default() }
     }
@@ -249,22 +247,21 @@ impl Quotas {
         self.usage().check(&self.caps, party, purpose)
     }
 
-    /// Notes an unfinished episode that exists already; doing it again changes nothing.
+    /// Counts an unfinished episode that exists already; repeating it changes nothing.
     pub fn note(&self, episode: EpisodeKey, party: Party) {
         self.usage().begin(episode, party);
     }
 
-    /// Notes that an episode has ended, or was not created after all.
+    /// Stops counting an episode that has ended, or was not created after all.
     pub fn release(&self, episode: EpisodeKey) {
         self.usage().end(episode);
     }
 
-    /// How many episodes have not ended.
     pub fn unfinished(&self) -> usize {
         self.usage().unfinished.len()
     }
 
-    /// Whether an act with `more` bytes of text may be recorded now for an episode whose acts take `used`.
+    /// Whether an act with `more` bytes of text may be recorded now for an episode whose acts take `used` bytes.
     pub fn check_act(
         &self,
         episode: EpisodeKey,
@@ -285,7 +282,7 @@ impl Quotas {
         usage.check_rate(caps, *party, now)
     }
 
-    /// Counts bytes that an act of an episode takes.
+    /// Counts the bytes of an episode's act.
     pub fn add_bytes(&self, episode: EpisodeKey, bytes: u64, now: Timestamp) {
         let mut usage = self.usage();
         let Some(party) = usage.unfinished.get(&episode).copied() else { return };
@@ -295,7 +292,7 @@ impl Quotas {
         }
     }
 
-    /// Counts the bytes of `count` forks that a party makes at once, if they may be written now: `bytes` each.
+    /// Counts the bytes of `count` forks that a party makes at once, `bytes` each, if they may be written now.
     pub fn take_forks(
         &self,
         party: Party,
@@ -312,30 +309,30 @@ impl Quotas {
         Ok(())
     }
 
-    /// Gives back the bytes of forks that were not made.
+    /// Returns the bytes of forks that were not made.
     pub fn release_forks(&self, party: Party, (bytes, count): (u64, u64)) {
         self.usage().release_bytes(party, bytes.saturating_mul(count));
     }
 
-    /// Gives back bytes that were counted for acts which were not recorded.
+    /// Returns bytes that were counted for acts which were not recorded.
     pub fn release_bytes(&self, episode: EpisodeKey, bytes: u64) {
         let mut usage = self.usage();
         let Some(party) = usage.unfinished.get(&episode).copied() else { return };
         usage.release_bytes(party, bytes);
     }
 
-    /// Counts bytes that were written earlier with a key.
+    /// Counts bytes that were written with a key earlier.
     pub fn note_bytes(&self, owner: OwnerKey, bytes: u64) {
         self.usage().by_owner.entry(owner).or_default().bytes += bytes;
     }
 
-    /// Counts bytes that were written earlier in a competition.
+    /// Counts bytes that were written in a competition earlier.
     pub fn note_competition(&self, competition: CompetitionKey, bytes: u64) {
         let group = Group::Competition(competition);
         self.usage().by_group.entry(group).or_default().bytes += bytes;
     }
 
-    /// Forgets groups and parties that hold nothing.
+    /// Forgets groups and parties that use nothing.
     pub fn tidy(&self, now: Timestamp) {
         let forgotten = self.caps.journal_bytes_per_key_max / FORGOTTEN;
         let mut usage = self.usage();
@@ -344,7 +341,7 @@ impl Quotas {
             let bytes = match group {
                 Group::Competition(_) => share.bytes > 0,
                 Group::Address(_) => share.bytes > forgotten,
-                // Those of a key are counted by key.
+                // `by_owner` counts the bytes of keys.
                 Group::Owner(_) | Group::Server => false,
             };
             bytes || share.episodes > 0 || share.bucket.is_behind(now)
@@ -377,7 +374,7 @@ impl Usage {
         if is_free { Ok(()) } else { self.check_share(caps, party, purpose, own, free) }
     }
 
-    /// Whether a party with `own` episodes may have one more of those that are free.
+    /// Whether a party with `own` episodes may open one of the `free` ones.
     fn check_share(
         &self,
         caps: &Caps,
@@ -389,7 +386,7 @@ impl Usage {
         let all = caps.episodes_unfinished_max;
         let group = self.by_group.get(&party.group).copied().unwrap_or_default();
         let (used, most) = match purpose {
-            // However many runs there are: others have half of the episodes.
+            // However many runs there are, others keep half of the episodes.
             Purpose::NextGame if own == 0 => (group.playing, all.div_ceil(2)),
             _ if own == 0 => (group.playing, free),
             _ => (group.episodes, free.saturating_sub(caps.reserved())),
@@ -398,7 +395,7 @@ impl Usage {
             let (whose, open) = (whose(party.group), group.episodes);
             return Err(Full::EpisodesOfShare { whose, open, most: all });
         }
-        // Each further episode of the competition is also one fewer that is free.
+        // Each further episode of the competition also leaves one fewer free.
         let is_entrant = matches!(party.group, Group::Competition(_));
         if is_entrant && own > 0 && own >= (most - used).div_ceil(2) {
             return Err(Full::EpisodesOfShare { whose: Whose::Entrant, open: own, most: all });
@@ -406,7 +403,7 @@ impl Usage {
         Ok(())
     }
 
-    /// Whether `more` bytes fit into all that may ever be written.
+    /// Whether `more` bytes fit into the total that may ever be written.
     fn check_bytes(&self, caps: &Caps, party: Party, more: u64) -> Result<(), Full> {
         let most = caps.journal_bytes_per_key_max;
         let own = party.owner().and_then(|owner| self.by_owner.get(&owner));
@@ -423,7 +420,7 @@ impl Usage {
         }
     }
 
-    /// Whether another large act may be written now.
+    /// Whether the rate limits permit another large act now.
     fn check_rate(&self, caps: &Caps, party: Party, now: Timestamp) -> Result<(), Full> {
         let check = |share: Option<&Share>, whose, most| match share
             .map_or(0, |share| share.bucket.wait_ms(now))
@@ -457,7 +454,7 @@ impl Usage {
         }
     }
 
-    /// Counts a large act against the rate limit of writes.
+    /// Counts a large act against the rate limits.
     fn write(&mut self, caps: &Caps, party: Party, bytes: u64, now: Timestamp) {
         let group = &mut self.by_group.entry(party.group).or_default().bucket;
         group.write(bytes, caps.bytes_per_s_of(party.group), now);
@@ -497,7 +494,7 @@ impl Usage {
     }
 }
 
-/// A token bucket, as the time at which it is full again.
+/// A token bucket, stored as the time at which it is full again.
 #[derive(Clone, Copy, Debug, Default)]
 struct TokenBucket {
     full_at_us: i64,
@@ -506,19 +503,19 @@ struct TokenBucket {
 impl TokenBucket {
     const BURST_US: i64 = BURST_S * 1_000_000;
 
-    /// Whether it is not full.
+    /// Whether the bucket is not full.
     fn is_behind(self, now: Timestamp) -> bool {
         self.full_at_us > now.as_microsecond()
     }
 
-    /// Milliseconds until more may be written. One act goes beyond the burst; the next waits for it.
+    /// Milliseconds until more may be written. One act may exceed the burst; the next one waits for it.
     fn wait_ms(self, now: Timestamp) -> u64 {
         let over = self.full_at_us - now.as_microsecond() - Self::BURST_US;
-        // It is further ahead only where the clock was set back.
+        // The time is further ahead only where the clock was set back.
         u64::try_from(over).ok().filter(|_| over <= Self::BURST_US).unwrap_or(0).div_ceil(1000)
     }
 
-    /// Takes bytes out of it, of which `per_s` come back every second.
+    /// Takes bytes out of the bucket, of which `per_s` return every second.
     fn write(&mut self, bytes: u64, per_s: u64, now: Timestamp) {
         let Some(us) = bytes.saturating_mul(1_000_000).checked_div(per_s) else { return };
         let now = now.as_microsecond();
@@ -571,7 +568,7 @@ mod tests {
             self.quotas.admit(EpisodeKey(self.next), party, purpose)
         }
 
-        /// How many more it gets.
+        /// Number of further episodes that the party gets.
         fn all(&mut self, party: Party, purpose: Purpose) -> usize {
             (0..10_000).take_while(|_| self.one(party, purpose).is_ok()).count()
         }
@@ -599,23 +596,23 @@ mod tests {
     fn groups_share_the_episodes_and_a_newcomer_finds_some() {
         let mut opener = Opener::of(1000, 10);
         let usual = Purpose::Usual;
-        // 950 are open to all, and 850 of them to those who have some.
+        // 950 are open to all parties, and 850 of them to parties that have some.
         assert_eq!(opener.all(Party::of_key(Some(OwnerKey(1))), usual), 425);
         assert_eq!(opener.all(Party::of_key(None), usual), 213);
-        // However many entrants somebody makes of himself, they have what one competition has, and a first game each.
+        // Entrants registered by one person, however many, share what one competition has, and get a first game each.
         let entrants: Vec<usize> = (0..50).map(|n| opener.all(entrant(1, n), usual)).collect();
         assert!(entrants.iter().all(|count| *count > 0), "{entrants:?}");
         assert_eq!(entrants.iter().sum::<usize>(), 149, "{entrants:?}");
         assert_eq!(opener.one(entrant(2, 1), usual), Ok(()), "another competition starts");
-        // Programs of the host share with nobody, and leave the reserve.
+        // The host's own programs share with nobody, and leave the reserve.
         assert_eq!(opener.all(HOST, usual), 162);
         assert_eq!(opener.one(entrant(3, 1), usual), Err(Full::Episodes(1000)));
         assert_eq!(opener.all(entrant(3, 1), Purpose::NextGame), 1, "a run goes on");
         assert_eq!(opener.all(OWN, Purpose::Organizer), 49);
     }
 
-    /// What greedy entrants with `parallel` games each leave of a server of the usual size, and how many entrants that have none
-    /// then get a first game.
+    /// Number of episodes that greedy entrants with `parallel` games each hold on a server of the usual size, and number of
+    /// entrants without any that then get a first game.
     fn newcomers(competitions: i64, entrants: i64, parallel: usize) -> (usize, usize) {
         let mut opener = Opener::of(20_000, 10);
         for (cup, number) in (0..entrants).map(|number| (number % competitions, number)) {
@@ -630,12 +627,12 @@ mod tests {
     #[test]
     fn greedy_entrants_leave_first_games_to_others() {
         for (competitions, entrants, parallel, expected) in [
-            // Nobody is greedy: half of all places are for one competition, so that others start.
+            // Without greedy entrants half of all places are for one competition, so that others start.
             (1, 0, 0, (0, 9500)),
             (1, 162, 64, (8524, 5157)),
             (1, 1000, 64, (9362, 4319)),
             (1, 1000, 1, (1000, 8500)),
-            // They take what they can get, in many competitions at once.
+            // Entrants take what they can get, in many competitions at once.
             (1, 1000, usize::MAX, (9486, 4257)),
             (20, 162, usize::MAX, (17_095, 948)),
             (20, 1000, usize::MAX, (17_933, 509)),
@@ -649,9 +646,9 @@ mod tests {
     fn an_entrant_that_has_games_has_no_first_one_however_many_runs_it_starts() {
         let mut opener = Opener::of(100, 10);
         let greedy = opener.all(entrant(1, 1), Purpose::Usual);
-        // Of each of its runs a game is the next one.
+        // Each of its runs asks for its next game.
         assert_eq!(opener.all(entrant(1, 1), Purpose::NextGame), 0);
-        // Games that end and begin again move nobody's bound.
+        // Games that end and begin again move no bound.
         for key in 1..=20 {
             opener.quotas.release(EpisodeKey(key));
             opener.one(entrant(1, 1), Purpose::Usual).expect("the place that it gave back");
@@ -684,7 +681,7 @@ mod tests {
         assert_eq!(opener.one(entrant(3, 2), Purpose::NextGame), Err(Full::Episodes(100)));
     }
 
-    /// What [`Quotas`] decides, from a list of all that is open.
+    /// Decision of [`Quotas`], computed from a list of all open episodes.
     fn model(caps: &Caps, open: &[Party], party: Party, purpose: Purpose) -> bool {
         let own = open.iter().filter(|other| **other == party).count();
         let group: Vec<_> = open.iter().filter(|other| other.group == party.group).collect();
@@ -793,7 +790,7 @@ mod tests {
         for owner in 1..=5 {
             quotas.note(EpisodeKey(owner), entrant(1, owner));
         }
-        // How many acts of 10,000 bytes one gets in.
+        // Number of acts of 10,000 bytes that an owner gets in.
         let flood = |owner, now| {
             let one = |_: &u32| {
                 let fits = quotas.check_act(EpisodeKey(owner), 0, most, now).is_ok();
@@ -810,14 +807,14 @@ mod tests {
         let late = Err(Full::BytesPerSecond { whose, most, after_ms: 1000 });
         assert_eq!(check(1, at(0)), late);
         assert_eq!(quotas.check_act(EpisodeKey(1), 0, ACT_BYTES_ALWAYS, at(0)), Ok(()));
-        // Others of the competition write, too, until it is too much together.
+        // Other entrants of the competition write, too, until it is too much together.
         assert_eq!([2, 3, 4].map(|owner| flood(owner, at(0))), [9, 9, 6]);
         let whose = Whose::Competition;
         let late = Err(Full::BytesPerSecond { whose, most: 4 * most, after_ms: 250 });
         assert_eq!(check(5, at(0)), late);
         assert_eq!(flood(5, at(1)), 4);
         assert_eq!(flood(1, at(100)), 9);
-        // Nobody waits for hours where the clock was set back.
+        // A clock that was set back lets nobody wait for hours.
         assert_eq!(check(1, at(-3600)), Ok(()));
     }
 }

@@ -1,5 +1,5 @@
-//! Journal → running episode: every unfinished episode continues at the same round, with the acts
-//! that were already recorded.
+//! Recovery of an episode from its journal: an unfinished episode continues at the same round, with the acts that were already
+//! recorded.
 
 use std::sync::atomic::AtomicI64;
 use std::sync::{Arc, Mutex, OnceLock};
@@ -22,7 +22,7 @@ use crate::work::Cancelled;
 use swarmbench_journal::Tally;
 use swarmbench_journal::record::{End, RawRecord, Record};
 
-/// Recovers a stored episode. Its open round begins when that is done, however long it took.
+/// Recovers a stored episode. The clock of its open round begins afterwards, however long the recovery took.
 pub(super) async fn recover(
     host: &Host,
     stored: StoredEpisode,
@@ -104,7 +104,7 @@ pub(super) async fn recover(
     })
 }
 
-/// The party for which an episode of `party` is recovered: if it has ended, the caller.
+/// Party for which an episode of `party` is recovered: the caller, if the episode has ended.
 pub(super) fn recovered_for(stored: &StoredEpisode, party: Party) -> Party {
     if stored.end.is_some() { Party::current() } else { party }
 }
@@ -125,13 +125,13 @@ fn broken(stored: &StoredEpisode, problem: String) -> RecoveryError {
     RecoveryError::Broken { episode: stored.id.to_string(), problem }
 }
 
-/// What the resolved rounds of an episode leave behind, beside its state.
+/// Result of replaying an episode's resolved rounds, beside the state.
 struct History {
     keyframes: Keyframes,
     bank_spent: Vec<Duration>,
     bytes: u64,
     first_round: u32,
-    /// What the acts of its own rounds were.
+    /// Tally of the acts in the episode's own rounds.
     tally: Tally,
 }
 

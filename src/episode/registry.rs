@@ -1,5 +1,5 @@
-//! All episodes of a server: creates them, finds them, recovers them from the journal on first use,
-//! and evicts idle ones.
+//! The registry of a server's episodes: creates them, finds them, recovers them from the journal on first use, and evicts idle
+//! ones.
 
 mod creation;
 
@@ -28,41 +28,40 @@ use crate::work::Workers;
 pub use creation::{CreateError, Creation, FORK_PIECE_ROWS_MAX};
 use swarmbench_clock::{Clock, after};
 
-/// An episode that takes longer to play again, in microseconds, comes back after all others, and the server
-/// is ready without it.
+/// Longest light recovery, in microseconds of replay. Episodes that take longer are recovered after all others, and the server is
+/// ready without them.
 const LIGHT_RECOVERY_MICROS: u64 = 250_000;
 
-/// Light episodes that are recovered at once after a start.
+/// Light episodes that are recovered concurrently after a start.
 const RECOVERED_AT_ONCE: usize = 8;
 
-/// Episodes that are not in memory and are looked after at once by a sweep: one that takes long, or whose journal is
-/// broken, keeps no other from its end.
+/// Due episodes outside memory that a sweep recovers concurrently: an episode that takes long, or whose journal is broken, delays
+/// no other episode's end.
 const SWEPT_AT_ONCE: usize = 8;
 
-/// How long an idle episode stays in memory.
+/// Time for which an unused episode stays in memory.
 const UNUSED_STAYS: Duration = Duration::from_mins(5);
 
-/// How long an idle episode stays in memory when memory is low.
+/// Time for which an unused episode stays in memory when memory is low.
 const IDLE_STAYS: Duration = Duration::from_secs(10);
 
-/// How long the search for idle episodes pauses after it found too few.
+/// Pause of the search for idle episodes after it found too few.
 const LOOKS_FOR_IDLE_AFTER: Duration = Duration::from_secs(1);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Location {
     Memory,
-    /// In the journal, and it has not ended: its recovery continues although the caller is gone.
+    /// The episode is in the journal and has not ended: its recovery continues although the caller is gone.
     Unfinished,
-    /// In the journal, if anywhere: its recovery is cancelled when no caller waits for it.
+    /// The episode is in the journal, if anywhere: its recovery is cancelled when no caller waits for it.
     Journal,
 }
 
-/// Why an episode was neither found in memory nor recovered.
+/// Reason why an episode was neither found in memory nor recovered.
 #[derive(Debug, thiserror::Error)]
 pub enum FindError {
     #[error(transparent)]
     NoMemory(#[from] Exhausted),
-    /// It cannot be recovered.
     #[error(transparent)]
     Recovery(#[from] RecoveryError),
 }
@@ -73,13 +72,13 @@ impl From<StoreError> for FindError {
     }
 }
 
-/// All episodes of a server. Cloning shares them.
+/// All episodes of a server. Clones share them.
 #[derive(Clone)]
 pub struct Registry {
     host: Arc<Host>,
     slots: Arc<Mutex<Slots>>,
     numbers: Arc<Numbers>,
-    /// Until when the search for idle episodes of a group, or of all, pauses: there were too few.
+    /// Times until which the search for idle episodes of a group, or of all groups, pauses, as there were too few.
     none_idle_until: Arc<Mutex<HashMap<Option<Group>, Timestamp>>>,
     recoveries: FairLimit,
     ended: Arc<Mutex<Option<mpsc::UnboundedReceiver<RunKey>>>>,
@@ -87,7 +86,7 @@ pub struct Registry {
 }
 
 impl Registry {
-    /// The registry over a journal whose newest episode has the number `last_key`.
+    /// A registry over a journal whose newest episode has the number `last_key`.
     pub fn new(
         journal: Arc<dyn EpisodeStore>,
         clock: Arc<dyn Clock>,
@@ -113,39 +112,39 @@ impl Registry {
             slots: Arc::default(),
             numbers: Arc::new(Numbers::after(last_key)),
             none_idle_until: Arc::default(),
-            // It is asked by `acquire_always`: one waits for each episode at most.
+            // All callers use `acquire_always`: at most one waits for each episode.
             recoveries: FairLimit::replays(REPLAYS_MAX, Duration::MAX),
             ended: Arc::new(Mutex::new(Some(ended))),
             hosted: Arc::new(Mutex::new(Some(hosted))),
         }
     }
 
-    /// With numbers for new episodes that are not simply the next ones.
+    /// Sets the source of numbers for new episodes; by default they follow one another.
     #[must_use]
     pub fn with_numbers(mut self, numbers: Numbers) -> Self {
         self.numbers = Arc::new(numbers);
         self
     }
 
-    /// With a budget of memory; without one there is no bound.
+    /// Sets the memory budget; by default memory is unlimited.
     #[must_use]
     pub fn with_budget(mut self, budget: Arc<Budget>) -> Self {
         Arc::make_mut(&mut self.host).budget = budget;
         self
     }
 
-    /// The memory that worlds and answers may take together.
+    /// Memory that worlds and answers share.
     pub fn budget(&self) -> &Arc<Budget> {
         &self.host.budget
     }
 
-    /// Reserves memory for an answer. Where none is free, idle episodes leave it first, and a small amount comes from the
+    /// Reserves memory for an answer. Where none is free, idle episodes are evicted first; a small amount may come from the
     /// reserve.
     pub fn room(&self, bytes: usize) -> Result<Reservation, Exhausted> {
         self.room_of(bytes, None, Rank::Normal)
     }
 
-    /// Reserves memory as [`Registry::room`] does, within the share of a party: for its games and exports. An urgent request uses
+    /// Reserves memory like [`Registry::room`], within the share of a party: for its games and exports. An urgent request may use
     /// the reserve, too.
     pub fn room_of(
         &self,
@@ -167,8 +166,8 @@ impl Registry {
         })
     }
 
-    /// Evicts idle episodes of a party's group, its own first, or of all, the longest unused first, until there
-    /// is room for `bytes` and an eighth of the budget more: so that not every request looks for them.
+    /// Evicts idle episodes of a party's group, the party's own first, or of all groups; within these, the longest unused first.
+    /// Stops once there is room for `bytes` and an eighth of the budget more, so that not every request searches.
     fn evict_idle(&self, bytes: usize, party: Option<Party>) {
         let budget = &self.host.budget;
         let wanted = bytes.saturating_add(budget.most() / 8);
@@ -215,13 +214,13 @@ impl Registry {
         self.none_idle_until.lock().expect("nothing panics while it holds this")
     }
 
-    /// Receives the run of every episode that has ended, durably. The first caller gets the receiver.
+    /// Returns the receiver of the runs of episodes that have ended, durably. Only the first caller gets it.
     pub fn take_ended(&self) -> Option<mpsc::UnboundedReceiver<RunKey>> {
         self.ended.lock().expect("nothing panics while it holds this").take()
     }
 
-    /// Receives every recovered episode of which the server may play seats. The first caller gets the
-    /// receiver; until then they are queued.
+    /// Returns the receiver of the episodes in which the server may play seats. Only the first caller gets it; until then the
+    /// channel queues them.
     pub fn take_hosted(&self) -> Option<mpsc::UnboundedReceiver<Handle>> {
         self.hosted.lock().expect("nothing panics while it holds this").take()
     }
@@ -230,12 +229,11 @@ impl Registry {
         &self.host.journal
     }
 
-    /// What all actors share: states of earlier rounds are recomputed with it.
+    /// Resources that all actors share; states of earlier rounds are recomputed with them.
     pub const fn host(&self) -> &Arc<Host> {
         &self.host
     }
 
-    /// How many episodes have not ended.
     pub fn unfinished(&self) -> usize {
         self.host.quotas.unfinished()
     }
@@ -248,12 +246,11 @@ impl Registry {
         self.slots.lock().expect("nothing panics while it holds this")
     }
 
-    /// Whether a new episode is admitted now.
     pub fn check_room(&self, party: Party, purpose: Purpose) -> Result<(), Full> {
         self.host.quotas.check(party, purpose)
     }
 
-    /// Where an episode is; there may be none of that id.
+    /// Location of an episode, which need not exist.
     pub fn location(&self, id: &EpisodeId) -> Location {
         match self.slots().get(id) {
             Some(slot) if slot.handle.initialized() => Location::Memory,
@@ -262,7 +259,7 @@ impl Registry {
         }
     }
 
-    /// Finds an episode that is in memory, and whose actor has not ended by a fault.
+    /// Finds an episode in memory, unless its actor has ended by a fault.
     pub fn find_in_memory(&self, id: &EpisodeId) -> Option<Handle> {
         let now = self.host.clock.now();
         let mut slots = self.slots();
@@ -284,12 +281,12 @@ impl Registry {
             starting.cancelled().await;
         }
         let cell = match known {
-            // It is unfinished, so its recovery continues although the caller is gone.
+            // The episode is unfinished, so its recovery continues although the caller is gone.
             Some((cell, true, _)) if !cell.initialized() => {
                 return self.recover_detached(cell, id).await;
             }
             Some((cell, ..)) => cell,
-            // Only episodes that exist get a slot.
+            // Only existing episodes get a slot.
             None if self.host.journal.episode(id.clone()).await?.is_none() => return Ok(None),
             None => {
                 let mut slots = self.slots();
@@ -313,7 +310,7 @@ impl Registry {
         recovered.await.unwrap_or_else(|_| stopping())
     }
 
-    /// Fills the slot of an episode: the first caller recovers it, the others wait for that.
+    /// Fills the slot of an episode: the first caller recovers the episode, the others wait for it.
     async fn fill(
         &self,
         cell: &OnceCell<Handle>,
@@ -330,19 +327,19 @@ impl Registry {
         }
     }
 
-    /// Recovers an episode from the journal; an error without a reason says that there is none.
+    /// Recovers an episode from the journal. The error is `None` where there is no such episode.
     async fn recover(&self, id: &EpisodeId) -> Result<Handle, Option<FindError>> {
         let leaving = self.slots().get(id).and_then(|slot| slot.leaving.clone());
         if let Some(leaving) = leaving {
             leaving.cancelled().await;
         }
-        // What an earlier actor handed over may still be on its way to the disk.
+        // Entries of an earlier actor may still be on their way to the disk.
         let flushed = self.host.journal.keep(Vec::new()).await;
         flushed.map_err(|error| Some(error.into()))?;
         let stored = self.host.journal.episode(id.clone()).await;
         let mut stored = stored.map_err(|error| Some(error.into()))?.ok_or(None)?;
         let place = Place::of_game(stored.episode, stored.run);
-        // Before it is taken: while it is recovered it is in use, and is not given up.
+        // The place is set before it is taken, so that it counts as used, and is not released, during the recovery.
         if let Some(slot) = self.slots().get_mut(id) {
             slot.place = Some((place, stored.episode));
         }
@@ -351,7 +348,7 @@ impl Registry {
             if !taken.map_err(|error| Some(error.into()))? {
                 return Err(Some(StoreError::Elsewhere.into()));
             }
-            // Its previous owner may have written since.
+            // The previous owner may have written since.
             let again = self.host.journal.episode(id.clone()).await;
             stored = again.map_err(|error| Some(error.into()))?.ok_or(None)?;
         }
@@ -363,8 +360,8 @@ impl Registry {
         let times = self.times(&stored);
         let init = recover(&self.host, stored, spec, party, times).await;
         let handle = spawn(Arc::clone(&self.host), init.map_err(FindError::from)?, room);
-        // The caller may be dropped before it is found: then the sweep still has to see it, and
-        // what its actor handed over still has to be awaited.
+        // The caller may be dropped before the handle is found: then the sweep still has to see the actor, and its entries still
+        // have to be awaited.
         if let Some(slot) = self.slots().get_mut(id) {
             slot.leaving = Some(handle.gone());
         }
@@ -375,7 +372,7 @@ impl Registry {
         Ok(handle)
     }
 
-    /// Memory for a stored episode. One that advances by itself gets it also where none is free.
+    /// Reserves memory for a stored episode. An episode that advances by itself gets memory even where none is free.
     fn room_for(
         &self,
         stored: &StoredEpisode,
@@ -394,19 +391,17 @@ impl Registry {
         }
     }
 
-    /// After a start: recovers the unfinished episodes that advance by themselves, and gives all others
-    /// a slot. Returns how many there are, once all are recovered that do not take long; the
-    /// others follow, the fastest first.
+    /// Recovers the unfinished episodes that advance by themselves, after a start, and gives all others a slot. Returns the number
+    /// of unfinished episodes once the light ones are recovered; heavy ones follow, the fastest first.
     pub async fn recover_unfinished(&self) -> Result<usize, StoreError> {
         Ok(self.adopt(self.host.journal.unfinished().await?).await)
     }
 
-    /// Recovers unfinished episodes that this server plays from now on, as [`Registry::recover_unfinished`] does.
+    /// Recovers unfinished episodes that this server plays from now on, like [`Registry::recover_unfinished`].
     pub async fn adopt(&self, all: Vec<Unfinished>) -> usize {
         let now = self.host.clock.now();
         for Unfinished { episode, id, owner, run, clocked, .. } in &all {
-            // One that was requested meanwhile is counted by its recovery, and may have
-            // ended since it was listed.
+            // The recovery counts an episode that was requested meanwhile: it may have ended since it was listed.
             let mut slots = self.slots();
             if slots.add_unfinished(id, now, *clocked) {
                 self.host.quotas.note(*episode, Party::of_key(*owner));
@@ -432,7 +427,7 @@ impl Registry {
         count
     }
 
-    /// Those of these places at which no episode is in memory that anybody uses, or that advances by itself.
+    /// Filters places: leaves those without an episode in memory that anybody uses, or that advances by itself.
     pub fn idle_places(&self, places: HashSet<Place>) -> HashSet<Place> {
         let now = self.host.clock.now();
         let mut idle = places;
@@ -446,8 +441,8 @@ impl Registry {
         idle
     }
 
-    /// Evicts all episodes of idle places, for another server to play them; all that was handed over is durable then. Returns
-    /// the places of which nothing is left here: others are in use again.
+    /// Evicts all episodes of idle places, for another server to play them; their entries are durable afterwards. Returns the
+    /// places that this server has left: other places are in use again.
     pub async fn give_up(&self, places: HashSet<Place>) -> Result<HashSet<Place>, StoreError> {
         let left = self.idle_places(places);
         let now = self.host.clock.now();
@@ -475,7 +470,7 @@ impl Registry {
         Ok(left)
     }
 
-    /// Recovers episodes in this order, `at_once` of them concurrently.
+    /// Recovers episodes in order, `at_once` of them concurrently.
     async fn recover_all(&self, ids: Vec<EpisodeId>, at_once: usize) {
         let recover_one = async |id: EpisodeId| {
             self.recover_or_log(&id).await;
@@ -489,7 +484,7 @@ impl Registry {
     async fn recover_or_log(&self, id: &EpisodeId) {
         match self.find(id).await {
             Ok(_) => {}
-            // The next sweep tries it again.
+            // The next sweep tries again.
             Err(FindError::NoMemory(full)) => {
                 tracing::debug!(%full, "an episode was not recovered");
             }
@@ -499,8 +494,7 @@ impl Registry {
         }
     }
 
-    /// Recovers the episodes that are not in memory and would have ended by now, or of
-    /// which that is not known.
+    /// Recovers episodes outside memory that should have ended by now, or whose end is not known.
     pub async fn sweep_idle(&self) {
         let now = self.host.clock.now();
         let is_in_doubt = self.host.clock.doubt().is_some();
@@ -509,7 +503,7 @@ impl Registry {
             slots.visit_awake(|slot| {
                 slot.empty_if_dead(now);
                 if slot.handle.initialized() {
-                    // Its actor ends it in time.
+                    // The actor ends its episode in time.
                     slot.ends_at = None;
                 }
                 true
@@ -528,7 +522,7 @@ impl Registry {
         stream::iter(due).for_each_concurrent(SWEPT_AT_ONCE, recover_due).await;
     }
 
-    /// When an episode that is not in memory ends unless there is a request; never, if it has ended.
+    /// Time at which an episode outside memory ends without a request; `None` if it has ended.
     async fn ends_at(&self, id: &EpisodeId) -> Result<Option<Timestamp>, RecoveryError> {
         let stored = self.host.journal.episode(id.clone()).await?;
         let Some(stored) = stored.filter(|stored| stored.end.is_none()) else { return Ok(None) };
@@ -539,14 +533,13 @@ impl Registry {
         Ok(Some(closes_at.map_or(idle, |at| at.min(idle))))
     }
 
-    /// The times of a stored episode: those that it had in memory, else those by the time of day.
+    /// Times of a stored episode: those that it had in memory, else those by the time of day.
     fn times(&self, stored: &StoredEpisode) -> Arc<Times> {
         let known = self.slots().get(&stored.id).and_then(|slot| slot.times.clone());
         known.unwrap_or_else(|| Arc::new(Times::stored(stored, &*self.host.clock)))
     }
 
-    /// Evicts unused episodes without handles. Those that have not ended keep
-    /// their slot, those with a running clock stay.
+    /// Evicts unused episodes without handles. Unfinished episodes keep their slots, and episodes with a running clock stay.
     pub fn evict_unused(&self) {
         let now = self.host.clock.now();
         self.host.quotas.tidy(now);
@@ -554,8 +547,7 @@ impl Registry {
     }
 }
 
-/// The episodes that advance by themselves, in the order of their recovery, the fastest first;
-/// separately those that take long.
+/// Ids of the episodes that advance by themselves, in the order of recovery, fastest first: the light ones, and the heavy ones.
 fn in_line(all: Vec<Unfinished>) -> (Vec<EpisodeId>, Vec<EpisodeId>) {
     let mut in_line: Vec<_> = (all.into_iter().filter(|episode| episode.clocked))
         .map(|episode| (recovery_micros(&episode), episode.episode, episode.id))
@@ -568,7 +560,7 @@ fn in_line(all: Vec<Unfinished>) -> (Vec<EpisodeId>, Vec<EpisodeId>) {
     (ids(in_line), ids(heavy))
 }
 
-/// About how long it takes at worst to play an episode again: its layout and all its rounds.
+/// Estimates the time in which an episode is played again at worst, in microseconds: its layout and all its rounds.
 fn recovery_micros(episode: &Unfinished) -> u64 {
     let Some((config, rounds)) = &episode.played else { return 0 };
     config.engine().map_or(0, |config| step_micros(&config) * (1 + u64::from(*rounds)))

@@ -1,4 +1,4 @@
-//! Stored rounds, played again: states of earlier rounds, and episodes from their layout on.
+//! Replays of stored rounds: for states of earlier rounds, and of episodes from their layout on.
 
 use std::sync::Arc;
 
@@ -14,48 +14,48 @@ use crate::store::port::{RoundActs, StoredRound};
 use crate::work::Cancelled;
 use swarmbench_journal::replay::{Replayer, RoundFault, acts_of};
 
-/// Rounds that are read and played at once.
+/// Maximum number of rounds that are read and played in one piece.
 const ROUNDS_MAX: u32 = 64;
 
-/// Acts that are read at once.
+/// Maximum number of acts that are read in one piece.
 const ACTS_MAX: u32 = 4096;
 
-/// Bytes of an act as it is played again, at most: without its answer and its reasons.
+/// Maximum bytes of an act in a replay, which leaves out its answer and its reasoning.
 const ACT_BYTES_MAX: usize = 1024;
 
 /// Microseconds for which rounds are played in one piece; a single round may take longer.
 const PIECE_MICROS: u64 = 100_000;
 
-/// How many rounds of an episode are read and played in one piece.
+/// Number of rounds of an episode that are read and played in one piece.
 fn rounds_at_once(config: &swarmbench_engine::Config) -> u32 {
     let by_acts = ACTS_MAX / u32::from(config.num_agents()).max(1);
     let by_time = u32::try_from(PIECE_MICROS / step_micros(config)).unwrap_or(ROUNDS_MAX);
     by_acts.min(by_time).clamp(1, ROUNDS_MAX)
 }
 
-/// Estimated bytes of the acts of `rounds` rounds during a replay. They are reserved, free or not: `replays_max`
-/// bounds how many replays and recoveries run at once.
+/// Estimated bytes of the acts of `rounds` rounds during a replay. They are reserved even where none are free: `replays_max`
+/// bounds the replays and recoveries that run at once.
 fn acts_bytes(config: &swarmbench_engine::Config, rounds: u32) -> usize {
     rounds as usize * usize::from(config.num_agents()) * ACT_BYTES_MAX
 }
 
-/// Stored rounds that are to be played again.
+/// Stored rounds to play again.
 pub struct Rounds<'a> {
     pub id: &'a EpisodeId,
     pub key: EpisodeKey,
-    /// The round up to which they are played.
+    /// Round up to which to play.
     pub to: u32,
-    /// Whether every state is compared with its stored digest.
+    /// Whether to compare every state with its stored digest.
     pub checked: bool,
-    /// The kind of work, as it is counted, and the party for which it is done.
+    /// Kind of work for the metrics, and the party for which it is done.
     pub work: (&'static str, Party),
-    /// About how long `see` takes for a round, in microseconds.
+    /// Estimated time of `see` for a round, in microseconds.
     pub see_micros: u64,
 }
 
 impl Rounds<'_> {
-    /// Plays the rounds from `world` on, piece by piece, and yields in between. `see` gets the acts of each
-    /// round and the state after it.
+    /// Plays the rounds from `world` on, piece by piece, and yields in between. `see` gets the acts of each round and the state
+    /// after it.
     pub async fn play<S: Send + 'static>(
         self,
         host: &Host,
@@ -81,7 +81,7 @@ impl Rounds<'_> {
                     piece.play(&mut replayer, cancelled, |acts, world| see(&mut seen, acts, world));
                 result.map(|()| (replayer, seen))
             };
-            // Who looks at every state is in no hurry.
+            // A caller that looks at every state is in no hurry.
             let is_heavy = see_micros > 0 || heavy::is_long(micros * u64::from(to - from));
             let share = (party, Rank::Normal);
             (replayer, seen) = off_thread(&host.workers, kind, share, is_heavy, play)
@@ -92,7 +92,7 @@ impl Rounds<'_> {
     }
 }
 
-/// Rounds that were read at once.
+/// Rounds that were read together.
 struct Piece {
     to: u32,
     acts: Vec<(u32, RoundActs)>,
@@ -131,8 +131,8 @@ impl Piece {
     }
 }
 
-/// The state after `round` rounds: from a keyframe before it, or from `near` where that is nearer, and the
-/// stored acts.
+/// Computes the state after `round` rounds with the stored acts, from the last keyframe before it, or from `near` where that is
+/// nearer.
 pub async fn state_at(
     host: &Arc<Host>,
     handle: &Handle,

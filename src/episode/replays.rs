@@ -1,4 +1,4 @@
-//! Replays of earlier rounds: one for all that request the same state, and a cache of their results.
+//! Replays of earlier rounds, shared by all that request the same state, and a cache of their results.
 
 use std::collections::HashMap;
 use std::pin::Pin;
@@ -14,31 +14,29 @@ use crate::ids::EpisodeKey;
 use crate::store::StoreError;
 use crate::work::WorkError;
 
-/// Bytes of cached states.
+/// Capacity of the cache of states, in bytes.
 const RECENT_BYTES_MAX: u64 = 32 * 1024 * 1024;
 
-/// The initial capacity of the cache of states.
+/// Initial capacity of the cache of states.
 const RECENT_EXPECTED: usize = 256;
 
-/// Why the rounds of an episode cannot be replayed.
+/// Reason why an episode's rounds cannot be replayed.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum RecoveryError {
-    /// Its journal cannot be read.
     #[error(transparent)]
     Journal(#[from] StoreError),
-    /// Too much heavy work waits.
     #[error(transparent)]
     Work(#[from] WorkError),
-    /// Its journal does not play again as it was played.
+    /// The replay differs from the journal.
     #[error("the journal of episode {episode} cannot be replayed: {problem}")]
     Broken {
-        /// The public id.
+        /// Public id.
         episode: String,
         problem: String,
     },
 }
 
-/// A state of an episode: its number, and the round.
+/// Key of a state: the number of the episode, and the round.
 pub type Key = (EpisodeKey, u32);
 
 pub(super) type Replayed = Result<Arc<World>, RecoveryError>;
@@ -54,7 +52,7 @@ impl Weighter<Key, Arc<World>> for Bytes {
     }
 }
 
-/// Replays in progress, and the states that they computed lately.
+/// Replays in progress, and a cache of recently computed states.
 pub struct Replays {
     under_way: Mutex<HashMap<Key, WeakShared<Replay>>>,
     recent: Cache<Key, Arc<World>, Bytes>,
@@ -68,12 +66,10 @@ impl Default for Replays {
 }
 
 impl Replays {
-    /// A state that was computed lately.
     pub(super) fn recent(&self, key: Key) -> Option<Arc<World>> {
         self.recent.get(&key)
     }
 
-    /// Caches a state.
     pub fn keep(&self, key: Key, world: &Arc<World>) {
         self.recent.insert(key, Arc::clone(world));
     }
@@ -82,8 +78,7 @@ impl Replays {
         self.under_way.lock().expect("nothing panics while it holds this")
     }
 
-    /// The replay that leads to a state: the one that is under way, or a new one. It is cancelled when
-    /// nobody waits for it any more.
+    /// Joins the replay in progress towards a state, or begins one. A replay is cancelled when nobody waits for it any more.
     pub(super) fn of(&self, key: Key, begin: impl FnOnce() -> Replay) -> Shared<Replay> {
         let mut under_way = self.under_way();
         if let Some(replay) = under_way.get(&key).and_then(WeakShared::upgrade) {
@@ -127,7 +122,7 @@ mod tests {
         assert!(join_all(asked).await.iter().all(Result::is_ok));
         assert_eq!(begun.load(Ordering::Relaxed), 1);
         assert!(other.await.is_ok());
-        // Nobody waits for the first one any more.
+        // The first replay was cancelled, as nobody waits for it any more.
         assert!(replays.of((EpisodeKey(1), 5), begin).await.is_ok());
         assert_eq!(begun.load(Ordering::Relaxed), 3);
     }

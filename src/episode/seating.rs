@@ -1,7 +1,7 @@
-//! Who holds which seat, as a pure machine.
+//! Assignment of seats to holders, as a pure machine.
 //!
-//! The creator holds the seats that are not open. Open ones are claimed, in any number of claims, until
-//! none is left; unclaimed seats get a built-in player in the end. A seat that has a holder keeps it.
+//! The creator holds the seats that are not open. Claims, any number of them, take open seats until none is left; a built-in
+//! player gets unclaimed seats in the end. A seat that has a holder keeps it.
 
 use jiff::Timestamp;
 use swarmbench_engine::AgentId;
@@ -12,11 +12,11 @@ use swarmbench_clock::after;
 use swarmbench_journal::record::{HeldSeat, Record, SeatHolder, Seats};
 use swarmbench_protocol::carried::Carried;
 
-/// What is wanted of the open seats.
+/// Open seats that a claim asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wanted {
     Seat(AgentId),
-    /// This number of open seats, any of them; at least one.
+    /// So many open seats, at least one, whichever they are.
     Any(u16),
 }
 
@@ -24,25 +24,24 @@ pub enum Wanted {
 pub enum SeatTaken {
     #[error("the seat of {0} is already taken")]
     Seat(AgentId),
-    /// Fewer seats are open than were wanted.
     #[error("{open} seats are open, {wanted} were asked for")]
     Few { open: u16, wanted: u16 },
 }
 
-/// Who holds which seat of an episode.
+/// Holders of the seats of an episode.
 #[derive(Clone, Debug)]
 pub struct Seating {
-    /// In order of their numbers, from the creator on.
+    /// Holders by number; the creator is 0.
     holders: Vec<Holder>,
-    /// By agent, the number of its holder.
+    /// By agent: the number of its holder.
     seats: Vec<Option<u32>>,
-    /// When built-in players take what is open, and which.
+    /// Time at which a built-in player takes the open seats, and the player's name.
     fill: Option<(Timestamp, String)>,
 }
 
 impl Seating {
-    /// Continues a seating; none where the creator simply holds all seats. `holders` are
-    /// all holders with their seats, from the creator on.
+    /// Continues a seating; `None` where the creator holds all seats. `holders` lists all holders with their seats, the creator
+    /// first.
     pub fn new(spec: &Spec, created_at: Timestamp, holders: Vec<Held>) -> Option<Self> {
         if !spec.is_seated() {
             return None;
@@ -61,23 +60,22 @@ impl Seating {
         Some(Self { holders: known, seats, fill })
     }
 
-    /// The seats that nobody holds.
+    /// Seats without a holder.
     pub fn open(&self) -> impl Iterator<Item = AgentId> + '_ {
         (0..).map(AgentId).zip(&self.seats).filter(|(_, seat)| seat.is_none()).map(|(a, _)| a)
     }
 
-    /// How many seats nobody holds.
     pub fn count_open(&self) -> u16 {
         u16::try_from(self.open().count()).expect("at most 1,024 agents")
     }
 
-    /// When built-in players take what is open.
+    /// Time at which a built-in player takes the open seats; `None` once no seat is open.
     pub fn fills_at(&self) -> Option<Timestamp> {
         let (at, _) = self.fill.as_ref()?;
         self.open().next().map(|_| *at)
     }
 
-    /// Gives open seats to a new holder, who gets the next number; all that are wanted, or none.
+    /// Gives open seats to a new holder, who gets the next number: all that are wanted, or none.
     pub fn claim(
         &mut self,
         wanted: Wanted,
@@ -99,7 +97,7 @@ impl Seating {
         Ok(self.give(agents, holder))
     }
 
-    /// Gives what is open to a built-in player, if it is time and anything is.
+    /// Gives the open seats, if any, to a built-in player once it is time.
     pub fn fill(&mut self, now: Timestamp) -> Option<(Holder, Vec<AgentId>)> {
         self.fills_at().filter(|&at| at <= now)?;
         let (_, player) = self.fill.clone()?;
@@ -126,17 +124,17 @@ impl Seating {
         (holder, agents)
     }
 
-    /// The seats that the server plays, with the name of the player.
+    /// Seats that the server plays, with the name of the player.
     pub fn hosted(&self) -> Vec<(AgentId, String)> {
         let player = |holder: u32| self.holders.get(holder as usize)?.player.clone();
         let seats = (0..).map(AgentId).zip(&self.seats);
         seats.filter_map(|(agent, holder)| Some((agent, player((*holder)?)?))).collect()
     }
 
-    /// The record of who holds which seat, once all have a holder.
+    /// Record of the holders of all seats.
     ///
     /// # Panics
-    /// Where a seat has none.
+    /// If a seat has no holder.
     pub fn record(&self) -> Record {
         let holds = |number: u32| self.seats.contains(&Some(number));
         let holders = self.holders.iter().filter(|holder| holds(holder.number));

@@ -11,36 +11,33 @@ use super::actor::{Handle, Times};
 use crate::ids::{EpisodeKey, Place};
 use swarmbench_clock::after;
 
-/// How long an episode whose actor has ended by a fault is left alone before it is recovered once more:
-/// what has failed at once may fail at once again.
+/// Minimum time between two recoveries of an episode after faults of its actor, as a fault may repeat at once.
 const REVIVED_AFTER: Duration = Duration::from_secs(1);
 
-/// The slot of an episode: of all that have not ended, and of those that were requested lately.
+/// Slot of an episode. Every unfinished episode has one, and so has every episode that was requested lately.
 pub(super) struct Slot {
-    /// Empty as long as the episode is not in memory.
+    /// Empty while the episode is not in memory.
     pub(super) handle: Arc<OnceCell<Handle>>,
     pub(super) used_at: Timestamp,
-    /// When an episode that has not ended and is not in memory has to be recovered, if there is no
-    /// request for it earlier: then it is abandoned, or closed.
+    /// Time at which an unfinished episode outside memory is recovered without a request, as it is abandoned or closed then.
     pub(super) ends_at: Option<Timestamp>,
-    /// Whether it advances by itself: then it is recovered whenever it is not in memory.
+    /// Whether the episode advances by itself: it is then recovered whenever it is not in memory.
     pub(super) clocked: bool,
-    /// The actor that was evicted. It may still have something to do, and an episode never has
-    /// two of them.
+    /// Cancelled when the evicted actor has ended. It may still have something to do, and an episode never has two actors.
     pub(super) leaving: Option<CancellationToken>,
-    /// Of an episode that is being created: cancelled when its actor has been started, or never will be. Until then nobody
-    /// recovers it, as it would get a second actor.
+    /// For an episode in creation: cancelled when its actor has been started, or never will be. Until then nobody recovers the
+    /// episode, as it would get a second actor.
     pub(super) starting: Option<CancellationToken>,
-    /// When it was last emptied as its actor had ended by a fault.
+    /// Time when the slot was last emptied after a fault of the actor.
     revived_at: Option<Timestamp>,
-    /// Whether it is queued for recovery.
+    /// Whether the episode is queued for recovery.
     pub(super) in_line: bool,
-    /// Under which end it is listed, see [`Slots`](super::slots::Slots).
+    /// End under which [`Slots`](super::slots::Slots) lists the episode.
     pub(super) listed_at: Option<Timestamp>,
-    /// Of an episode that was in memory since the start of the server. The time of day may have been set
-    /// since then, so the journal does not know them.
+    /// Times of an episode that was in memory since the start of the server. The journal does not know them, as the time of day
+    /// may have been set since then.
     pub(super) times: Option<Arc<Times>>,
-    /// Where the episode is played, and its number, as far as that is known.
+    /// Place and number of the episode, once known.
     pub(super) place: Option<(Place, EpisodeKey)>,
 }
 
@@ -61,8 +58,8 @@ impl Slot {
         }
     }
 
-    /// Empties the slot if the actor has ended though the episode has not, so that the next request
-    /// recovers the episode. Others may still hold the dead handle: nothing is done through it.
+    /// Empties the slot if the actor has ended before the episode, so that the next request recovers the episode. Others may still
+    /// hold the dead handle: nothing is done through it.
     pub(super) fn empty_if_dead(&mut self, now: Timestamp) {
         let is_early = self.revived_at.is_some_and(|at| after(at, REVIVED_AFTER) > now);
         let Some(handle) = self.handle.get().filter(|handle| handle.is_dead() && !is_early) else {
@@ -74,23 +71,23 @@ impl Slot {
         self.vacate(now);
     }
 
-    /// Whether there are handles to the episode, or soon will be.
+    /// Whether handles to the episode exist, or soon will.
     pub(super) fn is_held(&self) -> bool {
         Arc::strong_count(&self.handle) > 1 || self.handle.get().is_some_and(Handle::is_shared)
     }
 
-    /// Whether it waits for a request or for the end of its episode: that has not ended, is not in memory, and nobody recovers
-    /// it now.
+    /// Whether the slot waits for a request or for the end of its episode: the episode has not ended, is not in memory, and nobody
+    /// recovers it now.
     pub(super) fn rests(&self) -> bool {
         !self.handle.initialized() && Arc::strong_count(&self.handle) == 1 && self.ends_at.is_some()
     }
 
-    /// Whether the episode has no handles and no requests for so long.
+    /// Whether the episode has had no handles and no requests for `stays`.
     pub(super) fn is_idle(&self, now: Timestamp, stays: Duration) -> bool {
         !self.is_held() && after(self.used_at, stays) <= now
     }
 
-    /// Whether it goes on without requests, or soon will.
+    /// Whether the episode advances without requests, or soon will.
     pub(super) fn advances(&self) -> bool {
         let advances = |handle: &Handle| {
             handle.spec.advances_by_itself() && !handle.snapshot().status.is_over()
@@ -98,8 +95,7 @@ impl Slot {
         self.in_line || self.handle.get().map_or(self.clocked, advances)
     }
 
-    /// Evicts an idle episode, unless it has a running clock; false where it needs no slot any
-    /// more.
+    /// Evicts an idle episode, unless it has a running clock. False where the slot is no longer needed.
     pub(super) fn leave(&mut self, now: Timestamp) -> bool {
         let Some(handle) = self.handle.get() else { return self.ends_at.is_some() };
         if handle.snapshot().status.is_over() {
@@ -113,7 +109,7 @@ impl Slot {
         true
     }
 
-    /// Evicts the episode, until there is a request for it or it is `ends_at`.
+    /// Evicts the episode until a request comes, or until `ends_at`.
     fn vacate(&mut self, ends_at: Timestamp) {
         let place = std::mem::take(&mut self.handle);
         let Some(handle) = place.get() else { return };

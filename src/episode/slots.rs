@@ -1,5 +1,5 @@
-//! The slots of all episodes. What is done every minute looks at the awake ones and at those that are due, so that it costs the
-//! same for any number of unfinished episodes without requests.
+//! Slots of all episodes. The sweep of every minute visits only awake and due episodes, so any number of unfinished episodes
+//! without requests costs the same.
 
 use std::collections::hash_map::Entry;
 use std::collections::{BTreeSet, HashMap, HashSet};
@@ -12,9 +12,9 @@ use crate::ids::EpisodeId;
 #[derive(Default)]
 pub(super) struct Slots {
     by_id: HashMap<EpisodeId, Slot>,
-    /// Episodes that are in memory, or were requested since they were evicted. All others rest.
+    /// Episodes in memory, and episodes requested since they were evicted. All others rest.
     awake: HashSet<EpisodeId>,
-    /// When resting episodes end, each as its slot has it in `listed_at`; of those that were requested since then it is out of
+    /// Ends of resting episodes, as in the `listed_at` of their slots. Ends of episodes that were requested since then are out of
     /// date.
     ends: BTreeSet<(Timestamp, EpisodeId)>,
 }
@@ -28,7 +28,7 @@ impl Slots {
         self.by_id.get_mut(id)
     }
 
-    /// The slot of an episode that may be in memory from now on, if it has one.
+    /// Marks an episode as awake, as it may be in memory from now on. Returns its slot, if it has one.
     pub(super) fn wake(&mut self, id: &EpisodeId) -> Option<&mut Slot> {
         let slot = self.by_id.get_mut(id)?;
         if !self.awake.contains(id) {
@@ -37,13 +37,13 @@ impl Slots {
         Some(slot)
     }
 
-    /// The same; it gets one if it has none.
+    /// Like [`Slots::wake`], but inserts a slot if the episode has none.
     pub(super) fn wake_or_insert(&mut self, id: &EpisodeId, now: Timestamp) -> &mut Slot {
         self.awake.insert(id.clone());
         self.by_id.entry(id.clone()).or_insert_with(|| Slot::empty(now))
     }
 
-    /// Adds an unfinished episode that is not in memory and whose end is not known; whether it is new.
+    /// Adds an unfinished episode that is not in memory and whose end is not known. Returns whether it is new.
     pub(super) fn add_unfinished(&mut self, id: &EpisodeId, now: Timestamp, clocked: bool) -> bool {
         let (slot, is_new) = match self.by_id.entry(id.clone()) {
             Entry::Occupied(slot) => (slot.into_mut(), false),
@@ -55,7 +55,7 @@ impl Slots {
         is_new
     }
 
-    /// Notes when a resting episode ends.
+    /// Sets the end of a resting episode.
     pub(super) fn set_end(&mut self, id: &EpisodeId, at: Timestamp) {
         if let Some(slot) = self.by_id.get_mut(id) {
             slot.ends_at = Some(at);
@@ -63,7 +63,7 @@ impl Slots {
         }
     }
 
-    /// Removes a slot that nobody uses, of an episode that is neither in memory nor known to be unfinished.
+    /// Removes an unused slot, of an episode that is neither in memory nor known to be unfinished.
     pub(super) fn remove_unused(&mut self, id: &EpisodeId) {
         let slot = self.by_id.get(id);
         if slot.is_some_and(|slot| {
@@ -88,7 +88,7 @@ impl Slots {
         self.awake.iter().filter_map(|id| Some((id, self.by_id.get(id)?)))
     }
 
-    /// Visits the awake slots, and removes those for which `visit` is false. Then those rest that were evicted.
+    /// Visits the awake slots, and removes those for which `visit` returns false. Evicted episodes rest afterwards.
     pub(super) fn visit_awake(&mut self, mut visit: impl FnMut(&mut Slot) -> bool) {
         let Self { by_id, awake, ends } = self;
         awake.retain(|id| {
@@ -106,7 +106,7 @@ impl Slots {
         });
     }
 
-    /// The resting episodes that end by `now` and are wanted, the first to end first, and whether each advances by itself.
+    /// Resting episodes that end by `now` and are wanted, earliest end first, and whether each advances by itself.
     pub(super) fn due(
         &mut self,
         now: Timestamp,
@@ -131,7 +131,7 @@ impl Slots {
     }
 }
 
-/// Lists when an episode ends, once.
+/// Lists the end of an episode, in place of an earlier one.
 fn list(ends: &mut BTreeSet<(Timestamp, EpisodeId)>, id: &EpisodeId, slot: &mut Slot) {
     if slot.listed_at != slot.ends_at {
         unlist(ends, id, slot);
@@ -160,7 +160,7 @@ mod tests {
         Timestamp::from_second(second).expect("a time")
     }
 
-    /// Due at a second, and how many are listed then.
+    /// Episodes due at a second, and the number of ends listed then.
     fn due(slots: &mut Slots, at: i64) -> (Vec<EpisodeId>, usize) {
         let due = slots.due(second(at), |slot| !slot.in_line);
         (due.into_iter().map(|(id, _)| id).collect(), slots.ends.len())
@@ -204,7 +204,7 @@ mod tests {
         visit(&mut slots);
         assert_eq!(due(&mut slots, 10), (vec![], 1));
         assert_eq!(due(&mut slots, 20), (vec![id(0)], 1));
-        // One that has ended is listed no longer than until then.
+        // An ended episode stays listed until then at the latest.
         slots.wake(&id(0)).expect("it has a slot").ends_at = None;
         assert_eq!(due(&mut slots, 20), (vec![], 0));
         slots.visit_awake(|_| false);

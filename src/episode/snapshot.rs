@@ -1,4 +1,4 @@
-//! What is published of an episode.
+//! Published state of an episode.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -13,27 +13,26 @@ use super::status::{Outcome, Status};
 use swarmbench_clock::after;
 use swarmbench_journal::chain::Head;
 
-/// An episode between two rounds: what all readers share. Only the marks of seats that have acted change.
+/// State of an episode between two rounds, shared by all readers. Only the marks of seats that have acted change.
 #[derive(Debug)]
 pub struct Snapshot {
     pub status: Status,
     pub world: Arc<World>,
-    /// The head of the journal's chain.
+    /// Head of the journal's hash chain.
     pub head: Head,
-    /// How the episode ended, if it has.
     pub outcome: Option<Outcome>,
-    /// When this was published: the clock of the open round runs from here. None before that.
+    /// Time of the publication, from which the clock of the open round runs; empty before.
     opened_at: OnceLock<Timestamp>,
-    /// The place of the open round among all rounds that were seen, once it was.
+    /// Position of the open round in the order in which rounds were first seen; empty until somebody sees it.
     place: OnceLock<u64>,
-    /// By agent, what is left of its bank at the opening of the round.
+    /// By agent: what was left of its bank when the round opened.
     pub banks: Vec<Duration>,
-    /// By agent, whether it acted in the open round, durably.
+    /// By agent: whether its act in the open round is durable.
     acted: Vec<AtomicBool>,
 }
 
 impl Snapshot {
-    /// The state of an episode as its barrier has it.
+    /// Snapshot of the state of the barrier.
     pub(super) fn new(lockstep: &Lockstep, world: &Arc<World>, head: Head) -> Arc<Self> {
         let agents = usize::from(world.config().num_agents());
         let snapshot = Self {
@@ -52,28 +51,27 @@ impl Snapshot {
         Arc::new(snapshot)
     }
 
-    /// Whether the agent acted in the open round.
+    /// Whether the agent's act for the open round is durable.
     pub fn has_acted(&self, agent: AgentId) -> bool {
         self.acted[agent.index()].load(Ordering::Acquire)
     }
 
-    /// Notes that the agent's act for the open round is durable.
+    /// Marks the agent's act for the open round as durable.
     pub(crate) fn set_acted(&self, agent: AgentId) {
         self.acted[agent.index()].store(true, Ordering::Release);
     }
 
-    /// When this was published, if it was.
     pub fn opened_at(&self) -> Option<Timestamp> {
         self.opened_at.get().copied()
     }
 
-    /// Notes that this is published now.
+    /// Sets the time of the publication, once.
     pub(crate) fn set_opened(&self, at: Timestamp) {
         self.opened_at.get_or_init(|| at);
     }
 
-    /// The place of the open round among all rounds that were seen. The first look sets
-    /// it: so an unseen round never comes before a seen one.
+    /// Position of the open round in the order in which rounds were first seen. The first look sets it, so an unseen round never
+    /// comes before a seen one.
     pub fn place(&self, next: impl FnOnce() -> u64) -> u64 {
         *self.place.get_or_init(next)
     }
@@ -83,7 +81,7 @@ impl Snapshot {
         self.status == Status::Running && self.world.is_alive(agent) && !self.has_acted(agent)
     }
 
-    /// When the agent's clock runs out in the open round: its deadline, and its bank after that.
+    /// Time at which the agent's clock runs out in the open round: the deadline, plus its bank.
     pub fn deadline(&self, spec: &Spec, agent: AgentId) -> Option<Timestamp> {
         let round = spec.round_deadline.filter(|_| self.status == Status::Running)?;
         let opened_at = self.opened_at()?;

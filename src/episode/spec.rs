@@ -1,4 +1,4 @@
-//! What an episode is, beyond its simulation: clocks, who may read it, who plays.
+//! Specification of an episode beyond its simulation: clocks, readers, players.
 
 use std::collections::HashSet;
 use std::sync::{Arc, LazyLock, Mutex};
@@ -13,44 +13,44 @@ use swarmbench_journal::record::{self, FORMAT, Fork, Opening, RecordedConfig};
 use swarmbench_protocol::carried::Carried;
 pub use swarmbench_protocol::status::Visibility;
 
-/// A checked description of an episode.
+/// A checked specification of an episode.
 #[derive(Clone, Debug)]
 pub struct Spec {
     pub config: Arc<Config>,
-    /// How long a round lasts for a seat before its bank is touched; none without a clock.
+    /// Length of a round before banks are touched; `None` without a clock.
     pub round_deadline: Option<Duration>,
-    /// What a seat may overspend in all rounds together.
+    /// Time that each seat may overspend over all rounds.
     pub bank: Duration,
-    /// Whether it waits for a manual start.
+    /// Whether the episode waits for a manual start.
     pub manual_start: bool,
-    /// After how long without any act it ends as abandoned.
+    /// Time without any act after which the episode is abandoned.
     pub idle_timeout: Duration,
-    /// Who reads it before the end.
+    /// Readers of the episode before its end.
     pub visibility: Visibility,
     pub model: String,
-    /// What else is known of who plays.
+    /// Anything else that is declared of the player.
     pub agent_meta: Carried,
     pub prompt_template: Arc<str>,
-    /// The revision of the program's own words in prompts when it was created.
+    /// Revision of the program's own words in prompts, at the creation of the episode.
     pub prompt_revision: u32,
     /// Whether the template is the episode's own.
     pub custom_template: bool,
-    /// The public id of the run to which it belongs.
+    /// Public id of the episode's run.
     pub run: Option<String>,
     /// Random digits in the opening of a sealed episode.
     pub salt: Option<String>,
-    /// From which state of another episode it continues.
+    /// State of another episode from which this one continues.
     pub fork: Option<Fork>,
-    /// From then on no new round begins.
+    /// Time from which no new round begins.
     pub closes_at: Option<Timestamp>,
-    /// Whether its owner reads it once it has ended, also while it is sealed; no part of the journal.
+    /// Whether its owner may read it once it has ended, even while it is sealed; not in the journal.
     pub own_games: bool,
     pub open_seats: Vec<AgentId>,
-    /// After how long built-in players take the open seats that nobody claimed.
+    /// Time after which a built-in player takes the open seats that nobody claimed.
     pub fill_after: Option<Duration>,
-    /// Which built-in player takes them.
+    /// Name of that built-in player.
     pub fill_with: Option<String>,
-    /// The built-in player that the server hosts on the creator's seats.
+    /// Name of the built-in player that the server hosts on the creator's seats.
     pub player: Option<String>,
 }
 
@@ -60,7 +60,7 @@ impl Spec {
         (self.run.is_some() || self.is_mixed()) && self.fork.is_none()
     }
 
-    /// The first round that is decided in the episode itself; a fork took over those before.
+    /// First round that is played in the episode itself; a fork took over the earlier ones.
     pub fn first_round(&self) -> u32 {
         self.fork.as_ref().map_or(0, |fork| fork.round)
     }
@@ -69,27 +69,27 @@ impl Spec {
         (0..self.config.num_agents()).map(AgentId)
     }
 
-    /// Whether its creator plays for this agent: its seat was not open, and the server does not play it.
+    /// Whether the creator plays for this agent: its seat was not open, and the server does not play it.
     pub fn is_creators(&self, agent: AgentId) -> bool {
         self.player.is_none() && !self.open_seats.contains(&agent)
     }
 
-    /// Whether its seats belong to several holders.
+    /// Whether several holders have seats.
     pub fn is_mixed(&self) -> bool {
         !self.open_seats.is_empty()
     }
 
-    /// Whether the server may play seats of it.
+    /// Whether the server may play seats.
     pub fn may_be_hosted(&self) -> bool {
         self.player.is_some() || self.fill_after.is_some()
     }
 
-    /// Whether the server plays all seats: no client waits for its rounds.
+    /// Whether the server plays all seats: no client waits for rounds.
     pub fn is_all_hosted(&self) -> bool {
         self.player.is_some() && !self.is_mixed()
     }
 
-    /// How many seats the server plays at most.
+    /// Maximum number of seats that the server plays.
     pub fn hosted_max(&self) -> usize {
         let open = self.open_seats.len();
         let own = usize::from(self.config.num_agents()) - open;
@@ -97,22 +97,22 @@ impl Spec {
         filled + if self.player.is_some() { own } else { 0 }
     }
 
-    /// Whether its journal says who holds which seat.
+    /// Whether the journal records the holders of seats.
     pub fn is_seated(&self) -> bool {
         self.is_mixed() || self.player.is_some()
     }
 
-    /// Whether it waits for something before its first round.
+    /// Whether the episode waits for something before its first round.
     pub fn begins_waiting(&self) -> bool {
         self.manual_start || self.is_mixed()
     }
 
-    /// Whether it advances without requests: a clock runs, or the server plays.
+    /// Whether the episode advances without requests: a clock runs, or the server plays.
     pub fn advances_by_itself(&self) -> bool {
         self.round_deadline.is_some() || self.may_be_hosted()
     }
 
-    /// All settings, as the opening record has them.
+    /// Settings, as the opening record has them.
     pub fn recorded(&self) -> RecordedConfig {
         RecordedConfig {
             round_deadline_ms: self.round_deadline.map(millis),
@@ -131,7 +131,7 @@ impl Spec {
         }
     }
 
-    /// The opening record of an episode that is laid out as `world`.
+    /// Opening record of an episode whose layout is `world`.
     pub fn opening(&self, id: &EpisodeId, created_at: Timestamp, world: &World) -> record::Record {
         record::Record::Opening(Box::new(Opening {
             format: FORMAT,
@@ -149,7 +149,7 @@ impl Spec {
         }))
     }
 
-    /// Reads an episode's description back from its opening record.
+    /// Reads a specification from an opening record.
     pub fn from_opening(opening: &Opening) -> Result<Self, String> {
         if opening.rules_revision != RULES_REVISION {
             return Err(format!("rules revision {} is not played here", opening.rules_revision));
@@ -163,7 +163,7 @@ impl Spec {
         })
     }
 
-    /// An episode of its own by these settings.
+    /// Specification with these settings, of an episode that belongs to no run and is no fork.
     pub fn of(
         config: &RecordedConfig,
         agent_meta: &Carried,
@@ -195,7 +195,7 @@ impl Spec {
     }
 }
 
-/// The one copy of a text that games have in common: what is declared of their player, and the template of their prompts.
+/// Interns texts that games share: what is declared of their player, and the template of their prompts.
 fn shared(text: &str) -> Arc<str> {
     static TEXTS: LazyLock<Mutex<HashSet<Arc<str>>>> = LazyLock::new(Mutex::default);
     let mut texts = TEXTS.lock().expect("nothing panics while it holds this");
@@ -219,7 +219,7 @@ mod tests {
 
     use super::*;
 
-    /// Games of a run, and those that are recovered after a restart, have one copy of what they have in common.
+    /// Games of a run, also after a recovery, share one copy of what they have in common.
     #[test]
     fn games_keep_what_is_declared_of_their_player_once_and_as_text() {
         let meta = format!(r#"{{"x":[{}]}}"#, vec![r#"{"":0}"#; 1990].join(","));

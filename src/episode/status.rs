@@ -1,26 +1,26 @@
-//! The status of an episode, and how it ended.
+//! Status of an episode, and its ending.
 
 use jiff::Timestamp;
 pub use swarmbench_protocol::status::Status;
 
 swarmbench_engine::named! {
-    /// Why an episode ended.
+    /// Reason for the end of an episode.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub enum Ending {
         TaskDone = "task_done",
         /// All rounds were played.
         RoundsPlayed = "rounds_played",
-        /// Its creator ended it.
+        /// The creator ended the episode.
         Aborted = "aborted",
         /// Nobody acted for too long.
         Idle = "idle",
-        /// Its competition closed.
+        /// The competition closed.
         Closed = "closed",
     }
 }
 
 impl Ending {
-    /// The status of an episode that ended so.
+    /// Status of an episode with this ending.
     pub const fn status(self) -> Status {
         match self {
             Self::TaskDone | Self::RoundsPlayed => Status::Finished,
@@ -30,7 +30,7 @@ impl Ending {
     }
 }
 
-/// How an episode ended.
+/// Ending of an episode, and its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outcome {
     pub ending: Ending,

@@ -1,4 +1,4 @@
-//! What [`FairQueue`](super::FairQueue) promises, in the simplest way: a linear search.
+//! A reference for [`FairQueue`](super::FairQueue): the same promises, by a linear search.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -125,7 +125,7 @@ impl Linear {
         self.forget();
     }
 
-    /// Forgets groups, with their members, that are idle and with which the others have caught up.
+    /// Forgets idle groups, with their members, with which the others have caught up.
     fn forget(&mut self) {
         let floor = self.floor;
         self.groups.retain(|_, group| {

@@ -1,4 +1,4 @@
-//! One game, played to its end in memory, as the entries that a server would have written.
+//! Plays a game to its end in memory, and returns the entries that a server would have written.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -15,24 +15,24 @@ use crate::ids::{EpisodeId, EpisodeKey, RunKey, Token, TokenKind};
 use crate::keys::OwnerKey;
 use crate::store::entries::{ActRow, EndRow, Entry, OpeningRow, RoundRow, TokenRow};
 
-/// The time between two rounds of a game.
+/// Time between two rounds of a game.
 const ROUND: Duration = Duration::from_millis(400);
 
-/// One act in so many has a message.
+/// Every so many acts, one has a message on average.
 const MESSAGES_ONE_IN: u8 = 4;
 
-/// A game that is to be played, and what belongs to it in the database.
+/// A game to be played, with its keys in the database.
 pub(super) struct NewGame {
     pub(super) episode: EpisodeKey,
     pub(super) owner: Option<OwnerKey>,
     pub(super) run: Option<(RunKey, u32)>,
     pub(super) spec: Spec,
-    /// When it was created.
+    /// Time of creation.
     pub(super) at: Timestamp,
 }
 
 impl NewGame {
-    /// Opens it, and nothing more.
+    /// Opens the game without playing it.
     pub(super) fn open(self, entropy: &dyn Entropy) -> Vec<Entry> {
         vec![Entry::Open(Box::new(self.opening(entropy).1))]
     }
@@ -65,7 +65,7 @@ impl NewGame {
         (world, row)
     }
 
-    /// Plays it by acts that are drawn. They, ids and tokens follow from the entropy.
+    /// Plays the game with random acts. Acts, ids and tokens follow from the entropy.
     pub(super) fn play(self, entropy: &dyn Entropy) -> Vec<Entry> {
         let (episode, at, counts) = (self.episode, self.at, self.spec.counts());
         let mut draws = Draws::new(entropy);
@@ -140,7 +140,7 @@ impl NewGame {
     }
 }
 
-/// The tokens that the creator of an episode gets: one for each seat, and one for all.
+/// Tokens of an episode's creator: one for each seat, and one for all seats.
 fn tokens(spec: &Spec, entropy: &dyn Entropy) -> Vec<TokenRow> {
     let token =
         |agent, kind| TokenRow { hash: Token::new(kind, entropy).hash(), agent, holder: None };
@@ -148,7 +148,7 @@ fn tokens(spec: &Spec, entropy: &dyn Entropy) -> Vec<TokenRow> {
     seats.chain([token(None, TokenKind::Swarm)]).collect()
 }
 
-/// Random bytes, of which some are drawn ahead.
+/// Buffered random bytes.
 struct Draws<'a> {
     entropy: &'a dyn Entropy,
     bytes: [u8; 32],
@@ -169,7 +169,7 @@ impl<'a> Draws<'a> {
         self.bytes[self.used - 1]
     }
 
-    /// Some act of the task, now and then with a message.
+    /// A random act of the task, sometimes with a message.
     fn act(&mut self, world: &World) -> Act {
         let actions = Action::of_task(world.config().task());
         let act = Act::of(actions[usize::from(self.byte()) % actions.len()]);

@@ -1,9 +1,9 @@
-//! Which of several media types a client is answered in, by its header `Accept`.
+//! Content negotiation by the header `Accept`.
 
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
 
-/// What any file can be asked for as. Generated clients that do not know a file's own type read it as this.
+/// A type by which any file can be requested. Generated clients that do not know a file's own type ask for it.
 const BYTES: &str = "application/octet-stream";
 
 /// The bytes of a file; this type only describes them.
@@ -12,7 +12,7 @@ const BYTES: &str = "application/octet-stream";
 #[expect(dead_code, reason = "a file is streamed, not made of this type")]
 pub(super) struct Binary(Vec<u8>);
 
-/// What `known` makes of the first media type in `Accept` that it knows. Weights (`q`) are not read.
+/// Result of `known` for the first media type in `Accept` that it knows. Weights (`q`) are ignored.
 pub(super) fn first<T>(headers: &HeaderMap, known: impl Fn(&str) -> Option<T>) -> Option<T> {
     let accepted = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
     accepted
@@ -20,7 +20,7 @@ pub(super) fn first<T>(headers: &HeaderMap, known: impl Fn(&str) -> Option<T>) -
         .find_map(|range| known(range.split(';').next().unwrap_or_default().trim()))
 }
 
-/// The type of a file: its own, or plain bytes where `Accept` names these first.
+/// Content type of a file: its own, or plain bytes where `Accept` names these first.
 pub(super) fn file_type(headers: &HeaderMap, own: &'static str) -> &'static str {
     let known = |range: &str| match range {
         BYTES => Some(BYTES),
@@ -30,7 +30,7 @@ pub(super) fn file_type(headers: &HeaderMap, own: &'static str) -> &'static str 
     first(headers, known).unwrap_or(own)
 }
 
-/// Tells caches that the answer follows from `Accept`.
+/// Adds `Vary: accept`.
 pub(super) fn by_accept(mut answer: Response) -> Response {
     answer.headers_mut().insert(header::VARY, HeaderValue::from_static("accept"));
     answer

@@ -1,4 +1,4 @@
-//! What is checked of every request first: the host for which it is, and its rank.
+//! Checks that come first for every request: the host that it names, and its rank.
 
 use axum::extract::Request;
 use axum::http::uri::Authority;
@@ -8,8 +8,8 @@ use super::error::{ApiError, Code};
 use super::front::is_of_a_player;
 use crate::fair::Rank;
 
-/// Refuses requests that do not say, or say twice, for which host they are: a proxy in front might take another one for
-/// it. HTTP/1.0 knows no such header.
+/// Refuses requests that name no host, or more than one: a proxy in front might take another one for the right one. HTTP/1.0 does
+/// not require the header.
 pub(super) fn check_host(request: &Request) -> Result<(), ApiError> {
     let mut hosts = request.headers().get_all(header::HOST).iter();
     let problem = match (hosts.next(), hosts.next()) {
@@ -23,14 +23,14 @@ pub(super) fn check_host(request: &Request) -> Result<(), ApiError> {
     Err(ApiError::new(Code::Malformed, problem))
 }
 
-/// Whether it is the name of a host with or without a port, or nothing, as requests may have it.
+/// Whether a value is the name of a host with or without a port, or empty, as requests may have it.
 fn is_host(value: &HeaderValue) -> bool {
     is_plain_host(value.as_bytes())
         || value.is_empty()
         || value.to_str().is_ok_and(|host| !host.contains('@') && host.parse::<Authority>().is_ok())
 }
 
-/// Whether it is a name, or an address of IPv4, and a port, as nearly all are: these need no parser.
+/// Whether a value is a name, or an IPv4 address, and a port. Nearly all are, and these need no parser.
 fn is_plain_host(host: &[u8]) -> bool {
     let colon = host.iter().position(|byte| *byte == b':');
     let (name, port) = host.split_at(colon.unwrap_or(host.len()));
@@ -39,7 +39,7 @@ fn is_plain_host(host: &[u8]) -> bool {
     !name.is_empty() && name.iter().all(is_of_name) && is_port
 }
 
-/// The rank of a request: playing, entering and changing come first, reading comes after them.
+/// Rank of a request: playing, entering and changing come before reading.
 pub(super) fn rank(method: &Method, path: &str) -> Rank {
     let reads = matches!(*method, Method::GET | Method::HEAD);
     if reads && !is_of_a_player(path) && !is_about_health(path) {
@@ -49,7 +49,7 @@ pub(super) fn rank(method: &Method, path: &str) -> Rank {
     }
 }
 
-/// Whether the route tells operators how the server is: it is answered however busy the background threads are.
+/// Whether the route tells operators about the server's health: it is answered however busy the background threads are.
 pub(super) fn is_about_health(path: &str) -> bool {
     matches!(path, "/healthz" | "/readyz" | "/metrics")
 }

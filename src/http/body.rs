@@ -1,8 +1,8 @@
-//! Bodies as they arrive: how much memory they may take, in all and of one party, and how long they may take.
+//! Request bodies: limits on their memory, in total and per party, and on the time they take to arrive.
 //!
-//! The memory of a connection has room for a body of [`FREE_BODY_BYTES`]. A longer one reserves a multiple of its bytes, for what
-//! is made of it, too. A large body has more than [`LIGHT_BODY_BYTES_MAX`] bytes, or does not say how many: it waits for a
-//! permit to be handled. Without a token a body has at most `anonymous_body_bytes_max`.
+//! A connection's own memory covers a body of [`FREE_BODY_BYTES`]. A longer one reserves a multiple of its bytes, which also covers
+//! its parsed form. A large body has more than [`LIGHT_BODY_BYTES_MAX`] bytes or an unknown length: it waits for a permit to be
+//! handled. Without a token a body has at most `anonymous_body_bytes_max` bytes.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,22 +21,22 @@ use super::limits::Limits;
 use crate::budget::{Budget, Reservation};
 use crate::fair::{Busy, FairLimit, Party, Permit, Rank, Shares};
 
-/// Bytes of a body that is read and handled in one piece on the threads on which games run. A larger one, or one that does
-/// not say how large it is, is handled on threads of lower priority.
+/// Maximum bytes of a body that is handled in one piece on the threads of running games. A larger body, or one of unknown length,
+/// is handled on threads of lower priority.
 pub(super) const LIGHT_BODY_BYTES_MAX: usize = 128 * 1024;
 
-/// Bytes of a body that reserves no memory: a connection is counted with them.
+/// Maximum bytes of a body that reserves no memory, as each connection is counted with that many.
 const FREE_BODY_BYTES: usize = 8 * 1024;
 
-/// How many times its bytes a body is counted: while it is collected in a growing buffer, and while it is read as JSON.
+/// Factor by which a body's bytes are reserved: for the growing buffer that collects it and for its parsed JSON.
 const BODY_FACTOR: usize = 3;
 
-/// Whether the body is small.
+/// Whether the body has at most [`LIGHT_BODY_BYTES_MAX`] bytes and says so.
 pub(super) fn is_light(request: &Request) -> bool {
     request.body().size_hint().upper().is_some_and(|bytes| bytes <= LIGHT_BODY_BYTES_MAX as u64)
 }
 
-/// How long a large body waits for its permit.
+/// Time that a large body waits for its permit.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 #[derive(Debug)]
@@ -44,7 +44,7 @@ pub(super) struct Bodies {
     limits: Limits,
     /// Bytes, with a reserve for requests with a token.
     memory: Arc<Budget>,
-    /// Permits to handle a large one.
+    /// Permits to handle large bodies.
     permits: FairLimit,
 }
 
@@ -60,7 +60,7 @@ impl Bodies {
     }
 }
 
-/// A body that has arrived. Its memory is reserved, and a large one has a permit, until this is dropped.
+/// A complete body. Its memory, and the permit of a large one, are held until this is dropped.
 pub(super) struct Arrived {
     bytes: Bytes,
     _permit: Option<Permit>,
@@ -68,7 +68,7 @@ pub(super) struct Arrived {
 }
 
 impl Arrived {
-    /// The bytes alone, whose memory is reserved no more.
+    /// The bytes; their memory is no longer reserved.
     pub(super) fn into_bytes(self) -> Bytes {
         self.bytes
     }
@@ -80,14 +80,13 @@ impl AsRef<[u8]> for Arrived {
     }
 }
 
-/// How long a body may be, and with which rank its memory is reserved.
+/// Maximum length of a body, and the rank at which its memory is reserved.
 struct Bounds<'a> {
     rank: Rank,
     limit: usize,
     limit_name: &'a str,
 }
 
-/// The bytes of a body so far, with their memory.
 struct Collected<'a> {
     memory: &'a Arc<Budget>,
     rank: Rank,
@@ -114,7 +113,7 @@ impl Collected<'_> {
 }
 
 impl Bodies {
-    /// Reads a body of at most `limit` bytes that says it is JSON and is text.
+    /// Reads a JSON body of at most `limit` bytes. It must be UTF-8, and valid JSON must have its content type.
     pub(super) async fn json(
         &self,
         request: Request,
@@ -141,14 +140,14 @@ impl Bodies {
         Ok(Arrived { bytes, _permit: permit, _memory: memory })
     }
 
-    /// Reads a body that is passed on, and that is not large.
+    /// Reads a light body that will be forwarded.
     pub(super) async fn light(&self, headers: &HeaderMap, body: Body) -> Result<Arrived, ApiError> {
         let bounds = self.bounds(headers, LIGHT_BODY_BYTES_MAX, "body_bytes_max");
         let (bytes, memory) = self.collect(body, bounds).await?;
         Ok(Arrived { bytes, _permit: None, _memory: memory })
     }
 
-    /// The bounds of a body with these headers. What their token opens was found out before.
+    /// Bounds of a body with these headers. The token was resolved before.
     fn bounds<'a>(&self, headers: &HeaderMap, limit: usize, limit_name: &'a str) -> Bounds<'a> {
         if headers.contains_key(header::AUTHORIZATION) {
             return Bounds { rank: Rank::Urgent, limit, limit_name };
@@ -170,7 +169,7 @@ impl Bodies {
         let mut collected = Collected { memory, rank, bytes: BytesMut::new(), reserved: None };
         let started = Instant::now();
         loop {
-            // Most bodies have arrived with their heads, and need no timer.
+            // Most bodies arrive together with their heads and need no timer.
             let frame = if let Some(frame) = body.frame().now_or_never() {
                 Ok(frame)
             } else {
@@ -202,8 +201,7 @@ fn busy(busy: Busy) -> ApiError {
     ApiError::no_permit(busy, detail)
 }
 
-/// The time limit of a body of which `received` bytes have arrived: a large one may be slow, but has to
-/// keep coming.
+/// Time limit of a body of which `received` bytes have arrived: a large one may be slow but must keep arriving.
 fn patience(limits: &Limits, received: usize) -> Duration {
     let more = received as u64 * 1000 / limits.body_bytes_per_s_min;
     Duration::from_millis(limits.body_ms_max + more)
@@ -217,7 +215,6 @@ fn is_json(headers: &HeaderMap) -> bool {
     })
 }
 
-/// The refusal of a body beyond a limit.
 pub(super) fn too_large(limit_name: &str, limit: usize) -> ApiError {
     let detail = format!("the body has more than {limit} bytes");
     ApiError::limit(Code::TooLarge, limit_name, limit, detail)

@@ -1,6 +1,6 @@
-//! A cache of answers that are the same for all callers: boards and lists. Each is computed once for concurrent requests
-//! and cached until a result changes. The ranking behind the pages of a competition's board is cached in the same way; a
-//! large one that is read again and again is made anew by a task of its own, so that no reader waits for it.
+//! A cache of responses that are the same for all callers: boards and lists. Each is computed once for concurrent requests and
+//! cached until a result changes. The ranking behind the pages of a competition's board is cached in the same way; a task of its
+//! own recomputes a large one that is being read, so that no reader waits for it.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -20,51 +20,49 @@ use crate::fair::{Party, Rank};
 use crate::store::Store;
 use swarmbench_clock::{Clock, after};
 
-/// An entry of at least this size is large: it takes long to compute, and is computed once a second at most.
+/// Size from which an entry is large: it takes long to compute, so it is computed at most once a second.
 const LARGE_BYTES: usize = 64 * 1024;
 
-/// How long a large entry is served although results have changed.
+/// Time for which a large entry is served although results have changed.
 const LARGE_FRESH_FOR: Duration = Duration::from_secs(1);
 
-/// How long a followed entry is served after it was last known to be that of all results, or was made. Its task makes it again
-/// after [`LARGE_FRESH_FOR`]; where it is late by more than this, readers wait.
+/// Time for which a followed entry is served after it was last found current or was computed. Its task recomputes it every
+/// [`LARGE_FRESH_FOR`]; readers wait for one that is more overdue.
 const FOLLOWED_FRESH_FOR: Duration = Duration::from_secs(3);
 
-/// How long an entry is followed after it was read.
+/// Time for which an entry is followed after its last read.
 const FOLLOWED_AFTER_READ: Duration = Duration::from_mins(1);
 
-/// Entries that are followed at once: each may be made once a second.
+/// Maximum followed entries: each may be computed once a second.
 const FOLLOWED_MAX: usize = 8;
 
-/// The results from which an entry was computed.
+/// State of the results from which an entry was computed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Results {
-    /// The revision that was known before.
+    /// Revision as read before the computation.
     revision: u64,
     at: Timestamp,
 }
 
-/// An entry with the results from which it was computed.
 #[derive(Debug)]
 pub(super) struct Cached<T> {
     pub(super) of: Results,
     pub(super) what: T,
 }
 
-/// What an entry takes in memory.
+/// Memory use of an entry.
 pub(super) trait Weighted {
-    /// Its size in bytes.
     fn bytes(&self) -> usize;
 }
 
-/// A response as it is cached.
+/// A cached response.
 #[derive(Debug)]
 pub(super) struct Answer {
     headers: HeaderMap,
     body: Bytes,
 }
 
-/// Entries by what was asked.
+/// Entries by question, which is the text of the request's parameters.
 pub(super) struct SharedCache<T> {
     entries: Cache<String, Arc<Cached<T>>, ByBytes>,
     store: Store,
@@ -72,10 +70,10 @@ pub(super) struct SharedCache<T> {
     followed: Mutex<HashMap<String, Followed>>,
 }
 
-/// An entry that a task makes again as long as it is read.
+/// An entry that a task recomputes as long as it is read.
 struct Followed {
     read_at: Timestamp,
-    /// When it was that of all results.
+    /// Last time at which the entry was current.
     fresh_at: Timestamp,
 }
 
@@ -84,14 +82,14 @@ struct ByBytes;
 
 impl<T: Weighted> Weighter<String, Arc<Cached<T>>> for ByBytes {
     fn weight(&self, question: &String, made: &Arc<Cached<T>>) -> u64 {
-        // Headers and the overhead of the cache.
+        // Bytes of headers and of the cache's overhead.
         const AROUND: usize = 512;
         (question.len() + made.what.bytes() + AROUND) as u64
     }
 }
 
 impl<T: Weighted> SharedCache<T> {
-    /// A cache of `bytes_max` bytes in one shard: a large entry has to fit on a machine of many cores, too.
+    /// A cache of `bytes_max` bytes in one shard, so that a large entry fits on a machine with many cores, too.
     pub(super) fn new(bytes_max: u64, (store, clock): (Store, Arc<dyn Clock>)) -> Self {
         let mut options = OptionsBuilder::new();
         options.shards(1).estimated_items_capacity(1000).weight_capacity(bytes_max);
@@ -101,13 +99,12 @@ impl<T: Weighted> SharedCache<T> {
         Self { entries, store, clock, followed: Mutex::default() }
     }
 
-    /// The results that are known now.
     pub(super) fn results(&self) -> Results {
         Results { revision: self.store.writer().changes().revision(), at: self.clock.now() }
     }
 
-    /// The entry of a question, computed by `make` on a cache miss. Concurrent requests for it wait; if the request
-    /// that computes it is dropped, the next one takes over.
+    /// The entry of a question, computed by `make` on a miss. Concurrent requests for it wait; if the request that computes it is
+    /// dropped, the next one takes over.
     pub(super) async fn entry(
         &self,
         question: String,
@@ -132,7 +129,7 @@ impl<T: Weighted> SharedCache<T> {
                 }
                 Err(place) => {
                     let mut made = Rank::Normal.scope(make).await?;
-                    // Its age counts from the end of a long computation.
+                    // The age counts from the end of a long computation.
                     made.of.at = self.clock.now();
                     let made = Arc::new(made);
                     // An entry larger than the cache serves only the requests that wait now.
@@ -145,8 +142,8 @@ impl<T: Weighted> SharedCache<T> {
 }
 
 impl<T: Weighted + Send + Sync + 'static> SharedCache<T> {
-    /// As [`SharedCache::entry`]. Once a large entry was computed, a task computes it again after changes, and readers get what
-    /// there is. `make` gets the entry as it was before, and the task ends when `stopped` does.
+    /// As [`SharedCache::entry`]. After a large entry was computed, a task recomputes it after changes, and readers get the latest
+    /// one. `make` gets the previous entry. The task ends when `stopped` completes.
     pub(super) async fn followed_entry<F>(
         self: &Arc<Self>,
         question: String,
@@ -163,7 +160,7 @@ impl<T: Weighted + Send + Sync + 'static> SharedCache<T> {
         let made = self.entry(question.clone(), Box::pin(make(before))).await?;
         if made.what.bytes() >= LARGE_BYTES && self.begin_to_follow(&question) {
             let cache = Arc::clone(self);
-            // For all readers, so it is for none of them.
+            // The computation serves all readers, so it runs for the server, not for one of their parties.
             let follow = Party::SERVER.scope(Rank::Normal.scope(async move {
                 let leave = Leave { cache: &cache, question: &question };
                 tokio::select! {
@@ -176,7 +173,7 @@ impl<T: Weighted + Send + Sync + 'static> SharedCache<T> {
         Ok(made)
     }
 
-    /// An entry that a task makes again, if it is young enough.
+    /// A followed entry, if it is fresh enough. Counts as a read.
     fn read_followed(&self, question: &str) -> Option<Arc<Cached<T>>> {
         let now = self.clock.now();
         let mut all = self.all_followed();
@@ -187,7 +184,7 @@ impl<T: Weighted + Send + Sync + 'static> SharedCache<T> {
         is_fresh.then(|| self.entries.get(question)).flatten()
     }
 
-    /// Notes that a task is to follow an entry; false if one does, or as many are followed as may.
+    /// Registers a question to be followed; false if it is followed already or [`FOLLOWED_MAX`] are.
     fn begin_to_follow(&self, question: &str) -> bool {
         let mut all = self.all_followed();
         if all.len() >= FOLLOWED_MAX || all.contains_key(question) {
@@ -198,14 +195,14 @@ impl<T: Weighted + Send + Sync + 'static> SharedCache<T> {
         true
     }
 
-    /// Makes an entry again after changes, as long as it is read.
+    /// Recomputes an entry after changes, as long as it is read.
     async fn follow<F>(&self, question: &str, make: impl Fn(Option<Arc<Cached<T>>>) -> F)
     where
         F: Future<Output = Result<Cached<T>, ApiError>>,
     {
         loop {
             self.clock.sleep_until(after(self.clock.now(), LARGE_FRESH_FOR)).await;
-            // What other servers have committed. A reader gets the error, if there still is one.
+            // Reads commits of other servers. If this keeps failing, the next reader gets the error.
             let Ok(()) = self.store.catch_up().await else { return };
             let results = self.results();
             let is_read =
@@ -213,7 +210,7 @@ impl<T: Weighted + Send + Sync + 'static> SharedCache<T> {
             if !self.all_followed().get(question).is_some_and(is_read) {
                 return;
             }
-            // One that the cache dropped is made when it is read.
+            // An entry that the cache evicted is computed at its next read.
             let Some(before) = self.entries.peek(question) else { return };
             if before.of.revision < results.revision {
                 let Ok(made) = make(Some(before)).await else { return };
@@ -230,7 +227,7 @@ impl<T: Weighted + Send + Sync + 'static> SharedCache<T> {
     }
 }
 
-/// Nobody follows an entry any more, however its task ends.
+/// Ends following when the task ends, however it does.
 struct Leave<'a, T: Weighted + Send + Sync + 'static> {
     cache: &'a SharedCache<T>,
     question: &'a str,
@@ -243,7 +240,7 @@ impl<T: Weighted + Send + Sync + 'static> Drop for Leave<'_, T> {
 }
 
 impl<T: Weighted> Cached<T> {
-    /// Whether it is still valid for a request that came at this revision.
+    /// Whether the entry is valid for a request that came at this revision.
     fn is_valid(&self, revision: u64, now: Timestamp) -> bool {
         let is_young = self.of.at <= now && now < after(self.of.at, LARGE_FRESH_FOR);
         self.of.revision >= revision || (self.what.bytes() >= LARGE_BYTES && is_young)
@@ -270,7 +267,7 @@ impl Answer {
 }
 
 impl SharedCache<Answer> {
-    /// The answer to a question that has the same answer for all callers, computed by `make` on a cache miss.
+    /// The response to a question that has the same one for all callers, computed by `make` on a miss.
     pub(super) async fn answer(
         &self,
         question: String,
@@ -283,7 +280,7 @@ impl SharedCache<Answer> {
         Ok(self.entry(question, make).await?.what.response())
     }
 
-    /// The same of a list of entrants, which games that end do not change.
+    /// As [`SharedCache::answer`] for lists of entrants, which do not change when a game ends.
     pub(super) async fn answer_of_entrants(
         &self,
         question: String,
@@ -300,8 +297,8 @@ impl SharedCache<Answer> {
         Ok(self.entry_where(question, is_valid, make).await?.what.response())
     }
 
-    /// The answer to a question about what is cached itself: computed by `make` once for each of its states, which has the
-    /// results `of`.
+    /// The response to a question about a cached entry, whose results are `of`: computed by `make` once for each state of the
+    /// entry.
     pub(super) async fn answer_of(
         &self,
         question: String,

@@ -10,27 +10,27 @@ use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::names;
 use swarmbench_protocol::problem::FieldProblem;
 
-/// Objects and lists in each other in an `agent_meta`: records that carry it are nested some deeper, and read at most 127 deep.
+/// Maximum nesting of an `agent_meta`. Records that carry it are nested a little deeper, and JSON is read to a depth of 127.
 pub(super) const AGENT_META_DEPTH_MAX: usize = 64;
 
-/// What is wrong with a request, so far.
+/// Problems found in a request so far.
 #[derive(Default)]
 pub(super) struct Problems(Vec<FieldProblem>);
 
 impl Problems {
-    /// Notes a field that is not allowed.
+    /// Adds the problem of a field.
     pub(super) fn refuse(&mut self, field: &str, problem: impl Into<String>) {
         self.0.push(FieldProblem { field: field.to_owned(), problem: problem.into() });
     }
 
-    /// Notes what is wrong with a field, if anything is.
+    /// Adds the problem of a field, if there is one.
     pub(super) fn check(&mut self, field: &str, problem: Option<String>) {
         if let Some(problem) = problem {
             self.refuse(field, problem);
         }
     }
 
-    /// What came out of the checks, if nothing was wrong.
+    /// The checked value, if there are no problems.
     pub(super) fn none_or<T>(self, checked: Option<T>) -> Result<T, ApiError> {
         match checked {
             Some(checked) if self.0.is_empty() => Ok(checked),
@@ -38,7 +38,7 @@ impl Problems {
         }
     }
 
-    /// A number of seconds within these bounds, in whole milliseconds.
+    /// Seconds within bounds, as whole milliseconds.
     pub(super) fn seconds(
         &mut self,
         field: &str,
@@ -59,7 +59,7 @@ impl Problems {
         Duration::from_millis((value.clamp(low, high) * 1000.0).round() as u64)
     }
 
-    /// The time limit of a round, if any, the bank of a seat, and the idle timeout.
+    /// The time limit of a round, if any, the time bank of a seat, and the idle timeout.
     pub(super) fn clocks(
         &mut self,
         round_deadline_s: Option<f64>,
@@ -73,7 +73,7 @@ impl Problems {
         (round, bank, idle)
     }
 
-    /// Who may read it before its end. A creator cannot choose `sealed`.
+    /// Visibility before the end. A creator cannot choose `sealed`.
     pub(super) fn visibility(&mut self, app: &App, name: Option<&str>) -> Option<Visibility> {
         let usual = if app.has_keys { Visibility::Owner } else { Visibility::Public };
         let name = name.unwrap_or(usual.name());
@@ -87,7 +87,7 @@ impl Problems {
         found
     }
 
-    /// The name of who plays.
+    /// Checks a player's name.
     pub(super) fn model(&mut self, limits: &Limits, model: &str) {
         if let Err(problem) = names::check_model(model, limits.name_chars_max) {
             self.refuse("model", problem);
@@ -100,7 +100,7 @@ impl Problems {
         }
     }
 
-    /// Further declarations about the player.
+    /// Checks further declarations about the player.
     pub(super) fn agent_meta(&mut self, limits: &Limits, meta: &Carried) {
         let (bytes, most) = (meta.0.len(), limits.agent_meta_bytes_max);
         if bytes > most {
@@ -124,12 +124,12 @@ impl Problems {
     }
 }
 
-/// As much of a text as a message shows.
+/// The beginning of a text, for messages.
 pub(super) fn short(text: &str) -> String {
     text.chars().take(40).collect()
 }
 
-/// A seed that cannot be predicted: 53 random bits.
+/// An unpredictable seed: 53 random bits.
 pub(super) fn drawn_seed(app: &App) -> i64 {
     let mut bytes = [0; 8];
     app.entropy.fill(&mut bytes);

@@ -1,5 +1,5 @@
-//! The client of a connection: its address, and whether it is a program on this machine, which decides what a server
-//! without keys lets it do.
+//! The client of a connection: its address, and whether it is a program on this machine, which decides what it may do on a server
+//! without keys.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -13,21 +13,20 @@ use super::error::{ApiError, Code};
 use crate::fair::{Group, Party};
 use swarmbench_protocol::loopback::is_loopback;
 
-/// The address of the client, in the extensions of every request. Behind a proxy it is the proxy's.
+/// Address of the connection's other end, in the extensions of every request. Behind a proxy it is the proxy's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Peer(pub(super) IpAddr);
 
-/// The sender of a request, as far as the connection shows.
+/// The sender of a request, as far as connection and headers tell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Client {
-    /// The address, that which a trusted proxy names where there is one.
+    /// Address of the client, as named by a trusted proxy if there is one.
     pub(super) address: IpAddr,
-    /// Whether it is a program on this machine: not a proxy that forwards others, and no page of
-    /// another site in a browser.
+    /// Whether the client is a program on this machine: neither a forwarding proxy nor a page of another site in a browser.
     pub(super) is_local: bool,
 }
 
-/// The headers that proxies add.
+/// Headers that proxies add.
 const FORWARDED: [HeaderName; 5] = [
     HeaderName::from_static("forwarded"),
     HeaderName::from_static("x-forwarded-for"),
@@ -37,7 +36,6 @@ const FORWARDED: [HeaderName; 5] = [
 ];
 
 impl Client {
-    /// Reads the client off a connection and its headers.
     pub(super) fn of(peer: IpAddr, headers: &HeaderMap, uri: &Uri, trusted: &[IpNet]) -> Self {
         let address = address(peer, headers, trusted);
         let is_forwarded = headers.keys().any(|name| FORWARDED.contains(name));
@@ -50,13 +48,13 @@ impl Client {
         Self { address, is_local }
     }
 
-    /// The party of a request without a key or a token.
+    /// Party of a request without a key or a token.
     pub(super) fn party(self) -> Party {
         Party::of(Group::Address(site(self.address)))
     }
 }
 
-/// The address of the client, that which a trusted proxy names where there is one.
+/// Address of the client, as named by a trusted proxy if there is one.
 pub(super) fn address(peer: IpAddr, headers: &HeaderMap, trusted: &[IpNet]) -> IpAddr {
     let peer = peer.to_canonical();
     let is_trusted = |address: &IpAddr| trusted.iter().any(|net| net.contains(address));
@@ -64,8 +62,7 @@ pub(super) fn address(peer: IpAddr, headers: &HeaderMap, trusted: &[IpNet]) -> I
     address.unwrap_or(peer)
 }
 
-/// The nearest address in `X-Forwarded-For` that is not a trusted proxy's: all that comes before
-/// it may have been made up.
+/// The last address in `X-Forwarded-For` that is not a trusted proxy's: all entries before it may be forged.
 fn forwarded(headers: &HeaderMap, is_trusted: impl Fn(&IpAddr) -> bool) -> Option<IpAddr> {
     let lines = headers.get_all("x-forwarded-for").iter().rev();
     let entries = lines.flat_map(|line| line.to_str().unwrap_or("?").rsplit(','));
@@ -81,7 +78,7 @@ fn forwarded(headers: &HeaderMap, is_trusted: impl Fn(&IpAddr) -> bool) -> Optio
     nearest
 }
 
-/// The host that the request asks for, with its port.
+/// Host and port that the request names.
 pub(super) fn host<'a>(headers: &'a HeaderMap, uri: &'a Uri) -> Option<&'a str> {
     match uri.authority() {
         Some(authority) => Some(authority.as_str()),
@@ -89,12 +86,12 @@ pub(super) fn host<'a>(headers: &'a HeaderMap, uri: &'a Uri) -> Option<&'a str> 
     }
 }
 
-/// Whether `host` or `host:port` names this machine for itself.
+/// Whether `host` or `host:port` is a loopback name.
 fn names_loopback(host: Option<&str>) -> bool {
     host.and_then(name_of).is_some_and(is_loopback)
 }
 
-/// The name in `host` or `host:port`; `None` where the port is invalid.
+/// Name in `host` or `host:port`; `None` if the port is invalid.
 pub(super) fn name_of(host: &str) -> Option<&str> {
     let (name, port) = match host.rsplit_once(':') {
         Some((name, port)) if !host.ends_with(']') => (name, Some(port)),
@@ -103,12 +100,12 @@ pub(super) fn name_of(host: &str) -> Option<&str> {
     port.is_none_or(|port| port.parse::<u16>().is_ok()).then_some(name)
 }
 
-/// How many times as much as an address, or a /64 network of IPv6, the /48 around that may have.
+/// Factor of the limits of a /48 of IPv6, relative to those of a single address or /64.
 pub(super) const NETWORKS_PER_SITE_MAX: u32 = 8;
 
-/// Refuses what another site would change through a browser: there the address of the browser is all the permission that
-/// many routes ask for, and a page of any site can send a `POST` without a body. What has an `Authorization` was sent by
-/// somebody who has the token: a browser adds none, and lets no page of another site add one here.
+/// Refuses cross-site requests that change something. Many routes need no permission but the client's address, and a page of any
+/// site can make a browser send a `POST` without a body. Requests with an `Authorization` header pass: the sender knows a token, as
+/// a browser adds none and lets no page of another site add one here.
 pub(super) fn check_site(request: &Request, hosts: &[String]) -> Result<(), ApiError> {
     let headers = request.headers();
     if request.method().is_safe() || headers.contains_key(header::AUTHORIZATION) {
@@ -117,7 +114,7 @@ pub(super) fn check_site(request: &Request, hosts: &[String]) -> Result<(), ApiE
     let text = |name: &str| headers.get(name).map(|value| value.to_str().unwrap_or_default());
     let site = text("sec-fetch-site");
     let foreign = match (text("origin"), site) {
-        // A proxy may change `Host`; what a browser says of itself, no page can change.
+        // A proxy may change `Host`, but no page can change `Sec-Fetch-Site`.
         (Some(_), Some("same-origin")) => None,
         (Some(origin), _) => (!is_own(origin, request, hosts)).then_some(origin),
         (None, site) => site.filter(|site| *site == "cross-site"),
@@ -131,7 +128,7 @@ pub(super) fn check_site(request: &Request, hosts: &[String]) -> Result<(), ApiE
     Err(ApiError::new(Code::Forbidden, detail))
 }
 
-/// Whether an `Origin` is of this server: of the host that the request asks for, of this machine, or of a name of the server.
+/// Whether an `Origin` is this server's: the host that the request names, this machine, or one of the server's names.
 pub(super) fn is_own(origin: &str, request: &Request, hosts: &[String]) -> bool {
     let Some(name) = origin.split_once("://").and_then(|(_, host)| name_of(host)) else {
         return false;
@@ -142,48 +139,48 @@ pub(super) fn is_own(origin: &str, request: &Request, hosts: &[String]) -> bool 
         || hosts.iter().any(|host| host.eq_ignore_ascii_case(name))
 }
 
-/// What counts as one address: a host has a whole /64 of IPv6 to choose from.
+/// Network that counts as one address: a host can choose from a whole /64 of IPv6.
 pub(super) fn network(address: IpAddr) -> IpAddr {
     prefix(address, 32, 64).network()
 }
 
-/// The network that shares as one: a site has a whole /48 of IPv6.
+/// Network that has one fair share: a site has a whole /48 of IPv6.
 pub(super) fn site(address: IpAddr) -> IpAddr {
     prefix(address, 32, 48).network()
 }
 
-/// What enters competitions as one network: a /24 of IPv4, a /48 of IPv6.
+/// Network that counts as one when competitions are entered: a /24 of IPv4, a /48 of IPv6.
 pub(super) fn neighbourhood(address: IpAddr) -> IpNet {
     prefix(address, 24, 48)
 }
 
 fn prefix(address: IpAddr, v4: u8, v6: u8) -> IpNet {
     let length = if address.is_ipv4() { v4 } else { v6 };
-    // A program on this machine stays one.
+    // Loopback addresses are never merged into a network.
     if address.is_loopback() { address.into() } else { IpNet::new_assert(address, length).trunc() }
 }
 
-/// The networks for which an address counts, with how many times as much as an address they may have: the smallest first, so
-/// that what is refused there takes nothing from its neighbours.
+/// Networks in which an address counts, each with the factor of its limit. The smallest comes first, so that a refusal there uses
+/// up nothing of its neighbours.
 pub(super) fn networks(address: IpAddr) -> impl Iterator<Item = (IpNet, u32)> + Clone {
     let has_site = address.is_ipv6() && !address.is_loopback();
     let site = has_site.then(|| (prefix(address, 32, 48), NETWORKS_PER_SITE_MAX));
     std::iter::once((prefix(address, 32, 64), 1)).chain(site)
 }
 
-/// How many of something there are, by network.
+/// Counts by network.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(super) struct ByNetwork(HashMap<IpNet, usize>);
 
 impl ByNetwork {
-    /// Whether an address may have one more, where it may have `most`.
+    /// Whether an address may have one more when its limit is `most`.
     pub(super) fn has_room(&self, address: IpAddr, most: usize) -> bool {
         networks(address).all(|(network, times)| {
             self.0.get(&network).is_none_or(|here| *here < most.saturating_mul(times as usize))
         })
     }
 
-    /// Whether no network of an address has any.
+    /// Whether all counts of an address are zero.
     pub(super) fn is_new(&self, address: IpAddr) -> bool {
         networks(address).all(|(network, _)| !self.0.contains_key(&network))
     }
@@ -240,7 +237,7 @@ mod tests {
             assert_eq!(seen.address.to_string(), expected, "{peer} {forwarded}");
             assert!(!seen.is_local, "what is forwarded is not from here");
         }
-        // Several headers are one list.
+        // Repeated headers form one list.
         let lines = [("x-forwarded-for", "6.6.6.6"), ("x-forwarded-for", "198.51.100.1")];
         assert_eq!(client("127.0.0.1", &lines).address.to_string(), "198.51.100.1");
     }
@@ -291,13 +288,13 @@ mod tests {
             taken
         };
         assert!(counted.is_new(address(1, 0)));
-        // The first network has the same bits as the site.
+        // The first /64 has the same bits as its /48.
         let taken: Vec<i32> =
             (0..10).map(|number| fill(&mut counted, address(1, number))).collect();
         assert_eq!(taken, [3, 3, 3, 3, 3, 3, 3, 3, 0, 0]);
         assert!(!counted.is_new(address(1, 99)), "its site has some");
         assert_eq!(fill(&mut counted, address(2, 0)), 3);
-        // Those of IPv4 are neighbours of nobody.
+        // IPv4 addresses share no site.
         let taken = (0..20).map(|last| fill(&mut counted, IpAddr::from([192, 0, 2, last])));
         assert_eq!(taken.sum::<i32>(), 60);
         for (number, count) in [(0, 3), (7, 1)] {

@@ -1,4 +1,4 @@
-//! What the OpenAPI document says that is not said at a handler: an introduction, and the errors that many routes have.
+//! Parts of the OpenAPI document that belong to no handler: an introduction, and the errors that many routes share.
 
 use std::fmt::Write;
 
@@ -44,7 +44,7 @@ use super::limits::Limits;
 )]
 pub(super) struct Document;
 
-/// What cannot be said in an attribute: the tables of errors and limits, and the tokens.
+/// Parts that attributes cannot express: the tables of errors and limits, and the tokens.
 struct Rest;
 
 impl Modify for Rest {
@@ -70,7 +70,7 @@ impl Modify for Rest {
     }
 }
 
-/// Says what the JSON in the data of an event is.
+/// Describes the JSON in the data of an event.
 fn describe_events(components: &mut Components) {
     let event = components.schemas.get_mut("StreamedEvent");
     let Some(RefOr::T(Schema::Object(event))) = event else { return };
@@ -80,8 +80,8 @@ fn describe_events(components: &mut Components) {
     data.extensions = Some(Extensions::from_iter([("contentSchema", json!({ "oneOf": schemas }))]));
 }
 
-/// Says in words what a field is where it is left out. As `default` in the schema, generated clients would take the field
-/// for one that is always there, and send it.
+/// Describes defaults of fields in words. With `default` in the schema, generated clients would treat the field as always present
+/// and send it.
 fn describe_defaults(components: &mut Components) {
     for schema in components.schemas.values_mut() {
         let RefOr::T(Schema::Object(schema)) = schema else { continue };
@@ -101,7 +101,7 @@ fn describe_defaults(components: &mut Components) {
     }
 }
 
-/// A stream of events: a client that was generated reads it as one text.
+/// Schema of an event stream: generated clients read it as one text.
 fn stream_of(event: &RefOr<Schema>) -> RefOr<Schema> {
     let mut stream = Object::with_type(Type::String);
     stream.description =
@@ -111,7 +111,7 @@ fn stream_of(event: &RefOr<Schema>) -> RefOr<Schema> {
     RefOr::T(Schema::Object(stream))
 }
 
-/// All errors and all limits, in Markdown.
+/// Tables of all errors and limits in Markdown.
 fn tables() -> String {
     let mut text = "\n\n## Errors\n\n| status | code | |\n| --- | --- | --- |\n".to_owned();
     for code in Code::ALL {
@@ -127,8 +127,8 @@ fn tables() -> String {
     text
 }
 
-/// Adds the errors that follow from what a route takes, and the body of all errors; what a route says itself stays. Describes
-/// streams and defaults so that generated clients read and send them right.
+/// Adds the errors that follow from a route's parameters, and the body of all errors, without replacing those that the route
+/// declares. Describes streams and defaults so that generated clients handle them correctly.
 pub(super) fn complete(document: &mut utoipa::openapi::OpenApi) {
     let components = document.components.get_or_insert_default();
     describe_events(components);
@@ -151,7 +151,7 @@ pub(super) fn complete(document: &mut utoipa::openapi::OpenApi) {
                 stream.schema = stream.schema.as_ref().map(stream_of);
             }
         }
-        // A route that says nothing about tokens needs none.
+        // A route without a declared token needs none.
         operation.security.get_or_insert_with(|| vec![SecurityRequirement::default()]);
     }
 }
@@ -166,7 +166,7 @@ fn common_errors(operation: &Operation) -> Vec<(u16, &'static str)> {
         (429, "`rate_limited`, naming the `limit`; `Retry-After` says when to come again"),
         (503, "`overloaded` or `unavailable`; `Retry-After` says when to come again"),
     ];
-    // Health and metrics say nothing about tokens, and take any query.
+    // Health and metrics declare no tokens and accept any query.
     if operation.security.is_some() {
         errors.push((400, "`malformed`: the query, or the body, cannot be read"));
     }

@@ -1,4 +1,4 @@
-//! The OpenAPI document, and the page that shows it: Swagger UI, whose files are part of the binary.
+//! The OpenAPI document, and Swagger UI, whose files are part of the binary.
 
 use std::collections::HashMap;
 use std::io::{Cursor, Read};
@@ -20,11 +20,11 @@ use super::App;
 
 const INDEX: &str = "index.html";
 
-/// The script that starts Swagger UI with our document.
+/// Script that starts Swagger UI with our document.
 const INITIALIZER: (&str, &[u8]) =
     ("swagger-initializer.js", include_bytes!("../../static/swagger-initializer.js"));
 
-/// The files of Swagger UI by name. They are unpacked at the first request for one of them.
+/// Files of Swagger UI by name, unpacked at the first request for one of them.
 static FILES: LazyLock<HashMap<String, Bytes>> =
     LazyLock::new(|| unpack(SWAGGER_UI_VENDORED).expect("the archive is part of the binary"));
 
@@ -38,7 +38,7 @@ pub(super) fn routes(document: OpenApi) -> Router<App> {
         .route("/docs/files/{*rest}", get(file))
 }
 
-/// The files of the archive's folder `dist`, with our initializer.
+/// Files of the archive's folder `dist`, with our initializer.
 fn unpack(archive: &[u8]) -> ZipResult<HashMap<String, Bytes>> {
     let mut archive = ZipArchive::new(Cursor::new(archive))?;
     let mut files = HashMap::new();
@@ -55,20 +55,19 @@ fn unpack(archive: &[u8]) -> ZipResult<HashMap<String, Bytes>> {
     Ok(files)
 }
 
-/// The name of a file in `swagger-ui-VERSION/dist/`.
+/// File name within `swagger-ui-VERSION/dist/`.
 fn name_in_dist(path: &str) -> Option<&str> {
     let (_, path) = path.split_once('/')?;
     path.strip_prefix("dist/").filter(|name| !name.is_empty())
 }
 
-/// Swagger UI sets styles in its markup, and its page names its files relative to a base.
+/// Swagger UI needs inline styles, and the page's `<base>` needs `base-uri`.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; \
     connect-src 'self'; base-uri 'self'; form-action 'none'; frame-ancestors 'none'";
 
-/// Swagger UI, which needs no network but this server.
 async fn page() -> impl IntoResponse {
     let page = String::from_utf8_lossy(&FILES[INDEX]);
-    // The page names its files relative to itself.
+    // File names in the page are relative to it.
     let page = page.replace("<head>", "<head><base href=\"/docs/files/\">");
     ([(CONTENT_SECURITY_POLICY, POLICY)], Html(page))
 }

@@ -1,10 +1,9 @@
-//! The one error type that leaves the server.
+//! The only error type that leaves the server.
 //!
-//! Which code belongs where: what cannot be read at all is `malformed`; what was read and is not
-//! allowed is `invalid`; a caller is `unauthorized` (not known) or `forbidden` (known, but without
-//! the right); what does not exist, or may not be known to exist, is `not_found`; what comes at
-//! the wrong time is one of the four conflicts of acting, or one of the two of seats. The host's own faults are `unavailable`
-//! (the journal) and `internal` (everything that should not happen); both are logged here, once.
+//! Choice of a code: `malformed` for what cannot be read; `invalid` for what was read and is not allowed; `unauthorized` for an
+//! unknown caller, `forbidden` for a known one without the right; `not_found` for what does not exist or may not be known to exist;
+//! one of the conflicts (409) for what comes at the wrong time. The server's own faults are `unavailable` (the journal) and
+//! `internal` (everything that should not happen); both are logged here, once.
 
 use std::time::Duration;
 
@@ -82,7 +81,7 @@ impl Code {
         Self::Unavailable,
     ];
 
-    /// Every code with its status and its title: the whole table of errors.
+    /// Name, status and title of a code: the table of all errors.
     pub(super) const fn row(self) -> (&'static str, u16, &'static str) {
         match self {
             Self::Malformed => ("malformed", 400, "The request cannot be read"),
@@ -114,7 +113,7 @@ impl Code {
     }
 }
 
-/// An error on its way to the client.
+/// An error that will be sent to the client.
 #[derive(Clone, Debug)]
 pub struct ApiError {
     code: Code,
@@ -123,12 +122,12 @@ pub struct ApiError {
     retry_after: Option<Duration>,
     limit: Option<Limit>,
     fields: Vec<FieldProblem>,
-    /// Whether another server of the database has to answer.
+    /// Whether another server of the database must answer.
     is_elsewhere: bool,
 }
 
 impl ApiError {
-    /// An error of a kind, with what happened this time and what to do.
+    /// An error of a kind, with what happened and what to do.
     pub fn new(code: Code, detail: impl Into<String>) -> Self {
         Self {
             code,
@@ -141,7 +140,7 @@ impl ApiError {
         }
     }
 
-    /// Something that does not exist, or may not be known to.
+    /// An error for what does not exist or may not be known to exist.
     pub fn not_found(what: &str) -> Self {
         Self::new(Code::NotFound, format!("{what} is not known here"))
     }
@@ -156,7 +155,7 @@ impl ApiError {
         Self { fields, ..Self::new(Code::Invalid, named.join("; ")) }
     }
 
-    /// Settings that are refused; `prefix` says where they stand in the body.
+    /// Refused settings; `prefix` is their path in the body.
     pub fn settings(errors: SettingErrors, prefix: &str) -> Self {
         let named = errors.0.into_iter().map(|error| FieldProblem {
             field: format!("{prefix}{}", error.field),
@@ -170,20 +169,20 @@ impl ApiError {
         Self { limit: Some(limit), ..Self::new(code, detail) }
     }
 
-    /// No permit was free in time, or too many requests wait for one.
+    /// Refusal because no permit was free in time, or too many requests wait for one.
     pub fn no_permit(busy: Busy, detail: &str) -> Self {
         Self::limit(Code::Overloaded, busy.name, busy.slots, detail)
             .retry_after(Duration::from_secs(1))
     }
 
-    /// The journal cannot be used, which is logged.
+    /// The journal cannot be used. Logs the error.
     fn no_journal(error: &dyn std::fmt::Display) -> Self {
         tracing::error!(%error, "a request failed");
         let detail = "the journal cannot be used; the operator has to look at the log";
         Self::new(Code::Unavailable, detail).retry_after(Duration::from_secs(5))
     }
 
-    /// So little of the disk is free that nothing new is created.
+    /// Refusal of creations while too little of the disk is free.
     pub fn disk_full(least: u32) -> Self {
         let detail = format!(
             "less than {least} % of the server's disk, and less than 2 GiB, is free: what is running continues, nothing new is created"
@@ -192,7 +191,7 @@ impl ApiError {
             .retry_after(Duration::from_mins(1))
     }
 
-    /// A creation was repeated by its name, and is another one.
+    /// Refusal of an `Idempotency-Key` that was used with another body.
     pub fn other_body() -> Self {
         Self::new(
             Code::Invalid,
@@ -200,18 +199,18 @@ impl ApiError {
         )
     }
 
-    /// With the cap that was reached.
+    /// Adds the limit that was reached.
     fn with_limit(self, full: Full) -> Self {
         Self { limit: Some(full.into()), ..self }
     }
 
-    /// With the current round of the episode.
+    /// Adds the current round of the episode.
     #[must_use]
     pub fn at_round(self, round: u32) -> Self {
         Self { round: Some(round), ..self }
     }
 
-    /// With the time after which it is worth trying again.
+    /// Adds the time after which a retry is worthwhile.
     #[must_use]
     pub fn retry_after(self, after: Duration) -> Self {
         Self { retry_after: Some(after), ..self }
@@ -238,7 +237,7 @@ impl ApiError {
 }
 
 impl ApiError {
-    /// The problem that is sent. Faults of the server are counted.
+    /// The problem that is sent. Counts faults of the server.
     pub fn sent(&self) -> Problem {
         let problem = self.problem();
         if problem.status >= 500 {
@@ -260,7 +259,7 @@ impl IntoResponse for ApiError {
         let headers = response.headers_mut();
         headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));
         if let Some(after) = self.retry_after {
-            // Whole seconds, rounded up: a client should not come back too early.
+            // Whole seconds, rounded up, so that clients do not come back too early.
             let seconds = after.as_millis().div_ceil(1000);
             headers.insert(
                 header::RETRY_AFTER,

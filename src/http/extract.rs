@@ -1,4 +1,4 @@
-//! Requests, read strictly: every error is reported by name.
+//! Strict reading of requests: an error names what is wrong.
 
 use std::convert::Infallible;
 use std::time::Duration;
@@ -16,8 +16,8 @@ use super::error::{ApiError, Code};
 use swarmbench_protocol::carried::{any_json, count_values};
 use swarmbench_protocol::problem::FieldProblem;
 
-/// A JSON body of the usual size, as it was read and as it came. It is read of callers with a token only, whom the extractors
-/// before it know.
+/// A JSON body of the usual size, parsed and as received. Bodies are read from callers with a token only, whom earlier extractors
+/// have identified.
 pub(super) struct Json<T>(pub(super) T, pub(super) Arrived);
 
 impl<T: DeserializeOwned> FromRequest<App> for Json<T> {
@@ -35,7 +35,7 @@ fn check_has_token(request: &Request) -> Result<(), ApiError> {
     if has_token { Ok(()) } else { Err(needs_token("a key")) }
 }
 
-/// A request whose body a handler reads itself, once it knows that the caller may send one: some callers need no token.
+/// A request whose body the handler reads after checking that the caller may send one: some callers need no token.
 pub(super) struct Unread(Request);
 
 impl FromRequest<App> for Unread {
@@ -47,7 +47,6 @@ impl FromRequest<App> for Unread {
 }
 
 impl Unread {
-    /// Reads a JSON body of the usual size.
     pub(super) async fn read<T: DeserializeOwned>(
         self,
         app: &App,
@@ -61,7 +60,7 @@ impl Unread {
     }
 }
 
-/// The same, where a request without a body is one with all fields left out.
+/// As [`Json`], where an empty body stands for one with all fields left out.
 pub(super) struct OptionalJson<T>(pub(super) T, pub(super) Arrived);
 
 impl<T: DeserializeOwned + Default> FromRequest<App> for OptionalJson<T> {
@@ -75,13 +74,13 @@ impl<T: DeserializeOwned + Default> FromRequest<App> for OptionalJson<T> {
     }
 }
 
-/// Unknown fields of a body that an error names.
+/// Maximum unknown fields that an error names.
 const UNKNOWN_FIELDS_MAX: usize = 20;
 
-/// Values and names in a body: each takes more memory than the shortest that there are take in the body.
+/// Maximum values and names of a body: in memory each takes more than the shortest of them take in the text.
 pub(super) const BODY_VALUES_MAX: usize = 8192;
 
-/// Reads JSON; an error says whether it is none, or which fields are wrong.
+/// Parses JSON. The error tells invalid JSON from wrong fields.
 pub(super) fn read<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ApiError> {
     let most = BODY_VALUES_MAX;
     if bytes.len() > most && count_values(bytes) > most {
@@ -92,7 +91,7 @@ pub(super) fn read<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ApiError> {
     read_envelope(bytes)
 }
 
-/// The same of a body whose parts are kept as they came, each to be read for itself.
+/// As [`read`], for a body whose parts are kept as received, to be parsed one by one.
 pub(super) fn read_envelope<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ApiError> {
     serde_json::from_slice(bytes).map_err(|error| diagnose::<T>(bytes, &error))
 }
@@ -101,7 +100,7 @@ fn no_json(error: &serde_json::Error) -> ApiError {
     ApiError::new(Code::Malformed, format!("the body is not JSON: {error}"))
 }
 
-/// Finds the errors of a body that was refused.
+/// Finds the errors of a refused body.
 fn diagnose<T: DeserializeOwned>(bytes: &[u8], error: &serde_json::Error) -> ApiError {
     let object = match any_json(bytes) {
         Ok(Some(object)) => object,
@@ -121,7 +120,7 @@ fn diagnose<T: DeserializeOwned>(bytes: &[u8], error: &serde_json::Error) -> Api
         return ApiError::fields(unknown);
     }
     let problem = error.to_string();
-    // The place in the text is of no use to a client whose JSON was written by a program.
+    // The position in the text is useless to clients whose JSON was written by a program.
     let problem = problem.split(" at line ").next().unwrap_or_default();
     let mut json = serde_json::Deserializer::from_slice(bytes);
     let located = serde_path_to_error::deserialize::<_, T>(&mut json).err();
@@ -134,7 +133,7 @@ fn diagnose<T: DeserializeOwned>(bytes: &[u8], error: &serde_json::Error) -> Api
             None => ApiError::new(Code::Invalid, plain(problem)),
         };
     };
-    // `field` is a field of the body; the place in it is told with the problem.
+    // `field` is a top-level field; the path within it becomes part of the problem.
     let end = path.find(['.', '[']).unwrap_or(path.len());
     let (field, inside) = path.split_at(end);
     let inside = inside.trim_start_matches('.');
@@ -150,7 +149,7 @@ fn diagnose<T: DeserializeOwned>(bytes: &[u8], error: &serde_json::Error) -> Api
     }
 }
 
-/// What is wrong with a value, in the words of JSON: a deserializer names types of the program.
+/// A deserializer's error in the terms of JSON, without types of Rust.
 fn plain(problem: &str) -> String {
     let wrong =
         problem.strip_prefix("invalid type: ").or_else(|| problem.strip_prefix("invalid value: "));
@@ -172,7 +171,7 @@ fn plain(problem: &str) -> String {
     }
 }
 
-/// The JSON that a type of the program is read from.
+/// JSON name of a Rust type.
 fn in_json(kind: &str) -> &str {
     match kind {
         "i8" | "i16" | "i32" | "i64" => "a whole number",
@@ -187,15 +186,15 @@ fn in_json(kind: &str) -> &str {
     }
 }
 
-/// The names of the fields of a body.
+/// Names of a body's fields.
 pub(super) fn fields<T: DeserializeOwned>() -> &'static [&'static str] {
     let mut fields = Fields(&[]);
-    // It always fails, after it has named its fields.
+    // Deserialization always fails, but only after the struct has passed on its fields.
     drop(T::deserialize(&mut fields));
     fields.0
 }
 
-/// Notes the fields for which a struct asks.
+/// A deserializer that records the fields of a struct.
 struct Fields(&'static [&'static str]);
 
 impl<'de> Deserializer<'de> for &mut Fields {
@@ -221,7 +220,7 @@ impl<'de> Deserializer<'de> for &mut Fields {
     }
 }
 
-/// The query, read strictly.
+/// The query, parsed strictly.
 pub(super) struct Params<T>(pub(super) T);
 
 impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for Params<T> {
@@ -238,8 +237,8 @@ impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for Params<T> {
     }
 }
 
-/// What is wrong with a query, where `cause` begins with the name of the parameter. The parsers of numbers do not say what
-/// they expect.
+/// Describes an error of the query. `cause` begins with the name of the parameter; the parsers of numbers do not say what they
+/// expect.
 fn in_words(cause: String, uri: &Uri) -> String {
     let Some((field, problem)) = cause.split_once(": ") else { return cause };
     let expected = match problem {
@@ -258,10 +257,10 @@ fn in_words(cause: String, uri: &Uri) -> String {
     format!("{field} {expected}, is {shown:?}")
 }
 
-/// Characters of a refused value that an error shows.
+/// Maximum characters of a refused value in an error.
 const SHOWN_CHARS_MAX: usize = 40;
 
-/// Reads a truth value of a query as programs write it, for `deserialize_with`.
+/// Deserializes the boolean spellings of common clients, for `deserialize_with`.
 pub(super) fn flag<'de, D: Deserializer<'de>>(deserializer: D) -> Result<bool, D::Error> {
     let text = String::deserialize(deserializer)?;
     match text.to_ascii_lowercase().as_str() {
@@ -276,19 +275,19 @@ pub(super) fn flag<'de, D: Deserializer<'de>>(deserializer: D) -> Result<bool, D
     }
 }
 
-/// As [`flag`], for a value that may be left out.
+/// As [`flag`], for an optional value.
 pub(super) fn optional_flag<'de, D: Deserializer<'de>>(
     deserializer: D,
 ) -> Result<Option<bool>, D::Error> {
     flag(deserializer).map(Some)
 }
 
-/// The query of a route that has none.
+/// Query of a route without parameters.
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Nothing {}
 
-/// The id in a path. Whatever is no text is no id that is known.
+/// The id in a path. Invalid UTF-8 becomes an unknown id.
 pub(super) struct Id(pub(super) String);
 
 impl<S: Sync + Send> FromRequestParts<S> for Id {
@@ -300,7 +299,6 @@ impl<S: Sync + Send> FromRequestParts<S> for Id {
     }
 }
 
-/// The two ids in a path.
 pub(super) struct Ids(pub(super) String, pub(super) String);
 
 impl<S: Sync + Send> FromRequestParts<S> for Ids {
@@ -312,7 +310,7 @@ impl<S: Sync + Send> FromRequestParts<S> for Ids {
     }
 }
 
-/// Three ids in a path, each of a part of the one before.
+/// Three ids in a path, each within the one before.
 pub(super) struct ThreeIds(pub(super) String, pub(super) String, pub(super) String);
 
 impl<S: Sync + Send> FromRequestParts<S> for ThreeIds {
@@ -325,7 +323,7 @@ impl<S: Sync + Send> FromRequestParts<S> for ThreeIds {
     }
 }
 
-/// The id in a path, with a round and the name of an agent behind it.
+/// An id in a path, followed by a round and the name of an agent.
 pub(super) struct AgentPlace {
     pub(super) id: String,
     pub(super) round: u32,
@@ -343,7 +341,7 @@ impl<S: Sync + Send> FromRequestParts<S> for AgentPlace {
     }
 }
 
-/// Refuses a filter that is none of the names that there are.
+/// Refuses a filter that is not one of `names`.
 pub(super) fn one_of(field: &str, value: Option<&str>, names: &[&str]) -> Result<(), ApiError> {
     match value {
         Some(value) if !names.contains(&value) => {
@@ -354,7 +352,7 @@ pub(super) fn one_of(field: &str, value: Option<&str>, names: &[&str]) -> Result
     }
 }
 
-/// How long a request wants to wait, checked.
+/// Validates the time that a request wants to wait.
 pub(super) fn wait(app: &App, seconds: Option<f64>) -> Result<Duration, ApiError> {
     let most = app.limits.wait_s_max;
     let seconds = seconds.unwrap_or(0.0);

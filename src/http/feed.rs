@@ -1,4 +1,4 @@
-//! Event streams (Server-Sent Events). A reader that is too slow is dropped.
+//! Event streams (Server-Sent Events). A slow reader is disconnected.
 
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -19,30 +19,30 @@ use crate::budget::{Exhausted, Reservation};
 use crate::episode::registry::Registry;
 use crate::fair::Party;
 
-/// How long a reader may leave events pending before it is dropped.
+/// Time for which events may stay pending before the reader is disconnected.
 const READER_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// The sending side of an event stream. What waits for the reader is bounded by its number and its bytes.
+/// Sending side of an event stream. Pending events are bounded in number and bytes.
 pub(super) struct Feed {
     registry: Registry,
     events: mpsc::Sender<Pending>,
-    /// Bytes that may wait.
+    /// Bytes that may be pending.
     bytes: Arc<Semaphore>,
     bytes_max: usize,
     _open: Reservation,
 }
 
-/// An event that waits for the reader.
+/// A pending event.
 struct Pending {
     event: Event,
     _bytes: OwnedSemaphorePermit,
     _room: Reservation,
 }
 
-/// The receiving side of an event stream.
+/// Receiving side of an event stream.
 pub(super) type Events = Sse<KeepAliveStream<BoxStream<'static, Result<Event, Infallible>>>>;
 
-/// An event stream for a caller; organizers and judges find one where others have all.
+/// Opens an event stream for a caller. Organizers and judges get one even when the limit for others is reached.
 pub(super) fn feed(app: &App, caller: &Caller) -> Result<(Feed, Events), ApiError> {
     let open = app.streams.events.reserve(1, Some(Party::current()), caller.rank())?;
     let (events, pending) = mpsc::channel(app.limits.events_pending_max);
@@ -55,12 +55,12 @@ pub(super) fn feed(app: &App, caller: &Caller) -> Result<(Feed, Events), ApiErro
 }
 
 impl Feed {
-    /// Completes when the reader is gone.
+    /// Completes when the reader is disconnected.
     pub(super) async fn gone(&self) {
         self.events.closed().await;
     }
 
-    /// Sends an event; false where the reader is gone or too slow, or no memory is free.
+    /// Sends an event; false if the reader is gone or too slow, or no memory is free.
     pub(super) async fn send(&self, name: &str, id: Option<u32>, data: &impl Serialize) -> bool {
         let data = serde_json::to_string(data).expect("string keys");
         let event = Event::default().event(name);
@@ -77,7 +77,7 @@ impl Feed {
 
     async fn push(&self, event: Event, bytes: usize) -> Result<bool, Exhausted> {
         let room = self.registry.room(bytes)?;
-        // One that is larger than all that may wait waits alone.
+        // An event larger than the limit waits alone.
         let bytes = u32::try_from(bytes.min(self.bytes_max)).unwrap_or(u32::MAX);
         let Ok(bytes) = Arc::clone(&self.bytes).acquire_many_owned(bytes).await else {
             return Ok(false);

@@ -1,8 +1,8 @@
-//! What every request passes before its handler, and every answer after it, in one place: the request's id and its log
-//! lines, its client and the limits of one client, its rank, the metrics, and what all answers have.
+//! Everything that a request passes before its handler, and its answer after it: the request's id and log lines, its client and
+//! the limits of one client, its rank, the metrics, and the headers that all answers have.
 //!
-//! The routes by which games are played are called from here, without the router: a game needs thousands of such
-//! requests, and the router would cost more than most of them. All other routes are the router's.
+//! The routes by which games are played are called from here, without the router: a game needs thousands of such requests, and the
+//! router would cost more than most of them. The router has all other routes.
 
 use std::any::Any;
 use std::panic::AssertUnwindSafe;
@@ -35,24 +35,24 @@ use crate::fair::Origin;
 pub(super) const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 const NOSNIFF: HeaderValue = HeaderValue::from_static("nosniff");
 
-/// The whole service. Cloning shares it.
+/// The whole HTTP service. Clones share it.
 #[derive(Clone)]
 pub struct Front {
     inner: Arc<Inner>,
-    /// Whether it is for the other servers of a cluster, and for nobody else.
+    /// Whether only the other servers of the cluster use it.
     is_for_nodes: bool,
 }
 
 struct Inner {
     app: App,
     router: Router,
-    /// The requests so far. They are named by the run of the server and their number in it: a random name would ask the
-    /// host for randomness with every request.
+    /// Number of requests so far. A request's id is the run of the server and this number: a random id would ask the host for
+    /// randomness with every request.
     requests: AtomicU64,
     plays: [Meter; Play::ALL.len()],
 }
 
-/// An answer, and what accompanies it until it is sent.
+/// An answer, and the context that lives until it is sent.
 pub(super) struct Answered {
     pub(super) response: Response,
     /// `None` if the request was refused before it was counted.
@@ -67,13 +67,13 @@ impl Front {
         Self { inner, is_for_nodes: false }
     }
 
-    /// The same service for the other servers of a cluster.
+    /// The same service, for the other servers of a cluster.
     #[must_use]
     pub fn for_nodes(&self) -> Self {
         Self { inner: Arc::clone(&self.inner), is_for_nodes: true }
     }
 
-    /// Answers a request that came over a connection of `peer`.
+    /// Answers a request of a connection from `peer`.
     pub(super) async fn answer(
         &self,
         mut request: Request,
@@ -83,11 +83,11 @@ impl Front {
         let started = Instant::now();
         let name = RequestName::of(&request, self.id_of(&request));
         if self.inner.app.nodes.is_some() {
-            // Another server may answer it, under the same name.
+            // Another server may answer the request, under the same id.
             request.headers_mut().insert(REQUEST_ID, name.id.clone());
         }
         let play = Play::of(&request);
-        // Those who play write lines at the level debug only, except where the server fails.
+        // Playing requests write log lines at the level debug only, unless the server fails.
         let span = match play {
             Some(_) if !tracing::enabled!(Level::DEBUG) => Span::none(),
             _ => name.span(),
@@ -107,7 +107,7 @@ impl Front {
         Answered { response, context }
     }
 
-    /// The id that came with a request, or else a new one. What cannot be an id is not logged, and is sent to nobody.
+    /// Id that came with a request, or else a new one. An invalid id is neither logged nor sent on.
     pub(super) fn id_of(&self, request: &Request) -> HeaderValue {
         let Inner { app, requests, .. } = &*self.inner;
         request
@@ -121,7 +121,7 @@ impl Front {
             .unwrap_or_else(|| numbered(app.boot, requests.fetch_add(1, Ordering::Relaxed)))
     }
 
-    /// Finds out the client of a request, counts the request, and gives it its rank.
+    /// Finds the client of a request, counts the request, and gives it its rank.
     async fn admit(
         &self,
         mut request: Request,
@@ -132,7 +132,7 @@ impl Front {
     ) -> Result<Response, ApiError> {
         let Inner { app, .. } = &*self.inner;
         let (client, in_flight) = if self.is_for_nodes {
-            // The server to which it was sent has counted it.
+            // The server that received the request has counted it.
             let nodes = app.nodes.as_deref();
             let refuse = || ApiError::not_found("a cluster");
             match nodes.ok_or_else(refuse)?.client_of_hop(request.headers())? {
@@ -153,13 +153,13 @@ impl Front {
         let plays = play.is_some() && is_light(&request);
         let may_run_here = is_of_a_server || plays || admit::is_about_health(request.uri().path());
         let front = self.clone();
-        // Large futures are boxed: each layer would move them, which costs more than the rest of it.
+        // Large futures are boxed: each layer would move them, which costs more than everything else here.
         let answered =
             Box::pin(async move { (front.route(request, play, client).await, Origin::current()) });
         let answered = connection.scope(rank.scope(client.party().scope(answered)));
         let (response, origin) =
             if may_run_here { answered.await } else { app.workers.in_background(answered).await? };
-        // It counts until its body is sent, and is made for the same party to its end.
+        // The request counts until the body of its answer is sent; the body is made for the same party.
         *context = Some(RequestContext { origin, _in_flight: in_flight });
         response
     }
@@ -171,18 +171,18 @@ impl Front {
         client: Client,
     ) -> Result<Response, ApiError> {
         if !self.is_for_nodes {
-            // The server to which it was sent has done so.
+            // The server that received the request has done these checks.
             check_host(&request)?;
             check_site(&request, &self.inner.app.access.hosts)?;
         }
         match self.inner.app.nodes.as_deref() {
             None => self.handle(request, play).await,
-            // This way is the larger one by far: a server without others shall not have to make room for it.
+            // This branch has by far the larger future: a server without a cluster shall not reserve memory for it.
             Some(nodes) => Box::pin(self.route_among(nodes, request, play, client)).await,
         }
     }
 
-    /// Answers a request, or lets another server of the cluster answer it.
+    /// Answers a request, or forwards it to another server of the cluster.
     async fn route_among(
         &self,
         nodes: &nodes::Nodes,
@@ -202,12 +202,12 @@ impl Front {
             Routed::Answered(response) => response,
             Routed::Here(request) => {
                 if play.is_none() {
-                    // What other servers have committed is seen by all that is read from now on.
+                    // All reads from now on see the commits of other servers.
                     app.store.catch_up().await?;
                 }
                 let response =
                     self.handle(request, play).await.unwrap_or_else(IntoResponse::into_response);
-                // This process may have been stopped, and taken over meanwhile.
+                // This process may have been stopped, and excluded meanwhile.
                 nodes.check_may_answer()?;
                 response
             }
@@ -244,7 +244,7 @@ impl Front {
         let path = response.extensions_mut().remove::<MatchedPath>();
         match play {
             Some(play) => self.inner.plays[play as usize].note(status, taken),
-            // Only what there is gets a name in the metrics: clients could think of any number of others.
+            // Only known routes become labels: unknown paths would create unlimited series.
             None if status == StatusCode::METHOD_NOT_ALLOWED => {}
             None => {
                 if let Some(path) = &path {
@@ -253,7 +253,7 @@ impl Front {
             }
         }
         let taken_us = micros(taken);
-        // That the server is not ready is an answer to a question, and no news.
+        // An answer that the server is not ready is no failure.
         let is_readiness = path.is_some_and(|path| path.as_str() == "/readyz");
         if status.is_server_error() && !is_readiness {
             let warn = || tracing::warn!(status = status.as_u16(), taken_us, "answered");
@@ -265,19 +265,19 @@ impl Front {
     }
 }
 
-/// Whether the answer depends on what is stored, or played: all but pages, documentation, and what is about this server alone.
+/// Whether the answer depends on stored or played data: not so pages, documentation, and what is about this server alone.
 fn is_about_data(path: &str) -> bool {
     path.starts_with("/api/") || path == "/mcp" || is_of_a_player(path)
 }
 
-/// Whether games are played by this path.
+/// Whether a path plays games.
 pub(super) fn is_of_a_player(path: &str) -> bool {
     Play::ALL.iter().any(|play| play.route() == path)
 }
 
-/// The id of a request: the run of the server in 16 hexadecimal digits, and the number of the request.
+/// Formats the id of a request: the run of the server in 16 hexadecimal digits, and the number of the request.
 fn numbered(boot: u64, number: u64) -> HeaderValue {
-    // A boot has 16 digits and a number up to 20. Writing them by `format!` takes as long as finding the route.
+    // A boot has 16 digits and a number up to 20. Formatting them by `format!` takes as long as finding the route.
     let mut id = [0; 16 + 1 + 20];
     for (place, digit) in id[..16].iter_mut().enumerate() {
         *digit = b"0123456789abcdef"[(boot >> (60 - 4 * place) & 15) as usize];
@@ -296,7 +296,7 @@ fn numbered(boot: u64, number: u64) -> HeaderValue {
     HeaderValue::from_bytes(&id[..17 + id.len() - first]).expect("digits")
 }
 
-/// What the log lines of a request say of it; never its headers or its query, which may hold tokens.
+/// Parts of a request in its log lines; never its headers or its query, which may hold tokens.
 struct RequestName {
     id: HeaderValue,
     method: Method,
@@ -313,7 +313,7 @@ impl RequestName {
         tracing::info_span!("request", id, method = %self.method, path = self.uri.path())
     }
 
-    /// Runs what writes log lines within the span of the request; it is made where it was not needed before.
+    /// Writes log lines within the span of the request, which is created here where it was not needed before.
     fn within<T>(&self, span: &Span, log: impl FnOnce() -> T) -> T {
         if span.is_none() { self.span().in_scope(log) } else { span.in_scope(log) }
     }
@@ -382,7 +382,7 @@ impl Play {
     }
 }
 
-/// The metrics of a route.
+/// Metrics of a route.
 struct Meter {
     route: String,
     method: &'static str,
@@ -416,7 +416,7 @@ impl Meter {
     }
 }
 
-/// The name of a method that some route has.
+/// Name of a method for labels; methods without a route are `other`.
 fn known(method: &Method) -> &'static str {
     let all = [
         (Method::GET, "GET"),

@@ -1,4 +1,4 @@
-//! Heavy work for requests: its threads, and permits for large answers and replays.
+//! Heavy work of requests: its threads, and the permits for large responses and replays.
 
 use std::time::Duration;
 
@@ -7,22 +7,22 @@ use super::limits::Limits;
 use crate::fair::{FairLimit, Party, Permit, Rank, Shares, WAITING_MAX};
 use crate::work::Workers;
 
-/// How long a request waits until a prompt or a board is made.
+/// Time that a request waits for a permit to render a prompt or a board.
 const RENDER_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// How long a request waits until a state of an earlier round can be made.
+/// Time that a request waits for a permit to replay an earlier round.
 const REPLAY_TIMEOUT: Duration = Duration::from_secs(10);
 
 pub(super) struct Heavy {
     workers: Workers,
     large_answers: FairLimit,
-    /// Each replay may take as much memory as some rounds have text.
+    /// Permits for replays, each of which may use as much memory as the texts of several rounds.
     replays: FairLimit,
 }
 
 impl Heavy {
     pub(super) fn new(workers: Workers, limits: &Limits) -> Self {
-        // A group has no more than half of them.
+        // One group gets at most half of the permits.
         let shares = Shares { slots_per_member: 1, ..Shares::halved(limits.heavy_at_once_max) };
         Self {
             workers,
@@ -31,8 +31,7 @@ impl Heavy {
         }
     }
 
-    /// Does work that keeps a core busy for milliseconds, off the async threads, when a share of them is free for the
-    /// party.
+    /// Runs work that keeps a core busy for milliseconds off the async threads, when a thread is free for the party.
     pub(super) async fn render<T: Send + 'static>(
         &self,
         work: impl FnOnce() -> T + Send + 'static,
@@ -47,13 +46,13 @@ impl Heavy {
         Ok(done?)
     }
 
-    /// A permit for a large answer, until the answer is made. It bounds how many parts are made on the async threads.
+    /// A permit to make a large response. Bounds the parts that are made on the async threads at the same time.
     pub(super) async fn large_answer(&self) -> Result<Permit, ApiError> {
         let detail = "too many large answers are requested; try again later, or ask for less";
         permit(&self.large_answers, detail).await
     }
 
-    /// The same where one is free at once.
+    /// A permit for a large response, if one is free at once.
     pub(super) fn large_answer_at_once(&self) -> Option<Permit> {
         self.large_answers.acquire_at_once(Party::current(), Rank::Normal)
     }

@@ -1,4 +1,4 @@
-//! Creations that a client may repeat: the same `Idempotency-Key` and body give what the first one created.
+//! Repeatable creations: a repeat with the same `Idempotency-Key` and body returns what the first one created.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex as StdMutex, Weak};
@@ -12,7 +12,7 @@ use super::limits::Limits;
 use crate::keys::OwnerKey;
 use crate::store::StoreError;
 
-/// Serializes what must not happen twice at once: a lock for each name in use.
+/// A lock for each name in use, which serializes its creations.
 #[derive(Default)]
 pub(super) struct Creations(StdMutex<HashMap<String, Weak<Mutex<()>>>>);
 
@@ -46,10 +46,10 @@ impl Creations {
     }
 }
 
-/// The key of a creation, and the digest of its body.
+/// Key of a creation, and the digest of its body.
 pub(super) type Idempotency = (String, [u8; 32]);
 
-/// The key that a request has, if any. Each owner has keys of its own.
+/// The key that a request names, if any. Each owner has a separate namespace.
 pub(super) fn idempotency(
     headers: &HeaderMap,
     owner: Option<OwnerKey>,
@@ -67,7 +67,7 @@ pub(super) fn idempotency(
     Ok(Some((format!("{owner}/{key}"), Sha256::digest(body).into())))
 }
 
-/// What was created before with this key. It is an error if that had another body.
+/// The object created earlier with this key. It is an error if its body was different.
 pub(super) async fn created_before<'a, T, B: AsRef<[u8]>, F>(
     named: Option<&'a Idempotency>,
     find: impl FnOnce(&'a str) -> F,

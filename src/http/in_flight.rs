@@ -1,4 +1,4 @@
-//! Requests that are not answered yet, by address.
+//! Unanswered requests by address.
 
 use std::net::IpAddr;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -8,24 +8,23 @@ use super::client::ByNetwork;
 use super::error::{ApiError, Code};
 use crate::fair::Origin;
 
-/// How many requests are not answered yet, by address. A proxy forwards those of many on its own connections: here it
-/// shows whose they are.
+/// Counts of unanswered requests by client address, which a proxy on its own connections names for each request.
 #[derive(Debug)]
 pub(super) struct InFlight {
     requests: Mutex<ByNetwork>,
     most: usize,
 }
 
-/// What accompanies a request until its answer is sent.
+/// Data attached to a request until its response is sent.
 #[derive(Clone, Debug)]
 pub(super) struct RequestContext {
-    /// The party and the rank for which the answer is made.
+    /// Party and rank for which the request is answered.
     pub(super) origin: Origin,
-    /// None if requests of this client are not limited.
+    /// None if this client's requests are not limited.
     pub(super) _in_flight: Option<Arc<InFlightPermit>>,
 }
 
-/// A request that is counted until this is dropped.
+/// Keeps a request counted until dropped.
 #[derive(Debug)]
 pub(super) struct InFlightPermit {
     all: Arc<InFlight>,
@@ -33,7 +32,7 @@ pub(super) struct InFlightPermit {
 }
 
 impl InFlight {
-    /// At most `most` requests of each address.
+    /// Allows at most `most` requests of each address.
     pub(super) fn new(most: usize) -> Self {
         Self { requests: Mutex::default(), most }
     }
@@ -42,7 +41,7 @@ impl InFlight {
         self.requests.lock().expect("nothing panics while it holds this")
     }
 
-    /// Counts a request of an address. Those of this machine itself are not limited.
+    /// Counts a request of an address. Requests from this machine are not limited.
     pub(super) fn take(
         self: &Arc<Self>,
         address: IpAddr,

@@ -1,8 +1,7 @@
 //! `/mcp`: the tools of a seat for language models, over the Model Context Protocol.
 //!
-//! What they show and do is what `GET /obs?prompt=true` and `POST /act` show and do, by the same code, for the same
-//! tokens and within the same limits. The document of the routes does not describe them: clients of the protocol ask
-//! for the list of tools.
+//! The tools show and do the same as `GET /obs?prompt=true` and `POST /act`, with the same code, tokens and limits. The OpenAPI
+//! document omits this route: clients of the protocol ask for the list of tools.
 
 use std::net::IpAddr;
 use std::time::Duration;
@@ -29,7 +28,7 @@ pub(super) fn routes() -> Router<App> {
     Router::new().route("/mcp", post(post_mcp))
 }
 
-/// Headers that the library reads.
+/// Headers that the MCP library reads.
 const HEADERS: [&str; 6] =
     ["accept", "content-type", "host", "mcp-protocol-version", "mcp-method", "mcp-name"];
 
@@ -53,15 +52,15 @@ async fn post_mcp(State(app): State<App>, request: Request) -> Result<Response, 
         Ok(body) => body,
         Err(answer) => return Ok((*answer).map(Body::from)),
     };
-    // Clients that play by tools wait most of the time, and keep nothing of a request but what is needed.
+    // Clients that play by tools wait most of the time: a waiting request keeps only what it needs.
     drop(body);
     let seat = ServerSeat { app, caller, origin: Origin::current() };
     Ok(swarmbench_mcp::answer(seat, asked).await.map(Body::from))
 }
 
-/// Refuses requests that a page of another site may have sent through a browser. Such a page reaches a server of this
-/// machine, or of its network, under a name of its own that it lets point there (`Host`): addresses cannot be borrowed in that
-/// way. Or it asks under the server's own address, and is then of another origin (`Origin`), which may well be an address.
+/// Refuses requests that a page of another site may have sent through a browser. Such a page reaches a server on this machine, or
+/// on its network, under a name that its owner points there, and `Host` shows that name; addresses cannot be borrowed in this way.
+/// Or the page asks under the server's own address: then `Origin` is another origin, which may well be an address.
 fn check_names(access: &Access, request: &Request) -> Result<(), ApiError> {
     let host = host(request.headers(), request.uri());
     let origin = request.headers().get(header::ORIGIN);
@@ -89,12 +88,12 @@ fn is_expected(access: &Access, name: &str) -> bool {
         || access.hosts.iter().any(|host| host.eq_ignore_ascii_case(name))
 }
 
-/// The seat of the token that came with a request. It is needed when a tool is called: listing tools needs none, and a
-/// refusal is a result that the model can read.
+/// Seat of the token that came with a request. Only calls of tools need a token: without one, tools can be listed, and a refused
+/// call is a result that the model can read.
 struct ServerSeat {
     app: App,
     caller: Result<Caller, ApiError>,
-    /// Tools run in tasks of their own, for the party and with the rank of the request.
+    /// Party and rank of the request, for the tasks in which tools run.
     origin: Origin,
 }
 

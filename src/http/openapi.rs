@@ -1,6 +1,6 @@
-//! The OpenAPI document: made from the handlers, committed, and compared by a test.
+//! The OpenAPI document: generated from the handlers, committed, and compared by a test.
 
-/// The document, as it is committed and served.
+/// The document as committed and served.
 ///
 /// # Panics
 /// Never: the document has string keys.

@@ -1,4 +1,4 @@
-//! The board of a competition, behind its pages.
+//! The board of a competition, from which its pages are made.
 
 use std::sync::Arc;
 
@@ -6,13 +6,12 @@ use super::cache::Weighted;
 use crate::competitions::standings::Version;
 use swarmbench_protocol::competition::CompetitionRow;
 
-/// All rows of a board in one view.
 #[derive(Debug, Default)]
 pub(super) struct Ranking {
     pub(super) rows: Vec<CompetitionRow>,
-    /// The tasks of which results are shown.
+    /// Tasks whose results are shown.
     pub(super) tasks: Vec<String>,
-    /// What entrants had played.
+    /// Version of the entrants' results.
     pub(super) version: Version,
     bytes: usize,
 }
@@ -32,8 +31,7 @@ impl Ranking {
         Self { rows, tasks, version, bytes }
     }
 
-    /// The index after this entrant; the first if none is named. If the entrant is gone, the number of rows up to it
-    /// decides.
+    /// Index after this entrant; 0 if none is named. If the entrant is gone, its former number of rows decides.
     pub(super) fn after(&self, entrant: Option<&(String, usize)>) -> usize {
         let Some((id, rows)) = entrant else { return 0 };
         let found = self.rows.iter().position(|row| row.entrant.id == *id);
@@ -41,7 +39,7 @@ impl Ranking {
     }
 }
 
-/// About how much memory a row takes.
+/// Approximate memory of a row.
 fn bytes(row: &CompetitionRow) -> usize {
     let entrant = &row.entrant;
     let texts = [&entrant.id, &entrant.name, &entrant.model, &entrant.status].map(String::len);

@@ -1,4 +1,4 @@
-//! How much may come in a second or an hour: requests, and entries in competitions.
+//! Rate limits: requests per second, and entries in competitions per hour.
 
 use std::hash::Hash;
 use std::net::IpAddr;
@@ -20,13 +20,13 @@ use super::limits::Limits;
 use crate::keys::OwnerKey;
 use swarmbench_clock::Clock;
 
-/// Senders that are remembered for one rate between two sweeps, about.
+/// Approximate maximum of senders remembered for one rate between two sweeps.
 const SENDERS_REMEMBERED: usize = 65_536;
 
-/// After this number of checks the remembered senders are counted.
+/// Checks between two counts of the remembered senders.
 const SENDERS_COUNTED_EVERY: usize = 4096;
 
-/// Time for rate limits: monotonic, and runs also while the process is stopped.
+/// Time for rate limits: monotonic, and continues while the process is stopped.
 #[derive(Clone)]
 struct RateClock(Arc<dyn Clock>);
 
@@ -41,12 +41,12 @@ impl governor::clock::Clock for RateClock {
 
 type Limiter<K> = RateLimiter<K, DashMapStateStore<K>, RateClock, NoOpMiddleware<Nanos>>;
 
-/// The limit of one rate, and how much of it each sender has used.
+/// One rate limit, and how much of it each sender has used.
 struct Rate<K: Hash + Eq + Clone> {
     name: &'static str,
     most: usize,
     clock: RateClock,
-    /// None if there is no limit.
+    /// None for no limit.
     limiter: Option<Limiter<K>>,
     checks: AtomicUsize,
 }
@@ -58,7 +58,7 @@ impl<K: Hash + Eq + Clone> Rate<K> {
         Self { name, most, clock: clock.clone(), limiter, checks: AtomicUsize::new(0) }
     }
 
-    /// Counts what a sender sent in cells, or refuses it.
+    /// Takes cells of a sender's rate, or refuses the request.
     fn check(
         &self,
         sender: &K,
@@ -78,7 +78,7 @@ impl<K: Hash + Eq + Clone> Rate<K> {
             .retry_after(wait))
     }
 
-    /// Forgets senders of which nothing came lately.
+    /// Forgets idle senders.
     fn forget_idle(&self) {
         if let Some(limiter) = &self.limiter {
             limiter.retain_recent();
@@ -88,8 +88,8 @@ impl<K: Hash + Eq + Clone> Rate<K> {
 }
 
 impl Rate<IpNet> {
-    /// Counts one of an address for each of its networks, in cells of which a site has as many as several addresses. Those of this
-    /// machine itself are not limited.
+    /// Counts one event of an address in each of its networks. An event costs fewer cells in a site, which may have as many as
+    /// [`NETWORKS_PER_SITE_MAX`] addresses. Events from this machine are not limited.
     fn check_networks(
         &self,
         address: IpAddr,
@@ -114,7 +114,7 @@ pub(super) struct Rates {
 impl Rates {
     pub(super) fn new(limits: &Limits, clock: Arc<dyn Clock>) -> Self {
         let clock = &RateClock(clock);
-        // Twice as many at once.
+        // Bursts may have twice the rate of a second.
         let per_s = |most| {
             let most = NonZeroU32::new(most)?;
             Some(Quota::per_second(most).allow_burst(most.saturating_add(most.get())))
@@ -137,21 +137,21 @@ impl Rates {
         }
     }
 
-    /// Counts a request of an address. Those of this machine itself are not limited.
+    /// Counts a request of an address. Requests from this machine are not limited.
     pub(super) fn check_address(&self, address: IpAddr) -> Result<(), ApiError> {
         self.by_address.check_networks(address, |most| {
             format!("more than {most} requests a second came from this address; try again later")
         })
     }
 
-    /// Counts a request that was made with a key, or with a token of an episode of it.
+    /// Counts a request with a key, or with a token of one of the key's episodes.
     pub(super) fn check_key(&self, key: OwnerKey) -> Result<(), ApiError> {
         self.by_key.check(&key, NonZeroU32::MIN, |most| {
             format!("more than {most} requests a second came from this key; try again later")
         })
     }
 
-    /// Counts an entry in a competition from an address. Those of this machine itself are not limited.
+    /// Counts an entry in a competition from an address. Entries from this machine are not limited.
     pub(super) fn check_entry(&self, address: IpAddr) -> Result<(), ApiError> {
         self.entries.check_networks(address, |most| {
             format!(
@@ -160,7 +160,7 @@ impl Rates {
         })
     }
 
-    /// Forgets senders of which nothing came lately.
+    /// Forgets idle senders.
     pub(super) fn forget_idle(&self) {
         self.by_address.forget_idle();
         self.by_key.forget_idle();

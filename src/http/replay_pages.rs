@@ -1,4 +1,4 @@
-//! Pages of replays as they were written, for all who ask for the same rounds.
+//! Cache of written replay pages, shared by all who ask for the same rounds.
 
 use bytes::Bytes;
 use quick_cache::sync::{Cache, DefaultLifecycle};
@@ -8,28 +8,28 @@ use super::error::ApiError;
 use crate::ids::{EpisodeKey, ImportKey};
 use swarmbench_protocol::replay::ReplayPage;
 
-/// Bytes of a usual page; the cache makes room for as many as fit.
+/// Bytes of a typical page, by which the cache estimates its number of entries.
 const PAGE_USUAL_BYTES: u64 = 32 * 1024;
 
-/// What decides the bytes of a page: resolved rounds never change.
+/// Everything that decides the bytes of a page: resolved rounds never change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct PageKey {
     pub(super) game: Game,
     pub(super) from: u32,
-    /// The last round that it may have.
+    /// Last round that the page may contain.
     pub(super) to: u32,
-    /// Whether it has what was decided.
+    /// Whether the page contains the agents' decisions.
     pub(super) has_decisions: bool,
 }
 
-/// Whose states a page has.
+/// Game whose states a page contains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Game {
     Episode(EpisodeKey),
     Import(ImportKey),
 }
 
-/// A page as it was written, and its last state.
+/// A written page, and the number of its last state.
 #[derive(Clone, Debug)]
 pub(super) struct WrittenPage {
     pub(super) json: Bytes,
@@ -43,7 +43,7 @@ impl WrittenPage {
     }
 }
 
-/// Pages that were written. They are computed once for concurrent requests.
+/// Written pages, each computed once for concurrent requests.
 pub(super) struct ReplayPages(Cache<PageKey, WrittenPage, ByBytes>);
 
 #[derive(Clone)]
@@ -56,7 +56,7 @@ impl Weighter<PageKey, WrittenPage> for ByBytes {
 }
 
 impl ReplayPages {
-    /// In one shard: the largest page has to fit on a machine of many cores, too.
+    /// A cache with one shard, so that the largest page fits on a machine with many cores, too.
     pub(super) fn new(bytes_max: u64) -> Self {
         let items = usize::try_from(bytes_max / PAGE_USUAL_BYTES).unwrap_or(0);
         let mut options = OptionsBuilder::new();
@@ -66,7 +66,7 @@ impl ReplayPages {
         Self(Cache::with_options(options, ByBytes, hasher, DefaultLifecycle::default()))
     }
 
-    /// A page, written by `write` where it is not cached. If the request that writes it is dropped, the next one takes over.
+    /// A page, written by `write` on a miss. If the request that writes it is dropped, the next one takes over.
     pub(super) async fn page(
         &self,
         key: PageKey,

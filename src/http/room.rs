@@ -1,9 +1,9 @@
-//! Which connection is evicted when the limit is reached and another client connects.
+//! Choice of the connection that is evicted when the limit is reached and another client connects.
 //!
-//! Half of all connections are for parties, who have sent a token; what they do not use is for others. In the part that is too
-//! large the holder with the most connections loses one, as long as it has more than its fair share of them. Those of parties
-//! count for the party and for its address: neither many tokens nor many addresses take more than one. Which connection
-//! of the holder it is, the caller's order decides.
+//! Half of all connections are for parties, which have sent a token; others may use what they leave. In the half that is over its
+//! size, the holder with the most connections loses one, if it has more than its fair share. A party's connections count both for
+//! the party and for its address, so neither many tokens nor many addresses gain anything. The caller's order decides which of the
+//! holder's connections it is.
 
 use std::collections::{BTreeSet, HashMap};
 use std::hash::Hash;
@@ -11,23 +11,23 @@ use std::net::IpAddr;
 
 use crate::fair::Party;
 
-/// Connections of one client that are compared to choose one of them: the oldest ones.
+/// Maximum connections of a holder that are compared to choose one: the oldest.
 const COMPARED_MAX: usize = 256;
 
-/// An address for which connections are counted.
+/// An address by which connections are counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) enum Holder {
-    /// The address, or the /48 network of IPv6, that sent the last request.
+    /// Address, or /48 network of IPv6, that sent the last request.
     Client(IpAddr),
-    /// The clients of this trusted proxy whose connections have not sent a request yet.
+    /// Clients of this trusted proxy whose connections have not sent a request yet.
     Unknown(IpAddr),
 }
 
-/// For whom a connection counts.
+/// Holder and party of a connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Whose {
     pub(super) holder: Holder,
-    /// The party whose token this client sent last.
+    /// Party of the token that this client sent last.
     pub(super) party: Option<Party>,
 }
 
@@ -39,16 +39,16 @@ impl Whose {
 
 #[derive(Debug)]
 pub(super) struct Holders<T> {
-    /// Connections by their number, in the order in which they were accepted.
+    /// Connections by number, in the order of acceptance.
     connections: HashMap<u64, (Whose, T)>,
     parties: Counts<Party>,
-    /// The addresses of parties.
+    /// Addresses of connections with a party.
     of_parties: Counts<Holder>,
-    /// The addresses of connections without a party.
+    /// Addresses of connections without a party.
     others: Counts<Holder>,
 }
 
-/// Connections by holder; no entry is empty.
+/// Connections by holder; no set is empty.
 #[derive(Debug)]
 struct Counts<K> {
     held: HashMap<K, BTreeSet<u64>>,
@@ -77,10 +77,10 @@ impl<K: Copy + Ord + Hash> Counts<K> {
         self.sum = self.sum - before + after;
     }
 
-    /// The connections of the holder with the most, if these are more than its fair share of `part` beside `newcomers`.
+    /// Connections of the holder with the most, if they exceed its fair share of `part` when `newcomers` have a share, too.
     fn largest(&self, part: usize, newcomers: usize) -> Option<&BTreeSet<u64>> {
         let (count, holder) = self.by_count.last()?;
-        // Rounded up, or two clients would close each other's connections again and again.
+        // Rounded up, or two clients would evict each other's connections again and again.
         let share = part.div_ceil(self.held.len() + newcomers);
         self.held.get(holder).filter(|_| *count > share)
     }
@@ -99,7 +99,7 @@ impl<T> Holders<T> {
         self.change(whose, |held| held.insert(number));
     }
 
-    /// None if it was removed before.
+    /// None if the connection was removed before.
     pub(super) fn remove(&mut self, number: u64) -> Option<T> {
         let (whose, connection) = self.connections.remove(&number)?;
         self.change(whose, |held| held.remove(&number));
@@ -116,8 +116,8 @@ impl<T> Holders<T> {
         }
     }
 
-    /// Removes the connection that makes room for one of `newcomer`, which has sent no token yet: the least by `key` of the
-    /// holder that has too many. None if nobody has.
+    /// Removes a connection to make room for one of `newcomer`, which has sent no token yet: the least by `key` of the holder that
+    /// has too many. None if no holder has.
     pub(super) fn evict<K: Ord>(
         &mut self,
         most: usize,
@@ -132,7 +132,7 @@ impl<T> Holders<T> {
                 [self.parties.largest(part, newcomers), self.of_parties.largest(part, newcomers)];
             largest.into_iter().flatten().max_by_key(|held| held.len())
         };
-        // The other part may have somebody with too many where this one has nobody.
+        // If no holder in this part has too many, one in the other part may.
         let held = if parties <= half || others >= half {
             of_others(most - parties.min(half)).or_else(|| of_parties(half, 1))
         } else {
@@ -159,7 +159,7 @@ mod tests {
         Holder::Unknown([127, 0, 0, 1].into())
     }
 
-    /// Connections by holder. Each is worth what `worth` makes of its number.
+    /// Connections by holder. `worth` maps a connection's number to its worth.
     fn holders(counts: &[(Holder, u64)], worth: impl Fn(u64) -> u64) -> Holders<(Holder, u64)> {
         let mut holders = Holders::default();
         let mut number = 0;
@@ -172,7 +172,7 @@ mod tests {
         holders
     }
 
-    /// Who loses a connection to a client behind the proxy.
+    /// The holder that loses a connection to a client behind the proxy.
     fn loser(counts: &[(Holder, u64)], most: usize) -> Option<Holder> {
         let evicted = holders(counts, |number| number).evict(most, proxy(), |&(_, worth)| worth);
         evicted.map(|(holder, _)| holder)
@@ -185,11 +185,11 @@ mod tests {
             (&[(client(1), 10)], 10, Some(client(1))),
             (&[(client(1), 9), (client(2), 1)], 10, Some(client(1))),
             (&[(client(1), 4), (client(2), 6)], 10, Some(client(2))),
-            // Clients that say nothing are one holder, and the newcomer is of them.
+            // Clients that have sent nothing are one holder, to which the newcomer belongs.
             (&[(client(1), 4), (proxy(), 6)], 10, Some(proxy())),
             (&[(client(1), 5), (proxy(), 5)], 10, None),
             (&[(proxy(), 10)], 10, None),
-            // With the newcomer they are four: none has more than three.
+            // With the newcomer there are four holders: none has more than three connections.
             (&[(client(1), 3), (client(2), 3), (client(3), 3)], 9, None),
             (&[(client(1), 1), (client(2), 1), (client(3), 1)], 3, None),
             (&[(client(1), 2), (client(2), 1)], 3, Some(client(1))),
@@ -220,7 +220,7 @@ mod tests {
         assert_eq!(evicted, 90 - 34);
     }
 
-    /// The address (last byte) and the key (0: no token) that lose a connection; `counts` has the connections of each pair.
+    /// Address (last byte) and key (0: no token) that lose a connection; `counts` has the number of connections of each pair.
     fn loser_of(counts: &[(u8, i64, u64)], most: usize) -> Option<(u8, i64)> {
         let mut holders = Holders::default();
         let mut number = 0;
@@ -240,11 +240,11 @@ mod tests {
         let keys = (2..12).map(|key| (2, key, 8));
         let honest = [(1, 1, 20)];
         let with = |others: Vec<_>| [honest.to_vec(), others].concat();
-        // Without a token, with the same one, and with many from one address.
+        // Without a token, with a shared token, and with many tokens from one address.
         assert_eq!(loser_of(&with(addresses(0).collect()), 100), None);
         assert_eq!(loser_of(&with(addresses(2).collect()), 100).map(|(_, key)| key), Some(2));
         assert_eq!(loser_of(&with(keys.collect()), 100).map(|(address, _)| address), Some(2));
-        // A client with many connections in the smaller part loses one if nobody in the larger part has too many.
+        // A client with many connections in the smaller part loses one if no holder in the larger part has too many.
         let singles =
             |keys: std::ops::Range<i64>| keys.map(|key| (u8::try_from(key).expect("few"), key, 1));
         let hoards: Vec<_> = singles(2..53).chain([(60, 0, 49)]).collect();

@@ -1,5 +1,5 @@
-//! The accept loop: HTTP/1.1 with timeouts on every connection (`timers.rs`), a limit of connections, and a quick error
-//! for those above it.
+//! The accept loop: HTTP/1.1 with timeouts on every connection (`timers.rs`), a limit of connections, and a quick error for
+//! connections above it.
 
 use std::convert::Infallible;
 use std::io::ErrorKind;
@@ -29,27 +29,27 @@ use super::room::{Holder, Holders, Whose};
 use super::timers::{ConnectionTimers, TimedBody, TimedStream, Timeouts};
 use crate::fair::Party;
 
-/// Bytes of a request's line and headers; hyper answers longer ones with 431 by itself.
+/// Maximum bytes of a request's line and headers; hyper answers longer ones with 431 by itself.
 pub const HEAD_BYTES_MAX: usize = 16 * 1024;
 
-/// Memory of a connection with its request: the buffers, a head of [`HEAD_BYTES_MAX`] as it was sent and as it was read, and a
-/// short body with what is made of it, or a short answer.
+/// Memory of a connection with its request: the buffers; a head of [`HEAD_BYTES_MAX`], both raw and parsed; and a short body with
+/// its parsed form, or a short answer.
 pub const CONNECTION_BYTES: usize = 48 * 1024;
 
-/// Connections over the limit that get an error response; further ones are only closed.
+/// Connections over the limit that get an error response at once; further ones are only closed.
 pub const REFUSALS_MAX: usize = 128;
 
-/// Connections that were evicted and are not closed yet; no others are evicted meanwhile.
+/// Evicted connections that are not closed yet; at this number no others are evicted.
 pub const EVICTIONS_MAX: usize = 32;
 
-/// How long a connection over the limit may take to read that error.
+/// Timeout for a connection over the limit to read its error.
 const REFUSAL: Duration = Duration::from_secs(1);
 
-/// When clients over the limit may try again.
+/// Time after which clients over the limit may try again.
 const RETRY_AFTER: Duration = Duration::from_secs(5);
 
-/// Connections that are accepted at once, and how long such a burst takes at least: their first requests come together,
-/// and games continue in between. It is 8,000 a second.
+/// Connections in a burst, and minimum time of a burst: their first requests come together, and games continue in between. It
+/// makes 8,000 connections a second.
 const ACCEPTS_AT_ONCE: u32 = 16;
 const ACCEPTS_TAKE: Duration = Duration::from_millis(2);
 
@@ -75,11 +75,11 @@ pub async fn serve(
         burst += 1;
         let (stream, peer) = tokio::select! {
             accepted = listener.accept() => match accepted {
-                // An IPv4 address may be mapped to an IPv6 one.
+                // An IPv6 address may be a mapped IPv4 address.
                 Ok((stream, from)) => (stream, Peer(from.ip().to_canonical())),
                 Err(error) if is_connection_error(error.kind()) => continue,
                 Err(error) => {
-                    // For example too many open files: others may be closed meanwhile.
+                    // The host may have too many open files, for example, and others may be closed meanwhile.
                     tracing::warn!(%error, "a connection was not accepted");
                     tokio::time::sleep(Duration::from_millis(50)).await;
                     continue;
@@ -98,7 +98,7 @@ pub async fn serve(
                 };
                 connections.spawn(connection(stream, peer, answer, timers, ending, Some(permit)));
                 if limit.has_many_evicted() {
-                    // They are closed before the next one is accepted.
+                    // The evicted connections are closed before the next one is accepted.
                     tokio::task::yield_now().await;
                 }
             }
@@ -133,7 +133,7 @@ pub async fn serve(
     }
 }
 
-/// Whether `accept` failed because this one connection is gone, and not because of the host.
+/// Whether `accept` failed because of the one connection, which is gone, and not because of the host.
 const fn is_connection_error(error: ErrorKind) -> bool {
     matches!(
         error,
@@ -141,12 +141,12 @@ const fn is_connection_error(error: ErrorKind) -> bool {
     )
 }
 
-/// The signals that end connections.
+/// Signals that end connections.
 #[derive(Clone)]
 struct Ending {
-    /// Graceful: idle ones at once, the others after the answer to their request.
+    /// Graceful end: of idle connections at once, of others after the answer to their request.
     stop: CancellationToken,
-    /// At once, whatever they do.
+    /// Immediate end, whatever a connection does.
     cut: CancellationToken,
 }
 
@@ -159,7 +159,7 @@ async fn connection<A: Future<Output = Answered>>(
     ending: Ending,
     permit: Option<ConnectionPermit>,
 ) {
-    // Small answers must not wait for more to send; where that cannot be set they are only late.
+    // A small answer must not wait for more to send; where the option cannot be set, answers are only late.
     drop(stream.set_nodelay(true));
     let stream = TokioIo::new(TimedStream { stream, timers: timers.clone() });
     let service = service_fn(|request: Request<Incoming>| {
@@ -177,7 +177,7 @@ async fn connection<A: Future<Output = Answered>>(
         .header_read_timeout(None)
         .max_buf_size(HEAD_BYTES_MAX)
         .serve_connection(stream, service);
-    // One token for both: every token is asked whenever there is something to read.
+    // One token serves both purposes: a connection polls every token whenever there is something to read.
     let end = match &permit {
         Some(permit) => permit.end.clone(),
         None => ending.stop.child_token(),
@@ -213,8 +213,8 @@ async fn connection<A: Future<Output = Answered>>(
     }
 }
 
-/// The limits of connections: in all, and from one address. The last few are for addresses that have
-/// none. Where the limit is reached, a holder with more than its fair share of them makes room.
+/// Limits of connections: in all, and per address. The last few are reserved for addresses without any. At the limit, a connection
+/// of a holder with more than its fair share is evicted.
 struct ConnectionLimit {
     most: usize,
     reserved: usize,
@@ -226,13 +226,13 @@ struct ConnectionLimit {
 
 #[derive(Default)]
 struct Connections {
-    /// Without those that are evicted.
+    /// Open connections, without evicted ones.
     all: usize,
-    /// By network, and those of this host together; no entry is 0.
+    /// Connections by network; those of this host count together, and no entry is 0.
     by_network: ByNetwork,
     /// Connections by party and client, also behind proxies.
     holders: Holders<Connection>,
-    /// Evicted and not closed yet.
+    /// Evicted connections that are not closed yet.
     evictions: usize,
     accepted: u64,
 }
@@ -249,7 +249,7 @@ impl Connections {
         self.by_network.remove(network);
     }
 
-    /// Evicts a connection for one of `newcomer`; whether there was one to evict.
+    /// Evicts a connection in favour of `newcomer`. Returns whether there was one to evict.
     fn make_room(&mut self, most: usize, newcomer: Holder) -> bool {
         if self.evictions >= EVICTIONS_MAX {
             return false;
@@ -275,13 +275,13 @@ impl ConnectionLimit {
         }
     }
 
-    /// Whether soon no more can be evicted.
+    /// Whether the limit of evictions is near.
     fn has_many_evicted(&self) -> bool {
         let open = self.open.lock().expect("nothing panics while it holds this");
         open.evictions >= EVICTIONS_MAX / 2
     }
 
-    /// The client for which a connection counts that has not sent a request.
+    /// Holder of a connection that has not sent a request yet.
     fn newcomer(&self, peer: Peer) -> Holder {
         let is_proxy = self.trusted_proxies.iter().any(|net| net.contains(&peer.0));
         if is_proxy { Holder::Unknown(peer.0) } else { Holder::Client(site(peer.0)) }
@@ -292,7 +292,7 @@ impl ConnectionLimit {
         peer: Peer,
         timers: &ConnectionTimers,
     ) -> Result<ConnectionPermit, Full> {
-        // A proxy on this host speaks for many.
+        // A proxy on this host speaks for many clients.
         let is_host = peer.0.is_loopback();
         let network = if is_host { IpAddr::V6(Ipv6Addr::LOCALHOST) } else { peer.0 };
         let mut open = self.open.lock().expect("nothing panics while it holds this");
@@ -320,15 +320,15 @@ impl ConnectionLimit {
     }
 }
 
-/// A permit to keep a connection open, returned when this is dropped.
+/// Permit for an open connection, returned on drop.
 struct ConnectionPermit {
     counted: Arc<Counted>,
     network: IpAddr,
-    /// Cancelled when the connection is to be closed for another one, or the server stops.
+    /// Cancelled when the connection is evicted, or the server stops.
     end: CancellationToken,
 }
 
-/// A connection as it is counted.
+/// A counted connection.
 pub(super) struct Counted {
     limit: Arc<ConnectionLimit>,
     number: u64,
@@ -339,9 +339,9 @@ tokio::task_local! {
     static CONNECTION: Arc<Counted>;
 }
 
-/// Counts the connection of the request that this task handles for the party whose token it has.
+/// Moves the connection of the request that this task handles to the party of its token.
 pub(super) fn token_of(party: Party) {
-    // Work of no request has no connection.
+    // Work without a request has no connection.
     let _ = CONNECTION.try_with(|connection| {
         connection.move_to(|whose| Whose { party: Some(party), ..whose });
     });
@@ -353,7 +353,7 @@ impl Counted {
         CONNECTION.scope(self, future).await
     }
 
-    /// Counts the connection for the client whose request it has sent.
+    /// Moves the connection to the client whose request it has sent.
     fn asked_by(&self, peer: Peer, headers: &HeaderMap) {
         let client = Holder::Client(site(address(peer.0, headers, &self.limit.trusted_proxies)));
         // The party stays as long as the client does.
@@ -386,7 +386,7 @@ impl Drop for ConnectionPermit {
     }
 }
 
-/// A limit of connections is reached.
+/// A limit of connections that was reached.
 #[derive(Debug, PartialEq, Eq)]
 struct Full {
     reason: &'static str,
@@ -395,7 +395,7 @@ struct Full {
 }
 
 impl Full {
-    /// The answer to a request over a connection that is one too many.
+    /// Answer to a request over a connection that is one too many.
     fn response(&self, id: HeaderValue) -> Response {
         let detail = match self.limit {
             "connections_max" => {
@@ -526,7 +526,7 @@ mod tests {
         for permit in &honest {
             asked_by(permit, "192.0.2.2");
         }
-        // All have their share, but one that has none yet.
+        // Every address has its share, except one that has none yet.
         let third = take(&limit, "203.0.113.1").err();
         assert_eq!(third.map(|full| full.reason), Some("server"));
         assert_eq!(evicted(&honest), 0);

@@ -1,4 +1,4 @@
-//! Sights (the larger part of an observation) as they were written, for the seats and clients that ask again.
+//! Cache of written sights (the larger part of an observation), for seats and clients that ask again.
 
 use bytes::Bytes;
 use quick_cache::Weighter;
@@ -8,13 +8,13 @@ use swarmbench_engine::AgentId;
 use crate::episode::Status;
 use crate::ids::EpisodeKey;
 
-/// Bytes of a sight (the larger part of an observation) that is cached.
+/// Maximum bytes of a cached sight.
 const SIGHT_CACHED_BYTES_MAX: usize = 16 * 1024;
 
-/// Bytes of a usual sight; the cache makes room for as many as fit.
+/// Bytes of a typical sight, by which the cache estimates its number of entries.
 const SIGHT_USUAL_BYTES: u64 = 4 * 1024;
 
-/// Sights that were written, by what decides their bytes.
+/// Written sights by everything that decides their bytes.
 pub(super) struct Sights(Cache<Key, Bytes, ByBytes>);
 
 pub(super) type Key = (EpisodeKey, u32, Status, AgentId);
@@ -38,7 +38,7 @@ impl Sights {
         self.0.get(key)
     }
 
-    /// Caches a sight, if it is small.
+    /// Caches a sight of at most [`SIGHT_CACHED_BYTES_MAX`] bytes.
     pub(super) fn insert(&self, key: Key, sight: &Bytes) {
         if sight.len() <= SIGHT_CACHED_BYTES_MAX {
             self.0.insert(key, sight.clone());

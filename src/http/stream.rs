@@ -1,8 +1,7 @@
-//! Answers of any length, made and sent part by part; and the memory of large answers.
+//! Responses of any length, made and sent part by part; and the memory of large responses.
 //!
-//! A part is made with a permit, of which there are few, and in memory that is reserved. The permit is returned before
-//! the part is sent, so a slow reader holds its own part and nothing that others wait for. No part is made for a
-//! client that is gone: the stream is dropped with the connection.
+//! A part is made with a permit, of which there are few, and in reserved memory. The permit is returned before the part is sent, so
+//! a slow reader holds only its own part. The stream is dropped with the connection, so no part is made for a client that is gone.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -22,10 +21,10 @@ use crate::store;
 use crate::store::StoreError;
 use crate::work::Workers;
 
-/// How long a request waits for a permit.
+/// Time that a request waits for a permit.
 const PERMIT_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// After how long a stream asks for its permit again, where too many wait.
+/// Time after which a stream asks again for a permit when too many wait.
 const AGAIN: Duration = Duration::from_millis(500);
 
 pub(super) trait Parts: Send + 'static {
@@ -42,13 +41,13 @@ pub(super) struct Streams {
     part_bytes_max: usize,
     /// Permits to make a part of a journal or of an export.
     pub(super) parts: FairLimit,
-    /// Exports that are made or wait for their readers.
+    /// Exports that are being made or wait for their readers.
     pub(super) exports: Arc<Budget>,
-    /// Event streams that are open.
+    /// Open event streams.
     pub(super) events: Arc<Budget>,
 }
 
-/// Streams on top of a limit that organizers and judges may open, as a part of the limit.
+/// Divisor of a limit that gives the streams which organizers and judges may open in addition.
 const OVERSEERS_PART: usize = 4;
 
 impl Streams {
@@ -66,7 +65,7 @@ impl Streams {
     }
 }
 
-/// A permit, however long that takes.
+/// A permit, awaited as long as necessary.
 pub(super) async fn patiently(limit: &FairLimit, party: Party) -> Permit {
     loop {
         match limit.acquire(party, Rank::Normal).await {
@@ -76,13 +75,13 @@ pub(super) async fn patiently(limit: &FairLimit, party: Party) -> Permit {
     }
 }
 
-/// The answer to a request for which no permit is free.
+/// Refusal of a request for which no permit is free.
 pub(super) fn refused(busy: Busy) -> ApiError {
     let detail = "too many journals and exports are being read at once; try again later";
     ApiError::no_permit(busy, detail).retry_after(PERMIT_TIMEOUT)
 }
 
-/// Bytes with the memory that is reserved for them; both go when the bytes are sent.
+/// Bytes with the reservation of their memory; both are released when the bytes are sent.
 struct Reserved<T> {
     bytes: T,
     _room: Reservation,
@@ -95,7 +94,7 @@ impl<T: AsRef<[u8]>> AsRef<[u8]> for Reserved<T> {
 }
 
 impl Streams {
-    /// Makes the first part of an answer, and each further one when the client has taken those before it.
+    /// Makes the first part of a response at once, and each further one after the client has taken those before it.
     pub(super) async fn in_parts(
         self: &Arc<Self>,
         mut parts: impl Parts,
@@ -123,7 +122,7 @@ impl Streams {
         Ok(Body::from_stream(rest))
     }
 
-    /// Makes one part. Where no memory is free it is a small one.
+    /// Makes one part: a small one if no memory is free.
     async fn part(
         &self,
         (party, _permit): (Party, Permit),
@@ -140,16 +139,16 @@ impl Streams {
     }
 }
 
-/// Bytes of an answer that reserves no memory: a connection is counted with them.
+/// Maximum bytes of a response that reserves no memory, as each connection is counted with that many.
 const FREE_ANSWER_BYTES: usize = 16 * 1024;
 
-/// Reserves the memory of a large answer until it is sent. Where none is free, the answer to a `GET` is refused.
+/// Reserves the memory of a large response until it is sent. If none is free, the response to a `GET` is refused.
 pub(super) async fn reserve(
     registry: &Registry,
     is_get: bool,
     response: Response,
 ) -> Result<Response, ApiError> {
-    // An answer without an exact size is sent in parts that reserve their own memory.
+    // A response without an exact size is sent in parts that reserve their own memory.
     let Some(bytes) = response.body().size_hint().exact() else { return Ok(response) };
     let bytes = usize::try_from(bytes).unwrap_or(usize::MAX);
     if bytes <= FREE_ANSWER_BYTES {
@@ -165,7 +164,7 @@ pub(super) async fn reserve(
     Ok(Response::from_parts(parts, Bytes::from_owner(Reserved { bytes, _room: room }).into()))
 }
 
-/// All bytes of an answer that was made whole.
+/// Collects the body of a response that was made as a whole.
 pub(super) async fn whole(body: Body) -> Result<Bytes, ApiError> {
     let bytes = to_bytes(body, usize::MAX).await;
     bytes.map_err(|error| ApiError::new(Code::Internal, error.to_string()))

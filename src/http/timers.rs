@@ -1,9 +1,8 @@
-//! The timeouts of a connection: for the head of a request, between requests, and for reading an answer.
+//! Timeouts of a connection: for the head of a request, between requests, and for reading a response.
 //!
-//! hyper's own timer cannot tell a slow head from an idle connection, and has none for writing. So the
-//! stream notes what is read and written, the service notes when a request is there and when its
-//! answer is handed over, and the task that serves the connection waits for [`ConnectionTimers::timed_out`] beside it. The
-//! clock of a body is not here but where bodies are read, in `body.rs`.
+//! hyper's own timer cannot tell a slow head from an idle connection, and there is none for writing. So the stream records reads
+//! and writes, the service records when a request has arrived and when its response is handed over, and the task that serves the
+//! connection also waits for [`ConnectionTimers::timed_out`]. The time limit of a body is in `body.rs`.
 
 use std::io;
 use std::pin::{Pin, pin};
@@ -20,20 +19,20 @@ use tokio::time::Instant;
 use super::in_flight::RequestContext;
 use super::limits::Limits;
 
-/// How long each part of a connection may take.
+/// Time limits of a connection.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Timeouts {
-    /// From the first byte of a head to its end; for the first head from the beginning.
+    /// From the first byte of a head to its end; for the first head from the accept.
     pub(super) head: Duration,
-    /// From the end of an answer to the first byte of the next head.
+    /// From the end of a response to the first byte of the next head.
     pub(super) idle: Duration,
-    /// In which the client has to take some more of what is being written.
+    /// Time within which the client must take more of a pending write.
     pub(super) write: Duration,
-    /// Bytes a second that it has to take while some wait for it.
+    /// Bytes per second that the client must take while a write is pending.
     pub(super) bytes_per_s_min: u64,
 }
 
-/// Over how long a time of waiting the throughput of a client is measured.
+/// Pending time over which the throughput of a client is measured.
 const WINDOW: Duration = Duration::from_secs(30);
 
 impl From<&Limits> for Timeouts {
@@ -47,7 +46,7 @@ impl From<&Limits> for Timeouts {
     }
 }
 
-/// Which part of a connection took too long.
+/// The limit that a connection exceeded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Timeout {
     Head,
@@ -65,27 +64,27 @@ impl Timeout {
     }
 }
 
-/// What a connection is used for. The least is the first to be evicted.
+/// Current use of a connection. The least is evicted first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Usage {
-    /// No request is in flight, since then: it is idle, or its head is not complete.
+    /// No request is in flight since then: the connection is idle, or the head is incomplete.
     None(Instant),
-    /// Bytes a second that were read and written since the head of its request was there.
+    /// Bytes per second read and written since the head of the request arrived.
     Request(u64),
 }
 
-/// The clocks of one connection. Cloning shares them.
+/// Timers of one connection. Clones share them.
 #[derive(Clone, Debug)]
 pub(super) struct ConnectionTimers(Arc<Mutex<State>>);
 
 impl ConnectionTimers {
-    /// The clocks of a connection that was just accepted.
+    /// Timers of a connection that was just accepted.
     pub(super) fn new(timeouts: Timeouts) -> Self {
         Self(Arc::new(Mutex::new(State::new(timeouts, Instant::now()))))
     }
 
-    /// Completes when a timeout has expired. It must be polled by the task that serves the
-    /// connection, after it: only what that task does moves the clocks.
+    /// Completes when a limit is exceeded. The task that serves the connection must poll this after the connection: only that task
+    /// moves the timers.
     pub(super) async fn timed_out(&self) -> Timeout {
         let mut timer = pin!(tokio::time::sleep(Duration::ZERO));
         std::future::poll_fn(|context| {
@@ -98,7 +97,7 @@ impl ConnectionTimers {
         .await
     }
 
-    /// Notes that the head of a request was received. Until the result is dropped the request is in flight.
+    /// Records that the head of a request was received. The request is in flight until the result is dropped.
     pub(super) fn pending(&self) -> PendingResponse {
         self.state().head_received(Instant::now());
         PendingResponse(self.clone())
@@ -113,7 +112,7 @@ impl ConnectionTimers {
     }
 }
 
-/// A request that is not answered yet. Dropping it makes the connection idle again.
+/// An unanswered request. Dropping it makes the connection idle again.
 #[derive(Debug)]
 pub(super) struct PendingResponse(ConnectionTimers);
 
@@ -123,7 +122,7 @@ impl Drop for PendingResponse {
     }
 }
 
-/// The body of an answer; the request counts as answered when it is dropped, complete or not.
+/// Body of a response; the request counts as answered when it is dropped, complete or not.
 pub(super) struct TimedBody {
     pub(super) body: Body,
     pub(super) _pending: PendingResponse,
@@ -155,7 +154,7 @@ impl hyper::body::Body for TimedBody {
     }
 }
 
-/// A stream that notes what is read and written.
+/// A stream that records reads and writes.
 pub(super) struct TimedStream<S> {
     pub(super) stream: S,
     pub(super) timers: ConnectionTimers,
@@ -222,28 +221,27 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for TimedStream<S> {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
-    /// A head is being read.
     Head,
-    /// A request is there and not answered. It may wait as long as its handler lets it.
+    /// The request is unanswered. Its handler bounds the time.
     Request,
-    /// Nothing of the next request is there.
+    /// No byte of the next request has arrived.
     Idle,
 }
 
-/// The clocks as a pure machine.
+/// The timers as a pure state machine.
 #[derive(Debug)]
 struct State {
     timeouts: Timeouts,
     phase: Phase,
-    /// When the phase began.
+    /// Start of the phase.
     since: Instant,
-    /// Since when the client has taken nothing, though something waits to be written.
+    /// Time since which the client has taken nothing although a write is pending.
     blocked_since: Option<Instant>,
-    /// How long something has waited for the client in this window, until `blocked_since`.
+    /// Total pending time in this window, up to `blocked_since`.
     waited: Duration,
     /// Bytes that the client has taken in this window.
     taken: u64,
-    /// Bytes that were read and written since the head of the last request was there.
+    /// Bytes read and written since the head of the last request arrived.
     moved: u64,
 }
 
@@ -270,11 +268,11 @@ impl State {
         self.taken = self.taken.saturating_add(bytes as u64);
         let least = self.timeouts.bytes_per_s_min.saturating_mul(WINDOW.as_secs());
         if self.taken >= least {
-            // A client that is fast enough begins a new window, however long it has waited.
+            // A client that is fast enough starts a new window, however long it took.
             (self.waited, self.taken) = (Duration::ZERO, 0);
         }
         if self.phase != Phase::Request {
-            // The end of an answer that was handed over is still on its way.
+            // The end of a response that was handed over is still being written.
             self.since = now;
         }
     }
@@ -302,8 +300,7 @@ impl State {
         Usage::Request(self.moved / seconds)
     }
 
-    /// The next timeout, and which. None while a request is being answered, unless the client
-    /// does not take the answer.
+    /// The next deadline. None while a request is being answered, unless the client does not take the response.
     fn deadline(&self) -> Option<(Instant, Timeout)> {
         let read = match self.phase {
             Phase::Head => Some((self.since + self.timeouts.head, Timeout::Head)),
@@ -328,7 +325,7 @@ mod tests {
         bytes_per_s_min: 100,
     };
 
-    /// A connection that was accepted at second 0, and what its deadline is in seconds.
+    /// A connection accepted at second 0; deadlines are in seconds.
     struct Case(State, Instant);
 
     impl Case {
@@ -407,7 +404,7 @@ mod tests {
         case.expect(None);
         case.blocked(24);
         case.expect(Some((44, Timeout::Write)));
-        // Handed over is not taken.
+        // Handed over does not mean taken.
         case.answered(30);
         case.expect(Some((44, Timeout::Write)));
     }
@@ -420,7 +417,7 @@ mod tests {
             case.blocked(second);
             case.took(second + 5, 499);
         }
-        // 25 of 30 seconds something waited, and 2,495 bytes were taken: 100 a second would be 3,000.
+        // A write was pending for 25 of 30 seconds, and 2,495 bytes were taken: 100 a second would be 3,000.
         case.expect(None);
         case.blocked(100);
         case.expect(Some((105, Timeout::Write)));

@@ -1,4 +1,4 @@
-//! Long polls: requests that wait until something happens, the time is up or the server stops.
+//! Long polls: requests that wait for an event, their timeout or the stop of the server.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -11,16 +11,16 @@ use crate::episode::Snapshot;
 use crate::episode::actor::Handle;
 use swarmbench_clock::{Clock, after};
 
-/// The limit of requests that wait.
+/// Limit of waiting requests.
 pub(super) struct Waits {
     count: Arc<AtomicUsize>,
     most: usize,
     clock: Arc<dyn Clock>,
-    /// Ends all waits when the server stops.
+    /// Cancelled when the server stops.
     stop: CancellationToken,
 }
 
-/// A request that waits, counted until this is dropped.
+/// Keeps a waiting request counted until dropped.
 pub(super) struct Waiting(Arc<AtomicUsize>);
 
 impl Drop for Waiting {
@@ -35,7 +35,6 @@ impl Waits {
         Self { count: Arc::default(), most, clock, stop }
     }
 
-    /// Counts one more request that waits.
     pub(super) fn start(&self) -> Result<Waiting, ApiError> {
         let most = self.most;
         let waiting = Waiting(Arc::clone(&self.count));
@@ -49,7 +48,7 @@ impl Waits {
         Ok(waiting)
     }
 
-    /// The first published state that is `wanted`, or the current one when the time is up.
+    /// The first published state that is `wanted`, or the current one at the timeout.
     pub(super) async fn until(
         &self,
         handle: &Handle,
@@ -69,7 +68,7 @@ impl Waits {
         Ok(seen.unwrap_or_else(|| handle.snapshot()))
     }
 
-    /// Waits for `done`; `None` after the timeout, or when the server stops.
+    /// Waits for `done`; `None` at the timeout or when the server stops.
     pub(super) async fn hold<T>(
         &self,
         wait: Duration,

@@ -1,4 +1,4 @@
-//! The files that pages load, from `static/assets`, which are part of the program; and a page that needs no server.
+//! Static files of the web pages, embedded from `static/assets`, and a standalone page that needs no server.
 
 mod single;
 
@@ -16,29 +16,29 @@ use swarmbench_protocol::names::printable;
 
 pub use single::single_page;
 
-/// Bytes of the digest that identifies all files: enough that two versions never share one.
+/// Bytes of the digest that identifies a version of all files: enough that two versions never share one.
 const VERSION_BYTES: usize = 8;
 
 #[derive(RustEmbed)]
 #[folder = "static/assets"]
 struct Embedded;
 
-/// All files of the program, compressed when they are first needed.
+/// All embedded files, compressed at the first use.
 pub static FILES: LazyLock<Files> = LazyLock::new(Files::embedded);
 
 /// Files by their names.
 pub struct Files {
-    /// Identifies the content of all files together. It is part of their addresses, so that browsers may keep them for
-    /// ever, and files that import each other are always of one version.
+    /// Digest of all files. Part of their addresses, so that browsers may cache them forever, and files that import each
+    /// other always have one version.
     pub version: String,
     by_name: BTreeMap<String, File>,
 }
 
 /// The content of a file.
 pub struct File {
-    /// As it is in `static/assets`, but scripts without comments.
+    /// Content in `static/assets`; scripts without comments.
     pub plain: Bytes,
-    /// The same, compressed by gzip.
+    /// Content compressed by gzip.
     pub compressed: Bytes,
 }
 
@@ -65,23 +65,23 @@ impl Files {
         Self { version, by_name }
     }
 
-    /// The file with this name, such as `pages/board.js`.
+    /// Finds a file by its name, such as `pages/board.js`.
     pub fn get(&self, name: &str) -> Option<&File> {
         self.by_name.get(name)
     }
 
-    /// The content of a file of text.
+    /// Content of a text file.
     fn text(&self, name: &str) -> Option<&str> {
         std::str::from_utf8(&self.get(name)?.plain).ok()
     }
 }
 
-/// Whether a file is one of the project's scripts; those of libraries keep their licences.
+/// Whether a file is one of the project's scripts (`.js`). Those of libraries (`.mjs`) keep their licences.
 fn is_script(name: &str) -> bool {
     matches!(name.rsplit_once('.'), Some((_, "js")))
 }
 
-/// A script without the lines that are comments, which are a fifth of what a first visit loads. Lines keep their numbers.
+/// Empties the lines of a script that are comments, a fifth of the bytes of a first visit. Line numbers stay the same.
 fn without_comments(script: &str) -> String {
     let mut kept = String::with_capacity(script.len());
     let mut in_comment = false;
@@ -106,7 +106,7 @@ fn compress(plain: &[u8]) -> Bytes {
     done.expect("writing to memory does not fail").into()
 }
 
-/// A text for markup: what would be markup is escaped, and what cannot be seen is shown as `U+FFFD`.
+/// Escapes a text for HTML; invisible characters become `U+FFFD`.
 pub fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in printable(text).chars() {

@@ -1,4 +1,4 @@
-//! A page with everything in it: it opens without a server.
+//! A standalone page: one HTML file with everything in it.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,17 +8,18 @@ use sha2::{Digest, Sha256};
 
 use super::{FILES, Files};
 
-/// The module that shows the game of a page without a server.
+/// Entry module of a standalone page.
 const ENTRY: &str = "file.js";
 
-/// The style sheets of such a page.
+/// Style sheets of a standalone page.
 const STYLES: [&str; 2] = ["app.css", "pages/episode.css"];
 
-/// What comes before the path of a module in the names under which modules of a page without a server know each other:
-/// relative names mean nothing in modules that have no address.
+/// Prefix of the names by which embedded modules import each other: `data:` modules have no address to which a relative name
+/// could refer.
 const NAMESPACE: &str = "swarmbench/";
 
-/// A page that shows a game, which is JSON as `static/assets/file.js` reads it. Nothing in the game is markup or a script.
+/// A standalone page that shows a game in the JSON format of `static/assets/file.js`. No part of the game can act as markup
+/// or a script.
 pub fn single_page(title: &str, game: &serde_json::Value) -> String {
     let modules = Modules::of(&FILES, ENTRY);
     let imports = serde_json::json!({ "imports": modules.addresses() }).to_string();
@@ -26,7 +27,7 @@ pub fn single_page(title: &str, game: &serde_json::Value) -> String {
     let styles: String = STYLES.iter().filter_map(|name| FILES.text(name)).collect();
     let title = super::escape(title);
     let style_hash = hash(&styles);
-    // In JSON a `<` is found in texts alone, where it may be written as a number.
+    // In JSON, `<` occurs only in texts, where it may be escaped.
     let game = game.to_string().replace('<', "\\u003c");
     let nonce = nonce([&title, &imports, &game]);
     format!(
@@ -44,24 +45,23 @@ pub fn single_page(title: &str, game: &serde_json::Value) -> String {
     )
 }
 
-/// What allows the scripts of a page. The modules are addresses with content (`data:`), which a policy can only allow all
-/// together; but what a script with a nonce imports has its nonce. A text in the page would have to hold a digest of itself
-/// to have it, too.
+/// The nonce of a page's scripts. Modules are `data:` addresses, which a policy can only allow all together; but imports of a
+/// script with a nonce are allowed by it. The nonce is a digest of the page, so a text in the page cannot contain it.
 fn nonce(page: [&String; 3]) -> String {
     let digest = page.iter().fold(Sha256::new(), Sha256::chain_update);
     BASE64.encode(&digest.finalize()[..18])
 }
 
-/// The source of a policy that allows an inline style with exactly this content.
+/// A source expression of the policy that allows one inline style.
 fn hash(content: &str) -> String {
     format!("'sha256-{}'", BASE64.encode(&Sha256::digest(content)))
 }
 
-/// Modules by their names, with the names of those that they import.
+/// Sources of modules by name, with imports renamed.
 struct Modules(BTreeMap<String, String>);
 
 impl Modules {
-    /// A module and all that it imports, at once or through others.
+    /// A module and all its direct and indirect imports.
     fn of(files: &Files, entry: &str) -> Self {
         let import = Regex::new(r#"\b(from|import)\s*"(\.{1,2}/[^"]+)""#).expect("a good pattern");
         let mut modules = BTreeMap::new();
@@ -81,7 +81,7 @@ impl Modules {
         Self(modules)
     }
 
-    /// The modules as addresses that contain them, by the names under which they are imported.
+    /// Modules as `data:` addresses, by the names of their imports.
     fn addresses(&self) -> BTreeMap<String, String> {
         let address = |(name, source): (&String, &String)| {
             let content = BASE64.encode(source.as_bytes());
@@ -91,7 +91,7 @@ impl Modules {
     }
 }
 
-/// The name of a file that `from` names relative to itself.
+/// Resolves a relative name in the file `from`.
 fn resolved(from: &str, relative: &str) -> String {
     let mut parts: Vec<&str> = from.split('/').collect();
     parts.pop();

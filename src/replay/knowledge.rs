@@ -1,4 +1,4 @@
-//! What an agent knew before a round, and what it did.
+//! An agent's knowledge before a round, and its act.
 
 use swarmbench_engine::{AgentId, Delivery, World};
 use swarmbench_journal::record::{ActRecord, Source};
@@ -6,7 +6,7 @@ use swarmbench_protocol::observation::Sight;
 use swarmbench_protocol::replay::{AgentRound, InboxMessage, ShownAct};
 use swarmbench_protocol::time::Timestamp;
 
-/// All that is known of an agent in a round; `prompt` is the text for a language model, or why there is none.
+/// Assembles the view of an agent's round. `prompt` is the text for a language model, or the reason why there is none.
 #[must_use]
 pub fn agent_round(
     sight: Sight,
@@ -31,7 +31,7 @@ pub fn agent_round(
     }
 }
 
-/// The messages that an agent reads with a state. `original` is what a sender said in a round.
+/// The messages that an agent reads with a state. `original` returns the message that a sender sent in a round.
 pub fn inbox(
     world: &World,
     agent: AgentId,
@@ -47,7 +47,7 @@ pub fn inbox(
     world.heard().filter(|heard| heard.receiver == agent).map(message).collect()
 }
 
-/// An act as it is shown.
+/// The public form of an act.
 #[must_use]
 pub fn shown_act(record: ActRecord, at: Option<Timestamp>) -> ShownAct {
     let source = match record.source {

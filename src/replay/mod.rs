@@ -1,5 +1,5 @@
-//! The states of a replay as they are sent, made state by state. What plays the rounds (a running server, a journal file, an
-//! imported game) gives the states and what was decided; nothing here knows where they come from.
+//! Replay pages, built state by state. The source of the rounds (a running server, a journal file, an imported game) supplies
+//! states and decisions, which have the same types for all sources.
 
 mod knowledge;
 mod page;
@@ -16,41 +16,41 @@ pub use page::{AGENT_ROUNDS_MAX, PAGE_BYTES_MAX, PageMaker, ROUNDS_MAX, rounded,
 use talk::{Talk, heard};
 pub use world::{block_cells, ground};
 
-/// Rounds before a page that decide what its first state says: whether agents spoke, and what.
+/// Rounds before a page that its first state depends on: whether agents spoke, and whether their messages agreed.
 pub const ROUNDS_BEFORE: u32 = 2;
 
-/// A state, as far as a replay shows it.
+/// The part of a state that replays show.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     pub state: State,
-    /// The numbers of the agents that carry food.
+    /// Numbers of the agents that carry food.
     pub loaded: Vec<u16>,
     pub prey: Option<Pos>,
     pub block: Option<Pos>,
     pub distance: Option<f64>,
 }
 
-/// What happened between two states.
+/// Decisions and messages between two states.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Round {
-    /// What each agent decided, in order of their numbers.
+    /// In order of the agents' numbers.
     pub decisions: Vec<Decision>,
-    /// Whether they hold actions; some imported games have messages only.
+    /// Whether the decisions have actions; some imported games have messages only.
     pub has_actions: bool,
-    /// The receivers that a commander named, each behind the sender.
+    /// Sender and receiver of each message that a commander addressed.
     pub to: Vec<(u16, u16)>,
-    /// The messages that are read with the state after it.
+    /// Messages read with the state after the round.
     pub heard: Vec<Heard>,
 }
 
-/// A state as it is sent, with the values of [`Reel::metrics`].
+/// A state as sent, with the values of [`Reel::metrics`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
     pub state: ReplayState,
     pub values: Vec<Option<f64>>,
 }
 
-/// A game that is shown state by state.
+/// A game shown state by state.
 pub struct Reel {
     round: u32,
     scene: Scene,
@@ -60,7 +60,7 @@ pub struct Reel {
 }
 
 impl Reel {
-    /// Begins with the state after `round` rounds.
+    /// Starts at the state after `round` rounds.
     #[must_use]
     pub fn new(setup: Setup, scene: Scene, round: u32) -> Self {
         let metrics = Metric::of_rounds(setup.task).collect();
@@ -68,13 +68,13 @@ impl Reel {
         Self { round, scene, talk: Talk::default(), metrics, meter }
     }
 
-    /// The metrics whose values each state has.
+    /// Metrics with a value for each state.
     #[must_use]
     pub fn metrics(&self) -> &[Metric] {
         &self.metrics
     }
 
-    /// The state with which it begins, without decisions.
+    /// The frame of the first state, without decisions and values.
     #[must_use]
     pub fn first(&self) -> Frame {
         let state = shown(self.round, &self.scene);
@@ -108,7 +108,7 @@ impl Reel {
     }
 }
 
-/// What a state shows without the round that led to it.
+/// The part of a frame that depends on the state alone.
 fn shown(round: u32, scene: &Scene) -> ReplayState {
     let agents = &scene.state.agents;
     ReplayState {
@@ -129,7 +129,7 @@ const fn cell(at: Pos) -> [i32; 2] {
     [at.i, at.j]
 }
 
-/// The numbers of the items for which this holds.
+/// Indices of the items with a property.
 fn numbers<T>(items: &[T], holds: impl Fn(&T) -> bool) -> Vec<u16> {
     (0..).zip(items).filter(|(_, item)| holds(item)).map(|(number, _)| number).collect()
 }
@@ -146,7 +146,7 @@ const fn action(decision: &Decision) -> char {
     }
 }
 
-/// The numbers of the agents, on the map before the round, whose way is like this.
+/// Numbers of the agents whose chosen direction and actual movement satisfy `is`; escaped agents are left out.
 fn agents_that(
     before: &Scene,
     after: &Scene,

@@ -7,19 +7,18 @@ use super::{Frame, Reel, Round, Scene};
 /// Rounds of a page.
 pub const ROUNDS_MAX: u32 = 100;
 
-/// Agents times rounds of a page; a page has one round at least.
+/// Agents times rounds of a page. A page always has at least one round.
 pub const AGENT_ROUNDS_MAX: u32 = 20_000;
 
-/// Bytes of a page as JSON, about: with the round that reaches them it ends. It has one round at least.
+/// Approximate bytes of a page as JSON: the round that reaches them is the last. A page always has at least one round.
 pub const PAGE_BYTES_MAX: usize = 1_000_000;
 
-/// How many rounds a page has of a game with this many agents, where `rounds` are wanted.
+/// Number of rounds of a page, for `rounds` requested ones and a number of agents.
 #[must_use]
 pub fn rounds_of_page(rounds: u32, agents: u32) -> u32 {
     rounds.min(ROUNDS_MAX).min(AGENT_ROUNDS_MAX / agents.max(1)).max(1)
 }
 
-/// A page that is being made.
 pub struct PageMaker {
     reel: Reel,
     page: ReplayPage,
@@ -27,7 +26,7 @@ pub struct PageMaker {
 }
 
 impl PageMaker {
-    /// A page from the state after `from` rounds on. The reel stands there, or before it.
+    /// Starts a page at the state after `from` rounds. The reel is at this state or an earlier one.
     #[must_use]
     pub fn new(reel: Reel, from: u32) -> Self {
         let metrics = reel.metrics().iter().map(|metric| (metric.name().to_owned(), Vec::new()));
@@ -37,19 +36,17 @@ impl PageMaker {
         maker
     }
 
-    /// Whether nothing more fits.
     #[must_use]
     pub const fn is_full(&self) -> bool {
         self.bytes >= PAGE_BYTES_MAX && self.page.length > 1
     }
 
-    /// Adds a round and the state after it. To be called while the page is not full.
+    /// Adds a round and the state after it. The page must not be full.
     pub fn add_round(&mut self, round: &Round, after: Scene) {
         let frame = self.reel.step(round, after);
         self.add(frame);
     }
 
-    /// The page.
     #[must_use]
     pub fn finish(self) -> ReplayPage {
         self.page
@@ -70,7 +67,7 @@ impl PageMaker {
     }
 }
 
-/// A value with four decimals.
+/// Rounds to four decimals.
 #[must_use]
 pub fn rounded(value: f64) -> f64 {
     (value * 1e4).round() / 1e4

@@ -1,17 +1,17 @@
-//! Messages of a round: what all of them are together, and who reads them.
+//! Messages of a round: their agreement, and their readers.
 
 use std::collections::BTreeMap;
 
 use swarmbench_analysis::game::{Decision, Heard};
 use swarmbench_protocol::replay::{ReplayHeard, ReplayMark};
 
-/// What the messages of a round are together.
+/// Agreement of the messages of a round.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Talk {
     #[default]
     Nobody,
     Some,
-    /// At least two agents spoke, and all said the same.
+    /// At least two agents spoke, and all texts are equal.
     Agreed,
 }
 
@@ -24,7 +24,7 @@ impl Talk {
         if !is_single && others.all(|text| text == first) { Self::Agreed } else { Self::Some }
     }
 
-    /// What is remarkable about it after the round before.
+    /// The mark of a change since the round before.
     pub(super) fn marks(self, before: Self) -> Option<ReplayMark> {
         match self {
             _ if self == before => None,
@@ -35,7 +35,7 @@ impl Talk {
     }
 }
 
-/// The messages that are read with the state after round `round`, each with all who read the same.
+/// The messages read with the state after `round`, grouped by sender and text.
 pub(super) fn heard(round: u32, decisions: &[Decision], read: &[Heard]) -> Vec<ReplayHeard> {
     let mut readers = BTreeMap::<_, Vec<u16>>::new();
     for heard in read {

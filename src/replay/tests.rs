@@ -11,7 +11,7 @@ fn world(change: impl FnOnce(&mut Settings)) -> World {
     World::new(Arc::new(Config::check(&settings).expect("good settings")))
 }
 
-/// Steps a world, and gives the records of the acts.
+/// Steps a world and returns the records of the acts.
 fn step(world: &mut World, acts: Vec<Act>) -> Vec<ActRecord> {
     world.step(&acts);
     let record = |(agent, act)| Decided::of_player(act).record(AgentId(agent), 0);
@@ -22,7 +22,7 @@ fn says(text: &str) -> Act {
     Act { message: Message::new(text), ..Act::default() }
 }
 
-/// The frames of a game in which the agents decide so, round by round.
+/// The frames of a game with given acts for each round.
 fn frames(world: &mut World, rounds: Vec<Vec<Act>>) -> Vec<Frame> {
     let mut reel = Reel::of(world);
     let mut frames = vec![reel.first()];
@@ -101,7 +101,7 @@ fn a_page_ends_with_the_round_that_fills_it() {
     assert!((1..40).contains(&rounds) && page.length == rounds + 1, "{rounds}");
     assert!(page.metrics.values().all(|values| values.len() == page.states.len()));
     let bytes = serde_json::to_vec(&page).expect("JSON").len();
-    // Its own estimate is about right.
+    // The estimate of bytes is about right.
     assert!((PAGE_BYTES_MAX * 3 / 4..PAGE_BYTES_MAX * 3 / 2).contains(&bytes), "{bytes}");
 }
 
@@ -145,7 +145,7 @@ fn a_page_has_the_same_states_and_values_wherever_it_begins() {
                 assert_eq!(*values, whole.metrics[name][from as usize..], "{name} {from}");
             }
         }
-        // Those that exist in this task have values.
+        // Metrics of this task have values.
         for (name, values) in whole.metrics {
             assert!(values[0].is_none(), "{name}");
             let is_rare = matches!(name.as_str(), "push_alignment");

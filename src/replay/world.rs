@@ -1,4 +1,4 @@
-//! What a replay shows of a game that is played by the engine.
+//! Scenes and rounds of games that the engine plays.
 
 use swarmbench_analysis::game::{Heard, Setup, State};
 use swarmbench_analysis::journal::decisions;
@@ -8,7 +8,6 @@ use swarmbench_journal::record::ActRecord;
 use super::{Reel, Round, Scene};
 
 impl Scene {
-    /// The state of a world.
     #[must_use]
     pub fn of(world: &World) -> Self {
         let Landmarks { prey, block, distance } = world.landmarks();
@@ -19,7 +18,7 @@ impl Scene {
 }
 
 impl Round {
-    /// The round that led to `after`, by its acts.
+    /// The round that led to `after`, from its acts.
     pub fn of<'a>(acts: impl IntoIterator<Item = &'a ActRecord> + Clone, after: &World) -> Self {
         let number = |name: &str| AgentId::parse(name).map(|agent| agent.0);
         let to = acts
@@ -33,14 +32,14 @@ impl Round {
 }
 
 impl Reel {
-    /// Begins with a world.
+    /// Starts at the state of a world.
     #[must_use]
     pub fn of(world: &World) -> Self {
         Self::new(Setup::of(world), Scene::of(world), world.round())
     }
 }
 
-/// What never moves, one text a row.
+/// The immovable cells, one text a row.
 #[must_use]
 pub fn ground(board: &Board) -> Vec<String> {
     let grid = board.grid();
@@ -54,7 +53,7 @@ pub fn ground(board: &Board) -> Vec<String> {
     (0..grid.height()).map(row).collect()
 }
 
-/// The cells of the block relative to its position, where the task has one.
+/// Cells of the block relative to its position; `None` in tasks without a block.
 #[must_use]
 pub fn block_cells(board: &Board) -> Option<Vec<[i32; 2]>> {
     let block: &Body = board.bodies().iter().find(|body| body.kind() == Kind::Block)?;

@@ -1,4 +1,4 @@
-//! What a run is, as it is stored and played.
+//! The definition of a run, as it is stored and played.
 
 pub use swarmbench_boards::run::Definition;
 use swarmbench_protocol::suite::Game;
@@ -8,7 +8,7 @@ use crate::episode::spec::Spec;
 use crate::hosted;
 use crate::store::runs::StoredRun;
 
-/// What was decided about a run, with the end of its window as it is now.
+/// Parses the definition of a stored run, and applies the current end of its window.
 pub fn read(stored: &StoredRun) -> Result<Definition, RunError> {
     let decided: Definition = serde_json::from_str(&stored.definition).map_err(|error| {
         RunError::Definition { run: stored.id.clone(), problem: error.to_string() }
@@ -17,7 +17,7 @@ pub fn read(stored: &StoredRun) -> Result<Definition, RunError> {
     Ok(Definition { closes_at, ..decided })
 }
 
-/// What one of the games of a run is.
+/// Specification of one game of a run.
 pub fn spec(
     definition: &Definition,
     run: &str,

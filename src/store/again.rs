@@ -1,5 +1,4 @@
-//! Replays an episode of the database: its lines are read as they are needed, so that memory does not grow with
-//! the journal.
+//! Replay of stored episodes. Journal lines are read on demand, so memory use is independent of the journal's length.
 
 use super::sql::{Connection, FromRow, query};
 use std::io::{BufReader, Read};
@@ -14,19 +13,19 @@ use swarmbench_journal::replay::{Report, verify};
 /// Lines of a journal that are read ahead of their replay.
 const AHEAD: usize = 4;
 
-/// An episode as the database has it.
+/// An episode's records from the database.
 pub(super) struct StoredJournal {
     pub(super) episode: EpisodeKey,
     pub(super) opening: RawRecord,
-    /// The first round of its own; the record of seats comes before it.
+    /// A fork's first round after the ones it took over; 0 for other episodes. The seating record precedes it.
     pub(super) first_round: u32,
     pub(super) seating: Option<RawRecord>,
     pub(super) rounds: u32,
-    /// The end and the head of the whole, where it has ended.
+    /// The end record and the last head of the chain, once the episode has ended.
     pub(super) ending: Option<(RawRecord, Head)>,
 }
 
-/// Plays an episode again, line by line of its journal.
+/// Replays and verifies an episode's journal line by line.
 pub(super) async fn play_again(
     database: &mut Connection,
     stored: &StoredJournal,
@@ -38,7 +37,7 @@ pub(super) async fn play_again(
     .await
 }
 
-/// Reads the journal of an episode, line by line, on a thread of its own.
+/// Streams the journal of an episode to `read`, which runs on a blocking thread.
 pub(super) async fn read_journal<T: Send + 'static>(
     database: &mut Connection,
     stored: &StoredJournal,
@@ -48,7 +47,7 @@ pub(super) async fn read_journal<T: Send + 'static>(
     let played = tokio::task::spawn_blocking(move || {
         read(BufReader::new(Lines { receive, line: Vec::new(), read: 0 }))
     });
-    // The receiver is dropped at the first fault.
+    // `read` drops the receiver at the first fault.
     let sent = send_lines(database, stored, &send).await;
     drop(send);
     sent?;
@@ -98,7 +97,7 @@ async fn round_line(
     Ok((record.line(head), head))
 }
 
-/// Lines that come from somewhere else, as a file.
+/// Lines received from a channel, as a reader.
 pub(super) struct Lines {
     receive: tokio::sync::mpsc::Receiver<Vec<u8>>,
     line: Vec<u8>,

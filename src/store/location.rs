@@ -1,4 +1,4 @@
-//! Where a database is: the value of `--db`.
+//! Database locations: the values of `--db`.
 
 use std::convert::Infallible;
 use std::fmt;
@@ -17,23 +17,22 @@ use crate::host::read_text;
 pub enum Location {
     File(PathBuf),
     Postgres(Address),
-    /// None of both. It is refused when it is opened: an error of the command line would show it, with its password.
+    /// Neither of the two. Only opening it fails: an error while parsing arguments would show the text, with any password.
     Unknown(LocationError),
 }
 
-/// The address of a database of PostgreSQL. What is shown of it has no password.
+/// The address of a PostgreSQL database. `Display` and `Debug` leave the password out.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Address {
     url: String,
-    /// The file with the password, if one is named.
     password_file: Option<PathBuf>,
 }
 
-/// Parameters of an address that are passed on, and [`PASSWORD_FILE`]. Others would be ignored without a word.
+/// Accepted parameters of an address, besides [`PASSWORD_FILE`]. Others are refused, as sqlx would ignore them silently.
 const PARAMETERS: [&str; 9] =
     ["sslmode", "sslrootcert", "sslcert", "sslkey", "host", "port", "dbname", "user", "password"];
 
-/// The parameter that names a file with the password, as containers get secrets.
+/// The parameter with the path of a password file, the way in which containers get secrets.
 const PASSWORD_FILE: &str = "password_file";
 
 const SCHEMES: [&str; 2] = ["postgres://", "postgresql://"];
@@ -58,7 +57,7 @@ pub enum LocationError {
 }
 
 impl Location {
-    /// The file of SQLite, if it is one.
+    /// The path of a SQLite database.
     pub fn file(&self) -> Option<&Path> {
         match self {
             Self::File(path) => Some(path),
@@ -145,13 +144,13 @@ impl Address {
         } else {
             format!("{base}?{}", passed.join("&"))
         };
-        // An address that cannot be parsed may have a password at any place of it, so it is not shown.
+        // An address that cannot be parsed may have a password in any part of it, so errors never show it.
         PgConnectOptions::from_str(&url)
             .map_err(|error| LocationError::Address(error.to_string()))?;
         Ok(Self { url, password_file })
     }
 
-    /// The whole address, with the password of its file: for another process, and never to be shown.
+    /// The address with its password, to be passed to another process. It must never be shown.
     ///
     /// # Errors
     /// If the file with the password cannot be read.
@@ -163,7 +162,7 @@ impl Address {
         Ok(options.to_url_lossy().into())
     }
 
-    /// How to connect to it. Where the address names no password it is that of `PGPASSWORD`, or of `~/.pgpass`.
+    /// Connection options. `PGPASSWORD` or `~/.pgpass` gives the password where the address has none.
     ///
     /// # Errors
     /// If the file with the password cannot be read.
@@ -192,7 +191,7 @@ impl fmt::Display for Address {
     }
 }
 
-/// As [`Display`](fmt::Display): without the password.
+/// Leaves the password out, as [`Display`](fmt::Display) does.
 impl fmt::Debug for Address {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         fmt::Display::fmt(self, f)

@@ -1,8 +1,8 @@
-//! The database: a file of SQLite, or a database of PostgreSQL; one process writes to it.
+//! The database: a SQLite file or a PostgreSQL database, written by one task of the process.
 //!
-//! All that is written goes through one task that commits in groups (`writer`); readers have connections of their own and
-//! never wait for it. `model` is what is written and read, `tables` has the queries, a file a table, in texts that both
-//! engines take (`sql`); what only one of them has is in `sqlite` and `postgres`.
+//! The writer task (`writer`) commits entries in groups; readers have connections of their own and never wait for it. `model`
+//! has the types of entries and answers, `tables` the queries, one file a table, in SQL that both engines accept (`sql`);
+//! `sqlite` and `postgres` have what is specific to an engine.
 
 mod again;
 pub mod check;
@@ -53,39 +53,36 @@ pub use writer::{Blocked, WriterState};
 /// The database could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
-    /// Another process has it.
     #[error(
         "the database {0} is in use by another process: stop that one, or name another database with --db"
     )]
     InUse(String),
-    /// The database, or the lock file beside it, cannot be opened or locked.
+    /// `path` is the database or the lock file beside it.
     #[error("{path} cannot be opened and locked")]
     Lock { path: PathBuf, source: std::io::Error },
-    /// Its folder does not exist.
     #[error("there is no folder {0}: create it, or name another file with --db")]
     Folder(PathBuf),
-    /// It is no database, or one of another program.
+    /// The file is no SQLite database, or one of another program.
     #[error("{0} is not a database of this program: name another file with --db")]
     Foreign(PathBuf),
-    /// It has hard links, so that its log may be beside another name.
+    /// The file has hard links: its write-ahead log may be beside another name.
     #[error(
         "{0} has several names (hard links), and SQLite finds what was written last by the name that the server uses: \
          remove the other names, or name the one of the server with --db"
     )]
     Linked(PathBuf),
-    /// Its files changed while it was opened.
+    /// The files were moved or replaced while the database was opened.
     #[error(transparent)]
     Lost(#[from] Lost),
-    /// There is no such database.
     #[error("there is no database {0}: name the one of the server with --db")]
     Missing(PathBuf),
-    /// Its tables are those of another version, and reading does not migrate them.
+    /// Opening for reading does not migrate the tables.
     #[error(
         "the tables of {0} are those of another version of this program; `swarmbench serve` of this version brings \
          older ones up to date"
     )]
     Tables(String),
-    /// It is linked with an unsafe version.
+    /// The linked version of SQLite can lose commits.
     #[error("SQLite {0} can lose commits; at least {major}.{minor}.{patch} is needed",
         major = SQLITE_VERSION_MIN.0, minor = SQLITE_VERSION_MIN.1, patch = SQLITE_VERSION_MIN.2)]
     Version(String),
@@ -101,19 +98,17 @@ pub enum OpenError {
     Alone(PathBuf),
     #[error(transparent)]
     Location(#[from] LocationError),
-    /// A copy into it was interrupted.
+    /// An earlier copy into the database was interrupted.
     #[error(
         "the database {location} is an unfinished copy: run `swarmbench migrate --from {from} --to {location}` again, which \
          continues where it stopped"
     )]
     Incomplete { location: String, from: String },
-    /// Its tables are those of a later version.
     #[error(
         "the tables of {location} are those of a later version of this program (migration {version}): start that version, or name \
          another database with --db. There is no way back for tables; a backup from before has the older ones"
     )]
     Later { location: String, version: i64 },
-    /// Its tables cannot be changed.
     #[error("the tables of {location} cannot be brought up to date")]
     Migrate { location: String, source: sqlx::migrate::MigrateError },
 }
@@ -137,19 +132,19 @@ pub struct Store {
     writer: writer::Writer,
     ended_games: Arc<games::EndedGames>,
     files: Files,
-    /// Held as long as a file is open; none where it is only read, and of PostgreSQL.
+    /// Held while a SQLite file is open for writing; `None` for readers and PostgreSQL.
     lock: Arc<Mutex<Option<Lock>>>,
-    /// Of one of several servers.
+    /// Set in a cluster of servers.
     cluster: Option<Arc<Cluster>>,
 }
 
 impl Store {
-    /// Opens a database and takes it for this process alone. A file is created where there is none.
+    /// Opens a database for exclusive use by this process. A missing SQLite file is created.
     pub async fn open(location: impl Into<Location>) -> Result<Self, OpenError> {
         Self::open_as(location.into(), None).await
     }
 
-    /// Opens a database that this process shares with other servers.
+    /// Opens a database that a cluster of servers shares.
     pub async fn join(location: impl Into<Location>, joining: &Joining) -> Result<Self, OpenError> {
         Self::open_as(location.into(), Some(joining)).await
     }
@@ -182,8 +177,7 @@ impl Store {
         }
     }
 
-    /// Opens a database only to read it, also while a server has it. What is handed to the writer is
-    /// refused.
+    /// Opens a database for reading only, also while a server uses it. The writer refuses all entries.
     pub async fn open_to_read(location: impl Into<Location>) -> Result<Self, OpenError> {
         let location = location.into();
         let (mut connection, options, known) = read_connection(&location).await?;
@@ -211,19 +205,19 @@ impl Store {
         Self { readers, writer, ended_games, files, lock, cluster: None }
     }
 
-    /// This server as one of several on its database, if it is.
+    /// The state of the cluster; `None` for a single server.
     pub fn cluster(&self) -> Option<&Arc<Cluster>> {
         self.cluster.as_ref()
     }
 
-    /// Says that nothing may be written any more, as another server has taken the work of this one over.
+    /// Stops all writes, as another server has taken over this one's places.
     pub fn set_excluded(&self) {
         self.writer
             .state()
             .exclude(&"the other servers have excluded this one, as it was not seen for too long");
     }
 
-    /// Takes a place unless another server has it; whether this one has it now.
+    /// Takes a place unless another server owns it; returns whether this server owns it now.
     pub async fn take_place(&self, place: Place) -> Result<bool, StoreError> {
         let Some(cluster) = &self.cluster else { return Ok(true) };
         if cluster.has(place) {
@@ -233,14 +227,14 @@ impl Store {
         Ok(cluster.has(place))
     }
 
-    /// Notes what the other servers of this database have committed: boards and lists that are read after this show it.
+    /// Notes the commits of the other servers, so that boards and lists read after this call show them.
     pub async fn catch_up(&self) -> Result<(), StoreError> {
         let Some(cluster) = &self.cluster else { return Ok(()) };
         let changes = self.writer.state().changes();
         cluster.read_changes(|effect| changes.apply(effect), || changes.forget()).await
     }
 
-    /// A connection that reads, for the party of this task.
+    /// Waits for a reader connection, on behalf of the current party.
     async fn read(&self) -> Result<readers::Reading, StoreError> {
         self.readers.get().await
     }
@@ -260,15 +254,15 @@ impl Store {
         Ok(query.optional(&mut *self.read().await?).await?)
     }
 
-    /// Hands entries to the writer; see [`crate::store::port::EpisodeStore::append`].
+    /// Queues entries; see [`EpisodeStore::append`](port::EpisodeStore::append).
     pub fn append(&self, entries: Vec<Entry>, committed: Committed) {
         self.writer.append(entries, None, committed);
     }
 
-    /// Keeps entries; see [`EpisodeStore::keep`](port::EpisodeStore::keep).
+    /// Queues entries and waits for their commit; see [`EpisodeStore::keep`](port::EpisodeStore::keep).
     #[must_use = "entries are durable only once it has returned"]
     pub fn keep(&self, entries: Vec<Entry>) -> Reply<'static, ()> {
-        // Without entries it waits for what was appended, and for nobody else's.
+        // A call without entries is a barrier and belongs to no party.
         let party = (!entries.is_empty()).then(Party::current);
         port::committed(|committed| self.writer.append(entries, party, committed))
     }
@@ -277,22 +271,22 @@ impl Store {
         self.writer.state()
     }
 
-    /// Commits what was handed over, and closes the database. The writer is the last to leave, so that
-    /// SQLite puts everything into the one file. Then others may have it.
+    /// Commits queued entries, closes the database and releases its lock. The writer's connection is the last to close, so
+    /// that SQLite moves the whole write-ahead log into the file.
     pub async fn close(self) {
         self.readers.close().await;
         self.writer.stop().await;
-        // Not before SQLite has closed the database, see `files.rs`; and not later, when actors that have not noticed
-        // the end drop their clones of the store: this process may have opened the database again by then.
+        // Not before SQLite has closed the database, see `files.rs`. Not with the last clone of the store either: actors may
+        // drop theirs later, when this process has already opened the database again.
         drop(self.lock.lock().unwrap_or_else(PoisonError::into_inner).take());
     }
 
-    /// Whether the files of the database are still those that were opened. The writer looks after every commit, too.
+    /// Whether the names of the database still lead to the opened files. The writer checks this after each commit, too.
     pub fn check_files(&self) -> Result<(), Lost> {
         self.files.check()
     }
 
-    /// Bytes that the database takes.
+    /// Size of the database in bytes.
     pub async fn bytes(&self) -> Result<u64, StoreError> {
         let mut reading = self.read().await?;
         let size = if reading.is_postgres() {
@@ -303,7 +297,7 @@ impl Store {
         Ok(query(size).one::<i64>(&mut reading).await?.unsigned_abs())
     }
 
-    /// Whether the database can be read.
+    /// Runs a trivial query: an error means that the database cannot be read.
     pub async fn ping(&self) -> Result<(), StoreError> {
         query("SELECT 1").execute(&mut *self.read().await?).await?;
         Ok(())
@@ -311,7 +305,7 @@ impl Store {
 }
 
 impl Location {
-    /// An error of the engine while it is opened or read.
+    /// Wraps an error of the engine with the location.
     fn failed(&self, source: sqlx::Error) -> OpenError {
         match self {
             Self::File(path) => OpenError::Sqlite { path: path.clone(), source },
@@ -323,7 +317,7 @@ impl Location {
     }
 }
 
-/// A connection that only reads, how further ones are made, and the newest migration that this program knows.
+/// A read-only connection, the options for further ones, and the newest migration that this program knows.
 async fn read_connection(
     location: &Location,
 ) -> Result<(Connection, ReaderOptions, Option<i64>), OpenError> {
@@ -344,16 +338,16 @@ async fn read_connection(
     }
 }
 
-/// What is done before a server, or a command that writes, uses a database.
+/// Completes the data after migrations and interrupted forks, before anything is written.
 async fn prepare(connection: &mut Connection) -> Result<(), sqlx::Error> {
     competitions::add_missing_looks(connection).await?;
     forks::delete_incomplete(connection).await
 }
 
-/// A connection for a command that writes while no server has the database.
+/// A connection for commands that write while no server uses the database.
 struct Alone {
     connection: Connection,
-    /// Of a file. Dropped last.
+    /// `None` for PostgreSQL. Dropped after the connection.
     _lock: Option<Lock>,
 }
 
@@ -375,7 +369,7 @@ impl Alone {
         }
     }
 
-    /// Takes a database as it is, unfinished or empty. A file is created where there is none.
+    /// Locks a database without migrating or checking it: it may be empty or unfinished. A missing SQLite file is created.
     async fn take(location: &Location) -> Result<Self, OpenError> {
         match location {
             Location::File(path) => {
@@ -390,7 +384,7 @@ impl Alone {
         }
     }
 
-    /// Makes the tables of this version where they are missing.
+    /// Creates missing tables.
     async fn make_tables(&mut self, location: &Location) -> Result<(), OpenError> {
         match location {
             Location::File(path) => sqlite::bring_up_to_date(&mut self.connection, path).await,

@@ -13,21 +13,19 @@ use crate::ids::EpisodeKey;
 use swarmbench_journal::Tally;
 use swarmbench_journal::record::{ActRecord, RawRecord, Record};
 
-/// Episodes that are listed at once.
+/// Episodes listed by one query.
 const CHUNK: i64 = 256;
 
-/// Why the results were not made again. Then they are as they were.
+/// The rebuild failed; its transaction was rolled back.
 #[derive(Debug, thiserror::Error)]
 pub enum RebuildError {
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// It cannot be read or written.
     #[error("the database cannot be used")]
     Sqlite(#[from] sqlx::Error),
-    /// A journal does not say what it should.
     #[error("the journal of {episode} is broken: {problem}; nothing was changed")]
     Journal {
-        /// The public id of the episode.
+        /// Public id.
         episode: String,
         problem: String,
     },
@@ -36,13 +34,13 @@ pub enum RebuildError {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rebuilt {
     pub rows: u64,
-    /// Rows that are not as they were: others, new, or gone.
+    /// Rows that are new, gone or different from before.
     pub differing: u64,
 }
 
-/// Drops all results and makes them again from openings, acts, rounds and ends, all in one transaction and in
-/// memory that does not grow with the journals. Where `replay` is set every episode is also played again, and every
-/// hash, digest, act and score compared. `progress` is called with how many episodes of how many are done.
+/// Rebuilds all results from openings, acts, rounds and ends, in one transaction and in bounded memory. `replay` also replays
+/// every episode and compares all hashes, digests, acts and scores. `progress` gets the finished and the total number of
+/// episodes.
 pub async fn rebuild(
     location: impl Into<Location>,
     replay: bool,
@@ -97,8 +95,8 @@ async fn all(
     Ok(Rebuilt { rows, differing })
 }
 
-/// Measures all games that have ended again, and stores their metrics; some at a time, so that what was done stays done
-/// where it is interrupted. `progress` is called with how many games of how many are done.
+/// Recomputes and stores the metrics of all ended games. Each batch is a commit, so an interrupted call keeps its progress.
+/// `progress` gets the finished and the total number of games.
 pub async fn rebuild_metrics(
     location: impl Into<Location>,
     mut progress: impl FnMut(u64, u64),
@@ -141,7 +139,7 @@ pub async fn rebuild_metrics(
     Ok(done)
 }
 
-/// Measures the games that wait for it, as a server does in the background.
+/// Measures queued games, as a server does in the background.
 pub async fn measure_queued(
     location: impl Into<Location>,
     mut progress: impl FnMut(u64, u64),
@@ -178,7 +176,7 @@ pub async fn measure_queued(
     Ok(done)
 }
 
-/// The metrics of a game, from its journal.
+/// Computes the metrics of a game from its journal.
 pub(super) async fn measured(
     database: &mut Connection,
     episode: EpisodeKey,
@@ -213,7 +211,7 @@ async fn count(database: &mut Connection, text: &'static str) -> Result<u64, sql
     query(text).one::<i64>(database).await.map(i64::unsigned_abs)
 }
 
-/// Makes the row of an episode again, if it is to have one.
+/// Rebuilds the row of an episode, if it has a result.
 async fn one(
     database: &mut Connection,
     episode: EpisodeKey,
@@ -250,7 +248,7 @@ async fn one(
     if end.status != row.try_get::<String>("status")? {
         return Err(broken("it ended otherwise than its journal says".to_owned()));
     }
-    // A layout may have a score before its first round.
+    // A layout may have a score before the first round.
     let standing = standing(database, episode).await?.unwrap_or((0, end.score));
     if standing != (end.rounds, end.score) {
         let (rounds, score) = standing;
@@ -262,7 +260,7 @@ async fn one(
     }
     if replay {
         let ending = Some((ending, head));
-        // No fork counts.
+        // Forks have no results.
         let (first_round, rounds) = (0, end.rounds);
         let stored = StoredJournal { episode, opening, first_round, seating, rounds, ending };
         play_again(database, &stored).await?.map_err(broken)?;
@@ -272,7 +270,7 @@ async fn one(
     Ok(())
 }
 
-/// How many rounds were resolved, and the score after them; `None` before the first.
+/// The number of resolved rounds and the score after them; `None` before the first.
 async fn standing(
     database: &mut Connection,
     episode: EpisodeKey,
@@ -282,7 +280,7 @@ async fn standing(
     row.map(|row| Ok((row.try_get::<u32>(0)? + 1, row.try_get(1)?))).transpose()
 }
 
-/// Counts the acts, those of a round that was not resolved any more, too.
+/// Tallies all acts, including those of an unresolved round.
 async fn tally(
     database: &mut Connection,
     episode: EpisodeKey,

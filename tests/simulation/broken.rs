@@ -1,36 +1,36 @@
-//! Deliberately broken parts: for every invariant at least one that breaks it. A checker that finds
-//! none of them would prove nothing where it finds no fault in the server.
+//! Deliberate flaws, at least one for every invariant. If the checker missed them, its silence about the server would
+//! prove nothing.
 
 use swarmbench::store::entries::Entry;
 
 use crate::simulation::checker::Invariant;
 
-/// What is broken. It is always something around the server, whose own code is the same as ever.
+/// A flaw, always in the simulated surroundings of the server, whose own code is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Flaw {
-    /// The journal reports entries as durable when it has only queued them.
+    /// The journal reports entries as durable as soon as they are queued.
     AcknowledgesEarly,
-    /// The journal does not write one act in eight.
+    /// The journal drops one act in eight.
     LosesActs,
     /// A crash leaves a part of a job on the disk.
     TearsPieces,
-    /// The journal finds the act of an earlier round with another number of seats to wait for.
+    /// The journal returns the act of an earlier round with a wrong number of waiting seats.
     FindsAnotherReceipt,
     /// The journal never finds the act of an earlier round.
     ForgetsEarlierActs,
-    /// A waiter for the journal does not wait for what was handed over before.
+    /// A wait for the journal does not wait for earlier jobs.
     DoesNotWait,
-    /// The journal keeps another digest.
+    /// The journal stores another digest.
     AltersDigests,
-    /// After a failed commit the journal keeps and acknowledges what comes next.
+    /// After a failed commit the journal stores and acknowledges later jobs.
     GoesOnAfterFailure,
-    /// After it refused an entry the journal keeps and acknowledges what comes next of the same episode.
+    /// After a refused job the journal stores and acknowledges later jobs of the same episode.
     GoesOnAfterRefusal,
-    /// The journal does not tell of one job in twenty.
+    /// The journal never reports one job in twenty.
     ForgetsToTell,
     /// The journal forgets who claimed seats.
     ForgetsClaims,
-    /// The journal does not know when the last act came.
+    /// The journal does not know the time of the last act.
     ForgetsTheLastAct,
     /// The journal lists an unfinished episode that does not exist.
     ListsAGhost,
@@ -42,30 +42,30 @@ pub(crate) enum Flaw {
     ClockBehind,
     /// Sleeping tasks never wake.
     NeverWakes,
-    /// Chance does not come from the seed alone.
+    /// Randomness does not come from the seed alone.
     OtherChance,
-    /// A commit sees first whether its server was excluded, and is written later.
+    /// A commit checks first whether its server was excluded, and is written later.
     FenceWithoutLock,
-    /// A take-over frees what a server had before it excludes that server.
+    /// A take-over frees the places of a server before it excludes that server.
     FreesPlacesFirst,
-    /// Servers say by their own clocks when they were seen, and judge by them; these are seconds apart.
+    /// Servers use their own clocks for leases; these clocks are seconds apart.
     LeaseByOwnClock,
-    /// A server sees that nobody has a place, and writes later that it has it.
+    /// A server sees that a place has no owner, and writes later that it owns the place.
     TakesByAnOldView,
-    /// A server answers however long ago it was seen.
+    /// A server answers even after its lease has ended.
     AnswersForever,
-    /// A server counts for how long it answers from when it learns that it was seen, not from when it said that it lives.
+    /// A server counts its lease from the reply to its beat, not from the time at which it sent the beat.
     LeaseFromTheReply,
-    /// A server gives games up though somebody uses them.
+    /// A server gives up games in use.
     GivesUpWhatIsUsed,
-    /// A server does not continue what a request has taken, where nobody asks again.
+    /// A server does not continue a place that a request has taken, unless another request comes.
     ForgetsWhatItTook,
-    /// A server notes what it has taken when it may have given it back already.
+    /// A server records a taken place when it may already have given it back.
     NotesPlacesLate,
 }
 
-/// Each flaw and the invariant that it breaks. `OtherChance` is not here: it breaks none of them,
-/// but that a run follows from its seed.
+/// Each flaw with the invariant that it breaks. `OtherChance` is missing, as it only breaks that a run follows from
+/// its seed.
 pub(crate) const FLAWS: [(Flaw, Invariant); 17] = [
     (Flaw::AcknowledgesEarly, Invariant::Durable),
     (Flaw::LosesActs, Invariant::Barrier),
@@ -86,7 +86,7 @@ pub(crate) const FLAWS: [(Flaw, Invariant); 17] = [
     (Flaw::NeverWakes, Invariant::Progress),
 ];
 
-/// The same of servers that share a database, each with the seed from which on it is looked for: some are found by few seeds.
+/// The flaws of servers that share a database, each with the first seed of the search: few seeds reveal some of them.
 pub(crate) const FLAWS_OF_SEVERAL: [(Flaw, Invariant, u64); 10] = [
     (Flaw::FenceWithoutLock, Invariant::OneOwner, 0),
     (Flaw::FreesPlacesFirst, Invariant::OneOwner, 0),
@@ -101,7 +101,7 @@ pub(crate) const FLAWS_OF_SEVERAL: [(Flaw, Invariant, u64); 10] = [
 ];
 
 impl Flaw {
-    /// Faults of entries on their way to the disk.
+    /// Applies the flaws of entries on their way to the disk.
     pub(crate) fn on_the_way_to_the_disk(self, mut entries: Vec<Entry>) -> Vec<Entry> {
         match self {
             Self::LosesActs => entries.retain(|entry| match entry {

@@ -1,6 +1,5 @@
-//! What must hold in every run. The checker plays every episode again from what is durable, by
-//! the rules and with the engine alone, and compares that with all that the server hands over, shows
-//! and answers.
+//! The invariants of every run. The checker replays every episode from its durable entries, with the rules and the
+//! engine alone, and compares the result with everything that the server submits, shows and answers.
 
 mod answers;
 mod durable;
@@ -28,49 +27,49 @@ use crate::simulation::clients::{Acts, Request, RequestId};
 use crate::simulation::database::Incarnation;
 use crate::simulation::journal::{JobResult, Lost};
 
-/// What must hold.
+/// An invariant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Invariant {
-    /// What was acknowledged or shown is on the disk, and nobody sees an episode go back.
+    /// Everything acknowledged or shown is on the disk, and nobody sees an episode go back.
     Durable,
-    /// One act a seat and round, one resolution a round, one end, and nothing after it.
+    /// A seat has one act per round, a round has one resolution, an episode has one end, and nothing follows the end.
     OneAct,
-    /// The same act gets the same receipt, another act never does.
+    /// The same act gets the same receipt; another act never gets it.
     StableReceipts,
     /// A refusal is true.
     TrueRefusals,
-    /// A round is resolved when all living seats have acted, and counts down to that. Nobody is shown an open round in which
-    /// nobody may act.
+    /// A round is resolved as soon as all living seats have acted, and receipts count the missing seats. Nobody is
+    /// shown an open round in which nobody may act.
     Barrier,
-    /// Journals play again; what is shown is what they say.
+    /// Journals replay to the same states, and everything shown agrees with them.
     Replay,
     /// A seat has its whole time and no more.
     Clocks,
-    /// After a failed commit nothing is acknowledged before a restart.
+    /// After a failed commit nothing is acknowledged until a restart.
     NoFalseAck,
-    /// Where clients act or time passes, every episode ends and every request is answered.
+    /// If clients act or time passes, every episode ends and every request is answered.
     Progress,
     /// An episode is abandoned after its idle time, not before.
     Idle,
     /// No round begins after the time at which an episode closes, and the one that runs then may end.
     Closing,
-    /// What is counted against a cap is there, and is given back.
+    /// Only existing things count against a cap, and they stop counting in time.
     Quotas,
-    /// A seat has one holder; an episode starts once, when all have one; the server plays its seats as
-    /// if it had never fallen over.
+    /// A seat has one holder; an episode starts once, when all seats are held; the server plays its seats as if it
+    /// had never crashed.
     Seats,
-    /// Of several servers one plays an episode: nobody else writes there, or answers for it.
+    /// Only one of several servers plays an episode: no other writes it, or answers for it.
     OneOwner,
 }
 
-/// Something that does not hold.
+/// A broken invariant.
 #[derive(Clone, Debug)]
 pub(crate) struct Violation {
     pub(crate) invariant: Invariant,
     pub(crate) what: String,
 }
 
-/// How often something happened.
+/// Counts of events by name.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Stats(pub(crate) BTreeMap<&'static str, u64>);
 
@@ -80,53 +79,53 @@ impl Stats {
     }
 }
 
-/// All that is known of a run.
+/// The checker's knowledge of a run.
 pub(crate) struct Checker {
     pub(crate) now: Timestamp,
     pub(crate) stats: Stats,
     pub(crate) violations: Vec<Violation>,
     pub(crate) episodes: BTreeMap<EpisodeKey, Episode>,
     keys: BTreeMap<EpisodeId, EpisodeKey>,
-    /// Counts what happens, to tell what was first.
+    /// A counter of events, which orders them.
     moment: u64,
     /// Whether several servers share the database.
     is_shared: bool,
-    /// Whether all servers are up and stay so, and nothing moves any more.
+    /// Whether all servers are up and stay so, and no place moves any more.
     is_calm: bool,
-    /// When each server began.
+    /// The start of each server.
     started_at: BTreeMap<Incarnation, Timestamp>,
-    /// When each was first told that a commit failed.
+    /// The moment at which each server was first told that a commit failed.
     failed: BTreeMap<Incarnation, u64>,
-    /// Episodes of which a job was refused in this run of the server, or of several.
+    /// Episodes with a refused job in this run of the server, or of several servers.
     refused: BTreeSet<EpisodeId>,
-    /// Requests that are not answered.
+    /// Unanswered requests.
     requests: BTreeMap<RequestId, Sent>,
-    /// Episodes that are asked for, not durable and not refused.
+    /// Requested episodes that are neither durable nor refused.
     creating: BTreeMap<EpisodeId, Option<OwnerKey>>,
-    /// What a server handed over, by seat: which, and when.
+    /// The server and the moment of each submitted act.
     handed: BTreeMap<Place, (Incarnation, u64)>,
-    /// Acts of clients that went away; they lie in a mailbox all the same.
+    /// Acts of clients that went away, which stay in mailboxes all the same.
     orphans: Vec<(EpisodeId, Arrived)>,
-    /// Receipts that were given out.
+    /// Acknowledged acts.
     acked: BTreeMap<Place, Acked>,
 }
 
 /// A seat in a round of an episode.
 type Place = (EpisodeKey, u32, AgentId);
 
-/// A request on its way.
+/// An unanswered request.
 struct Sent {
     id: EpisodeId,
     moment: u64,
-    /// What anybody had seen of the episode before.
+    /// The furthest state that anybody had seen of the episode before.
     floor: (u32, bool),
-    /// Its acts in the mailboxes of servers: in more than one where it was sent again.
+    /// The acts of the request in the mailboxes of servers; of several if it was sent again.
     arrived: Vec<Arrived>,
-    /// How many places of episodes were taken since then, at most: in all, and of the key.
+    /// The maximum number of taken places of episodes since then: in all, and of the key.
     held: (usize, usize),
 }
 
-/// Acts that lie in a mailbox.
+/// Acts in a mailbox.
 struct Arrived {
     server: Incarnation,
     at: Timestamp,
@@ -134,7 +133,7 @@ struct Arrived {
     acts: Acts,
 }
 
-/// A receipt that was given out first at some moment.
+/// A receipt, and the moment when it was first given.
 struct Acked {
     recorded: RecordedAct,
     moment: u64,
@@ -149,11 +148,11 @@ pub(crate) struct Episode {
     pub(crate) waiting: bool,
     pub(crate) end: Option<(Ending, Head)>,
     owner: Option<OwnerKey>,
-    /// By agent, the number of its holder; everything is the creator's where nobody claims.
+    /// The number of the holder by agent; the creator's number for all if there are no claims.
     holders: Vec<Option<u32>>,
-    /// The seats that the server plays, once they have a holder.
+    /// The seats that the server plays as soon as they have a holder.
     hosted: Vec<(AgentId, String)>,
-    /// The players of them, shown everything so far.
+    /// The players of hosted seats, which have been shown everything so far.
     players: Option<hosted::Players>,
     /// The head after the opening.
     opening_head: Head,
@@ -161,24 +160,24 @@ pub(crate) struct Episode {
     /// The head after each round.
     heads: Vec<Head>,
     digests: Vec<[u8; 32]>,
-    /// What is left of the banks before each round.
+    /// The remaining banks before each round.
     banks: Vec<Vec<Duration>>,
-    /// What was done in each round, the open one too.
+    /// The acts of each round, the open one included.
     acts: Vec<BTreeMap<AgentId, Kept>>,
     last_act_at: Timestamp,
     created_at: Timestamp,
-    /// When the open round began: with the creation, the start, or the end of the round before.
+    /// The beginning of the open round: the creation, the start, or the end of the round before.
     began_at: Timestamp,
     /// The journal as a file.
     lines: String,
-    /// Which round each server published, and when.
+    /// The last round that each server published, its time and its moment.
     opened: BTreeMap<Incarnation, (u32, Timestamp, u64)>,
-    /// The round that was open when a job was refused: it is opened again when the episode is recovered, and some may
-    /// still look at it as it was before.
+    /// The round that was open when a job was refused: the recovered episode opens it again, and some requests may
+    /// still see it as it was before.
     reopened: Option<u32>,
-    /// Whether the server knows of the end.
+    /// Whether the server knows the end.
     end_told: bool,
-    /// The furthest that anybody saw, and at which moment first.
+    /// The furthest state that anybody saw, with its first moment below.
     seen: (u32, bool),
     seen_first: u64,
 }
@@ -210,12 +209,12 @@ impl Episode {
         self.hosted.iter().any(|(hosted, _)| *hosted == agent)
     }
 
-    /// Whether a client holds this seat. Nobody else has a token of it.
+    /// Whether a client holds this seat. Only a client's seat has a token outside the server.
     pub(crate) fn is_clients(&self, agent: AgentId) -> bool {
         self.holders[agent.index()].is_some() && !self.is_hosted(agent)
     }
 
-    /// How many seats nobody holds.
+    /// The number of seats without a holder.
     pub(crate) fn count_open(&self) -> u16 {
         let open = self.holders.iter().filter(|holder| holder.is_none()).count();
         u16::try_from(open).expect("few")
@@ -235,7 +234,7 @@ impl Episode {
     }
 }
 
-/// Whether the wire contract calls two acts of a seat and round the same.
+/// Whether the wire contract treats two acts of a seat and round as the same.
 fn same(one: &ActRecord, other: &ActRecord) -> bool {
     let told = |record: &ActRecord| {
         let ActRecord { action, message, to, response, .. } = record.clone();
@@ -295,9 +294,9 @@ impl Checker {
         self.episodes.get(self.keys.get(id)?)
     }
 
-    // ---- what the server hands to the journal
+    // ---- submissions to the journal
 
-    /// A job was handed over: what is in it was decided now.
+    /// A server submitted a job, whose entries were decided now.
     pub(crate) fn handed(&mut self, server: Incarnation, entries: &[Entry]) {
         let moment = self.next_moment();
         for entry in entries {
@@ -309,13 +308,13 @@ impl Checker {
         }
     }
 
-    /// Clocks: an act in time, a default in time, and what both take from the bank.
+    /// Checks the clock of an act: an act in time, a default in time, and the bank time of both.
     fn clock_of(&mut self, server: Incarnation, row: &ActRow) {
         let Some(episode) = self.episodes.get(&row.episode) else { return };
         let Some(round_deadline) = episode.spec.round_deadline else { return };
         let Ok(record) = row.record.read::<ActRecord>() else { return };
         if episode.is_hosted(row.agent) && record.source == Source::Player {
-            // The server sent it to itself.
+            // The server itself sent the act.
             return;
         }
         let (now, bank) = (self.now, episode.bank(row.agent));
@@ -324,7 +323,7 @@ impl Checker {
         let opened = opened.filter(|(round, ..)| *round == row.round);
         let name = format!("{} {} in round {}", episode.id, row.agent, row.round);
         if record.source == Source::Clock {
-            // Where nobody has seen when it was opened, it was not before this server began.
+            // If nobody saw the opening of the round, it was not before this server's start.
             let (opened_at, seen) = opened.map_or((started_at, None), |(_, at, m)| (at, Some(m)));
             let deadline = after(opened_at, round_deadline + bank);
             self.check(Invariant::Clocks, now >= deadline, || {
@@ -364,7 +363,7 @@ impl Checker {
         let is_late = |at: Timestamp| {
             opened.is_some_and(|(_, opened_at, _)| at > after(opened_at, round_deadline + bank))
         };
-        // After a restart nobody may have seen yet when the round was opened anew.
+        // After a restart nobody may have seen yet when the round was opened again.
         let is_known = opened.is_some();
         let fits = arrivals.any(|arrived| {
             !is_known || (!is_late(arrived.at) && spent_by(arrived.at) == record.bank_spent_ms)
@@ -378,7 +377,7 @@ impl Checker {
         });
     }
 
-    /// The arrivals at a server of acts for this seat and round that are not answered.
+    /// Arrivals at a server of unanswered acts for this seat and round.
     fn carried<'a>(
         &'a self,
         server: Incarnation,
@@ -396,7 +395,7 @@ impl Checker {
         })
     }
 
-    /// A server was told of a job.
+    /// A server received the result of a job.
     pub(crate) fn told(&mut self, server: Incarnation, told: &JobResult) {
         let moment = self.next_moment();
         match told.result {
@@ -429,7 +428,7 @@ impl Checker {
         }
     }
 
-    /// What a server handed over and is not durable never will be.
+    /// Forgets acts of a server that were submitted and will never be durable.
     fn forget_handed(&mut self, server: Incarnation) {
         let is_kept = |(key, round, agent): &Place| {
             self.episodes.get(key).is_some_and(|e| e.act(*round, *agent).is_some())
@@ -437,7 +436,7 @@ impl Checker {
         self.handed.retain(|place, (of, _)| *of != server || is_kept(place));
     }
 
-    /// A job was refused: what is in it never happened.
+    /// A job was refused, so its entries never happened.
     fn refused(&mut self, server: Incarnation, entries: &[Entry]) {
         for entry in entries {
             if let Entry::Open(row) = entry {
@@ -455,7 +454,7 @@ impl Checker {
         }
     }
 
-    // ---- what clients do and see
+    // ---- actions and observations of clients
 
     pub(crate) fn sent(&mut self, number: RequestId, id: &EpisodeId, request: &Request) {
         let moment = self.next_moment();
@@ -476,7 +475,7 @@ impl Checker {
         self.stats.count("requests dropped", 1);
     }
 
-    /// Nobody waits for acts any more that lie in mailboxes.
+    /// Keeps acts in mailboxes that nobody waits for any more.
     fn orphan(&mut self, Sent { id, arrived, .. }: Sent) {
         self.orphans.extend(arrived.into_iter().map(|arrived| (id.clone(), arrived)));
     }
@@ -496,19 +495,19 @@ impl Checker {
         }
     }
 
-    /// A server has answered by what it has in memory.
+    /// A server answered from its memory, and therefore must play the episode.
     pub(crate) fn answers_for(&mut self, server: Incarnation, id: &EpisodeId, plays: bool) {
         self.check(Invariant::OneOwner, plays, || {
             format!("{id}: server {server} answers, and does not play it")
         });
     }
 
-    /// A request saw what is published.
+    /// A request saw a published snapshot.
     pub(crate) fn seen(&mut self, server: Incarnation, number: RequestId, snapshot: &Snapshot) {
         let moment = self.next_moment();
         if let Some(sent) = self.requests.get_mut(&number) {
             let (id, floor, sent_at) = (sent.id.clone(), sent.floor, sent.moment);
-            // It never sees less than it has seen itself.
+            // A request never sees less than it has seen itself.
             let seen = (snapshot.world.round(), snapshot.status.is_over());
             sent.floor = floor.max(seen);
             self.shown(server, &id, snapshot, (sent_at, floor), moment);
@@ -549,14 +548,14 @@ impl Checker {
         if snapshot.world.digest().0 != *digest || snapshot.head != head {
             wrong.push((Invariant::Replay, format!("{name}, its journal says something else")));
         }
-        // Where the end could not be stored there is nothing else to be shown.
+        // If the end could not be stored, the server can show nothing else.
         let is_known = !is_refused && !self.failed.contains_key(&server);
         if snapshot.status == Status::Running && snapshot.world.is_over() && is_known {
             wrong.push((Invariant::Barrier, format!("{name}, and nothing is left to be done")));
         }
-        // A request from before an actor ended by a fault may get what that one published last.
+        // A request from before the actor ended by a fault may get the last snapshot of that actor.
         let may_be_old = is_refused && sent < episode.seen_first;
-        // An answer on its way through another server is overtaken by later ones.
+        // Later answers may overtake one that is forwarded by another server.
         let least = if self.is_shared { floor } else { episode.seen };
         if (round, is_over) < least && !may_be_old {
             wrong.push((Invariant::Durable, format!("{name} after {least:?}")));
@@ -591,15 +590,14 @@ impl Checker {
         self.all_broken(wrong);
     }
 
-    /// How many places are taken, in all and of the key: at most, as seen from outside.
+    /// The maximum number of taken places, in all and of the key, as seen from outside.
     fn held(&self) -> (usize, usize) {
         let live = self.episodes.values().filter(|episode| !episode.end_told);
         let owners = live.map(|episode| episode.owner).chain(self.creating.values().copied());
         owners.fold((0, 0), |(all, owned), owner| (all + 1, owned + usize::from(owner.is_some())))
     }
 
-    /// Notes for all creations on their way how many places were taken meanwhile; to be called before
-    /// one is given back.
+    /// Records the number of taken places for all requests in flight; called before a place is given back.
     fn note_held(&mut self) {
         let (all, owned) = self.held();
         for sent in self.requests.values_mut() {
@@ -609,8 +607,8 @@ impl Checker {
 
     // ---- crashes, and the end of a run
 
-    /// The server fell over and begins again over what is durable; `found` is what was on the disk
-    /// though its commit failed.
+    /// The server crashed and starts again from the durable entries; `found` are entries that were on the disk
+    /// although their commit failed.
     pub(crate) fn crashed(&mut self, found: &[Entry], disk: &[Entry]) {
         self.stats.count("crashes", 1);
         self.stats.count("requests cut off", self.requests.len());
@@ -632,12 +630,12 @@ impl Checker {
         self.on_disk(disk);
     }
 
-    /// A server begins.
+    /// A server started.
     pub(crate) fn began(&mut self, server: Incarnation) {
         self.started_at.insert(server, self.now);
     }
 
-    /// One of several servers is gone, and what it has not written; what clients have asked for goes on elsewhere.
+    /// One of several servers is gone, and so are its unwritten entries; requests of clients go on elsewhere.
     pub(crate) fn gone(&mut self, server: Incarnation, disk: &[Entry]) {
         for sent in self.requests.values_mut() {
             sent.arrived.retain(|arrived| arrived.server != server);
@@ -647,20 +645,20 @@ impl Checker {
         self.on_disk(disk);
     }
 
-    /// One of several servers was excluded: it writes nothing any more, whether it knows that or not.
+    /// One of several servers was excluded: it can no longer write, whether it knows that or not.
     pub(crate) fn excluded(&mut self, server: Incarnation) {
         self.stats.count("take-overs", 1);
         self.forget_handed(server);
     }
 
-    /// All servers are up, and nothing moves any more: nothing fails from now on.
+    /// All servers are up, and no place moves any more: nothing may fail from now on.
     pub(crate) fn calm(&mut self) {
         self.failed.clear();
         self.refused.clear();
         self.is_calm = true;
     }
 
-    /// Everything that was acknowledged is on the disk as it was acknowledged.
+    /// Checks that everything acknowledged is on the disk as it was acknowledged.
     fn on_disk(&mut self, disk: &[Entry]) {
         let rows: BTreeMap<Place, &ActRow> = (disk.iter())
             .filter_map(|entry| match entry {
@@ -680,7 +678,7 @@ impl Checker {
         self.check(Invariant::Durable, lost.is_empty(), || format!("lost: {lost:?}"));
     }
 
-    /// All has come to its end.
+    /// Checks the end of a run.
     pub(crate) fn ended(&mut self, disk: &[Entry]) {
         let open: Vec<_> = self.requests.keys().copied().collect();
         self.check(Invariant::Progress, open.is_empty(), || format!("not answered: {open:?}"));
@@ -695,7 +693,7 @@ impl Checker {
         }
     }
 
-    /// The places of which a receipt was given out.
+    /// The acknowledged acts.
     pub(crate) fn receipts(&self) -> BTreeSet<(EpisodeId, u32, AgentId)> {
         let id = |key: &EpisodeKey| Some(self.episodes.get(key)?.id.clone());
         let known =
@@ -704,7 +702,7 @@ impl Checker {
     }
 }
 
-/// Whether acts that arrived include one of this seat that fits into any quota.
+/// Whether arrived acts include one of this seat that fits into any quota.
 fn fits(arrived: &Arrived, row: &ActRow) -> bool {
     let mut acts = arrived.acts.iter();
     acts.any(|(agent, act)| {

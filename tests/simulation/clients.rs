@@ -1,4 +1,4 @@
-//! What clients ask for, and how a request goes: what the handlers of the server do, without HTTP.
+//! Requests of clients, and their handling: the work of the server's handlers without HTTP.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, LazyLock, Mutex};
@@ -35,65 +35,65 @@ use crate::simulation::executor::pause;
 use crate::simulation::run::ROUNDS_MAX;
 use crate::simulation::time::SimClock;
 
-/// How long a client waits for a round.
+/// Duration of a client's wait for a round.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// The number of a request, in the order in which they were sent.
+/// The number of a request, in the order of sending.
 pub(crate) type RequestId = u32;
 
-/// Acts with their seats, as `/swarm/act` takes them.
+/// Acts with their seats, as in `/swarm/act`.
 pub(crate) type Acts = Vec<(AgentId, Submission)>;
 
-/// What a client asks for.
+/// A request of a client.
 #[derive(Clone, Debug)]
 pub(crate) enum Request {
-    /// A new episode.
+    /// Creates an episode.
     Create(Box<Spec>, Option<swarmbench::keys::OwnerKey>),
-    /// What there is to see.
+    /// Observes the published state.
     Look,
-    /// The same, once the round is past this one.
+    /// Observes as soon as the round is past this one.
     Wait(u32),
-    /// Look, think, and act for those of these seats for which the round waits.
+    /// Observes, thinks, and acts for those of these seats for which the round waits.
     Turn(Vec<AgentId>, u64),
-    /// Acts that were thought of earlier.
+    /// Sends acts that were decided earlier.
     Send(Acts),
-    /// Open seats.
+    /// Claims open seats.
     Claim(Wanted),
-    /// The manual start.
+    /// Starts the episode manually.
     Start,
-    /// The end.
+    /// Aborts the episode.
     Abort,
-    /// The state after a number of rounds.
+    /// Reads the state after a number of rounds.
     State(u32),
 }
 
-/// What happens to a request.
+/// An event of a request.
 pub(crate) enum News {
-    /// Its acts lie in the mailbox of the episode.
+    /// The acts of the request are in the mailbox of the episode.
     Arrived(Acts),
-    /// It saw this.
+    /// The request saw this snapshot.
     Seen(Arc<Snapshot>),
-    /// It is answered.
+    /// The request was answered.
     Answered(Answer),
 }
 
 /// The answer to a client.
 pub(crate) enum Answer {
     Created(Result<(), CreateError>),
-    /// There is no such episode.
+    /// The episode does not exist.
     Nothing,
     /// The episode cannot be recovered.
     NotTakenUp(RecoveryError),
-    /// What was to be seen was told before.
+    /// The snapshot, which was reported before.
     Looked,
-    /// The outcomes of acts, and what is published when they are known.
+    /// The outcomes of acts, and the snapshot published by then.
     Acted(Acts, Outcomes, Arc<Snapshot>),
     Claimed(Wanted, Result<Claimed, ClaimError>),
     Started(Result<(), StartError>),
     Aborted(Result<(), StoreError>),
     /// The digest of the state after a number of rounds.
     State(u32, Result<[u8; 32], RecoveryError>),
-    /// No server answers, or the one that did does not know whether it was done.
+    /// No server answers, or the one that did does not know whether the request was executed.
     Away,
 }
 
@@ -104,20 +104,20 @@ fn not_taken_up(error: FindError) -> Answer {
     }
 }
 
-/// What was told about a request, and which server told it.
+/// An event of a request, and the server that reported it.
 pub(crate) struct Told {
     pub(crate) number: RequestId,
     pub(crate) id: EpisodeId,
     pub(crate) server: Incarnation,
-    /// Whether that server played the episode at this moment, or nobody did as it is over.
+    /// Whether that server played the episode at this moment, or nobody did as it was over.
     pub(crate) plays: bool,
     pub(crate) news: News,
 }
 
-/// Where requests leave their news; the run takes them after each step.
+/// The queue of requests' events, which the run reads after each step.
 pub(crate) type Desk = Arc<Mutex<VecDeque<Told>>>;
 
-/// How a request goes at a server.
+/// Handles a request at a server.
 pub(crate) async fn serve(
     registry: &Registry,
     clock: &SimClock,
@@ -152,8 +152,8 @@ pub(crate) async fn serve(
         Request::Wait(round) => {
             let mut published = handle.follow();
             let past = |seen: &Arc<Snapshot>| seen.status.is_over() || seen.world.round() > round;
-            // A wait has its end. Nobody publishes any more where the actor is gone; in both cases
-            // the answer is what there is.
+            // A wait ends after a while, or if the actor is gone and nobody publishes any more; the answer is then
+            // the current snapshot.
             let published = std::pin::pin!(async { drop(published.wait_for(past).await) });
             drop(select(published, clock.sleep_until(after(clock.now(), PATIENCE))).await);
             say(News::Seen(handle.snapshot()));
@@ -167,7 +167,7 @@ pub(crate) async fn serve(
             if acts.is_empty() {
                 Answer::Looked
             } else {
-                // Looking and acting are two requests.
+                // Observing and acting are two requests.
                 match registry.find(&id).await {
                     Ok(Some(handle)) => send(&handle, acts, &say).await,
                     Ok(None) => Answer::Nothing,
@@ -200,7 +200,7 @@ pub(crate) async fn serve(
     say(News::Answered(answer));
 }
 
-/// What a client does for those of its seats for which the round waits.
+/// Decides acts of a client for those of its seats for which the round waits.
 pub(crate) async fn think(seats: Vec<AgentId>, seed: u64, seen: Arc<Snapshot>) -> Acts {
     let mut dice = Dice(seed);
     let config = Arc::clone(seen.world.config());
@@ -216,8 +216,8 @@ async fn send(handle: &Handle, acts: Acts, say: impl Fn(News)) -> Answer {
     Answer::Acted(acts, outcomes, handle.snapshot())
 }
 
-/// A game that ends before its last round, with agents that escape: by chance nobody would. With these
-/// settings the built-in player needs 14 rounds.
+/// A rehearsed game that ends before its last round, with agents that escape, which random play would not reach. With
+/// these settings the built-in player needs 14 rounds.
 static REHEARSED: LazyLock<(Settings, Vec<Vec<Act>>)> = LazyLock::new(|| {
     let standard = Settings::standard(TaskName::Transport, 393);
     let settings =
@@ -227,7 +227,7 @@ static REHEARSED: LazyLock<(Settings, Vec<Vec<Act>>)> = LazyLock::new(|| {
     (settings, acts)
 });
 
-/// What a sensible client does: as it was rehearsed, or anything.
+/// The act of a sensible client: the rehearsed one, or any.
 fn turn(dice: &mut Dice, config: &Config, agent: AgentId, round: u32) -> Submission {
     let (settings, acts) = &*REHEARSED;
     match acts.get(round as usize) {
@@ -238,7 +238,7 @@ fn turn(dice: &mut Dice, config: &Config, agent: AgentId, round: u32) -> Submiss
     }
 }
 
-/// Some act for a seat.
+/// A random act for a seat.
 pub(crate) fn act(dice: &mut Dice, config: &Config, agent: AgentId, round: u32) -> Submission {
     let actions = Action::of_task(config.task());
     let action = actions[dice.below(actions.len())];
@@ -270,7 +270,7 @@ fn submission(round: u32, act: Act) -> Submission {
     Submission { round, decision: Decision::of_player(act) }
 }
 
-/// The same act once more, told with other circumstances.
+/// The same act again, with other circumstances.
 pub(crate) fn again(dice: &mut Dice, sent: &Submission) -> Submission {
     let mut again = sent.clone();
     match dice.below(3) {
@@ -281,16 +281,16 @@ pub(crate) fn again(dice: &mut Dice, sent: &Submission) -> Submission {
     again
 }
 
-/// What clocks the episodes of a run have.
+/// The clocks of a run's episodes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Times {
     /// Whether rounds have deadlines: never, sometimes or always.
     pub(crate) clocked: usize,
-    /// Whether episodes that have none are abandoned after 30 seconds, not hours.
+    /// Whether episodes without deadlines are abandoned after 30 seconds, not hours.
     pub(crate) short_idle: bool,
 }
 
-/// Some small episode.
+/// A random small episode.
 pub(crate) fn spec(dice: &mut Dice, times: Times, now: Timestamp) -> Spec {
     let rehearsed = dice.below(10) == 0;
     let settings = |dice: &mut Dice| if rehearsed { REHEARSED.0.clone() } else { settings(dice) };
@@ -304,7 +304,7 @@ pub(crate) fn spec(dice: &mut Dice, times: Times, now: Timestamp) -> Spec {
     let open = if mixed { 1 + u16::try_from(dice.below(seats.into())).expect("few") } else { 0 };
     let fill_after = (mixed && dice.below(2) == 0)
         .then(|| Duration::from_millis([0, 700, 6_000][dice.below(3)]));
-    // The one that draws: what it does shows whether it remembers.
+    // `random` draws its acts, so they reveal whether it remembers its draws.
     let player = (open < seats && dice.below(5) == 0).then(|| "random".to_owned());
     let closes_ms = [20, 3_000, 60_000, 1_500_000][dice.below(4)];
     let closes_at = (dice.below(4) == 0).then(|| after(now, Duration::from_millis(closes_ms)));

@@ -1,4 +1,4 @@
-//! Runs tasks on one thread. It never chooses: its driver says which task is polled next.
+//! An executor of tasks on one thread. It makes no choice: its driver says which task is polled next.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::pin::Pin;
@@ -11,7 +11,7 @@ use swarmbench::episode::actor::Spawn;
 
 use crate::simulation::database::Incarnation;
 
-/// The number of a task; they are counted in the order in which they were started.
+/// The number of a task, in the order of starts.
 pub(crate) type TaskId = u64;
 
 /// All tasks of a run.
@@ -19,28 +19,28 @@ pub(crate) type TaskId = u64;
 pub(crate) struct Executor {
     tasks: BTreeMap<TaskId, Task>,
     started: TaskId,
-    /// What tasks have started, not yet taken in.
+    /// Started tasks that are not yet in `tasks`.
     spawned: Arc<Mutex<Vec<Started>>>,
-    /// Servers that are stopped: none of their tasks runs.
+    /// Stopped servers, whose tasks do not run.
     stopped: BTreeSet<Incarnation>,
 }
 
-/// A task that was started, and the server of which it is.
+/// A started task, and its server.
 type Started = (Incarnation, BoxFuture<'static, ()>);
 
-/// In the place of a server: the clients.
+/// The owner of clients' tasks, in place of a server.
 pub(crate) const CLIENTS: Incarnation = 0;
 
 struct Task {
     future: BoxFuture<'static, ()>,
-    /// The server of which it is.
+    /// Its server.
     server: Incarnation,
-    /// Whether it goes on as long as its server does.
+    /// Whether it runs as long as its server does.
     is_lasting: bool,
     woken: Arc<Woken>,
 }
 
-/// Whether a task has something to do.
+/// Whether a task is woken.
 struct Woken(AtomicBool);
 
 impl Wake for Woken {
@@ -50,13 +50,13 @@ impl Wake for Woken {
 }
 
 impl Executor {
-    /// What starts tasks of a server here.
+    /// A handle that starts tasks of a server.
     pub(crate) fn spawner(&self, server: Incarnation) -> Spawn {
         let spawned = Arc::clone(&self.spawned);
         Arc::new(move |future| spawned.lock().expect("one thread").push((server, future)))
     }
 
-    /// Starts a task; it runs when it is first chosen.
+    /// Starts a task, which first runs when it is chosen.
     pub(crate) fn spawn(&mut self, server: Incarnation, future: BoxFuture<'static, ()>) -> TaskId {
         self.started += 1;
         let woken = Arc::new(Woken(AtomicBool::new(true)));
@@ -64,7 +64,7 @@ impl Executor {
         self.started
     }
 
-    /// Starts a task that goes on as long as its server does.
+    /// Starts a task that runs as long as its server does.
     pub(crate) fn spawn_lasting(&mut self, server: Incarnation, future: BoxFuture<'static, ()>) {
         let task = self.spawn(server, future);
         if let Some(task) = self.tasks.get_mut(&task) {
@@ -72,7 +72,7 @@ impl Executor {
         }
     }
 
-    /// The tasks that have something to do and may run, in order of their numbers.
+    /// The woken tasks of running servers, in the order of their numbers.
     pub(crate) fn runnable(&mut self) -> Vec<TaskId> {
         let spawned = std::mem::take(&mut *self.spawned.lock().expect("one thread"));
         for (server, future) in spawned {
@@ -84,12 +84,12 @@ impl Executor {
         self.tasks.iter().filter(|(_, task)| runs(task)).map(|(&id, _)| id).collect()
     }
 
-    /// Stops a server where it stands: its tasks wait, and so does what wakes them.
+    /// Stops a server abruptly: its tasks do not run, but their wakes are remembered.
     pub(crate) fn stop(&mut self, server: Incarnation) {
         self.stopped.insert(server);
     }
 
-    /// Lets a server go on.
+    /// Resumes a server.
     pub(crate) fn go_on(&mut self, server: Incarnation) {
         self.stopped.remove(&server);
     }
@@ -98,7 +98,7 @@ impl Executor {
         self.stopped.contains(&server)
     }
 
-    /// Polls a task until it waits; whether it has ended.
+    /// Polls a task until it waits; returns whether it has ended.
     pub(crate) fn poll(&mut self, id: TaskId) -> bool {
         let Some(task) = self.tasks.get_mut(&id) else { return true };
         task.woken.0.store(false, Ordering::Relaxed);
@@ -110,7 +110,7 @@ impl Executor {
         ended
     }
 
-    /// Ends a task where it stands.
+    /// Drops a task.
     pub(crate) fn drop_task(&mut self, id: TaskId) {
         self.tasks.remove(&id);
     }
@@ -120,12 +120,12 @@ impl Executor {
         self.tasks.contains_key(&id)
     }
 
-    /// How many tasks have not ended that should end some time.
+    /// The number of unfinished tasks that should end at some time.
     pub(crate) fn len(&self) -> usize {
         self.tasks.values().filter(|task| !task.is_lasting).count()
     }
 
-    /// Ends all tasks of a server where they stand.
+    /// Drops all tasks of a server.
     pub(crate) fn crash(&mut self, server: Incarnation) {
         self.stopped.remove(&server);
         let (lost, kept) = std::mem::take(&mut self.tasks)

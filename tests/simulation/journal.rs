@@ -1,5 +1,5 @@
-//! The journal of a server, in memory. Nothing becomes durable, and no result is delivered, before the run says so: a crash
-//! can come between any two of these.
+//! A server's journal in memory. The run decides when a job becomes durable and when its result is delivered, so a
+//! crash can come between any two of these steps.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -19,49 +19,50 @@ use crate::simulation::broken::Flaw;
 use crate::simulation::database::{Database, Incarnation, Tables, record};
 use crate::simulation::executor::pause;
 
-/// Keeps entries in the order in which they were handed over, all of a job or none. It judges nothing:
-/// what should not have been handed over is for the checker to find. It refuses single jobs when the run says
-/// so, and then, as the writer does, all later ones of that episode until it was recovered.
+/// A journal that stores entries in the order of submission, all entries of a job or none. It judges nothing: the
+/// checker finds jobs that should not have been submitted. It refuses single jobs when the run says so, and then,
+/// like the writer, all later jobs of that episode until it is recovered.
 ///
-/// Where several servers share the database, each has one of these, which keeps nothing any more once that server was excluded.
+/// Each of several servers that share the database has its own journal, which stores nothing any more once that
+/// server is excluded.
 pub(crate) struct MemoryJournal {
     flaw: Option<Flaw>,
     pauses_max: usize,
     incarnation: Incarnation,
     database: Arc<Database>,
-    /// Whether other servers use the database, too.
+    /// Whether other servers also use the database.
     is_shared: bool,
-    /// Held by whoever takes places or gives them back, one after the other: the connection for that.
+    /// A lock that serializes takes and releases of places, like the server's one connection for them.
     takes: tokio::sync::Mutex<()>,
     state: Mutex<State>,
 }
 
 struct State {
-    /// What a failed commit left on the disk all the same: it is found after a restart.
+    /// Entries that a failed commit left on the disk all the same, which a restart finds.
     limbo: Vec<Entry>,
     /// Jobs that are not durable yet.
     queue: VecDeque<Job>,
-    /// How many of them have passed the fence before they are written, where that is the flaw.
+    /// The number of queued jobs that passed the fence before they are written; only with that flaw.
     passed: usize,
-    /// Jobs that are, of which nobody was told.
+    /// Processed jobs whose results are not delivered yet.
     telling: VecDeque<(Job, Result<(), Lost>)>,
-    /// What was handed over since somebody asked.
+    /// Entries submitted since the last `take_handed`.
     handed: Vec<Vec<Entry>>,
     has_failed: bool,
-    /// Episodes of which a job was refused and that were not recovered since.
+    /// Episodes with a refused job that were not recovered since.
     broken: BTreeSet<EpisodeKey>,
-    /// What it may have taken and does not continue yet.
+    /// Places that may have been taken and are not continued yet.
     taken: BTreeSet<Place>,
-    /// What this server plays, as far as it knows.
+    /// The places of this server, as far as it knows.
     places: BTreeMap<Place, Holding>,
     dice: Dice,
 }
 
-/// What a server does with a place that it has.
+/// The state of an owned place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Holding {
     Has,
-    /// It is about to give it back: nothing is begun there any more.
+    /// The place is about to be given back: nothing begins there any more.
     Leaves,
 }
 
@@ -70,18 +71,18 @@ struct Job {
     committed: Committed,
 }
 
-/// A job of which the one who handed it over was told now.
+/// A job whose result was just delivered.
 pub(crate) struct JobResult {
     pub(crate) entries: Vec<Entry>,
     pub(crate) result: Result<(), Lost>,
 }
 
-/// Why a job was not kept.
+/// A reason why a job was not stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Lost {
-    /// Its commit failed, or an earlier one.
+    /// The commit of the job, or an earlier commit, failed.
     Failed,
-    /// It was refused, or an earlier one of its episode.
+    /// The job, or an earlier job of its episode, was refused.
     Refused,
 }
 
@@ -95,7 +96,7 @@ impl From<Lost> for StoreError {
 }
 
 impl MemoryJournal {
-    /// The journal of a server; a read lets others go first up to `pauses_max` times, before and after.
+    /// Creates the journal of a server. A read yields up to `pauses_max` times, before and after.
     pub(crate) fn new(
         seed: u64,
         pauses_max: usize,
@@ -135,34 +136,34 @@ impl MemoryJournal {
         self.state.lock().expect("one thread")
     }
 
-    /// What was handed over since this was last asked, by job.
+    /// Jobs submitted since the last call.
     pub(crate) fn take_handed(&self) -> Vec<Vec<Entry>> {
         std::mem::take(&mut self.state().handed)
     }
 
-    /// How many jobs wait to be durable. The next group begins when all results of the one before are delivered.
+    /// The number of jobs that wait to become durable. The next group begins after all results of the last one are
+    /// delivered.
     pub(crate) fn queued(&self) -> usize {
         let state = self.state();
         if state.telling.is_empty() { state.queue.len() } else { 0 }
     }
 
-    /// How many jobs are to be told.
+    /// The number of jobs whose results are not delivered.
     pub(crate) fn untold(&self) -> usize {
         self.state().telling.len()
     }
 
-    /// Whether a commit failed since the start.
+    /// Whether a commit has failed since the start.
     pub(crate) fn has_failed(&self) -> bool {
         self.state().has_failed
     }
 
-    /// Makes the first jobs of the queue durable, all of them or none; returns what is durable now
-    /// and was not before.
+    /// Makes the first jobs of the queue durable, all of them or none; returns the newly durable entries.
     pub(crate) fn commit(&self, jobs: usize) -> Vec<Entry> {
         let mut state = self.state();
         let mut tables = self.database.tables();
         let mut jobs = jobs;
-        // What only waits does not reach the database.
+        // Jobs without entries do not reach the database.
         let writes = state.queue.iter().take(jobs).any(|job| !job.entries.is_empty());
         if self.is_shared && writes {
             let is_excluded = !tables.knows(self.incarnation);
@@ -201,7 +202,7 @@ impl MemoryJournal {
         kept
     }
 
-    /// Writes entries, and that this server plays what it has created.
+    /// Writes entries, and takes the places that they create for this server.
     fn write(&self, tables: &mut Tables, entries: &[Entry]) {
         for place in entries.iter().filter_map(taken_by).filter(|_| self.is_shared) {
             tables.take(place, self.incarnation);
@@ -209,8 +210,9 @@ impl MemoryJournal {
         tables.durable.extend(entries.iter().cloned());
     }
 
-    /// Fails to commit the first jobs of the queue. What they held may be on the disk all the same: there one server alone
-    /// finds it only after a restart, and others see it at once. Returns what they see.
+    /// Fails to commit the first jobs of the queue. Their entries may be on the disk all the same: a server of its
+    /// own finds them only after a restart, whereas others of several see them at once. Returns the entries that
+    /// others see.
     pub(crate) fn fail(&self, jobs: usize, is_on_disk: bool) -> Vec<Entry> {
         let mut state = self.state();
         let mut tables = self.database.tables();
@@ -230,33 +232,33 @@ impl MemoryJournal {
         seen
     }
 
-    /// Nothing is kept any more, as others have taken the work of this server over.
+    /// Stores nothing any more, as others have taken over the work of this server.
     pub(crate) fn set_excluded(&self) {
         self.state().has_failed = true;
     }
 
-    /// Whether the first job of the queue holds anything that could be refused.
+    /// Whether the first job of the queue has entries to refuse.
     pub(crate) fn can_refuse(&self) -> bool {
         let state = self.state();
         state.telling.is_empty() && state.queue.front().is_some_and(|job| !job.entries.is_empty())
     }
 
-    /// Refuses the first job of the queue, and no other.
+    /// Refuses only the first job of the queue.
     pub(crate) fn refuse(&self) {
         let mut state = self.state();
         let Some(job) = state.queue.pop_front() else { return };
-        // Nothing comes after an opening before it was kept.
+        // No job of an episode comes before its opening is stored.
         if !job.entries.iter().any(|entry| matches!(entry, Entry::Open(_))) {
             state.broken.extend(job.entries.iter().filter_map(Entry::chain));
         }
         state.telling.push_back((job, Err(Lost::Refused)));
     }
 
-    /// Delivers the result of the oldest job whose result is not delivered.
+    /// Delivers the oldest undelivered result.
     pub(crate) fn next_result(&self) -> Option<JobResult> {
         let (job, result) = self.state().telling.pop_front()?;
         if self.flaw == Some(Flaw::ForgetsToTell) && self.state().dice.below(20) == 0 {
-            // It will never be called, and never dropped.
+            // The callback is neither called nor dropped.
             std::mem::forget(job.committed);
             return None;
         }
@@ -268,7 +270,7 @@ impl MemoryJournal {
         Some(JobResult { entries: job.entries, result })
     }
 
-    /// What is lost is lost; returns what was on the disk though nobody knew.
+    /// Loses all that is not durable; returns entries that were on the disk without anybody's knowledge.
     pub(crate) fn crash(&self) -> Vec<Entry> {
         let mut state = self.state();
         let mut found = std::mem::take(&mut state.limbo);
@@ -283,12 +285,12 @@ impl MemoryJournal {
         let lost = (std::mem::take(&mut state.queue), std::mem::take(&mut state.telling));
         state.handed.clear();
         drop(state);
-        // The remaining waiters of these notice the drop, without a lock.
+        // The waiters of these jobs notice the drop, so the lock must be free.
         drop(lost);
         found
     }
 
-    /// Does something with what is durable: others may go first before it, and before the caller continues.
+    /// Accesses the database. Other tasks may run before it, and before the caller continues.
     pub(crate) async fn at_database<T>(&self, work: impl FnOnce(&mut Tables) -> T) -> T {
         let (before, after) = {
             let dice = &mut self.state().dice;
@@ -300,7 +302,7 @@ impl MemoryJournal {
         done
     }
 
-    /// What is durable at this moment.
+    /// Reads the durable data at once.
     pub(crate) fn with_tables<T>(&self, look: impl FnOnce(&Tables) -> T) -> T {
         look(&self.database.tables())
     }
@@ -309,19 +311,19 @@ impl MemoryJournal {
         self.at_database(|tables| look(tables)).await
     }
 
-    // ---- places, of one of several servers
+    // ---- places of one of several servers
 
-    /// What this server has, or is about to give back.
+    /// The places of this server, those about to be given back included.
     pub(crate) fn places(&self) -> Vec<Place> {
         self.state().places.keys().copied().collect()
     }
 
-    /// Whether this server has a place, and keeps it.
+    /// Whether this server owns a place and keeps it.
     pub(crate) fn plays_at(&self, place: Place) -> bool {
         self.state().places.get(&place) == Some(&Holding::Has)
     }
 
-    /// Changes what is durable of places, and then what this server knows of them. The next change comes after both.
+    /// Changes the places in the database, and then this server's knowledge of them. The next change waits for both.
     async fn change_places<T>(
         &self,
         change: impl FnOnce(&mut Tables) -> T,
@@ -333,18 +335,19 @@ impl MemoryJournal {
         done
     }
 
-    /// What may have been taken since this was last asked.
+    /// Places that may have been taken since the last call.
     pub(crate) fn take_taken(&self) -> BTreeSet<Place> {
         std::mem::take(&mut self.state().taken)
     }
 
-    /// Takes a place that nobody has: who has it now. All that is unfinished there is to be continued, also if the caller is gone.
+    /// Takes a place without an owner; returns the owner. All unfinished games there will be continued, even if the
+    /// caller is gone.
     pub(crate) async fn take_place(&self, place: Place) -> Result<Incarnation, StoreError> {
         self.state().taken.insert(place);
         self.take_noted(place).await
     }
 
-    /// The same for a caller that continues what is there.
+    /// Takes a place like [`MemoryJournal::take_place`], for a caller that continues its games.
     pub(crate) async fn take_noted(&self, place: Place) -> Result<Incarnation, StoreError> {
         let me = self.incarnation;
         let is_old = self.flaw == Some(Flaw::TakesByAnOldView);
@@ -368,7 +371,7 @@ impl MemoryJournal {
         self.change_places(take, note).await.ok_or(StoreError::Failed)
     }
 
-    /// Begins to give a place back; false where this server does not have it.
+    /// Begins to give a place back; returns false if this server does not own it.
     pub(crate) fn leave(&self, place: Place) -> bool {
         let mut state = self.state();
         let held = state.places.get_mut(&place);
@@ -382,13 +385,13 @@ impl MemoryJournal {
         }
     }
 
-    /// Gives back a place that [`MemoryJournal::leave`] has begun to.
+    /// Completes a release that [`MemoryJournal::leave`] has begun.
     pub(crate) async fn release(&self, place: Place) {
         let release = |tables: &mut Tables| tables.release(place, self.incarnation);
         self.change_places(release, |places, ()| places.retain(|held, _| *held != place)).await;
     }
 
-    /// Gives back all places at which everything is over.
+    /// Gives back all places at which everything has ended.
     pub(crate) async fn release_ended(&self) {
         let release = |tables: &mut Tables| tables.release_ended(self.incarnation);
         let note = |places: &mut BTreeMap<Place, Holding>, ended: &Vec<Place>| {
@@ -398,7 +401,7 @@ impl MemoryJournal {
     }
 }
 
-/// The place that an entry takes for the server that writes it.
+/// The place that an entry takes for its writer.
 fn taken_by(entry: &Entry) -> Option<Place> {
     match entry {
         Entry::Open(row) => Some(Place::Game(row.episode)),
@@ -407,7 +410,7 @@ fn taken_by(entry: &Entry) -> Option<Place> {
 }
 
 impl State {
-    /// Whether a job continues the chain of an episode whose chain would have a gap.
+    /// Whether a job continues an episode whose chain would have a gap.
     fn continues_broken(&self, entries: &[Entry]) -> bool {
         entries.iter().filter_map(Entry::chain).any(|episode| self.broken.contains(&episode))
     }
@@ -418,7 +421,7 @@ fn stored(row: &ActRow) -> StoredAct {
     StoredAct { record: record(row), bytes, waiting_for: row.waiting_for }
 }
 
-/// As a replay needs it.
+/// The act without its texts, which is enough for a replay.
 fn without_texts(row: &ActRow) -> StoredAct {
     let mut act = stored(row);
     (act.record.response, act.record.reasoning) = (None, None);

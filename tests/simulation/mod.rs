@@ -1,13 +1,13 @@
-//! The lockstep machine, the actors and the registry under a scheduler that draws every step from a
-//! seed: random orders of arrival, acts again, changed, early and late, clocks, clients that go away,
-//! episodes that leave the memory, commits that fail, entries that are refused, and crashes between any two effects. What must
-//! hold is in [`checker`]; [`broken`] shows that it would be found if it did not.
+//! The lockstep machine, the actors and the registry under a scheduler that draws every step from a seed: random
+//! orders of arrival, repeated, changed, early and late acts, clocks, clients that go away, episodes that are
+//! evicted, commits that fail, entries that are refused, and crashes between any two effects. [`checker`] contains
+//! the invariants; [`broken`] shows that violations of them are found.
 //!
-//! The same for several servers that share a database ([`fleet`]): they fall over, are stopped and go on, leave and come, and
-//! clients ask any of them.
+//! The same runs with several servers that share a database ([`fleet`]): they crash, stop and resume, leave and join,
+//! and clients send requests to any of them.
 //!
-//! The number of seeds is in `SWARMBENCH_SEEDS`, the first in `SWARMBENCH_SEED`, and in `SWARMBENCH_LINES` how many lines of the
-//! trace are shown.
+//! `SWARMBENCH_SEEDS` is the number of seeds, `SWARMBENCH_SEED` the first, and `SWARMBENCH_LINES` the number of lines
+//! of the trace that are shown.
 
 mod broken;
 mod checker;
@@ -26,16 +26,16 @@ use broken::{FLAWS, FLAWS_OF_SEVERAL, Flaw};
 use checker::{Invariant, Stats, Violation};
 use run::{Options, Report, run};
 
-/// Seeds that are played where nobody says how many.
+/// The default number of seeds.
 const SEEDS: u64 = 500;
 
-/// The same of several servers, of which a seed takes longer.
+/// The default number of seeds with several servers, which take longer.
 const SEEDS_OF_SEVERAL: u64 = 150;
 
-/// A flaw is found within this number of seeds.
+/// The number of seeds within which a flaw must be found.
 const SEEDS_OF_A_FLAW: u64 = 200;
 
-/// What the seeds of a test have to reach, all together.
+/// Events that the seeds of a test must reach together.
 const REACHED: [&str; 34] = [
     "episodes",
     "rounds",
@@ -73,7 +73,7 @@ const REACHED: [&str; 34] = [
     "evictions",
 ];
 
-/// The same of several servers.
+/// Events that the seeds with several servers must reach together.
 const REACHED_BY_SEVERAL: [&str; 17] = [
     "episodes",
     "rounds",
@@ -98,7 +98,7 @@ fn number(name: &str, default: u64) -> u64 {
     std::env::var(name).map_or(default, |text| text.parse().expect("a whole number"))
 }
 
-/// Says which seed it was, also where the server itself panics.
+/// Names the seed on the console if the run panics, even in the server's code.
 struct Playing(u64);
 
 impl Drop for Playing {
@@ -109,7 +109,7 @@ impl Drop for Playing {
     }
 }
 
-/// Draws the options of a run from its seed.
+/// A function that draws the options of a run from its seed.
 type Draw = fn(u64, Option<Flaw>) -> Options;
 
 fn play(draw: Draw, seed: u64, flaw: Option<Flaw>) -> Report {
@@ -119,7 +119,7 @@ fn play(draw: Draw, seed: u64, flaw: Option<Flaw>) -> Report {
     report
 }
 
-/// Plays seeds on all cores; `each` is called for every run.
+/// Runs seeds on all cores, and calls `each` for every run.
 fn play_all(draw: Draw, seeds: std::ops::Range<u64>, each: impl Fn(Report) + Sync) {
     let next = AtomicU64::new(seeds.start);
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
@@ -177,7 +177,7 @@ fn find_no_fault(draw: Draw, seeds: u64, reached: &[&str]) {
         }
         panic!("{} of {count} seeds found a fault, first this:\n{}", broken.len(), report.text());
     }
-    // A few seeds, which somebody looks into, need not reach everything.
+    // A few seeds, chosen for an investigation, need not reach everything.
     if count >= seeds {
         let missed: Vec<_> = reached.iter().filter(|what| !stats.0.contains_key(*what)).collect();
         assert!(missed.is_empty(), "never reached: {missed:?}");
@@ -195,7 +195,7 @@ fn the_same_seed_gives_the_same_bytes() {
             assert_ne!(one.bytes, next.bytes, "seeds {seed} and the next");
         }
     }
-    // Where chance does not come from the seed alone, this test sees it.
+    // This test must notice randomness that does not come from the seed alone.
     let other_chance = || play(Options::draw, 0, Some(Flaw::OtherChance)).bytes;
     assert_ne!(other_chance(), other_chance());
 }

@@ -1,4 +1,4 @@
-//! One run: which step is next, drawn from the seed alone.
+//! A run, whose next step is always drawn from the seed alone.
 
 mod end;
 mod requests;
@@ -37,74 +37,74 @@ use crate::simulation::journal::MemoryJournal;
 use crate::simulation::number;
 use crate::simulation::time::{ServerClock, SimClock};
 
-/// More steps than any run takes.
+/// An upper bound of the steps of a run.
 const STEPS_MAX: usize = 20_000;
 
-/// No game has more rounds.
+/// The maximum number of rounds of a game.
 pub(crate) const ROUNDS_MAX: i64 = 20;
 
-/// No database has more servers.
+/// The maximum number of servers of a database.
 pub(crate) const SERVERS_MAX: usize = 3;
 
-/// How a fault begins in a trace.
+/// The beginning of a fault in a trace.
 const FAULT: &str = "does not hold: ";
 
-/// Lines of a trace that are shown before a fault, where nobody says how many.
+/// The default number of lines of a trace shown before a fault.
 const LINES: u64 = 150;
 
 /// Longer than an idle episode stays in memory.
 const UNUSED: Duration = Duration::from_secs(5 * 60 + 1);
 
-/// What a run is, drawn from its seed: not everything happens in every run, so that what happens
-/// rarely is not always drowned by what happens often.
+/// The options of a run, drawn from its seed. No run contains everything, so that frequent events do not always drown
+/// rare ones.
 #[derive(Clone, Debug)]
 pub(crate) struct Options {
     pub(crate) seed: u64,
-    /// Episodes that clients create, at most.
+    /// Maximum number of episodes that clients create.
     episodes: usize,
-    /// Requests that clients send before the end.
+    /// Number of requests that clients send before the end.
     requests: usize,
-    /// Requests that wait at once, at most.
+    /// Maximum number of requests in flight.
     pending: usize,
     times: Times,
-    /// Whether the time ever moves by minutes, so that episodes leave the memory.
+    /// Whether time ever moves by minutes, so that episodes are evicted.
     long_waits: bool,
     crashes: usize,
     failures: usize,
-    /// Jobs that the journal refuses though it keeps the others.
+    /// Number of single jobs that the journal refuses.
     refusals: usize,
-    /// How often clients go away.
+    /// The weight of clients that go away.
     drops: usize,
     aborts: bool,
     /// Whether acts are sent again, changed, too late and too early.
     strays: usize,
-    /// Jobs of a commit, at most.
+    /// Maximum number of jobs of a commit.
     group: usize,
-    /// How often a read of the journal lets others go first, at most, before and after.
+    /// Maximum number of times that a read of the journal yields, before and after.
     pauses: usize,
     caps: Caps,
-    /// How much more often than anything else a task is polled.
+    /// The weight of polls, relative to other steps.
     haste: usize,
-    /// Whether the run ends idle: no requests, and time passes.
+    /// Whether the run ends in silence: no requests, and time passes.
     silence: bool,
-    /// Servers that share the database; none where one has it alone.
+    /// Number of servers that share the database; 0 for a server alone.
     servers: usize,
-    /// How often one of them is stopped where it stands, to go on later.
+    /// Maximum number of abrupt stops of one of them.
     stops: usize,
-    /// How often one of them leaves.
+    /// Maximum number of times that one of them leaves.
     leaves: usize,
-    /// How far the own clock of each is off.
+    /// The errors of the servers' own clocks, in seconds.
     off_s: [i64; SERVERS_MAX],
     flaw: Option<Flaw>,
 }
 
 impl Options {
-    /// The options that belong to a seed.
+    /// Draws the options of a seed.
     pub(crate) fn draw(seed: u64, flaw: Option<Flaw>) -> Self {
         let mut dice = Dice(seed);
         let mut below = |n: usize| dice.below(n);
         let caps = Caps {
-            // All clients share one key, and so have half of the episodes.
+            // All clients share one key, which gets half of the episodes.
             episodes_unfinished_max: [4, 200][below(2)],
             episodes_per_key_max: [1, 100][below(2)],
             journal_bytes_per_episode_max: [4_000, 1 << 30][below(2)],
@@ -140,7 +140,7 @@ impl Options {
         options
     }
 
-    /// The options that belong to a seed where several servers share the database.
+    /// Draws the options of a seed whose servers share the database.
     pub(crate) fn draw_several(seed: u64, flaw: Option<Flaw>) -> Self {
         let mut options = Self::draw(seed, flaw);
         let mut dice = Dice(seed.rotate_left(17));
@@ -150,28 +150,28 @@ impl Options {
         options.pauses = 1 + below(3);
         options.leaves = [0, 0, 1, 2][below(4)];
         options.off_s = std::array::from_fn(|_| [-8, -4, 0, 4, 8][below(5)]);
-        // What has no clock is given up when it is idle.
+        // Games without a clock are given up when they are idle.
         options.long_waits = true;
         options
     }
 }
 
-/// What a run came to.
+/// The result of a run.
 pub(crate) struct Report {
     pub(crate) options: Options,
     pub(crate) violations: Vec<Violation>,
     pub(crate) stats: Stats,
-    /// Everything that happened, a line each.
+    /// All events, a line each.
     pub(crate) trace: Vec<String>,
-    /// The hash of the trace and of all that was on the disk.
+    /// The hash of the trace and of all entries on the disk.
     pub(crate) bytes: [u8; 32],
 }
 
 impl Report {
-    /// What somebody needs who is to find out why.
+    /// A description for debugging.
     pub(crate) fn text(&self) -> String {
         let mut text = format!("{:#?}\n", self.options);
-        // What led to the first fault; what came after it may follow from it.
+        // The events before the first fault; later ones may follow from it.
         let is_fault = |line: &String| line.starts_with(FAULT);
         let last = self.trace.iter().position(is_fault).map_or(self.trace.len(), |at| at + 1);
         let lines = usize::try_from(number("SWARMBENCH_LINES", LINES)).expect("some");
@@ -194,35 +194,35 @@ impl Report {
 /// A step of a run.
 #[derive(Clone, Copy, Debug)]
 enum Step {
-    /// A task is polled.
+    /// Polls a task.
     Poll,
-    /// Jobs become durable.
+    /// Makes jobs durable.
     Commit,
-    /// The result of a job is delivered.
+    /// Delivers the result of a job.
     Tell,
-    /// Time passes.
+    /// Lets time pass.
     Pass,
-    /// A client sends a request.
+    /// Sends a request of a client.
     Ask,
-    /// A client goes away.
+    /// Drops a client.
     Leave,
-    /// The server sweeps idle episodes.
+    /// Sweeps idle episodes of the server.
     Sweep,
-    /// A commit fails.
+    /// Fails a commit.
     Fail,
-    /// The journal refuses a job.
+    /// Refuses a job.
     Refuse,
-    /// The server falls over and is started again; one of several is started later.
+    /// Crashes the server and starts it again; one of several is started later.
     Crash,
-    /// One of several servers is stopped where it stands.
+    /// Stops one of several servers abruptly.
     Stop,
-    /// It goes on.
+    /// Resumes a stopped server.
     GoOn,
-    /// It accepts no more requests, to leave when all that it has to write is durable.
+    /// Lets a server accept no more requests; it leaves as soon as all its jobs are durable.
     Shut,
-    /// It leaves.
+    /// Lets a shut server leave.
     Quit,
-    /// One that is not there is started.
+    /// Starts an absent server.
     Start,
 }
 
@@ -232,16 +232,16 @@ struct Run {
     executor: Executor,
     database: Arc<Database>,
     clock: Arc<SimClock>,
-    /// One server, or two where that is the flaw; or those of several that are there.
+    /// One server, or two with that flaw, or the present ones of several.
     servers: Vec<Server>,
-    /// The slots of servers that are not there.
+    /// The slots of absent servers.
     down: Vec<i16>,
-    /// How several servers reach each other.
+    /// The network among several servers.
     net: Arc<Net>,
     desk: Desk,
     checker: Checker,
     pending: BTreeMap<RequestId, TaskId>,
-    /// Acts that were sent, to be sent again.
+    /// Acts that were sent, and may be sent again.
     acts: Vec<(EpisodeId, Acts)>,
     asked: RequestId,
     created: usize,
@@ -250,12 +250,12 @@ struct Run {
     refusals: usize,
     stops: usize,
     leaves: usize,
-    /// Whether nothing goes wrong any more.
+    /// Whether no more faults are injected.
     is_calm: bool,
-    /// Servers that the database knows, as they were seen last.
+    /// The registered servers, as last seen.
     known: Vec<Incarnation>,
     trace: Vec<String>,
-    /// How many faults are in the trace.
+    /// The number of faults in the trace.
     faults: usize,
 }
 
@@ -263,12 +263,12 @@ struct Server {
     incarnation: Incarnation,
     journal: Arc<MemoryJournal>,
     registry: Registry,
-    /// Its part among several.
+    /// The server's part in the cluster, if there are several servers.
     node: Option<Arc<Node>>,
     slot: i16,
-    /// Whether a commit is on its way to the database though the server is stopped.
+    /// Whether a commit is on its way to the database although the server is stopped.
     is_sent: bool,
-    /// Episodes of which the server plays seats.
+    /// Episodes with seats that the server plays.
     hosted: UnboundedReceiver<Handle>,
     quotas: Arc<Quotas>,
     sweep: Option<TaskId>,
@@ -325,7 +325,7 @@ impl Run {
         self.trace.push(line);
     }
 
-    /// Writes down what was found since the last line.
+    /// Writes faults found since the last line into the trace.
     fn note_faults(&mut self) {
         for Violation { invariant, what } in &self.checker.violations[self.faults..] {
             self.trace.push(format!("{FAULT}{invariant:?}: {what}"));
@@ -337,12 +337,12 @@ impl Run {
         self.options.servers > 0
     }
 
-    /// Starts the server over what is durable, as [`swarmbench::server`] does. Its journal outlives it.
+    /// Starts the server over the durable entries, like [`swarmbench::server`]. Its journal outlives it.
     fn start(&mut self, journal: Option<Arc<MemoryJournal>>) {
         let journal = journal.unwrap_or_else(|| Arc::new(self.journal(0, 1)));
         let count = if self.options.flaw == Some(Flaw::TwoServers) { 2 } else { 1 };
         for place in 0..count {
-            // Each counts its episodes from the newest, and some more, on.
+            // Each server numbers its episodes from the newest one, plus a distance.
             let keys = Numbers::after(self.database.tables().last_key() + 100 * place);
             let server = self.server(0, Arc::clone(&journal), keys);
             let recovery = server.registry.clone();
@@ -400,7 +400,7 @@ impl Run {
         }
     }
 
-    /// One of some servers; only where there are several it is drawn.
+    /// Draws one of some servers; a single one needs no draw.
     fn one_of(&mut self, places: &[usize]) -> Option<usize> {
         match places {
             [] => None,
@@ -409,7 +409,7 @@ impl Run {
         }
     }
 
-    /// The servers of which this is true.
+    /// The indices of servers with a property.
     fn that(&self, is_it: impl Fn(&Server) -> bool) -> Vec<usize> {
         let places = self.servers.iter().enumerate();
         places.filter(|(_, server)| is_it(server)).map(|(place, _)| place).collect()
@@ -419,12 +419,12 @@ impl Run {
         !self.executor.is_stopped(server.incarnation)
     }
 
-    /// Servers of which a commit may become durable now.
+    /// Servers with a commit that may become durable now.
     fn writing(&self) -> Vec<usize> {
         self.that(|server| server.journal.queued() > 0 && (self.runs(server) || server.is_sent))
     }
 
-    /// Servers that wait for the result of a commit.
+    /// Servers with an undelivered result.
     fn untold(&self) -> Vec<usize> {
         self.that(|server| server.journal.untold() > 0 && self.runs(server))
     }
@@ -455,7 +455,7 @@ impl Run {
         })
     }
 
-    /// Servers to which nothing happens now.
+    /// Servers that are neither stopped, failed nor leaving.
     fn well(&self) -> Vec<usize> {
         self.that(|server| {
             self.runs(server)
@@ -464,7 +464,7 @@ impl Run {
         })
     }
 
-    /// All steps that are drawn.
+    /// Performs all drawn steps.
     fn play(&mut self) {
         let mut steps = 0;
         let requests = RequestId::try_from(self.options.requests).expect("a few");
@@ -481,7 +481,7 @@ impl Run {
         self.checker.stats.count("steps", steps);
     }
 
-    /// Draws a step from those that are possible.
+    /// Draws one of the possible steps.
     fn choose(&mut self) -> Step {
         let options = &self.options;
         let runnable = !self.executor.runnable().is_empty();
@@ -637,7 +637,7 @@ impl Run {
         self.look();
     }
 
-    /// Entries are durable now.
+    /// Reports durable entries to the trace and the checker.
     fn kept(&mut self, journal: &MemoryJournal, kept: &[Entry]) {
         for entry in kept {
             self.note(format!("  {}", line(entry)));
@@ -648,7 +648,7 @@ impl Run {
         }
     }
 
-    /// Which server it is, in a trace.
+    /// Names a server in a trace.
     fn of(&self, incarnation: Incarnation) -> String {
         if self.is_shared() { format!(" of server {incarnation}") } else { String::new() }
     }
@@ -663,7 +663,7 @@ impl Run {
         self.look();
     }
 
-    /// How long nothing happens: often to the millisecond until somebody wakes.
+    /// Draws how much time passes: often to the exact millisecond of the next waking, or one beside it.
     fn time(&mut self) -> Duration {
         let awaited: Vec<_> = self.clock.awaited();
         let hour = Duration::from_hours(1);
@@ -742,7 +742,7 @@ impl Run {
         }
     }
 
-    /// Takes what the step has led to.
+    /// Collects the effects of a step.
     fn look(&mut self) {
         self.host();
         for place in 0..self.servers.len() {
@@ -751,7 +751,7 @@ impl Run {
                 for entry in &entries {
                     self.note(format!("  handed over{}: {}", self.of(server), line(entry)));
                 }
-                // What an excluded server decides never happens.
+                // Decisions of an excluded server never take effect.
                 if !self.is_shared() || self.database.tables().knows(server) {
                     self.checker.handed(server, &entries);
                 }

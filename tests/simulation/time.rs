@@ -1,4 +1,4 @@
-//! The time of a run: it stands still, but for the steps that move it.
+//! The time of a run, which moves only by steps.
 
 use std::collections::BTreeSet;
 use std::pin::Pin;
@@ -11,7 +11,7 @@ use swarmbench_clock::{Clock, ManualClock, after, until};
 
 use crate::simulation::broken::Flaw;
 
-/// A manual clock that knows for what moments somebody waits.
+/// A manual clock that knows the moments that tasks wait for.
 pub(crate) struct SimClock {
     time: ManualClock,
     awaited: Mutex<BTreeSet<Timestamp>>,
@@ -22,14 +22,14 @@ impl SimClock {
         Self { time: ManualClock::new(start), awaited: Mutex::default() }
     }
 
-    /// Moves the time on.
+    /// Advances the time.
     pub(crate) fn advance(&self, by: Duration) {
         self.time.advance(by);
         let now = self.now();
         self.awaited.lock().expect("one thread").retain(|&at| at > now);
     }
 
-    /// The moments to come for which somebody waits, or did.
+    /// The future moments that tasks wait for, or waited for.
     pub(crate) fn awaited(&self) -> Vec<Duration> {
         let now = self.now();
         self.awaited.lock().expect("one thread").iter().map(|&at| until(now, at)).collect()
@@ -49,7 +49,7 @@ impl Clock for SimClock {
     }
 }
 
-/// What the server takes for the time.
+/// The server's clock, with the run's flaw.
 pub(crate) struct ServerClock {
     pub(crate) time: Arc<SimClock>,
     pub(crate) flaw: Option<Flaw>,

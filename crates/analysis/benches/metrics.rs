@@ -1,11 +1,11 @@
-//! How long games take to measure, beside their replay.
+//! The time that it takes to measure a game, without its replay.
 //!
 //! ```sh
 //! cargo bench -p swarmbench-analysis --bench metrics
 //! ```
 //!
-//! `standard` is a game of 12 agents and 100 rounds in which everybody says about 80 characters in each round, half of
-//! the texts new; `large` one of 1,024 agents, 1,000 rounds and 256 × 256 cells.
+//! `standard` is a game of 12 agents and 100 rounds in which every agent says about 80 characters in each round, half
+//! of the texts new; `large` is one of 1,024 agents, 1,000 rounds and 256 × 256 cells.
 
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ use swarmbench_engine::{Act, Action, Config, Message, Settings, TaskName, World}
 
 const PLAIN: Options = Options { series: false, vectors: false, edits: false };
 
-/// A round as a meter takes it.
+/// The arguments of [`Meter::round`].
 struct Round {
     acts: Vec<Act>,
     decisions: Vec<Decision>,
@@ -90,7 +90,7 @@ impl Game {
     }
 }
 
-/// What an agent does in a round: some way or other, and about 80 characters.
+/// An arbitrary act with about 80 characters of text.
 fn act(round: u32, agent: usize) -> Act {
     let place = round as usize * 7 + agent * 13;
     let number = place % 1000 * usize::from(place.is_multiple_of(2));

@@ -2,8 +2,8 @@
 
 use unicode_properties::{GeneralCategory, GeneralCategoryGroup, UnicodeGeneralCategory as _};
 
-/// Characters that the toolkit's language counts as digits beside the decimal ones: superscripts, digits in circles and
-/// the like (Unicode: `Numeric_Type=Digit`). No further characters will get this property.
+/// Characters that Python, the toolkit's language, counts as digits beside the decimal ones: superscripts, digits in
+/// circles and the like (Unicode: `Numeric_Type=Digit`). No further characters will get this property.
 const OTHER_DIGITS: [(char, char); 20] = [
     ('\u{b2}', '\u{b3}'),
     ('\u{b9}', '\u{b9}'),
@@ -27,7 +27,7 @@ const OTHER_DIGITS: [(char, char); 20] = [
     ('\u{1f100}', '\u{1f10a}'),
 ];
 
-/// Whether it is a decimal digit of any script (category Nd).
+/// Whether `c` is a decimal digit of any script (category Nd).
 pub(crate) fn is_digit(c: char) -> bool {
     if c.is_ascii() {
         return c.is_ascii_digit();
@@ -35,12 +35,12 @@ pub(crate) fn is_digit(c: char) -> bool {
     c.general_category() == GeneralCategory::DecimalNumber
 }
 
-/// Whether the toolkit counts it as a digit.
+/// Whether the toolkit counts `c` as a digit.
 pub(crate) fn is_toolkit_digit(c: char) -> bool {
     is_digit(c) || OTHER_DIGITS.iter().any(|&(first, last)| (first..=last).contains(&c))
 }
 
-/// Whether it is a letter (categories L) or a decimal digit.
+/// Whether `c` is a letter (categories L) or a decimal digit.
 pub(crate) fn is_of_token(c: char) -> bool {
     if c.is_ascii() {
         return c.is_ascii_alphanumeric();

@@ -8,25 +8,26 @@ use quick_cache::sync::Cache;
 
 use crate::characters::{is_digit, is_of_token};
 
-/// The embedder `hash-1`: hashed words and parts of words. Without a model, the same on every machine;
-/// `docs/evaluate/metrics.md` defines it.
+/// The embedder `hash-1`: hashed words and parts of words. It needs no model and gives the same vectors on every
+/// machine; `docs/evaluate/metrics.md` defines it.
 ///
-/// Vectors of the last texts are cached.
+/// Vectors of recent texts are cached.
 pub struct Hash1 {
     cache: Cache<Box<str>, Option<Arc<[f64]>>>,
 }
 
 impl Hash1 {
-    /// Its id, which is part of every value that depends on it.
+    /// The id of the embedder, which is part of every value that depends on it.
     pub const ID: &str = "hash-1";
 
     /// Entries of a vector.
     pub const DIMENSIONS: usize = 1024;
 
-    /// How many vectors are kept: 8 MiB.
+    /// Cached vectors: 8 MiB.
     const VECTORS_MAX: usize = 1024;
 
-    /// The vector of a text, of Euclidean length 1; `None` if it has none, then values of its round are undefined.
+    /// The vector of a text, of Euclidean length 1; `None` if its features cancel each other, which leaves the values
+    /// of its round undefined.
     #[must_use]
     pub fn vector(&self, text: &str) -> Option<Arc<[f64]>> {
         if let Some(known) = self.cache.get(text) {
@@ -46,10 +47,10 @@ impl Default for Hash1 {
 
 /// The features of a text.
 struct Features {
-    /// Three characters each, in the bits of one number: sorted, they are in the order of their text.
+    /// Parts of three characters, each packed into one number: the order of the numbers is that of the texts.
     parts: Vec<u64>,
     words: Vec<String>,
-    /// The whole text, where it has neither.
+    /// The whole text, if it has no words.
     whole: Option<String>,
 }
 
@@ -77,7 +78,7 @@ impl Features {
         Self { parts, words, whole }
     }
 
-    /// Adds all features in order of their texts; `None` where they cancel each other.
+    /// Adds all features in the order of their texts; `None` if they cancel each other.
     fn vector(&self) -> Option<Arc<[f64]>> {
         let mut vector = vec![0.0; Hash1::DIMENSIONS];
         let mut feature = String::new();
@@ -115,13 +116,13 @@ fn weight(count: usize) -> f64 {
     1.0 + count.ln()
 }
 
-/// A character of three that were packed, counted from the last.
+/// One of the three characters of a packed part, counted from the last.
 fn unpacked(part: u64, place: u32) -> char {
     let code = part >> (place * CHAR_BITS) & ((1 << CHAR_BITS) - 1);
     u32::try_from(code).ok().and_then(char::from_u32).expect("it was packed from characters")
 }
 
-/// A token with each run of digits replaced: protocols that differ in their numbers only are alike.
+/// A token with each run of digits replaced by `#`: protocols that differ only in their numbers are alike.
 fn masked(token: &str) -> String {
     let mut masked = String::with_capacity(token.len());
     for c in token.chars() {

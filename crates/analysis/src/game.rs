@@ -1,15 +1,15 @@
-//! A game, as far as its metrics need it: also games that were imported have all of this.
+//! A game as its metrics need it. Imported games have all of this, too.
 
 use swarmbench_engine::{
     Action, AgentId, AgentState, Body, Control, Delivery, Direction, Kind, Pos, TaskName, World,
 };
 
-/// What is the same in all rounds of a game.
+/// Facts of a game that are the same in all rounds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setup {
     /// The task.
     pub task: TaskName,
-    /// Who may talk to whom.
+    /// The rule for who may talk to whom.
     pub control: Control,
     /// Rows of the map.
     pub height: i32,
@@ -17,9 +17,9 @@ pub struct Setup {
     pub width: i32,
     /// Rows and columns of an agent's window.
     pub view_size: i32,
-    /// How many rounds an agent remembers; `None` where an imported game does not say it.
+    /// Rounds that an agent remembers; `None` if an imported game does not say it.
     pub memory: Option<u32>,
-    /// Cells of the layout on which nothing fixed lies (walls, nest, food).
+    /// Cells of the layout without a fixed object (walls, nest, food).
     pub open_cells: usize,
 }
 
@@ -28,9 +28,9 @@ pub struct Setup {
 pub struct State {
     /// The score so far.
     pub score: f64,
-    /// All agents in order of their numbers.
+    /// All agents in the order of their numbers.
     pub agents: Vec<Agent>,
-    /// Cells of the block (Transport), also those outside the map; empty elsewhere.
+    /// Cells of the block (Transport), those outside the map included; empty in other tasks.
     pub block: Vec<Pos>,
     /// Free neighbours of the prey, 0 to 4 (Pursuit).
     pub prey_freedom: Option<u32>,
@@ -39,35 +39,35 @@ pub struct State {
 /// An agent in a state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Agent {
-    /// Where it is; where it went when it escaped.
+    /// The cell of the agent, or the cell to which it escaped.
     pub at: Pos,
-    /// Whether it is on the map.
+    /// Whether the agent is on the map.
     pub alive: bool,
-    /// Whether its light is on (Synchronization).
+    /// Whether the agent's light is on (Synchronization).
     pub light_on: Option<bool>,
 }
 
-/// What an agent decided in a round. The default is what an agent that has escaped decides.
+/// The decision of an agent in a round. The default is that of an agent that has escaped.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Decision {
     /// The action, if any.
     pub action: Option<Action>,
-    /// The message as it was sent on, if any; never empty.
+    /// The message as it was passed on, if any; never empty.
     pub message: Option<String>,
-    /// False for an answer that could not be read.
+    /// Whether the answer could not be read.
     pub invalid: bool,
-    /// Whether its clock expired.
+    /// Whether the agent's clock expired.
     pub timeout: bool,
-    /// Tokens of the prompt and of the answer together, where they were reported.
+    /// Tokens of prompt and answer together, if reported.
     pub tokens: Option<u64>,
 }
 
 /// A message that was delivered with a state.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Heard {
-    /// Who reads it.
+    /// The agent that reads it.
     pub receiver: AgentId,
-    /// Who sent it; may be the receiver itself (rules `reference`).
+    /// The agent that sent it; under the rules `reference` it may be the receiver.
     pub sender: AgentId,
     /// The round in which it was sent.
     pub sent: u32,
@@ -95,7 +95,7 @@ impl Setup {
         }
     }
 
-    /// How many rows and columns an agent sees on each side.
+    /// Rows and columns that an agent sees on each side.
     pub(crate) const fn reach(&self) -> i32 {
         self.view_size / 2
     }
@@ -130,7 +130,7 @@ impl State {
         }
     }
 
-    /// The agents on the map, with their places in the list.
+    /// The agents on the map, with their indices.
     pub(crate) fn living(&self) -> impl Iterator<Item = (usize, &Agent)> {
         self.agents.iter().enumerate().filter(|(_, agent)| agent.alive)
     }
@@ -149,7 +149,7 @@ impl Heard {
         world.heard().map(own).collect()
     }
 
-    /// Whether the receiver is the sender itself.
+    /// Whether the receiver is the sender.
     pub(crate) fn is_own(&self) -> bool {
         self.receiver == self.sender
     }

@@ -10,8 +10,8 @@ use swarmbench_journal::replay::{Fault, Report, verify_seen};
 use crate::game::{Decision, Heard, Setup, State};
 use crate::meter::{Meter, Metrics, Options};
 
-/// Replays and checks a journal, and measures its game. `progress` is called with how many rounds of how many were
-/// played.
+/// Replays and checks a journal, and measures its game. Calls `progress` with the current round and the maximum
+/// number of rounds.
 ///
 /// # Errors
 /// The first fault of the journal.
@@ -36,9 +36,9 @@ pub fn measure(
     Ok((report, metrics))
 }
 
-/// What the agents of a round decided, in order of their numbers: the default for those without a record.
+/// The decisions of a round in the order of agents; the default for agents without a record.
 ///
-/// The records are of a journal that was checked: agents and actions that the game does not have are left out.
+/// The journal of the records must have been checked: unknown agents and actions are skipped.
 #[must_use]
 pub fn decisions<'a>(
     config: &Config,
@@ -62,7 +62,7 @@ fn decision(config: &Config, act: &ActRecord) -> Decision {
         message: act.message.clone(),
         invalid: !act.valid,
         timeout: act.source == Source::Clock,
-        // Players may report any numbers; a sum that overflows saturates.
+        // Players may report any number, so the sum saturates.
         tokens: tokens.into_iter().flatten().reduce(u64::saturating_add),
     }
 }

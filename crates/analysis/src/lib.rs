@@ -1,11 +1,10 @@
-//! What a swarm did, in numbers: metrics of one game, from the states and acts of its rounds.
+//! Metrics of a swarm: numbers about one game, from the states and acts of its rounds.
 //!
-//! Pure: no files, no clock, no network. A metric of a game depends on that game alone.
-//! [`Meter`] takes a game round by round, [`journal`] reads it from its journal; `docs/evaluate/metrics.md` defines every
-//! metric.
+//! The crate is pure: no files, no clock, no network. A metric of a game depends on that game alone. [`Meter`] takes
+//! a game round by round, [`journal`] reads it from its journal; `docs/evaluate/metrics.md` defines every metric.
 //!
-//! A crate of its own because the server, the command line and figures all measure games, and figures and tables are
-//! made without a server.
+//! The crate is separate because the server, the command line and figures all measure games, and figures and
+//! tables are made without a server.
 
 pub mod game;
 pub mod journal;
@@ -20,5 +19,5 @@ pub use embed::Hash1;
 pub use meter::{Counts, Meter, Metrics, Options};
 pub use metric::{Definition, Metric, RunValue};
 
-/// The revision of all definitions; it is written beside every value. Any change of a value is a new revision.
+/// The revision of all definitions, written beside every value. Any change of a value is a new revision.
 pub const METRICS_REVISION: u32 = 1;

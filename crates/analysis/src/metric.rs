@@ -1,21 +1,21 @@
-//! The names of all metrics, and what is known of each.
+//! The names and properties of all metrics.
 
 use swarmbench_engine::{TaskName, named};
 
 named! {
-    /// Which definition of a metric: the two are never mixed.
+    /// A source of definitions. Values by different definitions are never mixed.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
     pub enum Definition {
-        /// The words of the paper, with their gaps closed.
+        /// The paper's definitions, with their gaps closed.
         #[default]
         Paper = "paper",
-        /// What the scripts of the public toolkit compute, to compare with published figures.
+        /// The computations of the public toolkit's scripts, for comparison with published figures.
         Toolkit = "toolkit",
     }
 }
 
 named! {
-    /// A metric of a game. Its name is that of its column in tables, and its key in JSON.
+    /// A metric of a game. Its name is its column in tables and its key in JSON.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
     pub enum Metric {
         /// Proportion of question sentences.
@@ -38,7 +38,7 @@ named! {
         Polarization = "polarization",
         /// Average moving distance of a round, in cells.
         StepLength = "step_length",
-        /// Exploration rate: how many cells agents stood on.
+        /// Exploration rate: number of cells on which agents stood.
         Explored = "explored",
         /// Local structure preservation count.
         KeptPairs = "kept_pairs",
@@ -64,13 +64,13 @@ named! {
 
         /// Gini coefficient of an agent's four move actions, mean over agents.
         DirectionImbalance = "direction_imbalance",
-        /// The same from 0 to 1.
+        /// `direction_imbalance`, scaled to 0 to 1.
         DirectionImbalanceNorm = "direction_imbalance_norm",
-        /// The same of the counts of all agents together.
+        /// `direction_imbalance` of the summed counts of all agents.
         DirectionImbalancePooled = "direction_imbalance_pooled",
-        /// Connected components of the graph of who sees whom.
+        /// Connected components of the graph of agents that see each other.
         Components = "components",
-        /// The same from 0 (one component) to 1 (every agent alone).
+        /// `components`, scaled from 0 (one component) to 1 (every agent alone).
         ComponentsNorm = "components_norm",
         /// Separation force between neighbours.
         Separation = "separation",
@@ -98,9 +98,9 @@ named! {
         SayDo = "say_do",
         /// Share of messages that repeat one received the round before.
         Echo = "echo",
-        /// Transport: how far the agents in contact with the block push one way.
+        /// Transport: agreement of the directions of agents in contact with the block.
         PushAlignment = "push_alignment",
-        /// Transport: the most agents that pushed the block one way in a round.
+        /// Transport: maximum number of agents that pushed the block one way in a round.
         ForcePeak = "force_peak",
         /// Synchronization: share of the more frequent state of lights.
         LightAgreement = "light_agreement",
@@ -113,7 +113,7 @@ named! {
     }
 }
 
-/// In which panel of the paper's figures a metric is drawn.
+/// A panel of the paper's figures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Panel {
     /// Messages (b).
@@ -124,45 +124,46 @@ pub enum Panel {
     Positions,
 }
 
-/// Whether a metric is about what agents said or what they did.
+/// One of the two groups of metrics that the paper compares.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Block {
-    /// What they said.
+    /// Messages of agents.
     Communication,
-    /// What they did.
+    /// Actions and positions of agents.
     Physical,
 }
 
-/// What is known of a metric, whatever the game.
+/// The properties of a metric, independent of the game.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct About {
-    /// Its name as the paper or this project writes it, for headings.
+    /// The heading, in the words of the paper or of this project.
     pub title: &'static str,
-    /// The panel that shows it in the paper's figures; `None` for a metric that they do not draw. Where
-    /// [`Metric::StepLength`] belongs they draw its sum since the layout, [`Metric::PathLength`].
+    /// The panel of the paper's figures; `None` if they do not draw the metric. In place of [`Metric::StepLength`]
+    /// they draw its sum since the layout, [`Metric::PathLength`].
     pub panel: Option<Panel>,
-    /// By what it is divided where it is drawn.
+    /// The divisor of the drawn value.
     pub divisor: f64,
-    /// One of the two blocks that the paper compares; `None` for a metric that is in neither.
+    /// The block of the paper's comparison; `None` for a metric in neither.
     pub block: Option<Block>,
-    /// Whether it is one of the paper's thirteen.
+    /// Whether the metric is one of the paper's thirteen.
     pub of_paper: bool,
-    /// Whether it has a value in each round; others have one for the whole game only.
+    /// Whether the metric has a value in each round, not only one for the whole game.
     pub by_round: bool,
-    /// Whether it depends on text vectors, so on the embedder.
+    /// Whether the metric depends on text vectors, and thus on the embedder.
     pub of_vectors: bool,
 }
 
-/// What there is of a whole game.
+/// The value of a whole game.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RunValue {
-    /// The mean over the rounds in which it is defined, or what the metric says; `None` where it is undefined.
+    /// The mean over the rounds in which the metric is defined, unless the metric says otherwise; `None` if it is
+    /// undefined.
     pub value: Option<f64>,
-    /// From how many rounds it was computed.
+    /// The number of rounds that it was computed from.
     pub rounds: u32,
 }
 
-/// The metrics that follow from a round and the states around it, in all tasks. None of them compares texts.
+/// The metrics of all tasks that follow from a round and the states around it. None of them compares texts.
 const OF_ROUNDS: [Metric; 12] = [
     Metric::QuestionShare,
     Metric::DigitShare,
@@ -179,9 +180,9 @@ const OF_ROUNDS: [Metric; 12] = [
 ];
 
 impl Metric {
-    /// The metrics of a task that follow from a round and the states around it, without the rounds before it. A
-    /// [`Meter`](crate::Meter) that begins in the middle of a game has the same values of them, and none of them needs
-    /// vectors or edits.
+    /// The metrics of a task that follow from a round and the states around it, without earlier rounds. A
+    /// [`Meter`](crate::Meter) that begins in the middle of a game gives the same values for them, and none of them
+    /// needs vectors or edits.
     pub fn of_rounds(task: TaskName) -> impl Iterator<Item = Self> {
         let of_task: &[Self] = match task {
             TaskName::Transport => &[Self::PushAlignment, Self::ForcePeak],
@@ -192,7 +193,7 @@ impl Metric {
         OF_ROUNDS.iter().chain(of_task).copied()
     }
 
-    /// What is known of it.
+    /// The properties of the metric.
     #[must_use]
     pub const fn about(self) -> About {
         use Block::{Communication, Physical};
@@ -273,7 +274,7 @@ impl Metric {
 }
 
 impl About {
-    /// One of the twelve that the paper's figures show.
+    /// A metric that the paper's figures show; there are twelve.
     const fn drawn(title: &'static str, panel: Panel, divisor: f64, block: Block) -> Self {
         Self {
             panel: Some(panel),
@@ -284,7 +285,7 @@ impl About {
         }
     }
 
-    /// A metric of rounds that is not drawn.
+    /// A metric of rounds that the figures do not show.
     const fn by_round(title: &'static str) -> Self {
         Self { by_round: true, ..Self::of_game(title) }
     }

@@ -1,4 +1,4 @@
-//! The definition `toolkit` against values that the public toolkit computed (`tests/toolkit/README.md`).
+//! The definition `toolkit`, compared with values that the public toolkit computed (`tests/toolkit/README.md`).
 
 use std::collections::BTreeMap;
 use std::fs::{File, read_to_string};

@@ -1,4 +1,4 @@
-//! How often the interval of a difference contains the true difference.
+//! Coverage of the interval of a difference: how often it contains the true difference.
 //!
 //! ```sh
 //! cargo bench -p swarmbench-boards --bench coverage
@@ -22,7 +22,7 @@ use swarmbench_players::of_task;
 /// Samples of each kind.
 const SAMPLES: usize = 4000;
 
-/// The games of a player whose differences are drawn.
+/// Seeds of a player's games from which differences are drawn.
 const SEEDS: u64 = 200;
 
 /// Tasks and seeds of a sample.
@@ -55,7 +55,7 @@ fn main() {
     real();
 }
 
-/// A distribution: its name, its mean, and how to draw from it.
+/// A distribution: name, mean, and a function that draws from it.
 type Shape = (&'static str, f64, fn(&mut ChaCha8Rng) -> f64);
 
 fn shapes() -> [Shape; 4] {
@@ -71,7 +71,7 @@ fn shapes() -> [Shape; 4] {
     ]
 }
 
-/// In (0, 1].
+/// A uniform number in (0, 1].
 #[expect(clippy::cast_precision_loss, reason = "53 bits")]
 fn uniform(random: &mut ChaCha8Rng) -> f64 {
     ((random.next_u64() >> 11) + 1) as f64 / (1_u64 << 53) as f64
@@ -83,7 +83,7 @@ fn normal(random: &mut ChaCha8Rng) -> f64 {
     radius * angle.cos()
 }
 
-/// The share of samples whose interval contains the mean.
+/// Share of samples whose interval contains the mean.
 fn coverage(mut sources: Vec<Source<'_>>, seeds: usize) -> f64 {
     let tasks = &TaskName::ALL[..sources.len()];
     let mean: f64 = sources.iter().map(|source| source.mean).sum();
@@ -120,7 +120,7 @@ fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
 }
 
-/// Games of the built-in players.
+/// Prints the coverage for games of the built-in players.
 fn real() {
     println!("| task | players | 5 seeds | 10 seeds | 20 seeds |");
     println!("| --- | --- | ---: | ---: | ---: |");

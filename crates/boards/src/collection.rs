@@ -1,4 +1,4 @@
-//! All boards of a database: runs that are over, by what they may be compared with.
+//! All boards of a database: ended runs, grouped by comparability.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -13,42 +13,42 @@ use super::reference::{self, Table};
 use super::result::RunResult;
 use super::{RowId, Slot, scale};
 
-/// What may be compared: runs of the same suite by the same rules. The digest covers every setting.
+/// Identity of a board. Runs are comparable if they have the same suite and rules; the digest covers every setting.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct BoardId {
-    /// The suite's name.
+    /// Name of the suite.
     pub suite: String,
-    /// The rule set.
+    /// Rule set.
     pub rules: String,
-    /// The digest of the suite.
+    /// Digest of the suite.
     pub digest: String,
 }
 
-/// What is played on a board.
+/// Games of a board.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BoardSuite {
-    /// Its tasks, in its order.
+    /// Tasks of the suite, in its order.
     pub tasks: Vec<TaskName>,
-    /// Its games.
+    /// Games of the suite.
     pub plan: Vec<Slot>,
-    /// The settings of all of them, but for clocks.
+    /// Settings that the games share, except clocks.
     pub settings: KnownSettings,
 }
 
-/// A game that was read from files, not verified.
+/// A game read from files, unverified.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Imported {
-    /// Who played, as the files say.
+    /// Model, according to the files.
     pub model: String,
     /// Task and seed.
     pub slot: Slot,
-    /// Its score.
+    /// Final score.
     pub score: f64,
-    /// The settings that the files contain.
+    /// Settings as far as the files contain them.
     pub settings: KnownSettings,
 }
 
-/// Runs that may be compared.
+/// Comparable runs.
 #[derive(Clone, Debug, Default)]
 struct Board {
     suite: BoardSuite,
@@ -57,20 +57,20 @@ struct Board {
     is_built_in: bool,
 }
 
-/// A run that has ended, as boards use it.
+/// An ended run.
 #[derive(Clone, Debug)]
 pub struct FinishedRun {
-    /// Its number in the database.
+    /// Number in the database.
     pub key: i64,
-    /// The board that lists it.
+    /// Board that lists the run.
     pub board: BoardId,
-    /// What is played there.
+    /// Games of the board.
     pub suite: BoardSuite,
-    /// What it is worth.
+    /// Result of the run.
     pub result: RunResult,
 }
 
-/// Where a run is.
+/// Position of a run among the boards.
 #[derive(Clone, Debug)]
 struct Home {
     board: Arc<BoardId>,
@@ -78,25 +78,25 @@ struct Home {
     run: Arc<str>,
 }
 
-/// All boards.
+/// All boards of a database.
 #[derive(Clone, Debug, Default)]
 pub struct Boards {
     by_id: BTreeMap<BoardId, Arc<Board>>,
-    /// Where each run is, by its number in the database.
+    /// Positions of the runs, by their numbers in the database.
     homes: BTreeMap<i64, Home>,
     imported: Arc<[Imported]>,
 }
 
-/// The query of a board, unchecked.
+/// Unvalidated query of a board.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Question {
-    /// The suite: its name, or its name and digest with an `@` between them. `standard` where it is left out.
+    /// Suite: a name, or a name and a digest joined by `@`. Default: `standard`.
     pub suite: Option<String>,
-    /// The rule set; `paper` where it is left out.
+    /// Rule set. Default: `paper`.
     pub rules: Option<String>,
-    /// The only task to show.
+    /// Restriction to one task.
     pub task: Option<String>,
-    /// `total`, or a task by whose mean rows are ranked.
+    /// `total`, or the task by whose mean rows are ranked.
     pub sort: Option<String>,
     /// `best`, `last` or `mean`.
     pub pick: Option<String>,
@@ -104,37 +104,37 @@ pub struct Question {
     pub no_reference: bool,
     /// Whether the rows of people are left out.
     pub no_people: bool,
-    /// Whether games that were read from files are shown, too.
+    /// Whether games read from files are shown, too.
     pub imported: bool,
 }
 
-/// A refused question: the field, and its allowed values.
+/// A refused question: the field and its allowed values.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{field} must be {allowed}")]
 pub struct Unknown {
-    /// The field.
+    /// Name of the field.
     pub field: &'static str,
-    /// What it must be.
+    /// Allowed values.
     pub allowed: String,
 }
 
 /// A board in order.
 #[derive(Clone, Debug)]
 pub struct Ranked {
-    /// What is compared.
+    /// Identity of the board.
     pub board: BoardId,
-    /// How it is shown.
+    /// View of the board.
     pub view: View,
-    /// The only task that is shown.
+    /// The only task that is shown, if there is one.
     pub task: Option<TaskName>,
-    /// All rows, the highest first.
+    /// All rows, highest first.
     pub rows: Vec<Row>,
 }
 
-/// The suite that is shown if none is named.
+/// Default suite.
 const SUITE: &str = "standard";
 
-/// How many suites a refusal names.
+/// Maximum suites that a refusal names.
 const NAMED: usize = 20;
 
 impl Boards {
@@ -147,12 +147,12 @@ impl Boards {
         Self { by_id: built_in.into_iter().map(board).collect(), ..Self::default() }
     }
 
-    /// Replaces the games that were read from files.
+    /// Replaces the games read from files.
     pub fn set_imported(&mut self, games: Vec<Imported>) {
         self.imported = games.into();
     }
 
-    /// Adds a run, in place of an earlier state of it.
+    /// Adds a run, replacing an earlier state of it.
     pub fn insert(&mut self, run: FinishedRun) {
         let FinishedRun { key, board: id, suite, result } = run;
         self.remove(key);
@@ -165,7 +165,7 @@ impl Boards {
         self.homes.insert(key, Home { board: Arc::new(id), row, run });
     }
 
-    /// Removes a run, if it is there.
+    /// Removes a run, if present.
     pub fn remove(&mut self, key: i64) {
         let Some(Home { board: id, row, run }) = self.homes.remove(&key) else { return };
         let Some(board) = self.by_id.get_mut(&id) else { return };
@@ -182,16 +182,16 @@ impl Boards {
         }
     }
 
-    /// How many runs there are.
+    /// Number of runs.
     #[must_use]
     pub fn runs(&self) -> usize {
         self.homes.len()
     }
 
-    /// The requested board, in order.
+    /// The requested board in order.
     ///
     /// # Errors
-    /// If there is no such board, task, order or choice.
+    /// If the board, task, order or choice does not exist.
     pub fn ranked(&self, question: &Question) -> Result<Ranked, Unknown> {
         let (id, board) = self.find(question)?;
         let task = task_of(&board.suite.tasks, "task", question.task.as_deref())?;
@@ -212,7 +212,7 @@ impl Boards {
                 allowed: one_of(Pick::ALL.into_iter().map(Pick::name)),
             })?,
         };
-        // Players without games in the selection are left out.
+        // Players without games in the selection are omitted.
         let shows =
             |row: &&reference::Reference| tasks.iter().any(|task| row.task(*task).is_some());
         let has_reference = board.is_built_in && !question.no_reference;
@@ -227,8 +227,8 @@ impl Boards {
         Ok(Ranked { board: id.clone(), view, task, rows })
     }
 
-    /// The games from files that are games of this board's suite, model by model. A missing game does not count
-    /// as 0: it may have been played elsewhere.
+    /// Games from files that belong to this board's suite, by model. A missing game does not count as 0, as it may have been played
+    /// elsewhere.
     fn imported_to(&self, id: &BoardId, board: &Board) -> Vec<(Arc<RunResult>, String)> {
         let mut models: BTreeMap<(&str, &str), Vec<&Imported>> = BTreeMap::new();
         let plan: BTreeSet<Slot> = board.suite.plan.iter().copied().collect();
@@ -264,7 +264,7 @@ impl Boards {
         let asked = question.suite.as_deref().unwrap_or(SUITE);
         let of_rules = || self.by_id.iter().filter(|(id, _)| id.rules == rules);
         let named: Vec<_> = of_rules().filter(|(id, _)| id.suite == asked).collect();
-        // A name may have an `@` of its own.
+        // The name itself may contain an `@`.
         let exact = || of_rules().find(|(id, _)| format!("{}@{}", id.suite, id.digest) == asked);
         // A custom suite of that name does not replace a built-in board.
         let built_in = named.iter().find(|(_, board)| board.is_built_in);
@@ -303,7 +303,7 @@ fn task_of(
         .ok_or_else(|| Unknown { field, allowed: one_of(tasks.iter().map(|task| task.name())) })
 }
 
-/// A choice as text.
+/// Text that lists the choices.
 fn one_of<T: AsRef<str>>(names: impl IntoIterator<Item = T>) -> String {
     let mut text = "one of ".to_owned();
     let mut more: usize = 0;
@@ -313,7 +313,7 @@ fn one_of<T: AsRef<str>>(names: impl IntoIterator<Item = T>) -> String {
             continue;
         }
         let comma = if place == 0 { "" } else { ", " };
-        // Names come from strangers, and may be long.
+        // Names come from clients and may be long.
         let name: String = name.as_ref().chars().take(80).collect();
         _ = if name.contains(',') {
             write!(text, "{comma}{name:?}")
@@ -328,15 +328,14 @@ fn one_of<T: AsRef<str>>(names: impl IntoIterator<Item = T>) -> String {
 }
 
 impl Ranked {
-    /// By how much the nearest row above that has games is better than the row at this place, and which that is.
-    /// The paper's rows have no games, so they are passed over.
+    /// Lead of the nearest row above that has games over the row at this place, and that row. The paper's rows have no games, so
+    /// they are skipped.
     #[must_use]
     pub fn difference(&self, place: usize) -> Option<(&Row, Difference)> {
         difference_above(&self.rows, place, self.view.ranked_by())
     }
 
-    /// The place of the first row after this one, or of the first row at all. `place` counts if the row has left the
-    /// board.
+    /// Index of the row after this one, or of the first row for `None`. `place` is used if the row has left the board.
     #[must_use]
     pub fn after(&self, row: Option<(RowId, usize)>) -> usize {
         let Some((row, place)) = row else { return 0 };
@@ -406,7 +405,7 @@ mod tests {
         );
         assert_eq!(values(&boards, &asked("mine@c")), [Some(3.0)]);
 
-        // A run that moves leaves its old place, and an empty board is none.
+        // A run that moves leaves its old board, and an empty board disappears.
         boards.insert(over(3, board("mine", "paper", "a"), 4.0));
         assert_eq!((values(&boards, &asked("mine")), boards.runs()), (vec![Some(4.0)], 3));
         for key in 1..=3 {
@@ -477,10 +476,10 @@ mod tests {
             KnownSettings { rules: Some("reference".to_owned()), ..known_settings.clone() };
         boards.set_imported(vec![
             game("a", TaskName::Pursuit, 27, 4.0, &known_settings),
-            // The same game twice: the mean of both.
+            // A repeated game: the mean of both counts.
             game("a", TaskName::Pursuit, 27, 8.0, &known_settings),
             game("a", TaskName::Pursuit, 42, 10.0, &known_settings),
-            // No game of the suite, and one of other settings.
+            // A game outside the suite, and one with other settings.
             game("a", TaskName::Pursuit, 99, 50.0, &known_settings),
             game("a", TaskName::Pursuit, 42, 50.0, &other),
             game("b", TaskName::Flocking, 27, 1.0, &reference),
@@ -512,7 +511,7 @@ mod tests {
             shown(true, "paper"),
             ["a reference Some(8.0) 2/2", "c reference Some(6.0) 1/2"]
         );
-        // What does not name its rules is from the toolkit, whose Flocking costs twice as much as that of the paper.
+        // Games that do not name their rules are from the toolkit, whose Flocking costs twice as much as the paper's.
         let reference = [
             "a reference Some(8.0) 2/2",
             "b reference Some(1.0) 1/2",

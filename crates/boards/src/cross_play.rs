@@ -1,4 +1,4 @@
-//! Cross-play: the results of pairs of models, in games whose seats belonged to different holders.
+//! Cross-play: results of pairs of models, in games whose seats belonged to different holders.
 
 use std::collections::BTreeMap;
 
@@ -6,64 +6,64 @@ use swarmbench_engine::TaskName;
 
 use super::result::mean_and_deviation;
 
-/// What may be compared with each other: games of the same task, rules and settings.
+/// Setting of comparable games: task, rules and settings are equal.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Setting {
-    /// The task.
+    /// Task.
     pub task: TaskName,
-    /// The rule set.
+    /// Rule set.
     pub rules: String,
-    /// All other settings that decide a game but the seed, as canonical JSON.
+    /// All other settings that influence a game except the seed, as canonical JSON.
     pub settings: String,
 }
 
-/// A finished game.
+/// A finished game of several holders.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MixedGame {
-    /// What it may be compared with.
+    /// Setting of the game.
     pub setting: Setting,
-    /// Its score.
+    /// Final score.
     pub score: f64,
-    /// What each holder of seats played with.
+    /// Models of the holders.
     pub models: Vec<Model>,
 }
 
-/// What a holder of seats played with.
+/// Model of a holder.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Model {
-    /// Its name.
+    /// Name of the model.
     pub name: String,
-    /// Whether somebody beside the holder vouches for the model.
+    /// Whether somebody besides the holder vouches for the model.
     pub vouched: bool,
-    /// The holder of its seats, as the number of a key, if it is known.
+    /// Holder, as the number of a key, if known.
     pub owner: Option<i64>,
 }
 
-/// Two models that played together; the same one twice if two holders used it.
+/// Two models that played together; equal if two holders used the same one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pair {
-    /// The setting of their games.
+    /// Setting of the games.
     pub setting: Setting,
-    /// The models, in order of their names.
+    /// Names of the models, sorted.
     pub models: [String; 2],
-    /// Whether both models are vouched for in all of these games.
+    /// Whether both models are vouched for in all of the games.
     pub vouched: bool,
-    /// How many games they played together.
+    /// Number of games together.
     pub games: usize,
-    /// The mean score of these games.
+    /// Mean score of the games.
     pub mean: f64,
-    /// Its population standard deviation.
+    /// Population standard deviation of the scores.
     pub deviation: f64,
 }
 
-/// The games of a pair.
+/// Games of a pair.
 #[derive(Default)]
 struct Met {
     scores: Vec<f64>,
     doubtful: bool,
 }
 
-/// All pairs, by setting, the best first. A game counts once for each pair of models in it.
+/// All pairs by setting, best first. A game counts once for each pair of models in it.
 #[must_use]
 pub fn pairs<'a>(games: impl IntoIterator<Item = &'a MixedGame>) -> Vec<Pair> {
     let mut met: BTreeMap<(&Setting, [&str; 2]), Met> = BTreeMap::new();
@@ -72,7 +72,7 @@ pub fn pairs<'a>(games: impl IntoIterator<Item = &'a MixedGame>) -> Vec<Pair> {
         for (place, one) in game.models.iter().enumerate() {
             for other in &game.models[place + 1..] {
                 if one.owner.is_some() && one.owner == other.owner {
-                    // A holder of the seats of both plays with itself.
+                    // A holder with seats of both models plays with itself.
                     continue;
                 }
                 let mut names = [one.name.as_str(), other.name.as_str()];
@@ -88,7 +88,7 @@ pub fn pairs<'a>(games: impl IntoIterator<Item = &'a MixedGame>) -> Vec<Pair> {
     }
     let mut pairs: Vec<Pair> = (met.into_iter())
         .filter_map(|((setting, models), Met { mut scores, doubtful })| {
-            // A sum of floats depends on its order.
+            // Sorted, as a sum of floats depends on its order.
             scores.sort_by(f64::total_cmp);
             let (mean, deviation) = mean_and_deviation(&scores)?;
             let (setting, models) = (setting.clone(), models.map(str::to_owned));
@@ -129,7 +129,7 @@ mod tests {
         let mut games = vec![
             game("s", 2.0, &["x", "y"]),
             game("s", 4.0, &["y", "x", "z"]),
-            // Two holders of the same model, and a third: each pair once.
+            // Two holders of the same model, and a third: each pair counts once.
             game("s", 9.0, &["x", "z", "x"]),
             game("t", 1.0, &["x", "y"]),
             game("t", 7.0, &["alone"]),

@@ -1,36 +1,35 @@
-//! Confidence intervals of differences between rows: Student's t over the seeds that both played.
+//! Confidence intervals of differences between rows: Student's t over common seeds.
 //!
-//! `docs/evaluate/boards.md` has the formula and its measured coverage.
+//! The formula and its measured coverage are in `docs/evaluate/boards.md`.
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use swarmbench_engine::{Seed, TaskName};
 
 use super::result::{RunResult, float, mean as mean_of};
 
-/// With fewer pairs or scores in a task nothing is said of chance.
+/// Minimum pairs or scores of each task for an interval.
 pub const SCORES_MIN: usize = 3;
 
-/// Which quantile of Student's t an interval reaches to. Scores are skewed, so that with five seeds the usual one of
-/// 0.975 covers the true difference in 91 to 94 % of all cases instead of 95 %.
+/// Quantile of Student's t for the ends of an interval. Scores are skewed: with five seeds the usual 0.975 covers the true
+/// difference in only 91 to 94 % of all cases instead of 95 %.
 const QUANTILE: f64 = 0.9875;
 
-/// By how much one row is above another.
+/// Lead of one row over another.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Difference {
-    /// The difference in the games that were compared, in points of the score.
+    /// Difference in the compared games, in points of the score.
     pub mean: f64,
-    /// The lower and the upper end of the interval of 95 %; none if a task has fewer than [`SCORES_MIN`] pairs.
+    /// Ends of the 95 % interval; none if a task has fewer than [`SCORES_MIN`] pairs.
     pub interval: Option<(f64, f64)>,
-    /// How many seeds both have, over all tasks.
+    /// Number of common seeds over all tasks.
     pub pairs: usize,
 }
 
-/// By how much `above` is better than `below`, summed over the means of these tasks. None if one of them has no score
-/// in some task.
+/// Lead of `above` over `below`, summed over the means of these tasks. None if one of them has no score in some task.
 ///
-/// Seeds are paired, as a hard layout is hard for both. In a task without a common seed, as in different attempts of a
-/// competition, the scores are two independent samples. Each sample has a variance of its own; the degrees of freedom
-/// of their sum are those of Welch and Satterthwaite.
+/// Seeds are paired, as a hard layout is hard for both. In a task without a common seed, as in different attempts of a competition,
+/// the scores are two independent samples. Each sample has its own variance; the degrees of freedom of their sum are those of Welch
+/// and Satterthwaite.
 #[must_use]
 pub fn difference(above: &RunResult, below: &RunResult, tasks: &[TaskName]) -> Option<Difference> {
     let (mut mean, mut variance, mut squares, mut pairs) = (0.0, 0.0, 0.0, 0);
@@ -61,19 +60,19 @@ pub fn difference(above: &RunResult, below: &RunResult, tasks: &[TaskName]) -> O
     (!tasks.is_empty()).then_some(Difference { mean, interval, pairs })
 }
 
-/// The sum of the squared deviations from the mean.
+/// Sum of the squared deviations from the mean.
 fn deviations(sample: &[f64]) -> f64 {
     let mean = mean_of(sample).unwrap_or(0.0);
     sample.iter().map(|one| (one - mean).powi(2)).sum()
 }
 
-/// Half the width of an interval; 0 without any variance.
+/// Half the width of an interval; 0 if the variance is 0.
 fn half_width(variance: f64, freedom: f64) -> f64 {
     let t = StudentsT::new(0.0, 1.0, freedom);
     t.map_or(0.0, |t| t.inverse_cdf(QUANTILE) * variance.sqrt())
 }
 
-/// The differences in the seeds that both have; both are in order of their seeds.
+/// Differences in common seeds. Both inputs are sorted by seed.
 fn differences(above: &[(Seed, f64)], below: &[(Seed, f64)]) -> Vec<f64> {
     let of = |seed| {
         let place = below.binary_search_by_key(&seed, |&(seed, _)| seed).ok()?;
@@ -92,7 +91,7 @@ mod tests {
 
     const BOTH: [TaskName; 2] = [TaskName::Pursuit, TaskName::Flocking];
 
-    /// A run with these scores of both tasks.
+    /// A run with these scores in both tasks.
     fn scored(model: &str, pursuit: &[f64], flocking: &[f64]) -> RunResult {
         let seeds: Vec<u32> = (1..).take(pursuit.len().max(flocking.len())).collect();
         let of = |task, scores: &[f64]| {
@@ -109,7 +108,7 @@ mod tests {
         (a - b).abs() < 1e-9
     }
 
-    /// Against the quantiles of scipy 1.16, `scipy.stats.t.ppf(0.9875, df)`.
+    /// Reference quantiles are from scipy 1.16, `scipy.stats.t.ppf(0.9875, df)`.
     #[test]
     fn quantiles_are_those_of_other_libraries() {
         for (freedom, expected) in [
@@ -130,13 +129,13 @@ mod tests {
 
     #[test]
     fn by_hand() {
-        // Always by 2 and by 0.5, without any variance.
+        // Constant differences of 2 and of 0.5, without variance.
         let above = scored("a", &[5.0, 9.0, 3.0], &[1.5, 0.5, 0.5]);
         let below = scored("b", &[3.0, 7.0, 1.0], &[1.0, 0.0, 0.0]);
         let found = difference(&above, &below, &BOTH).expect("pairs");
         assert_eq!((found.mean, found.interval, found.pairs), (2.5, Some((2.5, 2.5)), 6));
 
-        // Differences 1, 2, 3, 4, 5: their variance is 2.5, that of their mean 0.5.
+        // Differences 1, 2, 3, 4, 5: variance 2.5, variance of the mean 0.5.
         let above = scored("a", &[1.0, 2.0, 3.0, 4.0, 5.0], &[]);
         let below = scored("b", &[0.0; 5], &[]);
         let found = difference(&above, &below, &BOTH[..1]).expect("pairs");
@@ -144,8 +143,8 @@ mod tests {
         let half = 3.495_405_932_516_441_7 * 0.5_f64.sqrt();
         assert!(close(low, 3.0 - half) && close(high, 3.0 + half), "{found:?}");
 
-        // The same and a task with differences 0, 0, 3: variances of the means 0.5 and 1, together 1.5 with
-        // 1.5² / (0.5² / 4 + 1² / 2) = 4 degrees of freedom.
+        // A second task with differences 0, 0, 3: variances of the means 0.5 and 1, together 1.5 with 1.5² / (0.5² / 4 + 1² / 2) =
+        // 4 degrees of freedom.
         let above = scored("a", &[1.0, 2.0, 3.0, 4.0, 5.0], &[0.0, 0.0, 3.0]);
         let below = scored("b", &[0.0; 5], &[0.0; 3]);
         let found = difference(&above, &below, &BOTH).expect("pairs");
@@ -156,12 +155,12 @@ mod tests {
 
     #[test]
     fn seeds_are_paired_and_tasks_have_variances_of_their_own() {
-        // Far apart from seed to seed, but always by 1: were they not paired, the interval would be wide.
+        // Scores vary widely between seeds, but the difference is always 1: unpaired, the interval would be wide.
         let above = scored("a", &[1.0, 41.0, 21.0, 61.0], &[]);
         let below = scored("b", &[0.0, 40.0, 20.0, 60.0], &[]);
         let found = difference(&above, &below, &BOTH[..1]).expect("pairs");
         assert_eq!(found.interval, Some((1.0, 1.0)));
-        // A task in which they always differ by 10 and one in which they never do.
+        // One task with a constant difference of 10, and one without a difference.
         let above = scored("a", &[10.0, 10.0, 10.0], &[3.0, 1.0, 2.0]);
         let below = scored("b", &[0.0, 0.0, 0.0], &[3.0, 1.0, 2.0]);
         let found = difference(&above, &below, &BOTH).expect("pairs");
@@ -187,7 +186,7 @@ mod tests {
         let slots: Vec<_> = plan.iter().map(|game| game.slot).collect();
         let below = RunResult::new(run("b", "finished", 0), &slots, &games, true);
         let found = difference(&above, &below, &BOTH[..1]).expect("scores");
-        // Each mean has a variance of 0.5: together 1, with 1² / (0.5² / 4 + 0.5² / 4) = 8 degrees of freedom.
+        // Each mean has variance 0.5: together 1, with 1² / (0.5² / 4 + 0.5² / 4) = 8 degrees of freedom.
         let (low, high) = found.interval.expect("five scores each");
         let half = half_width(1.0, 8.0);
         assert_eq!((found.mean, found.pairs), (1.0, 0));

@@ -1,5 +1,5 @@
-//! The numbers of the paper, to be compared with. They were made with the public toolkit, not with this server, so
-//! they are marked wherever they are shown, and have no games that could be replayed or compared seed by seed.
+//! Numbers of the paper for comparison. They were made with the public toolkit instead of this server, so they are marked wherever
+//! they are shown, and have no games to replay or to compare seed by seed.
 
 use std::sync::LazyLock;
 
@@ -9,7 +9,7 @@ use swarmbench_engine::TaskName;
 use super::{RowId, scale};
 
 swarmbench_engine::named! {
-    /// Which of the paper's tables a row is from.
+    /// Table of the paper that a row is from.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
     #[serde(rename_all = "lowercase")]
     pub enum Table {
@@ -23,7 +23,7 @@ swarmbench_engine::named! {
 }
 
 impl Table {
-    /// The suite of its games.
+    /// Suite of the table's games.
     #[must_use]
     pub const fn suite(self) -> &'static str {
         match self {
@@ -36,47 +36,47 @@ impl Table {
 /// A row of the paper.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reference {
-    /// The id of its row.
+    /// Id of the row.
     pub id: RowId,
-    /// The table from which it is.
+    /// Table that the row is from.
     pub table: Table,
-    /// What played.
+    /// Name of the player.
     pub name: String,
-    /// The numbers of each task.
+    /// Numbers by task.
     pub tasks: Vec<Numbers>,
 }
 
-/// The numbers of one task.
+/// Numbers of one task.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Numbers {
-    /// The task.
+    /// Task.
     pub task: TaskName,
-    /// The mean score.
+    /// Mean score.
     pub mean: f64,
-    /// The standard deviation.
+    /// Standard deviation of the scores.
     pub deviation: f64,
-    /// How many games were played, if known.
+    /// Number of games, if known.
     pub games: Option<u32>,
 }
 
 impl Reference {
-    /// The numbers of a task.
+    /// Numbers of a task.
     #[must_use]
     pub fn task(&self, task: TaskName) -> Option<&Numbers> {
         self.tasks.iter().find(|numbers| numbers.task == task)
     }
 
-    /// The sum of the means of these tasks, if none is missing.
+    /// Sum of the means of these tasks, if none is missing.
     #[must_use]
     pub fn total(&self, tasks: &[TaskName]) -> Option<f64> {
         tasks.iter().try_fold(0.0, |sum, &task| Some(sum + self.task(task)?.mean))
     }
 }
 
-/// The rule set at whose scale the paper has its scores.
+/// Rule set of the paper's scores, which determines their scale.
 pub const RULES: &str = "paper";
 
-/// All rows, in the order of the paper.
+/// All rows in the order of the paper.
 pub static REFERENCES: LazyLock<Vec<Reference>> = LazyLock::new(read);
 
 /// All rows at the scale of the rules `reference`.
@@ -90,7 +90,7 @@ static CONVERTED: LazyLock<Vec<Reference>> = LazyLock::new(|| {
     rows
 });
 
-/// The rows on the board of a built-in suite, at the scale of its rules.
+/// Rows on the board of a built-in suite, at the scale of its rules.
 pub fn rows(suite: &str, rules: &str) -> impl Iterator<Item = &'static Reference> {
     let all = if rules == RULES { &REFERENCES } else { &CONVERTED };
     all.iter().filter(move |row| row.table.suite() == suite)
@@ -128,7 +128,7 @@ fn read() -> Vec<Reference> {
 mod tests {
     use super::*;
 
-    /// The last column of the table of models, as it is printed.
+    /// Last column of the table of models, as printed.
     const TOTALS: [(&str, &str); 13] = [
         ("gemini-2.0-flash", "27.40"),
         ("o4-mini", "26.62"),

@@ -1,5 +1,5 @@
-//! The one way in which seats are played over HTTP, for all kinds of players: a look waits while decisions are in
-//! flight, and acts are sent as they come.
+//! The one loop that plays seats over HTTP, for all kinds of players: an observation request waits while decisions
+//! are in flight, and acts are sent as they come.
 
 use std::collections::HashMap;
 use std::fmt::Display;
@@ -19,20 +19,20 @@ use swarmbench_protocol::act::{
 use swarmbench_protocol::observation::Observation;
 use swarmbench_protocol::problem::Problem;
 
-/// Seconds that one look waits for something to happen.
+/// Seconds that an observation request waits for news.
 const WAIT_S: u32 = 30;
 
-/// Observations that one look asks for.
+/// Observations in one answer.
 const LOOK_MAX: usize = 256;
 
-/// Decisions in flight; beyond, no more observations are requested, as those with prompts are large.
+/// Decisions in flight. At this limit no more observations are requested, as those with prompts are large.
 const IN_FLIGHT_MAX: usize = 2048;
 
-/// Acts in one request, and their bytes; the server takes somewhat more.
+/// Acts in one request, and their bytes. The server accepts slightly more.
 const ACTS_MAX: usize = 1024;
 const BATCH_BYTES_MAX: usize = 7 * 1024 * 1024;
 
-/// Bytes of one act; the server takes somewhat more.
+/// Bytes of one act. The server accepts slightly more.
 const ACT_BYTES_MAX: usize = 240 * 1024;
 
 /// Bytes of an act that the server accepts even for a full journal.
@@ -41,15 +41,15 @@ const SMALL_ACT_BYTES_MAX: usize = 1200;
 /// The pause before a delayed act is sent again, if the server asks for none.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// How many times in a row acts may be delayed without one being accepted. A broken journal would delay them for ever.
+/// Delays of acts in a row without an accepted one: a broken journal would delay them for ever.
 const PUT_OFF_MAX: u32 = 12;
 
-/// Decisions that are being made; each is for one seat or for several.
+/// Pending decisions, for one seat or for several.
 pub type Thought<E> = BoxFuture<'static, Result<Vec<SwarmAct>, E>>;
 
-/// Who decides for seats.
+/// A player that decides for seats.
 pub trait Swarm {
-    /// Why it cannot decide.
+    /// A reason why it cannot decide.
     type Error: Display + Send + 'static;
 
     /// Whether it reads the texts for language models.
@@ -58,27 +58,27 @@ pub trait Swarm {
     /// Begins to decide for seats that wait for an act. Each seat and round comes once.
     fn decide(&mut self, looked: Vec<Observation>) -> Vec<Thought<Self::Error>>;
 
-    /// Whether decisions in flight are waited for when playing is stopped; else they are dropped.
+    /// Whether a stop waits for decisions in flight, rather than dropping them.
     const WAITS_WHEN_STOPPED: bool = false;
 
-    /// Whether decisions in flight are waited for after one has failed like this; else they are dropped.
+    /// Whether an error like this waits for the other decisions in flight, rather than dropping them.
     fn waits_for_others(_error: &Self::Error) -> bool {
         false
     }
 }
 
-/// What happened while seats are played.
+/// News of seats that are played.
 #[derive(Clone, Copy, Debug)]
 pub enum Note<'a> {
-    /// Seats wait for an act; in parts of an answer of the server.
+    /// Seats newly wait for an act; those of one round may come in several notes.
     Looked(&'a [Observation]),
     /// An act is durable.
     Acted(&'a SwarmAct, &'a Receipt),
-    /// An act came when its round was over: it was decided for nothing.
+    /// An act came after the end of its round: the decision was wasted.
     Late(&'a SwarmAct),
 }
 
-/// Why playing ended before everything was played.
+/// An error that ends playing early.
 #[derive(Debug, thiserror::Error)]
 pub enum DriveError<E: Display> {
     /// A request to the server failed.
@@ -87,11 +87,11 @@ pub enum DriveError<E: Display> {
     /// The server refused an act.
     #[error("the server refused an act of {agent} in round {round}: {detail}")]
     Refused {
-        /// Whose act.
+        /// The agent.
         agent: String,
-        /// For which round.
+        /// The round.
         round: u32,
-        /// Why.
+        /// The reason.
         detail: String,
     },
     /// The player failed.
@@ -99,20 +99,20 @@ pub enum DriveError<E: Display> {
     Swarm(E),
 }
 
-/// How playing ended.
+/// The end of playing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
-    /// All is over.
+    /// All games are over.
     Over,
-    /// It was stopped.
+    /// Playing was stopped.
     Stopped,
 }
 
-/// Plays all seats of a swarm token until all games are over, or until `stop`: then decisions in flight are dropped or
-/// waited for, as the swarm says, and decided acts are still sent.
+/// Plays all seats of a swarm token until all games are over, or until `stop`. A stop drops decisions in flight or
+/// waits for them, as the swarm says; acts already decided are still sent.
 ///
 /// # Errors
-/// See [`DriveError`]; acts that were decided before are sent where that is possible.
+/// See [`DriveError`]. Acts already decided are sent where possible.
 pub async fn drive<S: Swarm>(
     client: &Client,
     token: &str,
@@ -131,19 +131,18 @@ struct Drive<'a, E: Display, N> {
     token: &'a str,
     note: N,
     thinking: FuturesUnordered<Thought<E>>,
-    /// Acts that the server could not accept yet.
+    /// Acts that wait to be sent again.
     delayed: FuturesUnordered<BoxFuture<'static, Vec<SwarmAct>>>,
-    /// The last round for which each seat was asked, by episode and agent. After a restart of the server all that waits
-    /// comes again.
+    /// The last round for which each seat was asked, by episode and agent. A restarted server sends all waiting
+    /// observations again.
     decided: Recent<HashMap<String, u32>>,
     outbox: Vec<SwarmAct>,
-    /// How many times in a row acts were delayed and none was accepted.
+    /// Delays in a row without an accepted act.
     put_off: u32,
     halted: Option<DriveError<E>>,
 }
 
 impl<'a, E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'a, E, N> {
-    /// Nothing was asked or decided yet.
     fn new(client: &'a Client, token: &'a str, note: N) -> Self {
         Self {
             client,
@@ -207,7 +206,7 @@ impl<'a, E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'a, E, N> {
                     match sent {
                         Ok(done) => self.receive(acts, done.receipts),
                         Err(error) => {
-                            // Nothing can be sent any more.
+                            // No act can be sent any more.
                             self.outbox.clear();
                             self.delayed.clear();
                             self.halt(DriveError::Client(error), false);
@@ -224,7 +223,7 @@ impl<'a, E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'a, E, N> {
         }
     }
 
-    /// The first error counts.
+    /// Keeps the first error.
     fn halt(&mut self, error: DriveError<E>, waits_for_others: bool) {
         if !waits_for_others {
             self.thinking.clear();
@@ -249,7 +248,7 @@ impl<'a, E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'a, E, N> {
         self.thinking.extend(swarm.decide(looked));
     }
 
-    /// Sends what was decided, as much of it as goes into one request.
+    /// Sends decided acts, as many as one request holds.
     fn send(&mut self) -> Sending {
         let mut bytes = 0;
         let mut count = 0;
@@ -282,7 +281,7 @@ impl<'a, E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'a, E, N> {
                 SwarmReceipt::Problem(problem) => problem,
             };
             match Refusal::of(&problem) {
-                // A clock may have run out, or somebody aborted the episode.
+                // The round's clock may have run out, or somebody aborted the episode.
                 Refusal::TooLate => (self.note)(Note::Late(&act)),
                 Refusal::JournalFull if fit(&mut act, usize::MAX) > SMALL_ACT_BYTES_MAX => {
                     fit(&mut act, SMALL_ACT_BYTES_MAX);
@@ -309,7 +308,7 @@ impl<'a, E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'a, E, N> {
     }
 }
 
-/// What to do about an act that the server refused.
+/// Reactions to an act that the server refused.
 enum Refusal {
     TooLate,
     JournalFull,
@@ -329,7 +328,7 @@ impl Refusal {
     }
 }
 
-/// Cuts the texts of an act until it has at most `most` bytes of JSON; returns how many it has. The reasoning is cut
+/// Cuts the texts of an act to at most `most` bytes of JSON; returns the bytes of the result. The reasoning is cut
 /// first, then the beginning of the answer: prompts ask for the decision at the end.
 fn fit(act: &mut SwarmAct, most: usize) -> usize {
     loop {
@@ -338,7 +337,7 @@ fn fit(act: &mut SwarmAct, most: usize) -> usize {
         if over == 0 {
             return bytes;
         }
-        // Control characters take six bytes each, so this may take more than one turn.
+        // A control character takes six bytes of JSON, so the loop may take several turns.
         let texts = [&mut act.reasoning, &mut act.response].into_iter().flatten();
         let Some(text) = texts.into_iter().find(|text| !text.is_empty()) else { return bytes };
         let from = text.ceil_char_boundary(over.div_ceil(6).max(over.min(text.len()) / 2));
@@ -350,7 +349,6 @@ fn fit(act: &mut SwarmAct, most: usize) -> usize {
 mod tests {
     use super::*;
 
-    /// The refusal of an act.
     fn refused(code: &str) -> SwarmReceipt {
         let problem = serde_json::json!({
             "type": "about:blank", "title": "", "status": 503, "detail": "not now", "code": code, "retry_after_ms": 1,

@@ -1,7 +1,7 @@
-//! Files of JSON lines to which lines are only added. The first line says what the file is.
+//! Append-only files of JSON lines. The first line names the kind of file.
 //!
-//! A line is written in one go before what it says is used; what a crash left of a last line is cut off when the file is
-//! opened for writing, and ignored where it is only read.
+//! Each line is written in one call before its content is used. A partial last line, left by a crash, is cut off when
+//! the file is opened for writing, and ignored by readers.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
@@ -12,13 +12,13 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
-/// Bytes of a line: far more than an answer has.
+/// Bytes of a line: far more than any answer.
 const LINE_BYTES_MAX: u64 = 16 * 1024 * 1024;
 
 /// The value in the first line that names this program.
 const NAME: &str = "swarmbench";
 
-/// What a file is: its first line is `{"kind":"swarmbench","version":1}`.
+/// The first line of a file: `{"kind":"swarmbench","version":1}`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Header {
     pub(crate) kind: &'static str,
@@ -30,7 +30,7 @@ impl Header {
         format!("{{\"{}\":\"{NAME}\",\"version\":{}}}\n", self.kind, self.version).into_bytes()
     }
 
-    /// Whether a first line, which may be cut, begins such a file.
+    /// Checks that a first line, which may be cut, begins a file of this kind.
     fn check(self, line: &[u8], is_whole: bool) -> Result<(), String> {
         let fields = serde_json::from_slice::<Map<String, Value>>(line).ok();
         let version = fields
@@ -48,24 +48,23 @@ impl Header {
     }
 }
 
-/// Where a line is: its first byte, and how many it has.
+/// The position of a line: its first byte, and its length.
 pub(crate) type Place = (u64, usize);
 
-/// An open file.
 #[derive(Debug)]
 pub(crate) struct Lines {
     file: File,
     end: u64,
-    /// Whether a write failed: what would follow it might be unreadable.
+    /// Whether a write failed: later lines might be unreadable.
     is_broken: bool,
 }
 
 impl Lines {
-    /// Opens a file, or with `writes` creates it, and hands each whole line after the first to `take`. One process at a
-    /// time can write.
+    /// Opens a file, or with `writes` creates it, and hands each whole line after the first to `take`. Only one
+    /// process at a time can write.
     ///
     /// # Errors
-    /// What is wrong with the file, as the end of a sentence about it.
+    /// A fault of the file, as the end of a sentence about it.
     pub(crate) fn open(
         path: &Path,
         writes: bool,
@@ -96,7 +95,7 @@ impl Lines {
         Ok(lines)
     }
 
-    /// Adds a line in one write.
+    /// Appends a line in one write.
     pub(crate) fn write(&mut self, line: &impl Serialize) -> io::Result<Place> {
         let mut text = serde_json::to_vec(line)?;
         text.push(b'\n');
@@ -115,7 +114,6 @@ impl Lines {
         Ok((from, text.len()))
     }
 
-    /// Reads a line again.
     pub(crate) fn read(&mut self, (from, length): Place) -> io::Result<Vec<u8>> {
         let mut text = vec![0; length];
         self.file.seek(SeekFrom::Start(from))?;
@@ -124,7 +122,7 @@ impl Lines {
     }
 }
 
-/// Reads all whole lines; the end of the last.
+/// Reads all whole lines; returns the end of the last.
 fn read(
     file: &File,
     header: Header,
@@ -156,14 +154,14 @@ fn read(
     Ok(end)
 }
 
-/// By which lines are found.
+/// An index key of lines.
 pub(crate) type Hash = [u8; 32];
 
 pub(crate) fn hash(what: &impl Serialize) -> Hash {
     Sha256::digest(serde_json::to_vec(what).expect("texts and numbers can be written")).into()
 }
 
-/// SHA-256 of a text, as text.
+/// SHA-256 of a text, in hexadecimal.
 pub(crate) fn digest(text: &str) -> String {
     HEXLOWER.encode(&Sha256::digest(text))
 }

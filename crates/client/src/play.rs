@@ -18,7 +18,7 @@ use swarmbench_protocol::episode::{CreatedEpisode, EpisodeSummary};
 use swarmbench_protocol::observation::{Observation, Sight};
 use swarmbench_protocol::run::RunDetail;
 
-/// A built-in player cannot decide.
+/// An error of a built-in player.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PlayerError {
     /// An observation cannot be understood.
@@ -29,13 +29,13 @@ pub enum PlayerError {
     Task(String),
 }
 
-/// Which player plays which task.
+/// The players by task.
 pub type Players = BTreeMap<TaskName, &'static BuiltIn>;
 
-/// An episode could not be played.
+/// An error that ends the play of an episode.
 pub type PlayError = DriveError<PlayerError>;
 
-/// Plays an episode to its end; `progress` is called with the round and the score after every round.
+/// Plays an episode to its end; calls `progress` with the round and the score after every round.
 ///
 /// # Errors
 /// See [`DriveError`].
@@ -62,7 +62,7 @@ pub async fn play(
     Ok(summary)
 }
 
-/// Plays the rest of a run with built-in players; `progress` is called with every observation.
+/// Plays the rest of a run with built-in players; calls `progress` with every observation.
 ///
 /// # Errors
 /// See [`DriveError`].
@@ -96,7 +96,7 @@ async fn finish(
     .map(|_| ())
 }
 
-/// What players know of a game before it begins, beside its task.
+/// Facts that players know of a game before it begins, beside its task.
 #[derive(Clone, Debug)]
 pub struct GameParams {
     rules: String,
@@ -118,7 +118,7 @@ impl GameParams {
         }
     }
 
-    /// What a player may know of its seat before the game.
+    /// Facts that a player may know of its seat before the game.
     fn seat(&self, task: TaskName, agent: AgentId, seed: u64) -> Option<Seat> {
         Some(Seat {
             agent,
@@ -146,7 +146,7 @@ pub struct BuiltIns {
 }
 
 impl BuiltIns {
-    /// The players of each task; `seed` is that of their own choices.
+    /// Creates the players of each task; `seed` determines their own choices.
     #[must_use]
     pub fn new(
         client: &Client,
@@ -165,7 +165,6 @@ impl BuiltIns {
         }
     }
 
-    /// Begins to decide for seats of one game.
     fn decide_game(&mut self, episode: String, looked: Vec<Observation>) -> Thought<PlayerError> {
         let sight = &looked[0].sight;
         let (name, round) = (sight.task.name.clone(), sight.round);
@@ -186,9 +185,9 @@ impl BuiltIns {
         let (client, token, game) = (self.client.clone(), self.token.clone(), Arc::clone(game));
         Box::pin(async move {
             let mut game = game.lock_owned().await;
-            // Another part of the same look may have been first.
+            // An earlier answer may have brought other seats of this game.
             let is_new = round > 0 && game.players.is_empty();
-            // If the journal may not be read, as in a competition, players begin without memory.
+            // A journal that may not be read, as in a competition, leaves players without memory.
             let journal =
                 if is_new { client.journal(&episode, Some(&token)).await.ok() } else { None };
             let decide = move || {
@@ -225,7 +224,7 @@ impl Swarm for BuiltIns {
 struct Game {
     make: Box<dyn Fn(AgentId) -> Option<Box<dyn Player>> + Send>,
     players: BTreeMap<AgentId, Box<dyn Player>>,
-    /// The last decisions of seats that were shown the state in which the game was joined.
+    /// The last decision of each agent, with its round, from the replay of the journal.
     decided: BTreeMap<AgentId, (u32, Act)>,
 }
 
@@ -237,9 +236,10 @@ impl Game {
         self.players.get_mut(&agent)
     }
 
-    /// Replays all earlier observations to the players, the open round included: some may have acted in it.
+    /// Replays all earlier observations to the players, those of the open round included: some seats may have acted
+    /// in it.
     fn remember(&mut self, journal: &[u8]) {
-        // A broken journal is reported by `verify`; the part that was read was seen.
+        // `verify` reports a broken journal; the readable part was replayed.
         drop(verify_seen(journal, None, Solver::Flow, |world, _| {
             for agent in world.agents().filter(|&agent| world.is_alive(agent)) {
                 if let Some(player) = self.player(agent) {
@@ -260,7 +260,7 @@ impl Game {
         };
         let request = ActRequest {
             round: sight.round,
-            // A player without a decision stays.
+            // A player that decides nothing stays.
             action: Some(act.action.map_or("STAY", |action| action.name()).to_owned()),
             message: act.message.map(|message| message.to_string()),
             to: act.to.map(|to| to.to_string()),

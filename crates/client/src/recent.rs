@@ -2,11 +2,11 @@
 
 use std::collections::HashMap;
 
-/// Games that are remembered at most. When there are more, the half that was seen longest ago is forgotten;
-/// many fewer are open at a time (`run_parallel_max`).
+/// Games in memory. At the limit the half that was seen longest ago is forgotten; far fewer are open at a time
+/// (`run_parallel_max`).
 const GAMES_REMEMBERED_MAX: usize = 512;
 
-/// Something for each game that was seen lately.
+/// Values of games that were seen lately.
 pub(super) struct Recent<V> {
     turn: u64,
     games: HashMap<String, (u64, V)>,
@@ -19,7 +19,7 @@ impl<V> Default for Recent<V> {
 }
 
 impl<V> Recent<V> {
-    /// What is remembered of a game, which is seen now.
+    /// Returns the value of a game and marks the game as seen.
     pub(super) fn of(&mut self, episode: &str, make: impl FnOnce() -> V) -> &mut V {
         self.turn += 1;
         if self.games.len() >= GAMES_REMEMBERED_MAX && !self.games.contains_key(episode) {

@@ -1,26 +1,26 @@
-//! Detects that the time of day is in doubt.
+//! Detection of a time of day in doubt.
 //!
 //! The server's time of day runs on a steady clock, which cannot be set. The host's clock is compared with it: small
-//! differences are followed slowly, and after a jump neither is trusted.
+//! differences are corrected slowly, and after a jump neither clock is trusted.
 
 use std::fmt;
 use std::time::Duration;
 
 use jiff::{SignedDuration, Timestamp};
 
-/// How far the host's time of day may lie from the server's. Time synchronization changes a host's clock by less at
-/// once.
+/// Greatest accepted difference between the host's and the server's time of day. Time synchronization changes a host's
+/// clock by less at once.
 const JUMP_MIN: SignedDuration = SignedDuration::from_secs(1);
 
-/// Smaller differences are followed by one part in this many of the time that has passed.
+/// Divisor of the elapsed time that bounds how fast smaller differences are corrected.
 const FOLLOWED_PART: i64 = 100;
 
-/// Why the time of day is in doubt. Meanwhile nothing irreversible happens because of it.
+/// The reason why the time of day is in doubt. Meanwhile it triggers nothing irreversible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Doubt {
     /// The host's clock has jumped by this much against the steady one.
     Jumped(SignedDuration),
-    /// The host's clock lies behind the newest entry of the database, which is of this moment.
+    /// The host's clock lies behind the newest entry of the database, whose time this is.
     Behind(Timestamp),
 }
 
@@ -47,21 +47,21 @@ impl fmt::Display for Doubt {
 /// The server's time of day, relative to a steady clock.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Agreement {
-    /// How far the server's time of day is ahead of the steady clock.
+    /// Lead of the server's time of day over the steady clock.
     ahead: SignedDuration,
-    /// When, by the steady clock, it was last compared with the host's.
+    /// The steady time of the last comparison with the host's clock.
     compared_at: Timestamp,
     /// An entry of the database that was newer than the host's clock at the start.
     newest: Option<Timestamp>,
 }
 
 impl Agreement {
-    /// Both clocks agree now.
+    /// An agreement of both clocks at `now`.
     pub(super) fn new(now: Timestamp) -> Self {
         Self { ahead: SignedDuration::ZERO, compared_at: now, newest: None }
     }
 
-    /// How far the server's time of day is ahead of the steady clock.
+    /// Lead of the server's time of day over the steady clock.
     pub(super) const fn ahead(&self) -> SignedDuration {
         self.ahead
     }
@@ -71,7 +71,7 @@ impl Agreement {
         let difference = host.duration_since(steady);
         if let Some(newest) = self.newest {
             // The host's clock is known to be wrong, and may be corrected without notice. Until then the time of day is
-            // at least that of the newest entry: what has closed, frozen or expired stays so.
+            // at least that of the newest entry: whatever has closed, frozen or expired stays so.
             self.ahead = difference.max(newest.duration_since(steady));
             if host < newest {
                 return Some(Doubt::Behind(newest));
@@ -96,7 +96,7 @@ impl Agreement {
         *self = Self { ahead: host.duration_since(steady), compared_at: steady, newest: None };
     }
 
-    /// The database has an entry of `newest`.
+    /// Records the time of the database's newest entry.
     pub(super) fn not_before(&mut self, newest: Timestamp) {
         self.newest = Some(newest);
     }

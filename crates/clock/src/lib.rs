@@ -1,11 +1,11 @@
 //! The host's time and randomness, as arguments.
 //!
-//! A crate of its own because the server and its clients both use it, and neither depends on the other.
+//! The crate is separate because the server and its clients both use it, and neither depends on the other.
 //!
 //! A server has two times (ADR 8). The *running time* is for durations: rounds, waits, timeouts. It is never set, and
-//! stops while the process is stopped. The *time of day* is for records and for announced moments; nothing irreversible
-//! happens because of it while it is in [`Doubt`]. Both begin at the same moment, so a running time is a timestamp,
-//! too: [`Clock::to_wall`] and [`Clock::running_at`] convert between the two.
+//! stops while the process is stopped. The *time of day* is for records and for announced moments; while it is in
+//! [`Doubt`] it triggers nothing irreversible. Both start at the same moment, so a running time is also a timestamp:
+//! [`Clock::to_wall`] and [`Clock::running_at`] convert between the two.
 
 mod agreement;
 mod running;
@@ -22,7 +22,7 @@ use agreement::{Agreement, moved, signed};
 pub use running::BEAT;
 use running::Running;
 
-/// Where the time comes from.
+/// A source of time.
 pub trait Clock: Send + Sync + 'static {
     /// The running time, to the millisecond.
     fn now(&self) -> Timestamp;
@@ -45,22 +45,22 @@ pub trait Clock: Send + Sync + 'static {
         wall
     }
 
-    /// A monotonic time that runs also while the process is stopped.
+    /// A monotonic time that also runs while the process is stopped.
     fn steady(&self) -> Timestamp {
         self.now()
     }
 
-    /// For how long the process was stopped so far.
+    /// Total time for which the process was stopped so far.
     fn lost(&self) -> Duration {
         Duration::ZERO
     }
 
-    /// Why the time of day is in doubt at this moment, if it is.
+    /// The reason why the time of day is in doubt now, if it is.
     fn doubt(&self) -> Option<Doubt> {
         None
     }
 
-    /// The time of day by the host's own clock, whether it is in doubt or not.
+    /// The time of day by the host's own clock, even if it is in doubt.
     fn host(&self) -> Timestamp {
         self.wall()
     }
@@ -68,11 +68,11 @@ pub trait Clock: Send + Sync + 'static {
     /// Accepts the host's time of day, which ends a doubt.
     fn confirm(&self) {}
 
-    /// The database has an entry of `newest`: an earlier time of day is in doubt.
+    /// Reports the time of the database's newest entry: an earlier time of day is in doubt.
     fn not_before(&self, _newest: Timestamp) {}
 }
 
-/// The host's clock as it is, for clients.
+/// The unmodified host's clock, for clients.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SystemClock;
 
@@ -83,13 +83,13 @@ impl Clock for SystemClock {
     }
 
     fn sleep_until(&self, at: Timestamp) -> Pin<Box<dyn Future<Output = ()> + Send>> {
-        // The time is cut to milliseconds, so the sleeper waits for the end of the last one.
+        // The time is truncated to milliseconds, so the sleeper waits for the end of the last one.
         let wait = until(self.now(), at) + Duration::from_millis(1);
         Box::pin(tokio::time::sleep(wait))
     }
 }
 
-/// The clock of a server. It has to be read at least every [`BEAT`]. Clones share it.
+/// The clock of a server, which has to be read at least every [`BEAT`]. Clones share it.
 #[derive(Clone, Debug)]
 pub struct ServerClock(Arc<Started>);
 
@@ -108,7 +108,7 @@ struct Times {
 }
 
 impl Times {
-    /// How far the time of day is ahead of the running time.
+    /// Lead of the time of day over the running time.
     fn ahead(&self) -> SignedDuration {
         signed(self.running.lost()) + self.agreement.ahead()
     }
@@ -137,7 +137,7 @@ impl Clock for ServerClock {
     fn sleep_until(&self, at: Timestamp) -> Pin<Box<dyn Future<Output = ()> + Send>> {
         let clock = self.clone();
         Box::pin(async move {
-            // If the process was stopped meanwhile, the running time is not there yet.
+            // The running time may not have reached `at` yet if the process was stopped meanwhile.
             loop {
                 let wait = until(clock.now(), at);
                 if wait.is_zero() {
@@ -196,9 +196,9 @@ pub struct ManualClock {
 
 #[derive(Debug)]
 struct ManualHost {
-    /// How far its time of day is ahead of the steady clock.
+    /// Lead of its time of day over the steady clock.
     ahead: SignedDuration,
-    /// For how long the process was stopped.
+    /// Total time for which the process was stopped.
     lost: Duration,
     agreement: Agreement,
 }
@@ -213,7 +213,7 @@ impl ManualClock {
         Self { now: watch::Sender::new(start), host: Mutex::new(host) }
     }
 
-    /// Moves the clock forward and wakes the tasks that waited for that.
+    /// Moves the clock forward and wakes the tasks whose sleep ends.
     pub fn advance(&self, by: Duration) {
         self.now.send_modify(|now| *now = after(*now, by));
     }
@@ -223,7 +223,7 @@ impl ManualClock {
         self.manual().ahead += by;
     }
 
-    /// Lets `by` pass while the process is stopped.
+    /// Simulates a stop of the process for `by`.
     pub fn stop(&self, by: Duration) {
         self.manual().lost += by;
     }
@@ -311,7 +311,7 @@ fn to_millisecond(at: Timestamp) -> Timestamp {
     Timestamp::from_millisecond(at.as_millisecond()).unwrap_or(at)
 }
 
-/// Where random bytes come from: ids, tokens and drawn seeds.
+/// A source of random bytes, for ids, tokens and drawn seeds.
 pub trait Entropy: Send + Sync + 'static {
     /// Fills `bytes` with unpredictable bytes.
     fn fill(&self, bytes: &mut [u8]);
@@ -331,12 +331,12 @@ impl Entropy for SystemEntropy {
     }
 }
 
-/// Random bytes that follow from a seed: for tests that must be repeatable.
+/// Random bytes derived from a seed: for tests that must be repeatable.
 #[derive(Debug)]
 pub struct SeededEntropy(Mutex<u64>);
 
 impl SeededEntropy {
-    /// The sequence that belongs to `seed`.
+    /// The sequence derived from `seed`.
     #[must_use]
     pub const fn new(seed: u64) -> Self {
         Self(Mutex::new(seed))

@@ -2,21 +2,21 @@
 
 use std::time::Duration;
 
-/// The longest interval at which the server reads its clock.
+/// The longest interval between two reads of the server's clock.
 pub const BEAT: Duration = Duration::from_millis(50);
 
-/// If the clock was not read for longer than this, the process or the machine was stopped.
+/// Interval without a read of the clock beyond which the process or the machine counts as stopped.
 const STOPPED_MIN: Duration = Duration::from_millis(500);
 
-/// The running time stays stopped for this long after that, until requests that arrived meanwhile are read.
+/// Time for which the running time stays stopped after that, until requests that arrived meanwhile are read.
 const CATCH_UP: Duration = Duration::from_millis(250);
 
-/// The running time, derived from a monotonic time that runs while the process is stopped.
+/// The running time, derived from a monotonic time that also runs while the process is stopped.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Running {
     /// The monotonic time up to which the running time is known.
     seen: Duration,
-    /// The part of it in which the process was stopped.
+    /// Total time for which the running time did not advance.
     lost: Duration,
 }
 
@@ -32,7 +32,7 @@ impl Running {
         self.seen.saturating_sub(self.lost)
     }
 
-    /// The time in which the process was stopped.
+    /// Total time for which the running time did not advance.
     pub(super) const fn lost(&self) -> Duration {
         self.lost
     }
@@ -54,13 +54,13 @@ mod tests {
             (100, 100),
             // A busy machine is sometimes late.
             (600, 600),
-            // Stopped for 6 seconds, and until requests are read.
+            // A stop for 6 seconds, and until requests are read.
             (6_600, 600),
             (6_700, 600),
             (6_850, 600),
             (6_860, 610),
             (6_900, 650),
-            // Stopped twice.
+            // A second stop.
             (7_500, 650),
             (7_800, 700),
         ] {

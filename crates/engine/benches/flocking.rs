@@ -1,4 +1,4 @@
-//! The cost of a flock, for random layouts and for those that are hard to bound. One iteration
+//! Time to compute the cost of a flock, for random layouts and for layouts that are hard to bound. One iteration
 //! measures several layouts, so that a lucky one does not decide.
 
 use criterion::{BenchmarkId, Criterion, Throughput};
@@ -12,7 +12,7 @@ const LAYOUTS: usize = 8;
 const SIZES: [(usize, usize); 6] =
     [(12, 10), (30, 16), (100, 28), (256, 46), (256, 100), (256, 256)];
 
-/// Different cells, as `draw` gives them.
+/// Distinct cells drawn by `draw`.
 fn cells(count: usize, mut draw: impl FnMut() -> (usize, usize)) -> Vec<Pos> {
     let mut cells: Vec<Pos> = Vec::with_capacity(count);
     while cells.len() < count {
@@ -26,12 +26,12 @@ fn cells(count: usize, mut draw: impl FnMut() -> (usize, usize)) -> Vec<Pos> {
     cells
 }
 
-/// Anywhere.
+/// Random cells.
 fn random(count: usize, size: usize, dice: &mut Dice) -> Vec<Pos> {
     cells(count, || (1 + dice.below(size - 2), 1 + dice.below(size - 2)))
 }
 
-/// All crammed into one corner.
+/// A crowd in one corner.
 fn corner(count: usize, _: usize, _: &mut Dice) -> Vec<Pos> {
     let side = count.isqrt() + 1;
     let mut number = 0;
@@ -50,7 +50,7 @@ fn crowds(count: usize, size: usize, dice: &mut Dice) -> Vec<Pos> {
     })
 }
 
-/// Along a diagonal.
+/// Cells along a diagonal.
 fn diagonal(count: usize, size: usize, dice: &mut Dice) -> Vec<Pos> {
     cells(count, || {
         let i = 1 + dice.below(size - 2);
@@ -58,7 +58,7 @@ fn diagonal(count: usize, size: usize, dice: &mut Dice) -> Vec<Pos> {
     })
 }
 
-/// The target with one agent in eight elsewhere.
+/// The target, with one agent in eight elsewhere.
 fn nearly_formed(count: usize, size: usize, dice: &mut Dice) -> Vec<Pos> {
     let outline = target(u16::try_from(count).expect("few"));
     let mut formed = outline.iter().map(|at| at.plus(Pos::new(2, 2)));
@@ -68,7 +68,7 @@ fn nearly_formed(count: usize, size: usize, dice: &mut Dice) -> Vec<Pos> {
     })
 }
 
-/// The layout that takes the most effort of those that `examples/hard_flocks.rs` has found.
+/// The layout of greatest effort that `examples/hard_flocks.rs` has found.
 fn hardest() -> Vec<Pos> {
     let cell = |line: &str| {
         let (i, j) = line.split_once(' ')?;

@@ -1,6 +1,5 @@
-//! How a round with its digest and all observations grows with the number of agents, at the same
-//! number of cells for each agent; and how it grows with the map alone. In `growth_windows` present
-//! windows are written into buffers instead.
+//! Growth of the time of a round with its digest and all observations with the number of agents, at the same number of
+//! cells for each agent; and with the map alone. In `growth_windows` current windows are written into buffers instead.
 
 use std::hint::black_box;
 

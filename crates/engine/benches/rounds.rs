@@ -1,6 +1,6 @@
-//! Rounds a second in the standard setting, by task: every agent acts at random, and one in eight
-//! says something. `play` is a round and its digest, `play_and_observe` also all observations with what agents
-//! remember, `play_and_write` also all present windows, written into buffers that are used again.
+//! Rounds a second in the standard setting, by task: every agent acts at random, and one in eight sends a message.
+//! `play` is a round and its digest, `play_and_observe` also all observations with the agents' memory, `play_and_write`
+//! also all current windows, written into reused buffers.
 
 use std::hint::black_box;
 
@@ -8,7 +8,7 @@ use criterion::{BatchSize, Criterion, Throughput};
 use swarmbench_engine::{Act, Canvas, Scratch, Settings, TaskName, World};
 use swarmbench_testkit::worlds::{Dice, world};
 
-/// As many rounds as the standard setting has.
+/// Number of rounds of the standard setting.
 const ROUNDS: u64 = 100;
 
 type Game = fn(&mut World, &[Vec<Act>], &mut Desk);
@@ -38,7 +38,7 @@ fn play_and_write(world: &mut World, rounds: &[Vec<Act>], desk: &mut Desk) {
     }
 }
 
-/// Memory that is used again: what all agents see, and that of rounds.
+/// Reused memory: the windows of all agents, and the scratch memory of rounds.
 #[derive(Default)]
 struct Desk {
     canvas: Canvas,

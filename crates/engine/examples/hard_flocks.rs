@@ -1,5 +1,5 @@
-//! Looks for layouts whose cost in Flocking is hard to find: draws mixtures of lines, crowds and rings, and then climbs
-//! from the hardest by moving agents about. Hard is what takes much effort, the same on every machine.
+//! Searches for layouts whose cost in Flocking is hard to find: draws mixtures of lines, crowds and rings, and then
+//! climbs from the hardest by moving agents. Hardness is measured by `effort`, which is the same on every machine.
 //!
 //! ```console
 //! cargo run --release -p swarmbench-engine --example hard_flocks -- 256 256 1 600 300
@@ -12,7 +12,7 @@ use swarmbench_engine::Pos;
 use swarmbench_engine::tasks::flocking::{effort, target};
 use swarmbench_testkit::worlds::Dice;
 
-/// A part of a layout, with the number of chances that an agent belongs to it.
+/// A part of a layout, with the relative probability that an agent belongs to it.
 struct Part {
     kind: usize,
     from: (usize, usize),
@@ -71,7 +71,7 @@ fn mixture(count: usize, size: usize, dice: &mut Dice) -> Vec<Pos> {
             is_meant
         });
         let (i, j) = match part {
-            // Small parts fill up.
+            // Small parts can be full: after many tries any cell is drawn.
             Some(part) if tries < 20 * count => part.cell(size, dice),
             _ => (dice.below(size), dice.below(size)),
         };
@@ -83,7 +83,7 @@ fn mixture(count: usize, size: usize, dice: &mut Dice) -> Vec<Pos> {
     cells
 }
 
-/// The same layout with some agents elsewhere, or a part of the map shifted; none where agents would share a cell.
+/// The same layout with some agents elsewhere, or a part of the map shifted; `None` if agents would share a cell.
 fn neighbour(layout: &[Pos], size: usize, dice: &mut Dice) -> Option<Vec<Pos>> {
     let place = |at: i32, step: usize, wide: usize| {
         (at.unsigned_abs() as usize + step).saturating_sub(wide)

@@ -1,4 +1,4 @@
-//! What an agent decides in a round.
+//! Acts: an agent's decisions in a round.
 
 use crate::grid::Direction;
 use crate::message::Message;
@@ -12,17 +12,17 @@ impl AgentId {
     /// The commander under centralized control.
     pub const COMMANDER: Self = Self(0);
 
-    /// The agent that a name such as `Agent_3` stands for, if it is written exactly so.
+    /// Parses a name such as `Agent_3`; only the canonical spelling is accepted.
     #[must_use]
     pub fn parse(name: &str) -> Option<Self> {
         let digits = name.strip_prefix("Agent_")?;
-        // A number has one way of writing: no sign, and no zeros before it.
+        // The canonical number has no sign and no leading zeros.
         let is_plain = digits.bytes().all(|digit| digit.is_ascii_digit());
         let is_short = digits == "0" || !digits.starts_with('0');
         if is_plain && is_short { digits.parse().ok().map(Self) } else { None }
     }
 
-    /// The place of the agent in lists by agent.
+    /// The index of the agent in lists by agent.
     #[must_use]
     pub const fn index(self) -> usize {
         self.0 as usize
@@ -35,7 +35,7 @@ impl std::fmt::Display for AgentId {
     }
 }
 
-/// What an agent does with its body.
+/// An action of an agent's body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Action {
     /// Push one cell up.
@@ -63,7 +63,7 @@ impl Action {
         if task == TaskName::Synchronization { &Self::ALL } else { &Self::ALL[..5] }
     }
 
-    /// Its name, in upper case.
+    /// The name, in upper case.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -82,7 +82,7 @@ impl Action {
         Self::of_task(task).iter().copied().find(|action| action.name() == name)
     }
 
-    /// The way in which it pushes.
+    /// The direction of the push; `None` for actions that do not push.
     #[must_use]
     pub const fn direction(self) -> Option<Direction> {
         match self {
@@ -98,11 +98,11 @@ impl Action {
 /// An agent's decision for one round. The default is "no action, no message".
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Act {
-    /// `None` does nothing.
+    /// The action; `None` does nothing.
     pub action: Option<Action>,
-    /// `None` says nothing.
+    /// The message; `None` says nothing.
     pub message: Option<Message>,
-    /// Under centralized control: the only receiver of the commander's message (rules: *Centralized control*).
+    /// The only receiver of the commander's message under centralized control (rules: *Centralized control*).
     pub to: Option<AgentId>,
 }
 

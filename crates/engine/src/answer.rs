@@ -3,45 +3,45 @@
 //! An answer is free text with markers, `ACTION: …`, `MSG: …` and, under centralized control,
 //! `TO: …`. An episode names the [`AnswerReader`] that finds them:
 //!
-//! - `last-marker`: the last of each kind. What may stand around a marker or a value is what models are seen to write:
-//!   white space, list signs, Markdown emphasis and headings, quotes, brackets.
-//! - `first-marker`: the first of each kind as a part of the text, as the public toolkit reads.
+//! - `last-marker`: the last of each kind. Around a marker or a value it accepts what models are seen to write: white
+//!   space, list signs, Markdown emphasis and headings, quotes, brackets.
+//! - `first-marker`: the first of each kind anywhere in the text, as the public toolkit reads.
 
 use crate::act::{Act, Action, AgentId};
 use crate::config::Config;
 use crate::message::Message;
 use crate::names::{AnswerReader, Control, TaskName};
 
-/// What an answer says.
+/// A parsed answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Answer {
-    /// What the agent does; nothing at all where the answer is invalid.
+    /// The act of the agent; empty if the answer is invalid.
     pub act: Act,
-    /// Why it is invalid; `None` where it names an action, or is only a message.
+    /// The reason why the answer is invalid; `None` if it names an action, or is only a message.
     pub fault: Option<Fault>,
 }
 
 impl Answer {
-    /// Whether it counts.
+    /// Whether the answer is valid.
     #[must_use]
     pub const fn is_valid(&self) -> bool {
         self.fault.is_none()
     }
 }
 
-/// Why an answer is invalid.
+/// The reason why an answer is invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// It is empty or white space.
+    /// The answer is empty or white space.
     Empty,
-    /// It has no `ACTION:` and no `MSG:` with a message.
+    /// The answer has no `ACTION:` and no `MSG:` with a message.
     NoMarker,
-    /// It has an `ACTION:`, and what follows is no action of the task.
+    /// The answer has an `ACTION:` that no action of the task follows.
     UnknownAction,
 }
 
 impl Fault {
-    /// What is wrong with an invalid text.
+    /// The fault of an invalid text.
     fn of(text: &str, has_action: bool) -> Self {
         match has_action {
             true => Self::UnknownAction,
@@ -68,13 +68,13 @@ pub fn parse(text: &str, config: &Config, agent: AgentId) -> Answer {
     Answer { act: Act { action: read.action, message: read.message, to }, fault: None }
 }
 
-/// What a reader finds in a text.
+/// The markers that a reader finds in a text.
 struct Read<'a> {
     action: Option<Action>,
     message: Option<Message>,
     /// The value of `TO`.
     to: Option<&'a str>,
-    /// It has a marker `ACTION:`, whatever follows.
+    /// Whether there is a marker `ACTION:`, whatever follows.
     names_action: bool,
     valid: bool,
 }
@@ -94,8 +94,8 @@ fn last_markers<'a>(text: &'a str, config: &Config) -> Read<'a> {
     Read { action, message, to, names_action: said.is_some(), valid }
 }
 
-/// Reads as the public toolkit does: a marker is found wherever its letters stand, in three spellings, and a later
-/// spelling overrides an earlier one. An action is found by its letters, too.
+/// Reads a text as the public toolkit does: a marker is found wherever its letters stand, in three spellings, and a
+/// later spelling overrides an earlier one. An action is found by its letters, too.
 fn first_markers<'a>(text: &'a str, config: &Config) -> Read<'a> {
     let actions = Action::of_task(config.task());
     let said = || values(text, ["ACTION:", "Action:", "action:"]);
@@ -107,7 +107,7 @@ fn first_markers<'a>(text: &'a str, config: &Config) -> Read<'a> {
     Read { action, message, to, names_action: said().next().is_some(), valid }
 }
 
-/// The values behind the first places of these markers, each up to the end of its line.
+/// The values after the first occurrence of each of these markers, up to the end of the line.
 fn values<'a, const N: usize>(
     text: &'a str,
     spellings: [&'static str; N],
@@ -128,8 +128,8 @@ enum Kind {
 struct Marker<'a> {
     kind: Kind,
     value: &'a str,
-    /// An `ACTION:` with nothing before the `MSG:` that follows it on its line, as in
-    /// `ACTION: MSG: hello`.
+    /// Whether this is an `ACTION:` with nothing before the `MSG:` that follows on its line, as in `ACTION: MSG:
+    /// hello`.
     announces_message: bool,
 }
 
@@ -157,7 +157,7 @@ fn markers(text: &str, centralized: bool) -> Vec<Marker<'_>> {
     found
 }
 
-/// Notes a marker whose value ends at `end`, where `next` begins.
+/// Records a marker whose value ends at `end`, where `next` begins.
 fn close<'a>(
     found: &mut Vec<Marker<'a>>,
     open: Option<(Kind, usize)>,
@@ -172,7 +172,7 @@ fn close<'a>(
     }
 }
 
-/// The marker whose word begins at `place`, and where its value begins.
+/// The marker whose word begins at `place`, and the start of its value.
 fn marker_at(line: &str, place: usize, centralized: bool) -> Option<(Kind, usize)> {
     let kinds = [("ACTION", Kind::Action), ("MSG", Kind::Message), ("TO", Kind::To)];
     let known = if centralized { &kinds[..] } else { &kinds[..2] };
@@ -191,7 +191,7 @@ fn marker_at(line: &str, place: usize, centralized: bool) -> Option<(Kind, usize
     Some((kind, line.len() - value.len()))
 }
 
-/// What may stand before the first marker of a line: white space, list signs, emphasis, headings.
+/// Whether a character may stand before the first marker of a line: white space, list signs, emphasis, headings.
 fn leads(c: char) -> bool {
     c.is_whitespace()
         || is_emphasis(c)
@@ -207,7 +207,7 @@ fn is_word(c: char) -> bool {
     c.is_alphanumeric() || c == '_'
 }
 
-/// The words of a value. Emphasis is no part of a word, so `_UP_` holds the word `UP`.
+/// The words of a value. Emphasis is not part of a word, so `_UP_` holds the word `UP`.
 fn words(value: &str) -> impl Iterator<Item = &str> {
     value.split(|c: char| !is_word(c)).map(|word| word.trim_matches('_')).filter(|w| !w.is_empty())
 }
@@ -225,7 +225,7 @@ fn receiver(value: &str) -> Option<AgentId> {
     })
 }
 
-/// A value without the emphasis, quotes and brackets around it, up to a few layers of them.
+/// A value without the emphasis, quotes and brackets around it, up to 8 layers of them.
 fn unwrapped(value: &str) -> &str {
     const PAIRS: [(char, char); 9] = [
         ('[', ']'),
@@ -254,7 +254,7 @@ fn unwrapped(value: &str) -> &str {
     value
 }
 
-/// Whether the sign at `place` stands within a word, as in `don't`, and so closes no quote.
+/// Whether the character at `place` is an apostrophe within a word, as in `don't`, which closes no quote.
 fn is_apostrophe(text: &str, place: usize) -> bool {
     let (before, after) = text.split_at(place);
     after.starts_with('\'')
@@ -262,7 +262,7 @@ fn is_apostrophe(text: &str, place: usize) -> bool {
         && after.chars().nth(1).is_some_and(char::is_alphanumeric)
 }
 
-/// Whether the signs around `inner` belong to each other.
+/// Whether the quotes or brackets around `inner` match each other.
 fn is_balanced(inner: &str, open: char, close: char) -> bool {
     if open == close {
         return inner.match_indices(open).all(|(place, _)| is_apostrophe(inner, place));

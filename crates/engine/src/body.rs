@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use crate::grid::{BodyId, Direction, Grid, Pos};
 
-/// What a body is; this decides the symbol that stands for it.
+/// The kind of a body, which decides its symbol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Kind {
     /// A player's body.
@@ -31,7 +31,7 @@ pub enum Kind {
 pub(crate) enum Shape {
     /// The single cell at the position itself.
     Cell,
-    /// These cells.
+    /// Any number of cells.
     Cells(Arc<[Pos]>),
 }
 
@@ -45,7 +45,7 @@ impl Shape {
     }
 }
 
-/// A thing with an extent.
+/// A body on the board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Body {
     pub(crate) kind: Kind,
@@ -53,7 +53,7 @@ pub struct Body {
     pub(crate) shape: Shape,
     pub(crate) mass: i32,
     pub(crate) fixed: bool,
-    /// It lies wholly outside the map and takes no further part.
+    /// Whether it lies wholly outside the map and takes no further part.
     pub(crate) gone: bool,
 }
 
@@ -85,13 +85,13 @@ impl Body {
         self.shape.cells().iter().map(|cell| self.at.plus(*cell))
     }
 
-    /// What it is.
+    /// The kind of the body.
     #[must_use]
     pub const fn kind(&self) -> Kind {
         self.kind
     }
 
-    /// Its top-left position; for a body that has left the map, the position to which it went.
+    /// The top-left position; for a body that has left the map, the position to which it went.
     #[must_use]
     pub const fn at(&self) -> Pos {
         self.at
@@ -107,20 +107,19 @@ pub struct Board {
 }
 
 impl Board {
-    /// An empty map on which ids `0..agents` are kept for agents, placed later by
-    /// [`Board::place_agent`].
+    /// An empty map on which ids `0..agents` are reserved for agents, placed later by [`Board::place_agent`].
     pub(crate) fn new(height: i32, width: i32, agents: usize) -> Self {
         let nowhere = Body { gone: true, ..Body::agent(Pos::new(-1, -1)) };
         Self { grid: Grid::new(height, width), bodies: vec![nowhere; agents], agents }
     }
 
-    /// Which body lies where.
+    /// The grid that maps cells to bodies.
     #[must_use]
     pub const fn grid(&self) -> &Grid {
         &self.grid
     }
 
-    /// One body.
+    /// The body with this id.
     #[must_use]
     pub fn body(&self, id: BodyId) -> &Body {
         &self.bodies[id.index()]
@@ -190,18 +189,18 @@ impl Board {
         }
     }
 
-    /// About how much memory it takes that `other` does not share.
+    /// Approximate memory that is not shared with `other`, in bytes.
     pub(crate) fn bytes_beside(&self, other: &Self) -> usize {
         size_of_val(&*self.bodies) + self.grid.bytes_beside(&other.grid)
     }
 
-    /// Makes `other`, an earlier state of the same board, a clone of this one, in its memory.
+    /// Turns `other`, an earlier state of the same board, into a clone of this one, reusing its memory.
     pub(crate) fn replace(&mut self, other: &mut Self) {
         other.bodies.clone_from(&self.bodies);
         self.grid.replace(&mut other.grid);
     }
 
-    /// About how much memory it takes.
+    /// Approximate memory, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(&*self.bodies) + self.grid.bytes()
     }

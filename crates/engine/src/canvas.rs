@@ -1,7 +1,7 @@
 //! All windows of a round at once, as numbers (rules: *What an agent sees*).
 //!
-//! The map is drawn once with a border as wide as a window reaches, so a window is a few rows to copy. It is the same
-//! that [`World::observe`] shows of the present.
+//! The map is drawn once with a border as wide as a window reaches, so a window is a few rows to copy. The windows
+//! equal the current view of [`World::observe`].
 
 use crate::act::AgentId;
 use crate::body::Kind;
@@ -11,7 +11,7 @@ use crate::names::{Control, RuleSet};
 use crate::observe::Seen;
 use crate::world::World;
 
-/// A map as agents see it; used again for one state after the other.
+/// A map as agents see it; reusable for any number of states.
 #[derive(Clone, Debug, Default)]
 pub struct Canvas {
     /// Cells of the border on each side.
@@ -22,12 +22,12 @@ pub struct Canvas {
     window: (usize, usize),
     symbols: Vec<u8>,
     numbers: Vec<i16>,
-    /// By agent, the first cell of its window and its own cell in the window; none once it has escaped.
+    /// The first cell of an agent's window and its own cell in the window, by agent; `None` once it has escaped.
     starts: Vec<Option<(usize, usize)>>,
 }
 
 impl Seen {
-    /// How many codes there are.
+    /// Number of codes.
     pub const CODES: usize = 10;
 
     /// The code of the cell, from 0: empty, outside, wall, block, prey, nest, food, the agent itself, another agent,
@@ -49,7 +49,7 @@ impl Seen {
     }
 }
 
-/// What stands for "no other agent" among the numbers of agents.
+/// Agent number for "no other agent".
 const NOBODY: i16 = -1;
 
 impl Canvas {
@@ -98,10 +98,10 @@ impl Canvas {
     }
 
     /// Writes the window of an agent row by row: the code of each cell ([`Seen::code`]), and the number of the agent in
-    /// it, −1 without one and for the agent itself. False, and nothing is written, once the agent has escaped.
+    /// it, −1 without one and for the agent itself. Returns false and writes nothing once the agent has escaped.
     ///
     /// # Panics
-    /// Where the slices do not have the cells of a window, or there is no such agent.
+    /// Panics if the slices do not have the size of a window, or there is no such agent.
     pub fn write_window(&self, agent: AgentId, codes: &mut [u8], numbers: &mut [i16]) -> bool {
         let Some((start, own)) = self.starts[agent.index()] else { return false };
         let columns = self.window.1;
@@ -122,7 +122,7 @@ impl Canvas {
         self.starts[agent.index()].map(|(_, own)| own)
     }
 
-    /// An empty map.
+    /// Clears the canvas for an empty map.
     fn set_out(&mut self, config: &Config, height: i32, width: i32) {
         let length = |cells: i32| usize::try_from(cells).expect("a positive size");
         (self.border, self.window) = match config.control() {
@@ -145,7 +145,7 @@ impl Canvas {
         }
     }
 
-    /// Where a cell stands; cells of the border are given, too.
+    /// The index of a cell; cells of the border have one, too.
     fn place(&self, cell: Pos) -> usize {
         let length = |cells: i32| usize::try_from(cells + self.border).expect("inside the border");
         length(cell.i) * self.stride + length(cell.j)

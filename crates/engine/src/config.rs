@@ -1,4 +1,4 @@
-//! The settings of an episode, checked, as the rest of the engine uses them.
+//! The checked settings of an episode.
 
 use crate::names::{AnswerReader, Control, RuleSet, TaskName};
 use crate::seed::Seed;
@@ -20,7 +20,7 @@ pub struct Config {
     pub(crate) noise: f64,
     pub(crate) max_delay: u32,
     pub(crate) answer_reader: AnswerReader,
-    /// As they were asked for: journals and clients are shown these.
+    /// The settings as requested: journals and clients are shown these.
     pub(crate) settings: Settings,
 }
 
@@ -37,7 +37,7 @@ impl Config {
         self.rules
     }
 
-    /// Who may talk to whom, and who sees what.
+    /// The control: the receivers of messages and the size of views.
     #[must_use]
     pub const fn control(&self) -> Control {
         self.control
@@ -49,31 +49,31 @@ impl Config {
         self.seed
     }
 
-    /// How many agents play.
+    /// Number of agents in the game.
     #[must_use]
     pub const fn num_agents(&self) -> u16 {
         self.num_agents
     }
 
-    /// After how many rounds the episode ends.
+    /// Number of rounds after which the episode ends.
     #[must_use]
     pub const fn max_round(&self) -> u32 {
         self.max_round
     }
 
-    /// How many past rounds an agent remembers.
+    /// Number of past rounds that an agent remembers.
     #[must_use]
     pub const fn memory(&self) -> usize {
         self.memory
     }
 
-    /// How answers of language models are read.
+    /// The reader of language models' answers.
     #[must_use]
     pub const fn answer_reader(&self) -> AnswerReader {
         self.answer_reader
     }
 
-    /// How far an agent sees in each direction: half its window, rounded down.
+    /// Range of sight in each direction: half the window, rounded down.
     #[must_use]
     pub(crate) const fn reach(&self) -> i32 {
         self.view_size / 2
@@ -86,7 +86,7 @@ impl Config {
         }
     }
 
-    /// The cells that one agent sees.
+    /// Number of cells that one agent sees.
     #[must_use]
     pub fn window(&self) -> usize {
         usize::try_from(self.window_cells()).expect("a window has few cells")

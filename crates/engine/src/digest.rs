@@ -28,8 +28,7 @@ impl std::fmt::Debug for Digest {
 }
 
 impl World {
-    /// The digest of the state now. What happened before, as far as it matters no more (the memory
-    /// of the agents), is not part of it.
+    /// The digest of the current state. History that no longer matters (the memory of the agents) is not part of it.
     #[must_use]
     pub fn digest(&self) -> Digest {
         let mut bytes = Bytes(Vec::with_capacity(512));
@@ -87,7 +86,7 @@ impl World {
     }
 }
 
-/// Canonical bytes as they are written.
+/// A writer of canonical bytes.
 struct Bytes(Vec<u8>);
 
 impl Bytes {
@@ -120,7 +119,7 @@ impl Bytes {
         self.0.extend(message.as_str().bytes());
     }
 
-    /// Where every body lies that can move; fixed ones follow from the configuration.
+    /// Writes the positions of all movable bodies; fixed ones follow from the configuration.
     fn board(&mut self, board: &Board) {
         for body in board.bodies() {
             if body.fixed && body.kind != crate::body::Kind::Prey {

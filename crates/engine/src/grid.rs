@@ -1,4 +1,4 @@
-//! Cells, positions and directions, and the grid that says which body lies on which cell.
+//! Cells, positions and directions, and the grid that maps cells to bodies.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use std::sync::Arc;
 pub struct BodyId(pub(crate) u16);
 
 impl BodyId {
-    /// The place of the body in its board's list.
+    /// The index of the body in its board's list.
     #[must_use]
     pub const fn index(self) -> usize {
         self.0 as usize
@@ -50,7 +50,7 @@ impl Pos {
     }
 }
 
-/// One of the four ways in which something can move.
+/// One of the four directions of movement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Direction {
     /// One row up (`i - 1`).
@@ -78,7 +78,7 @@ impl Direction {
         }
     }
 
-    /// The way back.
+    /// The opposite direction.
     #[must_use]
     pub const fn opposite(self) -> Self {
         match self {
@@ -90,10 +90,10 @@ impl Direction {
     }
 }
 
-/// Which body occupies each cell of the map.
+/// The body on each cell of the map.
 ///
-/// The cells lie in pieces that clones share until one of them changes: the remembered boards of a
-/// large map with few agents take little more memory than one.
+/// The cells are stored in pieces, which clones share until one of them changes: the remembered boards of a large map
+/// with few agents take little more memory than one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Grid {
     height: i32,
@@ -102,12 +102,13 @@ pub struct Grid {
     spare: Spare,
 }
 
-/// Pieces of boards that are forgotten: those that change next are copied into them. They are no part of the map.
+/// Pieces of forgotten boards, reused for the next pieces that change. They are not part of the map, so clones do not
+/// copy and comparisons ignore them.
 #[derive(Debug, Default)]
 struct Spare(Vec<Arc<[u16]>>);
 
 impl Spare {
-    /// A piece as long as this one, if there is one.
+    /// Takes a piece of this length, if there is one.
     fn take(&mut self, length: usize) -> Option<Arc<[u16]>> {
         let place = self.0.iter().position(|piece| piece.len() == length)?;
         Some(self.0.swap_remove(place))
@@ -128,7 +129,7 @@ impl PartialEq for Spare {
 
 impl Eq for Spare {}
 
-/// Cells of a piece of a grid; the last piece may have fewer.
+/// Number of cells of a piece of a grid; the last piece may have fewer.
 const PIECE_CELLS: usize = 1024;
 
 /// The stored value of an empty cell; no body has this id.
@@ -176,12 +177,12 @@ impl Grid {
         self.contains(at) && self.cell(at) == EMPTY
     }
 
-    /// Puts a body on a cell, or clears it; a cell outside the map is left alone.
+    /// Puts a body on a cell, or clears it; cells outside the map are ignored.
     pub(crate) fn set(&mut self, at: Pos, body: Option<BodyId>) {
         if self.contains(at) {
             let index = self.index(at);
             let value = body.map_or(EMPTY, |id| id.0);
-            // A piece that others share is copied where it changes only.
+            // A shared piece is copied only if the cell changes.
             if self.cell(at) != value {
                 let piece = &mut self.pieces[index / PIECE_CELLS];
                 if Arc::get_mut(piece).is_none()
@@ -195,9 +196,9 @@ impl Grid {
         }
     }
 
-    /// Makes `other`, an earlier state of the same map, a clone of this one. Its pieces that nobody else has are kept
-    /// for changes to come. As a change takes a new piece only where none is kept, all boards of an episode and what is
-    /// kept have at most as many pieces as those boards would have if they shared none.
+    /// Turns `other`, an earlier state of the same map, into a clone of this one. Pieces that only `other` has are kept
+    /// for later changes. A change allocates a new piece only if none is kept, so all boards of an episode and the
+    /// spare pieces together have at most as many pieces as those boards would have without sharing.
     pub(crate) fn replace(&mut self, other: &mut Self) {
         for (piece, other) in self.pieces.iter().zip(&mut other.pieces) {
             if Arc::ptr_eq(piece, other) {
@@ -210,7 +211,7 @@ impl Grid {
         }
     }
 
-    /// Bytes of the cells that it does not share with `other`.
+    /// Memory of the cells that are not shared with `other`, in bytes.
     pub(crate) fn bytes_beside(&self, other: &Self) -> usize {
         let pieces = self.pieces.iter().zip(&other.pieces);
         let own: usize = pieces
@@ -220,7 +221,7 @@ impl Grid {
         own + size_of_val(&*self.pieces)
     }
 
-    /// Bytes of all its cells.
+    /// Memory of all cells, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         let pieces = self.pieces.iter().chain(&self.spare.0);
         let cells: usize = pieces.map(|piece| size_of_val(&**piece)).sum();

@@ -1,7 +1,7 @@
 //! The `SwarmBench` simulation, exactly by the rules (`docs/rules.md`), and nothing else: no clock, no
 //! files, no network, no wire format.
 //!
-//! Lay an episode out. [`Settings`] are what anyone may ask for, a [`Config`] was checked:
+//! Lay an episode out. [`Settings`] are unchecked, a [`Config`] is checked:
 //!
 //! ```
 //! use std::sync::Arc;
@@ -17,7 +17,7 @@
 //! # Ok::<(), swarmbench_engine::SettingErrors>(())
 //! ```
 //!
-//! Step. Every agent decides once a round; deciding nothing is fine:
+//! Step. Every agent decides once a round; an empty act is valid:
 //!
 //! ```
 //! # use std::sync::Arc;
@@ -33,7 +33,7 @@
 //! # Ok::<(), swarmbench_engine::SettingErrors>(())
 //! ```
 //!
-//! Observe. An agent sees its window, a spectator everything:
+//! Observe. An agent sees its window, a spectator the whole map:
 //!
 //! ```
 //! # use std::sync::Arc;
@@ -87,6 +87,6 @@ pub use settings::Settings;
 pub use step::Scratch;
 pub use world::World;
 
-/// The revision of the rules that this engine plays; every journal names its own. A change of
-/// behaviour, however small, is a new revision.
+/// The revision of the rules that this engine plays; every journal names the one it was played by. Any change of
+/// behaviour is a new revision.
 pub const RULES_REVISION: u32 = 1;

@@ -1,4 +1,4 @@
-//! The receivers of messages, and the rounds of delivery (rules: *Messages*, *Centralized control*).
+//! The receivers of messages, and their rounds of delivery (rules: *Messages*, *Centralized control*).
 
 use crate::act::{Act, AgentId};
 use crate::body::{Board, Kind};
@@ -8,10 +8,10 @@ use crate::message::Message;
 use crate::names::{Control, RuleSet};
 use crate::rng::Stream;
 
-/// A message on its way.
+/// A message under way.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct PendingMessage {
-    /// The round with whose observations it is delivered.
+    /// The round whose observations deliver the message.
     pub(crate) due: u32,
     /// The round in which it was sent.
     pub(crate) sent: u32,
@@ -23,13 +23,13 @@ pub(crate) struct PendingMessage {
 /// The receivers of a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Audience {
-    /// To these agents; decided when it was sent.
+    /// The agents that were fixed when the message was sent.
     Decided(Vec<AgentId>),
-    /// To the agents that are present when it is delivered; or to the one that the commander named.
+    /// The agents that are present at delivery; only the one that the commander named, if any.
     Open { to: Option<AgentId> },
 }
 
-/// A message that was delivered, as its receiver reads it. The order is that in which it sees them: by text.
+/// A delivered message as its receiver reads it. The order is the order in the observation: by text.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Received {
     pub(crate) text: Message,
@@ -41,21 +41,21 @@ pub(crate) struct Received {
 /// A message that was delivered with the current observations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Delivery<'a> {
-    /// Who reads it.
+    /// The agent that reads the message.
     pub receiver: AgentId,
-    /// Who sent it; may be the receiver itself (rules `reference`). The receiver does not see this.
+    /// The agent that sent the message; may be the receiver itself (rules `reference`). The receiver does not see this.
     pub sender: AgentId,
     /// The round in which it was sent.
     pub sent: u32,
-    /// The text as the receiver reads it: noise may have changed it.
+    /// The text as the receiver reads it, after noise.
     pub text: &'a Message,
 }
 
-/// All messages on their way, and what was delivered with the current observations.
+/// All messages under way, and those delivered with the current observations.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Mail {
     pub(crate) pending: Vec<PendingMessage>,
-    /// By agent; sorted.
+    /// The delivered messages of each agent, sorted.
     pub(crate) inbox: Vec<Vec<Received>>,
 }
 
@@ -64,7 +64,7 @@ impl Mail {
         Self { pending: Vec::new(), inbox: vec![Vec::new(); agents] }
     }
 
-    /// Messages that were delivered with the current observations, by receiver.
+    /// The messages delivered with the current observations, by receiver.
     pub(crate) fn deliveries(&self) -> impl Iterator<Item = Delivery<'_>> {
         (0..).map(AgentId).zip(&self.inbox).flat_map(|(receiver, inbox)| {
             inbox.iter().map(move |received| Delivery {
@@ -76,12 +76,12 @@ impl Mail {
         })
     }
 
-    /// How many they are, each as often as it is read.
+    /// Number of deliveries with the current observations.
     pub(crate) fn delivered(&self) -> usize {
         self.inbox.iter().map(Vec::len).sum()
     }
 
-    /// Messages on their way, each as often as its receivers are known already, and at least once.
+    /// Number of messages under way, counted once for each receiver known so far, and at least once.
     pub(crate) fn under_way(&self) -> usize {
         let copies = |message: &PendingMessage| match &message.audience {
             Audience::Decided(receivers) => receivers.len(),
@@ -90,7 +90,7 @@ impl Mail {
         self.pending.iter().map(copies).sum()
     }
 
-    /// About how much memory it takes. Copies of a message share its text, unless there is noise.
+    /// Approximate memory in bytes. Copies of a message share its text, unless there is noise.
     pub(crate) fn bytes(&self, config: &Config) -> usize {
         let pending = self.pending.iter().map(|message| {
             let receivers = match &message.audience {
@@ -107,7 +107,7 @@ impl Mail {
             + texts * 2 * Message::CHARS_MAX
     }
 
-    /// Takes the messages of round `round`, sent from the positions on `board`.
+    /// Accepts the messages of round `round`, sent from the positions on `board`.
     pub(crate) fn post(&mut self, config: &Config, board: &Board, round: u32, acts: &[Act]) {
         for ((act, body), number) in acts.iter().zip(board.agents()).zip(0..) {
             let Some(text) = act.message.clone() else { continue };
@@ -138,7 +138,7 @@ impl Mail {
         }
     }
 
-    /// Delivers what is due with the observations of round `round`, to the living.
+    /// Delivers the messages that are due with the observations of round `round` to living agents.
     pub(crate) fn deliver(&mut self, config: &Config, board: &Board, round: u32) {
         for inbox in &mut self.inbox {
             inbox.clear();
@@ -220,7 +220,7 @@ fn neighbours(reach: i32, board: &Board, center: Pos) -> Vec<AgentId> {
     }
 }
 
-/// The copy of a message that a receiver reads: noise may have changed characters of it.
+/// The copy of a message that a receiver reads: noise may have replaced some characters.
 fn corrupt(config: &Config, message: &PendingMessage, receiver: AgentId) -> Message {
     if config.noise <= 0.0 {
         return message.text.clone();

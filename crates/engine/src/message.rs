@@ -10,8 +10,8 @@ impl Message {
     /// Characters (Unicode code points) after which a message is cut.
     pub const CHARS_MAX: usize = 120;
 
-    /// Makes a message of any text: line breaks and control characters become spaces, the ends are trimmed, what is too
-    /// long is cut. `None` if the text is empty then.
+    /// Makes a message of any text: line breaks and control characters become spaces, the ends are trimmed, and a text
+    /// of more than [`Self::CHARS_MAX`] characters is cut. `None` if the text is empty then.
     #[must_use]
     pub fn new(text: &str) -> Option<Self> {
         let mut line = String::with_capacity(text.len().min(4 * Self::CHARS_MAX));
@@ -42,7 +42,7 @@ impl Message {
         Self(self.0.chars().map(replace).collect::<String>().into())
     }
 
-    /// About how much memory its text takes.
+    /// Approximate memory of the text, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         self.0.len() + 2 * size_of::<usize>()
     }

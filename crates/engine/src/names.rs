@@ -1,7 +1,9 @@
-//! The settings that have names: task, rule set, control and reader of answers. This module uses no other module of the engine.
+//! The settings that have names: task, rule set, control and reader of answers. This module uses no other module of the
+//! engine.
 
-/// Declares an enum whose values have names on the wire, each written behind its value, with `ALL` of them in order,
-/// [`name`](TaskName::name), [`parse`](TaskName::parse), [`find`](TaskName::find) and [`canonical`](TaskName::canonical).
+/// Declares an enum whose values have names on the wire, each given after its value. Generates `ALL` (the values in
+/// order), [`name`](TaskName::name), [`parse`](TaskName::parse), [`find`](TaskName::find) and
+/// [`canonical`](TaskName::canonical).
 #[macro_export]
 macro_rules! named {
     ($(#[$about:meta])* $vis:vis enum $kind:ident {
@@ -16,7 +18,7 @@ macro_rules! named {
             /// All values in order.
             pub const ALL: [Self; [$($name),+].len()] = [$(Self::$value),+];
 
-            /// Its name on the wire.
+            /// The name on the wire.
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self {
@@ -30,13 +32,13 @@ macro_rules! named {
                 Self::ALL.into_iter().find(|value| value.name() == name)
             }
 
-            /// The value with this name, in upper or lower case.
+            /// The value with this name, ignoring case.
             #[must_use]
             pub fn find(name: &str) -> Option<Self> {
                 Self::ALL.into_iter().find(|value| value.name().eq_ignore_ascii_case(name))
             }
 
-            /// A name that somebody typed, as it is on the wire; another text stays as it is.
+            /// Converts a name in any case to the name on the wire; other texts are returned unchanged.
             #[must_use]
             pub fn canonical(name: String) -> String {
                 Self::find(&name).map_or(name, |value| value.name().to_owned())
@@ -63,7 +65,7 @@ named! {
 }
 
 named! {
-    /// Which of the two rule sets holds (rules: the introduction).
+    /// The rule set, one of two (rules: the introduction).
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
     pub enum RuleSet {
         /// The paper's text.
@@ -74,18 +76,18 @@ named! {
 }
 
 named! {
-    /// Who may talk to whom, and who sees what.
+    /// The control: the receivers of messages and the size of views.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
     pub enum Control {
-        /// Everybody sees a window and talks to neighbours.
+        /// Every agent sees a window and sends messages to its neighbours.
         Decentralized = "decentralized",
-        /// Everybody sees the whole map and talks to the commander alone, and the commander to all.
+        /// Every agent sees the whole map and sends messages to the commander alone, and the commander to all.
         Centralized = "centralized",
     }
 }
 
 named! {
-    /// How the free text of a language model is read (rules: *Answers of language models*).
+    /// The reader of a language model's free text (rules: *Answers of language models*).
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub enum AnswerReader {
         /// The last marker of each kind counts, whatever Markdown stands around it.
@@ -97,13 +99,13 @@ named! {
 }
 
 impl AnswerReader {
-    /// The name of the reader of games that name none: the setting is not written where it is this one.
+    /// The name of the default reader, which is left out of the settings when they are written.
     #[must_use]
     pub fn usual() -> String {
         Self::default().name().to_owned()
     }
 
-    /// Whether games that name no reader have the one with this name.
+    /// Whether this is the name of the default reader.
     #[must_use]
     pub fn is_usual(name: &str) -> bool {
         name == Self::default().name()

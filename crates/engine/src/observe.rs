@@ -1,4 +1,4 @@
-//! What an agent sees, and what a spectator sees (rules: *What an agent sees*).
+//! Observations of agents, and the view of a spectator (rules: *What an agent sees*).
 
 use crate::act::{Act, AgentId};
 use crate::body::{Board, Kind};
@@ -30,12 +30,11 @@ pub enum Seen {
     Prey,
     /// `Y`: the agent itself.
     Yourself,
-    /// Another agent by its number, after a `$` where it bears a mark.
+    /// Another agent by its number, after a `$` if it bears a mark.
     Agent {
-        /// Its number.
+        /// The number of the agent.
         number: u16,
-        /// Under the rules `paper`: its light is on, or it carries food. Under `reference`: the
-        /// opposite.
+        /// Whether its light is on, or it carries food, under the rules `paper`; the opposite under `reference`.
         marked: bool,
     },
 }
@@ -108,22 +107,22 @@ impl View {
     }
 }
 
-/// Everything that one agent may know when it decides a round.
+/// Everything that an agent may know when it decides a round.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observation {
-    /// Whose observation it is.
+    /// The agent that observes.
     pub agent: AgentId,
     /// The task.
     pub task: TaskName,
     /// The round to be decided.
     pub round: u32,
-    /// After how many rounds the episode ends.
+    /// Number of rounds after which the episode ends.
     pub max_round: u32,
     /// The score so far.
     pub score: f64,
-    /// Where the agent is; `None` once it has escaped.
+    /// The agent's position; `None` once it has escaped.
     pub position: Option<Pos>,
-    /// What it sees around itself; `None` once it has escaped.
+    /// The agent's window; `None` once it has escaped.
     pub view: Option<View>,
     /// Whether its light is on; in Synchronization only.
     pub light_on: Option<bool>,
@@ -131,27 +130,27 @@ pub struct Observation {
     pub carrying_food: Option<bool>,
     /// The messages delivered to it, sorted by text.
     pub messages: Vec<Message>,
-    /// Its last rounds, newest first, at most as many as it remembers.
+    /// The agent's last acts, newest first, at most as many as it remembers.
     pub history: Vec<Remembered>,
-    /// Its last views, newest first, at most one fewer than it remembers.
+    /// The agent's last views, newest first, at most one fewer than it remembers.
     pub past_views: Vec<PastView>,
 }
 
-/// What the agent did in an earlier round.
+/// An act of the agent in an earlier round.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Remembered {
     /// The round.
     pub round: u32,
-    /// What it decided.
+    /// The act.
     pub act: Act,
 }
 
-/// What the agent saw in an earlier round.
+/// A view of the agent in an earlier round.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PastView {
     /// The round.
     pub round: u32,
-    /// What it saw.
+    /// The view.
     pub view: View,
 }
 
@@ -162,11 +161,11 @@ pub struct SpectatorView {
     pub round: u32,
     /// The score so far.
     pub score: f64,
-    /// One character a cell, `A` for agents; row by row.
+    /// The map row by row, one character for each cell; `A` for agents.
     pub grid: Vec<String>,
     /// All agents in order of their numbers.
     pub agents: Vec<AgentState>,
-    /// Where the prey is (Pursuit).
+    /// The prey's position (Pursuit).
     pub prey: Option<Pos>,
     /// The top-left cell of the block's shape (Transport).
     pub block: Option<Pos>,
@@ -174,10 +173,10 @@ pub struct SpectatorView {
     pub distance: Option<f64>,
 }
 
-/// What a task has beside its agents, as a spectator sees it.
+/// The objects and the cost of a task, as a spectator sees them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Landmarks {
-    /// Where the prey is (Pursuit).
+    /// The prey's position (Pursuit).
     pub prey: Option<Pos>,
     /// The top-left cell of the block's shape (Transport).
     pub block: Option<Pos>,
@@ -188,9 +187,9 @@ pub struct Landmarks {
 /// An agent, as a spectator sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AgentState {
-    /// Which agent.
+    /// The agent.
     pub agent: AgentId,
-    /// Where it is; where it went when it escaped.
+    /// The agent's position; the cell to which it went if it has escaped.
     pub at: Pos,
     /// Whether it is on the map.
     pub alive: bool,
@@ -201,10 +200,10 @@ pub struct AgentState {
 }
 
 impl World {
-    /// What `agent` may know now.
+    /// The current observation of `agent`.
     ///
     /// # Panics
-    /// Where the episode has no such agent.
+    /// Panics if the episode has no such agent.
     #[must_use]
     pub fn observe(&self, agent: AgentId) -> Observation {
         let config = &*self.config;
@@ -237,7 +236,7 @@ impl World {
         }
     }
 
-    /// Where the last round caught a prey (Pursuit).
+    /// The cell on which the last round caught a prey (Pursuit).
     #[must_use]
     pub const fn caught(&self) -> Option<Pos> {
         match &self.task {
@@ -246,8 +245,7 @@ impl World {
         }
     }
 
-    /// About how much there is in an observation, in cells: those of all windows, and as many as the
-    /// texts of messages are worth.
+    /// Approximate size of an observation, in cells: the cells of all windows, and 16 for each text.
     #[must_use]
     pub fn observation_cells(&self, agent: AgentId) -> usize {
         const TEXT_CELLS: usize = 16;
@@ -258,7 +256,7 @@ impl World {
         config.window() * (now + views) + TEXT_CELLS * texts
     }
 
-    /// What a spectator sees now.
+    /// The current view of a spectator.
     #[must_use]
     pub fn spectator_view(&self) -> SpectatorView {
         let agents = self.agent_states().collect();
@@ -277,7 +275,7 @@ impl World {
         }
     }
 
-    /// What a task has beside its agents.
+    /// The objects and the cost of the task.
     #[must_use]
     pub fn landmarks(&self) -> Landmarks {
         let at = |id| Some(self.board.body(id).at);
@@ -299,7 +297,7 @@ impl World {
         })
     }
 
-    /// Whether the agent's light is on, and whether it carries food, where the task has that.
+    /// Whether the agent's light is on, and whether it carries food; `None` if the task has no such flag.
     fn flag_of(&self, agent: AgentId) -> (Option<bool>, Option<bool>) {
         match &self.task {
             Task::Synchronization(task) => (Some(task.light_on[agent.index()]), None),
@@ -309,7 +307,7 @@ impl World {
     }
 }
 
-/// One more than the number of past views that are shown: views are remembered with the current one.
+/// One more than the number of past views that are shown: the current view counts as remembered.
 fn remembered_views(config: &Config) -> u32 {
     u32::try_from(config.memory).expect("a memory is short")
 }

@@ -4,8 +4,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use sha2::{Digest, Sha256};
 
-/// The Mersenne Twister in the way `CPython`'s `random.Random(seed)` uses it, so that a seed gives
-/// the same layout as in the public toolkit (rules: *Random numbers*).
+/// The Mersenne Twister as `CPython`'s `random.Random(seed)` uses it, so that a seed gives the same layout as in the
+/// public toolkit (rules: *Random numbers*).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct LayoutRng {
     twister: Box<rand_mt::Mt>,
@@ -28,7 +28,7 @@ impl LayoutRng {
         self.twister.next_u32() >> (32 - bits)
     }
 
-    /// A number in `0..n`; draws even where `n` is 1.
+    /// A number in `0..n`; draws even if `n` is 1.
     pub(crate) fn below(&mut self, n: u32) -> u32 {
         let bits = u32::BITS - n.leading_zeros();
         loop {
@@ -44,12 +44,12 @@ impl LayoutRng {
         low + i32::try_from(self.below((high - low + 1).unsigned_abs())).expect("a map is small")
     }
 
-    /// One of the two.
+    /// Draws one of the two values.
     pub(crate) fn choice(&mut self, of: [i32; 2]) -> i32 {
         of[self.below(2) as usize]
     }
 
-    /// How many 32-bit outputs were drawn; with the seed this is the generator's whole state.
+    /// Number of 32-bit outputs drawn so far; with the seed this is the generator's whole state.
     #[must_use]
     pub(crate) const fn drawn(&self) -> u64 {
         self.drawn
@@ -94,7 +94,7 @@ impl Stream {
 mod tests {
     use super::*;
 
-    /// The first outputs that the rules name for seed 42, and `CPython`'s for other key lengths.
+    /// The outputs are those that the rules name for seed 42, and those of `CPython` for other key lengths.
     #[test]
     fn matches_cpython() {
         let mut rng = LayoutRng::new(42);

@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-/// The seed of a layout: a whole number from 0 to 2⁵³ − 1, which every reader of JSON reads exactly. It converts to all
-/// numbers that have room for it.
+/// The seed of a layout: a whole number from 0 to 2⁵³ − 1, which every JSON reader reads exactly. It converts to all
+/// number types that have room for it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(
     feature = "serde",
@@ -12,7 +12,7 @@ use std::fmt;
 )]
 pub struct Seed(u64);
 
-/// A number that is no seed.
+/// A number outside the range of seeds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("must be from 0 to {max}, is {0}", max = Seed::MAX)]
 pub struct SeedError(i128);

@@ -1,15 +1,16 @@
-//! The settings that anyone may send, unchecked; `check.rs` makes a [`Config`](crate::Config) of them.
+//! Settings as they are sent, unchecked; `check.rs` makes a [`Config`](crate::Config) of them.
 
 use crate::names::{AnswerReader, Control, RuleSet, TaskName};
 
-/// The settings of a game that are numbers, in the order in which suites and journals have them. Every struct that has
-/// them among its fields is made from this list.
+/// The numeric settings of a game, in the order in which suites and journals have them. Every struct with fields for
+/// them is generated from this list.
 ///
-/// A line says: the name, its type when it is asked for `=>` when it was checked, the usual value, and the range
-/// (`Config::check` has the rules that depend on other settings). A setting that comes later has 0 for its usual value and
+/// A line gives the name, the type of the unchecked `=>` of the checked value, the default, and the range
+/// (`Config::check` has the rules that depend on other settings). A setting that is added later has the default 0 and
 /// `#[serde(default, skip_serializing_if = "…")]`: old journals and suites do not have it, and keep their bytes.
 ///
-/// Calls `$then!` with `$input` and the list. Some structs have other fields after `max_round`, so `$inner` stands there.
+/// The macro calls `$then!` with `$input` and the list. `$inner` stands after `max_round`, where some structs have
+/// other fields.
 #[macro_export]
 macro_rules! for_each_setting {
     ($then:path, $input:tt, $inner:tt) => {
@@ -43,7 +44,7 @@ macro_rules! define_settings {
         $(#[doc = $doc:literal])* $(#[serde $later:tt])?
         $setting:ident: $asked:ident => $checked:ident = $usual:tt in $least:tt..=$most:tt;
     )*] {})*) => {
-        /// What an episode was asked to be; unchecked.
+        /// The requested settings of an episode; unchecked.
         #[derive(Clone, Debug, PartialEq)]
         pub struct Settings {
             /// The name of the task, such as `Transport`.
@@ -55,7 +56,7 @@ macro_rules! define_settings {
             /// The seed of the layout, 0 to 2⁵³ − 1.
             pub seed: i64,
             $($($(#[doc = $doc])* pub $setting: $asked,)*)*
-            /// How answers of language models are read, `last-marker` or `first-marker`.
+            /// The reader of language models' answers, `last-marker` or `first-marker`.
             pub answer_reader: String,
         }
 

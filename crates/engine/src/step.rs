@@ -1,4 +1,4 @@
-//! A round, as a short list of stages (rules: *A round*).
+//! A round as a sequence of stages (rules: *A round*).
 
 use std::cell::RefCell;
 use std::sync::Arc;
@@ -9,8 +9,8 @@ use crate::physics::{self, Solver, SolverError};
 use crate::tasks::{self, Stage};
 use crate::world::{Moment, World};
 
-/// Memory that rounds use again: with one of them, a round in which nobody talks allocates nothing, once as many
-/// rounds were played as agents remember. It has no state: any world may use it after any other.
+/// Memory that rounds reuse: once as many rounds were played as agents remember, a round without messages allocates
+/// nothing. It has no state: any world may use it after any other.
 #[derive(Debug, Default)]
 pub struct Scratch {
     wishes: Vec<Option<Direction>>,
@@ -20,21 +20,20 @@ pub struct Scratch {
 }
 
 thread_local! {
-    /// What [`World::step`] uses again and again.
+    /// The scratch memory of [`World::step`].
     static SCRATCH: RefCell<Scratch> = RefCell::default();
 }
 
 impl World {
-    /// Resolves one round: `acts[n]` is what agent `n` decided, "no action, no message" by default.
-    /// What an escaped agent decides is ignored.
+    /// Resolves one round: `acts[n]` is the act of agent `n`. Acts of escaped agents are ignored.
     ///
     /// # Panics
-    /// Where the episode is over, or `acts` does not have one entry for each agent.
+    /// Panics if the episode is over, or `acts` does not have one entry for each agent.
     pub fn step(&mut self, acts: &[Act]) {
         SCRATCH.with_borrow_mut(|scratch| self.step_in(acts, scratch));
     }
 
-    /// The same in memory that was used before.
+    /// Resolves one round with reused memory.
     ///
     /// # Panics
     /// As [`World::step`].
@@ -42,10 +41,10 @@ impl World {
         self.advance(acts, Solver::Flow, scratch).expect("the flow cannot fail");
     }
 
-    /// The same with a choice of the solver that finds who moves.
+    /// Resolves one round with the given solver for the physics.
     ///
     /// # Errors
-    /// See [`Solver::movers`]; the world is then as it was.
+    /// See [`Solver::movers`]; the world is unchanged after an error.
     ///
     /// # Panics
     /// As [`World::step`].
@@ -65,7 +64,7 @@ impl World {
         Ok(())
     }
 
-    /// Plays a round. After an error the world is of no further use.
+    /// Plays a round. After an error the world is unusable.
     fn advance(
         &mut self,
         acts: &[Act],
@@ -104,8 +103,8 @@ impl World {
         Ok(())
     }
 
-    /// What agents will remember of the round: what they see now, and their acts; those who have escaped do nothing. It
-    /// takes the place of the oldest that is remembered, and its memory unless a clone of the world remembers it, too.
+    /// The moment that agents will remember of the round: the current board, and their acts; escaped agents do nothing.
+    /// It replaces the oldest remembered moment, and reuses its memory unless a clone of the world shares it.
     fn remember(&mut self, acts: &[Act]) -> Arc<Moment> {
         let agents = self.board.agents().iter().zip(acts);
         let fixed =

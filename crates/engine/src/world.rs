@@ -10,7 +10,7 @@ use crate::mail::{Delivery, Mail};
 use crate::message::Message;
 use crate::tasks::{self, Task};
 
-/// Everything that decides what happens next, and what every agent sees.
+/// The whole state: it decides all further rounds and the observations of every agent.
 ///
 /// Clones share the remembered rounds, so a clone costs about as much as the board.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,14 +32,14 @@ pub(crate) struct Moment {
     /// The board before the round, which its observations showed.
     pub(crate) board: Board,
     pub(crate) flags: Vec<bool>,
-    /// What was decided, by agent.
+    /// The acts, by agent.
     pub(crate) acts: Vec<Act>,
-    /// About how much memory this takes that no newer board shares.
+    /// Approximate memory that no newer board shares, in bytes.
     pub(crate) bytes: usize,
 }
 
 impl Moment {
-    /// Notes the board after the round, with which it shares memory.
+    /// Computes `bytes`, given the board after the round, with which the moment shares memory.
     pub(crate) fn settle(&mut self, after: &Board) {
         let texts: usize =
             self.acts.iter().filter_map(|act| act.message.as_ref()).map(Message::bytes).sum();
@@ -72,7 +72,7 @@ impl World {
         &self.board
     }
 
-    /// How many rounds were resolved; also the number of the round that is to be decided now.
+    /// Number of resolved rounds; also the number of the current round.
     #[must_use]
     pub const fn round(&self) -> u32 {
         self.round
@@ -96,16 +96,16 @@ impl World {
         self.round >= self.config.max_round || self.is_done()
     }
 
-    /// Whether an agent is on the map; one that has escaped neither sees nor acts any more.
+    /// Whether an agent is on the map; an escaped agent neither sees nor acts any more.
     #[must_use]
     pub fn is_alive(&self, agent: AgentId) -> bool {
         self.board.agents().get(agent.index()).is_some_and(|body| !body.gone)
     }
 
-    /// About how many bytes of memory this state takes, what is remembered included. Clones and later
-    /// states share a part of that, so the sum over several states is too large.
+    /// Approximate memory of this state in bytes, including the remembered rounds. Clones and later states share a part
+    /// of it, so the sum over several states is too large.
     ///
-    /// Costs about as much as reading the numbers of the messages that are under way.
+    /// The call takes time in proportion to the number of messages under way.
     #[must_use]
     pub fn approximate_bytes(&self) -> usize {
         let past: usize = self.past.iter().map(|moment| moment.bytes).sum();
@@ -113,18 +113,18 @@ impl World {
         layout + size_of::<Self>() + self.board.bytes() + self.mail.bytes(&self.config) + past
     }
 
-    /// The messages that were delivered with the current observations, by receiver, then by text.
+    /// The messages delivered with the current observations, by receiver, then by text.
     pub fn heard(&self) -> impl Iterator<Item = Delivery<'_>> {
         self.mail.deliveries()
     }
 
-    /// How many messages were delivered with the current observations, each as often as it is read.
+    /// Number of messages delivered with the current observations, counted once for each receiver.
     #[must_use]
     pub fn messages_delivered(&self) -> usize {
         self.mail.delivered()
     }
 
-    /// How many messages are under way, each as often as it was addressed.
+    /// Number of messages under way, counted once for each receiver known so far, and at least once.
     #[must_use]
     pub fn messages_under_way(&self) -> usize {
         self.mail.under_way()

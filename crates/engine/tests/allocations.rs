@@ -1,4 +1,4 @@
-//! Rounds whose windows are written into buffers allocate nothing, whatever agents remember.
+//! Rounds whose windows are written into buffers allocate nothing, whatever the agents' memory.
 
 use allocation_counter::measure;
 use swarmbench_engine::{Act, Canvas, Scratch, Settings, TaskName, World};
@@ -8,8 +8,8 @@ use swarmbench_testkit::worlds::{Dice, world};
 const FIRST: usize = 20;
 const ROUNDS: usize = 200;
 
-/// Plays an episode twice, and counts in the second: the first shows how much memory its hardest round needs. Agents do
-/// what they like, and nobody talks.
+/// Plays an episode twice, and counts allocations in the second run: the first brings the scratch memory to the size of
+/// the hardest round. Agents act at random and send no messages.
 fn count(settings: &Settings) {
     let start = world(settings);
     let mut dice = Dice(27);

@@ -1,4 +1,4 @@
-//! What language models really write, and what is taken from it.
+//! Real answers of language models, and how they are parsed.
 
 use proptest::prelude::*;
 use swarmbench_engine::answer::{self, Answer};
@@ -6,10 +6,10 @@ use swarmbench_engine::{
     Action, AgentId, AnswerReader, Config, Control, Message, Settings, TaskName,
 };
 
-/// An answer, and what it says in the form of [`shown`].
+/// An answer, and its parsed form as [`shown`] writes it.
 type Row = (&'static str, &'static str);
 
-/// `UP` for an action, `none` for no action, `: …` for a message, `-> …` for its receiver, or
+/// Writes an answer as `UP` for an action, `none` for no action, `: …` for a message, `-> …` for its receiver, or
 /// `invalid`.
 fn shown(answer: &Answer) -> String {
     let act = &answer.act;
@@ -45,7 +45,7 @@ fn check(config: &Config, agent: AgentId, rows: &[Row]) {
 }
 
 const ANSWERS: &[Row] = &[
-    // As the prompt asks for it.
+    // The form that the prompt asks for.
     ("ACTION: UP", "UP"),
     ("ACTION: DOWN\nMSG: hello", "DOWN: hello"),
     ("MSG: hello\nACTION: LEFT", "LEFT: hello"),
@@ -100,7 +100,7 @@ const ANSWERS: &[Row] = &[
     ("ACTION: “UP”\nMSG: “hi there”", "UP: hi there"),
     ("MSG: **\"[hi there]\"**", "none: hi there"),
     ("MSG: 'I'm at (3, 4), don't wait'", "none: I'm at (3, 4), don't wait"),
-    // What is not around the value but a part of it stays.
+    // Quotes that are part of the value stay.
     ("MSG: \"left\" or \"right\"", "none: \"left\" or \"right\""),
     ("MSG: 'left' or 'right'", "none: 'left' or 'right'"),
     ("MSG: [3, 4] to [5, 6]", "none: [3, 4] to [5, 6]"),
@@ -189,7 +189,7 @@ const ANSWERS: &[Row] = &[
     ("ACTION:\nMSG: hello", "invalid"),
     ("ACTION: nothing MSG: hello", "invalid"),
     ("ACTION: UP: MSG: hello", "UP: hello"),
-    // Other scripts, emoji, what looks like a receiver.
+    // Other scripts, emoji, texts that look like a receiver.
     ("ACTION: UP\nMSG: 向左走 🚀", "UP: 向左走 🚀"),
     ("ＡＣＴＩＯＮ: UP", "invalid"),
     ("ACTION： UP", "UP"),
@@ -230,7 +230,7 @@ fn the_commander_names_a_receiver() {
         ("TO: Agent_3\nTO: Agent_4\nMSG: hi", "none: hi -> Agent_4"),
         ("MSG: go to Agent_3", "none: go to Agent_3"),
         ("MSG: a photo: look", "none: a photo: look"),
-        // Nobody who can receive it is named: it goes to all.
+        // A message that names no possible receiver goes to all.
         ("MSG: hi", "none: hi"),
         ("TO: all\nMSG: hi", "none: hi"),
         ("TO: Agent_0\nMSG: hi", "none: hi"),
@@ -277,7 +277,7 @@ fn the_first_marker_is_found_wherever_its_letters_stand() {
         ("ACTION：UP", "invalid"),
         ("action: LEFT\nACTION: RIGHT", "LEFT"),
         ("action: nothing\nACTION: RIGHT", "RIGHT"),
-        // A message is what follows, as it is; the action need not be one.
+        // A message is the text that follows, unchanged; the action need not be one.
         ("MSG: hello", "none: hello"),
         ("ACTION: JUMP\nMSG: hello", "none: hello"),
         ("ACTION: UP MSG: hello", "UP: hello"),
@@ -322,8 +322,7 @@ fn a_long_message_is_cut() {
     }
 }
 
-/// Whatever makes a reader go back and forth: 200 kB of each would not end if the time were more
-/// than linear.
+/// Texts that make a reader go back and forth: 200 kB of each would not end if the time were more than linear.
 #[test]
 fn long_answers_are_read_in_linear_time() {
     let config = config(TaskName::Synchronization, Control::Centralized);
@@ -405,7 +404,7 @@ proptest! {
         }
     }
 
-    /// What comes after the first marker of a spelling does not matter, nor does prose before it.
+    /// Text after the first marker of a spelling does not matter, nor does prose before it.
     #[test]
     fn with_the_first_marker_nothing_later_counts(
         before in "[a-z .!\n]{0,20}",

@@ -1,6 +1,6 @@
-//! What a round of a new game costs at most, counted where it may be dearest: at the corners of its settings.
+//! The maximum cost of a round of a new game, counted at the corners of the settings, where it is highest.
 //!
-//! The bounds stand here as numbers, as `docs/rules.md` promises them, and are not taken from the limits: a limit
+//! The bounds are written here as numbers, as `docs/rules.md` promises them, and are not taken from the limits: a limit
 //! that lets more through fails.
 
 use std::sync::{Arc, LazyLock};
@@ -13,16 +13,16 @@ use swarmbench_testkit::corners::corners;
 /// Cells of the windows of all agents.
 const CELLS_MAX: usize = 1 << 20;
 
-/// Cells of a window that are seen or remembered: the widest window, and what is remembered beside it.
+/// Cells that an agent sees or remembers: the widest window, and the remembered ones.
 const CELLS_OF_ONE_MAX: usize = 513 * 513 + (1 << 16);
 
 /// Cells of the windows that all agents remember.
 const CELLS_OF_ALL_MAX: usize = 1 << 22;
 
-/// Messages that are delivered because of what is said in one round.
+/// Deliveries of the messages sent in one round.
 const MESSAGES_MAX: usize = 1 << 17;
 
-/// Messages that are under way.
+/// Messages under way.
 const UNDER_WAY_MAX: usize = 1 << 22;
 
 /// Texts that are remembered or under way.
@@ -35,7 +35,7 @@ static CORNERS: LazyLock<Vec<Settings>> = LazyLock::new(|| {
     all.flat_map(|settings| RuleSet::ALL.map(|rules| by(rules, &settings))).collect()
 });
 
-/// The same by a rule set: no limit depends on it.
+/// The same settings with a rule set: no limit depends on it.
 fn by(rules: RuleSet, settings: &Settings) -> Settings {
     let settings = Settings { rules: rules.name().to_owned(), ..settings.clone() };
     Config::admit(&settings).expect("settings of a new game");
@@ -46,7 +46,7 @@ fn world(settings: &Settings) -> World {
     World::new(Arc::new(Config::check(settings).expect("settings of a new game")))
 }
 
-/// Everybody says something.
+/// Plays a round in which every agent sends a message.
 fn talk(world: &mut World) {
     let message = Message::new(&"x".repeat(Message::CHARS_MAX));
     world.step(&vec![Act { message, ..Act::default() }; world.agents().count()]);
@@ -94,7 +94,7 @@ fn windows_of_a_round_have_no_more_cells_than_they_may() {
     assert_eq!(most_of_one, 513 * 513);
 }
 
-/// Tasks make no difference to what is said, seen and remembered; one of them is played.
+/// The corners of one task, which is played: messages, views and memory do not depend on the task.
 fn played() -> impl Iterator<Item = &'static Settings> {
     CORNERS.iter().filter(|settings| settings.task == TaskName::Synchronization.name())
 }
@@ -128,7 +128,8 @@ fn messages_that_are_late_do_not_pile_up() {
         (settings.max_delay + 1) * settings.num_agents * reached
     };
     let heard = |settings: &&Settings| {
-        // All hear each other, wherever they are; by these rules that is decided when something is said.
+        // All agents hear each other, wherever they are; under these rules the receivers are fixed when a message is
+        // sent.
         settings.view_size >= 2 * settings.width - 1 && settings.rules == "paper"
     };
     let near = played().filter(|settings| settings.control == "decentralized").filter(heard);

@@ -1,4 +1,4 @@
-//! The cost of a flock is exact: it is what a search through all translations finds.
+//! The cost of a flock is exact: it equals the result of a search through all translations.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -41,7 +41,7 @@ fn by_subsets(costs: &[Vec<i32>]) -> i32 {
     (0..best.len()).filter(full).map(|set| best[set]).min().expect("as many columns as rows")
 }
 
-/// The best assignment of all rows, by the Hungarian method and nothing else.
+/// The best assignment of all rows, by the plain Hungarian method.
 fn by_potentials(costs: &[Vec<i32>]) -> i32 {
     let (rows, columns) = (costs.len(), costs[0].len());
     // Row and column 0 stand for "none".
@@ -159,7 +159,7 @@ fn a_formed_target_costs_nothing_and_a_step_away_from_it_one() {
     }
 }
 
-/// What a round finds, beginning with what the one before found, is what a search finds that begins with nothing.
+/// A round that starts from the result of the one before finds the same cost as a search from scratch.
 #[test]
 fn the_cost_of_a_round_is_that_of_its_placement() {
     for (num_agents, size, rounds) in [(12, 10, 600), (13, 9, 300), (3, 8, 100), (31, 14, 100)] {

@@ -1,10 +1,10 @@
-//! What was delivered is what agents see, and names who sent it and when.
+//! Deliveries are the messages that agents see, with their sender and round.
 
 use std::sync::Arc;
 
 use swarmbench_engine::{Act, AgentId, Config, Message, Settings, TaskName, World};
 
-/// What agent `sender` says in a round.
+/// The message of agent `sender` in a round.
 fn text(sender: AgentId, round: u32) -> String {
     format!("{sender} in round {round}")
 }

@@ -1,7 +1,6 @@
-//! The integer linear program that specifies who moves and the flow that computes it agree: on
-//! generated contact graphs, where a search through all sets judges both if the graph is small, and
-//! on crowded boards. (The recorded games are played with both in `vectors.rs`; hand-made
-//! situations stand beside the code.)
+//! The integer linear program that specifies the physics and the flow that computes it agree: on generated contact
+//! graphs, where a search through all sets judges both if the graph is small, and on crowded boards. (`vectors.rs`
+//! plays the recorded games with both; hand-made situations stand beside the code.)
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -66,8 +65,8 @@ fn acyclic(most: usize) -> impl Strategy<Value = Components> {
 
 /// The largest set that can move, by trying all sets.
 ///
-/// A set that moves holds all that its nodes point at. Its force can be routed exactly if no part
-/// of it is short: a part that nobody else in the set points at has only its own force.
+/// A set that moves holds all nodes that its nodes point at. Its force can be routed exactly if no part of it is short:
+/// a part that nothing else in the set points at has only its own force.
 fn search(components: &Components) -> Vec<bool> {
     let count = components.nodes.len();
     let holds = |set: u32, node: usize| set >> node & 1 == 1;

@@ -1,4 +1,4 @@
-//! Details of the rules that the recorded games may not meet.
+//! Details of the rules that the recorded games may not cover.
 
 #![expect(clippy::float_cmp, reason = "scores are exact")]
 
@@ -28,7 +28,7 @@ fn cells(grid: &[String], symbol: char) -> Vec<Pos> {
 
 // --- Layouts ---
 
-/// A generator of the layouts, written once more from the rules.
+/// An independent generator of layouts, written from the rules.
 struct Draws(Mt);
 
 impl Draws {
@@ -49,8 +49,8 @@ impl Draws {
     }
 }
 
-/// Shape, top-left cell as (from the last row?, from the last column?), and the gap as a side of
-/// the ring, for a map of any size: the table of the rules.
+/// Shape, top-left row and column, each with whether it counts from the last one, and the side of the ring with the
+/// gap, for a map of any size: the table of the rules.
 type Variant = (&'static [&'static str], (i32, bool), (i32, bool), char);
 
 const TRANSPORT: [Variant; 8] = [
@@ -261,8 +261,8 @@ fn danger((agents, walls): &(Vec<Pos>, Vec<Pos>), at: Pos) -> f64 {
     f64::from(count(agents)) + f64::from(count(walls)) * 0.9
 }
 
-/// Random play in crowds, so that preys are caught: every new prey is drawn by the generator of the
-/// layout, from where it stands, and every other one moves by the rules.
+/// Random play in crowds, so that preys are caught: every new prey is drawn by the generator of the layout at its
+/// current state, and every other one moves by the rules.
 #[test]
 fn preys_move_and_come_back_by_the_rules() {
     const STEPS: [(i32, i32); 4] = [(0, 1), (0, -1), (1, 0), (-1, 0)];
@@ -301,7 +301,7 @@ fn preys_move_and_come_back_by_the_rules() {
             world.step(&acts);
             let after = world.spectator_view();
             let prey = before.prey.expect("there is one");
-            // The board on which the prey decided: as it is now, with the prey where it was.
+            // The board on which the prey decided: the current one, with the prey where it was.
             let grid: Vec<String> = after.grid.iter().map(|row| row.replace('P', ".")).collect();
             let feared = (cells(&grid, 'A'), cells(&grid, 'W'));
             let symbol = |at: Pos| {
@@ -354,7 +354,7 @@ fn preys_move_and_come_back_by_the_rules() {
 
 // --- Messages ---
 
-/// One round in which these agents say these texts, to one agent where it is named.
+/// Plays one round in which these agents send these texts, each to a single agent if one is named.
 fn say(world: &mut World, texts: &[(usize, &str, Option<usize>)]) {
     let mut acts = vec![Act::default(); world.agents().count()];
     for &(from, text, to) in texts {
@@ -372,7 +372,7 @@ fn heard(world: &World, by: usize) -> Vec<String> {
     world.observe(agent(by)).messages.iter().map(ToString::to_string).collect()
 }
 
-/// The agents that hear something.
+/// The agents to which a message was delivered.
 fn hearers(world: &World) -> Vec<usize> {
     (0..world.agents().count()).filter(|&by| !heard(world, by).is_empty()).collect()
 }
@@ -409,8 +409,8 @@ fn messages_are_sorted_by_text_and_repeats_are_kept() {
     assert_eq!(heard(&world, 3), ["B", "a", "b", "é"]);
 }
 
-/// An agent walks away from a crowd while it speaks: `paper` counts where it was, `reference` where
-/// it is, and itself.
+/// An agent walks away from a crowd while it sends: `paper` takes the agents near its old cell, `reference` those near
+/// its new one, and itself.
 #[test]
 fn the_audience_is_fixed_when_a_message_is_sent_or_when_it_is_delivered() {
     for rules in ["paper", "reference"] {
@@ -471,7 +471,7 @@ fn a_late_message_keeps_its_audience_or_finds_a_new_one() {
     }
 }
 
-/// Each copy is corrupted on its own, and about half of its characters are replaced.
+/// Each copy is corrupted independently, and about half of its characters are replaced.
 #[test]
 fn noise_replaces_characters_of_single_copies() {
     let settings = Settings {
@@ -546,8 +546,8 @@ fn only_a_commander_can_name_a_receiver() {
     }
 }
 
-/// Random play in Transport with a wind that turns: away from the corner in which the block lies
-/// and back to it. In the end the block is out, and agents follow.
+/// Random play in Transport with a changing wind: away from the corner in which the block lies and back to it. In the
+/// end the block is out, and agents follow.
 struct Rush {
     winds: [Action; 4],
     dice: Dice,
@@ -580,7 +580,7 @@ impl Rush {
     }
 }
 
-/// Random play until an agent for which `wanted` holds has escaped, not all others with it.
+/// Random play until an agent for which `wanted` holds has escaped while others have not.
 fn escape(settings: &Settings, wanted: impl Fn(usize) -> bool) -> (World, usize) {
     for seed in 0..200 {
         let mut world = world(&Settings { seed, ..settings.clone() });
@@ -624,8 +624,8 @@ fn who_has_escaped_sees_hears_and_does_nothing() {
     }
 }
 
-/// A last message, sent in the round of the escape: from where the agent was, or (`reference`) from
-/// the cell outside.
+/// A last message, sent in the round of the escape, reaches the agents near the old cell or (`reference`) near the cell
+/// outside.
 #[test]
 fn a_last_message_is_delivered() {
     for rules in ["paper", "reference"] {
@@ -636,7 +636,7 @@ fn a_last_message_is_delivered() {
             let mut rush = Rush::new(&world, u64::try_from(seed).expect("not negative"));
             while !world.is_over() {
                 let mut acts = rush.acts(&world);
-                // Who escapes is found by a rehearsal.
+                // A rehearsal finds the agents that escape.
                 let mut rehearsal = world.clone();
                 rehearsal.step(&acts);
                 let leaving =

@@ -1,7 +1,7 @@
 //! Bars, each beside its limit: `bars TITLE < ROWS > FILE.svg`.
 //!
-//! A row is `GROUP⇥LABEL⇥VALUE⇥LIMIT⇥TEXT`. Rows of a group share a heading and a scale; a row without a limit is a bar
-//! alone. `.ci/perf` makes the chart of the load test with it.
+//! A row is `GROUP⇥LABEL⇥VALUE⇥LIMIT⇥TEXT`. Rows of a group share a heading and a scale; a row without a limit is
+//! only a bar. `.ci/perf` makes the chart of the load test with it.
 
 use std::io::Read as _;
 use std::process::ExitCode;
@@ -12,7 +12,7 @@ use swarmbench_figures::svg;
 
 const WIDTH: f64 = 760.0;
 const MARGIN: f64 = 16.0;
-/// Where bars begin and where the longest ends.
+/// The coordinates where bars begin, and where the longest ends.
 const BARS: (f64, f64) = (190.0, 650.0);
 const ROW: f64 = 20.0;
 const HEADING: f64 = 34.0;
@@ -89,7 +89,7 @@ fn draw(title: &str, rows: &[Row]) -> Scene {
     scene
 }
 
-/// A count that can be multiplied.
+/// A count as a float.
 #[expect(clippy::cast_precision_loss, reason = "a chart has few rows")]
 const fn float(count: usize) -> f64 {
     count as f64

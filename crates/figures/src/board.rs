@@ -1,4 +1,4 @@
-//! A board as bars: a row a model, a panel a task.
+//! A board as bars: a row for each model, a panel for each task.
 
 use crate::chart::{
     HEADING, LABEL, MARGIN, Scale, heading, heading_height, number, range, real, ticks,
@@ -11,7 +11,7 @@ use crate::{Data, Figure, cell};
 /// The figure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Board {
-    /// Of what.
+    /// The title.
     pub title: String,
     /// Settings that all games share, for the reader.
     pub notes: Vec<String>,
@@ -24,11 +24,11 @@ pub struct Board {
 /// A model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// Its name.
+    /// The name.
     pub model: String,
-    /// Whether its numbers are published ones, not of games on this server.
+    /// Whether the numbers are published ones, not results of games on this server.
     pub reference: bool,
-    /// Its scores, in the order of the tasks; `None` where it has no games.
+    /// The scores, in the order of the tasks; `None` without games.
     pub scores: Vec<Option<Score>>,
 }
 
@@ -37,15 +37,15 @@ pub struct Row {
 pub struct Score {
     /// The mean of the final scores.
     pub mean: f64,
-    /// Their population deviation.
+    /// The population deviation of the final scores.
     pub deviation: Option<f64>,
-    /// How many games; `None` where that was not published.
+    /// The number of games; `None` if it was not published.
     pub n: Option<usize>,
 }
 
 const ROW: f64 = 26.0;
 const PLOT: f64 = 180.0;
-/// Of it for the numbers.
+/// The part of a panel's width for the numbers.
 const NUMBERS: f64 = 86.0;
 const GAP: f64 = 14.0;
 const NAME: f64 = 240.0;

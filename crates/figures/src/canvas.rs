@@ -1,4 +1,4 @@
-//! Scenes as indexed pixels: frames of a replay need few colours, and thousands of them are drawn.
+//! Scenes as indexed pixels: frames of a replay need few colours, and there are thousands of frames.
 
 use std::collections::BTreeMap;
 
@@ -7,12 +7,12 @@ use crate::font::{self, Bitmap};
 use crate::palette::{AXIS, Color, GROUND, INK, MUTED, PAPER, RULE};
 use crate::scene::{Anchor, Area, Paint, Point, Scene, Shape, Text};
 
-/// How many levels an edge has between two colours.
+/// Levels of an edge between two colours.
 const LEVELS: usize = 4;
 /// Samples along each side of a pixel.
 const SAMPLES: usize = 3;
 
-/// The colours of all pixels, fewer than 64: those of frames, and what lies between a ground and its text.
+/// The colours of all pixels, fewer than 64: those of frames, and the blends between a ground and its text.
 #[must_use]
 pub(crate) fn palette() -> Vec<Color> {
     let mut all = vec![PAPER, GROUND, RULE, AXIS, MUTED, INK];
@@ -34,23 +34,23 @@ pub(crate) fn palette() -> Vec<Color> {
     all
 }
 
-/// Pixels, each the number of its colour in a palette.
+/// Pixels as indices into the palette.
 ///
-/// Colours that are not there become the nearest one, and dashed lines are solid: frames have no other.
+/// Colours outside the palette become the nearest one, and dashed lines become solid: frames have neither.
 #[derive(Clone, Debug)]
 pub struct Canvas {
     width: usize,
     height: usize,
     pixels: Vec<u8>,
     palette: Vec<Color>,
-    /// By ink, ground and level, the colour between the two.
+    /// The blended colour by ink, ground and level.
     blends: BTreeMap<(u8, u8, usize), u8>,
-    /// By character and size in quarters of a pixel.
+    /// Rendered glyphs by character and size in quarters of a pixel.
     glyphs: BTreeMap<(char, u32), Option<Bitmap>>,
 }
 
 impl Canvas {
-    /// An empty canvas of the size of a scene.
+    /// An empty canvas with the size of a scene.
     #[must_use]
     #[expect(
         clippy::cast_possible_truncation,
@@ -69,25 +69,25 @@ impl Canvas {
         }
     }
 
-    /// How many pixels it is wide.
+    /// The width in pixels.
     #[must_use]
     pub const fn width(&self) -> usize {
         self.width
     }
 
-    /// How many pixels it is high.
+    /// The height in pixels.
     #[must_use]
     pub const fn height(&self) -> usize {
         self.height
     }
 
-    /// Its pixels, row by row.
+    /// The pixels, row by row.
     #[must_use]
     pub fn pixels(&self) -> &[u8] {
         &self.pixels
     }
 
-    /// Draws a scene over all that was there.
+    /// Draws a scene over everything.
     pub fn draw(&mut self, scene: &Scene) {
         self.pixels.fill(0);
         for shape in &scene.shapes {
@@ -109,7 +109,7 @@ impl Canvas {
         nearest.map_or(0, |(index, _)| index)
     }
 
-    /// Paints `level` of [`LEVELS`] of a colour over a pixel.
+    /// Paints `level` of [`LEVELS`] of a colour onto a pixel.
     fn blend(&mut self, at: usize, ink: u8, level: usize) {
         let ground = self.pixels[at];
         self.pixels[at] = match level {
@@ -129,7 +129,7 @@ impl Canvas {
         between
     }
 
-    /// Paints all points inside, which lie in `area`.
+    /// Paints all points inside a shape whose bounds are `area`.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -215,7 +215,7 @@ impl Canvas {
             x += font::advance(c, text.size);
             let key = (c, (text.size * 4.0) as u32);
             let glyph = self.glyphs.entry(key).or_insert_with(|| font::bitmap(c, text.size));
-            // The map lends the bitmap while the pixels change.
+            // The bitmap is taken out of the map, which must not be borrowed while the pixels change.
             let Some(glyph) = glyph.take() else { continue };
             for (row, line) in (0..).zip(glyph.coverage.chunks(glyph.width.max(1))) {
                 for (column, covered) in (0..).zip(line) {
@@ -230,7 +230,7 @@ impl Canvas {
         }
     }
 
-    /// Where a pixel is in the list, if it is in the picture.
+    /// The index of a pixel, if it is inside the picture.
     fn place(&self, (x, y): (i64, i64)) -> Option<usize> {
         let (x, y) = (usize::try_from(x).ok()?, usize::try_from(y).ok()?);
         (x < self.width && y < self.height).then_some(y * self.width + x)
@@ -257,7 +257,7 @@ fn is_inside(polygon: &[Point], (x, y): Point) -> bool {
     crossed.count() % 2 == 1
 }
 
-/// How far a point is from a segment.
+/// The distance of a point from a segment.
 fn distance((x, y): Point, (ax, ay): Point, (bx, by): Point) -> f64 {
     let (dx, dy) = (bx - ax, by - ay);
     let length = dx.mul_add(dx, dy * dy);

@@ -1,4 +1,4 @@
-//! Axes, lines, bands, markers and legends: what all charts are made of.
+//! Axes, lines, bands, markers and legends, which all charts share.
 
 use crate::font;
 use crate::palette::{AXIS, GROUND, INK, MUTED, Marker, PAPER, RULE, Style};
@@ -9,10 +9,10 @@ pub(crate) const TITLE: f64 = 14.0;
 pub(crate) const HEADING: f64 = 12.0;
 pub(crate) const LABEL: f64 = 10.0;
 
-/// About how many pixels lie between two markers of a line.
+/// The approximate distance between markers of a line, in pixels.
 const MARKER_GAP: f64 = 40.0;
 
-/// Where numbers are on a page.
+/// A linear map from numbers to coordinates.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scale {
     pub(crate) least: f64,
@@ -22,7 +22,7 @@ pub(crate) struct Scale {
 }
 
 impl Scale {
-    /// `least` is at the coordinate `from`, `most` at `to`. A range without extent gets one.
+    /// Maps `least` to `from` and `most` to `to`. An empty range is extended.
     pub(crate) fn new((least, most): (f64, f64), from: f64, to: f64) -> Self {
         let most = if most > least { most } else { least + 1.0 };
         Self { least, most, from, to }
@@ -32,7 +32,7 @@ impl Scale {
         (value - self.least) / (self.most - self.least) * (self.to - self.from) + self.from
     }
 
-    /// The coordinate of a value that may lie beyond the scale.
+    /// The coordinate of a value, clamped to the scale.
     pub(crate) fn within(self, value: f64) -> f64 {
         self.at(value.clamp(self.least, self.most))
     }
@@ -56,7 +56,7 @@ impl Axes {
         (self.x.at(x), self.y.within(y))
     }
 
-    /// Lines behind the data, and their numbers.
+    /// Draws the axes, the lines behind the data, and the numbers of both.
     pub(crate) fn draw(&self, scene: &mut Scene, x_ticks: &[f64], y_ticks: &[f64]) {
         let Area { x, y, .. } = self.area;
         for &tick in y_ticks {
@@ -74,7 +74,7 @@ impl Axes {
         scene.path(vec![(x, y), corner, (self.area.right(), corner.1)], Paint::line(AXIS, 1.0));
     }
 
-    /// A panel without data says so.
+    /// Draws a panel without data, with the reason.
     pub(crate) fn empty(&self, scene: &mut Scene, why: &str) {
         let Area { x, y, width, height } = self.area;
         scene.rect(self.area, Paint::fill(GROUND));
@@ -82,8 +82,8 @@ impl Axes {
         scene.text(middle, Anchor::Middle, LABEL, MUTED, why);
     }
 
-    /// A line, broken where there is no value, with a marker now and then. `first` moves the markers so that those of
-    /// lines at the same place do not hide each other.
+    /// Draws a line with gaps at missing values, and a marker now and then. `first` shifts the markers so that those
+    /// of coinciding lines do not hide each other.
     pub(crate) fn line(
         &self,
         scene: &mut Scene,
@@ -103,7 +103,7 @@ impl Axes {
         }
     }
 
-    /// The same without markers.
+    /// Draws a line like [`Axes::line`], without markers.
     pub(crate) fn curve(&self, scene: &mut Scene, values: &[Option<f64>], paint: Paint) {
         for run in runs(values) {
             let points = run.iter().map(|&(x, y)| self.point(x, y)).collect();
@@ -111,7 +111,7 @@ impl Axes {
         }
     }
 
-    /// The band between two series.
+    /// Draws the band between two series.
     pub(crate) fn band(
         &self,
         scene: &mut Scene,
@@ -126,12 +126,12 @@ impl Axes {
     }
 }
 
-/// The opacity of a band, by the number of bands: all of them together still show what is below them.
+/// The opacity of each of several bands, such that the lines behind all of them stay visible.
 pub(crate) fn opacity(bands: usize) -> f64 {
     (0.6 / real(bands.max(1))).min(0.14)
 }
 
-/// The parts of a series without gaps, as points.
+/// The parts of a series between gaps, as points.
 fn runs(values: &[Option<f64>]) -> Vec<Vec<Point>> {
     let numbered: Vec<_> = values.iter().enumerate().collect();
     let parts = numbered.split(|(_, value)| value.is_none()).filter(|part| !part.is_empty());
@@ -139,13 +139,13 @@ fn runs(values: &[Option<f64>]) -> Vec<Vec<Point>> {
     parts.map(|part| part.iter().filter_map(point).collect()).collect()
 }
 
-/// A number of things as a coordinate.
+/// A count as a coordinate.
 #[expect(clippy::cast_precision_loss, reason = "far below 2^52")]
 pub(crate) fn real(count: usize) -> f64 {
     count as f64
 }
 
-/// Round numbers in a range, about `count` of them.
+/// About `count` round numbers in a range.
 pub(crate) fn ticks((least, most): (f64, f64), count: usize) -> Vec<f64> {
     if most <= least {
         return vec![least];
@@ -163,7 +163,7 @@ pub(crate) fn ticks((least, most): (f64, f64), count: usize) -> Vec<f64> {
     (0..=last).map(|place| (first + real(place)) * step).collect()
 }
 
-/// The least range of round numbers around all values, from 0 where no value is below it.
+/// The smallest range with round ends around all values and 0.
 pub(crate) fn range(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     let (mut least, mut most) = (0.0_f64, 0.0_f64);
     for value in values.into_iter().filter(|value| value.is_finite()) {
@@ -178,14 +178,14 @@ pub(crate) fn range(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     ((least / step + 1e-9).floor() * step, (most / step - 1e-9).ceil() * step)
 }
 
-/// A number of an axis or a label: at most three decimals.
+/// A number as a label, with at most three decimals.
 pub(crate) fn number(value: f64) -> String {
     let text = format!("{value:.3}");
     let text = text.trim_end_matches('0').trim_end_matches('.').replace('-', "−");
     if text == "−0" { "0".to_owned() } else { text }
 }
 
-/// A marker around a point.
+/// Draws a marker around a point.
 pub(crate) fn marker(scene: &mut Scene, (x, y): Point, r: f64, style: Style) {
     let filled = Paint::fill(style.color).outlined(PAPER, 0.8);
     let line = Paint::line(style.color, 1.8);
@@ -220,7 +220,7 @@ pub(crate) fn marker(scene: &mut Scene, (x, y): Point, r: f64, style: Style) {
     }
 }
 
-/// The names of series with their lines and markers, in as many columns as there is room for. Returns its height.
+/// Draws the names of series with their lines and markers, in as many columns as fit. Returns the height.
 pub(crate) fn legend(
     scene: &mut Scene,
     (x, y): Point,
@@ -250,7 +250,7 @@ pub(crate) fn legend_height(room: f64, entries: &[(String, Style)]) -> f64 {
     legend(&mut Scene::new(0.0, 0.0, ""), (0.0, 0.0), room, entries)
 }
 
-/// The title of a figure, its settings below it, and the vertical coordinate at which there is room again.
+/// Draws the title of a figure and its settings below; returns the vertical coordinate below both.
 pub(crate) fn heading(scene: &mut Scene, title: &str, notes: &[String]) -> f64 {
     let room = scene.width - 2.0 * MARGIN;
     scene.text_within((MARGIN, 24.0), room, (Anchor::Start, TITLE, INK), title);
@@ -270,7 +270,7 @@ pub(crate) fn heading_height(width: f64, notes: &[String]) -> f64 {
 /// The empty border of a figure.
 pub(crate) const MARGIN: f64 = 16.0;
 
-/// How many games stand behind values, for a note: `5` or `3 to 5`.
+/// The number of games behind values, for a note: `n = 5` or `n = 3 to 5`.
 pub(crate) fn counts(numbers: impl IntoIterator<Item = usize>) -> String {
     let numbers: Vec<usize> = numbers.into_iter().collect();
     match (numbers.iter().min(), numbers.iter().max()) {

@@ -14,13 +14,13 @@ use crate::{Data, Figure, cell};
 /// The figure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dynamics {
-    /// Who played what.
+    /// The title: the model and the task.
     pub title: String,
     /// Settings and definitions, for the reader.
     pub notes: Vec<String>,
-    /// How many games.
+    /// The number of games.
     pub games: usize,
-    /// How many rounds a game has at most.
+    /// The maximum number of rounds of a game.
     pub rounds: usize,
     /// The score.
     pub score: Curve,
@@ -28,16 +28,16 @@ pub struct Dynamics {
     pub metrics: Vec<(Group, Curve)>,
 }
 
-/// A quantity, state by state.
+/// A quantity in each state of games.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
-    /// What it is.
+    /// The name of the quantity.
     pub name: String,
-    /// By what it is divided where it is drawn.
+    /// The divisor of drawn values.
     pub divisor: f64,
-    /// The values of all games.
+    /// The mean and deviation over all games.
     pub band: Band,
-    /// Those of the game with the highest final score.
+    /// The values of the game with the highest final score.
     pub best: Vec<Option<f64>>,
 }
 
@@ -132,7 +132,7 @@ impl Dynamics {
     }
 }
 
-/// A curve divided by its divisor.
+/// The values of a curve, divided by its divisor.
 struct Drawn {
     mean: Vec<Option<f64>>,
     low: Vec<Option<f64>>,

@@ -1,4 +1,4 @@
-//! Frames as a moving picture: GIF, and Y4M for encoders of video.
+//! Frames as an animation: GIF, and Y4M for video encoders.
 
 use std::borrow::Cow;
 use std::io::Write;
@@ -7,10 +7,10 @@ use gif::{DisposalMethod, Encoder, EncodingError, Frame, Repeat};
 
 use crate::canvas::{Canvas, palette};
 
-/// The most frames a second: a GIF counts hundredths of a second, and viewers slow shorter delays than two of them down.
+/// The maximum frame rate: a GIF counts hundredths of a second, and viewers slow delays below two of them down.
 pub const FRAMES_PER_SECOND_MAX: u16 = 50;
 
-/// A moving picture cannot be written.
+/// An animation cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum FilmError {
     /// The file cannot be written.
@@ -30,36 +30,36 @@ impl From<EncodingError> for FilmError {
     }
 }
 
-/// A moving picture that is being written. All frames have the size of the first.
+/// An animation that is being written. All frames have the size of the first.
 pub trait Film {
     /// Adds a frame.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     fn frame(&mut self, canvas: &Canvas) -> Result<(), FilmError>;
 
-    /// Writes its end.
+    /// Completes the file.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     fn finish(self: Box<Self>) -> Result<(), FilmError>;
 }
 
-/// A GIF that repeats for ever. Of each frame only the rectangle that changed is written.
+/// A GIF that repeats for ever. Each frame contains only the rectangle that changed.
 pub struct Gif<W: Write> {
     encoder: Encoder<W>,
     before: Option<Vec<u8>>,
     delay: u16,
 }
 
-/// The number of a colour that shows what was there.
+/// The index of the transparent colour, which leaves the previous pixel.
 const SAME: u8 = 63;
 
 impl<W: Write> Gif<W> {
-    /// Begins one for frames of this size.
+    /// Begins a GIF of frames of this size.
     ///
     /// # Errors
-    /// Where it cannot be written, or a side is longer than a GIF can say.
+    /// If it cannot be written, or a side is longer than a GIF allows.
     pub fn new(out: W, canvas: &Canvas, per_second: u16) -> Result<Self, FilmError> {
         let side = |side: usize| u16::try_from(side).map_err(|_| too_long());
         let mut colors: Vec<u8> = Vec::new();
@@ -78,7 +78,7 @@ fn too_long() -> FilmError {
     FilmError::Io(std::io::Error::other("a GIF has at most 65535 pixels on a side"))
 }
 
-/// In hundredths of a second.
+/// The delay of a frame in hundredths of a second.
 fn delay(per_second: u16) -> u16 {
     let per_second = per_second.clamp(1, FRAMES_PER_SECOND_MAX);
     (100 + per_second / 2) / per_second
@@ -124,7 +124,7 @@ struct Changed {
     height: usize,
 }
 
-/// The smallest rectangle with all pixels that differ; one pixel where none does, as a frame cannot be empty.
+/// The smallest rectangle around all pixels that differ; one pixel if none does, as a frame cannot be empty.
 fn changed(before: &[u8], now: &[u8], width: usize) -> Changed {
     let (mut left, mut right) = (width, 0);
     let (mut top, mut bottom) = (usize::MAX, 0);
@@ -141,7 +141,7 @@ fn changed(before: &[u8], now: &[u8], width: usize) -> Changed {
     Changed { left, top, width: right - left + 1, height: bottom - top + 1 }
 }
 
-/// Uncompressed video, as encoders read it from a pipe: YUV4MPEG2 with full colour (4:4:4), ITU-R BT.601.
+/// Uncompressed video for the input pipe of encoders: YUV4MPEG2 with full colour (4:4:4), ITU-R BT.601.
 pub struct Y4m<W: Write> {
     out: W,
     /// Luma and the two chromas of each colour.
@@ -150,10 +150,10 @@ pub struct Y4m<W: Write> {
 }
 
 impl<W: Write> Y4m<W> {
-    /// Begins one for frames of this size.
+    /// Begins a video of frames of this size.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn new(mut out: W, canvas: &Canvas, per_second: u16) -> Result<Self, FilmError> {
         let (width, height) = (canvas.width(), canvas.height());
         writeln!(out, "YUV4MPEG2 W{width} H{height} F{per_second}:1 Ip A1:1 C444")?;
@@ -257,7 +257,7 @@ mod tests {
         let frame = b"FRAME\n".len() + 3 * 200;
         assert_eq!(frames.len(), canvases.len() * frame);
         assert!(frames.chunks(frame).all(|frame| frame.starts_with(b"FRAME\n")));
-        // White, and the blue of the square: (0, 114, 178).
+        // The expected planes of white, and of the blue of the square: (0, 114, 178).
         let planes = &frames[6..frame];
         assert_eq!([planes[0], planes[200], planes[400]], [235, 128, 128]);
         let inside = 4 * 20 + 3;

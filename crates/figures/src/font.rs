@@ -1,26 +1,26 @@
-//! The font that is part of this program, and what its texts measure: `DejaVu` Sans, with the Latin, Greek and Cyrillic
-//! letters and the signs that figures use, without hinting and kerning.
+//! The built-in font and the measurement of its texts: `DejaVu` Sans, with the Latin, Greek and Cyrillic letters and
+//! the signs that figures use, without hinting and kerning.
 
 use std::sync::LazyLock;
 
 use ab_glyph::{Font, FontRef, PxScale, point};
 
-/// Its file. The licence is beside it.
+/// The font file. Its licence is beside it.
 pub static FILE: &[u8] = include_bytes!("../assets/DejaVuSans.ttf");
 
-/// Its name.
+/// The name of the font.
 pub const FAMILY: &str = "DejaVu Sans";
 
 static FONT: LazyLock<FontRef<'static>> =
     LazyLock::new(|| FontRef::try_from_slice(FILE).expect("the font is part of the program"));
 
-/// How wide a text is. A character that the font lacks is as wide as the box that is drawn for it.
+/// The width of a text. A character that the font lacks is as wide as the box that is drawn for it.
 #[must_use]
 pub fn width(text: &str, size: f64) -> f64 {
     text.chars().map(|c| advance(c, size)).sum()
 }
 
-/// How far the next character is from this one.
+/// The distance from a character to the next one.
 #[must_use]
 pub fn advance(c: char, size: f64) -> f64 {
     f64::from(FONT.h_advance_unscaled(FONT.glyph_id(c))) * size / units()
@@ -30,23 +30,23 @@ fn units() -> f64 {
     f64::from(FONT.units_per_em().expect("the font is part of the program"))
 }
 
-/// A character as pixels.
+/// A rendered character.
 #[derive(Clone, Debug)]
 pub(crate) struct Bitmap {
-    /// Where its left side is, seen from the point at which the character begins.
+    /// The left side, relative to the origin of the character.
     pub(crate) left: i32,
-    /// Where its upper side is, seen from the base line; above it is negative.
+    /// The upper side, relative to the base line; negative above it.
     pub(crate) top: i32,
-    /// How wide it is.
+    /// The width in pixels.
     pub(crate) width: usize,
-    /// How much of each pixel is ink, from 0 to 1, row by row.
+    /// The share of ink of each pixel, from 0 to 1, row by row.
     pub(crate) coverage: Vec<f32>,
 }
 
-/// A character of this size; `None` for one without ink.
+/// Renders a character; `None` if it has no ink.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small picture")]
 pub(crate) fn bitmap(c: char, size: f64) -> Option<Bitmap> {
-    // The library takes the height from the lowest to the highest line as the size.
+    // The library takes the distance from the lowest to the highest line as the size.
     let scale = size * f64::from(FONT.height_unscaled()) / units();
     let glyph =
         FONT.glyph_id(c).with_scale_and_position(PxScale::from(scale as f32), point(0.0, 0.0));
@@ -62,8 +62,8 @@ pub(crate) fn bitmap(c: char, size: f64) -> Option<Bitmap> {
     Some(Bitmap { left: bounds.min.x as i32, top: bounds.min.y as i32, width, coverage })
 }
 
-/// A text that is not wider than `room`: both its ends with `…` between them where it is too long, so that names with
-/// a common beginning differ.
+/// Shortens a text to the width `room`: a long text keeps both ends with `…` between them, so that names with a
+/// common beginning differ.
 #[must_use]
 pub fn fit(text: &str, size: f64, room: f64) -> String {
     if width(text, size) <= room {
@@ -88,7 +88,7 @@ pub fn fit(text: &str, size: f64, room: f64) -> String {
     chars[..first].iter().chain(&['…']).chain(&chars[last..]).collect()
 }
 
-/// A text in lines that are not wider than `room`, broken at spaces where it can be.
+/// Breaks a text into lines of at most the width `room`, at spaces where possible.
 #[must_use]
 pub fn wrap(text: &str, size: f64, room: f64) -> Vec<String> {
     let mut lines = Vec::new();

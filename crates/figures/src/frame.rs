@@ -1,7 +1,6 @@
-//! Frames of a game: the map with what agents chose, and beside it the score, counts, messages and windows.
+//! Frames of a game: the map with the agents' choices, and beside it the score, counts, messages and windows.
 //!
-//! Frame `s` shows state `s` with what agents chose in round `s` and the messages that they sent in it. The last state
-//! has neither.
+//! Frame `s` shows state `s` with the choices of round `s` and the messages sent in it. The last state has neither.
 
 use swarmbench_analysis::Counts;
 use swarmbench_engine::{Act, Action, Direction, Seen, View, World};
@@ -17,47 +16,47 @@ use crate::{Data, Figure, cell};
 /// The longest side of a frame of a replay, in pixels.
 pub const FRAME_SIDE_MAX: f64 = 4096.0;
 
-/// The most lines of messages below a map.
+/// The maximum number of lines of messages below a map.
 pub const MESSAGE_LINES_MAX: usize = 24;
 
-/// A state of a game, and what was decided in it.
+/// A state of a game, and the decisions in it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Moment {
-    /// Rounds resolved.
+    /// The number of resolved rounds.
     pub round: u32,
     /// The score so far.
     pub score: f64,
-    /// One character a cell, `A` for agents; row by row.
+    /// Rows of the map, a character for each cell, `A` for agents.
     pub grid: Vec<String>,
-    /// All agents in order of their numbers.
+    /// All agents in the order of their numbers.
     pub agents: Vec<Agent>,
     /// The messages sent in this round.
     pub messages: Vec<Said>,
-    /// What was chosen, said and done in this round, in numbers; `None` in the last state.
+    /// The counts of this round; `None` in the last state.
     pub counts: Option<Counts>,
-    /// What each agent on the map sees, if asked for.
+    /// The window of each agent on the map, if asked for.
     pub windows: Vec<(u16, View)>,
 }
 
 /// An agent in a state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Agent {
-    /// Its number.
+    /// The number of the agent.
     pub number: u16,
-    /// Its row and column; `None` once it has escaped.
+    /// The row and the column; `None` once the agent has escaped.
     pub at: Option<(i32, i32)>,
-    /// Whether its light is on (Synchronization).
+    /// Whether the agent's light is on (Synchronization).
     pub light_on: Option<bool>,
-    /// Whether it carries food (Foraging).
+    /// Whether the agent carries food (Foraging).
     pub carries: bool,
-    /// What it chose; `None` in the last state and for an agent that has escaped.
+    /// The choice; `None` in the last state and for an agent that has escaped.
     pub choice: Option<Choice>,
 }
 
-/// What an agent chose to do.
+/// The choice of an agent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Choice {
-    /// No action: it only spoke, its answer could not be read, or its clock expired.
+    /// No action: the agent only spoke, its answer could not be read, or its clock expired.
     Nothing,
     /// To stay.
     Stay,
@@ -65,9 +64,9 @@ pub enum Choice {
     Switch,
     /// To move.
     Move {
-        /// Where to.
+        /// The chosen direction.
         toward: Direction,
-        /// Whether it did not get there.
+        /// Whether the agent did not advance in that direction.
         blocked: bool,
     },
 }
@@ -79,12 +78,12 @@ pub struct Said {
     pub from: u16,
     /// The number of the only receiver, if there is one.
     pub to: Option<u16>,
-    /// Its text.
+    /// The text.
     pub text: String,
 }
 
 impl Moment {
-    /// A state before anything is decided in it; with what each agent sees if `windows`.
+    /// A state before its decisions, with the agents' windows if `windows` is set.
     #[must_use]
     pub fn of(world: &World, windows: bool) -> Self {
         let view = world.spectator_view();
@@ -108,8 +107,7 @@ impl Moment {
         }
     }
 
-    /// Adds what was decided in it: the acts by the numbers of the agents, the state to which they led, and the counts of
-    /// that state.
+    /// Adds the decisions: the acts by the numbers of the agents, the state after them, and the counts of that state.
     pub fn decided(&mut self, acts: &[(u16, Act)], after: &World, counts: Counts) {
         self.counts = Some(counts);
         let states: Vec<_> = after.agent_states().collect();
@@ -139,7 +137,7 @@ impl Choice {
             Some(action @ (Action::Up | Action::Down | Action::Left | Action::Right)) => {
                 let toward = action.direction().expect("a move has a direction");
                 let (i, j) = toward.offset();
-                // Pushing may carry an agent further or aside; it moved if it went that way at all.
+                // A push may carry an agent further or aside; any advance in its direction counts as a move.
                 let blocked = (to.0 - from.0) * i + (to.1 - from.1) * j <= 0;
                 Self::Move { toward, blocked }
             }
@@ -147,14 +145,14 @@ impl Choice {
     }
 }
 
-/// Some moments of a game side by side.
+/// Moments of a game side by side.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frames {
-    /// Whose game.
+    /// The title.
     pub title: String,
     /// The moments.
     pub moments: Vec<Moment>,
-    /// Whether the messages stand below each map.
+    /// Whether messages stand below each map.
     pub messages: bool,
 }
 
@@ -166,7 +164,6 @@ impl Frames {
         (280.0 / real(cells)).floor().clamp(4.0, 28.0)
     }
 
-    /// The lines of messages of a moment.
     fn lines(&self, moment: &Moment, room: f64) -> Vec<String> {
         if self.messages { message_lines(&moment.messages, room) } else { Vec::new() }
     }
@@ -243,7 +240,7 @@ fn size(moment: &Moment) -> (usize, usize) {
     (moment.grid.len(), moment.grid.first().map_or(0, |row| row.chars().count()))
 }
 
-/// Messages as lines of a width, not more than [`MESSAGE_LINES_MAX`].
+/// Wraps messages into lines of a width, at most [`MESSAGE_LINES_MAX`].
 fn message_lines(messages: &[Said], room: f64) -> Vec<String> {
     let mut lines = Vec::new();
     for (shown, said) in messages.iter().enumerate() {
@@ -260,35 +257,35 @@ fn message_lines(messages: &[Said], room: f64) -> Vec<String> {
     lines
 }
 
-/// What all frames of a replay share.
+/// Facts that all frames of a replay share.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stage {
     /// The task.
     pub task: String,
-    /// Who plays.
+    /// The name of the player.
     pub model: String,
     /// Rows and columns of the map.
     pub map: (usize, usize),
-    /// How many agents.
+    /// The number of agents.
     pub agents: usize,
     /// Rows and columns of a window.
     pub window: (usize, usize),
-    /// After how many rounds the game ends at the latest.
+    /// The maximum number of rounds.
     pub max_round: u32,
-    /// The lowest and the highest score of the game, or 0.
+    /// The range of the scores of the game, 0 included.
     pub scores: (f64, f64),
 }
 
-/// What a frame of a replay shows.
+/// Options of the frames of a replay.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shown {
-    /// Pixels along a side of a cell; by default as many as make a map of about 400 pixels.
+    /// Pixels along a side of a cell; by default the map gets a side of about 400 pixels.
     pub cell: Option<u16>,
     /// Whether messages stand below the map.
     pub messages: bool,
-    /// Whether the windows of all agents are shown.
+    /// Whether the windows of all agents stand below the map.
     pub views: bool,
-    /// Whether a frame ends below its last message; else all have one size, as a film needs.
+    /// Whether a frame ends below its last message. Otherwise all frames have the same size, as a film requires.
     pub cut: bool,
 }
 
@@ -317,7 +314,7 @@ pub struct Layout {
     past: Past,
 }
 
-/// What the curves show: of each state so far.
+/// The data of the curves: all states so far.
 #[derive(Clone, Debug, Default)]
 struct Past {
     first: u32,
@@ -325,7 +322,7 @@ struct Past {
     counts: Vec<Counts>,
 }
 
-/// What the small panels show beside the score.
+/// The small panels below the score.
 const PANELS: [&str; 3] = ["Messages", "Standing still", "Pushes"];
 
 const fn of_panels(counts: &Counts) -> [u32; 3] {
@@ -333,16 +330,16 @@ const fn of_panels(counts: &Counts) -> [u32; 3] {
 }
 
 const SIDE: f64 = 236.0;
-/// What stands beside the map needs this much.
+/// The height of everything beside the map.
 const SIDE_HEIGHT: f64 = 344.0;
 const LINE: f64 = 14.0;
 const VIEW_GAP: f64 = 8.0;
 
 impl Layout {
-    /// The layout of all frames of a replay.
+    /// Lays out all frames of a replay.
     ///
     /// # Errors
-    /// Where a frame would have a side longer than [`FRAME_SIDE_MAX`].
+    /// If a frame would have a side longer than [`FRAME_SIDE_MAX`].
     pub fn new(stage: Stage, shown: Shown) -> Result<Self, TooLarge> {
         let (rows, columns) = stage.map;
         let fitting = (400.0 / real(rows.max(columns).max(1))).floor().clamp(4.0, 32.0);
@@ -372,19 +369,19 @@ impl Layout {
         Ok(Self { stage, shown, cell, map, views, messages, width, height, past })
     }
 
-    /// How many pixels a frame has.
+    /// The number of pixels of a frame.
     #[must_use]
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "limited sides")]
     pub fn pixels(&self) -> u64 {
         (self.width * self.height) as u64
     }
 
-    /// Adds a state to the curves without a frame.
+    /// Adds a state to the curves without drawing a frame.
     pub fn skip(&mut self, moment: &Moment) {
         self.past.add(moment);
     }
 
-    /// The next frame.
+    /// Draws the next frame.
     pub fn frame(&mut self, moment: &Moment) -> Scene {
         self.past.add(moment);
         let Stage { task, model, .. } = &self.stage;
@@ -475,7 +472,7 @@ impl Past {
     }
 }
 
-/// How many windows stand side by side, and how wide and high one is.
+/// The number of windows side by side, and the width and height of one with its margins.
 fn view_grid(stage: &Stage, room: f64) -> (usize, f64, f64) {
     let cell = view_cell(stage);
     let wide = real(stage.window.1).mul_add(cell, VIEW_GAP);
@@ -488,7 +485,7 @@ fn view_cell(stage: &Stage) -> f64 {
     (70.0 / real(stage.window.0.max(stage.window.1).max(1))).floor().clamp(2.0, 14.0)
 }
 
-/// A curve up to now, in a box.
+/// Draws a curve up to now, in a box.
 fn curve(
     scene: &mut Scene,
     area: Area,
@@ -503,7 +500,7 @@ fn curve(
     let room = Area { width: area.width - 24.0, ..area };
     let x = Scale::new((0.0, f64::from(rounds)), room.x, room.right());
     let y = Scale::new(range, area.bottom() - 2.0, area.y + 2.0);
-    // More points than pixels change nothing.
+    // More points than pixels would not be visible.
     let step = (values.len() / 500).max(1);
     let point = |place: usize| (x.within(real(place) + f64::from(first)), y.within(values[place]));
     let mut points: Vec<Point> = (0..values.len()).step_by(step).map(point).collect();
@@ -513,7 +510,7 @@ fn curve(
     scene.circle(last, 2.5, Paint::fill(INK));
 }
 
-/// The map with its agents and what they chose.
+/// Draws the map with its agents and their choices.
 fn draw_map(scene: &mut Scene, (x, y): Point, cell: f64, moment: &Moment) {
     let (rows, columns) = size(moment);
     let (width, height) = (real(columns) * cell, real(rows) * cell);
@@ -536,18 +533,18 @@ fn draw_map(scene: &mut Scene, (x, y): Point, cell: f64, moment: &Moment) {
     for (agent, at) in placed() {
         draw_agent(scene, at, cell, *agent);
     }
-    // Arrows reach into the next cell, above those who stand there.
+    // Arrows reach into the next cell, over the agents there.
     for (agent, at) in placed() {
         draw_choice(scene, at, cell, agent.choice);
     }
 }
 
-/// What lies in a cell, by the symbol of a spectator's grid. Agents are drawn later.
+/// Draws the object in a cell, by its symbol in a spectator's grid. Agents are drawn later.
 fn draw_thing(scene: &mut Scene, (x, y): Point, cell: f64, symbol: char) {
     let inside = Area::new(x + 1.0, y + 1.0, cell - 1.0, cell - 1.0);
     let middle = (x + cell / 2.0, y + cell / 2.0);
     let r = cell * 0.34;
-    // In few pixels shapes cannot be told apart.
+    // Shapes are indistinguishable in so few pixels.
     if cell < 8.0 {
         let color = match symbol {
             'W' => Color::grey(0x4D),
@@ -588,7 +585,7 @@ fn draw_thing(scene: &mut Scene, (x, y): Point, cell: f64, symbol: char) {
 }
 
 fn letter(scene: &mut Scene, (x, y): Point, cell: f64, color: Color, text: &str) {
-    // Smaller letters cannot be read.
+    // Smaller letters are illegible.
     const LEAST: f64 = 14.0;
     if cell >= LEAST {
         let digits = real(text.len());
@@ -597,7 +594,7 @@ fn letter(scene: &mut Scene, (x, y): Point, cell: f64, color: Color, text: &str)
     }
 }
 
-/// The colour of an agent: that of its light, its load, or that of all agents.
+/// The colour of an agent: that of its light or its load, if it has either.
 fn color_of(light_on: Option<bool>, carries: bool) -> Color {
     match (light_on, carries) {
         (Some(true), _) => Color::YELLOW,
@@ -634,7 +631,7 @@ fn draw_choice(scene: &mut Scene, (x, y): Point, cell: f64, choice: Option<Choic
     }
 }
 
-/// An arrow from an agent to the next cell; empty, with a bar before it, where the move was blocked.
+/// Draws an arrow from an agent to the next cell; empty and with a bar before it if the move was blocked.
 fn draw_arrow(scene: &mut Scene, (x, y): Point, cell: f64, toward: Direction, blocked: bool) {
     let (i, j) = toward.offset();
     let (down, right) = (f64::from(i), f64::from(j));
@@ -655,7 +652,7 @@ fn draw_arrow(scene: &mut Scene, (x, y): Point, cell: f64, toward: Direction, bl
     scene.line(at(0.63, 0.2), at(0.63, -0.2), Paint::line(Color::VERMILLION, 2.0));
 }
 
-/// A sign in the upper left corner of a cell.
+/// Draws a sign in the upper left corner of a cell.
 fn badge(scene: &mut Scene, (x, y): Point, cell: f64, sign: &str) {
     if cell >= 14.0 {
         let r = cell * 0.19;
@@ -665,7 +662,7 @@ fn badge(scene: &mut Scene, (x, y): Point, cell: f64, sign: &str) {
     }
 }
 
-/// A cell as an agent sees it.
+/// Draws a cell as an agent sees it.
 fn draw_seen(scene: &mut Scene, (x, y): Point, cell: f64, seen: Seen) {
     let area = Area::new(x, y, cell - 1.0, cell - 1.0);
     let (color, text) = match seen {

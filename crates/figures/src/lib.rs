@@ -1,13 +1,14 @@
 //! Figures of many games and replays of one, as SVG, PNG, GIF and Y4M.
 //!
-//! A figure is a struct with its numbers. [`Figure::scene`] lays it out as a [`Scene`], a list of shapes, which [`svg()`]
-//! writes, [`png()`] renders, and [`Canvas`] draws into the frames of a [`Film`]. It is a function of its numbers: the same
+//! A figure is a struct with its numbers. [`Figure::scene`] lays it out as a [`Scene`], a list of shapes, which
+//! [`svg()`] writes, [`png()`] renders, and [`Canvas`] draws into the frames of a [`Film`]. The same numbers give the
+//! same bytes. Texts of players are never interpreted.
 //! numbers give the same bytes. Text of players is text only.
 //!
-//! Colours are those of Okabe and Ito, and no difference is shown by a colour alone: lines have dashes and markers, cells
-//! have letters and numbers, bars are hatched.
+//! Colours are those of Okabe and Ito, and colour alone never distinguishes anything: lines have dashes and markers,
+//! cells have letters and numbers, bars are hatched.
 //!
-//! A crate of its own because nothing else needs fonts and encoders, and figures are made without a server.
+//! The crate is separate because nothing else needs fonts and encoders, and figures are made without a server.
 
 pub mod board;
 pub mod dynamics;
@@ -36,7 +37,7 @@ pub trait Figure {
     /// The picture.
     fn scene(&self) -> Scene;
 
-    /// The numbers behind it.
+    /// The numbers behind the picture.
     fn data(&self) -> Data;
 }
 
@@ -54,7 +55,7 @@ impl Data {
         Self { columns: columns.to_vec(), rows: Vec::new() }
     }
 
-    /// As CSV, with a line for the names.
+    /// The table as CSV, with a header.
     #[must_use]
     pub fn csv(&self) -> String {
         let mut out = csv::Writer::from_writer(Vec::new());

@@ -1,4 +1,4 @@
-//! Colours that colour-blind readers can tell apart (Okabe and Ito, 2008), and the signs that stand beside each colour.
+//! Colours that colour-blind readers can distinguish (Okabe and Ito, 2008), and the signs that accompany each colour.
 
 /// A colour: red, green, blue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -30,17 +30,17 @@ pub const OKABE_ITO: [Color; 8] = [
     Color::PURPLE,
 ];
 
-/// Text.
+/// The colour of text.
 pub const INK: Color = Color::grey(0x1A);
-/// Text of lesser weight.
+/// The colour of secondary text.
 pub const MUTED: Color = Color::grey(0x59);
-/// Lines of axes.
+/// The colour of axes.
 pub const AXIS: Color = Color::grey(0x80);
-/// Lines behind the data.
+/// The colour of lines behind the data.
 pub const RULE: Color = Color::grey(0xE0);
-/// The ground of a map and of values that do not exist.
+/// The ground of maps and of missing values.
 pub const GROUND: Color = Color::grey(0xF2);
-/// The ground of a picture.
+/// The ground of pictures.
 pub const PAPER: Color = Color::WHITE;
 
 impl Color {
@@ -50,7 +50,7 @@ impl Color {
         Self(level, level, level)
     }
 
-    /// This colour with `share` of another: 0 is this one, 1 the other.
+    /// Mixes the colour with a `share` of another: 0 is this colour, 1 the other.
     #[must_use]
     pub fn mixed(self, other: Self, share: f64) -> Self {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "in 0..=255")]
@@ -60,7 +60,7 @@ impl Color {
         Self(mix(self.0, other.0), mix(self.1, other.1), mix(self.2, other.2))
     }
 
-    /// Its relative luminance, from 0 to 1 (WCAG 2).
+    /// The relative luminance, from 0 to 1 (WCAG 2).
     #[must_use]
     pub fn luminance(self) -> f64 {
         let linear = |part: u8| {
@@ -77,7 +77,7 @@ impl Color {
         (a.max(b) + 0.05) / (a.min(b) + 0.05)
     }
 
-    /// The colour of text on this ground: black or white, whichever can be read better.
+    /// The colour of text on this ground: black or white, whichever is more legible.
     #[must_use]
     pub fn text_on(self) -> Self {
         if self.contrast(Self::WHITE) >= self.contrast(Self::BLACK) {
@@ -88,14 +88,14 @@ impl Color {
     }
 }
 
-/// How a series looks: no two of the first [`STYLES`] have the same marker and dashes.
+/// The look of a series. No two of the first [`STYLES`] share both marker and dashes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Style {
-    /// Its colour.
+    /// The colour.
     pub color: Color,
-    /// Its dashes.
+    /// The dashes.
     pub dash: &'static [f64],
-    /// Its marker.
+    /// The marker.
     pub marker: Marker,
 }
 
@@ -113,10 +113,10 @@ pub enum Marker {
     Hourglass,
 }
 
-/// How many series a figure can tell apart without colour.
+/// The number of series that can be distinguished without colour.
 pub const STYLES: usize = 32;
 
-/// Yellow is left out: on white it can hardly be seen.
+/// The colours of lines, without yellow, which is hardly visible on white.
 const OF_LINES: [Color; 7] = [
     Color::BLUE,
     Color::VERMILLION,
@@ -165,7 +165,7 @@ mod tests {
 
     #[test]
     fn texts_can_be_read_on_their_grounds() {
-        // 4.5 is what WCAG 2 asks of small text, 3 what it asks of shapes.
+        // WCAG 2 requires 4.5 for small text, and 3 for shapes.
         for (text, ground) in [(INK, PAPER), (MUTED, PAPER), (INK, GROUND), (MUTED, GROUND)] {
             assert!(text.contrast(ground) >= 4.5, "{text:?} on {ground:?}");
         }

@@ -9,7 +9,7 @@ use crate::font;
 use crate::scene::Scene;
 use crate::svg::svg;
 
-/// The largest picture, in pixels: it takes four bytes a pixel in memory.
+/// The maximum number of pixels of a picture, at four bytes of memory each.
 pub const PNG_PIXELS_MAX: f64 = 100_000_000.0;
 
 /// A picture is too large.
@@ -29,10 +29,10 @@ static FONTS: LazyLock<Arc<fontdb::Database>> = LazyLock::new(|| {
     Arc::new(fonts)
 });
 
-/// A scene as a PNG file with `scale` pixels for each unit. No font of the machine is used.
+/// Renders a scene as a PNG file with `scale` pixels for each unit. Fonts of the machine are not used.
 ///
 /// # Errors
-/// Where it has more than [`PNG_PIXELS_MAX`].
+/// If the picture has more than [`PNG_PIXELS_MAX`] pixels.
 pub fn png(scene: &Scene, scale: f64) -> Result<Vec<u8>, TooLarge> {
     let (width, height) = ((scene.width * scale).ceil(), (scene.height * scale).ceil());
     let too_large = TooLarge { width, height };

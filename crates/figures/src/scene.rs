@@ -7,13 +7,13 @@ use swarmbench_protocol::names::printable;
 /// A picture. One unit is one pixel of an unscaled PNG or of a frame of a replay; y grows downwards.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
-    /// Its width.
+    /// The width.
     pub width: f64,
-    /// Its height.
+    /// The height.
     pub height: f64,
-    /// What it shows, for readers that cannot see it.
+    /// A description for readers that cannot see the picture.
     pub title: String,
-    /// Its shapes, the lowest first.
+    /// The shapes, the lowest first.
     pub shapes: Vec<Shape>,
 }
 
@@ -24,7 +24,7 @@ pub enum Shape {
     Rect(Area, Paint),
     /// A circle around a point.
     Circle(Point, f64, Paint),
-    /// Straight lines through points; closed where it is filled.
+    /// Straight lines through points; closed if filled.
     Path(Vec<Point>, Paint),
     /// A line of text.
     Text(Text),
@@ -43,21 +43,21 @@ pub struct Area {
     pub height: f64,
 }
 
-/// How a shape is painted.
+/// The paint of a shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Paint {
-    /// The colour of its inside and how opaque it is, from 0 to 1.
+    /// The colour of the inside and its opacity, from 0 to 1.
     pub fill: Option<(Color, f64)>,
-    /// Its outline.
+    /// The outline.
     pub stroke: Option<Stroke>,
 }
 
 /// An outline.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stroke {
-    /// Its colour.
+    /// The colour.
     pub color: Color,
-    /// How wide it is.
+    /// The width.
     pub width: f64,
     /// Lengths of dashes and gaps in turn; empty for a solid line.
     pub dash: &'static [f64],
@@ -66,19 +66,19 @@ pub struct Stroke {
 /// A line of text.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Text {
-    /// Where its base line begins, has its middle or ends.
+    /// The point of the base line at which the text is anchored.
     pub at: Point,
-    /// Which of these.
+    /// The anchor.
     pub anchor: Anchor,
     /// The size of the font.
     pub size: f64,
-    /// Its colour.
+    /// The colour.
     pub color: Color,
-    /// What is written, without characters that no picture can show.
+    /// The text, without characters that no picture can show.
     pub text: String,
 }
 
-/// Which part of a text is at its point.
+/// The part of a text that lies at its point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum Anchor {
@@ -94,13 +94,13 @@ impl Area {
         Self { x, y, width, height }
     }
 
-    /// Its right side.
+    /// The right side.
     #[must_use]
     pub fn right(self) -> f64 {
         self.x + self.width
     }
 
-    /// Its lower side.
+    /// The lower side.
     #[must_use]
     pub fn bottom(self) -> f64 {
         self.y + self.height
@@ -132,7 +132,7 @@ impl Paint {
         Self { fill: None, stroke: Some(Stroke { color, width, dash }) }
     }
 
-    /// The same with a solid outline.
+    /// Adds a solid outline.
     #[must_use]
     pub const fn outlined(self, color: Color, width: f64) -> Self {
         Self { stroke: Some(Stroke { color, width, dash: &[] }), ..self }
@@ -140,7 +140,7 @@ impl Paint {
 }
 
 impl Scene {
-    /// An empty picture. Its sides are rounded up to even numbers, which encoders of video ask for.
+    /// An empty picture. Its sides are rounded up to even numbers, which video encoders require.
     #[must_use]
     pub fn new(width: f64, height: f64, title: &str) -> Self {
         let even = |side: f64| (side / 2.0).ceil() * 2.0;
@@ -158,7 +158,7 @@ impl Scene {
         self.shapes.push(Shape::Circle(center, radius, paint));
     }
 
-    /// Adds lines through points, or a polygon where `paint` fills.
+    /// Adds lines through points, or a polygon if `paint` fills.
     pub fn path(&mut self, points: Vec<Point>, paint: Paint) {
         self.shapes.push(Shape::Path(points, paint));
     }
@@ -174,7 +174,7 @@ impl Scene {
         self.shapes.push(Shape::Text(Text { at, anchor, size, color, text }));
     }
 
-    /// Adds a text, cut in its middle where it would be wider than `width`.
+    /// Adds a text, shortened in its middle to at most `width`.
     pub fn text_within(
         &mut self,
         at: Point,
@@ -185,7 +185,7 @@ impl Scene {
         self.text(at, anchor, size, color, &font::fit(&printable(text), size, width));
     }
 
-    /// Adds lines at 45° that fill a rectangle, a sign for those who do not see its colour.
+    /// Fills a rectangle with lines at 45°, for readers who do not see its colour.
     pub fn hatch(&mut self, area: Area, gap: f64, paint: Paint) {
         let Area { x, y, width, height } = area;
         let mut along = gap;

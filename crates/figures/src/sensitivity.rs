@@ -1,4 +1,4 @@
-//! Sensitivity: how the score depends on the number of agents and on what they see.
+//! Sensitivity: the final score by the number of agents and by the extent of their view.
 
 use crate::chart::{
     Axes, HEADING, LABEL, MARGIN, counts, heading, heading_height, legend, legend_height, marker,
@@ -14,11 +14,11 @@ use crate::{Data, Figure};
 pub struct Sensitivity {
     /// Settings that all games share, for the reader.
     pub notes: Vec<String>,
-    /// What the horizontal axis shows, such as the number of agents.
+    /// The label of the horizontal axis, such as the number of agents.
     pub across: String,
-    /// What the lines differ in, such as the size of a window.
+    /// The name of the setting that the lines differ in, such as the size of a window.
     pub line: String,
-    /// All values of `line`, in the order of the legend; points name them by their place.
+    /// All values of `line`, in the order of the legend. Points refer to them by index.
     pub values: Vec<f64>,
     /// A panel for each task.
     pub panels: Vec<(String, Vec<Point>)>,
@@ -27,9 +27,9 @@ pub struct Sensitivity {
 /// The games of one setting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// Its line, by its place in the list of values.
+    /// The index of its line's value.
     pub line: usize,
-    /// Its place along the horizontal axis.
+    /// The position on the horizontal axis.
     pub across: f64,
     /// The final scores.
     pub score: Summary,
@@ -83,7 +83,7 @@ impl Figure for Sensitivity {
 }
 
 impl Sensitivity {
-    /// All places along the horizontal axis.
+    /// All positions on the horizontal axis, sorted.
     fn places(&self) -> Vec<f64> {
         let all = self.panels.iter().flat_map(|(_, points)| points);
         let mut places: Vec<f64> = all.map(|point| point.across).collect();
@@ -114,7 +114,7 @@ impl Sensitivity {
         axes.draw(scene, &marks, &ticks(y, 4));
         let below = (area.x + area.width / 2.0, area.bottom() + 29.0);
         scene.text(below, Anchor::Middle, LABEL, MUTED, &self.across);
-        // A few pixels apart, so that bars at the same place can be told apart.
+        // Lines are shifted by a few pixels, so that bars at the same position are distinguishable.
         let apart = (24.0 / real(self.values.len().max(1))).min(5.0);
         for line in 0..self.values.len() {
             let mut points: Vec<_> = points.iter().filter(|point| point.line == line).collect();

@@ -1,20 +1,20 @@
-//! Series of several games, round by round, as a mean and a deviation.
+//! Means and deviations of several games, round by round.
 
 use swarmbench_analysis::statistics::mean_and_deviation;
 
-/// What several games of the same kind did, state by state.
+/// The values of several similar games, state by state.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Band {
-    /// The mean over the games that have a value there.
+    /// The mean over the games that have a value in the state.
     pub mean: Vec<Option<f64>>,
-    /// The population deviation of these.
+    /// The population deviation of these values.
     pub deviation: Vec<Option<f64>>,
-    /// From how many games each is computed.
+    /// The number of these values.
     pub counts: Vec<usize>,
 }
 
 impl Band {
-    /// Of the series of games: `None` where a game has no value, or has ended.
+    /// Summarizes the series of games, with `None` where a game has no value.
     #[must_use]
     pub fn of(games: &[&[Option<f64>]]) -> Self {
         let length = games.iter().map(|game| game.len()).max().unwrap_or_default();
@@ -29,7 +29,7 @@ impl Band {
         band
     }
 
-    /// The mean less the deviation; not below 0 where the mean is not.
+    /// The mean minus the deviation, at least 0 if the mean is.
     #[must_use]
     pub fn low(&self) -> Vec<Option<f64>> {
         let both = self.mean.iter().zip(&self.deviation);
@@ -48,19 +48,19 @@ impl Band {
     }
 }
 
-/// Several values as one.
+/// A summary of several values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Summary {
-    /// Their mean.
+    /// The mean.
     pub mean: f64,
-    /// Their population deviation.
+    /// The population deviation.
     pub deviation: f64,
-    /// How many they are.
+    /// The number of values.
     pub n: usize,
 }
 
 impl Summary {
-    /// Of values; `None` without any.
+    /// Summarizes values; `None` without any.
     #[must_use]
     pub fn of(values: &[f64]) -> Option<Self> {
         let (mean, deviation) = mean_and_deviation(values)?;
@@ -68,26 +68,26 @@ impl Summary {
     }
 }
 
-/// The scores of the states of a game do not have what a score curve needs.
+/// The scores of a game's states do not make a score curve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ScoreError {
-    /// Scores never fall.
+    /// The score falls, which it never does.
     #[error("the score falls in state {0}; such games are damaged, verify their journals")]
     Falls(usize),
-    /// There is not even a layout.
+    /// There is no state, not even a layout.
     #[error("a game without a state has no score")]
     Empty,
-    /// More states than rounds and the layout.
+    /// There are more states than rounds and the layout.
     #[error("there are {states} states, but at most {rounds} rounds")]
     TooLong {
-        /// How many states there are.
+        /// The number of states.
         states: usize,
-        /// How many rounds a game has at most.
+        /// The maximum number of rounds of a game.
         rounds: usize,
     },
 }
 
-/// The score of every state up to the last round; a game that ended early keeps its last one.
+/// Extends the scores of a game's states to the last round: a game that ended early keeps its last score.
 ///
 /// # Errors
 /// If the scores are not those of a game of at most this many rounds.

@@ -6,7 +6,7 @@ use crate::font::FAMILY;
 use crate::palette::{Color, PAPER};
 use crate::scene::{Anchor, Paint, Point, Scene, Shape, Text};
 
-/// A scene as an SVG document. The same scene gives the same bytes.
+/// Writes a scene as an SVG document. The same scene gives the same bytes.
 #[must_use]
 pub fn svg(scene: &Scene) -> String {
     let mut out = String::new();
@@ -72,7 +72,7 @@ fn write_text(out: &mut String, text: &Text) -> Result {
     write!(out, " fill=\"{}\">{}</text>", Hex(text.color), Escaped(&text.text))
 }
 
-/// A number with at most two decimals, which is a hundredth of a pixel.
+/// A number with at most two decimals, that is hundredths of a pixel.
 pub(crate) struct Number(pub f64);
 
 impl Display for Number {
@@ -115,7 +115,7 @@ impl Display for Painted {
     }
 }
 
-/// Text that is only text in XML.
+/// A text with its XML markup escaped.
 struct Escaped<'a>(&'a str);
 
 impl Display for Escaped<'_> {

@@ -1,4 +1,4 @@
-//! Score trends: how the scores of models rise over a game, a panel a task.
+//! Score trends: the scores of models over a game, a panel for each task.
 
 use crate::chart::{
     Axes, HEADING, LABEL, MARGIN, counts, heading, heading_height, legend, legend_height, opacity,
@@ -14,7 +14,7 @@ use crate::{Data, Figure, cell};
 pub struct Trends {
     /// Settings that all games share, for the reader.
     pub notes: Vec<String>,
-    /// All models, in the order of the legend; lines name them by their place.
+    /// All models, in the order of the legend. Lines refer to them by index.
     pub models: Vec<String>,
     /// A panel for each task.
     pub panels: Vec<Panel>,
@@ -25,7 +25,7 @@ pub struct Trends {
 pub struct Panel {
     /// The task.
     pub task: String,
-    /// How many rounds a game has at most.
+    /// The maximum number of rounds of a game.
     pub rounds: usize,
     /// A line for each model that has games.
     pub lines: Vec<Line>,
@@ -34,14 +34,14 @@ pub struct Panel {
 /// The games of a model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
-    /// Its place in the list of models.
+    /// The index of the model.
     pub model: usize,
     /// The score in each state, `0..=rounds`.
     pub score: Band,
 }
 
 const PLOT: (f64, f64) = (250.0, 170.0);
-/// Room for the numbers of an axis at the left, and for the heading and the numbers above and below.
+/// Margins of a panel: on the left for the numbers of the axis, above for the heading, below for the axis.
 const BESIDE: f64 = 48.0;
 const ABOVE: f64 = 26.0;
 const BELOW: f64 = 44.0;

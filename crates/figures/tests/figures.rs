@@ -1,4 +1,4 @@
-//! Figures of all sizes of data: their bytes, their texts, their colours.
+//! Figures with data of all sizes: their bytes, texts and colours.
 
 #![expect(clippy::cast_precision_loss, reason = "small numbers of samples")]
 
@@ -16,9 +16,9 @@ use swarmbench_figures::scene::{Anchor, Shape};
 use swarmbench_figures::{Canvas, Figure, Film, Gif, font, png, svg};
 use swarmbench_protocol::names::printable;
 
-/// Write the golden files anew instead of comparing them.
+/// A variable that makes the tests write the golden files instead of comparing them.
 const UPDATE: &str = "SWARMBENCH_UPDATE_FIGURES";
-/// A folder into which all samples are written as PNG, to look at them.
+/// A variable with a folder into which all samples are written as PNG, for viewing.
 const SHOW: &str = "SWARMBENCH_SHOW_FIGURES";
 
 fn golden(name: &str) -> PathBuf {
@@ -129,7 +129,7 @@ fn texts_can_be_read_on_what_is_below_them() {
     for (name, scene) in all() {
         for (place, shape) in scene.shapes.iter().enumerate() {
             let Shape::Text(text) = shape else { continue };
-            // The middle of the text, a bit above its base line.
+            // The middle of the text, slightly above its base line.
             let half = font::width(&text.text, text.size) / 2.0;
             let x = text.at.0
                 + match text.anchor {
@@ -200,7 +200,7 @@ fn gif_of(moments: &[Moment], mut layout: Layout) -> (Vec<u8>, Canvas) {
 
 #[test]
 fn a_replay_of_a_standard_game_is_a_small_file() {
-    // A fifth of a game; drawing all of it takes long without optimisation.
+    // A fifth of a game, as drawing all of it takes long without optimisation.
     const ROUNDS: u32 = 20;
     const BYTES_MAX: usize = 3_000_000 / 5;
     let task = TaskName::Pursuit;
@@ -272,7 +272,7 @@ fn a_picture_ends_below_its_messages() {
     });
     let [first, _, last] = heights[0];
     assert!((first - last).abs() < 0.1, "{heights:?}");
-    // Nothing is said in the last state.
+    // The last state has no messages.
     assert!(heights[1][2] < heights[1][0] && heights[1][0] <= first, "{heights:?}");
 }
 

@@ -1,5 +1,5 @@
-//! What is counted. One process does everything in the same order with the same inputs; all requests come over
-//! connections of this machine to a server on the same thread, so a count has the client's part, too, which is small.
+//! The benchmarks. One process runs everything in the same order with the same inputs. All requests use local
+//! connections to a server on the same thread, so a count includes the client's part, which is small.
 
 use std::fmt::Write as _;
 use std::hint::black_box;
@@ -26,20 +26,20 @@ use crate::worlds::{Dice, world};
 /// Seats of an episode in the standard setting.
 const SEATS: usize = 12;
 
-/// Rounds that are played before the first is counted: caches are filled then, and buffers have their size.
+/// Rounds played before the count, which fill caches and give buffers their size.
 const WARM_UP: u32 = 3;
 
 /// Rounds that are counted.
 const ROUNDS: u32 = 10;
 
-/// Rounds of a game without a server, as many as the standard setting has.
+/// Rounds of a game without a server, as in the standard setting.
 const GAME: u32 = 100;
 
-/// Entries of a commit, and commits that are counted.
+/// Entries of a commit, and number of counted commits.
 const ENTRIES: u32 = 100;
 const COMMITS: u32 = 5;
 
-/// Runs on the boards, and boards that are counted.
+/// Runs on the boards, and number of counted boards.
 const RUNS: i64 = 40;
 const BOARDS: u32 = 5;
 
@@ -50,7 +50,7 @@ pub(crate) fn all() {
     println!("{}", machine());
     games();
     let folder = tempfile::tempdir().expect("a folder");
-    // On one thread, so that its tasks always take turns in the same order.
+    // One thread, so that tasks always take turns in the same order.
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     runtime.expect("a runtime").block_on(async {
         commits(&folder.path().join("commits.db")).await;
@@ -59,7 +59,8 @@ pub(crate) fn all() {
     });
 }
 
-/// What decides which code is executed: memory is copied and searched with the widest registers that there are.
+/// The kind of processor, which decides what code runs: memory is copied and searched with the widest registers
+/// available.
 fn machine() -> String {
     #[cfg(target_arch = "x86_64")]
     let wide = if std::arch::is_x86_feature_detected!("avx2") { " with AVX2" } else { "" };
@@ -91,7 +92,7 @@ fn games() {
     }
 }
 
-/// Commits of acts, each act a job of its own, as the server hands them over.
+/// Commits of acts, each act as a job of its own, which is how the server submits them.
 async fn commits(database: &Path) {
     let clock = clock();
     let store = Store::open(database).await.expect("it opens");
@@ -122,7 +123,7 @@ async fn commits(database: &Path) {
             })
             .collect();
         let keep = async {
-            // As games do, whose acts all go into one commit.
+            // The acts of a game all go into one commit.
             let append = |job| committed(|committed| store.append(job, committed));
             let kept = join_all(jobs.into_iter().map(append)).await;
             assert!(kept.iter().all(Result::is_ok), "{kept:?}");
@@ -137,7 +138,7 @@ fn clock() -> Arc<ManualClock> {
     Arc::new(ManualClock::new(start))
 }
 
-/// Looks and acts, seat by seat and of a whole swarm.
+/// Observations and acts, for each seat and for a whole swarm.
 async fn acts(database: &Path) {
     let store = Store::open(database).await.expect("it opens");
     let (target, stop) = serve(&store, clock()).await;
@@ -167,7 +168,7 @@ async fn ask(connection: &mut Connection, request: &[u8]) {
     assert!(answer.is_ok(), "{}", String::from_utf8_lossy(connection.body()));
 }
 
-/// Asks at all connections at the same time.
+/// Sends requests on all connections at the same time.
 async fn ask_all(connections: &mut [Connection], requests: &[Vec<u8>]) {
     join_all(
         connections.iter_mut().zip(requests).map(|(connection, request)| ask(connection, request)),
@@ -175,7 +176,7 @@ async fn ask_all(connections: &mut [Connection], requests: &[Vec<u8>]) {
     .await;
 }
 
-/// A connection for each seat; all look at a round, look again, and act.
+/// A connection for each seat: all observe a round, observe it again, and act.
 async fn looks_and_acts(target: &Target) {
     let game = create(target).await;
     let mut connections: Vec<_> = game.seats.iter().map(|_| Connection::new(target)).collect();
@@ -230,7 +231,7 @@ async fn swarm_acts(target: &Target) {
     }
 }
 
-/// The leaderboard, after a run has ended and again.
+/// The leaderboard, first after a run has ended, and then again.
 async fn boards(database: &Path) {
     let clock = clock();
     let store = Store::open(database).await.expect("it opens");
@@ -245,7 +246,7 @@ async fn boards(database: &Path) {
     for _ in 0..BOARDS {
         store.keep(made.run()).await.expect("it is kept");
         counting!("first-board", 1, ask(&mut connection, &read).await);
-        // What the first one has left to be tidied up is not counted.
+        // The work that the first board leaves behind is not counted.
         ask(&mut connection, &read).await;
         counting!("board", BOARDS, {
             for _ in 0..BOARDS {

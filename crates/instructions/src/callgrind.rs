@@ -1,6 +1,6 @@
-//! Runs this program under valgrind, and reads what callgrind has counted.
+//! Runs this program under valgrind, and reads the counts of callgrind.
 //!
-//! A library such as gungraun was considered: it starts a process for each benchmark (here each would start a server under
+//! A library such as gungraun was rejected: it starts a process for each benchmark (each would start a server under
 //! valgrind again), follows one thread (SQLite has a thread of its own), and keeps its numbers in the build folder.
 
 use std::fs;
@@ -9,10 +9,10 @@ use std::process::Command;
 
 use crate::counts::Counts;
 
-/// Tells this program that it runs under valgrind.
+/// The option that tells this program that it runs under valgrind.
 pub(crate) const COUNTED: &str = "--counted";
 
-/// Counts all benchmarks. Keeps their profiles in a folder, if there is one.
+/// Counts all benchmarks. Keeps their profiles in a folder, if given.
 pub(crate) fn count(profiles: Option<&Path>) -> Result<Counts, String> {
     let folder = tempfile::tempdir().map_err(|error| format!("no temporary folder: {error}"))?;
     let dumps = folder.path().join("dump");
@@ -22,7 +22,7 @@ pub(crate) fn count(profiles: Option<&Path>) -> Result<Counts, String> {
         .arg(format!("--callgrind-out-file={}", dumps.display()))
         .arg(program)
         .arg(COUNTED)
-        // The environment lies on the stack, so its size moves what comes after it.
+        // The environment lies on the stack, so its size would move everything after it.
         .env_clear()
         .env("PATH", "/usr/bin:/bin")
         .env("TMPDIR", folder.path())
@@ -37,13 +37,13 @@ pub(crate) fn count(profiles: Option<&Path>) -> Result<Counts, String> {
     }
     let mut lines = text.lines();
     let machine = lines.next().ok_or("the benchmarks printed nothing")?.to_owned();
-    // In the order in which they were counted: name, instructions, times.
+    // Name, instructions and times, in the order of the counts.
     let mut sums: Vec<(String, u64, u64)> = Vec::new();
     for (index, line) in lines.enumerate() {
         let parts = line.split_once(' ');
         let parts = parts.and_then(|(name, times)| Some((name, times.parse::<u64>().ok()?)));
         let (name, times) = parts.ok_or(format!("{line:?} is not a benchmark and a number"))?;
-        // Each section has two boundaries; its count is what is written at the second.
+        // Each section has two boundaries; the dump at the second one is its count.
         let dump = folder.path().join(format!("dump.{}", 2 * index + 2));
         let profile = fs::read_to_string(&dump);
         let profile =
@@ -56,7 +56,8 @@ pub(crate) fn count(profiles: Option<&Path>) -> Result<Counts, String> {
             sums.push((name.to_owned(), instructions, times));
             if let Some(profiles) = profiles {
                 let kept = profiles.join(format!("{name}.callgrind"));
-                // Calls that began before the boundary are written as 0 calls, which callgrind_annotate does not understand.
+                // Calls that began before the boundary are written as 0 calls, which `callgrind_annotate` does not
+                // understand.
                 fs::create_dir_all(profiles)
                     .and_then(|()| fs::write(&kept, profile.replace("\ncalls=0 ", "\ncalls=1 ")))
                     .map_err(|error| format!("{} cannot be written: {error}", kept.display()))?;
@@ -77,7 +78,7 @@ fn rust() -> Result<String, String> {
     version.map(str::to_owned).ok_or(format!("{text:?} is not the version of a compiler"))
 }
 
-/// The instructions of a profile, of all functions and threads.
+/// The instructions of a profile over all functions and threads.
 fn total(profile: &str) -> Result<u64, String> {
     let total = profile.lines().rev().find_map(|line| line.strip_prefix("totals:"));
     let total = total.and_then(|total| total.trim().parse().ok());

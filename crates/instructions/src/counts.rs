@@ -1,11 +1,11 @@
-//! The committed counts, and their comparison with those of now. No file and no process: text in, text out.
+//! The committed counts, and their comparison with new ones. No files and no processes: text in, text out.
 
 use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::Deserialize;
 
-/// Counts, and what they belong to.
+/// Counts, and the compiler and processor that they belong to.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Counts {
@@ -17,13 +17,13 @@ pub(crate) struct Counts {
     pub(crate) instructions: BTreeMap<String, u64>,
 }
 
-/// By how many per cent a count may differ. Counts of one program differ by at most half of it; the rest is for changes that
-/// have nothing to do with a benchmark, but move its code.
+/// The tolerated difference of a count, in per cent. Counts of one program differ by at most half of it; the rest is
+/// for changes outside a benchmark that move its code.
 fn tolerance_percent(benchmark: &str) -> f64 {
     if benchmark.ends_with("board") { 5.0 } else { 3.0 }
 }
 
-/// The command that writes new numbers.
+/// The command that accepts new counts.
 const ACCEPT: &str = ".ci/instructions --accept";
 
 impl Counts {
@@ -34,7 +34,7 @@ impl Counts {
         })
     }
 
-    /// Compares these, which are committed, with those of now.
+    /// Compares these committed counts with new ones.
     pub(crate) fn compare(self, now: &Self) -> Comparison {
         let mut lines = Vec::new();
         for (benchmark, &instructions) in &now.instructions {
@@ -59,7 +59,7 @@ impl Counts {
     }
 }
 
-/// The file.
+/// Writes the file of counts.
 impl fmt::Display for Counts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "# Instructions of one run of each benchmark: docs/develop/performance.md.")?;
@@ -72,7 +72,7 @@ impl fmt::Display for Counts {
     }
 }
 
-/// A benchmark before and now; a new one has no number before, one that was removed has none now.
+/// A benchmark's counts before and now; a new benchmark has no count before, a removed one none now.
 #[derive(Debug)]
 struct Line {
     benchmark: String,
@@ -81,7 +81,7 @@ struct Line {
 }
 
 impl Line {
-    /// What is wrong with it, and what to do.
+    /// A complaint about a benchmark, with advice.
     fn complaint(&self) -> Option<String> {
         let Self { benchmark, before, now } = self;
         match (*before, *now) {
@@ -116,12 +116,12 @@ impl Line {
 #[derive(Debug)]
 pub(crate) struct Comparison {
     lines: Vec<Line>,
-    /// Why the committed counts say little here.
+    /// Differences of compiler or processor, which make the counts incomparable.
     differences: Vec<String>,
 }
 
 impl Comparison {
-    /// Whether nothing has to be done. Counts of another compiler or processor are shown only.
+    /// Whether nothing has to be done. Counts of another compiler or processor always pass.
     pub(crate) fn passes(&self) -> bool {
         !self.differences.is_empty() || self.lines.iter().all(|line| line.complaint().is_none())
     }
@@ -149,7 +149,7 @@ impl fmt::Display for Comparison {
     }
 }
 
-/// By how many per cent a number differs from the one before.
+/// The difference to an earlier number, in per cent.
 #[expect(clippy::cast_precision_loss, reason = "no count comes near 2⁵³")]
 pub(crate) fn percent(before: u64, now: u64) -> f64 {
     (now as f64 / before.max(1) as f64 - 1.0) * 100.0

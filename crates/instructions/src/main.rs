@@ -1,6 +1,6 @@
-//! How many instructions the processor executes for a look, an act, a commit, a round: counted by valgrind, and compared
-//! with the committed numbers in `counts.toml`. A count hardly depends on the machine and on what else runs there, so a
-//! change of a few per cent is seen.
+//! The number of processor instructions for an observation, an act, a commit, a round: counted by valgrind, and
+//! compared with the committed numbers in `counts.toml`. A count hardly depends on the machine and on other
+//! processes, so it reveals changes of a few per cent.
 //!
 //! ```sh
 //! .ci/instructions                    # compares
@@ -9,7 +9,7 @@
 //! .ci/instructions --spread 10        # counts ten times, and shows how much the counts differ
 //! ```
 //!
-//! The program starts itself under valgrind. There [`benchmarks`] does the work; [`counting`] says what is counted.
+//! The program starts itself under valgrind. There [`benchmarks`] does the work; [`counting`] marks the counted part.
 
 #[macro_use]
 mod counting;
@@ -19,7 +19,7 @@ mod callgrind;
 mod counts;
 #[path = "../../../benches/server/mod.rs"]
 mod server;
-// A file of the test kit, whose libraries are not for what is counted.
+// A file of the test kit, included here without the kit's other dependencies.
 #[path = "../../../tests/testkit/src/worlds.rs"]
 #[expect(unreachable_pub, reason = "it is a module of a library")]
 mod worlds;
@@ -31,13 +31,13 @@ use std::process::ExitCode;
 use callgrind::COUNTED;
 use counts::Counts;
 
-/// As in the server's program.
+/// The allocator of the server's program.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 const FILE: &str = "crates/instructions/counts.toml";
 
-/// What to do.
+/// The options.
 #[derive(Default)]
 struct Asked {
     counted: bool,
@@ -70,7 +70,7 @@ fn asked() -> Result<Asked, String> {
                 let runs = runs.parse().ok().filter(|runs| *runs > 1);
                 asked.spread = Some(runs.ok_or("--spread needs a number of runs, 2 or more")?);
             }
-            // Cargo adds it.
+            // Cargo adds this option.
             "--bench" => {}
             _ => {
                 return Err(format!(
@@ -107,7 +107,7 @@ fn run(asked: &Asked) -> Result<ExitCode, String> {
     Ok(if comparison.passes() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Counts several times.
+/// Counts several times, and shows how much the counts differ.
 fn spread(runs: usize) -> Result<(), String> {
     let mut all: BTreeMap<String, Vec<u64>> = BTreeMap::new();
     for run in 1..=runs {

@@ -1,4 +1,4 @@
-//! The comparison of counts of instructions with the committed ones: what it lets pass, and what it says.
+//! The comparison of counts with the committed ones: its results and messages.
 
 #[path = "../src/counts.rs"]
 mod counts;

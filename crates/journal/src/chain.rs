@@ -1,11 +1,11 @@
-//! The chain of hashes that holds a journal together.
+//! The chain of hashes over a journal.
 //!
-//! The head after a record is SHA-256 of the head before it (32 zero bytes at first) and the
-//! record's bytes. With the last head any change of a byte of the journal can be detected.
+//! The head after a record is the SHA-256 of the head before it (32 zero bytes at first) and the record's bytes. The
+//! last head detects any change of a byte of the journal.
 
 use sha2::{Digest, Sha256};
 
-/// The hash of a chain up to some record.
+/// The hash of a chain up to and including some record.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Head(pub [u8; 32]);
 
@@ -13,7 +13,7 @@ impl Head {
     /// The head of a chain without records.
     pub const START: Self = Self([0; 32]);
 
-    /// The head after one more record.
+    /// The head after another record.
     #[must_use]
     pub fn link(self, record: &[u8]) -> Self {
         let mut hash = Sha256::new();
@@ -22,7 +22,7 @@ impl Head {
         Self(hash.finalize().into())
     }
 
-    /// Reads a head as it is shown: 64 hexadecimal digits in lower case.
+    /// Parses 64 lower-case hexadecimal digits.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
         let bytes = data_encoding::HEXLOWER.decode(text.as_bytes()).ok()?;

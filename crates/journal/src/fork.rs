@@ -1,4 +1,4 @@
-//! A fork beside the journal of its parent.
+//! Verification of a fork against the journal of its parent.
 
 use std::io::BufRead;
 
@@ -8,7 +8,7 @@ use super::chain::Head;
 use super::record::{ActRecord, Fork, RawRecord};
 use super::replay::{Fault, Report, Verifier};
 
-/// Why a journal is not that of a fork of the other.
+/// A reason why a journal is not that of a fork of the other.
 #[derive(Debug, thiserror::Error)]
 pub enum ForkFault {
     /// The journal of the fork does not verify.
@@ -17,19 +17,19 @@ pub enum ForkFault {
     /// The journal of the parent does not verify.
     #[error("the journal of the parent: {0}")]
     Parent(Fault),
-    /// Both verify, and do not belong together.
+    /// Both journals verify, but do not belong together.
     #[error("{0}")]
     Differs(String),
 }
 
-/// Plays the journals of a fork and of its parent again: each has to verify by itself, and the fork has to continue the
-/// parent from the round and the head that it names, with the same settings and the same acts before.
+/// Replays the journals of a fork and of its parent. Each must verify by itself, and the fork must continue the
+/// parent from the round and the head that it names, with the same settings and the same earlier acts.
 ///
-/// `expected` is the head of the fork's chain, as for [`verify`](super::replay::verify). `progress` is called with how many
-/// rounds of how many of a journal were played.
+/// `expected` is the head of the fork's chain, as for [`verify`](super::replay::verify). `progress` is called with
+/// the current round of a journal and its maximum.
 ///
 /// # Errors
-/// What is wrong with one of them, or how they differ.
+/// A fault of either journal, or the difference between them.
 pub fn verify_fork(
     fork: impl BufRead,
     parent: impl BufRead,
@@ -43,12 +43,12 @@ pub fn verify_fork(
     Ok(fork.report)
 }
 
-/// A journal that was played again.
+/// A replayed journal.
 struct Played {
     report: Report,
-    /// By rounds, the hash of the state and of the acts that led to it; the layout first.
+    /// The hash of each state and of the acts that led to it; the layout first.
     steps: Vec<[u8; 32]>,
-    /// After each line, how many rounds were played and the head of the chain.
+    /// The number of replayed rounds and the head of the chain after each line.
     heads: Vec<(u32, Head)>,
 }
 

@@ -1,10 +1,11 @@
-//! The journal of an episode: all that is stored of it, enough to replay it.
+//! The journal of an episode: its only stored form, from which it is replayed.
 //!
-//! An episode is its journal: the opening (configuration, rules, prompt template), every round's acts with the digest
-//! of the state after them, and the end, in a chain of hashes. States, scores and observations are recomputed from it.
+//! A journal contains the opening (configuration, rules, prompt template), the acts of every round with the digest of
+//! the state after them, and the end, in a chain of hashes. States, scores and observations are recomputed from it.
 //! The format is described in `docs/journal.md`.
 //!
-//! A crate of its own because a server writes journals, and programs without a server read, check and analyse them.
+//! The crate is separate because a server writes journals, and programs without a server read, check and analyse
+//! them.
 
 pub mod chain;
 pub mod fork;

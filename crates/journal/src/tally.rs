@@ -1,16 +1,16 @@
-//! Acts, counted.
+//! Counts of acts.
 
 use super::record::{ActRecord, Source, Usage};
 use swarmbench_protocol::failure::{Failure, Failures};
 
-/// What the acts of an episode were, in numbers.
+/// Counts of the acts of an episode.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
     /// Acts that players decided.
     pub acts: u64,
-    /// Of these, invalid answers of language models.
+    /// Invalid answers of language models among these acts.
     pub invalid: u64,
-    /// Why they were invalid. Journals of earlier versions do not tell it, so these may be fewer.
+    /// Reasons why they were invalid. Journals of earlier versions have none, so the sum may be less than `invalid`.
     pub failures: Failures,
     /// Acts that a clock decided.
     pub timeouts: u64,
@@ -21,12 +21,12 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Counts one more act.
+    /// Counts an act.
     pub fn add(&mut self, record: &ActRecord) {
         self.count(record.source, record.valid, record.failure, record.usage);
     }
 
-    /// Counts one more act by who decided it, whether it was valid and why not, and what it cost.
+    /// Counts an act by its origin, validity, failure and usage.
     pub fn count(
         &mut self,
         source: Source,
@@ -45,7 +45,7 @@ impl Tally {
             }
         }
         let usage = usage.unwrap_or_default();
-        // Players may report any numbers; a sum that overflows saturates.
+        // Players may report any number, so the sums saturate.
         let add = |sum: &mut u64, more: Option<u64>| *sum = sum.saturating_add(more.unwrap_or(0));
         add(&mut self.prompt_tokens, usage.prompt_tokens);
         add(&mut self.completion_tokens, usage.completion_tokens);

@@ -1,5 +1,5 @@
-//! How many acts a second become durable, against a bare writer that commits groups of the same size, and a bare server that
-//! only receives, commits and answers.
+//! Durable acts per second, compared with a bare writer that commits groups of the same size, and with a bare server
+//! that only receives, commits and answers.
 
 use std::process::Command;
 use std::sync::Arc;
@@ -21,19 +21,19 @@ use super::metrics::Metrics;
 use super::rounds::{Player, Score};
 use super::{LoadError, Progress, median, per_second};
 
-/// More rounds than any turn plays.
+/// Rounds of an episode: more than any turn plays.
 const ROUNDS_MAX: u32 = 100_000;
 
-/// The results of one line: the server beside the bare writer.
+/// The results of the server and of the bare programs.
 #[derive(Clone, Debug, Serialize)]
 pub struct Comparison {
-    /// How acts were sent: `/act` with a connection for each seat, or `/swarm/act` with one for each episode.
+    /// The requests: `/act` with a connection for each seat, or `/swarm/act` with one for each episode.
     pub by: &'static str,
-    /// Episodes of 12 seats at once.
+    /// Concurrent episodes of 12 seats.
     pub episodes: usize,
-    /// The engine of the bare writer and of the bare server's.
+    /// The engine of the bare writer and of the bare server.
     pub bare_engine: &'static str,
-    /// Turns of server and bare writer.
+    /// Turns of each program.
     pub turns: usize,
     /// Duration of a turn.
     pub turn_s: f64,
@@ -41,13 +41,13 @@ pub struct Comparison {
     pub acts_per_s: f64,
     /// Durable acts a second of the bare writer: the median over the turns.
     pub bare_acts_per_s: f64,
-    /// Server by bare writer, acts a second: the median over the turns.
+    /// Ratio of the server to the bare writer, acts a second: the median over the turns.
     pub ratio: f64,
     /// Durable acts a second of a bare server, see [`bare_acts`](super::bare_acts): the median over the turns.
     pub bare_server_acts_per_s: f64,
-    /// Server by bare server, acts a second: the median over the turns.
+    /// Ratio of the server to the bare server, acts a second: the median over the turns.
     pub bare_server_ratio: f64,
-    /// Journal entries in one commit of the server, and so of the bare writer: the median over the turns.
+    /// Journal entries in one commit of the server, and thus of the bare writer: the median over the turns.
     pub entries_per_commit: f64,
     /// Commits a second of the server: the median over the turns.
     pub commits_per_s: f64,
@@ -57,19 +57,19 @@ pub struct Comparison {
     pub cpu_us: Option<f64>,
     /// Bytes of an act's record.
     pub record_bytes: usize,
-    /// From sending an act, or the acts of all seats, until the answer.
+    /// Time from sending an act, or the acts of all seats, until the answer.
     pub acknowledged: Spread,
-    /// The same in a turn in which rounds begin evenly, at half the rate of the others.
+    /// The same time in a turn whose rounds begin evenly, at half the rate of the others.
     pub acknowledged_at_half: Spread,
     /// Outcomes of all requests.
     pub answers: Answers,
 }
 
-/// Runs the server, the bare writer and the bare server in turns; the last two in databases of their own at `place`.
-/// `bare_server` is to call [`bare_acts::serve`](super::bare_acts::serve).
+/// Runs the server, the bare writer and the bare server in turns; the bare programs use databases of their own at
+/// `place`. `bare_server` must call [`bare_acts::serve`](super::bare_acts::serve).
 ///
 /// # Errors
-/// Where the server does not report the size of its groups, or the bare writer cannot write.
+/// If the server does not report the size of its groups, or the bare writer cannot write.
 pub async fn run(
     target: &Target,
     (place, tables, bare_server): (&Place, Tables<'_>, Command),
@@ -82,7 +82,7 @@ pub async fn run(
     let games = games::create(target, &score.tally, episodes, SEATS, ROUNDS_MAX, progress).await;
     let mut players = players_of(target, &games, by_seats, progress).await?;
     let first = games::first(&games, &score.tally)?;
-    // Every player has played a round before the measurement begins.
+    // A warm-up: every player plays a round before the measurement.
     players = play(players, &score, Duration::ZERO, None).await;
     let record = record(target, first).await?;
     let record_bytes = record.len();
@@ -157,7 +157,7 @@ pub async fn run(
     })
 }
 
-/// Players of these episodes at a server, each before its first round.
+/// Players of new episodes, each before its first round.
 async fn players_of(
     target: &Target,
     games: &[Game],
@@ -177,8 +177,8 @@ async fn players_of(
     Ok(games.iter().map(player).map(|player| (player, 0)).collect())
 }
 
-/// All players play for `time`, and at least one round. They do not observe, as only acts are measured. With an interval each
-/// begins a round every `interval`, the players evenly one after the other; else a round follows the one before at once.
+/// Plays for `time`, and at least one round. Players do not observe, as only acts are measured. With an interval each
+/// player begins a round every `interval`, the players evenly spread; otherwise rounds follow each other at once.
 async fn play(
     players: Vec<(Player, u32)>,
     score: &Arc<Score>,
@@ -193,7 +193,7 @@ async fn play(
         let mut begins = interval.map(|interval| {
             let first = started + interval.mul_f64(super::float(place as u64) * share);
             let mut begins = tokio::time::interval_at(first.into(), interval);
-            // A late round delays those after it: they are not sent all at once.
+            // A late round delays the later ones, which would otherwise be sent all at once.
             begins.set_missed_tick_behavior(MissedTickBehavior::Delay);
             begins
         });
@@ -212,11 +212,11 @@ async fn play(
             }
         });
     }
-    // Failed clients were counted and do not play further.
+    // Failed clients are counted as errors and stop playing.
     tasks.join_all().await.into_iter().flatten().collect()
 }
 
-/// The record of an act in the server's journal, byte by byte.
+/// The record of an act in the server's journal, byte for byte.
 async fn record(target: &Target, game: &Game) -> Result<String, LoadError> {
     #[derive(serde::Deserialize)]
     struct Line {

@@ -1,4 +1,4 @@
-//! How long an act waits that nothing else is committed with, beside what its disk and its database take for as little: one
+//! The latency of an act that is committed alone, compared with the minimum of its disk and its database: one
 //! `fdatasync` of a file, and one commit of a bare writer.
 
 use std::fs::File;
@@ -16,30 +16,30 @@ use super::games::{self, SEATS};
 use super::latencies::{Latencies, Spread};
 use super::{LoadError, Progress};
 
-/// Bytes that are written before each `fdatasync`: a page, as a log has them.
+/// Bytes written before each `fdatasync`: a page, as in a log.
 const PAGE_BYTES: usize = 4096;
 
-/// More rounds than any turn plays.
+/// Rounds of an episode: more than any turn plays.
 const ROUNDS_MAX: u32 = 100_000;
 
-/// The record of an act, about as long as that of a server.
+/// The record of an act, about as long as a server's.
 const RECORD: &str =
     r#"{"agent":"Agent_0","action":"SWITCH","message":null,"usage":null,"valid":true}"#;
 
-/// What was measured.
+/// The results.
 #[derive(Clone, Debug, Serialize)]
 pub struct Comparison {
     /// The engine of the bare writer.
     pub bare_engine: &'static str,
-    /// Turns of each.
+    /// Turns of each program.
     pub turns: usize,
     /// Duration of a turn.
     pub turn_s: f64,
-    /// From sending an act until its receipt, one act after the other.
+    /// Time from sending an act until its receipt, one act after another.
     pub act: Spread,
-    /// A commit of one act by the bare writer.
+    /// Time of a commit of one act by the bare writer.
     pub bare_commit: Spread,
-    /// `fdatasync` after a page was appended to a file.
+    /// Time of `fdatasync` after a page was appended to a file.
     pub fdatasync: Spread,
     /// Outcomes of all requests.
     pub answers: Answers,
@@ -48,7 +48,7 @@ pub struct Comparison {
 /// Measures the server, the bare writer and the disk of `dir` in turns.
 ///
 /// # Errors
-/// Where the server has no episode to play, or the bare writer or the file cannot be written.
+/// If the server has no episode to play, or the bare writer or the file cannot be written.
 pub async fn run(
     target: &Target,
     (place, tables, dir): (&Place, Tables<'_>, &Path),

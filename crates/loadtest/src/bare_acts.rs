@@ -1,6 +1,6 @@
-//! The minimum that a server does for durable acts: a handler of axum reads the body, a bare writer commits a row for each act
-//! together with all that came meanwhile, and then the same receipts are sent every time. No act is parsed, no token is
-//! looked at, no round is played.
+//! The minimal server of durable acts: an axum handler reads the body, a bare writer commits a row for each act
+//! together with all that arrived meanwhile, and the answer is always the same receipts. It parses no act, checks no
+//! token and plays no round.
 
 use axum::Router;
 use axum::http::{StatusCode, header};
@@ -13,13 +13,13 @@ use super::bare_commit::{BareCommit, Place, Tables};
 use super::bare_handler::{read_body, serve_until_input_ends};
 use super::games::SEATS;
 
-/// Requests whose acts are committed together at most, as in a server.
+/// Maximum number of requests in one commit, as in a server.
 const GROUP_MAX: usize = 1024;
 
-/// What the process gets.
+/// The settings of the process.
 #[derive(Serialize, Deserialize)]
 pub struct Setup {
-    /// Where its database is made.
+    /// The place of its database.
     pub place: Place,
     /// Episodes of 12 seats among which the acts are divided.
     pub episodes: usize,
@@ -27,14 +27,14 @@ pub struct Setup {
     pub record: String,
 }
 
-/// Acts of a request, and whom to tell that they are committed.
+/// The number of acts of a request, and a channel for the news of their commit.
 type Request = (usize, oneshot::Sender<()>);
 
 /// Reads a [`Setup`] from the standard input, prints its address, and serves until the input ends, as
 /// [`serve`](super::bare_handler::serve) does.
 ///
 /// # Errors
-/// Where it cannot listen, the database cannot be made, or the input is not a [`Setup`].
+/// If it cannot listen, the database cannot be created, or the input is no [`Setup`].
 pub async fn serve(metrics: fn() -> String, tables: Tables<'_>) -> std::io::Result<()> {
     let setup = read_body(&mut std::io::stdin().lock())?;
     let Setup { place, episodes, record } = serde_json::from_slice(&setup)?;
@@ -47,12 +47,12 @@ pub async fn serve(metrics: fn() -> String, tables: Tables<'_>) -> std::io::Resu
         .route("/swarm/act", route(queue, SEATS, receipts.into()));
     serve_until_input_ends(router, metrics).await?;
     writer.abort();
-    // An error is that it was aborted; its database goes with it.
+    // The error is the abort; the database is removed with the task.
     drop(writer.await);
     Ok(())
 }
 
-/// A receipt as a server writes it.
+/// A receipt in the server's format.
 const RECEIPT: &str = r#"{"episode":"ep_00000000000000000000000000000000","agent":"Agent_0","round":1000,"action":"SWITCH","message":"switch all lights on together in the next round","valid":true,"waiting_for":11,"duplicate":false}"#;
 
 fn route(queue: mpsc::UnboundedSender<Request>, acts: usize, answer: Bytes) -> MethodRouter {
@@ -69,7 +69,7 @@ fn route(queue: mpsc::UnboundedSender<Request>, acts: usize, answer: Bytes) -> M
     })
 }
 
-/// Commits the acts of all requests that wait, again and again.
+/// Commits the acts of all waiting requests together, in a loop.
 async fn write(mut bare: BareCommit, mut requests: mpsc::UnboundedReceiver<Request>) {
     let mut group = Vec::with_capacity(GROUP_MAX);
     while requests.recv_many(&mut group, GROUP_MAX).await > 0 {

@@ -1,6 +1,6 @@
-//! The minimum that a server does for an `/obs`: a handler of axum that sends the same bytes every time.
+//! The minimal server of `/obs`: an axum handler that always sends the same bytes.
 //!
-//! It runs in a process of its own, like the server that it is compared with, so both share the machine with the
+//! The handler runs in a process of its own, like the server that it is compared with, so both share the machine with the
 //! client in the same way, and both report their processor time at `/metrics`.
 
 use std::io::{BufRead, BufReader, Read, Write};
@@ -16,17 +16,17 @@ use tokio::net::TcpListener;
 use super::LoadError;
 use super::connection::Target;
 
-/// The process of the handler; it ends with this value.
+/// The process of the handler, which ends when the value is dropped.
 #[derive(Debug)]
 pub struct BareHandler {
     child: Child,
 }
 
 impl BareHandler {
-    /// Starts `command`, which is to call [`serve`], and returns its address.
+    /// Starts `command`, which must call [`serve`], and returns its address.
     ///
     /// # Errors
-    /// Where the process cannot be started.
+    /// If the process cannot be started.
     pub async fn start(mut command: Command, body: &[u8]) -> Result<(Self, Target), LoadError> {
         let failed = |error| LoadError::of("the bare handler cannot be started")(&error);
         let child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().map_err(failed)?;
@@ -49,7 +49,7 @@ impl BareHandler {
 
 impl Drop for BareHandler {
     fn drop(&mut self) {
-        // The process ends when its input does, even if this one is killed.
+        // The process ends when its input is closed, which also happens if this process is killed.
         drop(self.child.stdin.take());
         drop(self.child.wait());
     }
@@ -59,7 +59,7 @@ impl Drop for BareHandler {
 /// returns the text of `/metrics`.
 ///
 /// # Errors
-/// Where it cannot listen, or the input is not what [`BareHandler::start`] sends.
+/// If it cannot listen, or the input is not that of [`BareHandler::start`].
 pub async fn serve(metrics: fn() -> String) -> std::io::Result<()> {
     let body = read_body(&mut std::io::stdin().lock())?;
     let answer = move || {
@@ -79,11 +79,11 @@ pub(crate) async fn serve_until_input_ends(
     println!("http://{}", listener.local_addr()?);
     let (end, ended) = tokio::sync::oneshot::channel::<()>();
     std::thread::spawn(move || {
-        // The input is closed when the parent process has ended.
+        // The input is closed when the parent process ends.
         drop(std::io::stdin().lock().read(&mut [0]));
         drop(end);
     });
-    // Like the server: small answers do not wait for more bytes.
+    // As in the server, small answers are sent at once.
     let listener = listener.tap_io(|stream| drop(stream.set_nodelay(true)));
     let served = axum::serve(listener, router);
     tokio::select! {

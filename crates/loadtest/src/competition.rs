@@ -1,5 +1,5 @@
-//! How long the pages of a large competition take while its games end: those that everybody reads, those of an entrant, and
-//! those of its organizers.
+//! The latency of the pages of a large competition while its games end: the pages of everybody, of an entrant, and of
+//! its organizers.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -15,66 +15,66 @@ use super::connection::{Answers, Connection, Tally, Target, request};
 use super::latencies::{Latencies, Spread};
 use super::{LoadError, Progress, float, per_second};
 
-/// Entrants who play meanwhile.
+/// Entrants that play meanwhile.
 const PLAYERS: usize = 8;
 
 /// Rows of a page, as the server's own pages ask for them.
 const ROWS: usize = 50;
 
-/// The most rows of a page.
+/// The maximum number of rows of a page.
 const ROWS_MAX: usize = 1000;
 
-/// How deep lists are read: as many pages of the most rows.
+/// Pages of the maximum size that are read of each list.
 const DEEP: usize = 20;
 
-/// What is measured, and with whose key.
+/// The settings of the measurement.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// A competition that is open and that anybody may enter.
     pub competition: String,
     /// The key of an organizer.
     pub organizer: String,
-    /// How long it is read.
+    /// Duration of the reading.
     pub reading: Duration,
     /// Concurrent readers.
     pub readers: usize,
-    /// Games that are to end in a second.
+    /// Games that should end per second.
     pub ends_per_s: f64,
 }
 
 /// One kind of page.
 #[derive(Clone, Debug, Serialize)]
 pub struct Line {
-    /// Who reads: `everybody`, `an entrant` or `an organizer`.
+    /// The reader: `everybody`, `an entrant` or `an organizer`.
     pub by: &'static str,
-    /// What is read.
+    /// A description of the page.
     pub read: &'static str,
-    /// An example.
+    /// An example of its path.
     pub path: String,
-    /// Different requests of this kind, which are asked in turn.
+    /// The number of different requests of this kind, which are sent in turn.
     pub different: usize,
-    /// Whether it is one page; otherwise the whole list in one answer.
+    /// Whether it is a page of a list, not the whole list in one answer.
     pub is_page: bool,
-    /// From sending the request until the last byte of the answer.
+    /// Time from sending the request until the last byte of the answer.
     pub latency: Spread,
 }
 
-/// What was measured.
+/// The results.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
     /// The competition.
     pub competition: String,
     /// Concurrent readers.
     pub readers: usize,
-    /// How long they read.
+    /// Duration of the reading, in seconds.
     pub seconds: f64,
     /// Games that ended meanwhile.
     pub ended: u64,
-    /// Of these, in a second.
+    /// Games that ended per second.
     pub ended_per_s: f64,
-    /// From sending the acts of a round until their receipts.
+    /// Time from sending the acts of a round until their receipts.
     pub acted: Spread,
-    /// One line a kind.
+    /// One line per kind of page.
     pub lines: Vec<Line>,
     /// Outcomes of all requests of readers.
     pub reads: Answers,
@@ -82,7 +82,7 @@ pub struct Report {
     pub plays: Answers,
 }
 
-/// A kind of page while it is measured.
+/// A kind of page during the measurement.
 struct Kind {
     by: &'static str,
     read: &'static str,
@@ -93,18 +93,18 @@ struct Kind {
     asked: AtomicU64,
 }
 
-/// An entrant who plays, with its key.
+/// An entrant that plays, with its key.
 #[derive(Clone, Debug, Deserialize)]
 struct Player {
     id: String,
     key: String,
 }
 
-/// Withdraws some entrants, as the competition may be full, and lets as many new ones play attempts, one after the other, while
-/// all pages of the competition are read in turn: first those that have pages, then whole lists.
+/// Withdraws some entrants, as the competition may be full, and lets as many new ones play attempts one after
+/// another, while all pages of the competition are read in turn: first paged lists, then whole lists.
 ///
 /// # Errors
-/// Where the competition cannot be entered, or a list cannot be read.
+/// If the competition cannot be entered, or a list cannot be read.
 pub async fn run(target: &Target, plan: Plan, progress: &Progress) -> Result<Report, LoadError> {
     let reads = Arc::new(Tally::default());
     let plays = Arc::new(Tally::default());
@@ -121,7 +121,7 @@ pub async fn run(target: &Target, plan: Plan, progress: &Progress) -> Result<Rep
     let (pages, whole): (Vec<_>, Vec<_>) = kinds.into_iter().partition(|kind| kind.is_page);
     let began = Instant::now();
     let mut lines = Vec::new();
-    // Whole lists have megabytes: they are read for a shorter time, and by themselves.
+    // Whole lists have megabytes, so they are read for a shorter time, and separately.
     for (kinds, reading) in [(pages, plan.reading), (whole, plan.reading / 4)] {
         progress("reading", lines.len() as u64, 0);
         lines.extend(read(target, &reads, kinds, plan.readers, reading).await);
@@ -142,7 +142,7 @@ pub async fn run(target: &Target, plan: Plan, progress: &Progress) -> Result<Rep
     })
 }
 
-/// Reads all kinds in turn, each reader from another one on.
+/// Reads all kinds in turn; each reader starts with another kind.
 async fn read(
     target: &Target,
     tally: &Arc<Tally>,
@@ -159,7 +159,7 @@ async fn read(
         tasks.spawn(async move {
             let first = reader * kinds.len() / readers.max(1);
             for (place, kind) in kinds.iter().cycle().skip(first).enumerate() {
-                // Each of them at least once, however slow it is.
+                // Every kind is read at least once, however slow it is.
                 if place >= kinds.len() && Instant::now() >= until {
                     break;
                 }
@@ -184,7 +184,7 @@ async fn read(
     kinds.iter().map(line).collect()
 }
 
-/// Finds out what is to be read, and who plays.
+/// Discovers the pages to read, and creates the players.
 struct Setup<'a> {
     target: &'a Target,
     plan: &'a Plan,
@@ -251,7 +251,7 @@ impl Setup<'_> {
         serde_json::from_slice(body).map_err(|error| failed(&error))
     }
 
-    /// The cursors of a list, with the most rows in a page.
+    /// The cursors of a list with pages of the maximum size.
     async fn cursors(&mut self, path: &str, key: Option<&str>) -> Result<Vec<String>, LoadError> {
         let mut cursors: Vec<String> = Vec::new();
         while cursors.len() < DEEP {
@@ -263,7 +263,7 @@ impl Setup<'_> {
         Ok(cursors)
     }
 
-    /// New entrants, in the places of some others.
+    /// Withdraws entrants and enters new ones.
     async fn players(
         &mut self,
         cup: &str,
@@ -277,7 +277,7 @@ impl Setup<'_> {
             let withdrawn = json!({ "status": "withdrawn", "reason": "makes room for a player" });
             let path = format!("{cup}/entrants/{other}");
             self.ask("PATCH", &path, Some(&organizer), Some(&withdrawn)).await?;
-            // Entrants of earlier measurements have their names.
+            // Entrants of earlier measurements have names of the same form.
             let name = format!("Player {place} of {}", std::process::id());
             let entrant = json!({ "name": name, "model": "swarmbench loadtest" });
             let path = format!("{cup}/entrants");
@@ -289,14 +289,14 @@ impl Setup<'_> {
     }
 }
 
-/// All kinds of pages, as they are found.
+/// All kinds of pages found so far.
 struct Kinds<'a> {
     target: &'a Target,
     all: Vec<Kind>,
 }
 
 impl Kinds<'_> {
-    /// Adds pages of a kind, which may be known already with the key of somebody else.
+    /// Adds pages of a kind, which may already be known with another key.
     fn add(
         &mut self,
         (by, read, is_page): (&'static str, &'static str, bool),
@@ -402,7 +402,7 @@ impl Kinds<'_> {
     }
 }
 
-/// What players have in common.
+/// The shared state of players.
 #[derive(Default)]
 struct Playing {
     stops: AtomicBool,
@@ -410,12 +410,12 @@ struct Playing {
     acted: Latencies,
 }
 
-/// How players play.
+/// The pace of players.
 #[derive(Clone)]
 struct Attempts {
     target: Target,
     path: String,
-    /// Each player begins an attempt as often.
+    /// Interval between two attempts of a player.
     every: Duration,
 }
 
@@ -425,7 +425,7 @@ struct Started {
     swarm_token: String,
 }
 
-/// As much of a look as is needed to act.
+/// The part of an observation that is needed to act.
 #[derive(Deserialize)]
 struct Looked {
     observations: Vec<Seat>,
@@ -449,11 +449,11 @@ impl Attempts {
         }
     }
 
-    /// Plays attempts of one entrant at an even pace, until all are played or it is told to stop.
+    /// Plays attempts of one entrant at an even pace, until all are played or `stops` is set.
     async fn play(&self, place: usize, player: &Player, tally: &Tally, playing: &Playing) {
         let mut connection = Connection::new(&self.target);
         let start = request(&self.target, "POST", &self.path, Some(&player.key), Some("{}"));
-        // Not all at the same moment.
+        // Players start at different moments.
         tokio::time::sleep(self.every.mul_f64(float(place as u64) / float(PLAYERS as u64))).await;
         let mut ticks = interval(self.every);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -470,7 +470,7 @@ impl Attempts {
         }
     }
 
-    /// Plays an attempt to its end. False if a request failed.
+    /// Plays an attempt to its end; returns false if a request failed.
     async fn play_one(
         &self,
         connection: &mut Connection,
@@ -490,7 +490,7 @@ impl Attempts {
             let act = |Seat { episode, agent, round }| json!({ "episode": episode, "agent": agent, "round": round, "action": "STAY" });
             let acts: Vec<_> = looked.observations.into_iter().map(act).collect();
             if acts.is_empty() {
-                // It has waited as long as it may.
+                // The long poll ended without news.
                 continue;
             }
             let acts = json!({ "acts": acts }).to_string();

@@ -1,6 +1,6 @@
-//! A client at low cost: one keep-alive connection, requests that are prepared as bytes, and answers that are parsed
-//! only as far as needed. Client and server mostly share a machine, so every cost of the client slows the server down,
-//! and moves a ratio of server and bare program toward 1.
+//! A cheap client: one keep-alive connection, requests prepared as bytes, and answers parsed only as far as needed.
+//! Client and server usually share a machine, so every cost of the client slows the server down, and moves the ratio
+//! of server and bare program toward 1.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -30,47 +30,47 @@ const SAMPLES_MAX: usize = 5;
 /// Headers of an answer that are read.
 const HEADERS_MAX: usize = 32;
 
-/// The server that is tested, or the servers of one cluster.
+/// The tested server, or the servers of one cluster.
 #[derive(Clone, Debug)]
 pub struct Target {
     host: String,
-    /// Connections go to each in turn.
+    /// The addresses that connections use in turn.
     addrs: Vec<SocketAddr>,
     connections: Arc<AtomicUsize>,
     key: Option<String>,
 }
 
 impl Target {
-    /// The server at `base`, such as `http://127.0.0.1:8080`, whose episodes are created with `key`.
+    /// A server at `base`, such as `http://127.0.0.1:8080`, whose episodes are created with `key`.
     ///
     /// # Errors
-    /// Where that is not an address, or its name is not found.
+    /// If that is no address, or its name is not found.
     pub async fn new(base: &str, key: Option<String>) -> Result<Self, LoadError> {
         let (host, addr) = find(base).await?;
         Ok(Self { host, addrs: vec![addr], connections: Arc::default(), key })
     }
 
-    /// Tests another server of the same cluster as well.
+    /// Adds another server of the same cluster.
     ///
     /// # Errors
-    /// Where that is not an address, or its name is not found.
+    /// If that is no address, or its name is not found.
     pub async fn add(&mut self, base: &str) -> Result<(), LoadError> {
         self.addrs.push(find(base).await?.1);
         Ok(())
     }
 
-    /// The address of its listener; of the first one of several servers.
+    /// The address of the server, or of the first one of a cluster.
     #[must_use]
     pub fn addr(&self) -> SocketAddr {
         self.addrs[0]
     }
 
-    /// Where the next connection goes.
+    /// The address of the next connection.
     fn next(&self) -> SocketAddr {
         self.addrs[self.connections.fetch_add(1, Ordering::Relaxed) % self.addrs.len()]
     }
 
-    /// Each server by itself.
+    /// A target for each server alone.
     pub(crate) fn each(&self) -> impl Iterator<Item = Self> {
         self.addrs.iter().map(|addr| Self { addrs: vec![*addr], ..self.clone() })
     }
@@ -82,7 +82,7 @@ impl Target {
     }
 }
 
-/// The host that a URL names, with its port, and its address.
+/// Resolves a URL: its host with the port, and the address.
 async fn find(base: &str) -> Result<(String, SocketAddr), LoadError> {
     let url = Url::parse(base).ok().filter(|url| url.scheme() == "http");
     let parts = url.as_ref().and_then(|url| Some((url.host_str()?, url.port_or_known_default()?)));
@@ -128,7 +128,7 @@ pub struct Answer {
     status: u16,
     retry_after: Option<Duration>,
     closes: bool,
-    /// Begin and end of the body.
+    /// The range of the body in the buffer.
     body: (usize, usize),
 }
 
@@ -140,7 +140,7 @@ impl Answer {
     }
 }
 
-/// A connection. It is opened at its first use, and again after the server has closed it.
+/// A connection, which is opened at its first use, and again after the server has closed it.
 #[derive(Debug)]
 pub struct Connection {
     addr: SocketAddr,
@@ -159,7 +159,7 @@ impl Connection {
     /// Opens the connection.
     ///
     /// # Errors
-    /// Where the server does not accept it.
+    /// If the server does not accept it.
     pub async fn open(&mut self) -> io::Result<&mut TcpStream> {
         if self.stream.is_none() {
             let stream = timeout(PATIENCE, TcpStream::connect(self.addr)).await??;
@@ -178,12 +178,12 @@ impl Connection {
     /// Sends a request and reads the answer.
     ///
     /// # Errors
-    /// Where the connection breaks, the answer times out, or it is not HTTP.
+    /// If the connection breaks, the answer times out, or it is not HTTP.
     pub async fn ask(&mut self, request: &[u8]) -> io::Result<Answer> {
         let was_open = self.stream.is_some();
         let mut result = timeout(PATIENCE, self.exchange(request)).await;
         if was_open && matches!(&result, Ok(Err(_))) && self.buffer.is_empty() {
-            // A server may close a connection between two requests; all requests here can be repeated.
+            // A server may close an idle connection at any time; all requests here can be repeated.
             self.stream = None;
             result = timeout(PATIENCE, self.exchange(request)).await;
         }
@@ -233,7 +233,8 @@ impl Connection {
         Ok(())
     }
 
-    /// Sends a request, and retries when the server asks for that; counts the answers. True if the request succeeded.
+    /// Sends a request, and retries when the server asks for that; counts the answers. Returns whether the request
+    /// succeeded.
     pub async fn call(&mut self, tally: &Tally, request: &[u8]) -> bool {
         for _ in 0..TRIES_MAX {
             match self.ask(request).await {
@@ -261,7 +262,7 @@ impl Connection {
         false
     }
 
-    /// The body of the last answer, as JSON; anything else is counted as an error.
+    /// Parses the last answer as JSON; a failure is counted as an error.
     pub fn read_json<'a, T: serde::Deserialize<'a>>(&'a self, tally: &Tally) -> Option<T> {
         let read = serde_json::from_slice(self.body());
         read.inspect_err(|error| tally.error(|| format!("an answer is not as expected: {error}")))

@@ -1,4 +1,4 @@
-//! Episodes to play, and connections to play them by.
+//! Episodes to play, and the connections for them.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -12,10 +12,11 @@ use swarmbench_protocol::episode::{CreatedEpisode, EpisodeRequest};
 /// Seats of an episode in the standard setting.
 pub const SEATS: usize = 12;
 
-/// Connections that create and abort episodes, or open others.
+/// Concurrent connections that create and abort episodes, or open other connections.
 const CREATORS: usize = 64;
 
-/// The only task in which no agent can leave and no act ends the game early, so that every seat acts in every round.
+/// A task in which no agent can leave and no act ends the game early, so that every seat acts in every round; there
+/// is only one.
 const TASK: &str = "Synchronization";
 
 /// An episode and its tokens.
@@ -25,12 +26,12 @@ pub struct Game {
     pub id: String,
     /// The token of all seats.
     pub swarm_token: String,
-    /// The token of each seat, in order of the agents' numbers.
+    /// The token of each seat, in the order of the agents.
     pub seats: Vec<String>,
 }
 
-/// Creates `count` episodes of `agents` seats, which end after `max_round` rounds. Episodes that the server refuses are
-/// missing, and counted as errors.
+/// Creates `count` episodes of `agents` seats, which end after `max_round` rounds. Refused episodes are missing, and
+/// counted as errors.
 pub async fn create(
     target: &Target,
     tally: &Arc<Tally>,
@@ -39,7 +40,7 @@ pub async fn create(
     max_round: u32,
     progress: &Progress,
 ) -> Vec<Game> {
-    // At least as many cells for each agent as in the standard setting.
+    // Each agent gets at least as many cells as in the standard setting.
     let side = (10..256).find(|side| side * side >= agents * 25 / 2).unwrap_or(256);
     let side = if agents <= SEATS { 10 } else { side };
     let settings = EpisodeRequest {
@@ -74,7 +75,7 @@ pub async fn create(
     games.collect()
 }
 
-/// The first game; if there is none, the error has an answer of the server.
+/// The first game; without games, an error with an answer of the server.
 pub(super) fn first<'a>(games: &'a [Game], tally: &Tally) -> Result<&'a Game, LoadError> {
     games.first().ok_or_else(|| {
         let samples = tally.answers().samples;
@@ -82,7 +83,7 @@ pub(super) fn first<'a>(games: &'a [Game], tally: &Tally) -> Result<&'a Game, Lo
     })
 }
 
-/// Aborts episodes that were not played to the end, so that the server can evict them.
+/// Aborts unfinished episodes, so that the server can evict them.
 pub async fn abort(target: &Target, tally: &Arc<Tally>, games: &[Game], progress: &Progress) {
     let calls: Vec<_> = (games.iter())
         .map(|game| {
@@ -103,10 +104,10 @@ pub async fn abort(target: &Target, tally: &Arc<Tally>, games: &[Game], progress
     .await;
 }
 
-/// Opens connections, some at once, so that later measurements do not include the time for this.
+/// Opens connections, several at once, so that later measurements do not include the time for this.
 ///
 /// # Errors
-/// Where one cannot be opened.
+/// If one cannot be opened.
 pub async fn connect(
     target: &Target,
     count: usize,
@@ -126,7 +127,7 @@ pub async fn connect(
     opened.map_err(|error| LoadError::of("a connection cannot be opened")(&error))
 }
 
-/// Does `work` for every item, by a fixed number of tasks with a connection each.
+/// Calls `work` for every item, from a fixed number of tasks with a connection each.
 async fn for_all<I, T, F, D>(
     target: &Target,
     items: impl IntoIterator<Item = I>,

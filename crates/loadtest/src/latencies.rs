@@ -9,7 +9,7 @@ use serde::Serialize;
 /// The longest duration that is recorded exactly: an hour.
 const MICROS_MAX: u64 = 3_600_000_000;
 
-/// Collects durations from many tasks.
+/// A histogram shared by many tasks.
 #[derive(Debug)]
 pub struct Latencies(Mutex<Histogram<u64>>);
 
@@ -46,7 +46,7 @@ impl Latencies {
 /// A distribution of durations, to three digits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Spread {
-    /// Durations.
+    /// Number of durations.
     pub count: u64,
     /// Median.
     pub p50_ms: f64,

@@ -1,15 +1,16 @@
 //! A load test of a running server, and the bare programs that it is compared with.
 //!
-//! A crate of its own because it must not share code with what it measures, except for the shapes of the wire.
+//! The crate is separate because it must not share code with the server that it measures, except for the shapes
+//! of the wire.
 //!
-//! - [`play`]: a grid of games, small to large. [`polls`]: many requests that wait. [`slow`]: slow clients.
+//! - [`play`]: a grid of games, small to large. [`polls`]: many waiting requests. [`slow`]: slow clients.
 //! - [`reads`]: boards, lists and look-ups on a server with many episodes. [`competition`]: the pages of a large competition
 //!   while its games end.
-//! - [`obs`] against [`bare_handler`], [`acts`] against [`bare_commit`] and [`bare_acts`]: the server beside the best that
-//!   its libraries could do, measured in turns.
-//! - [`alone`]: one act after the other against one `fdatasync`, and one commit of [`bare_commit`].
-//! - [`connection`]: a client at low cost. [`games`]: episodes to play. [`latencies`], [`metrics`],
-//!   [`rounds`]: shared parts.
+//! - [`obs`] against [`bare_handler`], [`acts`] against [`bare_commit`] and [`bare_acts`]: the server beside the
+//!   optimum of its libraries, measured in turns.
+//! - [`alone`]: single acts against one `fdatasync`, and one commit of [`bare_commit`].
+//! - [`connection`]: a cheap client. [`games`]: episodes to play. [`latencies`], [`metrics`], [`rounds`]: shared
+//!   parts.
 
 pub mod acts;
 pub mod alone;
@@ -30,13 +31,13 @@ pub mod slow;
 
 use std::sync::Arc;
 
-/// Receives progress.
+/// A callback for progress.
 pub type Progress = Arc<dyn Fn(&str, u64, u64) + Send + Sync>;
 
-/// Why a load test could not run. Error answers of the server do not end it: they are counted.
+/// A reason why a load test could not run. Error answers of the server do not end it: they are counted.
 #[derive(Debug, thiserror::Error)]
 pub enum LoadError {
-    /// The address is not one of a server.
+    /// The address is not that of a server.
     #[error("{0:?} is not the address of a server, such as http://127.0.0.1:8080")]
     Address(String),
     /// The server's name was not resolved.
@@ -64,7 +65,7 @@ impl LoadError {
     }
 }
 
-/// A count that can be divided.
+/// A count as a float.
 #[expect(clippy::cast_precision_loss, reason = "no count here comes near 2⁵³")]
 const fn float(count: u64) -> f64 {
     count as f64
@@ -75,7 +76,7 @@ fn per_second(count: u64, elapsed: std::time::Duration) -> f64 {
     float(count) / elapsed.as_secs_f64().max(1e-9)
 }
 
-/// The median; the mean of the two middle numbers if the count is even, 0 if there are none.
+/// The median; the mean of the two middle numbers if the count is even, 0 without numbers.
 fn median(mut numbers: Vec<f64>) -> f64 {
     numbers.sort_by(f64::total_cmp);
     let middle = numbers.len() / 2;

@@ -5,15 +5,15 @@ use std::collections::HashMap;
 use super::LoadError;
 use super::connection::{Connection, Target, request};
 
-/// The samples of one moment; those that differ only in labels are added up.
+/// The samples of one moment; those that differ only in labels are summed.
 #[derive(Debug, Default)]
 pub struct Metrics(HashMap<String, f64>);
 
 impl Metrics {
-    /// Reads the metrics of a server, or the sums of several.
+    /// Reads the metrics of a server, or the sums over several servers.
     ///
     /// # Errors
-    /// Where it does not answer. A server without metrics has an empty set of them.
+    /// If it does not answer. A server without metrics gives an empty set.
     pub async fn of(target: &Target) -> Result<Self, LoadError> {
         let mut all = Self::default();
         for server in target.each() {
@@ -46,13 +46,13 @@ impl Metrics {
         self.0.get(name).copied()
     }
 
-    /// The increase of a metric since `before`; a metric that was missing then counts as zero.
+    /// The increase of a metric since `before`, where a missing metric counts as zero.
     #[must_use]
     pub fn since(&self, before: &Self, name: &str) -> Option<f64> {
         Some(self.get(name)? - before.get(name).unwrap_or_default())
     }
 
-    /// How many more connections the server's limit of open files allows, if it reports it.
+    /// The number of further connections that the server's limit of open files allows, if it reports it.
     #[must_use]
     pub fn connections_left(&self) -> Option<usize> {
         let left = self.get("process_max_fds")? - self.get("process_open_fds")? - 100.0;

@@ -1,4 +1,4 @@
-//! How fast `/obs` is, against a bare handler that sends the same bytes.
+//! The speed of `/obs`, compared with a bare handler that sends the same bytes.
 
 use std::process::Command;
 use std::sync::Arc;
@@ -16,34 +16,34 @@ use super::metrics::Metrics;
 use super::rounds::{Player, Score};
 use super::{LoadError, Progress, median, per_second};
 
-/// Rounds that are played first: more than an agent of the standard setting remembers.
+/// Rounds played first: more than an agent of the standard setting remembers.
 const ROUNDS: u32 = 6;
 
-/// The results: the server beside the bare handler.
+/// The results of the server and of the bare handler.
 #[derive(Clone, Debug, Serialize)]
 pub struct Comparison {
-    /// Connections, each with one request after the other.
+    /// Connections, each with one request after another.
     pub connections: usize,
     /// Bytes of the observation.
     pub bytes: usize,
-    /// How often server and bare handler took turns, and how long a turn was.
+    /// Turns of each program.
     pub turns: usize,
-    /// See `turns`.
+    /// Duration of a turn, in seconds.
     pub turn_s: f64,
     /// Results of the server.
     pub server: Side,
     /// Results of the bare handler.
     pub bare: Side,
-    /// Server by bare handler, requests a second: the median over the turns.
+    /// Ratio of the server to the bare handler, requests a second: the median over the turns.
     pub ratio: f64,
-    /// Processor time for one request, the bare handler's by the server's: the ratio if the client cost nothing. If
-    /// both report it.
+    /// Ratio of processor times for one request, the bare handler's to the server's, if both report it: the ratio of
+    /// a client without cost.
     pub cpu_ratio: Option<f64>,
     /// Outcomes of all requests.
     pub answers: Answers,
 }
 
-/// The results of one of the two.
+/// The results of one program.
 #[derive(Clone, Debug, Serialize)]
 pub struct Side {
     /// Requests a second: the median over the turns.
@@ -58,10 +58,10 @@ pub struct Side {
     pub latency: Spread,
 }
 
-/// Runs both in turns.
+/// Runs both programs in turns.
 ///
 /// # Errors
-/// Where the server has no episode for this, or the bare handler (started by `command`) does not run.
+/// If the server has no episode for this, or the bare handler (started by `command`) does not run.
 pub async fn run(
     target: &Target,
     command: Command,
@@ -125,7 +125,7 @@ pub async fn run(
     })
 }
 
-/// One of the two, and its measurements so far.
+/// One program, and its measurements so far.
 struct Measured {
     target: Target,
     /// Connections, each with its request.
@@ -143,7 +143,7 @@ impl Measured {
         Self { target, askers, latency, rates: Vec::new(), requests: 0, cpu_s: Some(0.0) }
     }
 
-    /// Sends requests at all connections for `time`.
+    /// Sends requests on all connections for `time`.
     async fn turn(&mut self, time: Duration, tally: &Arc<Tally>) -> Result<(), LoadError> {
         let before = Metrics::of(&self.target).await?;
         let count = Arc::new(AtomicU64::new(0));

@@ -1,4 +1,4 @@
-//! Many games at once, to the end.
+//! Many concurrent games, played to their ends.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -13,26 +13,26 @@ use super::latencies::Spread;
 use super::rounds::{Player, Score};
 use super::{LoadError, Progress, per_second};
 
-/// Acts of one line of the grid, roughly, if the number of rounds is not set.
+/// The approximate number of acts of one line of the grid, if the number of rounds is not set.
 const ACTS_AIM: usize = 150_000;
 
-/// Episodes of which one seat waits for the next round, if there is no connection for every seat.
+/// Episodes with one seat that waits for the next round, if there is no connection for every seat.
 const WATCHED_MAX: usize = 512;
 
 /// One line of the grid.
 #[derive(Clone, Debug, Serialize)]
 pub struct Line {
-    /// Episodes of 12 seats that were played at once.
+    /// Concurrent episodes of 12 seats.
     pub episodes: usize,
-    /// How they were played: `/act` with a connection for each seat, or `/swarm/act` with one for each episode.
+    /// The requests: `/act` with a connection for each seat, or `/swarm/act` with one for each episode.
     pub by: &'static str,
     /// Rounds of each episode.
     pub rounds: u32,
-    /// Episodes that were played to the end.
+    /// Episodes that reached their end.
     pub ended: usize,
     /// Open connections.
     pub connections: usize,
-    /// From the first act to the last answer.
+    /// Time from the first act to the last answer, in seconds.
     pub seconds: f64,
     /// Outcomes of all requests.
     pub answers: Answers,
@@ -40,9 +40,9 @@ pub struct Line {
     pub acts_per_s: f64,
     /// Resolved rounds a second, of all episodes together.
     pub rounds_per_s: f64,
-    /// From sending an act until its receipt; by `/swarm/act`, from sending a round's acts until the receipts.
+    /// Time from sending an act until its receipt; for `/swarm/act`, from sending a round's acts until the receipts.
     pub acknowledged: Spread,
-    /// From the receipt of a round's last act until a waiting client has the next observation.
+    /// Time from the receipt of a round's last act until a waiting client has the next observation.
     pub woken: Spread,
 }
 
@@ -53,11 +53,11 @@ pub fn rounds(episodes: usize) -> u32 {
     u32::try_from(rounds.clamp(4, 100)).unwrap_or(100)
 }
 
-/// Plays `count` episodes at once for `rounds` rounds each, with `connections_max` connections at most. If there are more
-/// episodes than connections, some share one, which plays a round of each in turn.
+/// Plays `count` concurrent episodes for `rounds` rounds each, with at most `connections_max` connections. If there
+/// are more episodes than connections, some share one, which plays a round of each in turn.
 ///
 /// # Errors
-/// Where the connections cannot be opened.
+/// If the connections cannot be opened.
 pub async fn run(
     target: &Target,
     count: usize,

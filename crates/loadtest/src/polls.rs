@@ -1,4 +1,4 @@
-//! Many requests that wait: what they cost the server, and how soon they are woken.
+//! Many waiting requests: their cost for the server, and the delay until they are woken.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -17,35 +17,36 @@ use super::metrics::Metrics;
 use super::rounds::{Acting, Seat};
 use super::{LoadError, Progress};
 
-/// More rounds than are played, so that no episode ends.
+/// Rounds of an episode: more than are played, so that none ends.
 const ROUNDS_MAX: u32 = 100;
 
 /// Timeout until all requests wait, or have been woken.
 const PATIENCE: Duration = Duration::from_mins(1);
 
-/// Connections that act while all episodes are resolved at once.
+/// Connections that act when all episodes are resolved at once.
 const ACTING: usize = 64;
 
 /// The results of the scenario.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// Requests that waited at once, each on its own connection.
+    /// Concurrent waiting requests, each on its own connection.
     pub polls: usize,
     /// Waiting requests as the server counted them, if it reports them.
     pub counted: Option<f64>,
-    /// Episodes on which they waited.
+    /// Episodes that they waited for.
     pub episodes: usize,
     /// Seats of an episode, each with one request.
     pub seats: usize,
     /// Memory of the server before the connections were opened, in bytes, if it reports it.
     pub memory_before_bytes: Option<f64>,
-    /// Memory of the server while all waited, in bytes.
+    /// Memory of the server while all requests waited, in bytes.
     pub memory_held_bytes: Option<f64>,
     /// Memory per request, its connection included, in bytes.
     pub bytes_per_poll: Option<f64>,
-    /// One episode after the other is resolved: from the receipts of the round until the waiting requests are answered.
+    /// Time from the receipts of a round until the waiting requests are answered, with one episode resolved after
+    /// another.
     pub one_by_one: Spread,
-    /// The same when all episodes are resolved at once.
+    /// The same time with all episodes resolved at once.
     pub all_at_once: Spread,
     /// Outcomes of all requests.
     pub answers: Answers,
@@ -57,7 +58,7 @@ type Woken = (usize, Instant);
 /// Opens `polls` requests on episodes with `seats` seats, and resolves two rounds of each.
 ///
 /// # Errors
-/// Where the connections cannot be opened or the server does not answer.
+/// If the connections cannot be opened or the server does not answer.
 pub async fn run(
     target: &Target,
     polls: usize,
@@ -102,7 +103,7 @@ pub async fn run(
     let acknowledged = acknowledged.into_iter().flatten().collect();
     collect(&mut woken, &acknowledged, seats, &tally, &all_at_once).await;
 
-    // Pollers that stay would be answered with the abortion again and again.
+    // Pollers that stayed would be answered with the abortion again and again.
     waiting.shutdown().await;
     drop(acting);
     games::abort(target, &tally, &games, progress).await;

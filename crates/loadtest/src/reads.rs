@@ -1,4 +1,4 @@
-//! How long boards, lists and look-ups take on a server that has many episodes.
+//! The latency of boards, lists and look-ups on a server with many episodes.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -23,32 +23,32 @@ const PAGES: usize = 20;
 /// One kind of request.
 #[derive(Clone, Debug, Serialize)]
 pub struct Line {
-    /// What is read.
+    /// A description of the request.
     pub read: &'static str,
-    /// An example.
+    /// An example of its path.
     pub path: String,
-    /// Different requests of this kind, which are asked in turn.
+    /// The number of different requests of this kind, which are sent in turn.
     pub different: usize,
-    /// The first answer to each of them, by one client: what is read comes from the disk, boards are computed.
+    /// The first answer to each of them, by one client: rows are read from the disk, and boards are computed.
     pub first: Spread,
     /// Later answers.
     pub latency: Spread,
 }
 
-/// What was measured.
+/// The results.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// Requests of each kind, and how many at once.
+    /// Requests of each kind.
     pub requests: usize,
     /// Concurrent clients.
     pub clients: usize,
-    /// One line a kind.
+    /// One line per kind of request.
     pub lines: Vec<Line>,
     /// Outcomes of all requests.
     pub answers: Answers,
 }
 
-/// A list, as far as it is read.
+/// The fields of a list that are read.
 #[derive(Deserialize)]
 struct Page {
     items: Vec<Item>,
@@ -69,7 +69,7 @@ struct Item {
 
 #[derive(Clone, Deserialize)]
 struct Suite {
-    /// Suites of competitions have none.
+    /// Suites of competitions have no name.
     #[serde(default)]
     name: String,
 }
@@ -86,7 +86,7 @@ impl Listed {
         self.items.iter().filter_map(|item| item.id.as_deref()).take(SAMPLES_MAX).collect()
     }
 
-    /// The different values of a field, as they are written in a query.
+    /// The different values of a field, escaped for a query.
     fn all(&self, field: impl Fn(&Item) -> Option<&String>) -> Vec<String> {
         let mut all: Vec<&str> = self.items.iter().filter_map(field).map(String::as_str).collect();
         all.sort_unstable();
@@ -98,10 +98,10 @@ impl Listed {
     }
 }
 
-/// Reads what a server has, `requests` times of each kind by `clients` at once.
+/// Sends `requests` requests of each kind, `clients` at once.
 ///
 /// # Errors
-/// Where the server has no finished episode to read.
+/// If the server has no finished episode to read.
 pub async fn run(
     target: &Target,
     requests: usize,
@@ -127,7 +127,7 @@ pub async fn run(
     Ok(Report { requests, clients, lines, answers: tally.answers() })
 }
 
-/// The kinds of requests, with different ones of each.
+/// The kinds of requests, each with different requests.
 fn kinds(
     episodes: &Listed,
     runs: &Listed,
@@ -144,7 +144,7 @@ fn kinds(
     suites.truncate(SUITES_MAX);
     let boards = suites.iter().flat_map(|suite| {
         let of = move |more: &str| format!("/api/v1/leaderboard?suite={suite}{more}");
-        // Not by task: a suite may have only some of them.
+        // Boards are not read by task, as a suite may have only some tasks.
         ["", "&pick=mean", "&pick=last"].map(of)
     });
     let model_and_task = models.iter().zip(tasks.iter().cycle());
@@ -179,7 +179,7 @@ fn kinds(
             "50 rows of its board",
             each(cups.ids(), &|id| format!("/api/v1/competitions/{id}/board?limit=50")),
         ),
-        // Without a key nobody may list them.
+        // Nobody may list them without a key.
         (
             "50 of its attempts",
             each(cups.ids().into_iter().filter(|_| has_key).collect(), &|id| {

@@ -1,4 +1,4 @@
-//! A round of an episode, played in one of two ways: by a connection for each seat, or by one for all seats.
+//! A round of an episode, played by a connection for each seat, or by one for all seats.
 
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -17,12 +17,12 @@ use super::latencies::Latencies;
 const ACTION: &str = "SWITCH";
 const MESSAGE: &str = "switch all lights on together in the next round";
 
-/// How an episode is played.
+/// The connections that play an episode.
 #[derive(Debug)]
 pub enum Player {
-    /// By `/act` and `/obs`.
+    /// `/act` and `/obs` for each seat.
     Seats(Vec<Seat>),
-    /// By `/swarm/act` and `/swarm/obs`.
+    /// `/swarm/act` and `/swarm/obs`.
     Swarm(Box<Swarm>),
 }
 
@@ -39,8 +39,8 @@ impl Player {
         )
     }
 
-    /// Plays with one connection for all seats of some games, one game after the other. One seat of the first game waits
-    /// for every round at `watcher`, if there is one.
+    /// Plays with one connection for all seats of some games, one game after another. One seat of the first game
+    /// waits for every round at `watcher`, if there is one.
     #[must_use]
     pub fn by_swarm(
         target: &Target,
@@ -54,7 +54,8 @@ impl Player {
         Self::Swarm(Box::new(Swarm { acting, watcher }))
     }
 
-    /// Plays one round of each game, with observations if `looks` is set, and counts it. False if a request failed.
+    /// Plays one round of each game, with observations if `looks` is set, and counts it. Returns false if a request
+    /// failed.
     pub async fn round(&mut self, score: &Score, round: u32, looks: bool) -> bool {
         let tally = &score.tally;
         let (acts, rounds, times) = match self {
@@ -86,15 +87,15 @@ impl Player {
 /// The measurements of all players of a scenario.
 #[derive(Debug, Default)]
 pub struct Score {
-    /// All answers.
+    /// Outcomes of all requests.
     pub tally: Arc<Tally>,
     /// Durable acts.
     pub acts: AtomicU64,
     /// Resolved rounds.
     pub rounds: AtomicU64,
-    /// From sending an act, or the acts of all seats, until the answer.
+    /// Time from sending an act, or the acts of all seats, until the answer.
     pub acknowledged: Latencies,
-    /// From the receipt of a round's last act until a waiting client has the next observation.
+    /// Time from the receipt of a round's last act until a waiting client has the next observation.
     pub woken: Latencies,
 }
 
@@ -111,11 +112,11 @@ pub struct Seat {
 struct Turn {
     sent: Instant,
     acknowledged: Instant,
-    /// When the wait for the next round began and ended.
+    /// The begin and the end of the wait for the next round.
     waited: Option<(Instant, Instant)>,
 }
 
-/// Durations of one round of one episode; see [`Score`].
+/// The durations of one round of one episode; see [`Score`].
 struct RoundTimes {
     acknowledged: Vec<Duration>,
     woken: Vec<Duration>,
@@ -134,7 +135,7 @@ impl Seat {
         Self { connection, target: target.clone(), token }
     }
 
-    /// Acts, and then waits for the next round if `waits` is set.
+    /// Acts, and waits for the next round if `waits` is set.
     async fn turn(&mut self, tally: &Tally, round: u32, waits: bool) -> Option<Turn> {
         let json = format!(r#"{{"round":{round},"action":"{ACTION}","message":"{MESSAGE}"}}"#);
         let act = request(&self.target, "POST", "/act", Some(&self.token), Some(&json));
@@ -143,7 +144,7 @@ impl Seat {
         Some(Turn { sent, acknowledged, waited })
     }
 
-    /// Waits until the round is past `round`; returns when the wait began and ended.
+    /// Waits until the round is past `round`; returns the begin and the end of the wait.
     pub async fn wait(&mut self, tally: &Tally, round: u32) -> Option<(Instant, Instant)> {
         let path = format!("/obs?after={round}&wait=30");
         let look = request(&self.target, "GET", &path, Some(&self.token), None);
@@ -168,7 +169,7 @@ impl Seat {
     }
 }
 
-/// Every seat acts, and then waits for the next round if `waits` is set. `None` if a request failed.
+/// Lets every seat act, and wait for the next round if `waits` is set. `None` if a request failed.
 async fn by_seats(
     seats: &mut [Seat],
     tally: &Tally,
@@ -187,12 +188,12 @@ async fn by_seats(
 }
 
 /// The time from the last receipt of a round until a request that waited from `begun` to `ended` was answered. `None`
-/// if it began after the receipt, zero if it was answered before.
+/// if the wait began after the receipt, zero if it ended before.
 fn woken(last: Instant, begun: Instant, ended: Instant) -> Option<Duration> {
     (begun <= last).then(|| ended.saturating_duration_since(last))
 }
 
-/// All seats of some episodes at one connection, and possibly a seat that waits at another.
+/// All seats of some episodes at one connection, and possibly a waiting seat at another.
 #[derive(Debug)]
 pub struct Swarm {
     acting: Acting,
@@ -207,7 +208,7 @@ pub struct Acting {
     games: Vec<Held>,
 }
 
-/// An episode of which all seats are played.
+/// An episode whose seats are all played.
 #[derive(Clone, Debug)]
 struct Held {
     id: String,
@@ -237,7 +238,7 @@ impl Swarm {
     /// failed.
     async fn round(&mut self, tally: &Tally, round: u32, looks: bool) -> Option<RoundTimes> {
         let Self { acting, watcher } = self;
-        // It waits from the beginning of the round, so that it is already waiting when the acts arrive.
+        // The wait begins before the round is played, so that the request is already waiting when the acts arrive.
         let watching = async {
             match watcher {
                 Some(seat) => seat.wait(tally, round).await.map(Some),
@@ -283,7 +284,7 @@ impl Acting {
         Self { connection, target: target.clone(), games: games.iter().map(held).collect() }
     }
 
-    /// Acts for all seats of the first episode; returns when the acts were sent and when the receipts were received.
+    /// Acts for all seats of the first episode; returns the time of sending and the time of the receipts.
     pub async fn act(&mut self, tally: &Tally, round: u32) -> Option<(Instant, Instant)> {
         self.act_in(tally, 0, round).await
     }
@@ -324,7 +325,7 @@ impl Acting {
     }
 }
 
-/// Sends a request; returns when it was sent and when it was answered. `None` if it failed.
+/// Sends a request; returns the time of sending and the time of the answer. `None` if it failed.
 async fn timed(
     connection: &mut Connection,
     tally: &Tally,

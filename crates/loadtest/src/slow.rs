@@ -1,4 +1,4 @@
-//! Slow clients: how long the server keeps them, and how they affect honest clients.
+//! Slow clients: the time that the server keeps them, and their effect on honest clients.
 
 use std::io;
 use std::sync::Arc;
@@ -17,7 +17,7 @@ use super::metrics::Metrics;
 use super::rounds::{Player, Score};
 use super::{LoadError, Progress};
 
-/// Connections of this age should have been closed.
+/// The age by which the server should have closed a slow connection.
 const CLOSED_WITHIN: Duration = Duration::from_secs(15);
 
 /// Interval between the bytes of a slow client.
@@ -25,13 +25,13 @@ const PACE: Duration = Duration::from_secs(1);
 
 /// Episodes of honest clients, with a connection for each seat.
 pub const HONEST: usize = 8;
-/// Interval between their rounds.
+/// Interval between rounds of honest clients.
 const HONEST_PACE: Duration = Duration::from_millis(100);
 
-/// More rounds than are played.
+/// Rounds of an episode: more than are played.
 const ROUNDS_MAX: u32 = 100_000;
 
-/// What a slow client does.
+/// The behaviour of a slow client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
@@ -41,12 +41,12 @@ pub enum Kind {
     Body,
     /// Connects and sends nothing.
     Silent,
-    /// Requests a long answer again and again, and reads nothing of it.
+    /// Requests a long answer again and again, without reading it.
     Unread,
 }
 
 impl Kind {
-    /// The mix of kinds among eight clients, repeated for more.
+    /// The kinds of eight clients, repeated for more.
     const SHARES: [Self; 8] = [
         Self::Head,
         Self::Body,
@@ -70,27 +70,27 @@ impl Kind {
     }
 }
 
-/// How long the server kept connections of one kind of slow client.
+/// The lifetimes of connections of one kind of slow client.
 #[derive(Clone, Debug, Serialize)]
 pub struct KindSummary {
-    /// Their kind.
+    /// The kind.
     pub kind: Kind,
-    /// Clients at once.
+    /// Concurrent clients.
     pub clients: usize,
     /// Connections that the server closed; a client reconnects a second later.
     pub closed: usize,
-    /// Of these, connections that were closed within 15 s.
+    /// Connections that the server closed within 15 s.
     pub closed_within_15_s: usize,
     /// Connections older than 15 s that were open when the test ended.
     pub open_after_15_s: usize,
-    /// The longest time that a connection was open, in seconds.
+    /// The longest lifetime of a connection, in seconds.
     pub longest_s: f64,
 }
 
 /// The measurements of honest clients.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Honest {
-    /// From sending an act until its receipt.
+    /// Time from sending an act until its receipt.
     pub acknowledged: Spread,
     /// Durations of `/obs`.
     pub looked: Spread,
@@ -99,21 +99,21 @@ pub struct Honest {
 /// The results of the scenario.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// Slow clients at once.
+    /// Concurrent slow clients.
     pub clients: usize,
     /// Duration of each of the two phases, in seconds: honest clients alone, then beside slow ones.
     pub seconds: f64,
-    /// By kind, how long the server kept their connections.
+    /// The lifetimes of slow connections, by kind.
     pub kept: Vec<KindSummary>,
     /// Honest clients alone.
     pub before: Honest,
     /// Honest clients beside slow ones.
     pub during: Honest,
-    /// The 99th percentile of `acknowledged` beside slow clients, by that alone.
+    /// Ratio of the 99th percentiles of `acknowledged`, beside slow clients to alone.
     pub acknowledged_factor: f64,
-    /// The 99th percentile of `looked` beside slow clients, by that alone.
+    /// Ratio of the 99th percentiles of `looked`, beside slow clients to alone.
     pub looked_factor: f64,
-    /// Connections that the server counted when all slow clients were there, if it reports them.
+    /// Connections that the server counted at the end of the second phase, if it reports them.
     pub counted: Option<f64>,
     /// Outcomes of the honest clients' requests.
     pub answers: Answers,
@@ -122,7 +122,7 @@ pub struct Report {
 /// Lets honest clients play alone for `time`, and then for `time` beside `clients` slow ones.
 ///
 /// # Errors
-/// Where there is no episode to play.
+/// If there is no episode to play.
 pub async fn run(
     target: &Target,
     clients: usize,
@@ -143,7 +143,7 @@ pub async fn run(
     let end = Instant::now() + time;
     let mut slow = JoinSet::new();
     for (place, kind) in Kind::SHARES.into_iter().cycle().take(clients).enumerate() {
-        // They connect one after the other, so that connecting is not what is measured.
+        // Clients connect one after another, as connecting is not measured.
         let delay = time / 10 * u32::try_from(place).unwrap_or(0)
             / u32::try_from(clients).unwrap_or(u32::MAX);
         slow.spawn(slow_client(target.clone(), kind, opening(target, first, kind), delay, end));
@@ -168,7 +168,7 @@ pub async fn run(
     })
 }
 
-/// Every seat acts and then observes, round by round at a fixed pace.
+/// Lets every seat act and then observe, round by round at a fixed pace.
 async fn honest(
     players: Vec<(Player, u32)>,
     tally: &Arc<super::connection::Tally>,
@@ -198,13 +198,13 @@ async fn honest(
     (Honest { acknowledged: score.acknowledged.spread(), looked: looked.spread() }, players)
 }
 
-/// The first bytes of a slow client.
+/// The first bytes that a slow client sends.
 fn opening(target: &Target, game: &Game, kind: Kind) -> Vec<u8> {
     let token = game.seats.first().map(String::as_str);
     match kind {
         Kind::Head => {
             let mut head = request(target, "GET", "/obs", token, None);
-            // Another header is begun in place of the empty line that ends a head.
+            // The begin of another header replaces the empty line that ends a head.
             head.truncate(head.len() - 2);
             head.extend_from_slice(b"x-slow: ");
             head
@@ -219,7 +219,7 @@ fn opening(target: &Target, game: &Game, kind: Kind) -> Vec<u8> {
     }
 }
 
-/// Duration of each connection of a client, and whether the server closed it.
+/// The lifetimes of a client's connections, and whether the server closed them.
 type ClientLog = (Kind, Vec<(Duration, bool)>);
 
 /// Reconnects whenever the server closes the connection, until `end`.
@@ -234,7 +234,7 @@ async fn slow_client(
     let mut logs = Vec::new();
     while Instant::now() < end {
         let Ok(stream) = connect(&target, kind).await else {
-            // A connection that was not made is not measured.
+            // Failed attempts to connect are not measured.
             sleep(PACE).await;
             continue;
         };
@@ -253,7 +253,7 @@ async fn slow_client(
 async fn connect(target: &Target, kind: Kind) -> io::Result<TcpStream> {
     let socket = if target.addr().is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
     if kind == Kind::Unread {
-        // With a small buffer the server notices sooner that nothing is read.
+        // A small buffer lets the server notice sooner that nothing is read.
         socket.set_recv_buffer_size(4096)?;
     }
     let stream = socket.connect(target.addr()).await?;
@@ -261,7 +261,7 @@ async fn connect(target: &Target, kind: Kind) -> io::Result<TcpStream> {
     Ok(stream)
 }
 
-/// Sends `opening`, then a byte now and then; true if the server closed the connection.
+/// Sends `opening`, then a byte per second; returns whether the server closed the connection.
 async fn drip(mut stream: TcpStream, kind: Kind, opening: &[u8], end: Instant) -> bool {
     let sends = kind != Kind::Silent;
     if sends && stream.write_all(opening).await.is_err() {
@@ -284,7 +284,7 @@ async fn drip(mut stream: TcpStream, kind: Kind, opening: &[u8], end: Instant) -
     }
 }
 
-/// Requests again and again and reads nothing; true if the server closed the connection.
+/// Sends requests without reading; returns whether the server closed the connection.
 async fn pile_up(mut stream: TcpStream, asked: &[u8], end: Instant) -> bool {
     let mut pace = interval(PACE);
     pace.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -328,7 +328,7 @@ mod tests {
     fn who_was_kept_too_long_is_counted() {
         let closed_after = |seconds, closed| (Duration::from_secs(seconds), closed);
         let all = [
-            // Closed in time, then again, then still young at the end.
+            // Three connections: closed in time, closed in time, still young at the end.
             (
                 Kind::Head,
                 vec![closed_after(10, true), closed_after(11, true), closed_after(5, false)],

@@ -1,4 +1,4 @@
-//! Arguments of tools, read strictly: an error names all that is wrong with them at once.
+//! Arguments of tools, read strictly: an error names all problems at once.
 
 use std::time::Duration;
 
@@ -7,34 +7,34 @@ use swarmbench_protocol::act::ActRequest;
 
 use crate::{MCP_ACT_WAIT_S_DEFAULT, MCP_WAIT_S_MAX};
 
-/// Characters of a wrong value that an error shows.
+/// Maximum number of characters of a wrong value in an error.
 const SHOWN_CHARS_MAX: usize = 40;
 
-/// Names of unknown arguments that an error shows.
+/// Maximum number of unknown arguments in an error.
 const UNKNOWN_MAX: usize = 10;
 
-/// Takes arguments by their names, and notes what is wrong.
+/// Takes arguments by their names, and collects problems.
 struct Reader {
     arguments: Map<String, Value>,
     known: Vec<&'static str>,
     problems: Vec<String>,
 }
 
-/// The arguments of `look`: how long it waits.
+/// Reads the arguments of `look`: its wait.
 pub(crate) fn look(arguments: Map<String, Value>) -> Result<Duration, String> {
     let mut reader = Reader::new(arguments);
     let wait = reader.wait(0);
     reader.finish(wait)
 }
 
-/// The arguments of `act`, and how long it waits for the next round.
+/// Reads the arguments of `act`: the act, and the wait for the next round.
 pub(crate) fn act(arguments: Map<String, Value>) -> Result<(ActRequest, Duration), String> {
     let mut reader = Reader::new(arguments);
     let request = ActRequest {
         round: reader.round(),
         action: reader.text("action"),
         message: reader.text("message"),
-        // Models write an empty text for what they leave out.
+        // Models write an empty text for an argument that they leave out.
         to: reader.text("to").filter(|to| !to.is_empty()),
         ..ActRequest::default()
     };
@@ -50,7 +50,7 @@ impl Reader {
         Self { arguments, known: Vec::new(), problems: Vec::new() }
     }
 
-    /// The value of an argument; null counts as left out.
+    /// Takes the value of an argument; null counts as left out.
     fn take(&mut self, name: &'static str) -> Option<Value> {
         self.known.push(name);
         self.arguments.remove(name).filter(|value| !value.is_null())
@@ -61,7 +61,7 @@ impl Reader {
         self.problems.push(format!("{name} must be {expected}, is {shown}"));
     }
 
-    /// Notes that an argument is missing, unless it is there and was refused.
+    /// Records a missing argument, unless it was given and refused.
     fn miss(&mut self, name: &str) {
         let start = format!("{name} ");
         if !self.problems.iter().any(|problem| problem.starts_with(&start)) {

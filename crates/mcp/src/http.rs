@@ -1,4 +1,4 @@
-//! One HTTP request of a client: streamable HTTP without sessions, every answer one JSON object.
+//! One HTTP request of a client: streamable HTTP without sessions; every answer is one JSON object.
 
 use std::sync::Arc;
 
@@ -13,15 +13,15 @@ use tokio_util::sync::CancellationToken;
 use crate::Seat;
 use crate::player::Player;
 
-/// Answers one request, of whose body [`essential`](crate::essential) is left, for the seat of its sender. If the future is dropped, whatever waits for the
-/// request is ended.
+/// Answers one request for the seat of its sender; the body must have passed [`essential`](crate::essential). Dropping
+/// the future cancels all waits of the request.
 ///
-/// Whether the sender may ask at all (its address, its `Host` and `Origin`, the length of the body) is for the caller to
-/// decide. The seat's own refusals are results of tools, which models can read.
+/// The caller checks whether the sender may ask at all (its address, its `Host` and `Origin`, the length of the body).
+/// The seat's own refusals are results of tools, which models can read.
 pub async fn answer<S: Seat>(seat: S, mut request: Request<Bytes>) -> Response<Bytes> {
     let gone = CancellationToken::new();
     let _on_drop = gone.clone().drop_guard();
-    // There is one kind of answer, so it does not matter which ones the client takes.
+    // There is one kind of answer, so the client's `Accept` does not matter.
     let both = HeaderValue::from_static("application/json, text/event-stream");
     request.headers_mut().insert(ACCEPT, both);
     let most = request.body().len();

@@ -1,5 +1,5 @@
-//! What the tools need of a message. The library keeps all that comes as trees of values, which take up to eighty times as
-//! much memory: what nobody reads is left out before, as it was written.
+//! Messages, reduced to the parts that the tools need. The library parses a message into trees of values, which take up
+//! to eighty times as much memory: unused parts are removed before, and the rest is kept as it was written.
 
 use bytes::Bytes;
 use http::header::CONTENT_TYPE;
@@ -13,11 +13,11 @@ use swarmbench_protocol::carried::count_values;
 
 use crate::MCP_VALUES_MAX;
 
-/// The codes of JSON-RPC for bodies that are no JSON, and for JSON that is no request.
+/// The codes of JSON-RPC for bodies that are not JSON, and for JSON that is not a request.
 const PARSE_ERROR: i32 = -32700;
 const INVALID_REQUEST: i32 = -32600;
 
-/// Bytes of what a client says of itself with each request; more is left out.
+/// Maximum size in bytes of each part of a request that describes the client; a larger part is removed.
 const ABOUT_CLIENT_BYTES_MAX: usize = 4096;
 
 #[serde_with::skip_serializing_none]
@@ -51,7 +51,7 @@ struct Params<'a> {
     meta: Option<Meta<'a>>,
 }
 
-/// What a request says of its client since there are no sessions.
+/// The description of the client, which each request carries because there are no sessions.
 #[serde_with::skip_serializing_none]
 #[derive(Deserialize, Serialize)]
 struct Meta<'a> {
@@ -63,10 +63,10 @@ struct Meta<'a> {
     capabilities: Option<&'a RawValue>,
 }
 
-/// The part of a message that is needed, with at most [`MCP_VALUES_MAX`] values.
+/// Reduces a message to the parts that are needed, with at most [`MCP_VALUES_MAX`] values.
 ///
 /// # Errors
-/// The answer to what is no message.
+/// The response to a body that is not a message, or that has too many values.
 pub fn essential(body: &[u8]) -> Result<Bytes, Box<Response<Bytes>>> {
     let is_none = |error: serde_json::Error| {
         if serde_json::from_slice::<IgnoredAny>(body).is_ok() {

@@ -21,16 +21,16 @@ use tokio_util::sync::CancellationToken;
 use crate::seen::Seen;
 use crate::{MCP_WAIT_S_MAX, Refusal, Seat, arguments, texts};
 
-/// The rules, as the contract has them.
+/// The rules of the game.
 const RULES: &str = include_str!("../../../docs/rules.md");
 
 /// The address of the rules.
 const RULES_URI: &str = "swarmbench://rules";
 
-/// Answers the requests of one client.
+/// A service that answers the requests of one client.
 pub(crate) struct Player<S> {
     seat: Arc<S>,
-    /// Cancelled when the client is gone: nothing waits for it any more.
+    /// A token that is cancelled when the client is gone: all waits end.
     gone: CancellationToken,
 }
 
@@ -70,7 +70,7 @@ impl<S: Seat> Player<S> {
         }
     }
 
-    /// The observation when the episode needs an act of this seat, is over, or `wait` has passed.
+    /// Returns the observation once the episode needs an act of this seat, is over, or `wait` has passed.
     async fn wait_for_turn(&self, wait: Duration) -> Result<Shown, Refusal> {
         let shown = self.see(None, Duration::ZERO).await?;
         if wait.is_zero() || shown.seen.facts.is_due() {
@@ -82,7 +82,8 @@ impl<S: Seat> Player<S> {
         self.see(Some(shown.seen.facts.round), wait).await
     }
 
-    /// A start is no new round, which is all that a look can wait for: it is asked for every second.
+    /// Waits for the start of the episode by polling every second: `GET /obs` only waits for a new round, and a start
+    /// is none.
     async fn wait_for_start(&self, wait: Duration) -> Result<Shown, Refusal> {
         let mut left = wait;
         loop {
@@ -113,7 +114,7 @@ impl<S: Seat> Player<S> {
         };
         let mut blocks = vec![ContentBlock::text(texts::receipt(&receipt))];
         let mut structured = json!(receipt);
-        // The act counts: its receipt is sent, whatever becomes of the next observation.
+        // The act counts: its receipt is sent even if the next observation fails.
         match self.see(Some(receipt.round), wait).await {
             Ok(shown) => {
                 blocks.extend(shown.blocks());
@@ -130,7 +131,7 @@ impl<S: Seat> Player<S> {
     }
 }
 
-/// An observation, and why it has no prompt if it has none.
+/// An observation, and the reason why it has no prompt if that failed.
 struct Shown {
     seen: Seen,
     no_prompt: Option<Refusal>,
@@ -145,7 +146,7 @@ impl Shown {
         self.seen.json()
     }
 
-    /// The text of the observation where an act is needed, and what is to be done next.
+    /// The text of the observation if an act is needed, and the next step.
     fn blocks(&self) -> Vec<ContentBlock> {
         let facts = &self.seen.facts;
         let view = facts.is_due().then(|| match (&facts.prompt, &self.no_prompt) {
@@ -157,7 +158,7 @@ impl Shown {
     }
 }
 
-/// A structured result with what is to be done next: some clients show their model this and not the text.
+/// A structured result with the next step: some clients show their model this and not the text.
 fn with(mut object: Value, next: &str) -> Value {
     object["next"] = json!(next);
     object
@@ -169,7 +170,7 @@ fn done(blocks: Vec<ContentBlock>, structured: Option<Value>) -> CallToolResult 
     result
 }
 
-/// An error that the model reads, and the problem for programs.
+/// An error result: text for the model, and the problem for programs.
 fn failed(text: &str, refusal: Option<&Refusal>) -> CallToolResult {
     let mut result = CallToolResult::error(vec![ContentBlock::text(text)]);
     if let Some(Refusal::Problem(problem)) = refusal {

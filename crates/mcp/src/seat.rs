@@ -1,14 +1,14 @@
-//! What the tools need of a seat.
+//! The interface of a seat for the tools.
 
 use std::time::Duration;
 
 use swarmbench_protocol::act::{ActRequest, Receipt};
 use swarmbench_protocol::problem::Problem;
 
-/// A seat of an episode, as the holder of its token reaches it.
+/// A seat of an episode, accessed with its token.
 pub trait Seat: Send + Sync + 'static {
-    /// What `GET /obs` answers, as it was written; with the text for language models where `prompt` is set. With
-    /// `after` it waits until the round is past that one, the episode is over, or `wait` has passed.
+    /// The body of `GET /obs`, unparsed; with the text for language models if `prompt` is set. With `after` it waits
+    /// until the round is past that one, the episode is over, or `wait` has passed.
     fn obs(
         &self,
         after: Option<u32>,
@@ -16,16 +16,16 @@ pub trait Seat: Send + Sync + 'static {
         prompt: bool,
     ) -> impl Future<Output = Result<Vec<u8>, Refusal>> + Send;
 
-    /// What `POST /act` answers.
+    /// The receipt of `POST /act`.
     fn act(&self, act: ActRequest) -> impl Future<Output = Result<Receipt, Refusal>> + Send;
 }
 
-/// Why a seat gave no answer.
+/// The reason why a seat gave no answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Refusal {
     /// The server refused.
     Problem(Box<Problem>),
-    /// There was no answer of a server; the text says why, and what to do.
+    /// No server answered; the text gives the reason and advice.
     NoAnswer(String),
 }
 

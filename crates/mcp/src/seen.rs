@@ -1,4 +1,4 @@
-//! An observation, as the tools show it.
+//! Observations, as the tools show them.
 
 use serde::Deserialize;
 use serde_json::Value;
@@ -6,13 +6,13 @@ use swarmbench_protocol::status::Status;
 
 use crate::{MCP_STRUCTURED_BYTES_MAX, Refusal};
 
-/// An observation as it was written, and what the tools read in it.
+/// The unparsed observation, and the fields that the tools read.
 pub(crate) struct Seen {
     body: Vec<u8>,
     pub(crate) facts: Facts,
 }
 
-/// The part of an observation that decides what the tools say.
+/// The fields of an observation on which the tools' texts depend.
 #[derive(Debug, Deserialize)]
 pub(crate) struct Facts {
     pub(crate) agent: String,
@@ -36,13 +36,13 @@ impl Seen {
         Ok(Self { body, facts })
     }
 
-    /// The observation as it was written.
+    /// The unparsed observation.
     pub(crate) fn text(&self) -> &str {
-        // It was read as JSON, which is UTF-8.
+        // The body was read as JSON, which is UTF-8.
         std::str::from_utf8(&self.body).unwrap_or_default()
     }
 
-    /// The whole observation as JSON; `None` where it is too large.
+    /// The whole observation as JSON; `None` if it is larger than [`MCP_STRUCTURED_BYTES_MAX`].
     pub(crate) fn json(&self) -> Option<Value> {
         if self.body.len() > MCP_STRUCTURED_BYTES_MAX {
             return None;

@@ -6,15 +6,15 @@ use tokio_util::sync::CancellationToken;
 use crate::Seat;
 use crate::player::Player;
 
-/// Why the conversation with a client ended before its end.
+/// The reason why the conversation with a client broke off.
 #[derive(Debug, thiserror::Error)]
 pub enum StdioError {
-    /// What came is no beginning of a conversation.
+    /// The input does not begin a conversation.
     #[error(
         "the standard input is no client of the Model Context Protocol: {0}; an assistant starts this command itself"
     )]
     Start(String),
-    /// It broke off.
+    /// The conversation broke off.
     #[error("the conversation broke off: {0}")]
     BrokeOff(String),
 }
@@ -23,13 +23,13 @@ pub enum StdioError {
 ///
 /// # Errors
 ///
-/// What comes is not of the protocol, or the conversation breaks off.
+/// [`StdioError`] if the input is not of the protocol, or the conversation breaks off.
 pub async fn serve<S: Seat>(seat: S) -> Result<(), StdioError> {
     let player = Player::new(seat, CancellationToken::new());
     let streams = (tokio::io::stdin(), tokio::io::stdout());
     let service = match player.serve(streams).await {
         Ok(service) => service,
-        // It wanted nothing.
+        // The client closed the streams without a request.
         Err(ServerInitializeError::ConnectionClosed(_)) => return Ok(()),
         Err(error) => return Err(StdioError::Start(error.to_string())),
     };

@@ -1,4 +1,4 @@
-//! Every sentence that models read, beside the prompt of the server.
+//! Every sentence that models read, apart from the server's prompt.
 
 use swarmbench_protocol::act::Receipt;
 use swarmbench_protocol::problem::Problem;
@@ -6,7 +6,7 @@ use swarmbench_protocol::problem::Problem;
 use crate::seen::Facts;
 use crate::{MCP_WAIT_S_MAX, Refusal};
 
-/// What a client may show its model when it connects.
+/// The instructions that a client may show its model when it connects.
 pub(crate) const INSTRUCTIONS: &str = "You hold one seat of a game of swarmbench: one agent of a swarm in a grid \
     world. `look` shows what your agent sees, `act` is its move in a round. Play until `look` or `act` says that the \
     game is over.";
@@ -31,7 +31,7 @@ pub(crate) const ACT: &str = "Your agent's move in the open round: one action, a
     you want. Every round takes one act of each agent. Answers with a receipt, and with the next observation once the \
     other agents have acted, too. The same act sent again gets the same receipt and is no second move.";
 
-/// What is to be done next, as an observation shows it.
+/// The next step of the model, given an observation.
 pub(crate) fn next(facts: &Facts) -> String {
     let Facts { agent, status, round, max_round, score, .. } = facts;
     let wait = format!("call `look` with wait_s {MCP_WAIT_S_MAX}");
@@ -69,7 +69,7 @@ pub(crate) fn next(facts: &Facts) -> String {
     )
 }
 
-/// That an act counts.
+/// The confirmation of an act.
 pub(crate) fn receipt(receipt: &Receipt) -> String {
     let Receipt { round, action, message, duplicate, .. } = receipt;
     let action = action.as_deref().unwrap_or("no action");
@@ -78,7 +78,7 @@ pub(crate) fn receipt(receipt: &Receipt) -> String {
     format!("Round {round}: {action}{message} {when}.")
 }
 
-/// That the next observation cannot be shown, although the act counts.
+/// The text after an act that counts while the next observation cannot be shown.
 pub(crate) fn receipt_alone(refusal: &Refusal) -> String {
     format!(
         "The next observation cannot be shown: {} The act counts all the same.",
@@ -86,12 +86,12 @@ pub(crate) fn receipt_alone(refusal: &Refusal) -> String {
     )
 }
 
-/// What is wrong with the arguments of a tool.
+/// The error for wrong arguments of a tool.
 pub(crate) fn arguments(tool: &str, problems: &str) -> String {
     format!("{problems}. Nothing was done: correct this and call `{tool}` again.")
 }
 
-/// What the server refused and what to do about it.
+/// The error for a refusal, with advice.
 pub(crate) fn refused(refusal: &Refusal) -> String {
     let problem = match refusal {
         Refusal::Problem(problem) => problem,
@@ -115,7 +115,7 @@ pub(crate) fn refused(refusal: &Refusal) -> String {
     format!("{} {advice}", sentence(detail)).trim_end().to_owned()
 }
 
-/// What stands in the place of a prompt that could not be made.
+/// The replacement for a prompt that could not be made.
 pub(crate) fn without_prompt(refusal: &Refusal, json: &str) -> String {
     format!("{} So this is the observation as JSON:\n{json}", refused(refusal))
 }

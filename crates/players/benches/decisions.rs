@@ -4,10 +4,10 @@
 //! cargo bench -p swarmbench-players --bench decisions -- --task Transport --player push-and-leave
 //! ```
 //!
-//! Without options: all tasks and all their players. Fails where a decision takes more than 2 ms. What is
-//! measured is time on the processor: a decision that waits while the system does something else says nothing
-//! about the player. For the same reason each game is played twice, which is the same game for players that
-//! are deterministic, and of each decision the faster time counts.
+//! All tasks and all their players are measured without options. The program fails if a decision takes more than 2 ms.
+//! Times are thread CPU times: the time in which a decision waits for the system says nothing about the player. For the
+//! same reason each game is played twice, which is the same game for deterministic players, and the faster time of each
+//! decision counts.
 
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -18,13 +18,13 @@ use swarmbench_engine::{Config, Settings, TaskName, limits};
 use swarmbench_players::game::Game;
 use swarmbench_players::{BuiltIn, of_task};
 
-/// How often each game is played.
+/// Number of times that each game is played.
 const GAMES: usize = 2;
 
-/// What no decision may exceed.
+/// Maximum time of a decision.
 const MOST: Duration = Duration::from_millis(2);
 
-/// A setting in which decisions may take long.
+/// A setting with slow decisions.
 struct Case {
     what: &'static str,
     /// Rows and columns of the map.
@@ -105,7 +105,7 @@ const CASES: [Case; 8] = [
 
 impl Case {
     fn settings(&self, task: TaskName) -> Settings {
-        // The cost of a large flock takes the engine long, and says nothing about the players.
+        // The engine takes long to compute the cost of a large flock, which says nothing about the players.
         let most = if task == TaskName::Flocking { 64 } else { *limits::AGENTS.end() };
         Settings {
             control: self.control.to_owned(),
@@ -120,13 +120,13 @@ impl Case {
     }
 }
 
-/// The time that this thread has had on the processor.
+/// The CPU time of this thread.
 fn processor_time() -> Duration {
     let time = clock_gettime(ClockId::ThreadCPUTime);
     Duration::try_from(time).expect("a thread has been running for some time")
 }
 
-/// How long every decision of a game takes.
+/// The times of all decisions of a game.
 fn play(built_in: &BuiltIn, config: &Arc<Config>) -> Vec<Duration> {
     let mut game = Game::new(Arc::clone(config), built_in, 1);
     let mut times = Vec::new();
@@ -142,7 +142,7 @@ fn play(built_in: &BuiltIn, config: &Arc<Config>) -> Vec<Duration> {
     times
 }
 
-/// The fastest time of every decision in several games that are all the same.
+/// The fastest time of every decision over several identical games, sorted.
 fn measure(built_in: &BuiltIn, settings: &Settings) -> Vec<Duration> {
     let config = Arc::new(Config::check(settings).expect("playable settings"));
     let mut best = play(built_in, &config);

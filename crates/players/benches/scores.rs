@@ -1,14 +1,14 @@
-//! What the built-in players score, and how long they think, in games in the process.
+//! Scores and decision times of the built-in players, in games in the process.
 //!
 //! ```sh
 //! cargo bench -p swarmbench-players --bench scores -- --task Pursuit --player close-in --seeds 1000..1100
 //! ```
 //!
-//! Every option may be left out: all tasks, all their players and the seeds 0..20 then. `--centralized` plays
-//! under centralized control, `--each` shows the score of every game. The standard setting is changed by
-//! `--agents`, `--height`, `--width`, `--view`, `--noise`, `--delay` and `--rules`; a task that cannot be
-//! played so is left out. How long decisions take at worst is
-//! measured by the benchmark `decisions`: the longest time here is mostly that of the system's other work.
+//! Every option may be left out: the defaults are all tasks, all their players and the seeds 0..20. `--centralized`
+//! plays under centralized control, `--each` shows the score of every game. The standard setting is changed by
+//! `--agents`, `--height`, `--width`, `--view`, `--noise`, `--delay` and `--rules`; tasks that cannot be played with
+//! these settings are skipped. The benchmark `decisions` measures the slowest decisions: the longest time here is
+//! mostly that of the system's other work.
 
 use std::ops::Range;
 use std::process::ExitCode;
@@ -24,7 +24,7 @@ use swarmbench_players::{BuiltIn, of_task};
 const USAGE: &str = "options: --task NAME, --player NAME, --seeds FROM..TO, --centralized, --each, \
     --agents N, --height N, --width N, --view N, --noise P, --delay N, --rules NAME";
 
-/// What is asked for.
+/// Options of the command line.
 struct Asked {
     task: Option<String>,
     player: Option<String>,
@@ -56,7 +56,7 @@ impl Asked {
                 "--noise" => asked.settings.noise = words.next()?.parse().ok()?,
                 "--delay" => asked.settings.max_delay = words.next()?.parse().ok()?,
                 "--rules" => asked.settings.rules = words.next()?,
-                // Cargo says so.
+                // Cargo passes this option.
                 "--bench" => {}
                 _ => return None,
             }
@@ -74,9 +74,9 @@ impl Asked {
 /// Games of one player.
 #[derive(Default)]
 struct Played {
-    /// Seed and score of each.
+    /// Seed and score of each game.
     scores: Vec<(u64, f64)>,
-    /// How long each decision took.
+    /// The time of each decision.
     decisions: Vec<Duration>,
 }
 

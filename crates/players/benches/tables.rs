@@ -5,7 +5,7 @@
 //! cargo bench -p swarmbench-players --bench tables -- sizes
 //! ```
 //!
-//! Without a word both are made. `.ci/baselines` writes them into the page.
+//! Both tables are made if none is named. `.ci/baselines` writes them into the page.
 
 use swarmbench_engine::{Config, RuleSet, Settings, TaskName};
 use swarmbench_players::{default_for, game};
@@ -13,13 +13,13 @@ use swarmbench_players::{default_for, game};
 /// The swarm's own seed, as in examples/eval/baselines.toml.
 const PLAYER_SEED: u64 = 1;
 
-/// How many layouts are played in the standard setting.
+/// Number of layouts played in the standard setting.
 const SEEDS: u64 = 100;
 
-/// How many layouts of each size are played.
+/// Number of layouts played of each size.
 const SEEDS_OF_SIZES: u64 = 20;
 
-/// Rows of square maps, and columns.
+/// Side lengths of the square maps, in cells.
 const SIZES: [i64; 5] = [8, 10, 12, 15, 20];
 
 const AGENTS: [i64; 6] = [8, 12, 16, 20, 24, 30];
@@ -27,7 +27,7 @@ const AGENTS: [i64; 6] = [8, 12, 16, 20, 24, 30];
 /// Tasks whose scores depend on more than the layout.
 const TASKS_OF_SIZES: [TaskName; 3] = [TaskName::Pursuit, TaskName::Foraging, TaskName::Transport];
 
-/// The scores of a task's best player, one a seed; `None` if the agents do not fit on the map.
+/// The scores of a task's best player, one for each seed; `None` if the agents do not fit on the map.
 fn scores(settings: &Settings, task: TaskName, seeds: u64) -> Option<Vec<f64>> {
     let of_seed = |seed| {
         let Settings { task, seed, .. } = Settings::standard(task, seed);

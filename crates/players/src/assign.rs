@@ -1,4 +1,4 @@
-//! Assigns places at the least total cost.
+//! Assignment at the least total cost.
 
 /// The column of every row in a cheapest assignment; there are at least as many columns as rows. Found by
 /// shortest augmenting paths (the Hungarian method), one row after the other.
@@ -75,7 +75,7 @@ mod tests {
         assert!(assign(&[]).is_empty());
     }
 
-    /// The same by trying everything.
+    /// The least cost, by exhaustive search.
     fn cheapest(costs: &[Vec<i64>], is_taken: &mut Vec<bool>) -> i64 {
         let Some((first, rest)) = costs.split_first() else { return 0 };
         let mut best = i64::MAX;

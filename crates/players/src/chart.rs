@@ -1,4 +1,4 @@
-//! What an agent has learned about the map, and the way across it.
+//! The chart: an agent's memory of the map, and path search on it.
 //!
 //! A chart of the largest map has 65,536 cells and a swarm has up to 1,024 charts, so a cell that was never
 //! seen takes no memory, and a way is found in one pass over the cells.
@@ -9,15 +9,14 @@ use swarmbench_engine::{Action, Direction, Observation, Pos, Seen, View, limits}
 
 use crate::Seat;
 
-/// How many rows and columns away a waypoint may lie: anything on a standard map.
+/// Greatest distance of a waypoint in rows and columns; no cell of a standard map is farther.
 const FAR: i32 = 8;
 
-/// What was last seen on every cell of the map.
+/// The last sighting of every cell of the map.
 pub(crate) struct Chart {
     height: i32,
     width: i32,
-    /// One [`Glimpse`] a cell as a number, 0 where there was none: the system hands out zeros only where they
-    /// are written.
+    /// A packed [`Glimpse`] for each cell, 0 for none: the system allocates zeroed pages only when they are written.
     cells: Vec<u64>,
     /// Whether there is a wall all around the map, seen or not.
     ring_closed: bool,
@@ -25,7 +24,7 @@ pub(crate) struct Chart {
     now: u32,
 }
 
-/// What a cell held, and in which round.
+/// A sighting: the content of a cell and the round in which it was seen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Glimpse {
     seen: Seen,
@@ -33,12 +32,12 @@ struct Glimpse {
 }
 
 impl Glimpse {
-    /// As a number that is not 0: what was seen, and the round in the upper half.
+    /// Packs the glimpse into a nonzero number: the content in the lower half, the round in the upper half.
     fn pack(self) -> u64 {
         u64::from(code(self.seen)) | u64::from(self.round) << 32
     }
 
-    /// The glimpse that a number stands for; none for 0.
+    /// Unpacks a number; `None` for 0.
     fn unpack(packed: u64) -> Option<Self> {
         let [kind, marked, low, high, round @ ..] = packed.to_le_bytes();
         let seen = match kind {
@@ -57,14 +56,13 @@ impl Glimpse {
     }
 }
 
-/// The kind of an agent as a number.
+/// The kind of an agent in a packed glimpse.
 const AGENT: u32 = 3;
 
-/// The first kind that no agent can enter; all that follow are of that sort too.
+/// The first kind that no agent can enter; no agent can enter any higher kind either.
 const FIXED: u32 = 4;
 
-/// What was seen as a number that is not 0: the kind in the lowest byte, then the mark and the number of an
-/// agent.
+/// Encodes a content as a nonzero number: the kind in the lowest byte, then the mark and the number of an agent.
 const fn code(seen: Seen) -> u32 {
     match seen {
         Seen::Empty => 1,
@@ -85,7 +83,8 @@ fn kind(packed: u64) -> u32 {
 }
 
 impl Chart {
-    /// A chart of an unknown map. Its size is limited, so that a seat of a strange size is harmless.
+    /// A chart of an unknown map. The size is clamped to the limits of the rules, so a seat of an invalid size is
+    /// harmless.
     pub(crate) fn new(seat: &Seat) -> Self {
         let most = i32::try_from(*limits::SIZE.end()).unwrap_or(i32::MAX);
         let (height, width) = (i32::from(seat.height).min(most), i32::from(seat.width).min(most));
@@ -93,8 +92,8 @@ impl Chart {
         Self { height, width, cells: vec![0; area], ring_closed: false, now: 0 }
     }
 
-    /// Notes everything in view. Returns where the agent stands: `None` if it has escaped or the observation is of
-    /// another map, and then it has nothing to do.
+    /// Records everything in view and returns the agent's position. `None` if the agent has escaped or the observation
+    /// is of another map: then the player does nothing.
     pub(crate) fn look(&mut self, observation: &Observation) -> Option<Pos> {
         let (here, view) = sight(observation).filter(|(here, _)| self.contains(*here))?;
         let Pos { i: top, j: left } = view.origin;
@@ -114,12 +113,12 @@ impl Chart {
         Some(here)
     }
 
-    /// Notes that there is a wall all around the map.
+    /// Records that a wall surrounds the map.
     pub(crate) const fn close_ring(&mut self) {
         self.ring_closed = true;
     }
 
-    /// Notes what a message says; the agent's own view overrides it.
+    /// Records a sighting from a message if the cell is unknown: the agent's own sightings take precedence.
     pub(crate) fn hear(&mut self, at: Pos, seen: Seen) {
         if self.is_unknown(at) {
             self.note(at, seen);
@@ -145,7 +144,7 @@ impl Chart {
         rows.chain(columns)
     }
 
-    /// What was last seen on a cell of the map; `None` if it is unknown.
+    /// The last known content of a cell; `None` if it is unknown.
     pub(crate) fn at(&self, at: Pos) -> Option<Seen> {
         self.glimpse(at).map(|glimpse| glimpse.seen)
     }
@@ -160,7 +159,7 @@ impl Chart {
         self.index(at).is_some_and(|index| self.is_crowded(self.cells[index], rounds))
     }
 
-    /// Whether an agent may enter the cell. The unknown is worth a try.
+    /// Whether an agent may enter the cell. Unknown cells count as open.
     pub(crate) fn is_open(&self, at: Pos) -> bool {
         self.index(at).is_some_and(|index| !self.is_shut(at, self.cells[index]))
     }
@@ -175,8 +174,7 @@ impl Chart {
     }
 
     /// The first step of a shortest way over open cells from `from` to a goal; `None` if there is no way or `from` is a
-    /// goal itself. A cell with an agent on it counts as `crowd` steps more. Of equally short ways it takes one whose
-    /// first step comes early in `order`.
+    /// goal itself. A cell with an agent on it counts as `crowd` steps more. Ties are broken by `order`.
     pub(crate) fn way(
         &self,
         from: Pos,
@@ -198,7 +196,7 @@ impl Chart {
             for direction in order {
                 let beside = cell.toward(direction);
                 let Some(index) = self.index(beside) else { continue };
-                // What a step costs depends on where it ends, so that the first way to a cell is a
+                // The cost of a step depends only on the cell where it ends, so the first way found to a cell is a
                 // shortest one.
                 let packed = self.cells[index];
                 if !reached[index] && !self.is_shut(beside, packed) {
@@ -224,12 +222,12 @@ impl Chart {
         glimpse.or_else(|| (self.ring_closed && self.is_on_ring(at)).then(ring))
     }
 
-    /// Whether no agent may enter a cell of which this is known.
+    /// Whether the packed glimpse of a cell shows that no agent can enter it.
     fn is_shut(&self, at: Pos, packed: u64) -> bool {
         kind(packed) >= FIXED || packed == 0 && self.ring_closed && self.is_on_ring(at)
     }
 
-    /// Whether this says that an agent was there within the last `rounds`.
+    /// Whether the packed glimpse shows an agent within the last `rounds`.
     fn is_crowded(&self, packed: u64, rounds: u32) -> bool {
         let round = u32::try_from(packed >> 32).unwrap_or(0);
         kind(packed) == AGENT && self.now.saturating_sub(round) < rounds
@@ -246,8 +244,7 @@ impl Chart {
     }
 }
 
-/// Cells that a search has reached and not gone on from, the nearest first. A step has one of two costs, so
-/// that two queues hold them in order.
+/// The frontier of a search, nearest cells first. A step has one of two costs, so two queues keep the order.
 #[derive(Default)]
 struct Frontier {
     plain: VecDeque<Reached>,
@@ -255,7 +252,7 @@ struct Frontier {
     age: u32,
 }
 
-/// A cell, how far away it is, when it was reached, and by which first step.
+/// A reached cell: its distance, when it was reached, and the first step of the way to it.
 struct Reached {
     length: u32,
     age: u32,
@@ -264,7 +261,8 @@ struct Reached {
 }
 
 impl Frontier {
-    /// Notes a cell that is one step and `more` away from one at `length`. No nearer one may come later.
+    /// Adds a cell that is one step and `more` away from a cell at `length`. `length` must not decrease from call to
+    /// call.
     fn push(&mut self, length: u32, more: u32, cell: Pos, first: Option<Direction>) {
         self.age += 1;
         let queue = if more == 0 { &mut self.plain } else { &mut self.crowded };
@@ -272,9 +270,9 @@ impl Frontier {
         queue.push_back(Reached { length, age: self.age, cell, first });
     }
 
-    /// Takes the nearest cell, of several the one that was reached first.
+    /// Removes the nearest cell; of equally near cells, the one that was reached first.
     fn pop(&mut self) -> Option<Reached> {
-        // Mostly no agent is in the way, and a search of the largest map takes this step 65,536 times.
+        // Usually no agent is in the way, and a search of the largest map takes this step 65,536 times.
         if self.crowded.is_empty() {
             return self.plain.pop_front();
         }
@@ -287,7 +285,7 @@ impl Frontier {
     }
 }
 
-/// The agent's place and view: `None` if it has escaped, or is not on the map.
+/// The agent's position and view; `None` if it has escaped or lies outside any map.
 pub(crate) fn sight(observation: &Observation) -> Option<(Pos, &View)> {
     let (here, view) = (observation.position?, observation.view.as_ref()?);
     let near = -i32::from(u16::MAX)..=i32::from(u16::MAX);
@@ -295,13 +293,13 @@ pub(crate) fn sight(observation: &Observation) -> Option<(Pos, &View)> {
     numbers.iter().all(|number| near.contains(number)).then_some((here, view))
 }
 
-/// All cells of a view within that many rows and columns of one of them. A window over a large map has many more.
+/// All cells of a view within `reach` rows and columns of `middle`. A window over a large map has many more.
 pub(crate) fn within(
     view: &View,
     middle: Pos,
     reach: i32,
 ) -> impl Iterator<Item = (Pos, Seen)> + '_ {
-    // How many cells lie before the first one, and how many there are.
+    // The number of cells before the first one, and the number of cells from there on.
     let cut = move |middle: i32, origin: i32| {
         let first = i64::from(middle) - i64::from(reach);
         let before = (first - i64::from(origin)).max(0);
@@ -317,13 +315,13 @@ pub(crate) fn within(
     })
 }
 
-/// A cell on the way to a goal that is not so far away that it takes long to find a way there.
+/// A cell toward a goal, near enough for a fast path search.
 pub(crate) fn waypoint(from: Pos, goal: Pos) -> Pos {
     let near = |from: i32, goal: i32| from + (goal - from).clamp(-FAR, FAR);
     Pos::new(near(from.i, goal.i), near(from.j, goal.j))
 }
 
-/// The action that goes in a direction.
+/// The action that moves in a direction.
 pub(crate) const fn push(direction: Direction) -> Action {
     match direction {
         Direction::Up => Action::Up,

@@ -29,12 +29,12 @@ impl Game {
         &self.world
     }
 
-    /// What all agents decide in the current round, in the order of their numbers.
+    /// Asks every player for its act of the current round, in the order of the agents' numbers.
     pub fn decide(&mut self) -> Vec<Act> {
         self.decide_by(|player, observation| player.decide(observation))
     }
 
-    /// The same where `ask` asks each player, so that it can measure how long that takes.
+    /// As [`Self::decide`], with `ask` calling each player so that it can measure the time.
     pub fn decide_by(
         &mut self,
         mut ask: impl FnMut(&mut dyn Player, &Observation) -> Act,
@@ -49,10 +49,10 @@ impl Game {
     }
 }
 
-/// Plays a game to its end. Returns the score and everything that was decided, by round and agent.
+/// Plays a game to its end. Returns the score and all acts, by round and agent.
 ///
 /// # Errors
-/// Where the settings cannot be played.
+/// [`SettingErrors`] if the settings cannot be played.
 pub fn play(
     built_in: &BuiltIn,
     settings: &Settings,

@@ -28,9 +28,9 @@
 //!
 //! Write a file that is named like the player, in the folder of its task, with a type that implements [`Player`] and a
 //! function `make` that makes one for a seat. Add a line to the table in the folder's `mod.rs`: its name, the tasks
-//! that it plays, what it does in one sentence, and `make`. The tests play every line of every table, so no other
-//! registration is needed. A player uses only what it was shown: it may remember anything, draw from a generator seeded
-//! by its seat, and must cope with any observation without a panic.
+//! that it plays, a summary in one sentence, and `make`. The tests play every line of every table, so no other
+//! registration is needed. A player uses only its seat and its observations: it may remember anything, draw from a
+//! generator seeded by its seat, and must cope with any observation without a panic.
 
 mod assign;
 mod chance;
@@ -50,16 +50,16 @@ use swarmbench_engine::{Act, AgentId, Config, Observation, RuleSet, TaskName};
 
 /// A player for one seat. Deterministic: its decisions depend only on its [`Seat`] and its observations.
 pub trait Player: Send {
-    /// What the agent does in the round that the observation shows.
+    /// Decides the act for the round that the observation shows.
     fn decide(&mut self, observation: &Observation) -> Act;
 }
 
-/// How a seat's player is made: what an agent may know before the game, and the player's own seed.
+/// A seat: what an agent may know before the game, and the seed of its player.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Seat {
-    /// The agent that it plays.
+    /// The agent that the player controls.
     pub agent: AgentId,
-    /// How many agents play.
+    /// Number of agents in the game.
     pub num_agents: u16,
     /// Columns of the map, its wall ring included.
     pub width: u16,
@@ -74,7 +74,7 @@ pub struct Seat {
 }
 
 impl Seat {
-    /// The seat of an agent in a game of these settings, where `seed` is the whole swarm's own.
+    /// The seat of an agent in a game of these settings; `seed` is the seed of the whole swarm's players.
     #[must_use]
     pub fn of(config: &Config, agent: AgentId, seed: u64) -> Self {
         let settings = config.settings();
@@ -90,9 +90,9 @@ impl Seat {
         }
     }
 
-    /// The seat of a player that a server hosts, or a training has as a partner. Its seed follows from the episode's, so
-    /// that the same episode is played the same way again, but does not reveal it. `salt` is what the seed of a sealed
-    /// episode is hidden with; empty for others.
+    /// The seat of a player that a server hosts or that is a partner in training. Its seed is a hash of the episode's
+    /// seed: the same episode is played the same way again, and the episode's seed is not revealed. `salt` keeps the
+    /// hash of a sealed episode from being recomputed; it is empty for others.
     #[must_use]
     pub fn hosted(config: &Config, agent: AgentId, salt: &[u8]) -> Self {
         let mut hash = Sha256::new();
@@ -105,21 +105,21 @@ impl Seat {
         Self { seed, ..Self::of(config, agent, 0) }
     }
 
-    /// The seed of one agent's player, made of the whole swarm's.
+    /// The seed of one agent's player, derived from the swarm's.
     #[must_use]
     pub const fn seed_of(agent: AgentId, swarm: u64) -> u64 {
         swarm.wrapping_mul(1 << 16).wrapping_add(agent.0 as u64)
     }
 }
 
-/// A built-in player as it is chosen by name.
+/// A built-in player, selected by name.
 #[derive(Debug)]
 pub struct BuiltIn {
-    /// In lower case with hyphens.
+    /// Name in lower case with hyphens.
     pub name: &'static str,
     /// The tasks that it plays.
     pub tasks: &'static [TaskName],
-    /// What it does, in one sentence.
+    /// Description in one sentence.
     pub summary: &'static str,
     make: fn(&Seat) -> Box<dyn Player>,
 }
@@ -150,10 +150,10 @@ pub fn all() -> impl Iterator<Item = &'static BuiltIn> {
 /// The name that stands for the best player of each task.
 pub const DEFAULT_PLAYER: &str = "default";
 
-/// The player `name`, if it plays `task`; the task's own where that is [`DEFAULT_PLAYER`].
+/// Finds the player `name` that plays `task`; [`DEFAULT_PLAYER`] stands for the best player of the task.
 ///
 /// # Errors
-/// Where no player of that name plays the task; the error lists those that do.
+/// [`UnknownPlayer`] if no player of that name plays the task; its message lists those that do.
 pub fn find(name: &str, task: TaskName) -> Result<&'static BuiltIn, UnknownPlayer> {
     of_task(task)
         .find(|player| name == DEFAULT_PLAYER || player.name == name)

@@ -5,7 +5,6 @@ use swarmbench_engine::{Act, Action, Observation, TaskName};
 use crate::chance::Chance;
 use crate::{BuiltIn, Player, Seat};
 
-/// As it is chosen by name.
 pub(crate) const PLAYER: BuiltIn = BuiltIn {
     name: "random",
     tasks: &TaskName::ALL,
@@ -13,7 +12,6 @@ pub(crate) const PLAYER: BuiltIn = BuiltIn {
     make,
 };
 
-/// Picks any action of the task, every one equally likely, and says nothing.
 struct Random {
     chance: Chance,
     actions: &'static [Action],

@@ -4,11 +4,11 @@ use swarmbench_engine::{Direction, Pos};
 
 use crate::chart::Chart;
 
-/// From how far away an agent goes straight ahead, rows and columns taken apart.
+/// Distance in rows or columns beyond which an agent walks straight ahead without a path search.
 const FAR_STEPS: i32 = 16;
 
-/// The first step to a goal. While the `target` beside it is far away, a step that comes nearer will do:
-/// the ground there is open, and on a large map it takes long to find the best way.
+/// The first step to a goal. While the `target` beside it is far away, any step that comes nearer is taken: the ground
+/// there is open, and a path search on a large map is slow.
 pub(crate) fn toward(
     chart: &Chart,
     here: Pos,

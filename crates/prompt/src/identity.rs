@@ -1,4 +1,4 @@
-//! What tells the prompts of two players apart.
+//! The identity of a prompt, which tells the prompts of two players apart.
 
 use std::fmt;
 
@@ -9,21 +9,22 @@ use super::{REVISION, TOOLKIT};
 /// Characters of a digest in a [name](Identity).
 const SHOWN_CHARS: usize = 8;
 
-/// Which prompt a player had. Boards never put two of them into one row. Its text is its name: `default`, `toolkit`,
-/// `custom:0123abcd`; a system message is a part of it, as in `toolkit+system:0123abcd`.
+/// The prompt of a player. Boards never put two different ones into one row. Its text is its name: `default`,
+/// `toolkit`, `custom:0123abcd`; a system message is part of it, as in `toolkit+system:0123abcd`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Identity {
     /// The digest of the template; `None` for the built-in one.
     pub template: Option<String>,
-    /// The revision of the program's own words, from the second on; `None` too where the prompt has none of them.
+    /// The revision of the program's own words; `None` for the first one, and for prompts without such words.
     pub revision: Option<u32>,
     /// The digest of the system message, if there is one.
     pub system: Option<String>,
 }
 
 impl Identity {
-    /// The prompt that this template makes with the words of this revision, `None` for the built-in template, and with
-    /// the JSON that `agent_meta` declares as its `system_message`: a text, or an object with a text for each task.
+    /// The identity of a prompt made by this template (`None` for the built-in one) with the words of this revision,
+    /// and with the JSON that `agent_meta` declares as its `system_message`: a text, or an object with a text for each
+    /// task.
     #[must_use]
     pub fn of(template: Option<&str>, revision: u32, system: Option<&str>) -> Self {
         let is_revised = revision > 1 && template.is_none_or(has_own_words);
@@ -34,7 +35,7 @@ impl Identity {
         }
     }
 
-    /// What is declared before anything is played, with the present words.
+    /// The identity that is declared before any game, with the current words.
     #[must_use]
     pub fn declared(template_digest: Option<String>, system: Option<&str>) -> Self {
         let system = system.map(digest_of_system);
@@ -47,7 +48,7 @@ fn digest_of_system(message: &str) -> String {
     digest_of_template(text.as_deref().unwrap_or(message))
 }
 
-/// Whether a template may print words of the program: these are in `task.description` and in `meaning` of actions.
+/// Whether a template may print the program's own words, which are in `task.description` and in `meaning` of actions.
 fn has_own_words(template: &str) -> bool {
     ["description", "meaning", "{{ task }}", "{{ actions }}"]
         .iter()

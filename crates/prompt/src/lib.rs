@@ -1,15 +1,15 @@
 //! Observations as text for language models.
 //!
-//! A crate of its own so that tools can render the server's prompts without a server. Without its feature `render` it
-//! has the templates and the names of prompts, and no template engine.
+//! The crate is separate so that tools can render the server's prompts without a server. Without its feature `render`
+//! it has the templates and the names of prompts, and no template engine.
 //!
-//! A prompt is a template (minijinja) filled with what one seat may see. The built-in template has the sections of the
-//! paper's Appendix "Prompt Design" in its order. An episode may bring its own; it is untrusted, so it is checked when
-//! the episode is created and bounded when it runs:
+//! A prompt is a template (minijinja) filled with the observation of one seat. The built-in template has the sections
+//! of the paper's Appendix "Prompt Design" in its order. An episode may bring its own, which is untrusted: it is
+//! checked when the episode is created and bounded when it runs:
 //!
-//! - it may print, branch and loop over its input, with a few filters, but build no larger values: no assignments, no
-//!   lists, no calls, no concatenation, no includes;
-//! - its tokens are counted before it is parsed, so that it nests no deeper than a stack;
+//! - the template may print, branch and loop over its input, with a few filters, but build no larger values: no
+//!   assignments, no lists, no calls, no concatenation, no includes;
+//! - its tokens are counted before it is parsed, so that its nesting cannot overflow a stack;
 //! - its instructions, the bytes that it reads and the bytes that it writes are bounded.
 
 mod identity;
@@ -28,15 +28,15 @@ pub use render::{
 /// The built-in template.
 pub const BUILT_IN: &str = include_str!("prompt.txt.j2");
 
-/// The template `toolkit`: what the public toolkit's prompt says, in its order and form and in words of our own.
+/// The template `toolkit`: the content of the public toolkit's prompt, in its order and form and in our own words.
 pub const TOOLKIT: &str = include_str!("toolkit.txt.j2");
 
-/// The revision of the program's own words: the built-in template, the descriptions of the tasks and the meanings of the
-/// actions. Any change of them is a new one, since a model may play differently.
+/// The revision of the program's own words: the built-in template, the descriptions of the tasks and the meanings of
+/// the actions. Any change of them is a new revision, since a model may play differently.
 pub const REVISION: u32 = 2;
 
-/// The text of the template that was asked for by its text or by its name, `toolkit`; `None` for the built-in one, which
-/// has the name `default`.
+/// The text of a template given by its text or by its name, `toolkit`; `None` for the built-in one, which has the name
+/// `default`.
 #[must_use]
 pub fn chosen(asked: Option<String>) -> Option<String> {
     asked.filter(|name| name != "default").map(|name| match name.as_str() {

@@ -51,7 +51,7 @@ pub fn description(config: &Config) -> String {
     }
 }
 
-/// The side of the square, and the agents that it needs.
+/// The side of the square, and the number of agents that it needs.
 fn square(num_agents: u16) -> (u16, usize) {
     (num_agents / 4 + 1, swarmbench_engine::tasks::flocking::target(num_agents).len())
 }
@@ -89,7 +89,7 @@ pub(super) fn target(config: &Config) -> Vec<Vec<&'static str>> {
     (0..side).map(|i| (0..side).map(|j| cell(i, j)).collect()).collect()
 }
 
-/// What an action does.
+/// The meaning of an action.
 #[must_use]
 pub const fn meaning(action: Action) -> &'static str {
     match action {

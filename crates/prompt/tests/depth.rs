@@ -1,4 +1,4 @@
-//! No template overflows a stack, neither one that is refused nor one at the limits.
+//! No template overflows a stack, whether it is refused or at the limits.
 
 use std::sync::Arc;
 
@@ -23,7 +23,7 @@ fn printed(expression: &str) -> String {
     format!("{{{{ {expression} }}}}")
 }
 
-/// A text between others, each as often.
+/// A text between `before` and `after`, each repeated `times` times.
 fn within(before: &str, times: usize, text: &str, after: &str) -> String {
     [&before.repeat(times), text, &after.repeat(times)].concat()
 }
@@ -38,7 +38,7 @@ fn elifs(times: usize, text: &str) -> String {
 
 type Repeated = (&'static str, usize, fn(usize) -> String);
 
-/// Each construct that makes a syntax tree deeper, with the limit that counts it and how often that allows it.
+/// Each construct that makes a syntax tree deeper, with the name and the value of the limit that counts it.
 const REPEATED: [Repeated; 36] = [
     ("template_unary_max", UNARY, |n| printed(&["not ".repeat(n).as_str(), "1"].concat())),
     ("template_unary_max", UNARY, |n| printed(&["-".repeat(n).as_str(), "1"].concat())),
@@ -99,7 +99,7 @@ fn each_limit_is_named_with_the_place_where_it_is_passed() {
     );
 }
 
-/// What stands in comments, raw text, strings and beside tags nests nothing, and siblings nest nothing in each other.
+/// Comments, raw text, strings and text beside tags do not nest, and siblings do not nest in each other.
 #[test]
 fn what_does_not_nest_is_not_counted() {
     for text in ["not ", "- ", ".i", "{% elif 0 %}", "(((", "]]", "{% if 1 %}"] {
@@ -160,7 +160,7 @@ fn the_deepest_templates_fit_on_a_stack() {
     on_a_small_stack(move || {
         for template in deepest() {
             assert_eq!(check(&template), Ok(()), "{template}");
-            // Whether it fails on this observation does not matter.
+            // Failure on this observation does not matter.
             drop(render(&template, &sight, &config));
         }
     });
@@ -181,7 +181,7 @@ fn what_is_too_deep_is_neither_parsed_nor_rendered() {
     });
 }
 
-/// Templates of earlier versions may have longer texts in expressions, and no other forbidden thing.
+/// Templates of earlier versions may have longer texts in expressions, and nothing else that is forbidden.
 #[test]
 fn stored_templates_are_checked_before_they_are_rendered() {
     let (config, sight) = sight();

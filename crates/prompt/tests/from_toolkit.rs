@@ -1,5 +1,5 @@
-//! Templates made by `examples/prompts/from_toolkit.py` say what the code of a checkout says, to the byte. The checkout is a
-//! stand-in for the public toolkit; `SWARMBENCH_TOOLKIT` names a real one.
+//! Templates made by `examples/prompts/from_toolkit.py` render the same bytes as the code of a checkout. The checkout
+//! is a stand-in for the public toolkit; `SWARMBENCH_TOOLKIT` names a real one.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -21,7 +21,7 @@ fn checkout() -> PathBuf {
     std::env::var_os("SWARMBENCH_TOOLKIT").map_or(stand_in, PathBuf::from)
 }
 
-/// What agents see in several rounds of a game, each with a message and no action now and then.
+/// Observations of agents in several rounds of a game, each with a message and sometimes no action.
 fn sights(task: TaskName) -> (Config, Vec<Sight>) {
     let rules = "reference".to_owned();
     let config = Config::check(&Settings { rules, ..Settings::standard(task, 27) });

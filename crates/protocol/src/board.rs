@@ -69,8 +69,8 @@ pub struct BoardRow {
     /// The first 12 hexadecimal digits of SHA-256 of the prompt template; null for the built-in one.
     pub prompt_template: Option<String>,
     /// The name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `prompt_template`; `default:1` for
-    /// the words of an earlier revision. A system message adds `+system:` and the first digits of its SHA-256. Null for rows
-    /// of the paper and of files.
+    /// the words of an earlier revision. A system message adds `+system:` and the first digits of its SHA-256. Null for
+    /// built-in players and people, who read none, and for rows of the paper and of files.
     #[serde(default)]
     pub prompt: Option<String>,
     /// How answers were read: `last-marker` or `first-marker`; null for rows of the paper and of files.

@@ -1,5 +1,5 @@
 //! Environment steps a second on one thread, by task, in the standard setting without memory: with windows as planes,
-//! as symbols, and without any. The last is the engine with the copying of acts and numbers around it.
+//! as symbols, and without any. The last measures the engine and the copying of acts and numbers around it.
 
 use criterion::{Criterion, Throughput};
 use rand_chacha::ChaCha8Rng;

@@ -1,11 +1,11 @@
 //! The arrays into which environments write.
 //!
-//! All are row by row, environments first; [`Shape`](crate::Shape) has the sizes. They are cut at environments, so that threads write
-//! into parts of their own.
+//! All arrays are row by row, environments first; [`Shape`](crate::Shape) has the sizes. They are split at
+//! environments, so that threads write into parts of their own.
 
 use crate::options::Shape;
 
-/// What agents see.
+/// Observations of agents.
 #[derive(Debug)]
 pub struct Frame<'a> {
     /// Environments × agents × planes × rows × columns.
@@ -19,30 +19,30 @@ pub struct Frame<'a> {
     pub round: &'a mut [i32],
     /// Environments: the score of the whole swarm.
     pub score: &'a mut [f32],
-    /// Environments × agents: whether the light is on, or food is carried. Empty in tasks without either.
+    /// Environments × agents: whether the agent's light is on, or it carries food. Empty in tasks without either.
     pub flag: &'a mut [u8],
     /// Environments × agents: whether the agent may act.
     pub alive: &'a mut [bool],
     /// Environments × agents × actions.
     pub action_mask: &'a mut [bool],
-    /// Environments: the seed of the layout that is played.
+    /// Environments: the seed of the current layout.
     pub seed: &'a mut [i64],
 }
 
-/// What agents earned in a step, and what has ended.
+/// Rewards of a step, and the ends of agents and episodes.
 #[derive(Debug)]
 pub struct Gains<'a> {
     /// Environments × agents.
     pub rewards: &'a mut [f32],
     /// Environments: the change of the score.
     pub team_reward: &'a mut [f32],
-    /// Environments: the episode has ended.
+    /// Environments: whether the episode has ended.
     pub terminated: &'a mut [bool],
-    /// Environments × agents: the agent has escaped, or the episode has ended.
+    /// Environments × agents: whether the agent has escaped or the episode has ended.
     pub agent_done: &'a mut [bool],
 }
 
-/// Cuts each slice in two; the first part has the elements of the first `count` environments.
+/// Splits each slice in two; the first part has the elements of the first `count` environments.
 macro_rules! split {
     ($kind:ident, $from:expr, $count:expr, { $($field:ident: $each:expr),* $(,)? }) => {{
         $(let $field = $from.$field.split_at_mut($count * $each);)*
@@ -142,7 +142,7 @@ pub struct Arrays {
 }
 
 impl Arrays {
-    /// Zeros.
+    /// Arrays of zeros.
     #[must_use]
     pub fn new(shape: &Shape) -> Self {
         let Shape { environments, agents, planes, actions, flag, .. } = *shape;
@@ -165,17 +165,17 @@ impl Arrays {
         }
     }
 
-    /// The part that agents see.
+    /// The observations.
     pub fn frame(&mut self) -> Frame<'_> {
         self.parts().0
     }
 
-    /// What agents earned.
+    /// The rewards.
     pub fn gains(&mut self) -> Gains<'_> {
         self.parts().1
     }
 
-    /// Both.
+    /// Observations and rewards.
     pub fn parts(&mut self) -> (Frame<'_>, Gains<'_>) {
         (
             Frame {

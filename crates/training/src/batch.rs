@@ -1,4 +1,4 @@
-//! Environments that are stepped together.
+//! Batches of environments that are stepped together.
 
 use std::sync::Arc;
 
@@ -12,14 +12,13 @@ use crate::environment::{Desk, Environment, NO_ACTION, Plan, action};
 use crate::options::{Autoreset, Options, Shape};
 use crate::record::{Recording, StateError};
 
-/// Environments that are stepped by one thread without handing any to another: less than that is done before a thread
-/// has woken up.
+/// Number of environments up to which one thread steps all: that is faster than waking up another thread.
 const ALONE_MAX: usize = 32;
 
-/// Parts of a batch for each thread, so that one that is slower does not keep the others waiting.
+/// Number of parts of a batch for each thread, so that a slow part does not keep the other threads waiting.
 const PARTS_PER_THREAD: usize = 4;
 
-/// Why a batch was not made, or did not do what was asked. The environments are then as they were.
+/// The reason why a batch was not made or a call failed. The environments are unchanged then.
 #[derive(Debug, thiserror::Error)]
 pub enum BatchError {
     /// Settings that cannot be played.
@@ -31,30 +30,30 @@ pub enum BatchError {
     /// There is no such environment.
     #[error("there is no environment {index}: this batch has the environments 0 to {last}", last = count - 1)]
     NoEnvironment {
-        /// The number that was asked for.
+        /// The requested number.
         index: usize,
-        /// How many there are.
+        /// Number of environments.
         count: usize,
     },
     /// There is no such agent.
     #[error("there is no agent {agent}: these games have the agents 0 to {last}", last = count - 1)]
     NoAgent {
-        /// The number that was asked for.
+        /// The requested number.
         agent: usize,
-        /// How many there are.
+        /// Number of agents.
         count: usize,
     },
     /// An array of another size.
     #[error("{what} must have {expected} elements, has {is}")]
     Size {
-        /// What has the wrong size.
+        /// The array with the wrong size.
         what: &'static str,
         /// The right size.
         expected: usize,
-        /// Its size.
+        /// The actual size.
         is: usize,
     },
-    /// A number that stands for no action.
+    /// A number that is not an action.
     #[error("environment {environment}, agent {agent}: actions are 0 to {last}, or -1 for none, not {action}", last = count - 1)]
     NoAction {
         /// The environment.
@@ -63,10 +62,10 @@ pub enum BatchError {
         agent: usize,
         /// The number.
         action: u8,
-        /// How many actions there are.
+        /// The number of actions.
         count: usize,
     },
-    /// An episode is over, and nothing begins another.
+    /// An episode is over, and automatic resets are disabled.
     #[error(
         "the episode of environment {0} is over: reset it before the next step (autoreset is disabled)"
     )]
@@ -74,7 +73,7 @@ pub enum BatchError {
     /// Acts were not recorded.
     #[error("acts are not recorded: make the environments with record=True")]
     NotRecorded,
-    /// Built-in players cannot play what they were asked to.
+    /// Built-in players cannot play in this environment.
     #[error("these partners cannot play here: {0}")]
     Partners(&'static str),
     /// There is no built-in player of that name.
@@ -96,25 +95,25 @@ pub enum BatchError {
 pub struct Said {
     /// The environment.
     pub environment: usize,
-    /// Who says it.
+    /// The sender.
     pub agent: AgentId,
-    /// What it says.
+    /// The text.
     pub text: Message,
     /// The only receiver of a commander's message.
     pub to: Option<AgentId>,
 }
 
-/// What all agents do in a step.
+/// The acts of all agents in a step.
 #[derive(Debug)]
 pub struct Turn<'a> {
-    /// Environments × agents: the place of an action among those of the task, or 255 for none. That of an agent that
-    /// may not act has no effect.
+    /// Environments × agents: the index of an action among those of the task, or 255 for none. Actions of agents that
+    /// may not act have no effect.
     pub actions: &'a [u8],
-    /// What agents say, at most one message of each.
+    /// The messages, at most one of each agent.
     pub messages: Vec<Said>,
 }
 
-/// Environments of the same settings, stepped together. What is written does not depend on the number of threads.
+/// Environments of the same settings, stepped together. The results do not depend on the number of threads.
 #[derive(Debug)]
 pub struct Batch {
     plan: Plan,
@@ -122,17 +121,18 @@ pub struct Batch {
     pool: Option<ThreadPool>,
 }
 
-/// Environments that one thread steps one after the other.
+/// Environments that one thread steps in sequence.
 #[derive(Debug)]
 struct Part {
-    /// The number of the first.
+    /// The number of the first environment.
     first: usize,
     environments: Vec<Environment>,
     desk: Desk,
 }
 
 impl Batch {
-    /// Makes a batch whose environments have begun an episode each; the seed of the settings does not matter.
+    /// Makes a batch whose environments have begun an episode each; the seed of the settings is not used for their
+    /// layouts.
     ///
     /// # Errors
     /// If the settings cannot be played, or not that many environments.
@@ -173,14 +173,15 @@ impl Batch {
         &self.plan.config
     }
 
-    /// What the batch was made with.
+    /// The options of the batch.
     #[must_use]
     pub const fn options(&self) -> &Options {
         &self.plan.options
     }
 
-    /// Begins other episodes: in all environments, or in those that `only` names. `seeds` are the seeds of the layouts,
-    /// one for each environment, or none to draw them; later seeds of an environment follow from its last given one.
+    /// Begins other episodes in all environments, or in those that `only` selects. `seeds` are the seeds of the
+    /// layouts, one for each environment, or empty to draw them; later seeds of an environment are derived from its
+    /// last given one.
     ///
     /// # Errors
     /// If sizes differ, or the agents do not fit on one of the layouts.
@@ -220,7 +221,7 @@ impl Batch {
     /// Plays a round in every environment.
     ///
     /// # Errors
-    /// If sizes differ, a number stands for no action, or an episode is over and nothing begins another.
+    /// If sizes differ, a number is not an action, or an episode is over and automatic resets are disabled.
     pub fn step(
         &mut self,
         turn: Turn<'_>,
@@ -256,7 +257,7 @@ impl Batch {
         Ok(())
     }
 
-    /// Copies the state of one environment into others; writes what agents see in all.
+    /// Copies the state of one environment into others; writes the observations of those.
     ///
     /// # Errors
     /// If there is no such environment.
@@ -285,10 +286,10 @@ impl Batch {
         Ok(environment.recording.to_bytes(environment.world.config()))
     }
 
-    /// Puts an environment into a state of [`Batch::state`]: the acts are played again.
+    /// Restores an environment from a state of [`Batch::state`] by playing its acts again.
     ///
     /// # Errors
-    /// If the bytes are no state, or one of a game with other settings.
+    /// If the bytes are not a state, or are one of a game with other settings.
     pub fn load(&mut self, index: usize, state: &[u8], frame: Frame<'_>) -> Result<(), BatchError> {
         self.check_frame(&frame)?;
         self.at(index)?;
@@ -329,7 +330,7 @@ impl Batch {
         Ok(environment.recording.journal(config, episode, created_at, swarmbench_prompt::BUILT_IN))
     }
 
-    /// What an agent may know, as the server writes it.
+    /// An agent's observation, in the server's form.
     ///
     /// # Errors
     /// If there is no such environment or agent.
@@ -341,7 +342,7 @@ impl Batch {
         Ok(Sight::of(&world.observe(agent), String::new(), description, status, None))
     }
 
-    /// What an agent may know, as text for a language model.
+    /// An agent's observation, as text for a language model.
     ///
     /// # Errors
     /// If there is no such environment or agent, or the template fails.
@@ -350,7 +351,7 @@ impl Batch {
         Ok(swarmbench_prompt::render(template, &sight, self.at(index)?.world.config())?)
     }
 
-    /// The whole map, row by row, in the symbols that agents see: a number for each agent, after a `$` where its light is
+    /// The whole map, row by row, in the symbols that agents see: a number for each agent, after a `$` if its light is
     /// on or it carries food.
     ///
     /// # Errors
@@ -418,7 +419,7 @@ impl Batch {
         Err(BatchError::Size { what: "an array", expected: environments, is: frame.round.len() })
     }
 
-    /// Nothing is stepped before all was checked.
+    /// Checks a whole turn before any environment is stepped.
     fn check_turn(&self, turn: &Turn<'_>) -> Result<(), BatchError> {
         let Shape { environments, agents, actions, .. } = self.plan.shape;
         size("actions", environments * agents, turn.actions.len())?;
@@ -490,7 +491,7 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    /// Halves the parts until each thread has some.
+    /// Splits the parts in halves until each job has one, and runs the jobs on the threads of the pool.
     fn run(self) {
         if self.parts.len() <= 1 {
             return self.run_here();

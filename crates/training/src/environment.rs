@@ -1,4 +1,4 @@
-//! One environment of a batch: an episode after the other.
+//! One environment of a batch: a sequence of episodes.
 
 use std::sync::Arc;
 
@@ -16,10 +16,10 @@ use crate::window::{hint, write_planes, write_symbols};
 /// The code of an act without an action.
 pub(crate) const NO_ACTION: u8 = u8::MAX;
 
-/// Seeds that are drawn for one episode: not all layouts have room for many agents.
+/// Maximum number of seeds drawn for one episode: some layouts do not have room for many agents.
 const DRAWS_MAX: usize = 1000;
 
-/// What all environments of a batch share.
+/// The shared data of all environments of a batch.
 #[derive(Debug)]
 pub(crate) struct Plan {
     pub(crate) config: Config,
@@ -27,7 +27,7 @@ pub(crate) struct Plan {
     pub(crate) shape: Shape,
 }
 
-/// Memory that a thread uses for one environment after the other.
+/// Memory that a thread reuses for each environment.
 #[derive(Debug, Default)]
 pub(crate) struct Desk {
     acts: Vec<Act>,
@@ -47,7 +47,7 @@ pub(crate) struct Environment {
 }
 
 impl Environment {
-    /// The environment with the number `index`, in its first episode.
+    /// Makes the environment with the number `index`, in its first episode.
     pub(crate) fn new(plan: &Plan, index: usize) -> Self {
         let mut seeds = seeds(plan.options.seed, index);
         let world = World::new(Arc::new(draw(&plan.config, &mut seeds)));
@@ -76,8 +76,8 @@ impl Environment {
         self.world.is_over()
     }
 
-    /// Plays a round, or begins another episode where the last one is over. `last` gets the last observation of an
-    /// episode that ends where the same step begins the next.
+    /// Plays a round, or begins another episode if the last one is over. `last` receives the last observation of an
+    /// episode if the same step begins the next one.
     pub(crate) fn step(
         &mut self,
         plan: &Plan,
@@ -129,7 +129,7 @@ impl Environment {
         self.world.step_in(&desk.acts, &mut desk.scratch);
     }
 
-    /// Writes what all agents see.
+    /// Writes the observations of all agents.
     pub(crate) fn write(&self, plan: &Plan, desk: &mut Desk, frame: &mut Frame<'_>) {
         let (world, shape) = (&self.world, &plan.shape);
         let is_over = self.is_over();
@@ -183,12 +183,12 @@ impl Environment {
     }
 }
 
-/// The action that a code stands for: its place among the actions of the task.
+/// The action of a code: its index among the actions of the task.
 pub(crate) fn action(task: TaskName, code: u8) -> Option<Action> {
     Action::of_task(task).get(usize::from(code)).copied()
 }
 
-/// From where the environment with the number `index` draws its seeds.
+/// The generator from which the environment with the number `index` draws its seeds.
 fn seeds(seed: u64, index: usize) -> ChaCha8Rng {
     let mut key = [0; 32];
     key[..8].copy_from_slice(&seed.to_le_bytes());
@@ -196,8 +196,8 @@ fn seeds(seed: u64, index: usize) -> ChaCha8Rng {
     ChaCha8Rng::from_seed(key)
 }
 
-/// Draws seeds until the agents fit on a layout; if they hardly ever do, the layout of the batch's own settings is
-/// played, on which they do.
+/// Draws seeds until the agents fit on a layout. After [`DRAWS_MAX`] attempts it returns the batch's own settings, on
+/// whose layout they fit.
 fn draw(config: &Config, seeds: &mut ChaCha8Rng) -> Config {
     let mut draws = std::iter::repeat_with(|| {
         let seed =

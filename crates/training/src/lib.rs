@@ -1,9 +1,9 @@
-//! Many episodes in one process, stepped at once, as arrays: what training needs of the game.
+//! Many episodes in one process, stepped together, as arrays: environments for training.
 //!
-//! A [`Batch`] has a number of environments of the same settings. [`Batch::reset`] and [`Batch::step`] write what
-//! agents see and earn into slices that the caller owns ([`Frame`], [`Gains`]). Layouts, rounds and scores are the
-//! engine's, so an environment with the seed of a hosted episode plays exactly that episode; [`Batch::journal`] has the
-//! proof of it.
+//! A [`Batch`] has a number of environments of the same settings. [`Batch::reset`] and [`Batch::step`] write
+//! observations and rewards into slices that the caller owns ([`Frame`], [`Gains`]). Layouts, rounds and scores are the
+//! engine's, so an environment with the seed of a hosted episode plays exactly that episode; [`Batch::journal`] proves
+//! it.
 //!
 //! ```
 //! use swarmbench_engine::{Settings, TaskName};
@@ -19,7 +19,7 @@
 //! # Ok::<(), swarmbench_training::BatchError>(())
 //! ```
 //!
-//! A crate of its own because it is built without Python, and tested there.
+//! The crate is separate so that it is built and tested without Python.
 
 mod arrays;
 mod batch;

@@ -1,32 +1,32 @@
-//! What a batch is made of, and the shapes that follow from it.
+//! Options of a batch, and the shapes of its arrays.
 
 use swarmbench_engine::{Action, Config, Control, TaskName};
 
 use crate::window::CHANNELS;
 
-/// What is chosen beside the settings of the game.
+/// Options of a batch beside the settings of the game.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
-    /// How many environments there are, from 1 to [`Options::ENVIRONMENTS_MAX`].
+    /// Number of environments, from 1 to [`Options::ENVIRONMENTS_MAX`].
     pub environments: usize,
-    /// From where seeds are drawn.
+    /// The seed from which layouts' seeds are drawn.
     pub seed: u64,
-    /// Threads that step environments; 0 for as many as there are processors.
+    /// Number of threads that step environments; 0 for one per processor.
     pub threads: usize,
-    /// How windows are written.
+    /// Format of windows.
     pub observations: Observations,
-    /// Who earns what.
+    /// Attribution of rewards.
     pub rewards: Rewards,
-    /// What happens after an episode.
+    /// Behaviour after the end of an episode.
     pub autoreset: Autoreset,
-    /// Which actions the mask allows.
+    /// Actions that the mask allows.
     pub mask: Mask,
-    /// Whether the acts of each episode are recorded. States and journals are made from them.
+    /// Whether the acts of each episode are recorded, which states and journals require.
     pub record: bool,
 }
 
 impl Options {
-    /// Environments of a batch.
+    /// Maximum number of environments of a batch.
     pub const ENVIRONMENTS_MAX: usize = 1 << 20;
 }
 
@@ -45,59 +45,59 @@ impl Default for Options {
     }
 }
 
-/// How windows are written.
+/// Format of windows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Observations {
     /// A plane of zeros and ones for each of [`CHANNELS`].
     Planes,
-    /// A byte for each cell: its place in [`CHANNELS`].
+    /// A byte for each cell: its index in [`CHANNELS`].
     Symbols,
-    /// Not at all.
+    /// No windows.
     None,
 }
 
-/// Who earns what.
+/// Attribution of rewards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rewards {
-    /// Everybody the change of the score.
+    /// Every agent earns the change of the score.
     Team,
-    /// Every agent what it did itself, where the task can tell.
+    /// Every agent earns its own contribution, if the task can attribute it.
     Individual,
 }
 
-/// What happens after an episode, as Gymnasium names it.
+/// Behaviour after the end of an episode, with Gymnasium's names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Autoreset {
-    /// The next step begins another episode, whatever the actions are.
+    /// The next step begins another episode and ignores the actions.
     NextStep,
-    /// The same step begins another episode; the last observation of the old one is written apart.
+    /// The same step begins another episode; the last observation of the old one is written separately.
     SameStep,
-    /// Nothing: stepping an environment whose episode is over is an error.
+    /// No reset: stepping an environment whose episode is over is an error.
     Disabled,
 }
 
-/// Which actions the mask allows. By the rules every action of an agent on the map is allowed.
+/// Actions that the mask allows. By the rules every action of an agent on the map is allowed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mask {
-    /// All, to agents that may act.
+    /// All actions, for agents that may act.
     Alive,
-    /// The same without pushes against a wall, a nest or food that the agent sees right beside itself: they change
-    /// nothing. A hint, from nothing but the agent's own window.
+    /// All actions except pushes against a wall, a nest or food right beside the agent, which change nothing. This is a
+    /// hint, computed from the agent's own window only.
     Moves,
 }
 
 /// The sizes of all arrays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shape {
-    /// Environments.
+    /// Number of environments.
     pub environments: usize,
-    /// Agents of each.
+    /// Number of agents of each environment.
     pub agents: usize,
     /// Rows and columns of a window.
     pub window: (usize, usize),
-    /// Planes of a window: that of [`CHANNELS`], 1 for symbols, 0 without windows.
+    /// Planes of a window: one for each of [`CHANNELS`], 1 for symbols, 0 without windows.
     pub planes: usize,
-    /// Actions of the task.
+    /// Number of actions of the task.
     pub actions: usize,
     /// The agents' flag: `light_on` or `carrying_food`, in tasks that have one.
     pub flag: Option<&'static str>,
@@ -129,7 +129,7 @@ impl Shape {
         }
     }
 
-    /// Cells of a window.
+    /// Number of cells of a window.
     #[must_use]
     pub const fn cells(&self) -> usize {
         self.window.0 * self.window.1

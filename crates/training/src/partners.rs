@@ -6,12 +6,13 @@ use swarmbench_players::{Player, Seat, find};
 
 use crate::batch::{Batch, BatchError};
 
-/// Built-in players of one episode. They decide as the players that a server hosts.
+/// Built-in players of one episode. They decide like the players that a server hosts.
 pub struct Partners {
     seats: Vec<(AgentId, Box<dyn Player>)>,
-    /// The layout that they play.
+    /// The seed of the layout that they play.
     seed: Seed,
-    /// The next round that they are shown: a player depends on all that it has seen.
+    /// The next round that they are shown; they need every round, as a player's decisions depend on all earlier
+    /// observations.
     round: u32,
 }
 
@@ -28,7 +29,7 @@ impl std::fmt::Debug for Partners {
 }
 
 impl Batch {
-    /// Built-in players, by their names, for agents of an environment whose episode has just begun.
+    /// Makes built-in players, by their names, for agents of an environment whose episode has just begun.
     ///
     /// # Errors
     /// If there is no such environment, agent or player, or rounds of the episode are played already.
@@ -51,7 +52,7 @@ impl Batch {
         Ok(Partners { seats, seed: config.seed(), round: 0 })
     }
 
-    /// What the partners' agents on the map do in this round. Partners are asked once in every round.
+    /// The acts of the partners' agents on the map in this round. Partners must be asked once in every round.
     ///
     /// # Errors
     /// If there is no such environment, or it is not in the round that the partners expect.
@@ -77,7 +78,7 @@ impl Batch {
         Ok(living.map(decide).collect())
     }
 
-    /// What an answer of a language model means, by the rules.
+    /// Parses an answer of a language model, by the rules.
     ///
     /// # Errors
     /// If there is no such agent.

@@ -1,4 +1,4 @@
-//! The acts of an episode, and what is made of them: states that can be loaded elsewhere, and journals.
+//! The acts of an episode, and their products: states that can be loaded elsewhere, and journals.
 
 use serde::{Deserialize, Serialize};
 use swarmbench_engine::{
@@ -18,7 +18,7 @@ use crate::environment::action;
 pub(crate) struct Recording {
     /// Codes of actions, round by round, of all agents.
     codes: Vec<u8>,
-    /// What was said, in order.
+    /// The messages, in order.
     said: Vec<Words>,
 }
 
@@ -34,10 +34,10 @@ struct Words {
 /// A state that cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 pub enum StateError {
-    /// They are the bytes of something else.
+    /// The bytes are not a state.
     #[error("these are not the bytes of a state: {0}")]
     Format(#[from] serde_json::Error),
-    /// It was made by another version of the rules.
+    /// The state was made under another revision of the rules.
     #[error("it was made under revision {made} of the rules, and this is revision {here}")]
     Revision {
         /// The revision under which it was made.
@@ -45,13 +45,13 @@ pub enum StateError {
         /// The revision of this engine.
         here: u32,
     },
-    /// Its settings are impossible.
+    /// The settings cannot be played.
     #[error("its settings cannot be played: {0}")]
     Settings(#[from] SettingErrors),
-    /// It is of another game than those of the batch.
+    /// The state is of a game with other settings than the batch.
     #[error("it is of a game with other settings: {0}")]
     OtherGame(String),
-    /// Its acts are not those of a game.
+    /// The acts are not valid.
     #[error("its acts are not those of a game: {0}")]
     Acts(&'static str),
 }
@@ -62,7 +62,7 @@ pub enum StateError {
 struct Stored {
     rules_revision: u32,
     config: RecordedConfig,
-    /// By round, the places of the agents' actions among those of the task, as letters; `-` is no action.
+    /// The indices of the agents' actions among those of the task, by round, as letters; `-` is no action.
     acts: Vec<String>,
     said: Vec<StoredWords>,
 }
@@ -248,10 +248,10 @@ impl Recording {
     }
 }
 
-/// The idle timeout that hosted episodes have where nobody asks for another.
+/// The default idle timeout of hosted episodes.
 const IDLE_TIMEOUT_MS: u64 = 86_400_000;
 
-/// A journal file as it is written.
+/// A writer of a journal file.
 struct File {
     text: String,
     head: Head,

@@ -1,20 +1,20 @@
-//! What each agent earned in a round.
+//! Rewards of agents for a round.
 
 use swarmbench_engine::{AgentId, Pos, TaskName, World};
 
 use crate::options::Rewards;
 
-/// What the rewards of a round depend on and the state after it does not say.
+/// The part of the previous state on which the rewards of a round depend.
 #[derive(Debug, Default)]
 pub(crate) struct Before {
     score: f64,
     round: u32,
-    /// By agent: it carried food (Foraging), it was on the map (Transport).
+    /// Whether an agent carried food (Foraging) or was on the map (Transport), by agent.
     had: Vec<bool>,
 }
 
 impl Before {
-    /// Notes the state before a round.
+    /// Records the state before a round.
     pub(crate) fn note(&mut self, world: &World) {
         (self.score, self.round) = (world.score(), world.round());
         self.had.clear();
@@ -28,11 +28,11 @@ impl Before {
         }
     }
 
-    /// Writes what every agent earned; returns the change of the score.
+    /// Writes the reward of every agent; returns the change of the score.
     ///
-    /// Individually: in Foraging 1 for each load that the agent delivered, in Transport the score of its own escape,
-    /// in Pursuit the point of a caught prey in equal shares to the agents beside it. These add up to the change of
-    /// the score. In the other tasks everybody gets the change of the score.
+    /// Individual rewards: in Foraging 1 for each load that the agent delivered, in Transport the score of its own
+    /// escape, in Pursuit the point of a caught prey in equal shares to the agents beside it. They add up to the change
+    /// of the score. In the other tasks every agent gets the change of the score.
     pub(crate) fn write(&self, world: &World, rewards: Rewards, row: &mut [f32]) -> f32 {
         let gained = narrow(world.score() - self.score);
         match (rewards, world.config().task()) {
@@ -60,7 +60,8 @@ impl Before {
     }
 }
 
-/// The point of a caught prey, in equal shares to the agents beside it; to all, where only walls are beside it.
+/// Writes the point of a caught prey in equal shares to the agents beside it; to all agents if only walls are beside
+/// it.
 fn share_catch(world: &World, row: &mut [f32]) {
     row.fill(0.0);
     let Some(prey) = world.caught() else { return };

@@ -2,11 +2,11 @@
 
 use swarmbench_engine::{AgentId, Canvas, Seen};
 
-/// What a cell can show; the place of each is its plane, and its symbol. The order is that of [`Seen::code`].
+/// The possible contents of a cell; the index of each is its plane and its symbol. The order is that of [`Seen::code`].
 pub const CHANNELS: [&str; Seen::CODES] =
     ["empty", "outside", "wall", "block", "prey", "nest", "food", "self", "agent", "marked agent"];
 
-/// Writes an agent's window as symbols, and the numbers of agents in it. An agent that has escaped sees the outside.
+/// Writes an agent's window as symbols, and the numbers of agents in it. The window of an escaped agent is all outside.
 pub(crate) fn write_symbols(
     canvas: &Canvas,
     agent: AgentId,
@@ -19,7 +19,7 @@ pub(crate) fn write_symbols(
     }
 }
 
-/// Symbols as a plane for each of [`CHANNELS`].
+/// Writes symbols as a plane for each of [`CHANNELS`].
 pub(crate) fn write_planes(symbols: &[u8], planes: &mut [u8]) {
     for (plane, channel) in planes.chunks_exact_mut(symbols.len()).zip(0_u8..) {
         for (cell, &symbol) in plane.iter_mut().zip(symbols) {
@@ -28,8 +28,8 @@ pub(crate) fn write_planes(symbols: &[u8], planes: &mut [u8]) {
     }
 }
 
-/// Takes the pushes out of a mask that cannot move anything, as far as the agent sees it: those against a wall, a nest
-/// or food right beside it. The first actions are up, down, left and right.
+/// Removes from a mask the pushes that the agent sees to be useless: those against a wall, a nest or food right beside
+/// it. The first actions are up, down, left and right.
 pub(crate) fn hint(symbols: &[u8], width: usize, own: usize, mask: &mut [bool]) {
     let height = symbols.len() / width;
     let (row, column) = (own / width, own % width);

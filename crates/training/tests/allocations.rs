@@ -1,4 +1,4 @@
-//! After its first episodes a batch steps without allocating, but to lay out an episode.
+//! A batch allocates memory only to lay out an episode, once its first episodes are played.
 
 use allocation_counter::measure;
 use swarmbench_engine::{Settings, TaskName};
@@ -20,7 +20,7 @@ fn steps_allocate_nothing() {
         let mut batch = Batch::new(&settings, options).expect("a batch");
         let shape = batch.shape();
         let mut arrays = Arrays::new(&shape);
-        // Agents walk to and fro. They never get out (Transport), and they never form a square (Flocking).
+        // Agents walk to and fro. They never escape (Transport), and never form a square (Flocking).
         let walks: Vec<Vec<u8>> = (0..4_u8)
             .map(|step| {
                 (0..ENVIRONMENTS * shape.agents)

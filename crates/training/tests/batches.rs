@@ -1,4 +1,4 @@
-//! Batches: what they write does not depend on how they are stepped, and what goes wrong changes nothing.
+//! Batches: their results do not depend on how they are stepped, and errors change nothing.
 
 use std::io::BufReader;
 

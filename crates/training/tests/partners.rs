@@ -15,7 +15,7 @@ fn begin(batch: &mut Batch, arrays: &mut Arrays, seed: u32) {
     batch.reset(&[seed.into()], None, arrays.frame()).expect("a layout");
 }
 
-/// Plays a round in which partners act, and everybody else does nothing.
+/// Plays a round in which partners act, and all other agents do nothing.
 fn play(batch: &mut Batch, arrays: &mut Arrays, acts: Vec<(AgentId, swarmbench_engine::Act)>) {
     let known = Action::of_task(batch.config().task());
     let mut codes = vec![u8::MAX; batch.shape().agents];
@@ -29,7 +29,7 @@ fn play(batch: &mut Batch, arrays: &mut Arrays, acts: Vec<(AgentId, swarmbench_e
     batch.step(Turn { actions: &codes, messages }, frame, gains, None).expect("a round");
 }
 
-/// The best players alone get about what the tables of the baselines say.
+/// The best players alone score about as much as in the tables of the baselines.
 #[test]
 fn partners_play_well() {
     for (task, least) in [(TaskName::Synchronization, 90.0), (TaskName::Transport, 9.0)] {
@@ -51,7 +51,7 @@ fn partners_play_well() {
     }
 }
 
-/// Some seats are played as if a player of that seat alone were asked.
+/// Partners at some seats decide the same as players made for those seats alone.
 #[test]
 fn some_seats_are_played() {
     let settings = Settings { num_agents: 5, ..Settings::standard(TaskName::Pursuit, 0) };
@@ -97,13 +97,13 @@ fn partners_that_cannot_play_are_refused() {
     assert!(matches!(batch.partners(1, &[]), Err(BatchError::NoEnvironment { .. })));
     let mut partners = batch.partners(0, &named(0, "default")).expect("a player");
     let acts = batch.decide(0, &mut partners).expect("decisions");
-    // Twice in a round.
+    // A second call in a round fails.
     assert!(matches!(batch.decide(0, &mut partners), Err(BatchError::Partners(_))));
     play(&mut batch, &mut arrays, acts);
-    // In the middle of an episode.
+    // Players cannot join in the middle of an episode.
     assert!(matches!(batch.partners(0, &named(0, "default")), Err(BatchError::Partners(_))));
     assert_eq!(batch.decide(0, &mut partners).expect("decisions").len(), 1);
-    // In the next episode.
+    // Players of one episode cannot play the next.
     begin(&mut batch, &mut arrays, 2);
     let mut partners = batch.partners(0, &named(0, "default")).expect("a player");
     begin(&mut batch, &mut arrays, 3);

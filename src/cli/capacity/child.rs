@@ -1,4 +1,4 @@
-//! This program, run once more as a process of its own, with its time and its memory.
+//! This program as a child process, with its time and its memory.
 
 use std::fs::File;
 use std::io::Read;
@@ -11,10 +11,10 @@ use anyhow::{Context, bail};
 
 use crate::host;
 
-/// The pause between two looks at the memory of a process.
+/// Pause between two readings of a process's memory.
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
 
-/// A process that runs.
+/// A running process.
 pub(super) struct Child {
     process: Killed,
     started: Instant,
@@ -22,28 +22,28 @@ pub(super) struct Child {
     memory: JoinHandle<Option<u64>>,
 }
 
-/// A process that is killed where nobody waits for it any more.
+/// A process that is killed on drop.
 struct Killed(std::process::Child);
 
 impl Drop for Killed {
     fn drop(&mut self) {
-        // Both are errors of one that has ended.
+        // Both calls fail if the process has ended.
         drop(self.0.kill());
         drop(self.0.wait());
     }
 }
 
-/// A process that has ended well.
+/// A process that ended successfully.
 pub(super) struct Finished {
     pub(super) seconds: f64,
-    /// What it wrote to its standard output.
+    /// Its standard output.
     pub(super) output: Vec<u8>,
-    /// The most memory that it had, if the host tells it.
+    /// Peak memory, if the host reports it.
     pub(super) memory_bytes: Option<u64>,
 }
 
 impl Child {
-    /// Starts this program with these arguments. Its standard output goes into the file, if one is named.
+    /// Starts this program with these arguments. Standard output goes to the file, if one is named.
     pub(super) fn start(args: &[&str], into: Option<&Path>) -> anyhow::Result<Self> {
         let program = std::env::current_exe()?;
         let stdout = match into {
@@ -52,7 +52,7 @@ impl Child {
         };
         let mut command = Command::new(program);
         command.args(args).stdin(Stdio::null()).stdout(stdout);
-        // Options of this command are not theirs.
+        // Environment variables for this command must not affect the child.
         for (name, _) in std::env::vars_os() {
             if name.as_encoded_bytes().starts_with(b"SWARMBENCH_") {
                 command.env_remove(name);
@@ -70,7 +70,7 @@ impl Child {
         let id = child.0.id();
         let memory = thread::spawn(move || {
             let mut most = None;
-            // Until the process has ended.
+            // The reading fails once the process has ended.
             while let Some(now) = host::peak_memory_bytes(id) {
                 most = Some(now);
                 thread::sleep(LOOK_AGAIN);
@@ -80,12 +80,12 @@ impl Child {
         Ok(Self { process: child, started, output, memory })
     }
 
-    /// How it ended, if it has.
+    /// Exit status, if the process has ended.
     pub(super) fn ended(&mut self) -> anyhow::Result<Option<String>> {
         Ok(self.process.0.try_wait()?.map(|status| status.to_string()))
     }
 
-    /// Waits for its end, which has to be a success.
+    /// Waits for the end. It is an error if the process failed.
     pub(super) async fn finished(self) -> anyhow::Result<Finished> {
         tokio::task::spawn_blocking(move || self.wait()).await?
     }
@@ -102,7 +102,7 @@ impl Child {
         Ok(Finished { seconds, output, memory_bytes })
     }
 
-    /// Asks it to stop, and waits for its end.
+    /// Asks the process to stop, and waits for its end.
     pub(super) async fn stop(self) -> anyhow::Result<Finished> {
         host::ask_to_stop(self.process.0.id())?;
         self.finished().await

@@ -17,10 +17,10 @@ use super::child::{Child, Finished};
 use crate::cli::loadtest::{millis, numbers, show_reads};
 use crate::cli::output::{self, table};
 
-/// How long a server may take to be ready.
+/// Maximum time until a server is ready.
 const READY_PATIENCE: Duration = Duration::from_mins(10);
 
-/// The pause between two looks whether it is ready.
+/// Pause between two checks whether it is ready.
 const LOOK_AGAIN: Duration = Duration::from_millis(2);
 
 #[derive(Debug, clap::Args)]
@@ -61,24 +61,24 @@ pub(in crate::cli) struct Args {
     json: bool,
 }
 
-/// What was measured.
+/// Measurements.
 #[derive(Debug, Serialize)]
 struct Report {
     database: PathBuf,
     bytes: u64,
-    /// From the start of the program until it says that it is ready.
+    /// Milliseconds from the start of the program until it reports that it is ready.
     ready_ms: f64,
-    /// The first read of the leaderboard after that.
+    /// Milliseconds of the first read of the leaderboard after that.
     first_board_ms: f64,
     #[serde(flatten)]
     part: Part,
-    /// The most memory that the server had, in bytes, if the host tells it.
+    /// Peak memory of the server in bytes, if the host reports it.
     server_memory_bytes: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     rebuild: Option<Rebuild>,
 }
 
-/// What was measured of a running server.
+/// Measurements of a running server.
 #[derive(Debug, Serialize)]
 struct Part {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -103,7 +103,7 @@ struct File {
 #[derive(Debug, Serialize)]
 struct Rebuild {
     results: u64,
-    /// Results that were not as they should be.
+    /// Results that were wrong before the rebuild.
     changed: u64,
     seconds: f64,
     memory_bytes: Option<u64>,
@@ -145,7 +145,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Boards, lists and look-ups of all kinds, and a competition that is over.
+/// Measures boards, lists and look-ups of all kinds, and a competition that is over.
 async fn of_all(
     server: &Server,
     requests: usize,
@@ -164,7 +164,7 @@ async fn of_all(
     Ok(Part { reads: Some(reads), while_games_end: None, competition })
 }
 
-/// The pages of a competition while its games end, and its file.
+/// Measures the pages of a competition while its games end, and its export.
 async fn of_open_competition(
     server: &Server,
     plan: competition::Plan,
@@ -180,7 +180,7 @@ async fn of_open_competition(
     Ok(Part { reads: None, while_games_end: Some(read), competition })
 }
 
-/// A server of this command, until it is stopped.
+/// A server that this command runs.
 struct Server {
     child: Child,
     target: Target,
@@ -188,9 +188,9 @@ struct Server {
 }
 
 impl Server {
-    /// Starts a server; it is ready when this returns.
+    /// Starts a server and waits until it is ready.
     async fn start(db: &Path) -> anyhow::Result<Self> {
-        // Another program may take the port before the server does; the server says so then.
+        // If another program takes the port before the server does, the server reports it.
         let port = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?.local_addr()?.port();
         let address = format!("127.0.0.1:{port}");
         let child = Child::start(&["serve", "--addr", &address, "--db", &text(db)], None)?;
@@ -210,7 +210,7 @@ impl Server {
         Ok(server)
     }
 
-    /// The body of an answer.
+    /// Body of a response.
     async fn get(&self, path: &str) -> anyhow::Result<Vec<u8>> {
         let mut connection = Connection::new(&self.target);
         let answer = connection.ask(&request(&self.target, "GET", path, None, None)).await?;
@@ -230,7 +230,7 @@ fn text(path: &Path) -> String {
     path.display().to_string()
 }
 
-/// A new organizer's key.
+/// Creates an organizer's key.
 async fn new_organizer(db: &Path) -> anyhow::Result<String> {
     let name = "capacity measure";
     let args = ["key", "create", "--name", name, "--role", "organizer", "--db", &text(db)];
@@ -257,7 +257,7 @@ fn ends(text: &str) -> Result<f64, String> {
     ends.ok_or_else(|| "must be from 0 to 1000".to_owned())
 }
 
-/// The newest competition that is open to all, if there is one.
+/// The newest competition that is readable for all, if there is one.
 async fn revealed_competition(server: &Server) -> anyhow::Result<Option<String>> {
     let listed: Value = serde_json::from_slice(&server.get("/api/v1/competitions").await?)?;
     let all = listed["items"].as_array().map_or(&[][..], Vec::as_slice);
@@ -290,7 +290,7 @@ async fn file(server: &Server, id: &str, key: Option<&str>, dir: &Path) -> anyho
     })
 }
 
-/// A new file for the export.
+/// Path of a new file for the export.
 fn tempfile(dir: &Path) -> anyhow::Result<PathBuf> {
     let file = dir.join(format!("capacity-{}.jsonl", std::process::id()));
     if file.exists() {

@@ -1,4 +1,4 @@
-//! The definition file of a competition: TOML with the fields of the request.
+//! Definition file of a competition: TOML with the fields of the request.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! The commands of an entrant about itself and its team.
+//! Commands of an entrant about itself and its team.
 
 use swarmbench_client::client::Client;
 use swarmbench_protocol::competition::{
@@ -43,7 +43,7 @@ pub(super) enum Command {
         #[arg(long)]
         name: String,
     },
-    /// Remove a member from a team: its key is good for nothing any more.
+    /// Remove a member from a team: its key, and the tokens of what the team plays, are good for nothing any more.
     RemoveMember {
         #[command(flatten)]
         entrant: EntrantOf,

@@ -1,4 +1,4 @@
-//! The options for requests to models.
+//! Options for requests to models.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -16,13 +16,13 @@ use swarmbench_client::llm::{
 };
 use swarmbench_clock::SystemClock;
 
-/// An address for models that are never asked there, as a cassette answers.
+/// Placeholder address for models that a cassette answers instead.
 const NOWHERE: &str = "http://127.0.0.1:9/v1";
 
-/// The environment variable with the key of an endpoint where nobody names one.
+/// Default environment variable with the key of an endpoint.
 const KEY_VARIABLE: &str = "OPENAI_API_KEY";
 
-/// Where Anthropic's own models are, and the variable with the key where nobody names one.
+/// Address of Anthropic's own models, and the default environment variable with the key.
 const ANTHROPIC: (&str, &str) = ("https://api.anthropic.com/v1", "ANTHROPIC_API_KEY");
 
 #[derive(Debug, clap::Args)]
@@ -115,7 +115,7 @@ fn object(text: &str) -> Result<Map<String, Value>, String> {
     serde_json::from_str(text).map_err(|error| format!("not a JSON object: {error}"))
 }
 
-/// A header as the command line has it.
+/// Parses a header from the command line.
 fn header(text: &str) -> Result<(String, String), String> {
     let (name, value) = text.split_once(':').ok_or("a header looks like 'api-key: $MY_KEY'")?;
     Ok((name.trim().to_owned(), value.trim().to_owned()))
@@ -130,12 +130,12 @@ fn share(text: &str) -> Result<f64, String> {
 }
 
 impl Asking {
-    /// Whether a recording alone answers.
+    /// Whether all answers come from a recording.
     pub(super) fn is_replay(&self) -> bool {
         self.replay.is_some()
     }
 
-    /// Whether a header is given twice; the last one would count.
+    /// Refuses a header that is given twice, as the last one would win.
     pub(super) fn check(&self) -> anyhow::Result<()> {
         let mut names = BTreeSet::new();
         for (name, _) in &self.headers {
@@ -144,7 +144,7 @@ impl Asking {
         Ok(())
     }
 
-    /// What was said on the command line.
+    /// Settings from the command line.
     pub(super) fn said(&self) -> Experiment {
         Experiment {
             api_base: self.api_base.clone(),
@@ -163,8 +163,8 @@ impl Asking {
         }
     }
 
-    /// The models of all runs, in order; none where a built-in player plays. All that can be checked without asking is
-    /// checked. After `stop` no question is asked any more.
+    /// The models of all runs, in order; none for built-in players. Checks everything that can be checked without a request. No
+    /// request begins after `stop`.
     pub(super) fn models(
         &self,
         experiment: &Experiment,
@@ -205,7 +205,7 @@ impl Asking {
             let headers =
                 headers(&plan.headers).map_err(|wrong| anyhow!("{}: {wrong}", plan.name))?;
             let key = if headers.has_secret() && key_variable.is_none() {
-                // The secret of a header is that of this endpoint; the usual key may be that of another.
+                // The secret header is this endpoint's; the default key may belong to another endpoint.
                 ApiKey::new(usual_variable, None)
             } else {
                 api_key(key_variable, usual_variable, &plan.name)?
@@ -231,7 +231,7 @@ impl Asking {
     }
 }
 
-/// The address of the endpoint of a model: as it was named, or in the environment.
+/// Address of a model's endpoint: as named, or from the environment.
 fn api_base(named: Option<&str>, model: &str) -> anyhow::Result<String> {
     let environment = || std::env::var("OPENAI_BASE_URL").ok().filter(|url| !url.is_empty());
     match named.map(str::to_owned).or_else(environment) {
@@ -243,7 +243,7 @@ fn api_base(named: Option<&str>, model: &str) -> anyhow::Result<String> {
     }
 }
 
-/// The key for a model, from the variable that was named, or the usual one.
+/// Key for a model, from the named variable or the default one.
 fn api_key(named: Option<&str>, usual: &str, model: &str) -> anyhow::Result<ApiKey> {
     let variable = named.unwrap_or(usual);
     let value = std::env::var(variable).ok();

@@ -1,4 +1,4 @@
-//! The options for attempts in competitions.
+//! Options for attempts in competitions.
 
 use anyhow::{anyhow, ensure};
 
@@ -30,7 +30,7 @@ pub(super) struct Attempt {
 }
 
 impl Attempt {
-    /// Refuses what the competition says, in the words of the command line or of the file.
+    /// Refuses settings that the competition decides, by their names on the command line or in the file.
     pub(super) fn check(&self, said: &Experiment, file: Option<&Experiment>) -> anyhow::Result<()> {
         let Some(competition) = &self.competition else { return Ok(()) };
         let option = |field: String| {
@@ -49,7 +49,6 @@ impl Attempt {
         Ok(())
     }
 
-    /// The entrant who plays.
     pub(super) async fn entry(&self, client: &Client) -> anyhow::Result<Entry> {
         let competition = self.competition.as_deref().unwrap_or_default();
         let entrant = self.entrant.as_deref();
@@ -74,7 +73,7 @@ impl Attempt {
     }
 }
 
-/// How an attempt begins, or that it is over.
+/// A sentence about the start of an attempt, or that it is over.
 pub(super) fn begun(entry: &Entry, found: &Found, run: &RunDetail) -> String {
     let RunDetail {
         run: RunSummary { id, attempt, status, played, planned, parallel, closes_at, .. },
@@ -97,7 +96,7 @@ pub(super) fn begun(entry: &Entry, found: &Found, run: &RunDetail) -> String {
     }
 }
 
-/// Says what of an attempt cannot be compared with what its entrant declared.
+/// Warns of settings of an attempt that cannot be compared with the entrant's declaration.
 pub(super) fn warn(plan: &Plan) {
     for run in &plan.runs {
         let unknown = run.entry.as_ref().map_or_else(Vec::new, |entry| entry.unknown(run));
@@ -110,12 +109,12 @@ pub(super) fn warn(plan: &Plan) {
     }
 }
 
-/// Says how an attempt continues that was stopped: its clocks do not wait.
+/// Tells how to continue an attempt that was stopped, whose clocks keep running.
 pub(super) fn tell_clocks(plan: &Plan, played: &[Played], failures: &[(usize, StopReason)]) {
     if plan.runs.iter().all(|run| run.entry.is_none()) {
         return;
     }
-    // The server may have started one and not been able to say so.
+    // The server may have started an attempt and failed to report it.
     let is_unknown = failures.iter().any(|(_, reason)| matches!(reason, StopReason::Client(_)));
     match played.first() {
         None if is_unknown => {}

@@ -1,4 +1,4 @@
-//! An estimate of the tokens and the cost of runs, before anything is played.
+//! Estimates of the tokens and the cost of runs, before anything is played.
 
 use std::sync::Arc;
 
@@ -11,41 +11,38 @@ use swarmbench_client::eval::plan::{Planned, Who};
 use swarmbench_protocol::observation::Sight;
 use swarmbench_protocol::status::Status;
 
-/// Bytes of English and of maps that are about one token.
+/// Approximate bytes per token, for English and for maps.
 const BYTES_PER_TOKEN: u64 = 4;
 
-/// Tokens that an answer is taken to have: a few sentences, an action and a message. Who reasons writes many more.
+/// Assumed tokens of an answer: a few sentences, an action and a message. Reasoning models write many more.
 const ANSWER_TOKENS: u64 = 100;
 
-/// Prompts are the longest once agents remember as many rounds as they can. That many rounds are played, at most these.
+/// Maximum rounds played for the estimate. Prompts reach their full length once agents remember as many rounds as they can.
 const ROUNDS_MAX: u32 = 20;
 
-/// The seed in place of sealed ones: prompts are about as long on any layout.
+/// Seed in place of sealed ones: the length of prompts hardly depends on the layout.
 pub(super) const SEALED_ESTIMATE_SEED: u32 = 27;
 
-/// What every agent says in every round.
+/// Message that every agent sends in every round.
 const SAID: &str = "I am next to it now and go on to the left in the next round";
 
-/// How the estimate is made, for people.
+/// Explanation of the estimate.
 pub(super) const ESTIMATED: &str = "(how: the prompts of a game of a built-in player on the first seed of each task, in which \
      everybody speaks; 4 bytes a token; every game takes all its rounds; 100 tokens an answer, or --max-tokens if that is \
      less. Models that reason write many times more, up to --max-tokens)";
 
-/// About how much a run takes at most.
+/// Approximate upper bound of a run's consumption.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Estimate {
-    /// Questions.
     pub(super) questions: u64,
-    /// Tokens of prompts.
     pub(super) prompt_tokens: u64,
-    /// Tokens of answers.
     pub(super) completion_tokens: u64,
-    /// What these cost, if the price is known.
+    /// Cost of the tokens, if the price is known.
     pub(super) cost: Option<f64>,
 }
 
 impl Estimate {
-    /// Adds that of another run.
+    /// Adds the estimate of another run.
     pub(super) fn add(&mut self, other: &Self) {
         self.questions += other.questions;
         self.prompt_tokens += other.prompt_tokens;
@@ -57,7 +54,7 @@ impl Estimate {
     }
 }
 
-/// The estimate of a model's run; none for built-in players.
+/// Estimate of a model's run; none for built-in players.
 pub(super) fn estimate(run: &Planned) -> anyhow::Result<Option<Estimate>> {
     let Who::Model(model) = &run.who else { return Ok(None) };
     let tasks = run.suite.tasks.len() as u64;
@@ -74,7 +71,7 @@ pub(super) fn estimate(run: &Planned) -> anyhow::Result<Option<Estimate>> {
     Ok(Some(Estimate { questions, prompt_tokens, completion_tokens, cost }))
 }
 
-/// The mean length of the prompts of a task, over all rounds of a game and all agents.
+/// Mean bytes of a task's prompts, over all rounds of a game and all agents.
 fn prompt_bytes(run: &Planned, task: &str) -> anyhow::Result<u64> {
     let suite = &run.suite;
     let seed = suite.seeds.first().copied();
@@ -112,6 +109,6 @@ fn prompt_bytes(run: &Planned, task: &str) -> anyhow::Result<u64> {
         let acts: Vec<Act> = played.decide().into_iter().map(speak).collect();
         played.step(&acts);
     }
-    // Later prompts are as long as the last one.
+    // Prompts of the remaining rounds are taken to be as long as the last one.
     Ok((sum + last * all.saturating_sub(count)).div_ceil(all.max(1)))
 }

@@ -1,4 +1,4 @@
-//! The server of an evaluation: a temporary one, or one that runs already.
+//! Server of an evaluation: a temporary one, or one that is already running.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use crate::store::{Location, OpenError};
 use crate::telemetry::{LogFormat, start_logs_of};
 use swarmbench_client::client::Client;
 
-/// The database where nobody names one.
+/// Default database.
 const DATABASE: &str = "swarmbench.db";
 
 #[derive(Debug, clap::Args)]
@@ -37,13 +37,13 @@ pub(super) struct Hosting {
 }
 
 impl Hosting {
-    /// The address of the server that is joined; none where there is one of its own.
+    /// Address of a running server; none if this command starts its own.
     fn joined(&self) -> Option<String> {
         let environment = || std::env::var("SWARMBENCH_SERVER").ok().filter(|url| !url.is_empty());
         if self.db.is_some() { None } else { self.server.clone().or_else(environment) }
     }
 
-    /// How other commands name the same place.
+    /// Options by which other commands reach the same server or database.
     pub(super) fn place(&self) -> String {
         match self.joined() {
             Some(server) => format!("--server {server}"),
@@ -55,7 +55,7 @@ impl Hosting {
         self.db.clone().unwrap_or_else(|| Location::from(Path::new(DATABASE)))
     }
 
-    /// Whether an attempt in a competition can be played there, with the key of an entrant.
+    /// Requires a running server and an entrant's key for an attempt in a competition.
     pub(super) fn check_attempt(&self) -> anyhow::Result<()> {
         ensure!(
             self.db.is_none(),
@@ -72,8 +72,8 @@ impl Hosting {
         Ok(())
     }
 
-    /// A client of the server, and the server where it is one of its own.
-    /// `stop` is cancelled when that server can acknowledge nothing any more.
+    /// A client of the server, and the server if it is this command's own. `stop` is cancelled when that server cannot acknowledge
+    /// anything any more.
     pub(super) async fn open(
         &self,
         stop: &CancellationToken,
@@ -89,7 +89,7 @@ impl Hosting {
             Some(key) => client.with_key(key),
             None => client,
         };
-        // During games requests are retried while the server is away; here they are not.
+        // Requests during games are retried while the server is unavailable; this one is not.
         client.health().await?;
         if let (Some(hosted), None) = (&hosted, &self.key)
             && hosted.has_keys
@@ -103,7 +103,7 @@ impl Hosting {
     }
 }
 
-/// A server of its own.
+/// The server that this command runs.
 pub(super) struct Hosted {
     base: String,
     has_keys: bool,
@@ -114,7 +114,7 @@ pub(super) struct Hosted {
 
 impl Hosted {
     async fn open(db: Location, stop_playing: CancellationToken) -> anyhow::Result<Self> {
-        // Nobody else reads the log of this server, and a full disk is reported nowhere else.
+        // Nobody else reads this server's log, and a full disk is reported nowhere else.
         start_logs_of(LogFormat::Text, "swarmbench::store=error");
         let server = match Server::open(&db, Parts::default()).await {
             Err(error @ StartError::Open(OpenError::InUse(_))) => {
@@ -129,7 +129,7 @@ impl Hosted {
         let failed = server.failed();
         let listener = TcpListener::bind(("127.0.0.1", 0)).await.context("no port is free")?;
         let base = format!("http://{}", listener.local_addr()?);
-        // To wait for this server would be in vain: it ends with this command.
+        // Retries would be in vain, as the failed server ends with this command.
         let failing = failed.clone().cancelled_owned();
         tokio::spawn(async move {
             failing.await;
@@ -137,14 +137,14 @@ impl Hosted {
         });
         let (stop, stopped) = oneshot::channel::<()>();
         let serving = tokio::spawn(server.run(listener, async {
-            // The other end is dropped when it is done.
+            // `close` drops the sender.
             drop(stopped.await);
         }));
         note!("{} is served at {base} meanwhile: watch the games there", db);
         Ok(Self { base, has_keys, failed, stop, serving })
     }
 
-    /// Stops it.
+    /// Stops the server.
     pub(super) async fn close(self) -> anyhow::Result<()> {
         drop(self.stop);
         self.serving.await??;

@@ -1,4 +1,4 @@
-//! Final scores, of games or of the board of a server.
+//! Figure of final scores, of games or of a server's board.
 
 use std::collections::BTreeMap;
 
@@ -12,7 +12,7 @@ use super::super::games::{Choice, Selected};
 use super::super::options::rules;
 use super::{groups, scores, select};
 
-/// The most rows of a figure.
+/// Maximum rows of a figure.
 const ROWS_MAX: usize = 100;
 
 #[derive(Debug, clap::Args)]
@@ -47,7 +47,7 @@ pub(super) async fn figure(args: Args) -> anyhow::Result<Board> {
     Ok(board)
 }
 
-/// All games of a model, by the sum of the means, the highest first.
+/// Scores of all games by model, ordered by the sum of the means, highest first.
 async fn of_games(choice: &Choice) -> anyhow::Result<Board> {
     let Selected { games, chosen, notes } = select(choice, &["task", "model"]).await?;
     let tasks: Vec<String> =

@@ -25,7 +25,7 @@ use super::output::{progress_bar, set};
 use super::partial::Partial;
 use super::play::task;
 
-/// The most moments that stand side by side.
+/// Maximum moments side by side.
 const MOMENTS_MAX: usize = 24;
 
 #[derive(Debug, clap::Args)]
@@ -158,7 +158,7 @@ impl Format {
     }
 }
 
-/// Selects games with a score, and adds the sentences about their settings. They may differ in the columns `apart`.
+/// Selects games with a score, and adds sentences about their settings. The games may differ in the columns `apart`.
 async fn select(choice: &Choice, apart: &[&str]) -> anyhow::Result<Selected> {
     let Selected { games, chosen, mut notes } = choice.select().await?;
     let apart: Vec<String> = apart.iter().map(|&name| name.to_owned()).collect();
@@ -168,7 +168,7 @@ async fn select(choice: &Choice, apart: &[&str]) -> anyhow::Result<Selected> {
     Ok(Selected { games, chosen, notes })
 }
 
-/// The games of each value of a column, in order.
+/// Games grouped by the values of a column, in order.
 fn groups(games: &Games, column: &str, chosen: &[usize]) -> Vec<(String, Vec<usize>)> {
     let groups = games.groups(column, chosen).into_iter();
     groups.map(|(place, games)| (place.1.to_string(), games)).collect()
@@ -178,7 +178,7 @@ fn scores(games: &Games, chosen: &[usize]) -> Vec<f64> {
     chosen.iter().filter_map(|&game| games.number("score", game)).collect()
 }
 
-/// How metrics of these games were computed, as a sentence.
+/// A sentence about how the metrics of these games were computed.
 ///
 /// # Errors
 /// If they were computed in different ways, or the games lack one of them.
@@ -194,21 +194,21 @@ fn method(Selected { games, chosen, .. }: &Selected, metrics: &[Metric]) -> anyh
     ))
 }
 
-/// After how many rounds these games end at the latest.
+/// Largest possible number of rounds of these games.
 fn max_round(Selected { games, chosen, .. }: &Selected) -> anyhow::Result<usize> {
     let rounds = games.number("max_round", chosen[0]).filter(|rounds| (1.0..=1e6).contains(rounds));
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked")]
     rounds.map(|rounds| rounds as usize).context("the games have no column max_round")
 }
 
-/// The scores of all states of a game that ended early, too.
+/// Scores of all states, continued to `rounds` for a game that ended early.
 fn whole(episode: &str, scores: &[Option<f64>], rounds: usize) -> anyhow::Result<Vec<Option<f64>>> {
     let scores: Option<Vec<f64>> = scores.iter().copied().collect();
     let scores = scores.with_context(|| format!("{episode} has states without a score"))?;
     whole_score(&scores, rounds).with_context(|| format!("{episode} cannot be drawn"))
 }
 
-/// Columns of the rounds of selected games; the first is the score, also of the states after an early end.
+/// Columns of the rounds of selected games. The first is the score, continued after an early end.
 async fn series(
     choice: &Choice,
     selected: &Selected,
@@ -250,7 +250,7 @@ async fn trends(choice: &Choice) -> anyhow::Result<trends::Trends> {
     Ok(trends::Trends { notes: notes.clone(), panels, models })
 }
 
-/// What the paper draws in three panels: the sum of all steps stands for the step of each round.
+/// Metrics that the paper draws in three panels. The sum of all steps replaces the step of each round.
 fn drawn() -> Vec<(Metric, Panel)> {
     let drawn = Metric::ALL.into_iter().filter_map(|metric| Some((metric, metric.about().panel?)));
     let instead = |metric| if metric == Metric::StepLength { Metric::PathLength } else { metric };
@@ -269,7 +269,7 @@ async fn dynamics(args: DynamicsArgs) -> anyhow::Result<Dynamics> {
     let series = series(&choice, &selected, &metrics, rounds).await?;
     let best = (0..chosen.len()).max_by(|&a, &b| {
         let score = |place: usize| games.number("score", chosen[place]).unwrap_or_default();
-        // Of equal games the first.
+        // The first of equal games wins.
         score(a).total_cmp(&score(b)).then(b.cmp(&a))
     });
     let best = best.context("there is a game")?;

@@ -1,4 +1,4 @@
-//! Columns of the table of rounds: of each game the values of all its states.
+//! Columns of the table of rounds: the values of all states of each game.
 
 use std::collections::BTreeMap;
 
@@ -10,19 +10,19 @@ use super::{Selected, Value};
 use crate::dataset::rows::Row;
 use crate::dataset::tables::TableName;
 
-/// Numbers at most: all are in memory.
+/// Maximum numbers, as all are in memory.
 const VALUES_MAX: usize = 20_000_000;
 
-/// By column, the value of each state.
+/// Values by column, then by state.
 pub(in super::super) type Series = Vec<Vec<Option<f64>>>;
 
-/// Rounds that are being read.
+/// Rounds read so far.
 struct Rounds {
     columns: Vec<&'static str>,
     places: BTreeMap<String, usize>,
-    /// In the order of `places`.
+    /// Series in the order of `places`.
     series: Vec<Series>,
-    /// Which columns there are.
+    /// Which of the columns exist.
     found: Vec<bool>,
     values: usize,
 }
@@ -56,7 +56,7 @@ impl Reader for Rounds {
 }
 
 impl Choice {
-    /// Reads columns of the rounds of selected games: of each game, in the order of `columns`, the value of each state.
+    /// Reads columns of the rounds of selected games: for each game, in the order of `columns`, the value of each state.
     pub(in super::super) async fn series(
         &self,
         selected: &Selected,
@@ -107,14 +107,14 @@ mod tests {
     use super::super::Games;
     use super::*;
 
-    /// A folder with a game of two states, and what its table of rounds says.
+    /// Writes a folder with one game of two states and this table of rounds, and reads series from it.
     async fn read(rounds: &str, columns: &[&'static str]) -> anyhow::Result<Vec<Series>> {
         let folder = tempfile::tempdir()?;
         let episode = "{\"episode\":\"b\",\"task\":\"Pursuit\",\"model\":\"m\",\"status\":\"finished\",\
                        \"score\":2,\"rounds\":1,\"void_reason\":null}\n";
         std::fs::write(folder.path().join("episodes.jsonl"), episode)?;
         std::fs::write(folder.path().join("rounds.jsonl"), rounds)?;
-        // The same games twice count once.
+        // Repeated folders count once.
         let choice = Choice::of_folders([folder.path(), folder.path()]);
         let selected = choice.select().await?;
         assert_eq!(selected.chosen, [0]);
@@ -163,7 +163,7 @@ mod tests {
             });
             games.add(row.as_object().expect("an object").clone()).expect("a game");
         }
-        // A comma does not separate values here.
+        // Values of `with` are not split at commas.
         let selected = choice.with("model", "b,c").of(games).expect("a game");
         assert_eq!(selected.chosen, [1]);
     }

@@ -1,4 +1,4 @@
-//! Games of different settings are not averaged.
+//! Check that games with different settings are not averaged.
 
 use std::collections::BTreeSet;
 
@@ -7,17 +7,17 @@ use swarmbench_engine::Settings;
 
 use super::{Games, Value, one_value, told, usual};
 
-/// How games of a table may differ.
+/// Differences that are allowed between games of a table.
 pub(in super::super) struct Axes<'a> {
     /// Columns whose values are shown apart.
     pub(in super::super) apart: &'a [String],
-    /// Columns that say how a player was asked, which the user says change nothing.
+    /// Columns about how a player was asked that the user declares irrelevant.
     pub(in super::super) ignored: &'a [String],
-    /// An option with which other settings can be shown apart too.
+    /// Option by which the user can show more settings apart.
     pub(in super::super) option: Option<&'a str>,
 }
 
-/// The settings of games, and who plays.
+/// Settings of games, and who plays.
 fn settings() -> impl Iterator<Item = &'static str> {
     let first = ["task", "model", "rules", "mixed"];
     let last = ["round_deadline_s", "bank_s", "fill_with"];
@@ -25,7 +25,7 @@ fn settings() -> impl Iterator<Item = &'static str> {
 }
 
 impl Axes<'_> {
-    /// Whether the games of a cell have the same value of this setting anyway, or may differ in it.
+    /// Whether this setting is equal within a cell by construction, or may differ.
     fn cover(&self, column: &str) -> bool {
         let is_size = matches!(column, "width" | "height");
         let names = |name: &str| self.apart.iter().chain(self.ignored).any(|axis| axis == name);
@@ -34,7 +34,7 @@ impl Axes<'_> {
 }
 
 impl Games {
-    /// Sentences about the settings: those that all these games share, and in what players were asked differently.
+    /// Sentences about the settings: those that all these games share, and those in which players were asked differently.
     ///
     /// # Errors
     /// If the games differ in a setting that is not shown apart, or a model was asked in several ways.

@@ -1,4 +1,4 @@
-//! Where games are read, and which of them are selected.
+//! Sources of games, and the selection among them.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -45,7 +45,7 @@ pub(in super::super) struct Choice {
 }
 
 impl Choice {
-    /// Only those of these games in which a column has this value.
+    /// Adds a condition: the column has this value.
     #[must_use]
     pub(in super::super) fn with(mut self, column: &str, value: &str) -> Self {
         let values = vec![value.to_owned()];
@@ -53,18 +53,18 @@ impl Choice {
         self
     }
 
-    /// Whether all games of a server are meant.
+    /// Whether the source is a server, without conditions.
     pub(in super::super) fn is_whole_server(&self) -> bool {
         let Source { from, db, .. } = &self.source;
         from.is_empty() && db.is_none() && self.conditions.is_empty()
     }
 
-    /// Reads the games, and selects those that count: finished ones that were not voided.
+    /// Reads the games, and selects those that count: finished and not voided.
     pub(in super::super) async fn select(&self) -> anyhow::Result<Selected> {
         self.of(self.source.read(Wanted::episodes(), Games::default()).await?)
     }
 
-    /// Selects games of those that were read.
+    /// Selects among games that were read.
     pub(super) fn of(&self, games: Games) -> anyhow::Result<Selected> {
         selected(games, &self.conditions)
     }
@@ -81,12 +81,12 @@ impl Choice {
     }
 }
 
-/// A table, and of which games.
+/// A table, and the games whose rows are wanted.
 pub(super) struct Wanted {
     pub(super) table: TableName,
-    /// The task of the games, if it is one.
+    /// Restricts the rows to a task.
     pub(super) task: Option<String>,
-    /// The games; `None` for all.
+    /// Restricts the rows to these games.
     pub(super) episodes: Option<BTreeSet<String>>,
 }
 
@@ -96,7 +96,7 @@ impl Wanted {
     }
 }
 
-/// What becomes of rows.
+/// Consumer of rows.
 pub(super) trait Reader: Send + 'static {
     fn add(&mut self, row: Row) -> anyhow::Result<()>;
 }
@@ -108,7 +108,7 @@ impl Reader for Games {
 }
 
 impl Source {
-    /// Reads the rows of a table. There may be rows of other games, too.
+    /// Reads the rows of a table. Rows of other games may be among them.
     pub(super) async fn read<R: Reader>(&self, wanted: Wanted, reader: R) -> anyhow::Result<R> {
         let Self { from, db, server } = self.clone();
         if !from.is_empty() {
@@ -121,7 +121,7 @@ impl Source {
     }
 }
 
-/// Adds rows to what is made of them. The error is that of a reader.
+/// Passes rows to a reader, and its error on.
 fn adding(reader: &mut impl Reader) -> impl FnMut(Row) -> io::Result<()> + '_ {
     |row| reader.add(row).map_err(|error| io::Error::other(format!("{error:#}")))
 }
@@ -134,7 +134,7 @@ fn of_files<R: Reader>(paths: &[PathBuf], table: TableName, mut reader: R) -> an
     Ok(reader)
 }
 
-/// The file of a table: a path is the folder, or the file of episodes in it.
+/// File of a table: a path is either the folder, or the file of episodes in it.
 fn file_of(path: &Path, table: TableName) -> anyhow::Result<PathBuf> {
     ensure!(
         path.extension().is_none_or(|end| end != "partial"),

@@ -19,12 +19,12 @@ use super::output::{self, progress_bar, set};
 use super::partial::Partial;
 use page::GamePage;
 
-/// The most frames of a replay.
+/// Maximum frames of a replay.
 const REPLAY_FRAMES_MAX: u64 = 10_000;
-/// The most pixels of all frames of a replay together: drawing takes about ten seconds for a thousand million.
+/// Maximum pixels of all frames of a replay together. A thousand million take about ten seconds.
 const REPLAY_PIXELS_MAX: u64 = 5_000_000_000;
 
-/// Pixels for each unit of a picture.
+/// Pixels per unit of a picture.
 const PNG_SCALE: f64 = 2.0;
 
 #[derive(Debug, clap::Args)]
@@ -88,7 +88,7 @@ struct Output {
     html: Option<PathBuf>,
 }
 
-/// `a..b`, `a..` or `..b`; both ends are part of it.
+/// Parses `a..b`, `a..` or `..b`; both ends are inclusive.
 fn rounds(text: &str) -> Result<RangeInclusive<u32>, String> {
     let wrong = || format!("{text:?} is no range of rounds such as 10..60");
     let (from, to) = text.split_once("..").ok_or_else(wrong)?;
@@ -209,9 +209,9 @@ fn check_size(layout: &Layout, frames: u64) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Where frames are written to.
+/// Destination of frames.
 enum Target {
-    /// A moving picture, and the file that it becomes.
+    /// A moving picture, and the file for it.
     Film(Moving, Option<Partial>),
     /// A folder of pictures.
     Folder(Partial, PathBuf),
@@ -221,7 +221,7 @@ enum Target {
 
 /// A moving picture, which begins with its first frame.
 struct Moving {
-    /// Makes it.
+    /// Constructor of the film, until the first frame.
     begin: Option<Begin>,
     film: Option<(Box<dyn Film>, Canvas)>,
 }

@@ -1,4 +1,4 @@
-//! A page with a game in it, which opens without a server.
+//! A page that contains a game and opens without a server.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::ops::RangeInclusive;
@@ -18,16 +18,16 @@ use crate::replay::{
     Reel, Round, Scene, agent_round, block_cells, ground, inbox, rounded, shown_act,
 };
 
-/// The most bytes of a game in a page: browsers open more only slowly.
+/// Maximum bytes of a game in a page, as browsers open larger pages slowly.
 const PAGE_GAME_BYTES_MAX: usize = 64 << 20;
 
-/// A page that is being made. It gets every state of the game in order.
+/// Builder of a page. Gets every state of the game in order.
 pub(super) struct GamePage {
     outline: Outline,
     wanted: RangeInclusive<u32>,
     with_prompts: bool,
     begun: Option<Begun>,
-    /// What belongs to all of the wanted states.
+    /// Data common to all wanted states.
     page: ReplayPage,
     states: Vec<ReplayState>,
     /// What agents knew and did, by round and agent.
@@ -38,9 +38,9 @@ pub(super) struct GamePage {
 /// The game up to its newest state.
 struct Begun {
     reel: Reel,
-    /// The state before the newest round, which agents saw when they decided it.
+    /// State before the newest round, in which the round was decided.
     before: World,
-    /// Messages of the last rounds, as they were sent: noise may change them, and delay makes them late.
+    /// Messages of the last rounds as sent: noise may change and delay may postpone their delivery.
     said: VecDeque<Vec<(AgentId, String)>>,
 }
 
@@ -59,7 +59,7 @@ impl GamePage {
         }
     }
 
-    /// Adds the state after a round by its acts; the layout comes first, without acts.
+    /// Adds the state after a round, with the round's acts. The layout comes first, without acts.
     pub(super) fn add(&mut self, world: &World, acts: &[ActRecord]) -> anyhow::Result<()> {
         let Some(mut begun) = self.begun.take() else {
             let reel = Reel::of(world);
@@ -109,7 +109,7 @@ impl GamePage {
         Ok(())
     }
 
-    /// What an agent knew before a round, and what it did.
+    /// What an agent knew before a round and did in it.
     fn known(&self, begun: &Begun, agent: AgentId, act: ActRecord) -> AgentRound {
         let (opening, world) = (&self.outline.opening, &begun.before);
         let config = world.config();
@@ -124,7 +124,7 @@ impl GamePage {
         agent_round(sight, inbox, prompt, Some(shown_act(act, None)))
     }
 
-    /// The page.
+    /// The finished page.
     pub(super) fn finish(self) -> anyhow::Result<String> {
         let Self { outline, wanted, page, states, acts, begun, .. } = self;
         let last = begun.ok_or_else(|| anyhow!("the journal has no layout"))?.before;
@@ -178,7 +178,7 @@ impl GamePage {
 }
 
 impl Begun {
-    /// Remembers the messages of a round and the state after it.
+    /// Records the messages of a round and the state after it.
     fn remember(&mut self, acts: &[ActRecord], world: &World) {
         let said = |act: &ActRecord| Some((AgentId::parse(&act.agent)?, act.message.clone()?));
         self.said.push_back(acts.iter().filter_map(said).collect());
@@ -189,7 +189,7 @@ impl Begun {
         self.before.clone_from(world);
     }
 
-    /// What an agent said in a round, if it is remembered.
+    /// Message of an agent in a round, if it is still remembered.
     fn said(&self, sent: u32, sender: AgentId) -> Option<String> {
         let age = self.before.round().checked_sub(sent)? as usize;
         let round = self.said.get(self.said.len().checked_sub(age)?)?;

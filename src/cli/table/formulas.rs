@@ -1,4 +1,4 @@
-//! What tables of the paper compute beyond means.
+//! Computations of the paper's tables beyond means.
 
 use std::collections::BTreeSet;
 
@@ -9,7 +9,7 @@ use super::super::games::{Place, Value};
 use super::super::sheet::{Cell, Column, Kind, Sheet};
 use super::grid::{Grid, Key};
 
-/// By how many percent `new` is above `old`; none if that is 0.
+/// Change from `old` to `new` in percent; none if `old` is 0.
 fn change(new: f64, old: f64) -> Option<f64> {
     (old != 0.0).then(|| (new - old) / old * 100.0)
 }
@@ -22,7 +22,7 @@ fn column(name: &str, kind: Kind) -> Column {
     Column { name: name.to_owned(), kind }
 }
 
-/// The highest total first, rows without one last.
+/// Sorts rows by total, highest first; rows without a total come last.
 pub(super) fn sorted_by_total(mut sheet: Sheet) -> Sheet {
     sheet.rows.sort_by(|a, b| match (a.cells.last(), b.cells.last()) {
         (Some(Cell::Number(a)), Some(Cell::Number(b))) => b.total_cmp(a),
@@ -49,7 +49,7 @@ pub(super) fn best_of_rows(mut sheet: Sheet) -> Sheet {
     sheet
 }
 
-/// Centralized and decentralized control, and the change from the second to the first.
+/// Scores of centralized and decentralized control, and the change from the second to the first.
 pub(super) fn centralized(grid: &Grid) -> anyhow::Result<Sheet> {
     let of = |control: &str| -> anyhow::Result<Key> {
         let key = vec![Place::of("control", &Value::Text(control.into()))];
@@ -73,7 +73,7 @@ pub(super) fn centralized(grid: &Grid) -> anyhow::Result<Sheet> {
     }))
 }
 
-/// Scores with noise and delay in each task, their average, that of the same tasks without, and the change.
+/// Scores with noise and delay in each task, their average, the average of the same tasks without, and the change.
 pub(super) fn noise(grid: &Grid) -> anyhow::Result<Sheet> {
     let none = || Place::of("noise", &Value::Number(0.0));
     let (quiet, noisy): (BTreeSet<&[Place]>, BTreeSet<&[Place]>) = (grid.columns.iter())
@@ -125,7 +125,7 @@ pub(super) fn noise(grid: &Grid) -> anyhow::Result<Sheet> {
 mod tests {
     use super::*;
 
-    /// Table S.5 of the paper prints +5, +41 and +164 %: it cuts decimals off.
+    /// Table S.5 of the paper prints +5, +41 and +164 %: it truncates decimals.
     #[test]
     fn changes_of_the_paper() {
         let found = [(9.9, 9.4), (8.2, 5.8), (8.8, 8.8), (9.0, 3.4)]

@@ -8,7 +8,7 @@ use super::sheet::{Sheet, Showing};
 use formulas::{best_of_rows, centralized, noise, sorted_by_total};
 use grid::{Grid, Layout};
 
-/// The models of built-in players.
+/// Prefix of the models of built-in players.
 const BUILT_IN: &str = "built-in/";
 
 #[derive(Debug, clap::Args)]
@@ -70,7 +70,7 @@ enum Name {
 }
 
 impl Name {
-    /// The columns of games that make the rows and the columns of the table.
+    /// Columns of games that make up the rows and the columns of the table.
     const fn axes(self) -> (&'static [&'static str], &'static [&'static str]) {
         match self {
             Self::Main => (&["model"], &["task"]),
@@ -120,7 +120,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     showing.show(&sheets, &selected.notes)
 }
 
-/// Tasks are the columns, or else what comes last.
+/// Tasks become the columns, otherwise the last of `by`.
 fn pivot(mut by: Vec<String>) -> (Vec<String>, Vec<String>) {
     if by.len() < 2 {
         return (by, Vec::new());
@@ -142,7 +142,7 @@ fn of_built_in(selected: &Selected) -> anyhow::Result<Vec<usize>> {
     Ok(games)
 }
 
-/// A sheet of temperatures and one of `top_p`, each of the games in which the other one is 1.
+/// One sheet of temperatures and one of `top_p`, each from the games in which the other is 1.
 fn sampling(
     selected: &Selected,
     grid: impl Fn(Vec<usize>, String) -> anyhow::Result<Grid>,

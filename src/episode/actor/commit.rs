@@ -1,4 +1,4 @@
-//! What a commit makes visible.
+//! Effects of a commit: what it publishes and counts.
 
 use std::sync::Arc;
 
@@ -14,12 +14,12 @@ use super::host::Host;
 use crate::telemetry;
 use swarmbench_journal::record::{Decision, Source};
 
-/// An act, as it is counted.
+/// Kind of an act, for the counters.
 #[derive(Clone, Copy)]
 pub(super) enum ActKind {
     Valid,
     Invalid,
-    /// The clock of the seat expired.
+    /// The seat's clock expired.
     Clock,
 }
 
@@ -42,19 +42,19 @@ impl ActKind {
     }
 }
 
-/// What is published and counted once a commit is durable.
+/// Work to do once a commit is durable: what to publish and to count.
 pub(super) struct AfterCommit {
-    /// The state for which the acts were sent.
+    /// State for which the acts were sent.
     pub(super) open: Arc<Snapshot>,
     pub(super) acted: Vec<(AgentId, ActKind)>,
-    /// The state after them, if a round or the episode ended.
+    /// State after the acts, if a round opened or the episode ended.
     pub(super) next: Option<Arc<Snapshot>>,
     pub(super) last_act_at: Timestamp,
     pub(super) episode: Arc<Running>,
 }
 
 impl AfterCommit {
-    /// Marks and publishes what is durable now, and counts it.
+    /// Marks, publishes and counts what is durable now.
     pub(super) fn publish(self, host: &Host, publish: &watch::Sender<Arc<Snapshot>>) {
         for (agent, kind) in self.acted {
             self.open.set_acted(agent);
@@ -71,7 +71,7 @@ impl AfterCommit {
     }
 }
 
-/// Counts an episode that has ended, durably, and tells its run.
+/// Counts an episode that has ended, durably, and notifies its run.
 pub(in super::super) fn note_end(host: &Host, episode: &Running, snapshot: &Snapshot) {
     let Some(outcome) = snapshot.outcome else { return };
     let status = outcome.ending.status().name();
@@ -81,7 +81,7 @@ pub(in super::super) fn note_end(host: &Host, episode: &Running, snapshot: &Snap
     let score = (!is_sealed).then(|| snapshot.world.score());
     tracing::info!(episode = %episode.id, status, reason = outcome.ending.name(), score, "ended");
     if let Some(run) = episode.run {
-        // The receiver is gone if runs are not managed.
+        // The receiver is gone where runs are not managed.
         _ = host.ended.send(run);
     }
 }

@@ -1,4 +1,4 @@
-//! An episode as the rest of the server uses it.
+//! Handles to episodes, for the rest of the server.
 
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
@@ -27,19 +27,19 @@ use crate::store::port::EpisodeStore;
 use crate::store::{Stopped, StoreError};
 use swarmbench_clock::Clock;
 
-/// Commands (starts, aborts, claims) that lie in an episode's mailbox at once; others wait for that.
+/// Commands (starts, aborts, claims) in an episode's mailbox at once; further ones wait outside.
 pub(super) const COMMANDS_WAITING_MAX: usize = 64;
 
-/// An episode in memory: its description, and what its actor updates and its handles read.
+/// An episode in memory: its description, and the state that its actor updates and its handles read.
 pub struct Running {
     pub id: EpisodeId,
-    /// Its number in the journal.
+    /// Number of the episode in the journal.
     pub key: EpisodeKey,
-    /// The key with which it was created, if any.
+    /// Key that created the episode, if any.
     pub owner: Option<OwnerKey>,
-    /// The run to which it belongs, if any.
+    /// Run of the episode, if any.
     pub run: Option<RunKey>,
-    /// For whom its work is done.
+    /// Party for which its work is done.
     pub party: Party,
     pub spec: Arc<Spec>,
     pub created_at: Timestamp,
@@ -49,25 +49,23 @@ pub struct Running {
     pub(in super::super) times: Arc<Times>,
 }
 
-/// An episode as others see it. Cloning shares it.
+/// Handle to an episode in memory. Clones share it.
 #[derive(Clone)]
 pub struct Handle(pub(super) Arc<Inner>);
 
-/// See [`Handle`].
 pub(super) struct Inner {
     pub(super) episode: Arc<Running>,
     pub(super) clock: Arc<dyn Clock>,
     pub(super) journal: Arc<dyn EpisodeStore>,
     pub(super) mailbox: mpsc::UnboundedSender<Envelope>,
-    /// Bounds the acts in the mailbox.
+    /// Limits the acts in the mailbox.
     pub(super) in_flight: Arc<InFlightLimit>,
-    /// Bounds everything else in it.
+    /// Limits the commands in the mailbox.
     pub(super) commands: Semaphore,
-    /// Serializes the lookups of acts of rounds that are over, so that one episode does not occupy all
-    /// connections to the database.
+    /// Serializes lookups of acts of past rounds, so that one episode does not occupy all connections to the database.
     pub(super) lookups: tokio::sync::Mutex<()>,
     pub(super) published: watch::Receiver<Arc<Snapshot>>,
-    /// The memory that it takes; free again with the last handle.
+    /// Memory of the episode, freed with the last handle.
     pub(super) memory: Arc<Reservation>,
     pub(super) settled: CancellationToken,
     pub(super) gone: CancellationToken,
@@ -82,17 +80,16 @@ impl std::ops::Deref for Handle {
 }
 
 impl Handle {
-    /// The state that is published now.
     pub fn snapshot(&self) -> Arc<Snapshot> {
         Arc::clone(&self.0.published.borrow())
     }
 
-    /// Follows what is published.
+    /// Follows the published state.
     pub fn follow(&self) -> watch::Receiver<Arc<Snapshot>> {
         self.0.published.clone()
     }
 
-    /// Acts for several seats; the outcomes come in the same order, once they are durable.
+    /// Submits acts for several seats. The outcomes come in the same order, once they are durable.
     pub async fn submit(&self, acts: Vec<(AgentId, Submission)>) -> Outcomes {
         let at = self.0.clock.now();
         let round = self.snapshot().world.round();
@@ -108,7 +105,7 @@ impl Handle {
             })
             .partition(|sent| sent.submission.round >= round);
         let permits_of_now = permits.split(now.iter().map(|sent| sent.agent));
-        // What may decide a round does not wait for anything.
+        // Acts that may decide a round wait for nothing.
         let late =
             self.send_batch(at, Batch { acts: now, permits: permits_of_now }, &mut outcomes).await;
         if !past.is_empty() || !late.is_empty() {
@@ -117,7 +114,8 @@ impl Handle {
         outcomes
     }
 
-    /// Acts for rounds that were over before they were sent, and for those that were over when they came.
+    /// Submits acts for rounds that were over before they were sent (`past`), and for rounds that were over when they arrived
+    /// (`late`).
     async fn submit_past(
         &self,
         at: Timestamp,
@@ -128,7 +126,7 @@ impl Handle {
         if !late.is_empty()
             && let Err(error) = self.0.journal.keep(Vec::new()).await
         {
-            // Their rounds were on the way to the disk: what is found must include them.
+            // Their rounds were on the way to the disk, and the lookups must include them.
             for sent in &late {
                 outcomes[sent.place] = Err(error.clone().into());
             }
@@ -147,7 +145,7 @@ impl Handle {
         self.send_batch(at, batch, outcomes).await;
     }
 
-    /// Hands acts to the actor and notes their outcomes; returns those that came too late for that.
+    /// Hands acts to the actor and notes their outcomes. Returns the acts that arrived after the end of their round.
     async fn send_batch(&self, at: Timestamp, batch: Batch, outcomes: &mut Outcomes) -> Vec<Sent> {
         if batch.acts.is_empty() {
             return Vec::new();
@@ -172,7 +170,7 @@ impl Handle {
         late
     }
 
-    /// What a seat did in a round that is over and durable.
+    /// Act of a seat in a round that is over and durable.
     async fn earlier(&self, sent: &Sent) -> Result<Option<RecordedAct>, StoreError> {
         let _lookup = self.0.lookups.lock().await;
         let act = self.0.journal.act(self.key, sent.submission.round, sent.agent).await?;
@@ -180,23 +178,22 @@ impl Handle {
         recorded.map_err(StoreError::broken)
     }
 
-    /// Claims open seats; they are durable when this returns. With the last open seat the episode
-    /// starts, unless its creator wants to start it.
+    /// Claims open seats, durably. With the last open seat the episode starts, unless its creator wants to start it.
     pub async fn claim(&self, claim: Claim) -> Result<Claimed, ClaimError> {
         self.command(|reply| Message::Claim { claim: Box::new(claim), reply }).await
     }
 
-    /// Starts a waiting episode; one that has started is left as it is.
+    /// Starts a waiting episode; nothing changes where it has started.
     pub async fn start(&self) -> Result<(), StartError> {
         self.command(|reply| Message::Start { reply }).await
     }
 
-    /// Aborts the episode; one that has ended is left as it is.
+    /// Aborts the episode; nothing changes where it has ended.
     pub async fn abort(&self) -> Result<(), StoreError> {
         self.abort_with(Vec::new()).await
     }
 
-    /// Aborts the episode and stores audit entries in the same transaction; nothing where it has ended.
+    /// Aborts the episode and stores audit entries in the same transaction; stores nothing where the episode has ended.
     pub async fn abort_with(&self, audit_entries: Vec<Entry>) -> Result<(), StoreError> {
         self.command(|reply| Message::Abort { audit_entries, reply }).await
     }
@@ -211,33 +208,33 @@ impl Handle {
         done.await.unwrap_or_else(|_| Err(gone().into()))
     }
 
-    /// The seats that the server plays, with the names of the players; none before the start.
+    /// Seats that the server plays, with the names of their players; none before the start.
     pub fn hosted(&self) -> &[(AgentId, String)] {
         self.hosted.get().map_or(&[], Vec::as_slice)
     }
 
-    /// The latest keyframe of round `round` or before.
+    /// Latest keyframe of `round` or an earlier round.
     pub fn keyframe(&self, round: u32) -> Arc<World> {
         self.keyframes.lock().expect("nothing panics while it holds this").before(round)
     }
 
-    /// When the episode ends unless there is a request.
+    /// Time at which the episode ends without a request.
     pub(in super::super) fn ends_at(&self) -> Timestamp {
         Timestamp::from_millisecond(self.ends_at.load(Ordering::Acquire)).unwrap_or(Timestamp::MAX)
     }
 
-    /// Its times, which outlive it in the registry.
+    /// Times of the episode, which outlive it in the registry.
     pub(in super::super) fn times(&self) -> Arc<Times> {
         Arc::clone(&self.times)
     }
 
-    /// The party to whose share its memory belongs, if to any.
+    /// Party to whose share the memory belongs, if to any.
     pub(in super::super) fn memory_party(&self) -> Option<Party> {
         self.0.memory.party()
     }
 
-    /// Waits until what was due when the actor was started is durable and published, or cannot be stored. Until then nobody may
-    /// see the episode: it may have ended.
+    /// Waits until work that was due when the actor started is durable and published, or has failed. Until then nobody may see the
+    /// episode: it may have ended.
     pub(in super::super) async fn settled(&self) {
         self.0.settled.cancelled().await;
     }
@@ -247,18 +244,18 @@ impl Handle {
         self.0.gone.clone()
     }
 
-    /// Whether its actor has ended though the episode has not: after an entry was refused, or a fault.
+    /// Whether the actor has ended before the episode: after a refused entry, or a fault.
     pub(crate) fn is_dead(&self) -> bool {
         self.0.gone.is_cancelled() && !self.snapshot().status.is_over()
     }
 
-    /// Whether there are other handles.
+    /// Whether other handles exist.
     pub(in super::super) fn is_shared(&self) -> bool {
         Arc::strong_count(&self.0) > 1
     }
 }
 
-/// The error of a request that the actor no longer answers.
+/// Error of a request that the actor no longer answers.
 pub(super) fn gone() -> StoreError {
     StoreError::Stopped(Stopped::Episode)
 }

@@ -1,4 +1,4 @@
-//! What all actors of a server share.
+//! Resources that all actors of a server share.
 
 use std::sync::Arc;
 
@@ -17,35 +17,29 @@ use crate::store::port::EpisodeStore;
 use crate::work::Workers;
 use swarmbench_clock::Clock;
 
-/// Starts a task that runs on its own.
+/// Spawns a detached task.
 pub type Spawn = Arc<dyn Fn(BoxFuture<'static, ()>) + Send + Sync>;
 
-/// What all actors of a server share.
 #[derive(Clone)]
 pub struct Host {
-    /// Where entries are stored.
     pub journal: Arc<dyn EpisodeStore>,
-    /// Where the time comes from.
     pub clock: Arc<dyn Clock>,
-    /// What runs the actors.
     pub spawn: Spawn,
-    /// Per-owner quotas.
     pub quotas: Arc<Quotas>,
-    /// The memory that worlds and answers may take together.
+    /// Memory that worlds and answers share.
     pub budget: Arc<Budget>,
-    /// What does heavy work.
+    /// Threads for heavy work.
     pub workers: Workers,
     /// Replays of earlier rounds, shared and cached.
     pub replays: Arc<Replays>,
-    /// Notified of every run of which an episode has ended, durably.
+    /// Receives the run of every episode that has ended, durably.
     pub ended: mpsc::UnboundedSender<RunKey>,
-    /// Notified of every recovered episode of which the server may play seats.
+    /// Receives every episode whose actor starts, where the server may play seats.
     pub hosted: mpsc::UnboundedSender<Handle>,
 }
 
 impl Host {
-    /// For whom the work of an episode is done: for the entrant of a competition, else for the holder of the
-    /// key with which it was created.
+    /// Party for which an episode's work is done: the entrant of a competition, or else the key that created the episode.
     pub(in super::super) async fn party(
         &self,
         owner: Option<OwnerKey>,

@@ -1,9 +1,9 @@
-//! One task an episode: it performs the effects of [`lockstep`](super::lockstep).
+//! The actor, one task per episode: it performs the effects of [`lockstep`](super::lockstep).
 //!
-//! Only the actor steps the engine. What an event leads to goes to the journal in one piece: an act,
-//! and with the last act of a round the resolved round and perhaps the end. The commit that holds it
-//! publishes the new state and then sends the receipts, so a client with a receipt finds the state that
-//! goes with it, and nothing is shown or acknowledged that could be lost.
+//! Only the actor steps the engine. Everything that an event causes goes to the journal in one piece: an act, and with the last
+//! act of a round the resolved round and perhaps the end. The commit of this piece publishes the new state and then sends the
+//! receipts. So a client with a receipt finds the state that goes with it, and nothing is shown or acknowledged that could be
+//! lost.
 
 mod commit;
 mod handle;
@@ -52,27 +52,27 @@ use swarmbench_journal::record::{End, RawRecord, end_record, round_record};
 use timer::Timer;
 pub(super) use times::Times;
 
-/// Bytes of text that are written to a round's record, and hashed, in a microsecond.
+/// Bytes of text that are written into a round's record, and hashed, per microsecond.
 const TEXT_BYTES_PER_MICRO: u64 = 100;
 
-/// Bytes of texts whose records an actor writes in one piece, before others have their turn on its thread.
+/// Bytes of texts whose records an actor writes before it yields its thread to others.
 const PIECE_BYTES: u64 = 256 * 1024;
 
-/// After how long an actor looks at the time of day again, where something waits for it.
+/// Interval between looks at the time of day, where something depends on it.
 const LOOKS_AGAIN_AFTER: Duration = Duration::from_secs(10);
 
-/// An episode that is about to run.
+/// Initial state of an actor.
 pub(super) struct EpisodeInit {
     pub(super) episode: Running,
     pub(super) world: Arc<World>,
     pub(super) head: Head,
     pub(super) lockstep: Lockstep,
-    /// When its newest record came.
+    /// Time of the newest record.
     pub(super) newest_at: Timestamp,
-    /// Bytes that its acts take in the journal.
+    /// Journal bytes of the acts.
     pub(super) bytes: u64,
     pub(super) tally: Tally,
-    /// Who holds which seat, where that is not simply the creator.
+    /// Holders of the seats; `None` where the creator simply holds all of them.
     pub(super) seating: Option<Seating>,
 }
 
@@ -83,7 +83,7 @@ pub(super) fn spawn(host: Arc<Host>, init: EpisodeInit, memory: Reservation) -> 
     let (mailbox, messages) = mpsc::unbounded_channel();
     match lockstep.outcome() {
         None => host.quotas.note(episode.key, Party::of_key(episode.owner)),
-        // It may have been counted from a list that was older than its end.
+        // The episode may have been counted from a list that was older than its end.
         Some(_) => host.quotas.release(episode.key),
     }
     let snapshot = Snapshot::new(&lockstep, &world, head);
@@ -135,7 +135,7 @@ pub(super) fn spawn(host: Arc<Host>, init: EpisodeInit, memory: Reservation) -> 
         settled.cancel();
     }
     if actor.episode.spec.may_be_hosted() && actor.lockstep.outcome().is_none() {
-        // The receiver is gone if hosted seats are not played.
+        // The receiver is gone where hosted seats are not played.
         _ = actor.host.hosted.send(handle.clone());
     }
     let actor: BoxFuture<'static, ()> = Box::pin(actor.run(due, settled.drop_guard(), messages));
@@ -147,8 +147,8 @@ pub(super) fn spawn(host: Arc<Host>, init: EpisodeInit, memory: Reservation) -> 
     handle
 }
 
-/// Passes the time of day to the barrier, which goes by the running time: while it is in doubt nothing is
-/// closed or abandoned.
+/// Passes the time of day to the barrier, which uses the running time. While the time of day is in doubt, nothing is closed or
+/// abandoned.
 fn note_time_of_day(lockstep: &mut Lockstep, spec: &Spec, clock: &dyn Clock) {
     let is_in_doubt = clock.doubt().is_some();
     let closes_at = spec.closes_at.filter(|_| !is_in_doubt).map(|at| clock.running_at(at));
@@ -161,19 +161,19 @@ struct Actor {
     world: Arc<World>,
     head: Head,
     lockstep: Lockstep,
-    /// When its newest record came, by the time of day, which may be set back; records never go back.
+    /// Time of the newest record by the time of day, which may be set back; times of records never go back.
     newest_at: Timestamp,
-    /// The same by the running time, of the records of this actor.
+    /// Time of the newest record of this actor by the running time.
     newest_running: Timestamp,
     bytes: u64,
     tally: Tally,
     seating: Option<Seating>,
-    /// Entries to be recorded before those of the next effects.
+    /// Entries to record before those of the next effects.
     ahead: Vec<Entry>,
-    /// The memory that the episode takes, as long as there are handles to it.
+    /// Memory of the episode, as long as there are handles to it.
     memory: Weak<Reservation>,
     publish: watch::Sender<Arc<Snapshot>>,
-    /// The state that is published, or will be once it is durable.
+    /// State that is published, or will be once it is durable.
     latest: Arc<Snapshot>,
     /// Cancelled once a commit failed: the state in memory is then ahead of the disk for ever.
     failed: CancellationToken,
@@ -181,7 +181,7 @@ struct Actor {
 }
 
 impl Actor {
-    /// Performs what is due at the start, and then what messages and timers ask for.
+    /// Performs the effects that are due at the start, then handles messages and timers.
     async fn run(
         mut self,
         due: Vec<Effect>,
@@ -203,7 +203,7 @@ impl Actor {
                     Some((at, message)) => self.take(at, message).await,
                     None => return,
                 },
-                // A round was opened: its clock runs.
+                // A round opened: its clock runs.
                 _ = published.changed() => self.note_opening(),
                 () = timer.expired() => {
                     let now = self.host.clock.now();
@@ -217,14 +217,14 @@ impl Actor {
         }
     }
 
-    /// When the next timer of the episode expires.
+    /// Time at which the next timer of the episode expires.
     fn wakes_at(&self) -> Option<Timestamp> {
         let fills_at = self.seating.as_ref().and_then(Seating::fills_at);
         let fills_at = fills_at.filter(|_| self.lockstep.status() == Status::Waiting);
         [self.lockstep.wakes_at(), fills_at, self.looks_again_at()].into_iter().flatten().min()
     }
 
-    /// When to look at the time of day again, where something waits for it: it may be in doubt, and set.
+    /// Time of the next look at the time of day, where something depends on it: the time of day may be in doubt, or be set.
     fn looks_again_at(&self) -> Option<Timestamp> {
         let rests_on_it = match self.lockstep.status() {
             Status::Waiting => self.lockstep.is_held() || self.episode.spec.closes_at.is_some(),
@@ -234,7 +234,7 @@ impl Actor {
         rests_on_it.then(|| after(self.host.clock.now(), LOOKS_AGAIN_AFTER))
     }
 
-    /// What is due at an event: clocks run out, open seats are filled.
+    /// Effects that are due at an event: clocks run out, and a built-in player takes open seats.
     fn tick(&mut self, now: Timestamp, event: Event) -> Vec<Effect> {
         self.note_time_of_day();
         let mut effects = self.apply(now, event);
@@ -260,7 +260,7 @@ impl Actor {
         effects
     }
 
-    /// Notes in the barrier when the open round was published.
+    /// Tells the barrier when the open round was published.
     fn note_opening(&mut self) {
         let snapshot = Arc::clone(&self.publish.borrow());
         if let Some(at) = snapshot.opened_at()
@@ -271,7 +271,7 @@ impl Actor {
         }
     }
 
-    /// Passes the time of day to the barrier: before every message, timer and step, as some of them rest on it.
+    /// Passes the time of day to the barrier: before every message, timer and step, as some depend on it.
     fn note_time_of_day(&mut self) {
         note_time_of_day(&mut self.lockstep, &self.episode.spec, &*self.host.clock);
     }
@@ -283,7 +283,7 @@ impl Actor {
         effects
     }
 
-    /// Publishes when the episode ends unless there is a request, or when that has to be checked again.
+    /// Publishes the time at which the episode ends without a request, or at which that has to be checked again.
     fn note_end(&self) {
         let ends_at = if self.lockstep.is_held() {
             after(self.host.clock.now(), LOOKS_AGAIN_AFTER)
@@ -293,8 +293,8 @@ impl Actor {
         self.episode.ends_at.store(ends_at.as_millisecond(), Ordering::Release);
     }
 
-    /// What is due before the first event: a round is resolved whose acts were all stored before a restart, a layout that is
-    /// solved already ends, and so does an episode whose time was over before its actor was started.
+    /// Effects that are due before the first event: a round whose acts were all stored before a restart is resolved; a solved
+    /// layout ends, and so does an episode whose time was over before its actor started.
     fn due(&mut self) -> Vec<Effect> {
         let now = self.host.clock.now();
         let mut effects = self.lockstep.close();
@@ -303,7 +303,7 @@ impl Actor {
         effects
     }
 
-    /// A layout can be solved before the first round; nobody can act in it.
+    /// Ends an episode whose layout is solved before the first round: nobody can act in it.
     fn end_if_solved(&mut self, at: Timestamp) -> Vec<Effect> {
         if self.lockstep.status() == Status::Running && self.world.is_over() {
             return self.apply(at, Event::Done);
@@ -313,8 +313,8 @@ impl Actor {
 
     async fn take(&mut self, at: Timestamp, message: Message) {
         self.note_time_of_day();
-        // It may have waited while a round was resolved, and it is written down after that round. So it counts
-        // from then on, and clocks that ran out meanwhile have run out before it.
+        // The message may have waited while a round was resolved, and it is recorded after that round. So it counts from then on,
+        // and clocks that ran out meanwhile have run out before it.
         let at = at.max(self.newest_running);
         match message {
             Message::Submit { batch, reply } => self.submit(at, batch, reply).await,
@@ -450,8 +450,7 @@ impl Actor {
             }
         }
         self.perform(at, effects, |result| {
-            // Nothing is acknowledged that may be lost, not even for the second time; and nothing
-            // is refused because of something that may be lost.
+            // Nothing that may be lost is acknowledged, not even for the second time, and nothing is refused because of it.
             if let Err(error) = result {
                 for (_, reply) in &mut replies {
                     *reply = Reply::Outcome(Err(error.clone().into()));
@@ -463,15 +462,15 @@ impl Actor {
         .await;
     }
 
-    /// Performs effects of an event at `at`: queues all entries as one job; `then` is called once it, and all
-    /// that was queued before, is durable and published.
+    /// Performs the effects of an event at `at`: queues all entries as one job. `then` is called once this job, and everything
+    /// queued before, is durable and published.
     async fn perform(
         &mut self,
         at: Timestamp,
         effects: Vec<Effect>,
         then: impl FnOnce(Result<(), StoreError>) + Send + 'static,
     ) {
-        // The acts belong to the latest state, which may still be on its way to be published.
+        // The acts belong to the latest state, which may still wait for its publication.
         let open = Arc::clone(&self.latest);
         let mut entries = std::mem::take(&mut self.ahead);
         let mut acted = Vec::new();
@@ -522,7 +521,7 @@ impl Actor {
         let failed = self.failed.clone();
         let is_barrier = entries.is_empty();
         let committed = move |result: Result<(), StoreError>| {
-            // Earlier entries may have been rejected although there is nothing to reject here.
+            // Earlier entries may have been rejected although this job has none to reject.
             let result = if is_barrier && failed.is_cancelled() { Err(gone()) } else { result };
             if result.is_ok() {
                 after_commit.publish(&host, &publish);
@@ -535,7 +534,7 @@ impl Actor {
         self.host.journal.append(entries, Box::new(committed));
     }
 
-    /// Writes the record of who holds which seat; from now on the server plays its own.
+    /// Records the holders of the seats; from now on the server plays its own.
     fn seating_entry(&mut self) -> Option<Entry> {
         let seating = self.seating.as_ref()?;
         let (record, head) = seated(seating, self.head);
@@ -544,7 +543,7 @@ impl Actor {
         Some(Entry::Seat(SeatingRow { episode: self.episode.key, record, head }))
     }
 
-    /// The time of day at a moment of the running time, as it is written down.
+    /// Time of day in records for a moment of the running time; it never goes back.
     fn stamp(&mut self, at: Timestamp) -> Timestamp {
         self.newest_running = self.newest_running.max(at);
         self.newest_at = self.newest_at.max(self.host.clock.to_wall(at));
@@ -564,8 +563,7 @@ impl Actor {
         Entry::Act(ActRow { episode, round, agent, waiting_for, source, at, record, brief })
     }
 
-    /// Steps the engine by the acts of the open round and writes the round's record, and the end
-    /// where it was the last.
+    /// Steps the engine with the acts of the open round, and records the round, and the end where it was the last.
     async fn resolve(&mut self, entries: &mut Vec<Entry>) -> Result<(), StoreError> {
         let round = self.world.round();
         let acts = self.lockstep.acts();
@@ -612,7 +610,7 @@ impl Actor {
         let alive = self.world.agents().map(|agent| self.world.is_alive(agent)).collect();
         self.note_time_of_day();
         for effect in self.apply(now, Event::Resolved { alive, ending }) {
-            // The next round is published with the other entries of this commit.
+            // This commit publishes the next round, with its other entries.
             if let Effect::End(ending) = effect {
                 entries.push(self.end_entry(ending));
             }
@@ -620,7 +618,7 @@ impl Actor {
         Ok(())
     }
 
-    /// Counts the memory that the episode takes now; before the start with all players that it may have.
+    /// Reserves the memory that the episode takes now; before the start, with all players that it may have.
     fn note_memory(&self) {
         let Some(reservation) = self.memory.upgrade() else { return };
         let hosted =
@@ -630,7 +628,7 @@ impl Actor {
         reservation.resize(memory::of_episode(&self.episode.spec, &self.world, keyframes, hosted));
     }
 
-    /// Writes the record of the end.
+    /// Records the end.
     fn end_entry(&mut self, ending: Ending) -> Entry {
         let at = self.lockstep.outcome().map_or_else(|| self.host.clock.now(), |o| o.at);
         let at = self.stamp(at);
@@ -641,7 +639,7 @@ impl Actor {
 }
 
 impl EpisodeInit {
-    /// The end of a new episode whose layout is solved already: nobody can act in it.
+    /// End of a new episode whose layout is already solved: nobody can act in it.
     pub(super) fn end_if_solved(&mut self) -> Option<Entry> {
         if self.lockstep.status() != Status::Running || !self.world.is_over() {
             return None;
@@ -653,7 +651,7 @@ impl EpisodeInit {
     }
 }
 
-/// The end of an episode as it is stored; its head is that of a chain with it.
+/// End of an episode, as it is stored; `head` moves to the end of the chain.
 fn ended(
     episode: &Running,
     lockstep: &Lockstep,
@@ -688,7 +686,7 @@ fn ended(
     })
 }
 
-/// The record of who holds which seat, and the head of a chain with it.
+/// Record of the holders of the seats, and the head of the chain with it.
 pub(super) fn seated(seating: &Seating, head: Head) -> (RawRecord, Head) {
     let record = RawRecord::write(&seating.record());
     let head = head.link(record.as_str().as_bytes());

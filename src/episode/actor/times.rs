@@ -7,11 +7,10 @@ use jiff::Timestamp;
 use crate::store::port::StoredEpisode;
 use swarmbench_clock::Clock;
 
-/// Moments of an episode by the running time. The journal has them by the time of day only, which may have
-/// been set since.
+/// Moments of an episode by the running time. The journal has them only by the time of day, which may have been set since.
 pub(in super::super) struct Times {
     pub(in super::super) created_at: Timestamp,
-    /// When the last durable act of a player came, or else the start or the creation, in milliseconds.
+    /// Time of a player's last durable act, or else of the start or the creation, in milliseconds.
     last_act_at: AtomicI64,
 }
 
@@ -20,7 +19,7 @@ impl Times {
         Self { created_at, last_act_at: AtomicI64::new(created_at.as_millisecond()) }
     }
 
-    /// Those of a stored episode, as far as the time of day tells.
+    /// Times of a stored episode, as far as the time of day tells.
     pub(in super::super) fn stored(stored: &StoredEpisode, clock: &dyn Clock) -> Self {
         let times = Self::new(clock.running_at(stored.created_at));
         if let Some(at) = stored.last_act_at {

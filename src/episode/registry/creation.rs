@@ -1,4 +1,4 @@
-//! New episodes: from their layout, or from a round of another episode.
+//! Creation of episodes: from their layout, or from a round of another episode.
 
 use std::sync::atomic::AtomicI64;
 use std::sync::{Arc, Mutex, OnceLock};
@@ -33,38 +33,36 @@ use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::RawRecord;
 
-/// Rows of forks that are written in one commit: acts of others wait no longer than that takes.
+/// Rows of forks in one commit: it bounds the time for which acts of other episodes wait.
 pub const FORK_PIECE_ROWS_MAX: usize = 4096;
 
-/// What belongs to a new episode beside its description.
+/// A new episode's description, and what belongs to it beside.
 pub struct Creation {
     pub id: EpisodeId,
-    /// Whose it is: the key with which it is created, if any, and the party that shares the limits.
+    /// Party whose limits the episode uses, with the key of the creator, if any.
     pub party: Party,
     pub purpose: Purpose,
-    /// The run to which it belongs, and which game of the run's plan it is.
+    /// Run of the episode, and its game in the run's plan.
     pub run: Option<(RunKey, u32)>,
     pub spec: Spec,
     pub tokens: Vec<TokenRow>,
-    /// The key by which a repeated creation finds it, and the hash of the body.
+    /// Idempotency key, and hash of the body.
     pub idempotency: Option<(String, [u8; 32])>,
 }
 
-/// Why an episode was not created.
+/// Reason why an episode was not created.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum CreateError {
-    /// There are as many as there may be.
     #[error(transparent)]
     Full(#[from] Full),
     #[error(transparent)]
     NoMemory(#[from] Exhausted),
-    /// The time in which its rounds may begin is over.
+    /// The time in which rounds may begin is over.
     #[error("no round may begin after {0}")]
     Closed(Timestamp),
-    /// Its map is large, and too much heavy work waits.
+    /// The map is large, and too much heavy work waits.
     #[error(transparent)]
     Work(#[from] WorkError),
-    /// It could not be stored.
     #[error(transparent)]
     Journal(#[from] StoreError),
 }
@@ -75,27 +73,27 @@ struct NewEpisodes {
     /// The parent of forks; `None` for an episode that begins with its layout.
     fork_of: Option<EpisodeKey>,
     past: Past,
-    /// The memory that each takes.
+    /// Memory of each episode.
     rooms: Vec<Reservation>,
 }
 
-/// A new episode, and the entries that make it durable, but for the rounds that it took over.
+/// A new episode, with the entries that make it durable, except for the rounds that it took over.
 struct Prepared {
     init: EpisodeInit,
-    /// The head of its chain after each round that it took over.
+    /// Heads of its chain after each round that it took over.
     heads: Vec<Head>,
     entries: Vec<Entry>,
     room: Reservation,
 }
 
-/// A new episode in its slot: it is neither recovered nor evicted as long as this is held.
+/// A new episode in its slot. While this is held, nobody recovers or evicts the episode.
 struct Starting {
     handle: Arc<OnceCell<Handle>>,
     _starting: DropGuard,
 }
 
 impl Registry {
-    /// Creates an episode; it is durable when this returns.
+    /// Creates an episode, durably.
     pub async fn create(&self, creation: Creation) -> Result<Handle, CreateError> {
         let registry = self.clone();
         let created = self.detached(creation.party, async move {
@@ -106,8 +104,8 @@ impl Registry {
         Ok(created.await?.swap_remove(0))
     }
 
-    /// Creates forks of an episode that continue from the end of `past`, all or none; they are durable when this returns.
-    /// They get numbers that follow one another, in their order.
+    /// Creates forks of an episode that continue from the end of `past`, all or none, durably. Their numbers follow one another,
+    /// in order.
     pub async fn fork(
         &self,
         creations: Vec<Creation>,
@@ -125,7 +123,7 @@ impl Registry {
         .await
     }
 
-    /// Creates episodes for a party in a task of its own: the caller may be dropped half-way, and a creation has to complete.
+    /// Creates episodes for a party in a task of its own: a creation has to complete even if the caller is dropped.
     async fn detached(
         &self,
         party: Party,
@@ -151,7 +149,7 @@ impl Registry {
         opened
     }
 
-    /// Admits a new episode in round `round`; returns the memory that it takes.
+    /// Admits a new episode in round `round`, and reserves its memory.
     fn admit(
         &self,
         key: EpisodeKey,
@@ -161,7 +159,7 @@ impl Registry {
         let Creation { party, purpose, spec, .. } = creation;
         self.host.quotas.admit(key, *party, *purpose)?;
         let bytes = memory::expected(spec, round, spec.hosted_max());
-        // What an organizer creates may take more than a share.
+        // Episodes of organizers may exceed a share.
         let shares = (*purpose != Purpose::Organizer).then_some(*party);
         Ok(self.room_of(bytes, shares, Rank::Normal)?)
     }
@@ -208,7 +206,7 @@ impl Registry {
         opened
     }
 
-    /// Keeps new episodes, all or none, and starts their actors.
+    /// Stores new episodes, all or none, and starts their actors.
     async fn open(&self, first: i64, new: NewEpisodes) -> Result<Vec<Handle>, CreateError> {
         let NewEpisodes { creations, fork_of, past, rooms } = new;
         let past = Arc::new(past);
@@ -216,7 +214,7 @@ impl Registry {
         for ((key, creation), room) in (first..).zip(creations).zip(rooms) {
             prepared.push(self.prepare(EpisodeKey(key), creation, fork_of, &past, room).await?);
         }
-        // They have their slots before anybody can find them, and nobody recovers or evicts them until they are started: they would
+        // The episodes get slots before anybody can find them. Nobody recovers or evicts them until they are started: they would
         // get a second actor, from their beginning.
         let places: Vec<_> = prepared.iter().map(|one| self.place(&one.init.episode)).collect();
         if let Err(error) = self.keep(&mut prepared, &past).await {
@@ -286,7 +284,7 @@ impl Registry {
             outcome: None,
             round: world.round(),
             alive: world.agents().map(|agent| world.is_alive(agent)).collect(),
-            // Also in a fork: its clocks are its own.
+            // Banks are full in a fork as well: its clocks are its own.
             bank_spent: vec![Duration::ZERO; agents],
             recorded: Vec::new(),
             last_act_at: running,
@@ -319,7 +317,7 @@ impl Registry {
         Ok(Prepared { init, heads, entries, room })
     }
 
-    /// The head of a chain that begins with `opened` after each round that is taken over.
+    /// Heads of a chain that begins with `opened`, after each round that is taken over.
     async fn heads(
         &self,
         opened: Head,
@@ -341,8 +339,8 @@ impl Registry {
         off_thread(&self.host.workers, "fork", (party, Rank::Normal), true, link).await
     }
 
-    /// Keeps new episodes, all or none. Where they took over many rounds, these are written in several commits, and the
-    /// episodes exist with the last of them.
+    /// Stores new episodes, all or none. Where they took over many rounds, several commits store these, and the episodes exist
+    /// with the last one.
     async fn keep(&self, prepared: &mut [Prepared], past: &Past) -> Result<(), StoreError> {
         let rows = prepared.len() * past.rows();
         let mut entries = Vec::with_capacity(FORK_PIECE_ROWS_MAX.min(rows) + 2);
@@ -358,7 +356,7 @@ impl Registry {
                 }
                 entries.extend(taken.acts.iter().map(|act| {
                     let PastAct { agent, waiting_for, source, .. } = *act;
-                    // It was taken over without its texts.
+                    // A fork takes acts over without their texts.
                     let (record, brief) = (act.record.clone(), None);
                     let row =
                         ActRow { episode, round, agent, waiting_for, source, at, record, brief };
@@ -372,8 +370,8 @@ impl Registry {
         self.host.journal.keep(entries).await
     }
 
-    /// Starts the actor of an episode that is durable now. Where a request has found it already, it was recovered: an
-    /// episode never has two actors.
+    /// Starts the actor of an episode that is durable now, unless a request has found the episode and recovered it: an episode
+    /// never has two actors.
     async fn start(&self, prepared: Prepared, place: Starting) -> Handle {
         let Prepared { init, room, .. } = prepared;
         let Running { id, spec, .. } = &init.episode;
@@ -396,7 +394,7 @@ impl Registry {
         handle
     }
 
-    /// A slot for an episode that is being created.
+    /// Reserves the slot of an episode in creation.
     fn place(&self, episode: &Running) -> Starting {
         let starting = CancellationToken::new();
         let mut slots = self.slots();
@@ -406,7 +404,7 @@ impl Registry {
         Starting { handle: Arc::clone(&slot.handle), _starting: starting.drop_guard() }
     }
 
-    /// The seating of a new episode, and the entry for its creator.
+    /// Seating of a new episode, and the entry for its creator.
     async fn seat(
         &self,
         episode: EpisodeKey,

@@ -52,7 +52,7 @@ pub(in super::super) async fn post_act(
 ) -> Result<Response, ApiError> {
     let patience = wait(&app, params.wait)?;
     let receipt = submit(&app, &seat, request).await?;
-    // It may be large, and the wait long.
+    // The body may be large, and the wait long.
     drop(body);
     if params.wait.is_none() {
         return Ok(small(&receipt));
@@ -61,8 +61,8 @@ pub(in super::super) async fn post_act(
     Ok(json(with_field(&receipt, "obs", &next)))
 }
 
-/// What a seat sees once the round is past `round`; `null` if that is not in time. Its act is durable: the receipt is sent
-/// even if the limit of waiting requests is reached, or no thread is free to write the observation.
+/// Observation of a seat once the round is past `round`; `null` if that does not happen in time. Never fails, as the act is
+/// durable: the receipt is sent even if the limit of waiting requests is reached, or no thread is free to write the observation.
 async fn next_observation(app: &App, seat: &Seat, round: u32, patience: Duration) -> Vec<u8> {
     let Seat { handle, agent } = seat;
     let waited = app.waits.until(handle, patience, |snapshot| is_past(snapshot, round)).await;
@@ -73,7 +73,7 @@ async fn next_observation(app: &App, seat: &Seat, round: u32, patience: Duration
     next.unwrap_or_else(|_| b"null".to_vec())
 }
 
-/// Has a seat act; the receipt comes once the act is durable.
+/// Submits an act for a seat; returns once the act is durable.
 pub(in super::super) async fn submit(
     app: &App,
     seat: &Seat,
@@ -88,7 +88,7 @@ pub(in super::super) async fn submit(
 }
 
 impl App {
-    /// Refuses acts quickly where the writer cannot keep up.
+    /// Refuses acts quickly while the writer cannot keep up.
     pub(in super::super) fn check_backlog(&self) -> Result<(), ApiError> {
         let most = self.limits.backlog_bytes_max;
         if self.store.writer().backlog_bytes() < most {
@@ -120,7 +120,7 @@ pub(in super::super) fn receipt(
     }
 }
 
-/// Validates an act and makes a submission of it.
+/// Validates an act, and converts it to a submission.
 pub(in super::super) fn submission(
     request: ActRequest,
     config: &Config,
@@ -215,7 +215,7 @@ mod tests {
     use swarmbench_journal::record::{ActRecord, RawRecord};
     use swarmbench_protocol::problem::Problem;
 
-    /// What a field of a body may hold.
+    /// Possible values of a field of a body.
     #[derive(Clone, Debug, TypeGenerator)]
     enum Held {
         Left,
@@ -273,12 +273,12 @@ mod tests {
         }
     }
 
-    /// A body that is an object, field by field; many are good.
+    /// A body that is an object, field by field; many are valid.
     #[derive(Clone, Debug, TypeGenerator)]
     struct Body {
         round: Held,
         good_round: bool,
-        /// One of `action` and `response` as the contract has them, or whatever comes.
+        /// `Some` for a valid choice between `action` and `response`; `None` for arbitrary fields.
         good: Option<bool>,
         known: u8,
         action: Held,
@@ -307,13 +307,13 @@ mod tests {
         }
     }
 
-    /// A body on its way to the barrier, as [`post_act`] takes it there.
+    /// Passes a body as far as the barrier, like [`post_act`].
     fn take(bytes: &[u8], config: &Config, agent: AgentId) -> Result<Submission, Box<Problem>> {
         let request = read::<ActRequest>(bytes).map_err(|error| Box::new(error.problem()))?;
         submission(request, config, agent).map_err(|error| Box::new(error.problem()))
     }
 
-    /// What holds for every body.
+    /// Checks the properties of every body.
     fn check(bytes: &[u8], config: &Config, agent: AgentId) -> Result<Submission, Box<Problem>> {
         let taken = take(bytes, config, agent);
         let value = serde_json::from_slice::<Value>(bytes);
@@ -341,7 +341,7 @@ mod tests {
                     assert_eq!(act.message, value["message"].as_str().and_then(Message::new));
                 }
                 assert!(act.to.is_none_or(|to| to != agent && to.0 < config.num_agents()));
-                // The engine knows what is recorded of it, and it reads back as it was taken.
+                // The engine knows the decision from its record, and the record reads back as it was written.
                 let record = RawRecord::write(&decision.record(agent, 7));
                 let read: ActRecord = record.read().expect("a record");
                 assert_eq!((read.agent.as_str(), read.bank_spent_ms), (&*agent.to_string(), 7));
@@ -376,14 +376,14 @@ mod tests {
             let mut bytes = serde_json::to_vec(&object).expect("string keys");
             let taken = check(&bytes, config, agent);
 
-            // A field that is null counts as left out.
+            // A field that is null counts as absent.
             let given = object.clone().into_iter().filter(|(_, value)| !value.is_null());
             let given = Value::Object(given.collect()).to_string();
             let same = check(given.as_bytes(), config, agent);
             let same = same.map_err(|problem| problem.code);
             assert_eq!(same, taken.map_err(|problem| problem.code));
 
-            // An unknown field is refused by its name, unless all of it is too deep to be read.
+            // An unknown field is refused by its name, unless the whole body is too deep to be read.
             let mut strange = object;
             strange.insert("Round".to_owned(), json!(1));
             let strange = Value::Object(strange).to_string();

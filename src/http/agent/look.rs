@@ -1,4 +1,4 @@
-//! Observations as JSON: small ones are written on the async threads, all others off them.
+//! Observations as JSON: small ones are written on the async threads, all others on worker threads.
 
 use std::sync::Arc;
 
@@ -16,21 +16,21 @@ use swarmbench_prompt::tasks;
 use swarmbench_protocol::episode::EpisodeResult;
 use swarmbench_protocol::observation::{Moment, Sight};
 
-/// What is written in one piece, in cells: about a millisecond of work. One piece a request is written on
-/// the async thread that asks, all others elsewhere.
+/// Maximum cells that are written in one piece: about a millisecond of work. The async thread writes one piece of a request;
+/// worker threads write all others.
 const PIECE_CELLS_MAX: usize = 32 * 1024;
 
-/// What a prompt costs beside its cells, in cells.
+/// Cost of a prompt beside its cells, in cells.
 const PROMPT_CELLS: usize = 4096;
 
-/// A seat, in the state that is to be shown to it.
+/// A seat, and the state to show it.
 #[derive(Clone)]
 pub(in super::super) struct Look {
     handle: Handle,
     snapshot: Arc<Snapshot>,
     agent: AgentId,
     acted: bool,
-    /// The sight, if it was written before.
+    /// The sight, if it is in the cache.
     cached: Option<Bytes>,
 }
 
@@ -50,7 +50,7 @@ impl Look {
         Self { acted, ..Self::waiting(app, handle, snapshot, agent) }
     }
 
-    /// A seat that has to act in this state, also if it has acted meanwhile.
+    /// Shows a state in which the seat has to act, as if it had not acted yet.
     pub(in super::super) fn waiting(
         app: &App,
         handle: &Handle,
@@ -68,7 +68,7 @@ impl Look {
         (self.handle.key, world.round(), *status, self.agent)
     }
 
-    /// About how much work it is to write it, in cells.
+    /// Estimated work of writing the observation, in cells.
     fn cells(&self, with_prompt: bool) -> usize {
         let cells = self.snapshot.world.observation_cells(self.agent);
         match &self.cached {
@@ -88,7 +88,7 @@ impl Look {
         )
     }
 
-    /// Writes what stays the same while the round is open.
+    /// Writes the part that stays the same while the round is open.
     fn write(&self, app: &App, with_prompt: bool) -> Result<Written, ApiError> {
         if let (Some(sight), false) = (&self.cached, with_prompt) {
             return Ok(Written { sight: sight.clone(), prompt: None });
@@ -107,12 +107,12 @@ impl Look {
         Ok(Written { sight, prompt })
     }
 
-    /// Adds the whole observation to a body.
+    /// Appends the whole observation to a body.
     fn add_to(&self, body: &mut Vec<u8>, written: &Written, app: &App) {
         let moment = serde_json::to_vec(&self.moment(app)).expect("string keys");
         let prompt_bytes = written.prompt.as_ref().map_or(0, Vec::len);
         body.reserve(written.sight.len() + moment.len() + prompt_bytes + 16);
-        // Objects are joined to one: `{…`, `,…` and `}`.
+        // Two objects are joined to one: `{…`, `,…` and `}`.
         body.extend_from_slice(&written.sight[..written.sight.len() - 1]);
         body.push(b',');
         body.extend_from_slice(&moment[1..moment.len() - 1]);
@@ -141,7 +141,7 @@ impl Look {
     }
 }
 
-/// An observation as JSON.
+/// Writes an observation as JSON.
 pub(in super::super) async fn observation(
     app: &App,
     look: Look,
@@ -155,8 +155,8 @@ pub(in super::super) async fn observation(
     Ok(body)
 }
 
-/// Observations as a JSON list, and how many they are: the first one, and as many more as fit into
-/// `bytes_max`. If the client is gone, no more than one piece is written.
+/// Writes observations as a JSON list, and returns their number: the first one, and as many more as fit into `bytes_max`. After
+/// the client has gone, at most one piece is written.
 pub(in super::super) async fn observations(
     app: &App,
     looks: Vec<Look>,
@@ -194,17 +194,17 @@ pub(in super::super) async fn observations(
     Ok((body, given))
 }
 
-/// A permit for a large answer; what is written in one piece needs none.
+/// Permit for a large answer; an answer of one piece needs none.
 async fn permit(app: &App, looks: &[Look], with_prompt: bool) -> Result<Option<Permit>, ApiError> {
     let cells: usize = looks.iter().map(|look| look.cells(with_prompt)).sum();
     Ok(if cells > PIECE_CELLS_MAX { Some(Box::pin(app.heavy.large_answer()).await?) } else { None })
 }
 
-/// Writes what seats see for one request: one piece here, all others elsewhere.
+/// Writes the observations of one request: one piece on this thread, all others on worker threads.
 struct Pen<'a> {
     app: &'a App,
     with_prompt: bool,
-    /// Cells that were written on the async thread, and elsewhere.
+    /// Cells written on the async thread, and on worker threads.
     cells: [usize; 2],
 }
 
@@ -245,7 +245,7 @@ impl Drop for Pen<'_> {
     }
 }
 
-/// How an episode ended, as it is shown.
+/// Ending of an episode, as clients see it.
 pub(in super::super) fn result(snapshot: &Snapshot) -> Option<EpisodeResult> {
     snapshot.outcome.map(|outcome| EpisodeResult {
         reason: outcome.ending.name().to_owned(),

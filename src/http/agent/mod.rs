@@ -1,4 +1,4 @@
-//! What an agent needs: look and act.
+//! Routes of a seat: look and act.
 
 pub(super) mod act;
 pub(super) mod look;

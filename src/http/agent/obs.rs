@@ -51,7 +51,7 @@ pub(in super::super) async fn get_obs(
     Ok(json(see(&app, &seat, params.after, wait, params.prompt).await?))
 }
 
-/// What a seat observes, once the round is past `after` or `wait` has passed.
+/// Observation of a seat, once the round is past `after` or `wait` has passed.
 pub(in super::super) async fn see(
     app: &App,
     seat: &Seat,
@@ -70,7 +70,7 @@ pub(in super::super) async fn see(
     observation(app, look, prompt).await
 }
 
-/// Whether there is more to see than in round `round`.
+/// Whether the round is past `round`, or the episode is over.
 pub(in super::super) fn is_past(snapshot: &Snapshot, round: u32) -> bool {
     snapshot.status.is_over() || snapshot.world.round() > round
 }

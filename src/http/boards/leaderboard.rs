@@ -96,7 +96,7 @@ pub(in super::super) async fn show_leaderboard(
         no_people: params.people == Some(false),
         imported: params.imported == Some(true),
     };
-    // Games are measured after their results are known.
+    // Metrics are measured after results are stored, so they have a revision of their own.
     let measured = (!metrics.is_empty()).then(|| app.store.writer().changes().measured());
     let asked =
         format!("leaderboard {question:?} {metrics:?} {measured:?} {after:?} {limit} {format:?}");
@@ -128,7 +128,7 @@ pub(in super::super) async fn show_leaderboard(
     app.answers.answer(asked, Box::pin(make)).await
 }
 
-/// Adds metrics to the rows that have a run.
+/// Adds metrics to rows that belong to a run.
 fn with_metrics(mut board: Leaderboard, metrics: &[Metric], means: &Means) -> Leaderboard {
     if metrics.is_empty() {
         return board;

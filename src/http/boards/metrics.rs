@@ -7,10 +7,10 @@ use swarmbench_analysis::Metric;
 use super::super::error::{ApiError, Code};
 use crate::store::metrics::RunTask;
 
-/// Metrics that a board shows at once.
+/// Maximum metrics of one board.
 const METRICS_MAX: usize = 16;
 
-/// By run and task, the means of the metrics that were asked for.
+/// Means of the requested metrics by run and task.
 pub(in super::super) type Means = BTreeMap<RunTask, Vec<Option<f64>>>;
 
 pub(in super::super) fn wanted_metrics(names: &str) -> Result<Vec<Metric>, ApiError> {
@@ -37,7 +37,7 @@ pub(in super::super) fn wanted_metrics(names: &str) -> Result<Vec<Metric>, ApiEr
     Ok(metrics)
 }
 
-/// Of each task the metrics of a run; `None` where no game has a value, or none was measured yet.
+/// Metrics of a run by task; `None` where no game has a value or none was measured yet.
 pub(in super::super) fn of_tasks(
     run: &str,
     tasks: &[String],

@@ -20,7 +20,7 @@ pub(super) enum Format {
 }
 
 impl Format {
-    /// What the query names, or else what the header `Accept` names first; JSON where neither knows one.
+    /// The format that the query names, else the first known one in `Accept`, else JSON.
     fn wanted(named: Option<&str>, headers: &HeaderMap) -> Result<Self, ApiError> {
         if let Some(format) = Self::named(named)? {
             return Ok(format);
@@ -42,7 +42,7 @@ impl Format {
         }
     }
 
-    /// How many rows a page has at most: more in CSV, if the query does not say.
+    /// Maximum rows of a page: the default for CSV is larger.
     fn page_limit(self, app: &App, asked: Option<u32>) -> Result<usize, ApiError> {
         let usual = match self {
             Self::Json => PAGE_ITEMS_DEFAULT,
@@ -51,8 +51,7 @@ impl Format {
         Ok(page_limit(app, asked, usual)? as usize)
     }
 
-    /// The answer with a page of at most `limit` rows, made by `page`; of fewer where they do not fit into
-    /// `bytes_max`.
+    /// A response with a page of at most `limit` rows, made by `page`; fewer if they exceed `bytes_max`.
     pub(super) fn page<T: Table>(
         self,
         bytes_max: usize,
@@ -75,7 +74,7 @@ impl Format {
         }
     }
 
-    /// How many rows of a page of `bytes` bytes fit into `bytes_max`: at least one, or a list would never advance.
+    /// Rows of a page of `bytes` bytes that fit into `bytes_max`: at least one, or a list would never advance.
     fn fitting<T: Table>(self, page: &T, bytes: usize, bytes_max: usize) -> usize {
         let (rows, columns) = (page.rows(), page.columns());
         let size = |row: &T::Row| match self {
@@ -93,7 +92,7 @@ impl Format {
         rows.len().saturating_sub(without.count()).max(1)
     }
 
-    /// An answer in this form. One that does not end the list names the next page.
+    /// A response in this format. A page that does not end the list names the next one.
     fn answer<T: Table>(self, page: &T, body: Vec<u8>) -> Response {
         let kind = match self {
             Self::Json => "application/json",

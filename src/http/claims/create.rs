@@ -59,10 +59,10 @@ pub(in super::super) async fn create_claim(
     let wanted = problems.none_or(wanted)?;
     let at = app.clock.wall();
     let holder = Holder { number: 0, owner, key, model, agent_meta, player: None, at };
-    // Each owner has keys of its own in each episode.
+    // The scope of a key is its owner and the episode.
     let idempotency = idempotency.map(|(key, body)| (format!("{}/{key}", stored.id), body));
     let handle = app.episode(&stored.id).await?;
-    // A repeat must find what the first one claims, also if its client hangs up.
+    // Detached, so that a repeat finds the first claim even if its client hung up.
     App::run_detached(async move {
         let _lock = app.creations.lock_key(idempotency.as_ref()).await;
         let find = |key| app.store.claimed_with(key);
@@ -74,7 +74,6 @@ pub(in super::super) async fn create_claim(
     .await
 }
 
-/// Replaces the tokens of a claim.
 async fn new_tokens(app: &App, handle: &Handle, number: u32) -> Result<Response, ApiError> {
     let agents = app.store.seats_of(handle.key, number).await?;
     let tokens = Tokens::new(app, agents.len());
@@ -83,7 +82,7 @@ async fn new_tokens(app: &App, handle: &Handle, number: u32) -> Result<Response,
     let rows = seats.map(|(token, agent)| row(token.hash(), Some(*agent)));
     let rows = rows.chain([row(tokens.swarm.hash(), None)]).collect();
     let replaced = app.store.replace_tokens(handle.key, Some(number), rows).await;
-    // Some of them may be gone also where it broke off.
+    // A failed replacement may have revoked some tokens too.
     app.revoked(|grant| match grant {
         Grant::Seat { episode, agent, .. } => *episode == handle.id && agents.contains(agent),
         Grant::Swarm { episode, seats: Seats::Claimed(seats), .. } => {
@@ -114,7 +113,7 @@ async fn new_claim(
     Ok(created(handle, &claimed, &tokens))
 }
 
-/// The tokens of one claim in clear.
+/// The tokens of one claim in clear text.
 struct Tokens {
     seats: Vec<Token>,
     swarm: Token,

@@ -40,7 +40,7 @@ pub(in super::super) async fn list_claims(
         if spec.open_seats.contains(&agent) {
             return SeatHolder { agent: name, ..SeatHolder::default() };
         }
-        // The creator holds all seats: those are not noted one by one.
+        // The creator's seats are not stored one by one.
         SeatHolder {
             agent: name,
             claim: Some(0),
@@ -55,7 +55,7 @@ pub(in super::super) async fn list_claims(
     Ok(Json(SeatList { open: u16::try_from(open).expect("at most 1,024 agents"), seats }))
 }
 
-/// The holder name of seats that the server plays.
+/// Holder name of seats that the server plays.
 const SERVER: &str = "server";
 
 #[cfg(test)]

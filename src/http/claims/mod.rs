@@ -1,4 +1,4 @@
-//! Claims: seats of one episode that belong to several holders.
+//! Claims: the seats of one episode are divided between several holders.
 
 pub(super) mod create;
 pub(super) mod list;

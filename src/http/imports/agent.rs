@@ -70,7 +70,7 @@ pub(in super::super) async fn show_import_agent_round(
     }))
 }
 
-/// The name of an agent in the files, and its act in a state; `None` where there is no such agent.
+/// Name of an agent in the files, and its act in a state; `None` if there is no such agent.
 fn act_of(
     task: &str,
     state: &ImportedRound,
@@ -90,7 +90,7 @@ fn act_of(
     Ok(Some((id.clone(), act)))
 }
 
-/// An act of the files, as far as it is shown.
+/// Fields of an act in the files that are shown.
 #[derive(Deserialize)]
 struct FoundRow {
     agent_id: String,

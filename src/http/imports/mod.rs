@@ -1,4 +1,4 @@
-//! Games that were read from files: list, show, and what spectators read.
+//! Imported games: games read from files, listed and shown to spectators.
 
 pub(super) mod agent;
 pub(super) mod list;
@@ -18,11 +18,11 @@ use crate::store::entries::ImportedRound;
 use crate::store::imports::StoredImport;
 use swarmbench_protocol::import::ImportSummary;
 
-/// Bytes of a cell while a state is read.
+/// Bytes of memory for a cell while a state is read.
 const CELL_BYTES: usize = 64;
 
 impl App {
-    /// An imported game. They are public like episodes that have ended.
+    /// An imported game. Imports are public like ended episodes.
     async fn import(&self, caller: &Caller, id: &str) -> Result<StoredImport, ApiError> {
         let unknown = || ApiError::not_found("the imported game");
         if !caller.may_read_what_is_over(&self.access) {
@@ -31,8 +31,8 @@ impl App {
         self.store.find_import(id).await?.ok_or_else(unknown)
     }
 
-    /// The states of an imported game from `from` on, as far as they are read at once; it is a part of `from..to`. The
-    /// memory of them is reserved, with that of what they become.
+    /// States of an imported game from `from` on: as many of `from..to` as are read at once, with a reservation for them and what
+    /// is made of them.
     async fn imported_rounds(
         &self,
         stored: &StoredImport,
@@ -49,7 +49,6 @@ impl App {
         Ok((self.store.imported_rounds(stored.key, from, to).await?, memory))
     }
 
-    /// One state of an imported game.
     async fn imported_state(
         &self,
         stored: &StoredImport,
@@ -60,7 +59,7 @@ impl App {
     }
 }
 
-/// The error of a stored game that cannot be read.
+/// Error of a stored game that cannot be read.
 #[expect(clippy::needless_pass_by_value, reason = "the shape that `map_err` calls")]
 fn unreadable(problem: Unreadable) -> ApiError {
     let detail = format!("the game cannot be read: {problem}");

@@ -91,7 +91,7 @@ impl App {
         key: PageKey,
         mut page: ImportPage,
     ) -> Result<WrittenPage, ApiError> {
-        // The page, and the same as JSON.
+        // Memory for the page and for its JSON.
         let _memory = self.registry.room(2 * PAGE_BYTES_MAX)?;
         let _permit = self.heavy.replay().await?;
         let mut from = key.from.saturating_sub(ROUNDS_BEFORE);

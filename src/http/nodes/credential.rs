@@ -1,10 +1,10 @@
-//! How servers of a cluster know each other: by a secret that is never sent.
+//! Servers of a cluster authenticate each other with a shared secret that is never sent.
 
 use data_encoding::HEXLOWER;
 use hmac::{Hmac, KeyInit as _, Mac as _};
 use sha2::Sha256;
 
-/// What all servers of a cluster know, and nobody else.
+/// The cluster secret.
 pub(super) struct Secret(Hmac<Sha256>);
 
 impl Secret {
@@ -18,15 +18,14 @@ impl Secret {
         mac
     }
 
-    /// Proof of cluster membership. Anybody who reads it can pass for this server, towards that one, and no longer
-    /// than both of them live.
+    /// Proof of cluster membership. Whoever reads it can impersonate `from` towards `to`, as long as both incarnations live.
     pub(super) fn credential(&self, from: i64, to: i64) -> String {
         let mac = self.mac(from, to).finalize().into_bytes();
         format!("{from}.{to}.{}", HEXLOWER.encode(&mac))
     }
 
-    /// For which server the credential of another one is; `None` where it is of no server. It may be for one that had this
-    /// address before.
+    /// Incarnation for which a server made this credential; `None` where the credential is invalid. The recipient may be an
+    /// earlier server of this address.
     pub(super) fn recipient(&self, credential: &str) -> Option<i64> {
         let (from, rest) = credential.split_once('.')?;
         let (to, mac) = rest.split_once('.')?;

@@ -1,4 +1,4 @@
-//! The connections to the other servers: what is sent over them of a request, and what comes back.
+//! Connections to the other servers: forwarded requests and their answers.
 
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
@@ -24,30 +24,30 @@ use super::super::front::is_of_a_player;
 use super::Other;
 use super::credential::Secret;
 
-/// How long another server may take to accept a connection.
+/// Timeout for another server to accept a connection.
 const CONNECT_PATIENCE: Duration = Duration::from_millis(500);
 
-/// After how long a connection to another server that is silent is asked for a sign of life, and how often in vain.
+/// Silence before a TCP keepalive probe, and the number of unanswered probes that ends a connection.
 const KEEPALIVE: Duration = Duration::from_secs(2);
 const KEEPALIVE_RETRIES: u32 = 3;
 
-/// After how long a connection that nobody uses is closed.
+/// Idle time after which a connection is closed.
 const UNUSED: Duration = Duration::from_secs(30);
 
-/// Other servers that are remembered, with those that are gone.
+/// Capacity of the caches of other servers, which include servers that are gone.
 const PEERS_MAX: usize = 1000;
 
-/// What a server sends with what it forwards: who it is, as only servers of the cluster can tell.
+/// Header of a forwarded request: the credential of the server that forwards it.
 const HOP: HeaderName = HeaderName::from_static("x-swarmbench-hop");
 
-/// The address of the client, and whether it is a program on the machine to which it sent its request.
+/// Header of a forwarded request: the client's address, and whether it is a program on the machine to which it sent the request.
 const CLIENT: HeaderName = HeaderName::from_static("x-swarmbench-client");
 
-/// In the place of the client of what a server asks for itself.
+/// Client of requests that a server makes for itself.
 pub(super) const OF_A_SERVER: Client =
     Client { address: IpAddr::V4(Ipv4Addr::LOCALHOST), is_local: false };
 
-/// Headers of one connection, which are not passed on.
+/// Hop-by-hop headers, which are not forwarded.
 const OF_A_CONNECTION: [HeaderName; 7] = [
     header::CONNECTION,
     HeaderName::from_static("keep-alive"),
@@ -58,27 +58,27 @@ const OF_A_CONNECTION: [HeaderName; 7] = [
     header::UPGRADE,
 ];
 
-/// A request to another server, but for a body that is passed on as it comes. It may be sent more than once.
+/// A request to another server, which may be sent more than once. A streamed body is not part of it.
 #[derive(Clone)]
 pub(super) struct Question {
     pub(super) method: Method,
     pub(super) path: PathAndQuery,
-    /// Without those of a connection.
+    /// Without hop-by-hop headers.
     pub(super) headers: HeaderMap,
     pub(super) body: Bytes,
 }
 
 impl Question {
-    /// A request without a body, of a server itself.
+    /// A server's own request, without a body.
     pub(super) fn bare(method: Method, path: PathAndQuery) -> Self {
         Self { method, path, headers: HeaderMap::new(), body: Bytes::new() }
     }
 
-    /// Takes the headers of a request, and what else is sent of it.
+    /// Takes the headers out of a client's request, and copies what else is forwarded.
     pub(super) fn of(parts: &mut Parts, body: Bytes) -> Self {
         let mut headers = std::mem::take(&mut parts.headers);
         remove_of_connection(&mut headers);
-        // A client may send what only servers say.
+        // A client could forge the headers that only servers set.
         for name in [header::EXPECT, HOP, CLIENT] {
             headers.remove(name);
         }
@@ -87,20 +87,20 @@ impl Question {
         Self { method: parts.method.clone(), path, headers, body }
     }
 
-    /// Whether it may be sent twice: it only reads, or it is an act, which is the same act again.
+    /// Whether the request may be sent twice: it only reads, or it is an act, and a repeated act gets the same receipt.
     pub(super) fn is_repeatable(&self) -> bool {
         self.method == Method::GET
             || self.method == Method::HEAD
             || matches!(self.path.path(), "/act" | "/swarm/act")
     }
 
-    /// Whether its answer may be waited for.
+    /// Whether the request is a long poll of a player.
     pub(super) fn may_wait(&self) -> bool {
         is_of_a_player(self.path.path())
             && self.path.query().is_some_and(|query| query.split('&').any(is_wait))
     }
 
-    /// The same, to be answered at once.
+    /// The same request without its wait.
     pub(super) fn without_wait(&self) -> Self {
         let query = self.path.query().unwrap_or_default();
         let rest: Vec<&str> = query.split('&').filter(|part| !is_wait(part)).collect();
@@ -113,26 +113,26 @@ fn is_wait(parameter: &str) -> bool {
     parameter.split('=').next() == Some("wait")
 }
 
-/// Why a request was not answered by the server to which it was sent.
+/// Failure of a forwarded request.
 pub(super) enum Failed {
-    /// It has not arrived there.
+    /// The request did not arrive.
     NotSent,
-    /// It may have been done, or not.
+    /// The request may or may not have been handled.
     Unknown,
 }
 
-/// The connections of one server to the others.
+/// Connections of this server to the others.
 pub(super) struct Links {
-    /// The incarnation of this server.
+    /// Incarnation of this server.
     own: i64,
     secret: Secret,
     http: HttpClient<HttpConnector, Body>,
     peers: Cache<i64, Arc<Peer>>,
-    /// Credentials that were checked, and for which server each is.
+    /// Verified credentials, with their recipients.
     checked: Cache<HeaderValue, i64>,
 }
 
-/// Another server, as it is named in requests to it.
+/// Address and credential for requests to another server.
 struct Peer {
     address: String,
     authority: Authority,
@@ -144,7 +144,7 @@ impl Links {
         let mut connector = HttpConnector::new();
         connector.set_nodelay(true);
         connector.set_connect_timeout(Some(CONNECT_PATIENCE));
-        // Where packets are lost between two servers that both reach the database, nobody else ends the connection.
+        // Keepalive ends a connection where packets are lost between two servers that both reach the database: nobody else would.
         connector.set_keepalive(Some(KEEPALIVE));
         connector.set_keepalive_interval(Some(KEEPALIVE));
         connector.set_keepalive_retries(Some(KEEPALIVE_RETRIES));
@@ -163,8 +163,8 @@ impl Links {
         }
     }
 
-    /// The client of a request that another server has sent on. An error where it is of no server; `None` where it is for the
-    /// server that was at this address before.
+    /// Client of a request that another server forwarded; `None` where the credential is for an earlier server of this address.
+    /// Fails without a valid credential.
     pub(super) fn client_of(&self, headers: &HeaderMap) -> Result<Option<Client>, ApiError> {
         let refuse = || {
             let detail = "this address is for the other servers of the cluster, and the request is of none of them: send it to the \
@@ -182,7 +182,7 @@ impl Links {
         Ok(Some(Client { address, is_local: is_local == "local" }))
     }
 
-    /// For which server a credential is; `None` where it is of no server.
+    /// Recipient of a credential; `None` where the credential is invalid.
     fn recipient(&self, credential: &HeaderValue) -> Option<i64> {
         if let Some(recipient) = self.checked.get(credential) {
             return Some(recipient);
@@ -208,8 +208,8 @@ impl Links {
         Some(peer)
     }
 
-    /// Sends a request of a client to another server, with this body in the place of its own where there is one. `gone` completes
-    /// when that server is gone: then nobody waits for the answer, or its body breaks off.
+    /// Sends a client's request to another server; `body` replaces the body of the question. `gone` completes when that server
+    /// leaves the cluster: the request fails if it has no answer yet, and the body of its answer breaks off.
     pub(super) async fn send<Gone>(
         &self,
         question: &Question,
@@ -244,7 +244,7 @@ impl Links {
 }
 
 impl Peer {
-    /// What says to this server that another one sends a request, and for whom.
+    /// Headers that authenticate this server, and name the client.
     fn headers(&self, client: Client) -> [(HeaderName, HeaderValue); 2] {
         let kind = if client.is_local { "local" } else { "remote" };
         let shown = HeaderValue::try_from(format!("{} {kind}", client.address));
@@ -267,7 +267,7 @@ impl Peer {
     }
 }
 
-/// The body of an answer of another server. It breaks off when that server is gone.
+/// Body of another server's answer. A body that is not small breaks off when that server is gone.
 fn until_gone(gone: impl Future<Output = ()> + Send + 'static, body: Incoming) -> Body {
     if body.is_end_stream()
         || body.size_hint().exact().is_some_and(|bytes| bytes <= LIGHT_BODY_BYTES_MAX as u64)

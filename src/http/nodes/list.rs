@@ -49,7 +49,7 @@ fn shown(member: Member, me: i64) -> Node {
     }
 }
 
-/// A server that has its database to itself.
+/// Entry of a server that has the database to itself.
 fn alone(app: &App) -> Node {
     let episodes = u32::try_from(app.registry.in_memory()).unwrap_or(u32::MAX);
     Node {

@@ -1,7 +1,8 @@
-//! Several servers on one database: which of them answers a request, and how the others pass it on.
+//! Routing within a cluster: which server answers a request, and how the other servers forward it.
 //!
-//! Every request may be sent to any server. What is being played is answered by the server that plays it: another one forwards
-//! the request as it is, and the answer as it comes. What is over, and lists and boards, any server reads from the database.
+//! Clients may send any request to any server. The owner of a place answers requests about what is played there; every other
+//! server forwards the request unchanged, and streams the answer back. Any server reads finished games, lists and boards from the
+//! database.
 
 mod credential;
 mod links;
@@ -34,61 +35,61 @@ pub use peers::NodePeers;
 pub(super) use peers::PATH;
 use target::Target;
 
-/// Places and ids of which is remembered who plays them.
+/// Capacity of the caches of owners and of games; those of runs and competitions are smaller.
 const ROUTES_CACHED: usize = 100_000;
 
-/// How long a request waits for another server to take what the last one had.
+/// Longest wait of a request for another server to take over a place.
 const MOVE_PATIENCE: Duration = Duration::from_millis(1500);
 
-/// How often it looks meanwhile.
+/// Interval between attempts to locate the owner while a request waits.
 const MOVE_PAUSE: Duration = Duration::from_millis(25);
 
-/// In the answer of a server that does not play what a forwarded request is about.
+/// Header of an answer: this server does not own the place of the forwarded request.
 const ELSEWHERE: HeaderName = HeaderName::from_static("x-swarmbench-elsewhere");
 
-/// In the extensions of an answer that says that another server plays it.
+/// Extension of an answer: another server owns the place.
 #[derive(Clone, Copy)]
 pub(super) struct IsElsewhere;
 
-/// The servers of a database, as one of them sees the others.
+/// One server's view of its cluster: owners of places, and connections to the other servers.
 pub struct Nodes {
     cluster: Arc<Cluster>,
     store: Store,
     links: Links,
     forwarded: Counter,
-    /// Who plays at a place; [`ANYBODY`] where all is over.
+    /// Owners of places; [`ANYBODY`] where everything has ended.
     owners: Cache<Place, i64>,
     games: Cache<EpisodeId, Place>,
     runs: Cache<String, RunKey>,
     competitions: Cache<String, CompetitionKey>,
 }
 
-/// In the place of an owner: everything there is over, so that any server answers from the database.
+/// Pseudo-owner of a place where everything has ended: any server answers from the database.
 const ANYBODY: i64 = 0;
 
-/// Who answers a request.
+/// Server that answers a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Location {
     Here,
     At(Other),
 }
 
-/// Another server.
+/// Another server of the cluster.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Other {
     incarnation: i64,
     address: String,
 }
 
-/// What becomes of a request.
+/// Outcome of routing a request.
 pub(super) enum Routed {
-    /// This server answers it.
+    /// This server handles the request.
     Here(Request),
     Answered(Response),
 }
 
 impl Nodes {
-    /// The servers with a secret in common; `store` is the database that they share.
+    /// `store` is the database that the cluster shares.
     pub fn new(store: Store, cluster: Arc<Cluster>, secret: &[u8]) -> Self {
         let links = Links::new(cluster.incarnation(), secret);
         Self {
@@ -103,13 +104,13 @@ impl Nodes {
         }
     }
 
-    /// The client of a request that another server has forwarded, or asks itself. An error where it is of no server; `None` where
-    /// it is for the server that was at this address before.
+    /// Client of a request that another server forwarded, or made itself; `None` where the credential is for an earlier server of
+    /// this address. Fails where no server of the cluster sent the request.
     pub(super) fn client_of_hop(&self, headers: &HeaderMap) -> Result<Option<Client>, ApiError> {
         self.links.client_of(headers)
     }
 
-    /// Refuses to answer for what this server plays where the database may have been told that it is dead.
+    /// Fails once the lease of this server has expired: another server may have taken over its places.
     pub(super) fn check_may_answer(&self) -> Result<(), ApiError> {
         if self.cluster.may_answer() {
             return Ok(());
@@ -119,7 +120,7 @@ impl Nodes {
         Err(ApiError::new(Code::Unavailable, detail).retry_after(Duration::from_secs(1)))
     }
 
-    /// Finds out who answers a request, and lets another server answer it where that plays what it is about.
+    /// Locates the server that answers a request, and forwards the request unless it is this one.
     pub(super) async fn route(
         &self,
         app: &App,
@@ -151,7 +152,7 @@ impl Nodes {
         }
     }
 
-    /// Whether this server plays at a place, or takes it now as nobody does.
+    /// Whether this server owns a place, or takes ownership now; true as well where everything there has ended.
     async fn takes(&self, place: Place) -> Result<bool, StoreError> {
         if self.cluster.has(place) || !self.cluster.is_unfinished(place).await? {
             return Ok(true);
@@ -159,7 +160,7 @@ impl Nodes {
         self.store.take_place(place).await
     }
 
-    /// Where a request is answered.
+    /// Locates the server that answers a request.
     async fn locate(&self, target: Target) -> Result<Location, StoreError> {
         let owner = match target {
             Target::Anybody => ANYBODY,
@@ -179,11 +180,11 @@ impl Nodes {
             return Ok(Location::At(Other { incarnation: owner, address: member.address.clone() }));
         }
         self.forget(target);
-        // It has joined at this moment, or is gone.
+        // The owner has joined at this moment, or is gone.
         Err(StoreError::Elsewhere)
     }
 
-    /// Who makes something new; an error where nobody takes work at this moment.
+    /// Server that creates something new. Fails where no server takes work at this moment.
     fn taker(&self, number: u64) -> Result<i64, StoreError> {
         let is_stopping =
             |one: &i64| *one == self.cluster.incarnation() && !self.cluster.takes_work();
@@ -208,7 +209,7 @@ impl Nodes {
             None if !self.cluster.is_unfinished(place).await? => ANYBODY,
             None => {
                 if let Some(preferred) = self.cluster.preferred(place).filter(|one| *one != me) {
-                    // It takes the place when it is asked.
+                    // The preferred server takes ownership when the request arrives.
                     return Ok(preferred);
                 }
                 if !self.cluster.takes_work() {
@@ -221,7 +222,7 @@ impl Nodes {
             }
         };
         if owner == me {
-            // A commit whose answer was lost has taken it; or it is being given up.
+            // A commit whose answer was lost took the place; or the place is being released.
             return if self.store.take_place(place).await? {
                 Ok(me)
             } else {
@@ -232,7 +233,7 @@ impl Nodes {
         Ok(owner)
     }
 
-    /// Lets another server answer, and the next one that plays it where that does not: once.
+    /// Forwards the request; retries once at the new owner.
     async fn forward(
         &self,
         app: &App,
@@ -254,14 +255,15 @@ impl Nodes {
                 ("body_bytes_max", limits.body_bytes_max)
             };
             if body.size_hint().lower() > most as u64 {
-                // No server takes it. The refusal of another one may be lost with a connection that it closes unread.
+                // No server accepts this body. The refusal of another server may get lost with the connection, which it closes
+                // without reading the body.
                 return if is_of_a_player(path) {
                     Err(too_large(name, most))
                 } else {
                     Ok(Routed::Here(Request::from_parts(parts, body)))
                 };
             }
-            // It is passed on as it comes, so it cannot be sent again.
+            // The body is streamed, so the request cannot be sent again.
             let question = Question::of(&mut parts, Bytes::new());
             return match self.send(&question, Some(body), client, to).await {
                 Ok(response) if !is_elsewhere(&response) => Ok(Routed::Answered(response)),
@@ -278,7 +280,7 @@ impl Nodes {
         let answered = if question.may_wait() {
             tokio::select! {
                 answered = self.send(&question, None, client, to) => answered,
-                // A server that stops lets nobody wait.
+                // A stopping server ends all long polls.
                 () = app.stop.cancelled() => {
                     self.send(&question.without_wait(), None, client, to).await
                 }
@@ -311,7 +313,7 @@ impl Nodes {
         }
     }
 
-    /// Where a request is answered now that a server has not answered it: waits for another to take what that had.
+    /// Locates the server that answers a request after another one did not: waits for a takeover, up to [`MOVE_PATIENCE`].
     async fn located_again(
         &self,
         target: Target,
@@ -326,7 +328,7 @@ impl Nodes {
                 if let Some(member) = members.iter().find(|member| member.incarnation == before)
                     && crate::fleet::is_dead(&self.cluster, member).await
                 {
-                    // What it had is free from now on.
+                    // Exclusion frees the places of the dead server at once.
                     crate::fleet::take_over(&self.cluster, member.incarnation).await?;
                 }
             }
@@ -349,8 +351,8 @@ impl Nodes {
         }
     }
 
-    /// Sends a request to the server that plays what it is about, with this body in the place of its own where there is one. One
-    /// that is stopped, or cut off, is waited for until the others have taken over what it had.
+    /// Sends a request to the owner; `body` replaces the body of the question. A stopped or unreachable server is waited for until
+    /// the cluster has excluded it.
     async fn send(
         &self,
         question: &Question,
@@ -368,7 +370,7 @@ fn is_event_stream(response: &Response) -> bool {
     kind.is_some_and(|kind| kind.as_bytes().starts_with(b"text/event-stream"))
 }
 
-/// Ends a stream of events when this server stops.
+/// Ends an event stream when this server stops.
 fn until_stop(stop: &CancellationToken, response: Response) -> Response {
     if !is_event_stream(&response) {
         return response;
@@ -377,7 +379,7 @@ fn until_stop(stop: &CancellationToken, response: Response) -> Response {
     response.map(|body| Body::from_stream(body.into_data_stream().take_until(stop)))
 }
 
-/// Another number each time.
+/// A different number at each call.
 fn drawn() -> u64 {
     static DRAWN: AtomicU64 = AtomicU64::new(0);
     DRAWN.fetch_add(1, Ordering::Relaxed)
@@ -388,7 +390,7 @@ fn is_elsewhere(response: &Response) -> bool {
         && response.headers().contains_key(ELSEWHERE)
 }
 
-/// The answer to a forwarded request about what this server does not play.
+/// Answer to a forwarded request about a place that this server does not own.
 pub(super) fn elsewhere() -> Response {
     let mut response = StatusCode::MISDIRECTED_REQUEST.into_response();
     response.headers_mut().insert(ELSEWHERE, HeaderValue::from_static("1"));

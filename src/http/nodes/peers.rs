@@ -1,4 +1,4 @@
-//! What servers of a cluster ask each other for themselves.
+//! Requests that servers of a cluster make of each other, for no client.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -22,29 +22,29 @@ use crate::run::manager::Peers;
 use crate::run::{RunError, RunStatus};
 use crate::store::StoreError;
 
-/// What all paths begin with by which servers ask each other.
+/// Path prefix of requests between servers.
 pub(in super::super) const PATH: &str = "/cluster/";
 
-/// Bytes of an answer of another server.
+/// Longest answer of another server, in bytes.
 const ANSWER_BYTES_MAX: usize = 64 * 1024;
 
-/// How long another server may take to end or advance a run.
+/// Timeout of a request to end or advance a run.
 const ASK_PATIENCE: Duration = Duration::from_secs(10);
 
-/// How long another server may take to say who it is.
+/// Timeout of a request for a server's identity.
 const HELLO_PATIENCE: Duration = Duration::from_secs(3);
 
 fn question(method: Method, path: &str) -> Option<Question> {
     Some(Question::bare(method, path.parse().ok()?))
 }
 
-/// Who a server is.
+/// Identity of a server.
 #[derive(Debug, Serialize, Deserialize)]
 struct Hello {
     incarnation: i64,
 }
 
-/// The other servers, for runs that one of them plays.
+/// Forwards steps of runs to the servers that own them.
 pub struct NodePeers(pub Arc<Nodes>);
 
 impl Peers for NodePeers {
@@ -58,14 +58,14 @@ impl Peers for NodePeers {
 }
 
 impl Nodes {
-    /// Asks the server that plays a run, or takes it, to do something with it.
+    /// Asks the owner of a run, or the server that would take it, to advance or end it. Tries twice.
     async fn ask(&self, run: RunKey, what: &str) -> Result<bool, RunError> {
         let place = Place::Run(run);
         let target = Target::Place(place);
         let mut last = StoreError::Elsewhere;
         for _ in 0..2 {
             let Location::At(other) = self.locate(target).await? else {
-                // This server has taken it meanwhile, and does it when it is asked again; or all is over there.
+                // This server took the run meanwhile, and does the step when asked again; or everything of the run has ended.
                 return if self.cluster.has(place) {
                     Err(StoreError::Elsewhere.into())
                 } else {
@@ -90,14 +90,14 @@ impl Nodes {
         Err(last.into())
     }
 
-    /// Asks another server, which may have joined at this moment; `None` where it does not answer.
+    /// Asks another server, which may not be in the list of members yet; `None` where it does not answer.
     async fn ask_at(&self, method: Method, path: &str, at: &Other) -> Option<Response> {
         let question = question(method, path)?;
         let gone = std::future::pending;
         self.links.send(&question, None, OF_A_SERVER, at, gone).await.ok()
     }
 
-    /// Checks that the other servers reach this one at its address; an error says what is wrong.
+    /// Checks that the other servers reach this one at `address`. The error tells the operator what is wrong.
     pub async fn check_reachable(&self, address: &str) -> Result<(), String> {
         let me = self.cluster.incarnation();
         let own = Other { incarnation: me, address: address.to_owned() };
@@ -130,7 +130,7 @@ impl Nodes {
                  reach with --node",
                 one.address
             )),
-            // That one is not reached, which is not the fault of this one.
+            // The other server is unreachable, which is no fault of this one's address.
             Ok(None) | Err(_) => {
                 tracing::warn!(server = one.address, "another server is not reached from this one");
                 Ok(())
@@ -138,7 +138,7 @@ impl Nodes {
         }
     }
 
-    /// Who answers at an address.
+    /// Incarnation of the server at an address; `None` where none answers.
     async fn hello(&self, at: &Other) -> Option<i64> {
         let path = format!("{PATH}hello");
         let asked = tokio::time::timeout(HELLO_PATIENCE, self.ask_at(Method::GET, &path, at));
@@ -147,7 +147,7 @@ impl Nodes {
         serde_json::from_slice::<Hello>(&body).ok().map(|hello| hello.incarnation)
     }
 
-    /// Answers another server.
+    /// Handles a request of another server.
     pub(in super::super) async fn answer(
         &self,
         app: &App,

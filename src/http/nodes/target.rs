@@ -1,4 +1,4 @@
-//! What a request is about, as far as it matters which server answers it.
+//! Target of a request: the part of its meaning that decides which server answers.
 
 use std::borrow::Cow;
 
@@ -12,24 +12,24 @@ use super::Nodes;
 use crate::ids::{CompetitionKey, EpisodeId, Place, TokenHash};
 use crate::store::tokens::Grant;
 
-/// What a request is about.
+/// Target of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Target {
-    /// Any server answers it from the database, or does it.
+    /// Any server handles the request.
     Anybody,
-    /// What is played, or changed, at a place.
+    /// The owner of the place handles the request.
     Place(Place),
-    /// Something that does not exist yet, and that must not be made twice: the number follows from its name.
+    /// The request creates something that must not be created twice: the number is a hash of its idempotency key.
     Named(u64),
-    /// Something else that does not exist yet: a server that takes work makes it.
+    /// The request creates something else: any server that takes work does that.
     New,
 }
 
-/// New competitions are made in one place, so that no two get the same id.
+/// One server creates all competitions, so that no two get the same id.
 const NEW_COMPETITIONS: Place = Place::Competition(CompetitionKey(0));
 
 impl Nodes {
-    /// What a request is about. What does not exist is answered by anybody.
+    /// Finds the target of a request. Any server answers for ids that do not exist.
     pub(super) async fn target(
         &self,
         app: &App,
@@ -49,7 +49,7 @@ impl Nodes {
                 let place = self.place_of(&EpisodeId::from_text(id.to_owned())).await?;
                 let Some(place) = place else { return Ok(Target::Anybody) };
                 if action == Some("fork") && !self.cluster.is_unfinished(place).await? {
-                    // Nobody plays the parent any more, and the forks are new.
+                    // Nobody owns the place of the parent any more, and the forks are new.
                     return Ok(of_name(headers));
                 }
                 Ok(Target::Place(place))
@@ -79,13 +79,13 @@ impl Nodes {
         }
     }
 
-    /// What is played with the token of a request.
+    /// Place that is played with the token of a request.
     async fn of_token(&self, app: &App, headers: &HeaderMap) -> Result<Target, ApiError> {
         let value = headers.get(header::AUTHORIZATION);
         let Some(token) =
             value.and_then(|value| value.to_str().ok()).and_then(|value| auth::bearer(value).ok())
         else {
-            // The handler says what is wrong.
+            // The handler reports what is wrong.
             return Ok(Target::Anybody);
         };
         match app.tokens.grant(token).await? {
@@ -98,7 +98,7 @@ impl Nodes {
         }
     }
 
-    /// Where an episode is played.
+    /// Place of an episode; `None` where the episode does not exist.
     async fn place_of(&self, id: &EpisodeId) -> Result<Option<Place>, ApiError> {
         if let Some(place) = self.games.get(id) {
             return Ok(Some(place));
@@ -110,7 +110,7 @@ impl Nodes {
     }
 }
 
-/// What the path of a request names.
+/// Collection, id and action in the path of a request.
 #[derive(Debug, PartialEq, Eq)]
 struct Subject<'a> {
     collection: &'a str,
@@ -122,13 +122,13 @@ impl<'a> Subject<'a> {
     fn of(path: &'a str) -> Option<Self> {
         let mut parts = path.strip_prefix("/api/v1/")?.split('/').filter(|part| !part.is_empty());
         let collection = parts.next()?;
-        // As the handlers read it: an id that is written otherwise names the same thing.
+        // Handlers decode ids, too: an id in another encoding names the same resource.
         let id = parts.next().map(|part| percent_decode_str(part).decode_utf8_lossy());
         Some(Self { collection, id, action: parts.next() })
     }
 }
 
-/// Creations with the same `Idempotency-Key` are done by the same server, one after the other.
+/// Creations with the same `Idempotency-Key` go to one server, which does them one after another.
 fn of_name(headers: &HeaderMap) -> Target {
     headers.get("idempotency-key").map_or(Target::New, |name| {
         let hash = TokenHash::of(&String::from_utf8_lossy(name.as_bytes()));

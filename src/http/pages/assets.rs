@@ -1,4 +1,4 @@
-//! `GET /assets/{version}/…`: the files that pages load. They are part of the program, or in a folder while somebody works on them.
+//! `GET /assets/{version}/…`: files that pages load. They are part of the binary, or read from a folder during development.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -12,21 +12,21 @@ use super::super::error::ApiError;
 use crate::pages::FILES;
 use crate::telemetry::spawn_blocking;
 
-/// Where the files of pages come from.
+/// Source of the files of pages.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Source {
-    /// The program itself.
+    /// The binary.
     #[default]
     Program,
-    /// A folder in the place of `static/assets`: what is changed there shows when a page is loaded again.
+    /// A folder in place of `static/assets`: changes show when a page is reloaded.
     Folder(PathBuf),
 }
 
-/// Part of the addresses of files that come from a folder.
+/// Version in the addresses of files that come from a folder.
 const FOLDER_VERSION: &str = "folder";
 
 impl Source {
-    /// The folder of all files in addresses.
+    /// Version in the addresses of all files.
     pub(super) fn version(&self) -> &str {
         match self {
             Self::Program => &FILES.version,
@@ -35,7 +35,7 @@ impl Source {
     }
 }
 
-/// A file of the version that this program has. Browsers may keep it: other content has another address.
+/// A file of this program's version. Browsers may cache it forever: other content has another address.
 pub(super) async fn asset(
     State(app): State<App>,
     extract::Path((version, name)): extract::Path<(String, String)>,
@@ -68,8 +68,8 @@ pub(super) async fn asset(
     }
 }
 
-/// The path of a file in a folder; none for a name or a link that leads out of it. The folder itself may be a link, and a
-/// link from one place in it to another is followed.
+/// Path of a file in a folder; none for a name or a link that leads out of it. The folder itself may be a link, and links within it
+/// are followed.
 fn within(folder: &Path, name: &str) -> Option<PathBuf> {
     let is_name = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
     let folder = folder.canonicalize().ok().filter(|_| is_name)?;
@@ -77,7 +77,7 @@ fn within(folder: &Path, name: &str) -> Option<PathBuf> {
     (path.starts_with(&folder) && path.is_file()).then_some(path)
 }
 
-/// Whether a client takes gzip: it is named, and not with the quality 0.
+/// Whether a client accepts gzip: named, and not with quality 0.
 fn accepts_gzip(headers: &HeaderMap) -> bool {
     let values =
         headers.get_all(ACCEPT_ENCODING).into_iter().filter_map(|value| value.to_str().ok());

@@ -1,5 +1,4 @@
-//! Pages for browsers. All of them are one HTML document, whose scripts read what they show from the same routes as
-//! every other client.
+//! Pages for browsers. All are one HTML document, whose scripts read their data from the same routes as every other client.
 
 mod assets;
 mod shell;
@@ -80,7 +79,7 @@ async fn episode(State(app): State<App>, caller: Caller, Path(id): Path<String>)
     episode_shell(&app, &caller, &id).await.response(&app)
 }
 
-/// The page of a game that other sites may show in a frame. Its scripts have no tokens there.
+/// Page of a game that other sites may embed in a frame, where its scripts have no tokens.
 async fn embedded_episode(
     State(app): State<App>,
     caller: Caller,
@@ -89,7 +88,7 @@ async fn embedded_episode(
     episode_shell(&app, &caller, &id).await.framing(Framing::Anyone).response(&app)
 }
 
-/// The page of a game, with a title and a description for previews of links, if the caller may read the game.
+/// Page of a game, with title and description for link previews if the caller may read the game.
 async fn episode_shell(app: &App, caller: &Caller, id: &str) -> Shell {
     let parts = ["", "/state", "/replay", "/metrics", "/journal"];
     let shell = match app.readable_summary(caller, id).await {

@@ -1,4 +1,4 @@
-//! The HTML document of all pages, with its policy.
+//! The HTML document of all pages, and its content security policy.
 
 use axum::extract::Request;
 use axum::http::header::{
@@ -13,7 +13,7 @@ use crate::pages::escape;
 
 const DOCUMENT: &str = include_str!("../../../static/page.html");
 
-/// Scripts, styles and requests from this server alone, no inline ones, and nothing that turns text into markup.
+/// Policy: scripts, styles and requests from this server only, nothing inline, and no conversion of text to markup.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; \
     connect-src 'self'; font-src 'self'; base-uri 'none'; form-action 'none'; \
     require-trusted-types-for 'script'; trusted-types 'none'; frame-ancestors ";
@@ -23,18 +23,18 @@ const OPENER_POLICY: HeaderName = HeaderName::from_static("cross-origin-opener-p
 const DESCRIPTION: &str =
     "Language models play as a swarm: each sees a small window, and talks to its neighbours only.";
 
-/// Who may show a page in a frame.
+/// Sites that may show a page in a frame.
 #[derive(Clone, Copy)]
 pub(in super::super) enum Framing {
     Nobody,
     Anyone,
 }
 
-/// What differs between the documents of pages.
+/// Differences between the documents of pages.
 pub(in super::super) struct Shell {
     title: String,
     description: String,
-    /// The same data for browsers without scripts.
+    /// Routes with the same data, for browsers without scripts.
     links: Vec<String>,
     framing: Framing,
     status: StatusCode,
@@ -51,7 +51,7 @@ impl Shell {
         }
     }
 
-    /// The page for an address that leads nowhere.
+    /// Page of an unknown address.
     pub(in super::super) fn not_found() -> Self {
         Self { status: StatusCode::NOT_FOUND, ..Self::new("No such page") }
     }
@@ -71,14 +71,13 @@ impl Shell {
         self
     }
 
-    /// Adds a link to a route with a query.
     pub(super) fn link(mut self, route: &str, query: &[(&str, &str)]) -> Self {
         let query = query.iter().map(|(name, value)| format!("{name}={}", escape_url(value)));
         self.links.push(format!("{route}?{}", query.collect::<Vec<_>>().join("&")));
         self
     }
 
-    /// Adds links to routes of one thing.
+    /// Adds links to the sub-routes of one object.
     pub(super) fn below(mut self, route: &str, id: &str, parts: &[&str]) -> Self {
         let id = escape_url(id);
         self.links.extend(parts.iter().map(|part| format!("{route}/{id}{part}")));
@@ -116,7 +115,7 @@ impl Shell {
     }
 }
 
-/// Puts values in the places of their names. Names in values are not replaced.
+/// Replaces placeholders by values. Placeholders in values are not replaced.
 fn fill(template: &str, values: &[(&str, String)]) -> String {
     let mut filled = String::with_capacity(template.len() + 1024);
     let mut rest = template;
@@ -135,7 +134,7 @@ fn fill(template: &str, values: &[(&str, String)]) -> String {
     filled
 }
 
-/// Whether a request comes from a browser that shows a page.
+/// Whether the request is a browser's, for a page.
 pub(in super::super) fn wants_page(request: &Request) -> bool {
     let accept = request.headers().get(ACCEPT).and_then(|accept| accept.to_str().ok());
     accept.is_some_and(|accept| accept.contains("text/html"))

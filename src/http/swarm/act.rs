@@ -86,7 +86,7 @@ pub(in super::super) async fn post_swarm_act(
         let first = receipts.len();
         receipts.extend(submit_all(&app, &mut source, &piece, first, &mut acted).await?);
     }
-    // It may be large, and the wait long.
+    // The body may be large, and the wait long.
     drop(body);
     let answer = SwarmActResponse { receipts, ..SwarmActResponse::default() };
     Ok(match patience {
@@ -95,11 +95,11 @@ pub(in super::super) async fn post_swarm_act(
     })
 }
 
-/// Bytes of acts that are on their way to the journal at once: acts of others are written between the pieces of a large
-/// body.
+/// Bytes of acts that are on their way to the journal at once: acts of others are written between the pieces of a large body.
 const PIECE_BYTES: usize = 512 * 1024;
 
-/// Sends acts, waits until they are durable, and notes who has acted. The first of them is at place `first` in the body.
+/// Submits a piece of acts, waits until they are durable, and notes who has acted. `first` is the place of the first act in the
+/// body.
 async fn submit_all(
     app: &App,
     source: &mut Source,
@@ -130,17 +130,17 @@ async fn submit_all(
     receipts.ok_or_else(|| ApiError::new(Code::Internal, "an act has no outcome"))
 }
 
-/// The acts of a body, each still to be read for itself.
+/// Body of a request; each of its acts is still to be read for itself.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Envelope {
     acts: Acts,
 }
 
-/// Acts that are read at most; further ones are only counted.
+/// Maximum number of acts that are kept; further ones are only counted.
 const ACTS_KEPT: usize = 4096;
 
-/// The acts of a body, and how many came.
+/// Acts of a body, and the number that came.
 struct Acts {
     acts: Vec<Box<RawValue>>,
     count: usize,
@@ -175,14 +175,14 @@ impl<'de> Deserialize<'de> for Acts {
     }
 }
 
-/// The acts for one episode, with their places among all.
+/// Acts for one episode, with their places in the piece.
 struct Group {
     seated: Seated,
     places: Vec<usize>,
     submissions: Vec<(AgentId, Submission)>,
 }
 
-/// Checks one act and puts it to the others for its episode.
+/// Checks one act and adds it to the group of its episode.
 async fn take(
     app: &App,
     source: &mut Source,
@@ -220,14 +220,14 @@ async fn take(
     Ok(())
 }
 
-/// The outcome of an act, which is at `place` in its piece.
+/// Outcome of an act, which is at `place` in its piece.
 struct Outcome {
     place: usize,
     agent: AgentId,
     receipt: SwarmReceipt,
 }
 
-/// Sends the acts of one episode and waits for their outcomes.
+/// Submits the acts of one episode, and waits for their outcomes.
 async fn submit(group: Group) -> (Seated, Vec<Outcome>) {
     let Group { seated, places, submissions } = group;
     if submissions.is_empty() {

@@ -1,4 +1,4 @@
-//! Many seats in one call: of one episode, or of all episodes of a run.
+//! Routes for many seats in one call: of one episode, or of all episodes of a run.
 
 pub(super) mod act;
 mod next;
@@ -33,7 +33,7 @@ impl Seated {
     }
 }
 
-/// Where the seats of a token are found.
+/// Seats that a token authorizes: of an episode, or of the open games of a run.
 enum Source {
     Episode(Seated),
     Run { run: RunKey, open_games: watch::Receiver<OpenGames>, games: Option<HashSet<EpisodeId>> },
@@ -51,7 +51,7 @@ impl Source {
         })
     }
 
-    /// All episodes with seats that may be waiting, and for a run whether it is over.
+    /// Episodes with seats that may be waiting, and for a run whether it is over.
     async fn open(&mut self, app: &App) -> Result<(Vec<Seated>, Option<bool>), ApiError> {
         match self {
             Self::Episode(Seated { handle, seats }) => {
@@ -63,7 +63,7 @@ impl Source {
                 for found in join_all(open.iter().map(|id| app.episode(id))).await {
                     match found {
                         Ok(handle) => seated.push(Seated { handle, seats: Seats::Creators }),
-                        // A broken journal was logged; the other games can be played.
+                        // A broken journal was already logged; the other games can be played.
                         Err(error) if error.code() == Code::Internal => {}
                         Err(error) => return Err(error),
                     }
@@ -73,7 +73,7 @@ impl Source {
         }
     }
 
-    /// Whether a run has other open games than when they were last listed.
+    /// Whether the run has other open games than at the last listing.
     fn has_changed(&self) -> bool {
         match self {
             Self::Episode(_) => false,
@@ -81,7 +81,7 @@ impl Source {
         }
     }
 
-    /// Finds its episode again, where it is one whose actor has ended.
+    /// Finds the episode again after its actor has ended.
     async fn find_again(&mut self, app: &App) -> Result<(), ApiError> {
         if let Self::Episode(Seated { handle, .. }) = self {
             *handle = app.episode(&handle.id.clone()).await?;
@@ -89,7 +89,7 @@ impl Source {
         Ok(())
     }
 
-    /// Whether its episode, or its run with all games, is over.
+    /// Whether the episode, or the run with all its games, is over.
     fn is_over(&self) -> bool {
         match self {
             Self::Episode(Seated { handle, .. }) => handle.snapshot().status.is_over(),
@@ -97,7 +97,7 @@ impl Source {
         }
     }
 
-    /// The seats in one episode, also after its end. None if the token has no seat there.
+    /// Seats in one episode, also after its end; `None` if the token has no seat there.
     async fn find(&mut self, app: &App, episode: &str) -> Result<Option<Seated>, ApiError> {
         match self {
             Self::Episode(Seated { handle, seats }) => {
@@ -121,7 +121,7 @@ impl Source {
         }
     }
 
-    /// Completes when there are other episodes to look at.
+    /// Completes when other games of the run are open.
     async fn changed(&mut self) {
         let is_changed = match self {
             Self::Episode(_) => false,

@@ -1,4 +1,4 @@
-//! What seats see after their acts: the rest of the answer of `POST /swarm/act?wait=`.
+//! Observations after acts: the rest of the answer of `POST /swarm/act?wait=`.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
@@ -21,29 +21,29 @@ use swarmbench_protocol::act::{SwarmActResponse, SwarmReceipt};
 /// Bytes of an answer beside its receipts and its observations.
 const REST_BYTES_MAX: usize = 256;
 
-/// The episodes that a request acted in, by their ids.
+/// Episodes that a request acted in, by id.
 #[derive(Default)]
 pub(super) struct Acted(BTreeMap<String, Episode>);
 
-/// An episode that was acted in.
+/// An episode that a request acted in.
 struct Episode {
     seated: Seated,
-    /// The seats whose acts count.
+    /// Seats whose acts count.
     counted: BTreeMap<AgentId, Counted>,
-    /// The seats that sent an act which was refused.
+    /// Seats with a refused act.
     refused: BTreeSet<AgentId>,
 }
 
-/// What counts of a seat's acts.
+/// The acts of a seat that count.
 struct Counted {
-    /// The place of the first of them in the request.
+    /// Place of the first of them in the request.
     place: usize,
-    /// The latest round that they answer.
+    /// Latest round of the acts.
     round: u32,
 }
 
 impl Acted {
-    /// Notes the outcome of an act, which was at `place` in the request.
+    /// Notes the outcome of an act, which is at `place` in the request.
     pub(super) fn note(
         &mut self,
         seated: &Seated,
@@ -69,9 +69,9 @@ impl Acted {
         }
     }
 
-    /// Notes an act that was refused before it reached its episode, if it names a seat of one that was acted in.
+    /// Notes an act that was refused before it reached its episode, if it names a seat of an episode that the request acted in.
     pub(super) fn note_refused(&mut self, act: &RawValue) {
-        /// Whose act it is; the rest of it may be anything.
+        /// Seat of an act, whose other fields may be anything.
         #[derive(Deserialize)]
         struct Name<'a> {
             #[serde(borrow)]
@@ -85,7 +85,7 @@ impl Acted {
         episode.refused.extend(AgentId::parse(&agent).filter(|agent| agent.0 < num_agents));
     }
 
-    /// The whole answer: `answer` has the receipts. They are sent in any case, as the acts are durable.
+    /// Writes the whole answer: `answer` has the receipts, which are sent in any case, as the acts are durable.
     pub(super) async fn answer(
         self,
         app: &App,
@@ -109,7 +109,7 @@ impl Acted {
         })
     }
 
-    /// Waits until all of these episodes are settled, the time is up or the server stops.
+    /// Waits until all of these episodes are settled, the time is up, or the server stops.
     async fn settle(&self, app: &App, patience: Duration) -> Result<(), ApiError> {
         let open = self.0.values().filter(|episode| !episode.is_settled_now());
         let open: Vec<_> = open.map(Episode::settled).collect();
@@ -119,13 +119,13 @@ impl Acted {
         Ok(())
     }
 
-    /// What the seats see next, as far as it can be seen yet, in the order of their acts.
+    /// The seats' next observations, as far as they are available, in the order of the acts.
     fn looks(&self, app: &App) -> Vec<Look> {
         let mut looks = Vec::new();
         for Episode { seated, counted, .. } in self.0.values() {
             let handle = &seated.handle;
             let snapshot = handle.snapshot();
-            // How a sealed game ended is told when its competition is over.
+            // The ending of a sealed game stays secret until its competition is over.
             if snapshot.status.is_over() && handle.spec.visibility == Visibility::Sealed {
                 continue;
             }
@@ -140,8 +140,8 @@ impl Acted {
 }
 
 impl Episode {
-    /// Whether there is nothing to wait for: the round that was answered is over, or it waits for a seat whose act was
-    /// refused, so that a better one has to come first.
+    /// Whether waiting is pointless: the round that was answered is over, or the round waits for a seat whose act was refused, so
+    /// that a better act has to come first.
     fn is_settled(&self, snapshot: &Snapshot) -> bool {
         let Some(round) = self.counted.values().map(|counted| counted.round).max() else {
             return true;
@@ -154,7 +154,7 @@ impl Episode {
         self.is_settled(&self.seated.handle.snapshot())
     }
 
-    /// Completes when it is settled, or its actor has ended by a fault.
+    /// Completes when the episode is settled, or its actor has ended by a fault.
     async fn settled(&self) {
         let mut published = self.seated.handle.follow();
         drop(published.wait_for(|snapshot| self.is_settled(snapshot)).await);

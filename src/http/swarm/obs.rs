@@ -1,4 +1,4 @@
-//! `GET /swarm/obs`: the observations that wait for an act.
+//! `GET /swarm/obs`: observations of seats that the open rounds wait for.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -19,7 +19,7 @@ use super::{Seated, Source};
 use crate::episode::{Snapshot, Status};
 use swarmbench_protocol::act::SwarmObsResponse;
 
-/// Observations in one answer if the request has no `limit`.
+/// Default of `limit`.
 const OBSERVATIONS_DEFAULT: usize = 256;
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -77,7 +77,7 @@ pub(in super::super) async fn get_swarm_obs(
     let looks = open.iter().map(|open| open.look(&app)).collect();
     let bytes_max = app.limits.answer_bytes_max - REST_BYTES_MAX;
     let (observations, given) = observations(&app, looks, params.prompt, bytes_max).await?;
-    // What did not fit comes with the next answer.
+    // The next answer has the observations that did not fit.
     let cursor = open[..given].last().map_or(after, |last| last.seat);
     let rest = Rest { cursor: cursor.write(app.boot), finished };
     Ok(json(with_field(&rest, "observations", &observations)))
@@ -86,7 +86,7 @@ pub(in super::super) async fn get_swarm_obs(
 /// Bytes of an answer beside its observations.
 const REST_BYTES_MAX: usize = 256;
 
-/// How long it takes to look again for an episode whose actor has ended by a fault.
+/// Pause before an episode is found again after its actor has ended by a fault.
 const GONE_PAUSE: Duration = Duration::from_secs(1);
 
 /// A seat that waits for an act.
@@ -102,8 +102,8 @@ impl Open {
     }
 }
 
-/// The seats that were opened after `after` and wait for an act, once there are any, all is over or the
-/// time is up; and whether all is over.
+/// Waits for seats that were opened after `after` and have to act, until there are any, everything is over, or the time is up.
+/// Also returns whether everything is over.
 async fn wait_for_seats(
     app: &App,
     source: &mut Source,
@@ -114,12 +114,12 @@ async fn wait_for_seats(
     let mut is_up = timeout.is_zero();
     let mut up = app.clock.sleep_until(swarmbench_clock::after(app.clock.now(), timeout));
     loop {
-        // Changes from here on are reported by `changed`.
+        // `changed` reports changes from here on.
         let (seated, is_over) = source.open(app).await?;
         let mut followed: Vec<Followed> = seated.into_iter().map(Followed::new).collect();
         loop {
             let Some((open, are_over)) = look(app, source, &mut followed, after) else { break };
-            // A run continues when its open games are over.
+            // A run goes on when its open games are over.
             let is_over = is_over.unwrap_or(are_over);
             if !open.is_empty() || is_over || is_up {
                 return Ok((open, is_over));
@@ -129,7 +129,7 @@ async fn wait_for_seats(
             }
             tokio::select! {
                 is_alive = any_changed(&mut followed) => if !is_alive {
-                    // The actor of one has ended by a fault: it is found again, recovered.
+                    // An actor has ended by a fault: its episode is found again, recovered.
                     tokio::select! {
                         () = app.clock.sleep_until(swarmbench_clock::after(app.clock.now(), GONE_PAUSE)) => {}
                         () = &mut up => is_up = true,
@@ -146,7 +146,7 @@ async fn wait_for_seats(
     }
 }
 
-/// An episode of which each state is looked at.
+/// An episode with the receiver of its states.
 struct Followed {
     seated: Arc<Seated>,
     published: watch::Receiver<Arc<Snapshot>>,
@@ -157,8 +157,8 @@ impl Followed {
         Self { published: seated.handle.follow(), seated: Arc::new(seated) }
     }
 
-    /// Completes when another state is published, with true; or when its actor has ended before the
-    /// episode. Never, where it is over.
+    /// Completes with true when another state is published, and with false when the actor has ended before the episode. Never
+    /// completes where the episode is over.
     async fn changed(&mut self) -> bool {
         if self.published.changed().await.is_ok() {
             return true;
@@ -170,7 +170,7 @@ impl Followed {
     }
 }
 
-/// Completes when any of them has changed since it was looked at; with false where its actor has ended.
+/// Completes when any episode has changed since the last look; with false where its actor has ended.
 async fn any_changed(followed: &mut [Followed]) -> bool {
     let changes: FuturesUnordered<_> = followed.iter_mut().map(Followed::changed).collect();
     match { changes }.next().await {
@@ -179,8 +179,8 @@ async fn any_changed(followed: &mut [Followed]) -> bool {
     }
 }
 
-/// Looks at all of them at one moment: the seats that wait for an act and were opened after `after`, the
-/// oldest first; and whether all of these episodes are over. None if other games were opened meanwhile.
+/// Looks at all episodes at one moment. Returns the seats that have to act and were opened after `after`, oldest first, and
+/// whether all episodes are over; `None` if other games were opened meanwhile.
 fn look(
     app: &App,
     source: &Source,
@@ -188,10 +188,10 @@ fn look(
     after: Cursor,
 ) -> Option<(Vec<Open>, bool)> {
     let (snapshots, are_over) = {
-        // Rounds get their numbers from the first look that sees them. Without one lock for the whole look, another look
-        // could give a smaller number to a round that this one has not seen.
+        // The first look that sees a round numbers it. Without one lock for the whole look, another look could give a smaller
+        // number to a round that this one has not seen.
         let mut seen = app.rounds_seen.lock().expect("nothing panics while it holds this");
-        // Nor may it number rounds without a game that another look has numbered already: its cursor would pass that game.
+        // Nor may this look number rounds without a game that another look has already numbered: its cursor would pass that game.
         if source.has_changed() {
             return None;
         }
@@ -227,14 +227,14 @@ fn look(
     Some((open, are_over))
 }
 
-/// What a [`SwarmObsResponse`] has beside observations, which are written out already.
+/// A [`SwarmObsResponse`] without its observations, which are already written.
 #[derive(serde::Serialize)]
 struct Rest {
     cursor: String,
     finished: bool,
 }
 
-/// A place in the order in which observations were opened.
+/// Position in the order in which observations were opened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Cursor {
     opened: u64,
@@ -242,15 +242,14 @@ struct Cursor {
 }
 
 impl Cursor {
-    /// Before everything.
+    /// Position before all observations.
     const START: Self = Self { opened: 0, agent: 0 };
 
     fn write(self, boot: u64) -> String {
         format!("{boot:016x}.{}.{}", self.opened, self.agent)
     }
 
-    /// Reads a cursor. One of an earlier run of the server is before everything: after a restart
-    /// all open rounds are opened anew.
+    /// Parses a cursor. A cursor of an earlier run of the server is before everything: a restart opens all open rounds anew.
     fn parse(text: &str, boot: u64) -> Result<Self, ApiError> {
         let read = || {
             let mut parts = text.split('.');

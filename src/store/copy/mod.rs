@@ -1,8 +1,9 @@
-//! Copies a whole database into an empty one, of either engine: how a server moves from SQLite to PostgreSQL, and back.
+//! Copies a whole database into an empty one of either engine: the way to move a server from SQLite to PostgreSQL and back.
 //!
-//! Nobody else uses either of them meanwhile. A table is copied in pieces, by its primary key. A piece is one transaction of
-//! the target, so a copy that was interrupted at any moment continues behind the last row that is there. From before its first
-//! table until all was compared and checked the target has a table `copying`, with which nothing else opens it.
+//! Nothing else uses the two databases meanwhile. A table is copied in pieces, in order of its primary key. Each piece is a
+//! transaction of the target, so an interrupted copy continues after the last stored row. The table `copying` exists in the
+//! target from before the first piece until everything was compared and checked; while it exists, nothing else opens the
+//! target.
 
 mod tables;
 
@@ -21,19 +22,18 @@ use super::{Alone, Location, OpenError, postgres};
 use crate::migrations;
 use tables::TABLES;
 
-/// The table of a target that is not finished: which of its tables has how many rows, and of which source.
+/// The progress table of an unfinished target: source, migration, and the number of copied rows for each table.
 pub(super) const UNFINISHED: &str = "copying";
 
-/// Bytes of values after which a piece ends. Two are in memory at once.
+/// Bytes of values after which a piece ends. Two pieces are in memory at once.
 const PIECE_BYTES_MAX: usize = 4 << 20;
 
-/// Rows of a piece at most, and of the first one of a table.
+/// Maximum rows of a piece, and rows of a table's first piece.
 const PIECE_ROWS: (i64, i64) = (16_384, 512);
 
-/// How long a database that is in use is waited for: PostgreSQL notices after a moment that an interrupted copy has gone.
+/// Pause and number of retries for a database in use: PostgreSQL notices the end of an interrupted copy with a delay.
 const PATIENCE: (Duration, u32) = (Duration::from_millis(100), 30);
 
-/// What the values of a column are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Int,
@@ -43,17 +43,16 @@ pub(super) enum Kind {
     Bytes,
 }
 
-/// A table that is copied.
 pub(super) struct Table {
     pub(super) name: &'static str,
-    /// How many columns, from the first on, are the primary key.
+    /// Number of columns, from the first on, that form the primary key.
     keys: usize,
-    /// Whether the database gives the next number of the key.
+    /// Whether a database sequence assigns the key.
     is_numbered: bool,
     pub(super) columns: &'static [(&'static str, Kind)],
 }
 
-/// Why a database was not copied. Each says what to do.
+/// Errors of a copy. Each message says what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum CopyError {
     #[error("{0} is both source and target: name two databases")]
@@ -111,34 +110,34 @@ pub enum CopyError {
     Damaged { from: String, count: u64, first: Box<Damage> },
 }
 
-/// What is being done. Each part comes once, in this order.
+/// Progress of a copy. The kinds of steps come in this order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
-    /// Texts of the source are searched for characters that the target cannot store.
+    /// Texts of a source table are searched for characters that the target cannot store.
     Search(&'static str),
-    /// How many rows of how many are in the target.
+    /// Rows in the target, and rows in total.
     Copy { table: &'static str, done: u64, of: u64 },
-    /// How many rows were read on both sides.
+    /// Rows compared, and rows in total.
     Compare { table: &'static str, done: u64, of: u64 },
-    /// How many episodes of the copy were played again.
+    /// Episodes of the copy replayed, and episodes in total.
     Check { done: u64, of: u64 },
 }
 
-/// A table that is the same in both databases.
+/// A table with equal contents in both databases.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CopiedTable {
     pub name: &'static str,
     pub rows: u64,
-    /// SHA-256 of all its rows in the order of the primary key, the same for both engines.
+    /// SHA-256 of all rows in order of the primary key; the same for both engines.
     pub digest: [u8; 32],
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Copied {
     pub tables: Vec<CopiedTable>,
-    /// The check of the copy, in which nothing is damaged.
+    /// Result of the check of the copy, which found no damage.
     pub checked: Checked,
-    /// Whether an interrupted copy was continued.
+    /// Whether this call continued an interrupted copy.
     pub is_continued: bool,
 }
 
@@ -148,8 +147,8 @@ impl Copied {
     }
 }
 
-/// Copies a database, compares the copy row by row, and checks it. The target has to be empty, or an unfinished copy of this
-/// source. Memory does not grow with the database.
+/// Copies a database, compares the copy row by row, and checks it. The target must be empty or an unfinished copy of this
+/// source. Memory use is independent of the size of the database.
 pub async fn copy(
     from: &Location,
     to: &Location,
@@ -193,7 +192,7 @@ pub async fn copy(
     Ok(Copied { tables, checked, is_continued })
 }
 
-/// Who a database is, for the next command that names it: files by their whole path.
+/// A location's name that is the same for every command: files have absolute paths.
 fn name_of(location: &Location) -> String {
     match location {
         Location::File(path) => {
@@ -226,14 +225,14 @@ impl From<OpenError> for CopyError {
     }
 }
 
-/// Between which databases is copied, by their names.
+/// Names of the source and the target.
 struct Copier {
     from: String,
     to: String,
 }
 
 impl Copier {
-    /// Makes the table [`UNFINISHED`] in an empty target. Whether it was there: then the copy is continued.
+    /// Creates the table [`UNFINISHED`] in an empty target; returns true if it exists already and the copy continues.
     async fn begin(
         &self,
         source: &mut Connection,
@@ -286,11 +285,11 @@ impl Copier {
 }
 
 fn newest_version() -> i64 {
-    // That of PostgreSQL is the same.
+    // Both engines have the same migration numbers.
     migrations::newest(&migrations::sqlite()).expect("there are migrations")
 }
 
-/// What a target notes of a copy that is not finished.
+/// A row of the progress table.
 pub(super) struct Unfinished {
     from: String,
     version: i64,
@@ -300,7 +299,7 @@ from_row! {
     Unfinished { from = "source", version }
 }
 
-/// What is noted of a copy into this database, if it is not finished.
+/// Reads the progress table of the target, if it exists.
 pub(super) async fn unfinished(
     connection: &mut Connection,
 ) -> Result<Option<Unfinished>, sqlx::Error> {
@@ -311,7 +310,7 @@ pub(super) async fn unfinished(
     note.one(connection).await.map(Some)
 }
 
-/// Refuses the target of a copy that is not finished.
+/// Refuses to open the target of an unfinished copy.
 pub(super) fn refuse(unfinished: Option<Unfinished>, location: &str) -> Result<(), OpenError> {
     match unfinished {
         None => Ok(()),
@@ -321,7 +320,7 @@ pub(super) fn refuse(unfinished: Option<Unfinished>, location: &str) -> Result<(
     }
 }
 
-/// The same of a connection.
+/// [`refuse`] for an open connection.
 pub(super) async fn refuse_unfinished(
     connection: &mut Connection,
     location: &Location,
@@ -339,7 +338,7 @@ async fn tables_of(connection: &mut Connection) -> Result<Vec<String>, sqlx::Err
     query(tables).all(connection).await
 }
 
-/// A table that has rows, if any has.
+/// The first table that has rows, if any.
 async fn first_with_rows(connection: &mut Connection) -> Result<Option<&'static str>, sqlx::Error> {
     let there = tables_of(connection).await?;
     for table in TABLES.iter().filter(|table| there.iter().any(|name| name == table.name)) {
@@ -351,7 +350,7 @@ async fn first_with_rows(connection: &mut Connection) -> Result<Option<&'static 
     Ok(None)
 }
 
-/// What PostgreSQL has beside the rows: the next numbers of keys, and how many rows of which values there are, by which it plans.
+/// Sets the sequences of PostgreSQL's numbered keys, and updates the statistics of its planner.
 async fn settle(target: &mut Connection) -> Result<(), sqlx::Error> {
     if !target.is_postgres() {
         return Ok(());
@@ -372,15 +371,15 @@ async fn settle(target: &mut Connection) -> Result<(), sqlx::Error> {
 
 type Values = Vec<Value<'static>>;
 
-/// Rows of a table that follow each other, as many as are read at once.
+/// Consecutive rows of a table, read at once.
 struct Piece {
     rows: Vec<Values>,
     bytes: usize,
 }
 
-/// Where the next piece begins, and how many rows it is to have.
+/// Start and size of the next piece.
 struct Next {
-    /// The primary key before it; none at the first row.
+    /// Primary key of the row before the piece; `None` at the start of the table.
     after: Option<Values>,
     rows: i64,
 }
@@ -391,8 +390,8 @@ impl Next {
         Self { after, rows: first }
     }
 
-    /// Continues behind a piece; `None` where it has no rows. PostgreSQL sends all that it is asked for, so no more is asked for
-    /// than will probably be taken.
+    /// Continues after a piece; `None` if it is empty. PostgreSQL sends all requested rows, so the size of the next piece is
+    /// estimated from this one's bytes per row.
     fn behind(&self, piece: &Piece, keys: usize) -> Option<Self> {
         let after = piece.rows.last()?[..keys].to_vec();
         let (most, _) = PIECE_ROWS;
@@ -403,7 +402,7 @@ impl Next {
 }
 
 impl Table {
-    /// The names of its columns.
+    /// Column names, separated by commas.
     pub(super) fn names(&self) -> String {
         names(self.columns)
     }
@@ -422,7 +421,7 @@ impl Table {
         move |source| CopyError::Write { table, source }
     }
 
-    /// Refuses a source of SQLite with a text that PostgreSQL would refuse.
+    /// Refuses a SQLite source with a text that contains U+0000, which PostgreSQL cannot store.
     async fn refuse_nul(&self, source: &mut Connection) -> Result<(), CopyError> {
         let texts = self.columns.iter().filter(|(_, kind)| *kind == Kind::Text);
         let has_nul: Vec<_> =
@@ -444,7 +443,7 @@ impl Table {
         Ok(count.unsigned_abs())
     }
 
-    /// Copies the rows that are not in the target yet. One piece is read while the one before is written.
+    /// Copies the missing rows. The next piece is read while the current one is written.
     async fn copy(
         &self,
         source: &mut Connection,
@@ -468,7 +467,7 @@ impl Table {
         Ok(())
     }
 
-    /// How many rows the target has, and the primary key of the last one.
+    /// Number of rows in the target, and the primary key of the last one.
     async fn copied(&self, target: &mut Connection) -> Result<(u64, Option<Values>), sqlx::Error> {
         let note = format!("SELECT copied FROM {UNFINISHED} WHERE table_name = $1");
         let done: i64 = Statement::of(note).bind(self.name).one(target).await?;
@@ -519,7 +518,7 @@ impl Table {
         self.columns[..count].iter().enumerate().map(value).collect()
     }
 
-    /// Writes rows in one transaction, together with the note of how many there are.
+    /// Writes rows and the progress in one transaction.
     async fn write(&self, target: &mut Connection, rows: &[Values]) -> Result<(), sqlx::Error> {
         let write = async |target: &mut Connection| {
             if target.is_postgres() {
@@ -554,7 +553,7 @@ impl Table {
         Ok(())
     }
 
-    /// Reads both sides and compares them row by row.
+    /// Compares the rows of both databases.
     async fn compare(
         &self,
         source: &mut Connection,
@@ -600,7 +599,7 @@ fn names(columns: &[(&str, Kind)]) -> String {
     columns.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ")
 }
 
-/// A primary key, as people read it.
+/// A primary key in readable form.
 fn in_words(key: &[Value<'_>]) -> String {
     let word = |value: &Value<'_>| match value {
         Value::Int(Some(number)) => number.to_string(),
@@ -617,7 +616,7 @@ fn in_words(key: &[Value<'_>]) -> String {
     key.iter().map(word).collect::<Vec<_>>().join(", ")
 }
 
-/// Bytes that a value takes in memory, about.
+/// Estimated size of a value in memory.
 fn bytes_of(value: &Value<'_>) -> usize {
     size_of::<Value<'_>>()
         + match value {
@@ -631,14 +630,14 @@ fn bytes_of(value: &Value<'_>) -> usize {
         }
 }
 
-/// A row as bytes: for each value its kind, whether there is one, and the value, with its length where that varies.
+/// Encodes a row for hashing: kind, presence and value of each column, with the length of texts and bytes.
 fn encode(row: &[Value<'_>], bytes: &mut Vec<u8>) {
     bytes.clear();
     for value in row {
         let (kind, number) = match value {
             Value::Int(number) => (b'i', number.map(i64::to_le_bytes)),
             Value::Bool(truth) => (b'b', truth.map(|truth| i64::from(truth).to_le_bytes())),
-            // SQLite keeps no sign of 0.
+            // SQLite does not store the sign of zero.
             Value::Real(number) => {
                 (b'r', number.map(|number| (number + 0.0).to_bits().to_le_bytes()))
             }

@@ -1,4 +1,4 @@
-//! What is written, and what episodes need of a store: no word of SQL.
+//! Entries of the writer, and the interface between episodes and the store. No SQL.
 
 pub mod entries;
 pub mod port;

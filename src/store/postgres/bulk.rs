@@ -1,4 +1,4 @@
-//! Rows of any table, in arrays: a statement is the same for any number of them.
+//! Bulk inserts with one array for each column: the statement is the same for any number of rows.
 
 use sqlx::Arguments as _;
 use sqlx::error::BoxDynError;
@@ -8,7 +8,7 @@ use sqlx::{AssertSqlSafe, SqlSafeStr as _};
 use crate::store::copy::{Kind, Table};
 use crate::store::sql::{Connection, Engine, Value};
 
-/// Inserts rows in the transaction that is open.
+/// Inserts rows in the open transaction.
 pub(in crate::store) async fn insert(
     connection: &mut Connection,
     table: &Table,
@@ -34,7 +34,7 @@ pub(in crate::store) async fn insert(
     Ok(())
 }
 
-/// The widest type of a kind. A number that a column has no room for is refused.
+/// The widest type of a kind. PostgreSQL refuses numbers that the column cannot hold.
 const fn type_of(kind: Kind) -> &'static str {
     match kind {
         Kind::Int => "bigint",
@@ -45,7 +45,6 @@ const fn type_of(kind: Kind) -> &'static str {
     }
 }
 
-/// Adds a column as an array.
 fn add<'v>(
     arguments: &mut PgArguments,
     kind: Kind,

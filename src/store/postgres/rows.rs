@@ -1,4 +1,4 @@
-//! Acts and rounds of a group, in arrays: PostgreSQL takes a group of a thousand rows in the time of a few single ones.
+//! Bulk inserts of a group's acts and rounds: with arrays, a thousand rows take PostgreSQL as long as a few single ones.
 
 use sqlx::postgres::PgArguments;
 use sqlx::{Arguments as _, Row as _};
@@ -8,7 +8,6 @@ use crate::store::entries::{ActRow, Entry, RoundRow, source_code};
 use crate::store::sql::{Connection, Engine};
 use swarmbench_journal::record::RawRecord;
 
-/// Columns of acts.
 #[derive(Default)]
 struct Acts<'r> {
     episode: Vec<i64>,
@@ -21,7 +20,6 @@ struct Acts<'r> {
     brief: Vec<Option<&'r str>>,
 }
 
-/// Columns of rounds.
 #[derive(Default)]
 struct Rounds<'r> {
     episode: Vec<i64>,
@@ -32,7 +30,7 @@ struct Rounds<'r> {
     at: Vec<i64>,
 }
 
-/// What both tables take from `$1` on.
+/// The inserts into both tables, with parameters from `$1` on.
 macro_rules! inserts {
     ($from:literal) => {
         concat!(
@@ -50,17 +48,17 @@ macro_rules! inserts {
     };
 }
 
-/// Inserts rows in the transaction that is open.
+/// Inserts rows in the open transaction.
 const INSERT: &str = concat!("WITH ", inserts!(""), " SELECT 1");
 
-/// Inserts rows, and counts the commit, where this server still may: if the last row counts 0 nothing was written.
+/// Inserts rows and counts the commit, if this server's row has the expected counter; returns 0 if nothing was written.
 const APPEND: &str = concat!(
     "WITH me AS (UPDATE nodes SET committed = committed + 1 WHERE incarnation = $15 AND committed = $16 RETURNING 1), ",
     inserts!("me, "),
     " SELECT count(*) FROM me"
 );
 
-/// Inserts acts and rounds in the transaction that is open.
+/// Inserts acts and rounds in the open transaction.
 pub(in crate::store) async fn insert(
     connection: &mut Connection,
     acts: &[&ActRow],
@@ -76,7 +74,7 @@ pub(in crate::store) async fn insert(
     sqlx::query_with(INSERT, arguments).execute(connection).await.map(drop)
 }
 
-/// Writes acts and rounds as a commit of their own, at its place; whether it was.
+/// Commits acts and rounds by a single statement; false if `place` was not next.
 pub(in crate::store) async fn append(
     connection: &mut Connection,
     place: Place,

@@ -7,7 +7,7 @@ use sqlx::{Connection as _, Postgres, Sqlite};
 
 use super::query;
 
-/// A connection of its own, or one of a pool until it is dropped.
+/// A connection to either engine, owned or from a pool.
 pub(in crate::store) enum Connection {
     Sqlite(SqliteConnection),
     Postgres(PgConnection),
@@ -15,16 +15,15 @@ pub(in crate::store) enum Connection {
     PooledPostgres(PoolConnection<Postgres>),
 }
 
-/// The engine of a connection, for what only one of them has.
+/// The connection of the engine, for engine-specific calls.
 pub(in crate::store) enum Engine<'c> {
     Sqlite(&'c mut SqliteConnection),
     Postgres(&'c mut PgConnection),
 }
 
-/// What a transaction is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::store) enum Begin {
-    /// All its queries see the database at one moment.
+    /// All queries of the transaction see one snapshot.
     Read,
     Write,
 }
@@ -46,8 +45,8 @@ impl Connection {
         }
     }
 
-    /// Does something in a transaction, which is rolled back where that fails. Not for connections of a pool: one that was
-    /// given back while this waits would keep the transaction open.
+    /// Runs `work` in a transaction and rolls back if it fails. Not for pooled connections: if this future were dropped, the
+    /// connection would return to its pool with an open transaction.
     pub(in crate::store) async fn transaction<T, E: From<sqlx::Error>>(
         &mut self,
         begin: Begin,
@@ -62,13 +61,13 @@ impl Connection {
         let done = work(self).await;
         let last = if done.is_ok() { "COMMIT" } else { "ROLLBACK" };
         let ended = query(last).execute(self).await;
-        // Why the work failed says more than that its transaction could not be rolled back.
+        // The error of the work says more than that of the rollback.
         let done = done?;
         ended?;
         Ok(done)
     }
 
-    /// Closes a connection of its own; one of a pool is given back.
+    /// Closes an owned connection; returns a pooled one to its pool.
     pub(in crate::store) async fn close(self) -> Result<(), sqlx::Error> {
         match self {
             Self::Sqlite(connection) => connection.close().await,

@@ -1,5 +1,5 @@
-//! Statements that both engines understand, and rows as values. The texts of all queries are in the common subset of SQLite
-//! and PostgreSQL; what differs (types of parameters and columns, transactions) is here.
+//! Statements for both engines, and conversion of rows to values. All queries use the common subset of SQLite and PostgreSQL;
+//! this module covers the differences: types of parameters and columns, and transactions.
 
 mod connection;
 mod row;

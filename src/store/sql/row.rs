@@ -1,4 +1,4 @@
-//! Rows of queries as values.
+//! Conversion of result rows to values.
 
 use jiff::Timestamp;
 use serde_json::Value;
@@ -16,14 +16,13 @@ use swarmbench_journal::record::{ActRecord, RawRecord};
 use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::import::ImportConfig;
 
-/// A row of an answer.
 pub(in crate::store) enum Row {
     Sqlite(SqliteRow),
     Postgres(PgRow),
 }
 
 impl Row {
-    /// The value of a column, by its name or its number.
+    /// Reads a column by name or number.
     pub(in crate::store) fn try_get<T: Column>(
         &self,
         column: impl Index,
@@ -31,7 +30,7 @@ impl Row {
         get(self, column)
     }
 
-    /// The text of a column, without a copy of it.
+    /// Borrows the text of a column.
     pub(in crate::store) fn text(&self, column: impl Index) -> Result<&str, sqlx::Error> {
         match self {
             Self::Sqlite(row) => row.try_get(column),
@@ -40,7 +39,7 @@ impl Row {
     }
 }
 
-/// The name of a column, or its number from 0.
+/// A column's name, or its number from 0.
 pub(in crate::store) trait Index:
     ColumnIndex<SqliteRow> + ColumnIndex<PgRow>
 {
@@ -48,7 +47,7 @@ pub(in crate::store) trait Index:
 
 impl<T: ColumnIndex<SqliteRow> + ColumnIndex<PgRow>> Index for T {}
 
-/// What a column may hold.
+/// A type that both engines store directly.
 pub(in crate::store) trait Stored: Sized {
     fn read(row: &Row, column: impl Index) -> Result<Self, sqlx::Error>;
 }
@@ -77,7 +76,7 @@ macro_rules! stored {
 
 stored!(bool, f64, String, Vec<u8>);
 
-/// Integers have two, four or eight bytes in PostgreSQL, as their columns say.
+/// Columns of PostgreSQL have integers of two, four or eight bytes; SQLite has one integer type.
 impl Stored for Option<i64> {
     fn read(row: &Row, column: impl Index) -> Result<Self, sqlx::Error> {
         match row {
@@ -96,7 +95,7 @@ impl Stored for i64 {
     }
 }
 
-/// A value that is made of what a column holds.
+/// A type converted from a stored one.
 pub(in crate::store) trait Column: Sized {
     type Stored: Stored;
 
@@ -107,12 +106,12 @@ pub(in crate::store) trait FromRow: Sized {
     fn from_row(row: &Row) -> Result<Self, sqlx::Error>;
 }
 
-/// Reads a column by its name or its number.
+/// Reads and converts a column by name or number.
 pub(in crate::store) fn get<T: Column>(row: &Row, column: impl Index) -> Result<T, sqlx::Error> {
     T::of(T::Stored::read(row, column)?).map_err(sqlx::Error::Decode)
 }
 
-/// Rows whose columns have the names of the fields, or those that are written beside them.
+/// Implements `FromRow` for structs: columns have the names of the fields unless another name is given.
 macro_rules! from_row {
     (@ $field:ident) => { stringify!($field) };
     (@ $field:ident $column:literal) => { $column };
@@ -177,14 +176,14 @@ columns! {
     RawRecord: String => |text| Ok(Self::from_stored(text)?);
 }
 
-/// The first column.
+/// Reads the first column.
 impl<T: Column> FromRow for T {
     fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
         get(row, 0)
     }
 }
 
-/// The first columns, in order.
+/// Reads the first columns, in order.
 macro_rules! tuple {
     ($($type:ident $number:literal),*) => {
         impl<$($type: Column),*> FromRow for ($($type,)*) {

@@ -11,7 +11,7 @@ use sqlx::{Arguments as _, AssertSqlSafe, Encode, Postgres, SqlSafeStr as _, Sql
 use super::connection::{Connection, Engine};
 use super::row::{FromRow, Row};
 
-/// The value of a placeholder. Also `NULL` has a type, which PostgreSQL needs.
+/// The value of a placeholder. `NULL` has a type as well, which PostgreSQL needs.
 #[derive(Clone, Debug)]
 pub(in crate::store) enum Value<'q> {
     Int(Option<i64>),
@@ -22,7 +22,7 @@ pub(in crate::store) enum Value<'q> {
 }
 
 impl Value<'_> {
-    /// The same, without a copy of it.
+    /// Borrows the value.
     pub(in crate::store) fn borrowed(&self) -> Value<'_> {
         match self {
             Self::Int(number) => Value::Int(*number),
@@ -34,7 +34,7 @@ impl Value<'_> {
     }
 }
 
-/// What can be the value of a placeholder.
+/// A Rust type that can be bound to a placeholder.
 pub(in crate::store) trait Bind<'q> {
     const NULL: Value<'q>;
 
@@ -88,37 +88,36 @@ where
     }
 }
 
-/// A text of SQL and its values.
 #[must_use = "a statement does nothing until it is executed"]
 pub(in crate::store) struct Statement<'q> {
     text: SqlStr,
     values: Vec<Value<'q>>,
 }
 
-/// A statement whose text is known when the program is compiled.
+/// A statement with a static text.
 pub(in crate::store) fn query<'q>(text: &'static str) -> Statement<'q> {
     Statement { text: SqlStr::from_static(text), values: Vec::new() }
 }
 
 impl<'q> Statement<'q> {
-    /// A statement whose text was put together from parts of the program; never from what anybody sent.
+    /// A statement with a composed text, which must never contain input of clients.
     pub(in crate::store) fn of(text: String) -> Self {
         Self { text: AssertSqlSafe(text).into_sql_str(), values: Vec::new() }
     }
 
-    /// The value of the next placeholder.
+    /// Binds the next placeholder.
     pub(in crate::store) fn bind(mut self, value: impl Bind<'q>) -> Self {
         self.values.push(value.value());
         self
     }
 
-    /// The same of a value whose type is not known here.
+    /// [`Statement::bind`] for a value of dynamic type.
     pub(in crate::store) fn bind_value(mut self, value: Value<'q>) -> Self {
         self.values.push(value);
         self
     }
 
-    /// Returns how many rows it has changed.
+    /// Returns the number of changed rows.
     pub(in crate::store) async fn execute(
         self,
         connection: &mut Connection,
@@ -174,7 +173,7 @@ impl<'q> Statement<'q> {
         self.fetch_optional(connection).await?.ok_or(sqlx::Error::RowNotFound)
     }
 
-    /// The first row as a value.
+    /// Converts the first row; fails without rows.
     pub(in crate::store) async fn one<T: FromRow>(
         self,
         connection: &mut Connection,
@@ -182,7 +181,7 @@ impl<'q> Statement<'q> {
         T::from_row(&self.fetch_one(connection).await?)
     }
 
-    /// The first row as a value, if there is one.
+    /// Converts the first row, if there is one.
     pub(in crate::store) async fn optional<T: FromRow>(
         self,
         connection: &mut Connection,
@@ -190,7 +189,7 @@ impl<'q> Statement<'q> {
         self.fetch_optional(connection).await?.as_ref().map(T::from_row).transpose()
     }
 
-    /// All rows as values.
+    /// Converts all rows.
     pub(in crate::store) async fn all<T: FromRow>(
         self,
         connection: &mut Connection,
@@ -198,7 +197,7 @@ impl<'q> Statement<'q> {
         self.fetch_all(connection).await?.iter().map(T::from_row).collect()
     }
 
-    /// Row by row, for answers that are too large to be kept.
+    /// Streams rows, for answers that are too large for memory.
     pub(in crate::store) fn fetch<'c>(
         self,
         connection: &'c mut Connection,
@@ -255,18 +254,18 @@ impl<'q> Statement<'q> {
     }
 }
 
-/// What a character that PostgreSQL has no place for is compared as: U+FFFF is no character of any text.
+/// Replacement of U+0000 in comparisons: U+FFFF, a noncharacter, occurs in no text.
 const NUL_STAND_IN: &str = "\u{ffff}";
 
-/// PostgreSQL refuses texts with U+0000. Nothing that is stored has one, so what is searched for with one is not found.
+/// Replaces U+0000, which PostgreSQL refuses. No stored text contains it, so such a text must match nothing.
 fn without_nul(text: &str) -> Cow<'_, str> {
     if text.contains('\0') { text.replace('\0', NUL_STAND_IN).into() } else { text.into() }
 }
 
-/// The hint by which a query of SQLite names an index.
+/// SQLite's hint of an index in a query.
 const HINT: &str = "INDEXED BY ";
 
-/// The text without hints for SQLite.
+/// Removes the hints for SQLite.
 fn without_hints(text: SqlStr) -> SqlStr {
     if !text.as_str().contains(HINT) {
         return text;
@@ -280,7 +279,7 @@ fn without_hints(text: SqlStr) -> SqlStr {
     AssertSqlSafe(plain).into_sql_str()
 }
 
-/// A statement that is put together.
+/// Composes a statement.
 pub(in crate::store) struct Builder<'q> {
     text: String,
     values: Vec<Value<'q>>,
@@ -291,13 +290,13 @@ impl<'q> Builder<'q> {
         Self { text: text.into(), values: Vec::new() }
     }
 
-    /// Adds a part of the program's own; never what anybody sent.
+    /// Appends a text of the program, never input of clients.
     pub(in crate::store) fn push(&mut self, text: &str) -> &mut Self {
         self.text.push_str(text);
         self
     }
 
-    /// Adds a placeholder and its value.
+    /// Appends a placeholder and binds its value.
     pub(in crate::store) fn push_bind(&mut self, value: impl Bind<'q>) -> &mut Self {
         self.push_value(value.value())
     }
@@ -308,7 +307,7 @@ impl<'q> Builder<'q> {
         self
     }
 
-    /// Adds `(…)` with a placeholder for each value, to stand behind `IN`. Without values nothing is in it.
+    /// Appends `(…)` with a placeholder for each value, for use after `IN`. Nothing is in an empty list.
     pub(in crate::store) fn push_list<T: Bind<'q>>(
         &mut self,
         values: impl IntoIterator<Item = T>,
@@ -321,12 +320,12 @@ impl<'q> Builder<'q> {
             }
             self.push_bind(value);
         }
-        // PostgreSQL takes no empty list, and nothing equals NULL.
+        // PostgreSQL accepts no empty list, and nothing equals NULL.
         self.text.push_str(if self.values.len() == before { "NULL)" } else { ")" });
         self
     }
 
-    /// Adds the rows of an `INSERT`.
+    /// Appends the rows of an `INSERT`.
     pub(in crate::store) fn push_rows<T>(
         &mut self,
         rows: impl IntoIterator<Item = T>,
@@ -346,7 +345,6 @@ impl<'q> Builder<'q> {
     }
 }
 
-/// A row of an `INSERT`, value by value.
 pub(in crate::store) struct RowOfValues<'b, 'q> {
     builder: &'b mut Builder<'q>,
     is_first: bool,
@@ -366,15 +364,15 @@ impl<'q> RowOfValues<'_, 'q> {
     }
 }
 
-/// Rows that one statement inserts. Every statement is a way to the thread of the database and back, so that the acts of a
-/// round of up to 16 seats are one, and others few; and there are few sizes, so that all statements stay prepared.
+/// Numbers of rows in one insert statement. Each statement costs a round trip to the database's thread, so the acts of a
+/// round of up to 16 seats are one statement. Sizes are few, so that all statements stay prepared.
 pub(in crate::store) const CHUNKS: [usize; 20] =
     [256, 128, 64, 32, 16, 15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1];
 
-/// Values that one list of a query has at most: SQLite takes 32,766 parameters.
+/// Maximum length of a list in a query: SQLite accepts 32,766 parameters.
 pub(in crate::store) const LISTED_AT_ONCE: usize = 1000;
 
-/// Cuts rows into pieces of few different lengths.
+/// Splits rows into slices with lengths of [`CHUNKS`].
 pub(in crate::store) fn chunks<T>(rows: &[T]) -> impl Iterator<Item = &[T]> {
     let mut rest = rows;
     std::iter::from_fn(move || {

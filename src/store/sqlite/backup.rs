@@ -1,7 +1,7 @@
-//! A consistent copy of a database, also while a server owns it.
+//! Backup: a consistent copy of a database, also while a server owns it.
 //!
-//! It is made by a process of its own that only reads. `VACUUM INTO` copies what was committed when it
-//! began; in WAL mode it neither waits for the writer nor lets it wait.
+//! The backup runs in a process of its own that only reads. `VACUUM INTO` copies what was committed when it began; in WAL
+//! mode it neither waits for the writer nor blocks it.
 
 use std::fs::{File, Permissions, TryLockError};
 use std::io;
@@ -17,7 +17,7 @@ use super::files::{MODE, may_lack_log};
 use super::refuse_unfinished;
 use crate::store::OpenError;
 
-/// How often progress is reported.
+/// Interval of progress reports.
 const TICK: Duration = Duration::from_millis(100);
 
 #[derive(Debug, thiserror::Error)]
@@ -26,34 +26,30 @@ pub enum BackupError {
     NoDatabase(PathBuf),
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// The backup would replace something.
+    /// Backups never overwrite a file.
     #[error("{0} exists and is not overwritten: name another file, or move that one away")]
     Exists(PathBuf),
-    /// Another process is at it.
     #[error("another backup is being written to {0}: wait for it, or name another file")]
     InUse(PathBuf),
-    /// The disk is too full.
     #[error(
         "{folder} has {free} bytes left and the backup may take {needed}: make room, or name a file on another disk"
     )]
     NoSpace {
         folder: PathBuf,
-        /// Bytes that may be written there.
+        /// Bytes available to this user.
         free: u64,
-        /// Bytes that the backup may take.
+        /// Upper bound of the backup's size in bytes.
         needed: u64,
     },
-    /// A file cannot be used.
     #[error("{path} cannot be used")]
     File {
-        /// The file or folder.
+        /// A file or folder.
         path: PathBuf,
         source: io::Error,
     },
-    /// The database cannot be read or copied.
     #[error("the database {path} cannot be copied")]
     Sqlite { path: PathBuf, source: sqlx::Error },
-    /// The copy is not what it should be.
+    /// The copy failed its integrity check.
     #[error("the copy in {path} is not sound: {problem}")]
     Unsound { path: PathBuf, problem: String },
 }
@@ -63,13 +59,12 @@ pub struct Backup {
     pub episodes: u64,
     pub acts: u64,
     pub rounds: u64,
-    /// The size of the file in bytes.
+    /// Size of the file.
     pub bytes: u64,
 }
 
-/// Copies a database to `target`, which must not exist. `progress` is called now and then with how many bytes
-/// are written, and how many there may be in the end. The copy is written to `target` with `.partial`
-/// behind its name, checked, made durable, and only then gets its name.
+/// Copies a database to `target`, which must not exist. The copy is written to `target` plus `.partial`, checked, synced to
+/// disk, and only then renamed. `progress` gets the bytes written and an upper bound of the final size, every 100 ms.
 pub async fn back_up(
     database: &Path,
     target: &Path,
@@ -100,7 +95,7 @@ pub async fn back_up(
     Ok(backup)
 }
 
-/// The bytes of a database. A copy has no free pages, so it takes as many at most.
+/// Size of a database in bytes: an upper bound for its copy, which has no free pages.
 async fn size(database: &mut SqliteConnection) -> Result<u64, sqlx::Error> {
     let size = "SELECT page_count * page_size FROM pragma_page_count, pragma_page_size";
     sqlx::query(size).fetch_one(database).await?.try_get(0).map(i64::unsigned_abs)
@@ -135,13 +130,13 @@ async fn copy(
     }
 }
 
-/// Reads the whole copy.
+/// Checks the integrity of the whole copy and counts its rows.
 async fn check(copy: &Partial) -> Result<Backup, BackupError> {
     let failed = |problem: sqlx::Error| BackupError::Unsound {
         path: copy.path.clone(),
         problem: problem.to_string(),
     };
-    // Nobody else has it, and reading must leave no file beside it.
+    // No other process uses the copy, and an immutable file is read without creating files beside it.
     let options = SqliteConnectOptions::new()
         .filename(&copy.path)
         .immutable(true)
@@ -172,7 +167,7 @@ async fn check(copy: &Partial) -> Result<Backup, BackupError> {
     Ok(Backup { episodes, acts, rounds, bytes })
 }
 
-/// A backup that has not got its name yet. It is locked as long as this exists.
+/// A backup before its rename. The file is locked during the lifetime of this value.
 struct Partial {
     path: PathBuf,
     target: PathBuf,
@@ -180,10 +175,10 @@ struct Partial {
 }
 
 impl Partial {
-    /// Makes an empty file; what an earlier attempt left in it is gone.
+    /// Creates an empty file, or empties one that an earlier attempt left.
     fn create(target: &Path) -> Result<Self, BackupError> {
         let failed = |path: &Path, source| BackupError::File { path: path.to_owned(), source };
-        // SQLite might read a relative name in another way.
+        // SQLite may resolve a relative name differently.
         let target = std::path::absolute(target).map_err(|error| failed(target, error))?;
         let mut name = target.file_name().unwrap_or_default().to_owned();
         name.push(".partial");
@@ -209,10 +204,10 @@ impl Partial {
             return Err(BackupError::Exists(target));
         }
         file.set_len(0).map_err(|error| failed(&path, error))?;
-        // What an earlier attempt left may have another mode.
+        // The file of an earlier attempt may have another mode.
         let mode = Permissions::from_mode(MODE);
         file.set_permissions(mode).map_err(|error| failed(&path, error))?;
-        // SQLite's own notes of an earlier attempt must not be taken for some of this one.
+        // SQLite must not apply the rollback journal of an earlier attempt to this one.
         let mut journal = path.clone().into_os_string();
         journal.push("-journal");
         match std::fs::remove_file(&journal) {
@@ -232,7 +227,7 @@ impl Partial {
         self.file.sync_all().map_err(failed)
     }
 
-    /// Gives the file its name, durably.
+    /// Renames the file durably.
     fn finish(self) -> Result<(), BackupError> {
         let failed = |source| BackupError::File { path: self.target.clone(), source };
         std::fs::rename(&self.path, &self.target).map_err(failed)?;

@@ -1,10 +1,10 @@
-//! The files of a database: one process has them, only its user reads them, and they stay where they are.
+//! The files of a database: exclusive use, permissions, and detection of moved files.
 //!
-//! The lock is on the database file itself, so that every path to it (a symbolic or hard link, another relative path)
-//! meets the same lock. It is a `flock`, which on Linux does not touch the byte-range locks that SQLite takes on the
-//! same file. But **closing any descriptor of a file gives up all byte-range locks that the process has on it**. So the
-//! descriptor here is opened before SQLite opens the file and closed after SQLite has closed it, and nothing else in a
-//! process with an open database may open that file; to look at it there is `stat`.
+//! The lock is on the database file itself, so that every path to it (a symbolic or hard link, another relative path) meets
+//! the same lock. It is a `flock`, which on Linux does not touch the byte-range locks that SQLite takes on the same file. But
+//! **closing any descriptor of a file gives up all byte-range locks that the process has on it**. So the lock's descriptor is
+//! opened before SQLite opens the file and closed after SQLite has closed it, and nothing else in a process with an open
+//! database may open that file; `stat` is the way to look at it.
 
 use std::collections::BTreeSet;
 use std::fs::{File, Metadata, TryLockError};
@@ -16,21 +16,21 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::store::OpenError;
 
-/// What the files of a database may be used for: by their owner alone, as hashes of tokens and sealed seeds are in them.
+/// Mode of the database's files: only the owner may read them, as they contain hashes of tokens and sealed seeds.
 pub(in crate::store) const MODE: u32 = 0o600;
 
-/// The databases that this process has taken. Another path to one of them is found here, before the file is opened.
+/// Databases in use by this process: another path to one of them is recognized before the file is opened.
 static TAKEN: Mutex<BTreeSet<Identity>> = Mutex::new(BTreeSet::new());
 
 fn taken() -> MutexGuard<'static, BTreeSet<Identity>> {
     TAKEN.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The database is taken for this process as long as this exists.
+/// Exclusive use of a database by this process during the lifetime of this value.
 #[derive(Debug)]
 pub(in crate::store) struct Lock {
     database: Identity,
-    /// The database itself, and the file beside it by which versions before this one keep each other out.
+    /// The database, and the file beside it that earlier versions of this program lock.
     files: [File; 2],
 }
 
@@ -38,7 +38,7 @@ impl Drop for Lock {
     fn drop(&mut self) {
         taken().remove(&self.database);
         for file in &self.files {
-            // Closing is not enough: a process that was just forked has a copy of the descriptor until it runs its program.
+            // Closing is not enough: a child process has a copy of the descriptor between `fork` and `exec`.
             if let Err(error) = file.unlock() {
                 tracing::warn!(%error, "a lock of the database is held until the process ends");
             }
@@ -47,7 +47,7 @@ impl Drop for Lock {
 }
 
 impl Lock {
-    /// Takes a database, whatever path leads to it. With `create` an empty file is made where there is none.
+    /// Locks a database by any of its paths. `create` makes an empty file if there is none.
     pub(in crate::store) fn take(path: &Path, create: bool) -> Result<Self, OpenError> {
         if identity(path).is_ok_and(|database| taken().contains(&database)) {
             return Err(OpenError::InUse(path.display().to_string()));
@@ -66,21 +66,21 @@ impl Lock {
     }
 }
 
-/// Whether what was written last may be missing where a database is read by this name: SQLite finds its log by the name,
-/// and a file with several names (hard links) may have its log beside another one.
+/// Whether the last commits may be invisible under this name: SQLite finds the write-ahead log by the name, and that of a
+/// file with several names (hard links) may be beside another one.
 pub(in crate::store) fn may_lack_log(path: &Path) -> bool {
     path.metadata().is_ok_and(|about| about.nlink() > 1)
         && path.canonicalize().is_ok_and(|path| !beside(&path, "-wal").exists())
 }
 
-/// The name of a file that SQLite keeps beside a database.
+/// Path of a file that SQLite keeps beside a database.
 fn beside(database: &Path, end: &str) -> PathBuf {
     let mut name = database.to_owned().into_os_string();
     name.push(end);
     name.into()
 }
 
-/// Opens one of the files of the database `path` and locks it.
+/// Opens and locks a file of the database `path`.
 fn lock(path: &Path, file_path: &Path, create: bool) -> Result<File, OpenError> {
     let failed = |source| OpenError::Lock { path: file_path.to_owned(), source };
     let file = File::options()
@@ -98,7 +98,7 @@ fn lock(path: &Path, file_path: &Path, create: bool) -> Result<File, OpenError> 
     }
 }
 
-/// The mode of a file that was there before is the operator's to change.
+/// Warns instead of changing the mode of an existing file, which is up to the operator.
 fn warn_if_open_to_others(path: &Path, about: &Metadata) {
     let mode = about.permissions().mode() & 0o777;
     if mode & 0o007 != 0 {
@@ -110,18 +110,16 @@ fn warn_if_open_to_others(path: &Path, about: &Metadata) {
     }
 }
 
-/// A file of an open database is not where it was. What is written from now on would be lost.
+/// A file of an open database was moved or replaced: further writes would be lost.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Lost {
-    /// Nothing has its name.
     #[error("{0} was removed or renamed while the server uses it")]
     Gone(PathBuf),
-    /// Another file has its name.
     #[error("{0} was replaced by another file while the server uses it")]
     Replaced(PathBuf),
 }
 
-/// The files that SQLite has open, by their names and what these stood for when they were opened.
+/// Paths of the files that SQLite has open, with their identities at that time.
 #[derive(Clone, Debug, Default)]
 pub(in crate::store) struct Files(Arc<Watched>);
 
@@ -131,7 +129,7 @@ struct Watched {
     was_logged: AtomicBool,
 }
 
-/// Tells files of one machine apart.
+/// Device and inode: identifies a file of a machine.
 type Identity = (u64, u64);
 
 fn identity(path: &Path) -> io::Result<Identity> {
@@ -139,9 +137,9 @@ fn identity(path: &Path) -> io::Result<Identity> {
 }
 
 impl Files {
-    /// Those of a database that SQLite has opened. `lock` was taken before; another file may have got the name since.
+    /// Records the files of a database opened by SQLite. `lock` is older, so a replacement of the file since then is noticed.
     pub(in crate::store) fn of(path: &Path, lock: &Lock) -> io::Result<Self> {
-        // SQLite follows symbolic links, too, and puts its files beside the database itself.
+        // SQLite follows symbolic links as well, and puts its files beside the database itself.
         let path = path.canonicalize()?;
         let beside = ["-wal", "-shm"].map(|end| beside(&path, end));
         let mut files = vec![(path, lock.database)];
@@ -155,13 +153,13 @@ impl Files {
         Ok(Self(Arc::new(Watched { files, was_logged: AtomicBool::new(false) })))
     }
 
-    /// Whether all of them are where they were. Where one is not, that is logged once.
+    /// Checks that all paths lead to the recorded files; logs the first failure.
     pub(in crate::store) fn check(&self) -> Result<(), Lost> {
         let lost = self.0.files.iter().find_map(|(path, opened)| match identity(path) {
             Ok(now) if now == *opened => None,
             Ok(_) => Some(Lost::Replaced(path.clone())),
             Err(error) if is_gone(&error) => Some(Lost::Gone(path.clone())),
-            // Whether it is there is not known; nothing is concluded from that.
+            // Other errors do not prove that the file is gone.
             Err(_) => None,
         });
         let Some(lost) = lost else { return Ok(()) };

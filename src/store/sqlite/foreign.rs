@@ -1,4 +1,4 @@
-//! Databases of other programs: they are refused before anything is written into them.
+//! Detection of other programs' databases, so that nothing is written into them.
 
 use std::path::Path;
 
@@ -7,10 +7,10 @@ use sqlx::{ConnectOptions, Connection as _};
 
 use crate::store::copy::UNFINISHED;
 
-/// What SQLite says of a file that is no database.
+/// `SQLITE_NOTADB`.
 const NOT_A_DATABASE: &str = "26";
 
-/// Whether a file is no database, or has tables and none of this program. A file that cannot be read is not judged here.
+/// Whether a file is no SQLite database, or has tables but none of this program. False for unreadable files.
 pub(in crate::store) async fn is_foreign(path: &Path) -> bool {
     let options =
         SqliteConnectOptions::new().filename(path).read_only(true).disable_statement_logging();
@@ -27,11 +27,11 @@ pub(in crate::store) async fn is_foreign(path: &Path) -> bool {
         sqlx::query_scalar("SELECT name FROM sqlite_schema WHERE type = 'table'")
             .fetch_all(&mut connection)
             .await;
-    // Nothing was written.
+    // A reader loses nothing if closing fails.
     drop(connection.close().await);
     match tables {
         Ok(tables) => {
-            // The last one is all that there is of a copy that was hardly begun.
+            // `copying` is the only table of a copy that has hardly begun.
             let own = ["_sqlx_migrations", "episodes", UNFINISHED];
             let is_own = |table: &String| own.contains(&table.as_str());
             !tables.is_empty() && !tables.iter().any(is_own)

@@ -1,4 +1,4 @@
-//! The writer of SQLite: a group of jobs is one transaction.
+//! The writer of SQLite: a group of jobs is a transaction.
 
 use std::time::{Duration, Instant};
 
@@ -9,20 +9,20 @@ use crate::store::sql::{Connection, Statement, query};
 use crate::store::writer::{self, Blocked, Failure, Outcome, WriterState};
 use crate::telemetry;
 
-/// How long SQLite itself waits for the lock of the database before it says that it is busy.
+/// SQLite's own timeout for the lock of the database, after which it reports `BUSY`.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// The first and the longest pause between two tries to begin.
+/// First and longest pause between attempts to begin a transaction.
 const BEGIN_PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(1));
 
-/// Primary result codes of SQLite after which the state of the file or of the transaction is not
-/// known: `NOMEM`, `READONLY`, `IOERR`, `CORRUPT`, `FULL`, `CANTOPEN`, `PROTOCOL`, `MISUSE` and `NOTADB`.
+/// Primary result codes of SQLite after which the state of the file or of the transaction is unknown: `NOMEM`, `READONLY`,
+/// `IOERR`, `CORRUPT`, `FULL`, `CANTOPEN`, `PROTOCOL`, `MISUSE` and `NOTADB`.
 const FATAL_CODES: [u32; 9] = [7, 8, 10, 11, 13, 14, 15, 21, 26];
 
 /// `BUSY` and `LOCKED`.
 const BUSY_CODES: [u32; 2] = [5, 6];
 
-/// What an error means for the transaction in which it came.
+/// Classifies an error by what it means for its transaction.
 pub(in crate::store) fn failure(error: sqlx::Error) -> Failure {
     let is_refusal = match &error {
         sqlx::Error::Database(_) => !has_code(&error, &FATAL_CODES),
@@ -35,13 +35,13 @@ pub(in crate::store) fn failure(error: sqlx::Error) -> Failure {
     if is_refusal { Failure::Refused(error) } else { Failure::Fatal(error.into()) }
 }
 
-/// Whether SQLite gave one of these primary result codes; the code that is given may be an extended one.
+/// Whether an error has one of these primary result codes, possibly as an extended code.
 fn has_code(error: &sqlx::Error, codes: &[u32]) -> bool {
     let code = error.as_database_error().and_then(|error| error.code()?.parse::<u32>().ok());
     code.is_some_and(|code| codes.contains(&(code & 0xff)))
 }
 
-/// Sets the connection that writes to how long it waits for the lock.
+/// Sets the writer's timeout for the lock.
 pub(in crate::store) async fn set_up(connection: &mut Connection) {
     let busy_timeout = format!("PRAGMA busy_timeout = {}", BUSY_TIMEOUT.as_millis());
     if let Err(error) = Statement::of(busy_timeout).execute(connection).await {
@@ -49,7 +49,7 @@ pub(in crate::store) async fn set_up(connection: &mut Connection) {
     }
 }
 
-/// Writes jobs in one transaction, which begins by the deadline; the outcome of each, in their order.
+/// Writes jobs in one transaction, which must begin before the deadline; returns their outcomes in order.
 pub(in crate::store) async fn keep(
     connection: &mut Connection,
     files: &Files,
@@ -69,7 +69,7 @@ pub(in crate::store) async fn keep(
             committed => committed.map(|()| all(&Ok(()))),
         }
     };
-    // What went into a file that was removed is not kept, whatever SQLite says.
+    // Commits into a removed file are lost, whatever SQLite reports.
     let kept = kept.and_then(|outcomes| match files.check() {
         Ok(()) => Ok(outcomes),
         Err(lost) => Err(Failure::Fatal(lost.into())),
@@ -80,7 +80,7 @@ pub(in crate::store) async fn keep(
             state.fail(&error);
             all(&Err(StoreError::Database(error.to_string().into())))
         }
-        // Nothing was written: all senders get the error, and may send again.
+        // Nothing was written: all senders get the error and may retry.
         Err(Failure::Refused(error) | Failure::Away(error)) => {
             let error = StoreError::from(error);
             jobs.iter().map(|job| writer::refuse(state, job, error.clone())).collect()
@@ -88,7 +88,7 @@ pub(in crate::store) async fn keep(
     }
 }
 
-/// Writes all entries of all jobs, or nothing where a statement is refused.
+/// Writes all jobs, or nothing if a statement is refused.
 async fn commit_all(
     connection: &mut Connection,
     state: &WriterState,
@@ -99,7 +99,7 @@ async fn commit_all(
     let entries = || jobs.iter().flatten();
     let count = entries().count();
     if count == 0 {
-        // A barrier: what was queued before is durable by now.
+        // A barrier: everything queued before is durable by now.
         return Ok(());
     }
     begin(connection, state, deadline).await?;
@@ -109,7 +109,7 @@ async fn commit_all(
     commit(connection, count, started).await
 }
 
-/// Writes jobs one by one: those that are refused leave no trace, and the others are committed.
+/// Writes jobs one by one behind savepoints: refused jobs leave no trace, the others are committed.
 async fn commit_each(
     connection: &mut Connection,
     state: &WriterState,
@@ -130,7 +130,7 @@ async fn commit_each(
     Ok(outcomes)
 }
 
-/// Runs a statement that the transaction needs.
+/// Executes a statement that controls the transaction.
 async fn execute(connection: &mut Connection, statement: &'static str) -> Result<(), Failure> {
     query(statement)
         .execute(connection)
@@ -139,7 +139,7 @@ async fn execute(connection: &mut Connection, statement: &'static str) -> Result
         .map_err(|error| Failure::Fatal(error.into()))
 }
 
-/// Begins a transaction; tries again by the deadline where another program holds the lock.
+/// Begins a transaction; retries until the deadline while another program holds the lock.
 async fn begin(
     connection: &mut Connection,
     state: &WriterState,
@@ -168,11 +168,11 @@ async fn begin(
     begun
 }
 
-/// Ends a transaction of which nothing is to stay.
+/// Rolls a transaction back; returns the failure to report.
 async fn roll_back(connection: &mut Connection, failure: Failure) -> Failure {
     match execute(connection, "ROLLBACK").await {
         Ok(()) => failure,
-        // SQLite has rolled back by itself, or cannot: nothing is written any more.
+        // SQLite has rolled back by itself or cannot: nothing more is written.
         Err(fatal) => match failure {
             Failure::Fatal(_) => failure,
             Failure::Refused(_) | Failure::Away(_) => fatal,

@@ -1,4 +1,4 @@
-//! SQLite: one file, one process.
+//! SQLite: one file, used by one process.
 
 pub mod backup;
 pub(super) mod files;
@@ -17,14 +17,13 @@ use super::{OpenError, copy};
 use crate::migrations;
 use files::{Files, Lock};
 
-/// The oldest SQLite that cannot lose commits where two connections checkpoint at once.
+/// The oldest version that cannot lose commits when two connections checkpoint at once.
 pub(super) const SQLITE_VERSION_MIN: (u32, u32, u32) = (3, 51, 3);
 
-/// Prepared statements that the connection which writes keeps: all sizes of the tables into which rows are inserted in pieces,
-/// and the others.
+/// Prepared statements cached by the writer's connection: all sizes of chunked inserts, and the others.
 const STATEMENTS_KEPT: usize = 256;
 
-/// A database that only this process uses. The lock has to be dropped last.
+/// A database for exclusive use by this process. The lock must be dropped last.
 pub(super) struct Opened {
     pub(super) connection: Connection,
     pub(super) options: SqliteConnectOptions,
@@ -32,7 +31,7 @@ pub(super) struct Opened {
     pub(super) lock: Lock,
 }
 
-/// Opens a database for this process alone, and brings its tables up to date.
+/// Opens a database for exclusive use by this process and migrates its tables.
 pub(super) async fn open(path: &Path, create: bool) -> Result<Opened, OpenError> {
     let (mut connection, options, lock) = take(path, create).await?;
     copy::refuse_unfinished(&mut connection, &path.into()).await?;
@@ -45,7 +44,7 @@ pub(super) async fn open(path: &Path, create: bool) -> Result<Opened, OpenError>
     Ok(Opened { connection, options, files, lock })
 }
 
-/// Takes a database for this process alone, as it is. The lock has to be dropped last.
+/// Locks and connects to a database without migrating it. The lock must be dropped last.
 pub(super) async fn take(
     path: &Path,
     create: bool,
@@ -59,7 +58,7 @@ pub(super) async fn take(
         return Err(OpenError::Foreign(path.to_owned()));
     }
     let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
-    // The file was made with its lock, if it had to be.
+    // `Lock::take` has created the file if necessary.
     let options = SqliteConnectOptions::new()
         .filename(path)
         .create_if_missing(false)
@@ -82,7 +81,7 @@ pub(super) async fn bring_up_to_date(
     migrated.map_err(|source| OpenError::of_migration(&path.display().to_string(), source))
 }
 
-/// Refuses a file that is no database of this program, or may lack what was written last.
+/// Refuses files that are no database of this program, or may lack the last commits.
 pub(super) async fn check_readable(path: &Path) -> Result<(), OpenError> {
     if !path.is_file() {
         return Err(OpenError::Missing(path.to_owned()));
@@ -96,7 +95,7 @@ pub(super) async fn check_readable(path: &Path) -> Result<(), OpenError> {
     refuse_unfinished(path).await
 }
 
-/// Refuses the target of a copy that was interrupted. A file that cannot be read is not judged here.
+/// Refuses the target of an interrupted copy. Accepts unreadable files.
 pub(super) async fn refuse_unfinished(path: &Path) -> Result<(), OpenError> {
     let Ok(connection) = read_options(path).connect().await else { return Ok(()) };
     let mut connection = Connection::Sqlite(connection);
@@ -108,7 +107,7 @@ pub(super) async fn refuse_unfinished(path: &Path) -> Result<(), OpenError> {
     }
 }
 
-/// How to connect to a database that another process may use.
+/// Options of a read-only connection to a database that another process may use.
 pub(super) fn read_options(path: &Path) -> SqliteConnectOptions {
     SqliteConnectOptions::new()
         .filename(path)

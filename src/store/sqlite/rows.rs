@@ -1,4 +1,4 @@
-//! Acts and rounds of a group, in statements of few sizes whose texts are made once.
+//! Chunked inserts of a group's acts and rounds: sizes are few, and each statement's text is composed once.
 
 use std::sync::OnceLock;
 
@@ -16,7 +16,7 @@ pub(in crate::store) async fn insert(
 }
 
 async fn insert_acts(connection: &mut Connection, acts: &[&ActRow]) -> Result<(), sqlx::Error> {
-    // Few acts have a second, brief record, and each value that is bound costs something.
+    // Few acts have a second, brief record, and each bound value costs time.
     static WHOLE: Insert = Insert::new(
         "acts (episode, round, agent, waiting_for, source, at, record)",
         "(?, ?, ?, ?, ?, ?, ?)",
@@ -75,13 +75,12 @@ async fn insert_rounds(
     Ok(())
 }
 
-/// Statements that insert rows of the journal, whose texts are made once.
+/// Insert statements of a table, for each size of [`CHUNKS`].
 struct Insert {
-    /// The table and its columns.
     into: &'static str,
-    /// The places of the values of a row.
+    /// Placeholders of a row's values.
     row: &'static str,
-    /// By the number of rows, as [`CHUNKS`] has them.
+    /// Texts by number of rows, in the order of [`CHUNKS`].
     statements: [OnceLock<String>; CHUNKS.len()],
 }
 
@@ -90,7 +89,7 @@ impl Insert {
         Self { into, row, statements: [const { OnceLock::new() }; CHUNKS.len()] }
     }
 
-    /// The statement for this many rows, which has to be the length of a chunk.
+    /// The statement for a number of rows, which must be a length of [`CHUNKS`].
     fn statement(&'static self, rows: usize) -> &'static str {
         let size = CHUNKS.iter().position(|&size| size == rows).expect("chunks have these sizes");
         self.statements[size].get_or_init(|| {

@@ -1,4 +1,4 @@
-//! The table `audit`: what organizers did.
+//! The table `audit`: actions of organizers.
 
 use jiff::Timestamp;
 use serde_json::Value;
@@ -29,36 +29,34 @@ pub(in crate::store) async fn add(
     Ok(())
 }
 
-/// What an organizer did, as it is stored.
 #[derive(Clone, Debug)]
 pub struct StoredAuditEntry {
-    /// Its number; it grows with time.
+    /// Number of the entry; grows with time.
     pub number: i64,
     pub at: Timestamp,
     /// The id of the key, or `local` for work on the server's own machine.
     pub who: String,
     pub action: String,
-    /// The id of what it was done to.
+    /// Id of the object of the action.
     pub subject: String,
-    /// What else is to be known.
     pub detail: Value,
 }
 
-/// What an organizer did in a competition, as everybody may see it.
+/// An action of an organizer in a competition, in its public form.
 #[derive(Clone, Debug)]
 pub struct ShownAction {
-    /// Its number; it grows with time.
+    /// Number of the entry; grows with time.
     pub number: i64,
     pub at: Timestamp,
     pub action: String,
-    /// The id of what it was done to.
+    /// Id of the object of the action.
     pub subject: String,
-    /// What everybody may see of the details.
+    /// The public part of the details.
     pub shown: Value,
 }
 
 impl Store {
-    /// Lists what organizers did, newest first, from the one after `before` on.
+    /// Lists entries, newest first, starting after the entry `before`.
     pub async fn audit(
         &self,
         before: Option<i64>,
@@ -71,8 +69,8 @@ impl Store {
         self.fetch_all(query.bind(before.unwrap_or(i64::MAX)).bind(limit)).await
     }
 
-    /// Lists what organizers did in a competition as everybody may see it, newest first, from the one after `before`
-    /// on: everything, or `only` one kind of action.
+    /// Lists the actions in a competition in their public form, newest first, starting after the entry `before`; with `only`,
+    /// those of one kind.
     pub async fn actions_in(
         &self,
         competition: CompetitionKey,

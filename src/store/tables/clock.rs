@@ -1,4 +1,4 @@
-//! The newest time in the database: a host clock behind it is wrong.
+//! The newest time in the database. A host clock behind it is wrong.
 
 use jiff::Timestamp;
 use serde::Deserialize;
@@ -7,15 +7,15 @@ use crate::store::Store;
 use crate::store::StoreError;
 use crate::store::sql::query;
 
-/// The action of the audit log by which an organizer confirmed the time of day.
+/// Audit action by which an organizer confirms the time of day.
 pub const CONFIRMED: &str = "clock.confirm";
 
-/// When the newest entries came. Each table is looked at from its end, so that this takes no longer the more there is.
+/// The time of the newest entry. Each table is read from its end, so that the query does not become slower with more rows.
 ///
-/// Acts have no number that grows with time, and no index of their times, which every act would have to pay for. The newest
-/// one is of an episode that is played, or of one that has ended since, at the same time or later. Those that are played are
-/// few and found by their status, and their newest acts are in their last rounds; those that have ended are found among the
-/// newest episodes and runs. Rounds come with acts.
+/// Acts have no number that grows with time, and an index of their times would make every act dearer. The newest act belongs
+/// to an unfinished episode, or to one that has ended at that time or later. Unfinished episodes are few and found by their
+/// status, and their newest acts are in their last rounds; ended ones are among the newest episodes and runs. Rounds come
+/// with acts.
 const NEWEST: &str = "
     SELECT max(at) FROM (
         SELECT max(at) AS at FROM (
@@ -36,20 +36,20 @@ const NEWEST: &str = "
         SELECT max(at) FROM (SELECT at FROM audit WHERE action <> $1 ORDER BY number DESC LIMIT 100) AS done
     ) AS newest";
 
-/// The last time at which an organizer confirmed the time of day, and what was noted of it.
+/// The last confirmation of the time of day, with its details.
 const LAST_CONFIRMED: &str = "
     SELECT at, detail FROM audit WHERE action = $1 ORDER BY number DESC LIMIT 1";
 
-/// What is noted where an organizer confirms the time of day.
+/// Details of a confirmation.
 #[derive(Deserialize)]
 struct Detail {
-    /// When the newest entry before that came.
+    /// Time of the newest entry before the confirmation.
     newest_ms: Option<i64>,
 }
 
 impl Store {
-    /// The earliest time of day that is possible, as the newest entry came then; none without entries.
-    /// Entries that an organizer knew when confirming an earlier time do not count.
+    /// Lower bound of the time of day: the time of the newest entry; `None` without entries. Entries known to an organizer
+    /// who then confirmed an earlier time do not count.
     pub async fn newest_at(&self) -> Result<Option<Timestamp>, StoreError> {
         let query = query(LAST_CONFIRMED).bind(CONFIRMED);
         let confirmed: Option<(Timestamp, String)> = self.fetch_optional(query).await?;
@@ -63,7 +63,7 @@ impl Store {
         Ok(newest)
     }
 
-    /// When the newest entry came, but for confirmations of the time of day.
+    /// Time of the newest entry, confirmations of the time of day excluded.
     pub async fn newest_entry_at(&self) -> Result<Option<Timestamp>, StoreError> {
         self.fetch_one(query(NEWEST).bind(CONFIRMED)).await
     }

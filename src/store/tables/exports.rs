@@ -1,4 +1,4 @@
-//! Rounds with all that is stored of them, for exports.
+//! Complete rounds for exports.
 
 use jiff::Timestamp;
 use serde::Deserialize;
@@ -10,18 +10,17 @@ use crate::store::StoreError;
 use crate::store::sql::{FromRow, Row, from_row, get, query};
 use swarmbench_journal::record::ActRecord;
 
-/// A resolved round with all that is stored of it.
 #[derive(Clone, Debug)]
 pub struct LoggedRound {
     pub round: u32,
-    /// The digest of the state after it.
+    /// Digest of the state after the round.
     pub digest: [u8; 32],
     pub at: Timestamp,
-    /// Its acts, in order of their seats.
+    /// In order of seats.
     pub acts: Vec<LoggedAct>,
 }
 
-/// An act with the time at which it came.
+/// An act with its time.
 #[derive(Clone, Debug)]
 pub struct LoggedAct {
     pub agent: AgentId,
@@ -30,7 +29,7 @@ pub struct LoggedAct {
 }
 
 impl Store {
-    /// When an episode started, if it has: when it was created or started by hand, or when its last seat was taken.
+    /// Start of an episode: its creation, its manual start, or the claim of its last seat; `None` if it has not started.
     pub async fn started_at(&self, episode: EpisodeKey) -> Result<Option<Timestamp>, StoreError> {
         let query = query(
             "SELECT e.opening, e.created_at, e.started_at,
@@ -42,8 +41,8 @@ impl Store {
         found.map_or(Ok(None), Start::at)
     }
 
-    /// The resolved rounds `from..to` of an episode with their acts, in order: all of the acts but the answers and
-    /// the reasoning of language models, which may be large.
+    /// The resolved rounds `from..to` of an episode with their acts, in order. Acts come without the answers and the
+    /// reasoning of language models, which may be large.
     pub async fn logged_rounds(
         &self,
         episode: EpisodeKey,
@@ -63,9 +62,9 @@ impl Store {
         let acts: Vec<(u32, _, _, ActRecord)> =
             self.fetch_all(acts.bind(episode.0).bind(from).bind(to)).await?;
         for (number, agent, at, record) in acts {
-            // Acts of early versions are read with their texts.
+            // Acts of early versions have no brief record and are read with their texts.
             let record = ActRecord { response: None, reasoning: None, ..record };
-            // Acts of a round that is not resolved belong to none.
+            // Acts of the open round have no resolved round.
             if let Some(round) = rounds.iter_mut().find(|round| round.round == number) {
                 round.acts.push(LoggedAct { agent, at, record });
             }
@@ -74,12 +73,12 @@ impl Store {
     }
 }
 
-/// What the start of an episode follows from.
+/// The facts that determine an episode's start.
 struct Start {
     opening: String,
     created_at: Timestamp,
     started_at: Option<Timestamp>,
-    /// Whether all seats have holders.
+    /// Whether all seats are held.
     is_seated: bool,
     claimed_at: Option<Timestamp>,
 }

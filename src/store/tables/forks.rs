@@ -1,10 +1,10 @@
-//! The table `forking`: forks that are written in several commits.
+//! The table `forking`: forks written in several commits.
 
 use crate::ids::{EpisodeId, EpisodeKey};
 use crate::store::sql::{Begin, Builder, Connection, chunks, query};
 use crate::store::{Store, StoreError};
 
-/// Notes forks whose rows come in this commit and later ones.
+/// Marks forks whose rows come in this and later commits.
 pub(in crate::store) async fn begin(
     connection: &mut Connection,
     episodes: &[EpisodeKey],
@@ -19,7 +19,7 @@ pub(in crate::store) async fn begin(
     Ok(())
 }
 
-/// Notes that a fork is complete.
+/// Unmarks a complete fork.
 pub(in crate::store) async fn complete(
     connection: &mut Connection,
     episode: EpisodeKey,
@@ -28,7 +28,7 @@ pub(in crate::store) async fn complete(
     query.bind(episode.0).execute(connection).await.map(drop)
 }
 
-/// Deletes what is left of forks that were never completed, but for those that another server makes now.
+/// Deletes the rows of incomplete forks, except those that a server is writing now.
 pub(in crate::store) async fn delete_incomplete(
     connection: &mut Connection,
 ) -> Result<(), sqlx::Error> {
@@ -57,7 +57,7 @@ pub(in crate::store) async fn delete_incomplete(
 }
 
 impl Store {
-    /// The forks that were made together with this one, which is the first of `count`.
+    /// The forks created by one request: `first` and the following ones, `count` in total.
     pub async fn forks_made_with(
         &self,
         first: &EpisodeId,

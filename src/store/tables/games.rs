@@ -1,4 +1,4 @@
-//! The games of runs.
+//! Games of runs.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -15,32 +15,32 @@ use crate::store::runs::void_reason;
 use crate::store::sql::{Builder, FromRow, LISTED_AT_ONCE, Row, get};
 use crate::store::{Store, StoreError};
 
-/// Bytes of the games of ended runs that are cached: a row of the database costs far more to read than to copy.
+/// Size of the cache for games of ended runs: reading a row costs far more than copying it.
 const GAMES_BYTES_MAX: u64 = 32 * 1024 * 1024;
 
-/// Bytes of the ids, reasons and counts of a game, about.
+/// Estimated bytes of a game's id, reasons and counts.
 const TEXTS_BYTES: usize = 128;
 
 #[derive(Clone, Debug)]
 pub struct StoredGame {
     pub episode: EpisodeKey,
     pub id: EpisodeId,
-    /// Which game of the run's plan it is, from 0.
+    /// Index in the run's plan.
     pub slot: u32,
     /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
     pub status: String,
     pub reason: Option<String>,
-    /// The score so far.
+    /// Score so far.
     pub score: f64,
     pub rounds: u32,
-    /// What its acts were; all 0 before its end.
+    /// Counts of acts; all 0 before the end.
     pub tally: Tally,
     pub void_reason: Option<String>,
     pub ended_at: Option<Timestamp>,
 }
 
 impl StoredGame {
-    /// The game as boards take it, in the plan of its run; none if the plan is shorter.
+    /// Converts the game for boards; `None` if the plan has no such slot.
     pub fn in_plan(&self, plan: &[Slot]) -> Option<Game> {
         Some(Game {
             slot: *plan.get(self.slot as usize)?,
@@ -53,27 +53,26 @@ impl StoredGame {
         })
     }
 
-    /// Whether it counts: it was not voided.
+    /// False for voided games.
     pub const fn counts(&self) -> bool {
         self.void_reason.is_none()
     }
 
-    /// Whether it has ended.
     pub const fn is_over(&self) -> bool {
         self.ended_at.is_some()
     }
 }
 
-/// The games of a run, by their places in its plan and then by age.
+/// Games of a run, ordered by slot and then by age.
 pub type RunGames = Arc<[StoredGame]>;
 
-/// The games of runs that have ended. They change only where an episode is voided.
+/// Cache for games of ended runs, which change only when an episode is voided.
 #[derive(Debug)]
 pub(in crate::store) struct EndedGames(Cache<RunKey, CachedGames, ByBytes>);
 
 #[derive(Clone, Debug)]
 struct CachedGames {
-    /// How many episodes had been voided before they were read.
+    /// Number of voided episodes before the games were read.
     voided: u64,
     games: RunGames,
 }
@@ -92,27 +91,26 @@ impl EndedGames {
         Self(Cache::with_weighter(10_000, GAMES_BYTES_MAX, ByBytes))
     }
 
-    /// The games of a run, if they are cached and no episode was voided since.
+    /// Cached games of a run, if no episode was voided since.
     fn get(&self, run: RunKey, voided: u64) -> Option<RunGames> {
         self.0.get(&run).filter(|cached| cached.voided == voided).map(|cached| cached.games)
     }
 }
 
 impl Store {
-    /// All games of a run that were ever opened, by their places in its plan and then by age.
+    /// All games ever opened by a run, ordered by slot and then by age.
     pub async fn games_of(&self, run: RunKey) -> Result<Vec<StoredGame>, StoreError> {
         let mut all = BTreeMap::new();
         self.add_games(&[run], &mut all).await?;
         Ok(all.remove(&run).unwrap_or_default())
     }
 
-    /// The games of several runs, as [`Store::games_of`] has them; a run without games is left out. Those of runs that have
-    /// ended are cached.
+    /// [`Store::games_of`] for several runs; runs without games are left out. Games of ended runs are cached.
     pub async fn games_of_all(
         &self,
         runs: &[RunKey],
     ) -> Result<BTreeMap<RunKey, RunGames>, StoreError> {
-        // Counted before anything is read: what is voided meanwhile makes the cached games invalid.
+        // Read first: an episode voided meanwhile invalidates the cached games.
         let voided = self.writer().changes().voided();
         let mut all = BTreeMap::new();
         let mut missing = Vec::new();
@@ -128,7 +126,7 @@ impl Store {
             self.add_games(some, &mut read).await?;
             for (run, games) in read {
                 let games = RunGames::from(games);
-                // A run may end while a game of it is played.
+                // A run may end while one of its games is being played.
                 if ended.binary_search(&run).is_ok() && games.iter().all(StoredGame::is_over) {
                     let cached = CachedGames { voided, games: Arc::clone(&games) };
                     self.ended_games.0.insert(run, cached);
@@ -139,7 +137,7 @@ impl Store {
         Ok(all)
     }
 
-    /// Which of these runs have ended, in order.
+    /// The ended ones among some runs, in order.
     async fn ended_of(&self, runs: &[RunKey]) -> Result<Vec<RunKey>, StoreError> {
         let mut query = Builder::new("SELECT key FROM runs WHERE ended_at IS NOT NULL AND key IN ");
         query.push_list(runs.iter().map(|run| run.0));

@@ -1,4 +1,4 @@
-//! The tables `imports` and `import_rounds`: games that were read from files.
+//! The tables `imports` and `import_rounds`: games imported from files.
 
 use std::collections::BTreeSet;
 
@@ -12,12 +12,12 @@ use crate::store::StoreError;
 use crate::store::entries::{ImportRow, ImportedRound};
 use crate::store::sql::{Builder, Connection, LISTED_AT_ONCE, chunks, from_row, query};
 
-/// Computes the digest of an imported game, state by state.
+/// Incremental digest of an imported game: name and settings, then each state.
 #[derive(Debug)]
 pub struct ImportHash(Sha256);
 
 impl ImportHash {
-    /// Begins with the name and the settings of the game.
+    /// Hashes the name and the settings.
     pub fn new(run_id: &str, meta: &str) -> Self {
         let mut hash = Sha256::new();
         for part in [run_id, meta] {
@@ -27,55 +27,52 @@ impl ImportHash {
         Self(hash)
     }
 
-    /// Adds the next state.
+    /// Hashes the next state.
     pub fn add(&mut self, score: f64, state: &str) {
         self.0.update(score.to_bits().to_be_bytes());
         self.0.update((state.len() as u64).to_be_bytes());
         self.0.update(state);
     }
 
-    /// The digest of all that was added.
     pub fn finish(self) -> [u8; 32] {
         self.0.finalize().into()
     }
 }
 
-/// An imported game, as far as results are compared.
+/// The fields of an imported game that result comparisons use.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImportedGame {
     pub id: String,
-    /// Who played, as the files say.
+    /// Model name in the files.
     pub model: String,
     pub task: String,
     pub seed: u64,
-    /// The settings, as far as they are known.
+    /// Known settings.
     pub settings: ImportConfig,
-    /// The last score.
+    /// Score of the last state.
     pub score: f64,
     pub rounds: u32,
 }
 
-/// An imported game without its states.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StoredImport {
     pub key: ImportKey,
     pub id: String,
-    /// As its files call it.
+    /// Name in the files.
     pub run_id: String,
-    /// Who played, as the files say.
+    /// Model name in the files.
     pub model: String,
     pub task: String,
     pub seed: u64,
-    /// The settings, as far as they are known.
+    /// Known settings.
     pub settings: ImportConfig,
-    /// The last score.
+    /// Score of the last state.
     pub score: f64,
     pub rounds: u32,
     pub acts: u64,
     pub imported_at: Timestamp,
 }
 
-/// What a list of imported games is filtered by.
 #[derive(Clone, Debug, Default)]
 pub struct ImportFilter {
     pub task: Option<String>,
@@ -87,7 +84,7 @@ const SELECT: &str =
                              FROM imports WHERE ";
 
 impl Store {
-    /// Lists imported games, newest first, from the one after `before` on.
+    /// Lists imported games, newest first, starting after the game `before`.
     pub async fn list_imports(
         &self,
         filter: &ImportFilter,
@@ -105,20 +102,19 @@ impl Store {
         self.fetch_all(query.build()).await
     }
 
-    /// Finds an imported game.
     pub async fn find_import(&self, id: &str) -> Result<Option<StoredImport>, StoreError> {
         let mut query = Builder::new(SELECT);
         query.push("id = ").push_bind(id);
         self.fetch_optional(query.build()).await
     }
 
-    /// The entry of an imported game in the index of its files, as JSON.
+    /// The game's entry in the index of the imported files, as JSON.
     pub async fn imported_meta(&self, key: ImportKey) -> Result<Option<String>, StoreError> {
         let query = query("SELECT meta FROM imports WHERE key = $1");
         self.fetch_optional(query.bind(key.0)).await
     }
 
-    /// The bytes of the states `from..to` of an imported game, each with its acts.
+    /// Sizes in bytes of the states `from..to`, each with its acts.
     pub async fn imported_bytes(
         &self,
         key: ImportKey,
@@ -132,7 +128,7 @@ impl Store {
         self.fetch_all(query.bind(key.0).bind(from).bind(to)).await
     }
 
-    /// The states `from..to` of an imported game, each with the acts that were given in it.
+    /// The states `from..to`, each with the acts submitted in it.
     pub async fn imported_rounds(
         &self,
         key: ImportKey,
@@ -146,7 +142,7 @@ impl Store {
         self.fetch_all(query.bind(key.0).bind(from).bind(to)).await
     }
 
-    /// The scores of these states, in order.
+    /// The scores of the given states, in order of their rounds.
     pub async fn imported_scores(
         &self,
         key: ImportKey,
@@ -165,7 +161,7 @@ impl Store {
         Ok(scores)
     }
 
-    /// All imported games, as far as results are compared; the oldest first.
+    /// All imported games, oldest first.
     pub async fn imported_games(&self) -> Result<Vec<ImportedGame>, StoreError> {
         let text =
             "SELECT id, model, task, seed, settings, score, rounds FROM imports ORDER BY key";
@@ -181,7 +177,7 @@ from_row! {
     }
 }
 
-/// Keeps a game. One that is there already gets acts where it has none; else nothing changes.
+/// Stores a game. An existing game without acts gets those of `row`; otherwise it stays unchanged.
 pub(in crate::store) async fn keep(
     connection: &mut Connection,
     row: &ImportRow,

@@ -1,4 +1,4 @@
-//! Journals of several small games, read at once: a query costs more than such a game.
+//! Batched reads of small journals: a query costs more than such a game.
 
 use std::collections::{HashMap, VecDeque};
 
@@ -9,13 +9,12 @@ use crate::store::sql::{Builder, FromRow, Row, get};
 use crate::store::{Store, StoreError};
 use swarmbench_journal::record::RawRecord;
 
-/// Games that are read at once.
+/// Games read by one batch.
 pub const GAMES_AT_ONCE: usize = 32;
 
-/// Bytes of a round in a journal, beside its acts.
+/// Estimated bytes of a round in a journal, without its acts.
 const ROUND_BYTES: u64 = 256;
 
-/// What is stored of a game's journal.
 pub struct StoredJournal {
     pub stored: StoredEpisode,
     pub rounds: Vec<StoredRound>,
@@ -24,8 +23,8 @@ pub struct StoredJournal {
 }
 
 impl Store {
-    /// The journals of the first of these games: as many of those that have ended as have `bytes_max` bytes together, whole;
-    /// or the first alone, to be read part by part. Not more than [`GAMES_AT_ONCE`].
+    /// Reads a prefix of the given games, [`GAMES_AT_ONCE`] at most: whole journals of ended games up to `bytes_max` bytes in
+    /// total, or else the first game alone with its acts unread, to be read part by part.
     pub async fn journals(
         &self,
         ids: &[EpisodeId],
@@ -57,7 +56,6 @@ impl Store {
         Ok(journals)
     }
 
-    /// Reads the rounds, acts and ends of games.
     async fn read_whole(&self, journals: &mut [StoredJournal]) -> Result<(), StoreError> {
         let keys: Vec<_> = journals.iter().map(|journal| journal.stored.episode).collect();
         let place: HashMap<_, _> = keys.iter().zip(0..).map(|(key, place)| (*key, place)).collect();
@@ -90,14 +88,14 @@ impl Store {
     }
 }
 
-/// Bytes of a journal in memory, about; none before the end of the game, and where it is not known.
+/// Estimated size of a journal in memory; `None` for unfinished games and unknown sizes.
 fn bytes_of(stored: &StoredEpisode) -> Option<u64> {
     stored.ended_at?;
     let rounds = u64::from(stored.rounds) * ROUND_BYTES;
     Some(stored.act_bytes? + stored.opening.as_str().len() as u64 + rounds)
 }
 
-/// A query with a list of games at its end.
+/// Appends a list of games to a query.
 fn about_games(query: &str, keys: &[EpisodeKey]) -> Builder<'static> {
     let mut query = Builder::new(query);
     query.push_list(keys.iter().map(|key| key.0));

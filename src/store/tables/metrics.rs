@@ -1,5 +1,4 @@
-//! The tables `metrics` and `unmeasured`: what was computed of games that have ended, and the games of which that is still
-//! to be done.
+//! The tables `metrics` and `unmeasured`: metrics of ended games, and the queue of games to be measured.
 
 use std::collections::BTreeMap;
 
@@ -11,28 +10,27 @@ use crate::ids::EpisodeKey;
 use crate::store::sql::{Builder, Connection, LISTED_AT_ONCE, from_row, query};
 use crate::store::{Store, StoreError};
 
-/// Games that wait to be measured. Those that end while there are more are measured when their metrics are first read.
+/// Length of the queue. Games that end while it is full are measured when their metrics are first read.
 pub const UNMEASURED_MAX: i64 = 65_536;
 
-/// Games of which the values are read at once.
+/// Games whose values are read by one query.
 const GAMES_AT_ONCE: usize = 256;
 
-/// The metrics of a game.
 #[derive(Clone, Debug)]
 pub struct MetricsRow {
     pub episode: EpisodeKey,
     pub embedder: String,
     pub revision: u32,
-    /// The values, as JSON.
+    /// [`Measured`] as JSON.
     pub measured: String,
 }
 
-/// The embedder and the revision of the values that a server stores.
+/// The embedder and the metrics revision of stored values.
 pub fn stored_method() -> (&'static str, u32) {
     (Hash1::ID, METRICS_REVISION)
 }
 
-/// The values of a game as they are stored: by name, the value and from how many rounds it was computed.
+/// The stored values of a game: by metric name, the value and the number of rounds behind it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
     sampled: bool,
@@ -58,17 +56,16 @@ impl Measured {
         serde_json::from_str(stored).map_err(unreadable)
     }
 
-    /// Whether texts were left out of a comparison.
+    /// Whether comparisons of texts were sampled.
     pub const fn sampled(&self) -> bool {
         self.sampled
     }
 
-    /// The value of a metric and from how many rounds it was computed.
+    /// A metric's value and the number of rounds behind it.
     pub fn value(&self, definition: Definition, metric: Metric) -> (Option<f64>, u32) {
         self.of_definition(definition).get(metric.name()).copied().unwrap_or_default()
     }
 
-    /// The values of a definition by name.
     pub const fn of_definition(
         &self,
         definition: Definition,
@@ -86,7 +83,6 @@ fn unreadable(error: serde_json::Error) -> StoreError {
 }
 
 impl MetricsRow {
-    /// The row of a game's values.
     pub fn new(episode: EpisodeKey, measured: &Measured) -> Self {
         let (embedder, revision) = stored_method();
         let (embedder, measured) = (embedder.to_owned(), serde_json::to_string(measured));
@@ -94,23 +90,22 @@ impl MetricsRow {
     }
 }
 
-/// A game that waits to be measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Unmeasured {
-    /// Its number in the queue.
+    /// Position in the queue.
     pub number: i64,
     pub episode: EpisodeKey,
 }
 
-/// A run and a task.
+/// Ids of a run and a task.
 pub type RunTask = (String, String);
 
-/// Queues a game that has ended, in the transaction of its end.
+/// Queues an ended game, in the transaction of its end.
 pub(in crate::store) async fn queue(
     connection: &mut Connection,
     episode: EpisodeKey,
 ) -> Result<(), sqlx::Error> {
-    // Numbers follow each other, so the first and the last tell how many there are about.
+    // Numbers are nearly consecutive, so the first and the last give about the length of the queue.
     query(
         "INSERT INTO unmeasured (episode)
          SELECT CAST($1 AS BIGINT) WHERE coalesce((SELECT max(number) FROM unmeasured)
@@ -149,13 +144,13 @@ pub(in crate::store) async fn dequeue(
 }
 
 impl Store {
-    /// The games that were queued first.
+    /// The longest queued games.
     pub async fn unmeasured(&self, limit: u32) -> Result<Vec<Unmeasured>, StoreError> {
         let query = query("SELECT number, episode FROM unmeasured ORDER BY number LIMIT $1");
         self.fetch_all(query.bind(limit)).await
     }
 
-    /// The metrics of a game by this embedder and revision, if they were computed.
+    /// The stored metrics of a game for this embedder and revision.
     pub async fn metrics_of(
         &self,
         episode: EpisodeKey,
@@ -167,8 +162,8 @@ impl Store {
         self.fetch_optional(query.bind(episode.0).bind(embedder).bind(revision)).await
     }
 
-    /// The means of some metrics, of the definition `paper`, over the games of each run and task that were not voided;
-    /// `None` where no game has a value.
+    /// Means of metrics of the definition `paper` over the games of each run and task, voided games excluded; `None` where no
+    /// game has a value.
     pub async fn mean_metrics(
         &self,
         runs: &[String],
@@ -184,7 +179,7 @@ impl Store {
             query.push_list(some.iter());
             games.extend(self.fetch_all::<(String, String, EpisodeKey)>(query.build()).await?);
         }
-        // In the order of their numbers, as a sum of floats depends on the order.
+        // Sorted by number, as a sum of floats depends on its order.
         games.sort_unstable_by_key(|(.., episode)| *episode);
         let mut means = BTreeMap::new();
         for some in games.chunks(GAMES_AT_ONCE) {
@@ -214,7 +209,7 @@ impl Store {
     }
 }
 
-/// Of the values of a game, those of the definition `paper`.
+/// The subset of [`Measured`] for the definition `paper`.
 #[derive(Deserialize)]
 struct PaperValues<'a> {
     #[serde(borrow)]
@@ -227,7 +222,7 @@ impl<'a> PaperValues<'a> {
     }
 }
 
-/// A sum of floats with what its additions lose (Neumaier's), so that means are those that `avg` of SQLite gives.
+/// A compensated sum of floats (Neumaier), so that means equal those of SQLite's `avg`.
 #[derive(Clone, Debug, Default)]
 struct Sum {
     rounded: f64,
@@ -247,7 +242,7 @@ impl Sum {
         self.count += 1;
     }
 
-    /// `None` of nothing.
+    /// `None` without values.
     fn mean(&self) -> Option<f64> {
         let sum = if self.lost.is_finite() { self.rounded + self.lost } else { self.rounded };
         (self.count > 0).then(|| sum / f64::from(self.count))

@@ -1,6 +1,6 @@
-//! The queries, a file a table.
+//! Queries, one file a table.
 
-/// The competition to which a run `r` counts: that of its attempt, or the one for which its owner's key was made.
+/// The competition of a run `r`: that of its attempt, or the one for which its owner's key was made.
 macro_rules! competition_of_run {
     () => {
         "coalesce(r.competition, (SELECT n.competition FROM keys k JOIN entries n ON n.owner = k.number

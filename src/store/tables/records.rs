@@ -1,4 +1,4 @@
-//! The tables `acts` and `rounds`, and the store as a journal.
+//! The tables `acts` and `rounds`, and the store's implementation of [`EpisodeStore`].
 
 use std::collections::{BTreeSet, VecDeque};
 
@@ -17,61 +17,60 @@ use crate::store::port::{
 use crate::store::sql::{Builder, FromRow, LISTED_AT_ONCE, Row, from_row, get, query};
 use swarmbench_journal::record::{ActRecord, RawRecord};
 
-/// Bytes of records that are read in one piece, before others have their turn on the thread.
+/// Bytes of records parsed before the task yields its thread.
 const PIECE_BYTES: u64 = 128 * 1024;
 
-/// Acts without their texts that are parsed in one piece.
+/// Acts without texts parsed before the task yields its thread.
 const ACTS_OF_A_PIECE: usize = 512;
 
-/// Acts of which the lengths are looked at for one part.
+/// Acts considered for one part.
 const ACTS_OF_A_PART_MAX: u32 = 4096;
 
-/// The place of an act in its episode: its round, and its seat.
+/// Round and seat of an act.
 pub type ActPlace = (u32, AgentId);
 
-/// Some acts of an episode, in their order.
+/// Consecutive acts of an episode.
 #[derive(Debug, Default)]
 pub struct ActsPart {
-    /// The round of each, and the bytes of its record; or those of several of the same round.
+    /// Round and record of each act, or the joined records of several acts of a round.
     pub acts: Vec<(u32, String)>,
-    /// Where the next part begins, if there is one.
+    /// First act of the next part, if there is one.
     pub next: Option<ActPlace>,
 }
 
-/// Reads the acts of an episode in their order, part by part: it keeps one part of them.
+/// Reads the acts of an episode in order, with one part of them in memory.
 pub struct ActReader {
     store: Store,
     episode: EpisodeKey,
     end: u32,
     read: VecDeque<(u32, String)>,
-    /// The first act that was not read, if there is one.
+    /// First unread act, if there is one.
     unread: Option<ActPlace>,
-    /// Whether the acts of a round come together, with commas between them.
+    /// Whether the records of a round are joined by commas.
     is_joined: bool,
-    /// Bytes that all acts of the episode take, where that is known.
+    /// Bytes of all acts of the episode, if known.
     bytes: Option<u64>,
 }
 
 impl ActReader {
-    /// Reads the acts of the rounds before `end`.
+    /// A reader of the rounds before `end`, act by act.
     pub fn new(store: Store, episode: EpisodeKey, end: u32) -> Self {
         let unread = Some((0, AgentId(0)));
         Self { store, episode, end, read: VecDeque::new(), unread, is_joined: false, bytes: None }
     }
 
-    /// Reads the same acts; those of a round come together where a part has room for them, with commas between them. A
-    /// row of the database costs more than the act in it.
+    /// A reader that joins the records of a round by commas where they fit into a part: a row of the database costs more than
+    /// the act in it. `bytes` is the size of all acts, if known.
     pub fn joined(store: Store, episode: EpisodeKey, end: u32, bytes: Option<u64>) -> Self {
         Self { is_joined: true, bytes, ..Self::new(store, episode, end) }
     }
 
-    /// Gives it all acts of the episode, those of a round joined.
+    /// Supplies all acts of the episode, joined by round.
     pub(in crate::store) fn set_read(&mut self, acts: VecDeque<(u32, String)>) {
         (self.read, self.unread) = (acts, None);
     }
 
-    /// The record of the next act, or the records of the next acts, if they are of round `round`. At most about
-    /// `bytes_max` bytes are read at once.
+    /// The next record, or joined records, if of a round up to `round`. Reads about `bytes_max` bytes at once.
     pub async fn next_of(
         &mut self,
         round: u32,
@@ -95,8 +94,7 @@ impl ActReader {
 }
 
 impl Store {
-    /// The acts from `from` on, up to the end of the round before `end`: as many as have `bytes_max` bytes together,
-    /// and at least one.
+    /// Acts from `from` on in rounds before `end`: as many as fit into `bytes_max` bytes, but at least one.
     pub async fn acts_part(
         &self,
         episode: EpisodeKey,
@@ -115,8 +113,7 @@ impl Store {
         Ok(ActsPart { acts: self.fetch_all(query).await?, next })
     }
 
-    /// The same in whole rounds, of which the acts are joined by commas; a part without room for the next whole round is one
-    /// of acts.
+    /// [`Store::acts_part`] in whole rounds with joined records; falls back to single acts if the next round does not fit.
     async fn rounds_part(
         &self,
         episode: EpisodeKey,
@@ -134,7 +131,7 @@ impl Store {
         let rounds: Vec<(u32, u32, u64)> = self.fetch_all(query.bind(ACTS_OF_A_PART_MAX)).await?;
         let acts: u32 = rounds.iter().map(|(_, count, _)| count).sum();
         let is_cut = acts == ACTS_OF_A_PART_MAX;
-        // Of the last one there may be more acts.
+        // The last round may have more acts.
         let whole = rounds.len() - usize::from(is_cut);
         let mut sum = 0;
         let fitting = rounds[..whole].iter().take_while(|(_, _, bytes)| {
@@ -149,7 +146,7 @@ impl Store {
         Ok(ActsPart { acts: self.joined_rounds(episode, from, last).await?, next })
     }
 
-    /// The acts from `from` on, up to the end of the round `last`, those of a round joined by commas.
+    /// Acts from `from` up to the round `last`, with the records of each round joined by commas.
     async fn joined_rounds(
         &self,
         episode: EpisodeKey,
@@ -163,7 +160,7 @@ impl Store {
         self.fetch_all(query.bind(episode.0).bind(from.0).bind(from.1.0).bind(last)).await
     }
 
-    /// The last act of a part, and the first of the next one. The texts are not read for it.
+    /// The last act of a part and the first of the next one, found without reading the records.
     async fn part_end(
         &self,
         episode: EpisodeKey,
@@ -192,8 +189,8 @@ impl Store {
         Ok((last, None))
     }
 
-    /// How many bytes the end record of an episode has, and the record itself where it has at most `bytes_max`; `None` before
-    /// its end.
+    /// Size in bytes of an episode's end record, and the record itself if it has at most `bytes_max` bytes; `None` before the
+    /// end.
     pub async fn end_record(
         &self,
         episode: EpisodeKey,
@@ -208,7 +205,7 @@ impl Store {
         Ok(bytes.map(|bytes| (usize::try_from(bytes).unwrap_or(usize::MAX), record)))
     }
 
-    /// The resolved rounds `from..to` without their acts.
+    /// The resolved rounds `from..to` without acts.
     pub async fn resolved(
         &self,
         episode: EpisodeKey,
@@ -224,7 +221,7 @@ impl Store {
 }
 
 impl Store {
-    /// What one seat did in one round, whole, and when.
+    /// A seat's complete act in a round, with its time.
     pub async fn timed_act(
         &self,
         episode: EpisodeKey,
@@ -236,7 +233,7 @@ impl Store {
         self.fetch_optional(query.bind(episode.0).bind(round).bind(agent.0)).await
     }
 
-    /// The scores after these numbers of rounds, each at least one, in order.
+    /// Scores after given numbers of rounds (each at least 1), in ascending order of rounds.
     pub async fn scores_after(
         &self,
         episode: EpisodeKey,
@@ -256,7 +253,6 @@ impl Store {
     }
 }
 
-/// What a seat did in a round, and when.
 #[derive(Clone, Debug)]
 pub struct TimedAct {
     pub record: ActRecord,
@@ -277,8 +273,8 @@ impl FromRow for (AgentId, StoredAct) {
     }
 }
 
-/// Reads a line with an act: its agent, how many seats the round waited for, the bytes of its record, and the record
-/// itself, of which texts may be left out.
+/// Parses a line "agent `waiting_for` bytes record", where `bytes` is the size of the complete record. The texts of models are
+/// dropped from the record.
 fn act_of_line(line: &str) -> Option<(AgentId, StoredAct)> {
     let mut parts = line.splitn(4, ' ');
     let mut number = || parts.next()?.parse::<u64>().ok();
@@ -339,7 +335,7 @@ impl EpisodeStore for Store {
 
     fn acts(&self, episode: EpisodeKey, from: u32, to: u32) -> Reply<'_, Vec<(u32, RoundActs)>> {
         async move {
-            // One row a round: a row costs more than the acts in it. Records have no line breaks.
+            // One row for each round: a row costs more than the acts in it. Records contain no line breaks.
             let query = query(
                 "SELECT round, string_agg(agent || ' ' || waiting_for || ' ' || octet_length(record) || ' '
                                           || coalesce(brief, record), $1)

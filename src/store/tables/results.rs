@@ -18,13 +18,13 @@ use swarmbench_journal::Tally;
 use swarmbench_journal::record::{ActRecord, RawRecord};
 use swarmbench_protocol::failure::Failures;
 
-/// Runs, or games of several holders, that are read at once.
+/// Runs, or games of several holders, read by one query.
 const CHUNK: i64 = 256;
 
-/// Changes that are remembered; who missed older ones reads everything again.
+/// Length of the log of changes. A reader that missed older ones reads everything again.
 const CHANGES_MAX: usize = 65_536;
 
-/// Writes the result of an episode, in the transaction of its end.
+/// Inserts the result of an episode, in the transaction of its end.
 pub(in crate::store) async fn add(
     connection: &mut Connection,
     episode: EpisodeKey,
@@ -62,27 +62,27 @@ pub(in crate::store) async fn add(
     Ok(())
 }
 
-/// Something that may change a board.
+/// A commit that may affect a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Change {
     Run(RunKey),
-    /// An entrant of a competition is described otherwise.
+    /// The description of an entrant has changed.
     Entrant(EntryKey),
     /// An entrant has started an attempt.
     Started(EntryKey),
     /// All attempts of a competition may be on boards now.
     Revealed,
-    /// Games were read from files.
+    /// Games were imported.
     Imports,
-    /// A game that counts has ended, or does not count any more.
+    /// A game that counts has ended, or was voided.
     Episode(EpisodeKey),
 }
 
-/// What an entry changes for boards and lists, as the other servers of a database read it.
+/// The effect of an entry on boards and lists, in the form that other servers of the cluster read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::store) struct Effect {
     pub(in crate::store) kind: i16,
-    /// The number of what it concerns, if that has one.
+    /// Key of the affected row; 0 if there is none.
     pub(in crate::store) key: i64,
 }
 
@@ -140,28 +140,28 @@ impl Effect {
     }
 }
 
-/// What was committed lately and concerns boards.
+/// A log of recent changes to boards, and counters of changes.
 #[derive(Debug, Default)]
 pub struct Changes {
     log: Mutex<Log>,
-    /// How often something was committed that a board, or a list of a competition, may show.
+    /// Counts commits that boards, or lists of competitions, may show.
     revision: AtomicU64,
-    /// How often something was committed that a list of entrants may show.
+    /// Counts commits that lists of entrants may show.
     entrants: AtomicU64,
-    /// How many games were measured.
+    /// Counts measured games.
     measured: AtomicU64,
-    /// How many episodes were voided.
+    /// Counts voided episodes.
     voided: AtomicU64,
 }
 
-/// A place in the log of changes.
+/// A position in the log of changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LogPosition(u64);
 
 #[derive(Debug, Default)]
 struct Log {
     changes: VecDeque<Change>,
-    /// How many changes came before the first of them.
+    /// Number of changes before the first one in the log.
     before: u64,
 }
 
@@ -172,12 +172,12 @@ impl Log {
 }
 
 impl Changes {
-    /// The end of the log. What is read after this call includes all earlier changes.
+    /// The end of the log. Reads after this call include all changes up to it.
     pub fn position(&self) -> LogPosition {
         LogPosition(self.log().end())
     }
 
-    /// The changes since a position, and the end of the log; `None` if some are not remembered.
+    /// The changes since a position, and the end of the log; `None` if some of them were dropped.
     pub fn since(&self, position: LogPosition) -> (LogPosition, Option<Vec<Change>>) {
         let log = self.log();
         let missed =
@@ -186,32 +186,32 @@ impl Changes {
         (LogPosition(log.end()), changes)
     }
 
-    /// Another number than before, once something was committed that a board, or a list of a competition, may show.
+    /// Changes with every commit that boards, or lists of competitions, may show.
     pub fn revision(&self) -> u64 {
         self.revision.load(Ordering::Acquire)
     }
 
-    /// Another number than before, once something was committed that a list of entrants may show.
+    /// Changes with every commit that lists of entrants may show.
     pub fn entrants(&self) -> u64 {
         self.entrants.load(Ordering::Acquire)
     }
 
-    /// Another number than before, once the metrics of a game were stored.
+    /// Changes when the metrics of a game are stored.
     pub fn measured(&self) -> u64 {
         self.measured.load(Ordering::Acquire)
     }
 
-    /// Another number than before, once an episode was voided.
+    /// Changes when an episode is voided.
     pub(in crate::store) fn voided(&self) -> u64 {
         self.voided.load(Ordering::Acquire)
     }
 
-    /// Notes what is durable now.
+    /// Notes committed entries.
     pub(in crate::store) fn note(&self, entries: &[Entry]) {
         entries.iter().filter_map(Effect::of).for_each(|effect| self.apply(effect));
     }
 
-    /// Notes one thing that is durable now, here or on another server of this database.
+    /// Notes an effect that is durable, committed by this server or another one of the cluster.
     pub(in crate::store) fn apply(&self, effect: Effect) {
         let key = effect.key;
         match effect.kind {
@@ -235,14 +235,14 @@ impl Changes {
             Effect::STARTED => self.add(Change::Started(EntryKey(key))),
             Effect::REVEALED => self.add(Change::Revealed),
             Effect::IMPORTED => self.add(Change::Imports),
-            // Boards show what is over; lists show more.
+            // Boards show ended games only; lists show more.
             _ => {}
         }
-        // After what it refers to.
+        // Last, so that a reader of the new revision finds the change in the log.
         self.revision.fetch_add(1, Ordering::AcqRel);
     }
 
-    /// Some changes are not known: all is read again.
+    /// Drops the log after changes were missed, so that readers read everything again.
     pub(in crate::store) fn forget(&self) {
         let mut log = self.log();
         log.before += log.changes.len() as u64 + 1;
@@ -268,10 +268,10 @@ impl Changes {
     }
 }
 
-/// Somebody who answers for a run.
+/// The person or team behind a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BoardOwner {
-    /// The public id of the key, or of the entry in a competition.
+    /// Public id of the key, or of the entry in a competition.
     pub id: String,
     pub name: String,
 }
@@ -280,19 +280,19 @@ pub struct BoardOwner {
 pub struct BoardRun {
     pub run: RunKey,
     pub id: String,
-    /// Who answers for it: the entrant of a competition, or else the holder of a key, if any.
+    /// The entrant of the competition, or else the holder of the key.
     pub owner: Option<BoardOwner>,
-    /// Whether an organizer vouches for its declaration.
+    /// Whether an organizer vouches for the declaration.
     pub vouched: bool,
     pub suite: String,
     pub digest: String,
-    /// What was decided about it, as JSON.
+    /// The definition of the run, as JSON.
     pub definition: String,
     pub status: String,
     pub created_at: Timestamp,
-    /// Its games that have ended, in the order of its plan.
+    /// Ended games in the order of the plan.
     pub games: Vec<BoardGame>,
-    /// False while a game is running, although the run opens no more.
+    /// False while a game is being played, even if the run opens no further games.
     pub is_over: bool,
 }
 
@@ -318,25 +318,23 @@ pub struct BoardGame {
     pub voided: bool,
 }
 
-/// A finished game that several holders played.
+/// A finished game with several holders.
 #[derive(Clone, Debug)]
 pub struct BoardMixed {
     pub episode: EpisodeKey,
     pub opening: RawRecord,
     pub score: f64,
-    /// For each holder the model's name, whether the server plays there or an organizer answers for the name, and the number
-    /// of the holder's key.
+    /// For each holder: model name, whether the name is certain (a hosted player, or vouched for by an organizer), and number
+    /// of the key.
     pub models: Vec<(String, bool, Option<i64>)>,
 }
 
-/// Runs on boards: those that are over, that were not voided, and that are no attempt in a competition whose
-/// seeds are still sealed, or whose entrant has left it.
+/// Runs on boards: ended, not voided, and not an attempt whose competition is still sealed or whose entrant has left.
 const ON_BOARDS: &str = "r.ended_at IS NOT NULL AND r.voided_at IS NULL
     AND (r.entry IS NULL OR (c.revealed_at IS NOT NULL AND n.status = 'active'))";
 
 impl Store {
-    /// Runs on boards with greater numbers than `after`, in order of their numbers; few at a time, some of which may
-    /// not be over yet. None are left where it is empty.
+    /// A batch of runs on boards with numbers above `after`, in order; some may not be over. Empty at the end.
     pub async fn runs_on_boards(&self, after: Option<RunKey>) -> Result<Vec<BoardRun>, StoreError> {
         let mut query = select_runs();
         query.push(" AND r.key > ").push_bind(after.map_or(i64::MIN, |run| run.0));
@@ -369,7 +367,7 @@ impl Store {
         Ok(Some(found).filter(|found| found.is_over))
     }
 
-    /// What the acts of an episode were.
+    /// Counts of an episode's acts.
     pub async fn tally_of(&self, episode: EpisodeKey) -> Result<Tally, StoreError> {
         let query = query(
             "SELECT acts, invalid, clock_outs, prompt_tokens, completion_tokens, failures
@@ -378,17 +376,17 @@ impl Store {
         if let Some(tally) = self.fetch_optional(query.bind(episode.0)).await? {
             return Ok(tally);
         }
-        // A game that boards do not count has no row of its own. Of a fork only the rounds of its own are counted.
+        // Games that do not count have no row. For a fork, only rounds played in it are counted.
         let mut tally = Tally::default();
         self.each_act(episode, |act| tally.add(&act)).await?;
-        // As it would be stored.
+        // Clamped as a stored value would be.
         let most = |number: u64| number.min(i64::MAX.unsigned_abs());
         let (prompt_tokens, completion_tokens) =
             (most(tally.prompt_tokens), most(tally.completion_tokens));
         Ok(Tally { prompt_tokens, completion_tokens, ..tally })
     }
 
-    /// Reads the acts of an episode's own rounds one after the other, without their texts: all of them are never in memory.
+    /// Streams the acts of rounds played in an episode, without their texts.
     async fn each_act(
         &self,
         episode: EpisodeKey,
@@ -406,20 +404,19 @@ impl Store {
         Ok(())
     }
 
-    /// The run of an episode, if it belongs to one.
     pub async fn run_of(&self, episode: EpisodeKey) -> Result<Option<RunKey>, StoreError> {
         let query = query("SELECT run FROM episodes WHERE key = $1");
         let run: Option<Option<RunKey>> = self.fetch_optional(query.bind(episode.0)).await?;
         Ok(run.flatten())
     }
 
-    /// The numbers of the runs of an entrant, in order.
+    /// Numbers of an entrant's runs, in order.
     pub async fn runs_of_entrant(&self, entry: EntryKey) -> Result<Vec<RunKey>, StoreError> {
         let query = query("SELECT key FROM runs WHERE entry = $1 ORDER BY key");
         self.fetch_all(query.bind(entry.0)).await
     }
 
-    /// The games of the runs `first..=last`, in order; none for one that has not ended.
+    /// The games of the runs `first..=last`, in order; `None` for unfinished games.
     async fn games(
         &self,
         first: RunKey,
@@ -434,8 +431,8 @@ impl Store {
         self.fetch_all(query.bind(first.0).bind(last.0)).await
     }
 
-    /// Finished games of several holders that anybody may read, with greater numbers than `after`, in order of their
-    /// numbers; few at a time, and the number after which to continue; none at the end.
+    /// A batch of public finished games with several holders and numbers above `after`, in order, and the number after which
+    /// the next batch begins; `None` at the end.
     pub async fn mixed_games(
         &self,
         after: Option<EpisodeKey>,
@@ -452,7 +449,7 @@ impl Store {
         Ok((games, episodes.last().copied()))
     }
 
-    /// A game of several holders, if it is finished, counts, and anybody may read it.
+    /// A game with several holders, if it is finished, public and counts.
     pub async fn mixed_game(&self, episode: EpisodeKey) -> Result<Option<BoardMixed>, StoreError> {
         let game = query(concat!(
             "SELECT ",
@@ -501,18 +498,18 @@ impl FromRow for Tally {
     }
 }
 
-/// Why answers of a game were invalid; none for a game without a result.
+/// Kinds of invalid answers and their counts; empty for a game without a result.
 pub(in crate::store) fn failures(row: &Row) -> Result<Failures, sqlx::Error> {
     let stored: Option<String> = get(row, "failures")?;
     read_failures(stored.as_deref().unwrap_or("{}"))
 }
 
-/// Reads the column `failures`.
+/// Parses the column `failures`.
 pub(in crate::store) fn read_failures(stored: &str) -> Result<Failures, sqlx::Error> {
     serde_json::from_str(stored).map_err(|error| sqlx::Error::Decode(error.into()))
 }
 
-/// The column `failures`.
+/// Value of the column `failures`.
 fn json(failures: &Failures) -> String {
     serde_json::to_string(failures).expect("kinds and numbers")
 }

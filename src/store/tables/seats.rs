@@ -1,4 +1,4 @@
-//! The tables `claims` and `seats`: who holds which seat of an episode.
+//! The tables `claims` and `seats`: holders of an episode's seats.
 
 use jiff::Timestamp;
 use swarmbench_engine::AgentId;
@@ -10,23 +10,22 @@ use crate::store::StoreError;
 use crate::store::entries::{ClaimRow, Held, Holder, SeatingRow};
 use crate::store::sql::{Builder, Connection, from_row, query};
 
-/// A seat that has a holder, as it is shown.
+/// A seat and its holder.
 #[derive(Clone, Debug)]
 pub struct HeldSeat {
     pub agent: AgentId,
-    /// The number of the claim; 0 for the creator.
+    /// Number of the claim; 0 for the creator.
     pub holder: u32,
-    /// The name on the holder's key; `None` on a server without keys.
+    /// Name of the holder's key; `None` on a server without keys.
     pub name: Option<String>,
     pub model: String,
-    /// The built-in player that the server hosts here.
+    /// The built-in player that the server hosts in this seat.
     pub player: Option<String>,
     pub claimed_at: Timestamp,
 }
 
 impl Store {
-    /// All seats of an episode that have holders and were noted, in order; nothing where the creator
-    /// simply holds all.
+    /// The recorded holders of an episode's seats, in order of seats; empty if the creator simply holds all.
     pub async fn held_seats(&self, episode: EpisodeKey) -> Result<Vec<HeldSeat>, StoreError> {
         let query = query(
             "SELECT s.agent, s.holder, k.name, s.model, s.player, s.claimed_at
@@ -35,13 +34,13 @@ impl Store {
         self.fetch_all(query.bind(episode.0)).await
     }
 
-    /// The number of the claim that was made with an idempotency key, and the hash of the body sent then.
+    /// The claim made with an idempotency key: its number, and the hash of its request body.
     pub async fn claimed_with(&self, key: &str) -> Result<Option<(u32, Vec<u8>)>, StoreError> {
         let query = query("SELECT holder, idempotency_body FROM claims WHERE idempotency_key = $1");
         self.fetch_optional(query.bind(key)).await
     }
 
-    /// The seats of one claim, in order.
+    /// The seats of a claim, in order.
     pub async fn seats_of(
         &self,
         episode: EpisodeKey,
@@ -52,7 +51,7 @@ impl Store {
         self.fetch_all(query.bind(episode.0).bind(holder)).await
     }
 
-    /// The holders of seats of an episode, with their seats.
+    /// The holders of an episode's seats, with their seats.
     pub(in crate::store) async fn read_holders(
         &self,
         episode: EpisodeKey,
@@ -82,7 +81,7 @@ from_row! {
     Holder { number = "holder", owner, key, model, agent_meta, player, at = "claimed_at" }
 }
 
-/// Inserts a claim, without its tokens.
+/// Inserts a claim without its tokens.
 pub(in crate::store) async fn claim(
     connection: &mut Connection,
     row: &ClaimRow,
@@ -124,10 +123,10 @@ pub(in crate::store) async fn claim(
     Ok(())
 }
 
-/// Rows that one statement inserts at most.
+/// Rows of one insert statement.
 const SEATS_AT_ONCE: usize = 256;
 
-/// Keeps the record of who holds which seat.
+/// Stores the record of all seats' holders.
 pub(in crate::store) async fn seat(
     connection: &mut Connection,
     row: &SeatingRow,

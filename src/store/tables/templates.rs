@@ -1,13 +1,13 @@
-//! The table `templates`: prompt templates, which many openings have in common.
+//! The table `templates`: prompt templates, shared by many openings.
 
 use crate::store::sql::{Connection, query};
 use futures::TryStreamExt;
 use sha2::{Digest, Sha256};
 
-/// Shorter templates stay in their openings.
+/// Shorter templates are stored in their openings.
 const TEMPLATE_BYTES_MIN: usize = 256;
 
-/// The column `opening` of a query over episodes `e`: the record to the byte.
+/// The column `opening` of a query over episodes `e`: the exact record.
 macro_rules! opening {
     () => {
         "coalesce((SELECT substr(e.opening, 1, CAST(e.template_at AS INTEGER)) || t.text
@@ -17,8 +17,8 @@ macro_rules! opening {
 }
 pub(in crate::store) use opening;
 
-/// As [`opening!`], but without a template that lists do not show: theirs is the built-in one. Names that stand elsewhere in the
-/// opening, in the player's own metadata for instance, leave it whole.
+/// [`opening!`] without templates that lists do not show (the built-in one). An opening with the same name in another place,
+/// as in the player's own metadata, keeps its template.
 macro_rules! listed_opening {
     () => {
         concat!(
@@ -31,19 +31,19 @@ macro_rules! listed_opening {
 }
 pub(in crate::store) use listed_opening;
 
-/// An opening in two parts.
+/// An opening and its template, separated.
 #[derive(Debug, PartialEq, Eq)]
 pub(in crate::store) struct Cut<'a> {
-    /// The opening without the text of its template.
+    /// Opening with an empty template.
     pub(in crate::store) opening: String,
-    /// The text of the template, as JSON has it between quotes.
+    /// JSON text of the template, without the quotes.
     template: &'a str,
-    /// Before which character of the opening it belongs.
+    /// Position of the template in the opening, in characters.
     at: i64,
 }
 
 impl<'a> Cut<'a> {
-    /// Cuts the template out of an opening, if it has a large one. Whatever is cut, both parts make the same opening again.
+    /// Separates a large template from its opening. Wherever the cut is, both parts together give the same opening.
     pub(in crate::store) fn of(opening: &'a str) -> Option<Self> {
         const NAME: &str = "\"prompt_template\":\"";
         let begin = opening.find(NAME)? + NAME.len();
@@ -56,7 +56,7 @@ impl<'a> Cut<'a> {
         })
     }
 
-    /// Keeps the template, and returns its key and where it belongs.
+    /// Stores the template unless it exists; returns its key and position.
     pub(in crate::store) async fn keep(
         &self,
         connection: &mut Connection,
@@ -76,7 +76,7 @@ impl<'a> Cut<'a> {
     }
 }
 
-/// The keys of templates that are not those whose hash stands beside them.
+/// Keys of templates whose text does not match their hash.
 pub(in crate::store) async fn damaged(
     connection: &mut Connection,
 ) -> Result<Vec<i64>, sqlx::Error> {
@@ -91,7 +91,7 @@ pub(in crate::store) async fn damaged(
     Ok(damaged)
 }
 
-/// Where the JSON string ends that has begun before `text`.
+/// Position of the quote that ends a JSON string begun before `text`.
 fn end_of_string(text: &str) -> Option<usize> {
     let mut is_escaped = false;
     text.bytes().position(|byte| {
@@ -105,7 +105,7 @@ fn end_of_string(text: &str) -> Option<usize> {
 mod tests {
     use super::*;
 
-    /// The opening that both parts make.
+    /// Joins both parts again.
     fn joined(cut: &Cut<'_>) -> String {
         let at = usize::try_from(cut.at).expect("it is positive");
         let before: String = cut.opening.chars().take(at).collect();

@@ -1,4 +1,4 @@
-//! The rights of tokens: the table `tokens`, and keys.
+//! Permissions of tokens: the table `tokens`, and keys.
 
 use std::sync::Arc;
 
@@ -10,47 +10,47 @@ use crate::store::entries::{Entry, TokenRow};
 use crate::store::sql::{from_row, query};
 use crate::store::{Store, StoreError};
 
-/// The rights of a token.
+/// The permissions of a token.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Grant {
     Seat {
         episode: EpisodeId,
-        /// The key of the seat's holder, if any.
+        /// Key of the seat's holder.
         owner: Option<OwnerKey>,
         agent: AgentId,
     },
-    /// Several seats of an episode.
+    /// Some or all seats of an episode.
     Swarm {
         episode: EpisodeId,
-        /// The key of the seats' holder, if any.
+        /// Key of the seats' holder.
         owner: Option<OwnerKey>,
         seats: Seats,
     },
     /// All seats of all episodes of a run.
     Run {
         run: RunKey,
-        /// The key with which it was created, if any.
+        /// Key that created the run.
         owner: Option<OwnerKey>,
-        /// The competition, where it is an attempt in one, or practice with a key that was made for it.
+        /// Set for attempts in a competition, and for practice with a key made for one.
         competition: Option<CompetitionKey>,
     },
     Key(Key),
 }
 
-/// The seats of an episode that a swarm token authorizes.
+/// The seats of an episode that a token authorizes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Seats {
-    /// All that were not open to claims, and that the server does not play.
+    /// All seats except those open to claims and those hosted by the server.
     Creators,
     Claimed(Arc<[AgentId]>),
 }
 
-/// Tokens that one commit replaces.
+/// Tokens replaced by one commit.
 const REPLACED_AT_ONCE: usize = 64;
 
 impl Store {
-    /// Replaces all tokens of a holder of seats, the creator's where `holder` is none, in pieces: acts of others are stored in
-    /// between. Where it breaks off, the same request makes all of them anew.
+    /// Replaces all tokens of a holder (of the creator where `holder` is `None`), in several commits, so that acts are
+    /// committed in between. After an interruption the same request replaces all of them again.
     pub async fn replace_tokens(
         &self,
         episode: EpisodeKey,
@@ -70,7 +70,7 @@ impl Store {
         Ok(())
     }
 
-    /// The rights of the token with this hash, if it is known.
+    /// Finds the permissions of a token by its hash.
     pub async fn find_token(&self, hash: TokenHash) -> Result<Option<Grant>, StoreError> {
         let query = query(concat!(
             "SELECT e.id, CASE WHEN t.holder IS NULL THEN coalesce(e.owner, r.owner) ELSE c.owner END AS owner,

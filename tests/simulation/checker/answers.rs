@@ -1,4 +1,4 @@
-//! What requests are answered: acknowledgements are durable, and refusals are true.
+//! Checks of answers: acknowledgements are durable, and refusals are true.
 
 use swarmbench::episode::Snapshot;
 use swarmbench::episode::actor::{ActError, ClaimError, Claimed, StartError};
@@ -22,7 +22,7 @@ impl Checker {
         let moment = self.next_moment();
         let Some(mut sent) = self.requests.remove(&number) else { return };
         if self.is_shared {
-            // Where it was sent again its acts may lie in the mailbox of another server.
+            // If the request was sent again, its acts may be in the mailbox of another server.
             let (here, elsewhere) =
                 sent.arrived.into_iter().partition(|arrived| arrived.server == server);
             let (id, moment) = (sent.id.clone(), sent.moment);
@@ -37,13 +37,13 @@ impl Checker {
         }
         let id = sent.id.clone();
         let failed = self.failed.get(&server).copied();
-        // A request that was sent after the failure can get nothing acknowledged.
+        // A request sent after the failure must not be acknowledged.
         let too_late = failed.is_some_and(|failed| failed < sent.moment);
         let failed = failed.is_some();
         let acks = match answer {
             Answer::Looked => false,
             Answer::Away => {
-                // A creation may still be done.
+                // The creation may still become durable.
                 return self.failure(&id, failed, &StoreError::Away);
             }
             Answer::Nothing => {
@@ -139,7 +139,7 @@ impl Checker {
         });
     }
 
-    /// The result of a claim, except failures of the journal; true where it was acknowledged.
+    /// Checks the result of a claim, except failures of the journal; returns whether it was acknowledged.
     fn claim_answered(&mut self, id: &EpisodeId, claimed: Result<Claimed, ClaimError>) -> bool {
         match claimed {
             Ok(Claimed { number, agents }) => {
@@ -171,24 +171,24 @@ impl Checker {
         }
     }
 
-    /// A failure is reported only after a failed commit or a refused job.
+    /// Checks that a failure is reported only after a failed commit or a refused job.
     fn failure(&mut self, id: &EpisodeId, failed: bool, error: &StoreError) {
         self.stats.count("refused: unavailable", 1);
-        // One of several may be stopped, excluded or on its way out: the request was not done there.
+        // One of several servers may be stopped, excluded or leaving, which makes the failure true.
         let moves = self.is_shared && !self.is_calm;
         let is_true = failed || moves || self.refused.contains(id);
         self.check(Invariant::Progress, is_true, || format!("{id}: {error}, and none failed"));
     }
 
-    /// The server is full, or was at some moment since the request was sent.
+    /// Checks that the server is full, or was full at some moment since the request was sent.
     fn full(&mut self, full: Full, sent: &Sent) {
         self.stats.count("refused: full", 1);
         let (all, owned) = self.held();
-        // The one that was refused took no place.
+        // The refused request itself took no place.
         let (was, most) = match full {
             Full::Episodes(most) => (sent.held.0.max(all) - 1, most),
             Full::EpisodesOfKey(most) => (sent.held.1.max(owned) - 1, most),
-            // All have one key, which gets no more than are free.
+            // All clients have one key, which gets no more places than are free.
             Full::EpisodesOfShare { most, .. } => (2 * (sent.held.0.max(all) - 1), most),
             Full::BytesOfEpisode(_) | Full::BytesOf { .. } | Full::BytesPerSecond { .. } => return,
         };
@@ -234,7 +234,7 @@ impl Checker {
                 self.check(Invariant::Durable, is_kept, || {
                     format!("{name} got a receipt for nothing")
                 });
-                // A client with a receipt finds the state that belongs to it.
+                // A client with a receipt must find the state that belongs to it.
                 let is_past = snapshot.status.is_over() || snapshot.world.round() > place.1;
                 let shows = is_past || (recorded.waiting_for > 0 && snapshot.has_acted(agent));
                 self.check(Invariant::Barrier, shows, || {
@@ -263,7 +263,7 @@ impl Checker {
         }
     }
 
-    /// A refusal must be true by what is durable.
+    /// Checks that a refusal is true by the durable entries.
     fn refusal(
         &mut self,
         (key, sent_round, agent): Place,

@@ -1,4 +1,4 @@
-//! What becomes durable, entry by entry: it is played again by the rules.
+//! Checks of durable entries, which are replayed by the rules one by one.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -43,7 +43,7 @@ impl Checker {
                 Entry::Act(row) => self.act(row),
                 Entry::Round(row) => self.round(row),
                 Entry::End(row) => self.end(row),
-                // Tokens, keys and runs: nothing of an episode.
+                // Tokens, keys and runs, which belong to no episode.
                 _ => {}
             }
         }
@@ -231,7 +231,7 @@ impl Checker {
         if !missing.is_empty() {
             wrong.push((Invariant::Barrier, format!("{name} is resolved without {missing:?}")));
         }
-        // What the server's players do follows from what they were shown, whatever happened to it.
+        // The acts of the server's players must follow from their observations, whatever happened to the server.
         let players = episode.players.get_or_insert_with(|| {
             episode.hosted.sort_unstable();
             hosted::Players::new(&episode.spec, &episode.hosted).expect("players that are built in")
@@ -307,7 +307,7 @@ impl Checker {
             let at = row.at;
             wrong.push((Invariant::Idle, format!("{name} is at {at}, {now}, idle at {idle_at}")));
         }
-        // It ends so where no round may begin, and the last one was not cut off.
+        // This end needs that no round may begin, and that the last round was not cut off.
         let cut = end.open_acts.len();
         let fits = episode.is_closed(row.at)
             && cut == 0

@@ -1,4 +1,5 @@
-//! A server says that it lives, looks at the others, takes over what dead ones had and gives up what others are to play.
+//! The leases of servers: a server beats, watches the others, takes over places of dead ones, and gives up places
+//! that others prefer.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -13,19 +14,19 @@ use super::{Member, Net, Node};
 use crate::simulation::broken::Flaw;
 use crate::simulation::database::Incarnation;
 
-/// How often a server looks at the others.
+/// Interval between two looks of a server at the others.
 const LOOKS_EVERY: Duration = Duration::from_millis(250);
 
-/// How often it says that it lives, in looks.
+/// Looks per beat.
 const LOOKS_PER_BEAT: u32 = 4;
 
-/// How often it looks for work that nobody does, where no server has come or gone.
+/// Interval between two searches for abandoned work while no server comes or goes.
 const SEARCHES_EVERY: Duration = Duration::from_secs(30);
 
-/// How often it gives up what others are to play, and what is over.
+/// Interval at which a server gives up places that others prefer, and places where everything has ended.
 const TIDIES_EVERY: Duration = Duration::from_secs(10);
 
-/// Says that a server lives, and looks at the others, until it is excluded.
+/// Beats for a server and watches the others, until the server is excluded.
 pub(crate) async fn beat(node: Arc<Node>, looked: watch::Sender<()>) {
     for tick in 0_u32.. {
         if tick.is_multiple_of(LOOKS_PER_BEAT) {
@@ -55,7 +56,7 @@ pub(crate) async fn beat(node: Arc<Node>, looked: watch::Sender<()>) {
     }
 }
 
-/// Takes over what dead servers had and what nobody plays, and gives up what others are to play.
+/// Takes over places of dead servers and places without an owner, and gives up places that others prefer.
 pub(crate) async fn work(net: Arc<Net>, node: Arc<Node>, mut looked: watch::Receiver<()>) {
     let me = node.incarnation;
     let mut known: Vec<Incarnation> = Vec::new();
@@ -68,7 +69,7 @@ pub(crate) async fn work(net: Arc<Net>, node: Arc<Node>, mut looked: watch::Rece
                 exclude(&node, member.incarnation, is_gone).await;
             }
         }
-        // Where it fails this server is excluded.
+        // An error means that this server is excluded.
         drop(continue_taken(&node).await);
         let ready = members.iter().filter(|member| member.is_ready);
         let ready: Vec<Incarnation> = ready.map(|member| member.incarnation).collect();
@@ -83,13 +84,13 @@ pub(crate) async fn work(net: Arc<Net>, node: Arc<Node>, mut looked: watch::Rece
         if until(tidied, now) >= TIDIES_EVERY {
             tidied = now;
             node.journal.release_ended().await;
-            // The next one tries again.
+            // The next attempt tries again.
             drop(give_up(&node).await);
         }
     }
 }
 
-/// Excludes a dead server: nothing of it is written any more, and what it had is free. Nothing happens where it was seen
+/// Excludes a dead server: it can no longer write, and its places are free. Does nothing if the server was seen
 /// meanwhile, unless its process is gone.
 pub(super) async fn exclude(node: &Node, dead: Incarnation, is_gone: bool) {
     if node.flaw == Some(Flaw::FreesPlacesFirst) {
@@ -109,7 +110,7 @@ pub(super) async fn exclude(node: &Node, dead: Incarnation, is_gone: bool) {
     node.members.lock().expect("one thread").retain(|member| member.incarnation != dead);
 }
 
-/// Takes what nobody plays, where it is for this server, and continues it.
+/// Takes and continues the places without an owner that prefer this server.
 async fn adopt(node: &Node) -> Result<(), StoreError> {
     let mut unowned = node.journal.at_database(|tables| tables.unowned()).await;
     unowned.retain(|one| node.preferred(Place::Game(one.episode)) == node.incarnation);
@@ -125,7 +126,7 @@ async fn adopt(node: &Node) -> Result<(), StoreError> {
     continue_taken(node).await
 }
 
-/// Continues what this server has taken: a request has taken it, and its client may be gone.
+/// Continues places that this server took for a request whose client may be gone.
 async fn continue_taken(node: &Node) -> Result<(), StoreError> {
     if node.flaw == Some(Flaw::ForgetsWhatItTook) {
         return Ok(());
@@ -141,14 +142,14 @@ async fn continue_at(node: &Node, mut places: Vec<Place>) -> Result<(), StoreErr
     if places.is_empty() {
         return Ok(());
     }
-    // Some may have ended since.
+    // Some episodes may have ended since.
     let mut unfinished = node.journal.at_database(|tables| tables.unfinished()).await;
     unfinished.retain(|one| places.contains(&Place::Game(one.episode)));
     node.registry.adopt(unfinished).await;
     Ok(())
 }
 
-/// Gives up idle games that another server is to play.
+/// Gives up idle games that prefer another server.
 async fn give_up(node: &Node) -> Result<(), StoreError> {
     let (journal, registry) = (&node.journal, &node.registry);
     for place in journal.places() {

@@ -1,6 +1,6 @@
-//! Several servers that share a database: when each says that it lives, takes over and gives up, and which of them answers a
-//! request. It does what `fleet` and `http::nodes` of the server do, without a network: what decides is the database, and the
-//! registry below is that of the server.
+//! Servers that share a database: their beats, take-overs and hand-overs, and the choice of the server that answers a
+//! request. This does the work of `fleet` and `http::nodes` of the server without a network: the database decides,
+//! and the registry below is the server's own.
 
 mod lease;
 mod routes;
@@ -25,7 +25,7 @@ use crate::simulation::database::Incarnation;
 use crate::simulation::journal::MemoryJournal;
 use crate::simulation::time::SimClock;
 
-/// What servers reach of each other, and clients of them.
+/// The network among servers, and between them and clients.
 pub(crate) struct Net {
     pub(crate) clock: Arc<SimClock>,
     pub(crate) desk: Desk,
@@ -41,14 +41,14 @@ impl Net {
         self.nodes.lock().expect("one thread").insert(node.incarnation, node);
     }
 
-    /// The process of a server is gone.
+    /// Removes the process of a server.
     pub(crate) fn remove(&self, incarnation: Incarnation) {
         let node = self.nodes.lock().expect("one thread").remove(&incarnation);
-        // What ends with it looks at the others.
+        // The drop runs code that looks at the other servers, so the lock must be free.
         drop(node);
     }
 
-    /// Whether the process of a server is there, stopped or not.
+    /// Whether the process of a server exists, stopped or not.
     fn is_there(&self, incarnation: Incarnation) -> bool {
         self.nodes.lock().expect("one thread").contains_key(&incarnation)
     }
@@ -59,14 +59,14 @@ impl Net {
         node.accepts.load(Ordering::Relaxed).then_some(node)
     }
 
-    /// Some server that a client finds.
+    /// A random server for a client.
     fn any(&self, dice: &mut Dice) -> Option<Incarnation> {
         let nodes = self.nodes.lock().expect("one thread");
         let all: Vec<Incarnation> = nodes.keys().copied().collect();
         (!all.is_empty()).then(|| all[dice.below(all.len())])
     }
 
-    /// Sends a request to a server; none where it accepts none.
+    /// Sends a request to a server; `None` if it accepts none.
     fn send(
         self: &Arc<Self>,
         to: Incarnation,
@@ -81,18 +81,18 @@ impl Net {
     }
 }
 
-/// What a server answers.
+/// The reply of a server.
 enum Reply {
     Done(Vec<Told>),
-    /// It does not play what this is about.
+    /// Another server plays the place.
     Elsewhere,
-    /// It answers nothing now; nothing was done.
+    /// The server cannot answer now; nothing was executed.
     NotDone,
-    /// It may have been done, or not.
+    /// The request may have been executed.
     Unknown,
 }
 
-/// A server, as long as its process lives.
+/// A server during the life of its process.
 pub(crate) struct Node {
     pub(crate) incarnation: Incarnation,
     pub(crate) registry: Registry,
@@ -100,18 +100,18 @@ pub(crate) struct Node {
     clock: Arc<SimClock>,
     spawn: Spawn,
     flaw: Option<Flaw>,
-    /// How far its own clock is off.
+    /// The error of its own clock.
     off: SignedDuration,
-    /// All servers, as they were seen last.
+    /// All servers, as last seen.
     members: Mutex<Vec<Member>>,
     answers_until: Mutex<Timestamp>,
-    /// Who plays at a place, as it was found; nobody where all is over.
+    /// The known owners of places; none where everything has ended.
     owners: Mutex<BTreeMap<Place, Option<Incarnation>>>,
     places: Mutex<BTreeMap<EpisodeId, Place>>,
     accepts: AtomicBool,
 }
 
-/// Another server, as it was seen.
+/// A server, as last seen.
 #[derive(Clone, Copy, Debug)]
 struct Member {
     incarnation: Incarnation,
@@ -146,7 +146,7 @@ impl Node {
         node
     }
 
-    /// Accepts no more requests, and takes no more work.
+    /// Accepts no more requests and no more work.
     pub(crate) fn shut(&self) {
         self.accepts.store(false, Ordering::Relaxed);
     }
@@ -155,12 +155,12 @@ impl Node {
         !self.accepts.load(Ordering::Relaxed)
     }
 
-    /// Whether this server was seen lately enough to answer.
+    /// Whether the server's lease lets it answer.
     pub(crate) fn may_answer(&self) -> bool {
         self.clock.now() < *self.answers_until.lock().expect("one thread")
     }
 
-    /// Whether it thinks so.
+    /// Whether the server believes that it may answer.
     fn answers(&self) -> bool {
         self.flaw == Some(Flaw::AnswersForever) || self.may_answer()
     }
@@ -170,7 +170,7 @@ impl Node {
             after(sent, swarmbench::store::ANSWERS_FOR);
     }
 
-    /// By what this server judges who was seen when: the clock of the database.
+    /// The clock by which this server judges leases: that of the database.
     pub(crate) fn lease_clock(&self) -> Timestamp {
         let now = self.clock.now();
         if self.flaw == Some(Flaw::LeaseByOwnClock) {
@@ -183,7 +183,7 @@ impl Node {
         self.members.lock().expect("one thread").clone()
     }
 
-    /// Which server takes a place that nobody has, the same for all who see the same servers.
+    /// The server that should take a place without an owner; the same for all who see the same servers.
     fn preferred(&self, place: Place) -> Incarnation {
         let (_, key) = place.numbers();
         let ready = self.members().into_iter().filter(|member| member.is_ready);

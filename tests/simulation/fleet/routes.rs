@@ -1,4 +1,4 @@
-//! Which server answers a request, and how the others pass it on; and clients, who ask again where none does.
+//! The choice of the server that answers a request, forwarding, and clients, which retry.
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -16,19 +16,19 @@ use super::{Net, Node, Reply, lease};
 use crate::simulation::clients::{Answer, News, Request, RequestId, Told, serve, think};
 use crate::simulation::database::Incarnation;
 
-/// How long a request waits for another server to take what the last one had.
+/// Duration of a request's wait for another server to take over the place.
 const MOVE_PATIENCE: Duration = Duration::from_millis(1500);
 
-/// How often it looks meanwhile.
+/// Interval between two looks meanwhile.
 const MOVE_PAUSE: Duration = Duration::from_millis(25);
 
-/// How long a client waits for an answer: longer than any wait for a round.
+/// A client's timeout of an answer: longer than any wait for a round.
 const ANSWER_PATIENCE: Duration = Duration::from_secs(12);
 
-/// How often a client asks.
+/// A client's attempts.
 const TRIES: usize = 8;
 
-/// A request, as it is passed on.
+/// A request that can be forwarded.
 #[derive(Clone)]
 pub(crate) struct Order {
     pub(crate) number: RequestId,
@@ -37,7 +37,7 @@ pub(crate) struct Order {
 }
 
 impl Order {
-    /// Whether it may be sent twice: it only reads, or it is an act, which is the same act again.
+    /// Whether the request may be sent twice: it only reads, or it is an act, which is idempotent.
     const fn is_repeatable(&self) -> bool {
         !matches!(
             self.request,
@@ -46,20 +46,20 @@ impl Order {
     }
 }
 
-/// Who answers a request.
+/// The server that answers a request.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Location {
     Here,
     At(Incarnation),
 }
 
-/// Why a request was not answered by the server to which it was forwarded.
+/// A failure to forward a request.
 enum Failed {
     NotSent,
     Unknown,
 }
 
-/// A server answers a request, unless who sent it goes away.
+/// Answers a request at a server, unless its sender goes away.
 pub(super) async fn answer(
     net: Arc<Net>,
     node: Arc<Node>,
@@ -100,7 +100,7 @@ async fn front(net: &Arc<Net>, node: &Arc<Node>, order: &Order, is_hop: bool) ->
     }
 }
 
-/// The server itself answers.
+/// Answers at this server.
 async fn here(net: &Net, node: &Node, order: &Order, is_hop: bool) -> Reply {
     let buffer = Mutex::new(Vec::new());
     let say = |news| {
@@ -129,7 +129,7 @@ async fn here(net: &Net, node: &Node, order: &Order, is_hop: bool) -> Reply {
     }
 }
 
-/// Lets another server answer, and the next one that plays it where that does not: once.
+/// Forwards the request; retries once at the new owner.
 async fn forward(
     net: &Arc<Net>,
     node: &Arc<Node>,
@@ -169,7 +169,7 @@ async fn send(net: &Arc<Net>, to: Incarnation, order: &Order) -> Result<Reply, F
     answer.await.map_err(|_| Failed::Unknown)
 }
 
-/// Where a request is answered now that a server has not answered it: waits for another to take what that had.
+/// Locates a place again after a server has not answered: waits for another server to take it over.
 async fn located_again(
     net: &Net,
     node: &Node,
@@ -197,7 +197,7 @@ async fn located_again(
 }
 
 impl Node {
-    /// Whether this server plays an episode, or nobody does as it is over or not there.
+    /// Whether this server plays an episode, or nobody does as it has ended or does not exist.
     fn plays(&self, id: &EpisodeId) -> bool {
         self.journal.with_tables(|tables| {
             tables.key_of(id).is_none_or(|key| {
@@ -220,7 +220,7 @@ impl Node {
         self.journal.at_database(|tables| tables.is_unfinished(place)).await
     }
 
-    /// Whether this server plays at a place, or takes it now as nobody does.
+    /// Whether this server plays at a place, or can take it now.
     async fn takes(&self, place: Place) -> Result<bool, StoreError> {
         if self.journal.plays_at(place) || !self.is_unfinished(place).await {
             return Ok(true);
@@ -245,7 +245,7 @@ impl Node {
         self.members().iter().any(|member| member.incarnation == incarnation)
     }
 
-    /// Who plays at a place; none where everything there is over.
+    /// The owner of a place, or else the server that should take it; `None` if everything there has ended.
     async fn owner(&self, place: Place) -> Result<Option<Incarnation>, StoreError> {
         let me = self.incarnation;
         if self.journal.plays_at(place) {
@@ -261,14 +261,14 @@ impl Node {
             None => {
                 let preferred = self.preferred(place);
                 if preferred != me {
-                    // It takes the place when it is asked.
+                    // The preferred server takes the place when the request arrives.
                     return Ok(Some(preferred));
                 }
                 Some(self.journal.take_place(place).await?)
             }
         };
         if owner == Some(me) {
-            // It is being given up, or a commit whose answer was lost has taken it.
+            // The place is being given up, or a commit with a lost answer has taken it.
             self.journal.take_place(place).await?;
             let plays = self.journal.plays_at(place);
             return if plays { Ok(owner) } else { Err(StoreError::Elsewhere) };
@@ -282,11 +282,11 @@ impl Node {
     }
 }
 
-/// A client sends a request to some server, and again to some where it was not answered and may be sent again.
+/// Sends a client's request to any server, and again to any if it was not answered and is repeatable.
 pub(crate) async fn client(net: Arc<Net>, mut order: Order, seed: u64) {
     let mut dice = Dice(seed);
     if let Request::Turn(seats, seed) = order.request.clone() {
-        // Looking and acting are two requests.
+        // Observing and acting are two requests.
         order.request = Request::Look;
         let Some(mut told) = ask(&net, &mut dice, &order).await else { return away(&net, order) };
         let seen = told.iter().find_map(|told| match &told.news {
@@ -344,7 +344,7 @@ async fn ask(net: &Arc<Net>, dice: &mut Dice, order: &Order) -> Option<Vec<Told>
     None
 }
 
-/// Why nothing was done of what was asked, where the journal or the place is why.
+/// The error of the journal or the place, if it kept the request from being executed.
 fn failure(told: &[Told]) -> Option<StoreError> {
     let News::Answered(answer) = &told.last()?.news else { return None };
     match answer {

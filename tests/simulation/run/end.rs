@@ -1,4 +1,4 @@
-//! The end of a run: every episode comes to its end, and nothing of it stays in memory.
+//! The end of a run: every episode ends, and none stays in memory.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use swarmbench::ids::{EpisodeId, EpisodeKey, Place};
 use swarmbench::keys::OwnerKey;
 use swarmbench_engine::AgentId;
 
-/// How often a request waits for servers, at most.
+/// Maximum number of waits of a request for servers.
 const WAITS_MAX: usize = 400;
 
 use super::{ROUNDS_MAX, Run, STEPS_MAX, Server, Step, UNUSED};
@@ -17,8 +17,8 @@ use crate::simulation::checker::{Episode, Invariant};
 use crate::simulation::clients::{Acts, Request, act};
 
 impl Run {
-    /// Everything is done that can be done without time and clients. Where several servers share the database a request may have
-    /// to wait for one of them, and time passes.
+    /// Performs everything that needs neither time nor clients. If several servers share the database a request may
+    /// have to wait for one of them, and time passes.
     pub(super) fn settle(&mut self) {
         self.drain();
         if !self.is_shared() {
@@ -50,7 +50,7 @@ impl Run {
         self.checker.check(Invariant::Progress, false, || "the server does not rest".to_owned());
     }
 
-    /// Nothing goes wrong any more: every episode comes to its end, by play or by silence.
+    /// Injects no more faults, and ends every episode by play or by silence.
     pub(super) fn finish(&mut self) {
         if self.is_shared() {
             self.calm_down();
@@ -84,9 +84,9 @@ impl Run {
         open.map(|e| (e.id.clone(), e.waiting, seats(e))).collect()
     }
 
-    /// Clients play all that is unfinished to its end.
+    /// Lets clients play all unfinished episodes to their ends.
     fn play_on(&mut self) {
-        // A round each time, or nearly: an act that is too long for its episode is not taken.
+        // Each turn plays about a round: an act that is too long for its episode is refused.
         for _ in 0..3 * ROUNDS_MAX {
             for (id, waiting, seats) in self.unfinished() {
                 if waiting {
@@ -107,7 +107,7 @@ impl Run {
         }
     }
 
-    /// The player of an agent that is gone tries to continue.
+    /// Sends acts of agents that have escaped.
     fn ask_for_the_escaped(&mut self, id: EpisodeId) {
         let Some(episode) = self.checker.episode(&id) else { return };
         let round = episode.world.round();
@@ -121,7 +121,7 @@ impl Run {
         }
     }
 
-    /// The last clients go away before they are answered. Then there are no requests, and hours pass.
+    /// Drops the last clients before they are answered. Then there are no requests, and hours pass.
     fn fall_silent(&mut self) {
         if self.options.crashes > 0 {
             if self.is_shared() {
@@ -156,7 +156,7 @@ impl Run {
         }
     }
 
-    /// Acts that were acknowledged are acknowledged for ever.
+    /// Checks that acknowledged acts are acknowledged for ever.
     fn send_again(&mut self) {
         let receipts = self.checker.receipts();
         for (id, acts) in std::mem::take(&mut self.acts) {
@@ -164,16 +164,16 @@ impl Run {
                 .filter(|(agent, act)| receipts.contains(&(id.clone(), act.round, *agent)));
             let acts: Acts = known.collect();
             if !acts.is_empty() {
-                // One after the other: of those that come at once a seat gets some refused.
+                // One at a time, as a seat gets some of many simultaneous acts refused.
                 self.ask(id, Request::Send(acts));
                 self.settle();
             }
         }
     }
 
-    /// What has ended leaves the memory and is counted no more.
+    /// Checks that ended episodes leave the memory and the quotas.
     fn leave_memory(&mut self) {
-        // An episode whose actor was lost as it ended is looked after once more when it would have been idle for too long.
+        // If an actor was lost at the end of its episode, the episode is visited once more at its idle deadline.
         for _ in 0..3 {
             self.pass(UNUSED);
             self.sweep();
@@ -186,7 +186,7 @@ impl Run {
             let (held, unfinished) = (registry.in_memory(), registry.unfinished());
             let what = || format!("{held} episodes are in memory, {unfinished} are counted");
             self.checker.check(Invariant::Quotas, held + unfinished == 0, what);
-            // All places of the owner are free: one key alone gets half of all.
+            // All places are free, and a single key gets half of them.
             let caps = self.options.caps;
             let most = caps.episodes_per_key_max.min(caps.episodes_unfinished_max / 2);
             let bytes: u64 =

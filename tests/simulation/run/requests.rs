@@ -1,4 +1,4 @@
-//! What clients ask for, drawn from the seed.
+//! Requests of clients, drawn from the seed.
 
 use std::sync::Arc;
 
@@ -44,7 +44,7 @@ impl Run {
         self.pending.insert(number, task);
     }
 
-    /// Draws what a client asks for.
+    /// Draws a request.
     pub(super) fn request(&mut self) -> Option<(EpisodeId, Request)> {
         let dice = &mut self.dice;
         let known: Vec<&Episode> = self.checker.episodes.values().collect();
@@ -55,7 +55,7 @@ impl Run {
             let spec = spec(dice, self.options.times, self.clock.now());
             return Some((id, Request::Create(Box::new(spec), owner)));
         }
-        // Most requests are for episodes that are played.
+        // Most requests are for unfinished episodes.
         let live: Vec<&Episode> = known.iter().copied().filter(|e| e.end.is_none()).collect();
         let of = if live.is_empty() || dice.below(8) == 0 { &known } else { &live };
         let episode = of[dice.below(of.len())];
@@ -67,7 +67,7 @@ impl Run {
             let wanted = if dice.below(2) == 0 { Wanted::Seat(one) } else { Wanted::Any(some) };
             return Some((id, Request::Claim(wanted)));
         }
-        // Nobody has tokens of seats that are open, or that the server plays.
+        // Nobody has tokens of open seats, or of seats that the server plays.
         seats.retain(|agent| episode.is_clients(*agent));
         if seats.is_empty() {
             seats.push(one);
@@ -86,7 +86,7 @@ impl Run {
             0 => Request::Turn(vec![one], dice.below(1 << 30) as u64),
             1 => Request::Turn(seats, dice.below(1 << 30) as u64),
             2 if !self.acts.is_empty() => {
-                // The same again, or another act for the same seat and round.
+                // The same acts again, or other acts for the same seats and round.
                 let (id, acts) = &self.acts[dice.below(self.acts.len())];
                 let config = self.checker.episode(id).map(|e| Arc::clone(&e.spec.config))?;
                 let changed = dice.below(3) == 0;

@@ -1,4 +1,4 @@
-//! Several servers that share the database: they come and go, are stopped and go on, and no two of them play one episode.
+//! Servers that share the database: they come and go, stop and resume, and no two of them play one episode.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,18 +16,18 @@ use crate::simulation::checker::Invariant;
 use crate::simulation::clients::Answer;
 use crate::simulation::database::Incarnation;
 
-/// Time that passes without a beat of those servers that run.
+/// Time that passes without a beat of the running servers.
 const BEATS_MISSED: Duration = Duration::from_secs(1);
 
-/// How many seconds nothing happens to any server before all is taken for calm: longer than from one search for work that nobody
-/// does to the next.
+/// Seconds without any change of servers before the cluster counts as calm: longer than the interval of searches for
+/// abandoned work.
 const CALM_FOR: usize = 32;
 
-/// How long it takes until all servers play what is theirs, at most.
+/// Maximum duration until all servers play their own places.
 const CALMS_AFTER: Duration = Duration::from_mins(2);
 
 impl Run {
-    /// Starts a server in a slot that is free.
+    /// Starts a server in a free slot.
     pub(super) fn start_one(&mut self, slot: usize) {
         let (number, now) = (i16::try_from(slot).expect("a few"), self.clock.now());
         let incarnation = self.database.tables().join(number, now);
@@ -54,7 +54,7 @@ impl Run {
         self.look();
     }
 
-    /// The process of a server is gone. A commit that it has sent may be done all the same.
+    /// Removes the process of a server. A commit that it has sent may be executed all the same.
     pub(super) fn crash_one(&mut self, place: usize) {
         self.crashes += 1;
         let (incarnation, journal) = {
@@ -74,7 +74,7 @@ impl Run {
         let server = self.servers.remove(place);
         self.net.remove(server.incarnation);
         self.executor.crash(server.incarnation);
-        // What it has not written is lost.
+        // Unwritten jobs are lost.
         drop(server.journal.crash());
         self.checker.gone(server.incarnation, &self.database.tables().durable);
         self.down.push(server.slot);
@@ -82,7 +82,7 @@ impl Run {
         self.look();
     }
 
-    /// Nothing of a server runs any more, until it goes on.
+    /// Stops a server abruptly, until it is resumed.
     pub(super) fn stop(&mut self, place: usize) {
         self.stops += 1;
         let is_sent = self.dice.below(2) == 0;
@@ -104,7 +104,7 @@ impl Run {
         }
     }
 
-    /// A server accepts no more requests, and takes no more work.
+    /// Lets a server accept no more requests and no more work.
     pub(super) fn shut(&mut self, place: usize) {
         self.leaves += 1;
         if let Some(node) = &self.servers[place].node {
@@ -113,7 +113,7 @@ impl Run {
         self.note(format!("server {} is to leave", self.servers[place].incarnation));
     }
 
-    /// A server leaves: all that it had to write is durable.
+    /// Lets a server leave, whose jobs are all durable.
     pub(super) fn quit(&mut self, place: usize) {
         let incarnation = self.servers[place].incarnation;
         self.database.tables().delete(incarnation);
@@ -122,7 +122,7 @@ impl Run {
         self.remove(place);
     }
 
-    /// Where much time passes those servers that run have said meanwhile that they live. Sometimes one has not.
+    /// Lets running servers beat when much time passes. Sometimes none does.
     pub(super) fn stay_alive(&mut self, by: Duration) {
         if by <= BEATS_MISSED || (!self.is_calm && self.dice.below(16) == 0) {
             return;
@@ -137,9 +137,9 @@ impl Run {
         }
     }
 
-    // ---- what must hold
+    // ---- invariants
 
-    /// A server that writes to an episode has its place.
+    /// Checks that a server that writes an episode owns its place.
     pub(super) fn check_writer(&mut self, writer: Incarnation, entries: &[Entry]) {
         for episode in entries.iter().filter_map(Entry::chain) {
             let owner = self.database.tables().owner(Place::Game(episode));
@@ -149,7 +149,7 @@ impl Run {
         }
     }
 
-    /// No two servers that may still write or answer play at one place.
+    /// Checks that no two servers that may still write or answer play at one place.
     pub(super) fn check_owners(&mut self) {
         let mut wrong = Vec::new();
         let (excluded, taken) = {
@@ -187,12 +187,12 @@ impl Run {
 
     // ---- the end of a run
 
-    /// All servers are there, none is stopped or fails, and each plays what is its own.
+    /// Starts all servers, resumes stopped ones, and waits until each plays its own places.
     pub(super) fn calm_down(&mut self) {
         self.is_calm = true;
         let until = self.clock.now() + SignedDuration::try_from(CALMS_AFTER).expect("minutes");
         let mut calm = 0;
-        // Long enough for one look for work that nobody does, and for a client to be answered.
+        // Long enough for a search for abandoned work, and for the answer to a client.
         while calm < CALM_FOR && self.clock.now() < until {
             while let Some(&place) = self.stopped().first() {
                 self.go_on(place);
@@ -221,11 +221,11 @@ impl Run {
         self.check_continued();
     }
 
-    /// A server that has an episode that has not ended continues it, though nobody asks.
+    /// Checks that the owner of an unfinished episode continues it without a request.
     fn check_continued(&mut self) {
         let unfinished = self.database.tables().unfinished();
         for one in unfinished {
-            // What was given up waits for the next search of another server.
+            // A place that was given up waits for another server's next search.
             let owner = self.database.tables().owner(Place::Game(one.episode));
             let Some(owner) = owner else { continue };
             let continues = self.servers.iter().any(|server| {
@@ -238,7 +238,7 @@ impl Run {
         }
     }
 
-    /// A server falls over and is started again.
+    /// Crashes a server and starts it again.
     pub(super) fn crash_and_start(&mut self) {
         let all = self.that(|_| true);
         if let Some(place) = self.one_of(&all) {
@@ -247,7 +247,7 @@ impl Run {
         while let Some(slot) = self.down.pop() {
             self.start_one(slot.unsigned_abs().into());
         }
-        // Clients may ask before that.
+        // Clients may send requests before the start.
         for _ in 0..self.dice.below(4) {
             self.drain();
             self.pass(Duration::from_millis(500));
@@ -255,7 +255,7 @@ impl Run {
     }
 }
 
-/// Whether a server answers so by what it plays.
+/// Whether a server answers so from the episodes that it plays.
 pub(super) const fn is_played(answer: &Answer) -> bool {
     matches!(
         answer,

@@ -5,7 +5,7 @@ use swarmbench_engine::AgentId;
 
 use crate::simulation::clients::{Answer, Request};
 
-/// An entry in a line of the trace.
+/// The line of an entry.
 pub(super) fn line(entry: &Entry) -> String {
     match entry {
         Entry::Open(row) => format!("{} is opened: {}", row.id, row.record.as_str()),
@@ -32,7 +32,7 @@ pub(super) fn line(entry: &Entry) -> String {
     }
 }
 
-/// A request in a line of the trace.
+/// The line of a request.
 pub(super) fn asked(request: &Request) -> String {
     match request {
         Request::Create(spec, owner) => format!("create {:?} of {owner:?}", spec.config.settings()),
@@ -46,7 +46,7 @@ pub(super) fn asked(request: &Request) -> String {
     }
 }
 
-/// An answer in a line of the trace.
+/// The line of an answer.
 pub(super) fn told(answer: &Answer) -> String {
     match answer {
         Answer::Created(result) => format!("created {result:?}"),

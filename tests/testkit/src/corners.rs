@@ -1,27 +1,27 @@
-//! The corners of what a new game may be: settings of which none can be larger while the others stay.
+//! The corners of the settings of new games: at a corner no setting can be larger while the others stay.
 //!
-//! Nothing here knows a limit but by asking [`Config::admit`], so a limit that moves takes the corners along.
+//! Limits are only asked of [`Config::admit`], so corners move with them.
 
 use swarmbench_engine::{Config, Control, Settings, TaskName, limits};
 
-/// A setting that makes a game dearer.
+/// A setting that makes a game more expensive.
 #[derive(Clone, Copy, Debug)]
 enum Axis {
     Agents,
     View,
     Memory,
     Delay,
-    /// Agents of which each sees, and hears, all others wherever they are.
+    /// Agents that all see and hear each other, wherever they are.
     Hearers,
 }
 
 impl Axis {
     const ALL: [Self; 4] = [Self::Agents, Self::View, Self::Memory, Self::Delay];
 
-    /// More steps than any setting has.
+    /// An upper bound of the steps of any setting.
     const STEPS: i64 = 1 << 11;
 
-    /// The setting, in steps from its least value.
+    /// The value of the setting, in steps from its minimum.
     fn steps(self, settings: &Settings) -> i64 {
         match self {
             Self::Agents | Self::Hearers => settings.num_agents - 1,
@@ -31,7 +31,7 @@ impl Axis {
         }
     }
 
-    /// The same settings but for this one.
+    /// The same settings with this one at a number of steps.
     fn at(self, settings: &Settings, steps: i64) -> Settings {
         let mut settings = settings.clone();
         match self {
@@ -47,7 +47,7 @@ impl Axis {
         settings
     }
 
-    /// The same settings with the most of this one that a new game may have.
+    /// The same settings with this one at the maximum that a new game may have.
     fn raised(self, settings: &Settings) -> Settings {
         let (mut some, mut too_many) = (self.steps(settings), Self::STEPS);
         while too_many - some > 1 {
@@ -59,7 +59,7 @@ impl Axis {
     }
 }
 
-/// All orders of some axes.
+/// All permutations of some axes.
 fn orders(axes: &[Axis]) -> Vec<Vec<Axis>> {
     if axes.is_empty() {
         return vec![Vec::new()];
@@ -73,11 +73,11 @@ fn orders(axes: &[Axis]) -> Vec<Vec<Axis>> {
     all
 }
 
-/// The corners of a task on some maps: from the smallest game one setting after the other is raised as far
-/// as it goes, in every order, until none can be raised any more.
+/// The corners of a task on some maps: from the smallest game each setting in turn is raised to its maximum, in every
+/// order, until none can be raised further.
 ///
-/// The maps are the smallest and the largest, the one that the most agents fill, and the one on which the most
-/// agents all hear each other. On each of them another way begins with as many as do that.
+/// The maps are the smallest and the largest, the one that holds the most agents, and the one on which the most
+/// agents all hear each other. On each map a second start has as many agents as can all hear each other.
 pub fn corners(task: TaskName, control: Control) -> Vec<Settings> {
     let smallest = |size| Settings {
         task: task.name().to_owned(),
@@ -91,7 +91,7 @@ pub fn corners(task: TaskName, control: Control) -> Vec<Settings> {
     };
     let most = |axis: Axis| {
         let agents = |size: &i64| axis.raised(&smallest(*size)).num_agents;
-        // Of several, the last: from the largest map down.
+        // `max_by_key` takes the last of several maximums: the smallest map.
         limits::SIZE.rev().max_by_key(agents).expect("a map")
     };
     let sizes =
@@ -110,7 +110,7 @@ pub fn corners(task: TaskName, control: Control) -> Vec<Settings> {
     corners
 }
 
-/// The corner to which an order leads.
+/// The corner at the end of an order.
 fn raised(mut settings: Settings, order: &[Axis]) -> Settings {
     loop {
         let raised = order.iter().fold(settings.clone(), |some, axis| axis.raised(&some));

@@ -6,17 +6,17 @@ use std::time::Duration;
 use sha2::{Digest, Sha256};
 use swarmbench_clock::{Entropy, SeededEntropy};
 
-/// The seed of all tests that draw: what has passed once draws the same again. `.ci/full` draws others.
+/// The default seed of all tests that draw, fixed so that a passed test repeats its draws. `.ci/full` chooses others.
 const SEED: u64 = 20_260_301;
 
-/// The seed of this run: `SWARMBENCH_SEED`, or always the same. It is shown whether or not output is captured.
+/// The seed of this run: `SWARMBENCH_SEED`, or the default. It is shown even if output is captured.
 pub fn seed(test: &str) -> u64 {
     let seed = chosen();
     tell(&format!("{test}: SWARMBENCH_SEED={seed}"));
     seed
 }
 
-/// The same without a word, for messages about a failure.
+/// The seed of this run, without showing it, for messages about a failure.
 pub fn chosen() -> u64 {
     number("SWARMBENCH_SEED").unwrap_or(SEED)
 }
@@ -27,12 +27,12 @@ pub fn number(name: &str) -> Option<u64> {
     Some(text.parse().unwrap_or_else(|_| panic!("{name} must be a whole number, is {text:?}")))
 }
 
-/// Writes a line to the standard error past the test harness, which would keep it back.
+/// Writes a line to the standard error past the test harness, which would capture it.
 pub fn tell(line: &str) {
     writeln!(std::io::stderr(), "{line}").expect("the standard error takes text");
 }
 
-/// Draws that follow from a seed and from what they are for.
+/// Draws that follow from a seed and their purpose.
 pub struct Dice(SeededEntropy);
 
 impl Dice {

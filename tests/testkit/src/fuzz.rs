@@ -1,5 +1,5 @@
-//! Fuzz targets whose inputs follow from the seed of the tests. Where a variable of bolero (`BOLERO_…`) is set, bolero draws them,
-//! or what drives it: for long runs.
+//! Fuzz targets whose inputs follow from the seed of the tests. For long runs, a variable of bolero (`BOLERO_…`)
+//! leaves the inputs to bolero or its fuzzer.
 
 use std::fmt::Debug;
 
@@ -11,10 +11,10 @@ use swarmbench_clock::{Entropy as _, SeededEntropy};
 
 use crate::dice;
 
-/// Bytes of which an input is made, at most.
+/// Bytes that an input is generated from.
 const INPUT_BYTES_MAX: usize = 8 * 1024;
 
-/// Gives a target inputs of a generator, so many of them, and checks each.
+/// Checks a number of inputs of a generator.
 #[macro_export]
 macro_rules! check {
     ($inputs:expr, $generator:expr, $check:expr $(,)?) => {

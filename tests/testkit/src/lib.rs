@@ -1,5 +1,5 @@
-//! What several test programs and benchmarks share. It knows the engine, and no server: what needs one is in the test
-//! program that needs it.
+//! Code shared by several test programs and benchmarks. It knows the engine but no server: code that needs a server
+//! belongs to the test program that needs it.
 
 pub mod corners;
 pub mod dice;

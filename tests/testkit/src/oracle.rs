@@ -1,32 +1,33 @@
-//! What an agent may know, written once more from the rules (*What an agent sees*, *Messages*, *Centralized
-//! control*) and from what a spectator sees; and pairs of games that differ in what some agents may not know.
+//! The knowledge that an agent may have, derived independently from the rules (*What an agent sees*, *Messages*,
+//! *Centralized control*) and from a spectator's view; and pairs of games that differ in facts that some agents may
+//! not know.
 //!
-//! Where a delay is drawn the oracle knows only the rounds in which a message can arrive, so it names more
-//! than an agent gets. Where it finds nothing that differs between two games, nothing may differ.
+//! If a delay is drawn the oracle knows only the rounds in which a message can arrive, so it includes more than an
+//! agent gets. If it finds no difference between two games, an agent must not find any.
 
 use swarmbench_engine::{Action, Control, RuleSet, Settings, TaskName};
 
 use crate::worlds::Dice;
 
-/// An agent, as a spectator sees it.
+/// An agent in a spectator's view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Body {
     pub at: (i64, i64),
     pub alive: bool,
-    /// Its light is on, or it carries food.
+    /// Whether its light is on, or whether it carries food.
     pub flag: bool,
 }
 
-/// A state, as a spectator sees it.
+/// A state in a spectator's view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
     pub score: f64,
-    /// One character a cell, `A` for agents.
+    /// Cells by row, `A` for agents.
     pub grid: Vec<Vec<char>>,
     pub agents: Vec<Body>,
 }
 
-/// What an agent does in a round.
+/// The act of an agent in a round.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PlannedAct {
     pub action: &'static str,
@@ -34,21 +35,21 @@ pub struct PlannedAct {
     pub to: Option<usize>,
 }
 
-/// A part of the rules that is forgotten on purpose, to see whether anybody notices.
+/// A part of the rules that the oracle omits on purpose, to test that the omission is noticed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Blind {
     Nothing,
     /// The outermost cells of a window.
     Edge,
-    /// What others say.
+    /// Messages of others.
     Messages,
-    /// What was seen in earlier rounds.
+    /// Windows of earlier rounds.
     Past,
-    /// Which agents bear a mark.
+    /// Marks of agents.
     Marks,
 }
 
-/// A game as it went: the state in which each round is decided, and what was done in it.
+/// A played game: the state in which each round is decided, and the acts in it.
 #[derive(Clone, Debug)]
 pub struct Game {
     pub settings: Settings,
@@ -59,7 +60,7 @@ pub struct Game {
 /// A window: its round, its corner and its cells.
 type Window = (usize, (i64, i64), Vec<Vec<String>>);
 
-/// All that an agent may know, in a form that can be compared.
+/// The knowledge that an agent may have, for comparison.
 #[derive(Debug, PartialEq)]
 pub struct Knowledge {
     round: usize,
@@ -67,7 +68,7 @@ pub struct Knowledge {
     alive: bool,
     flag: bool,
     windows: Vec<Window>,
-    /// What may have arrived: the round of sending, the sender, the text.
+    /// Messages that may have arrived: the round of sending, the sender, the text.
     messages: Vec<(usize, usize, String)>,
     history: Vec<(usize, &'static str, Option<String>)>,
 }
@@ -89,7 +90,7 @@ impl Game {
         self.states.last().expect("a state")
     }
 
-    /// Whether anything at all differs from the other game: now, and ever.
+    /// Whether the current state differs from the other game, and whether anything ever did.
     pub fn differs_from(&self, other: &Self) -> [bool; 2] {
         let ever = self.states != other.states || self.planned != other.planned;
         [self.state() != other.state(), ever]
@@ -101,7 +102,7 @@ impl Game {
         (i - k).abs() <= self.reach() && (j - l).abs() <= self.reach()
     }
 
-    /// What an agent may know when it decides the last round.
+    /// The knowledge that an agent may have when it decides the last round.
     pub fn knowledge(&self, agent: usize, blind: Blind) -> Knowledge {
         let round = self.states.len() - 1;
         let body = &self.state().agents[agent];
@@ -163,7 +164,7 @@ impl Game {
         }
     }
 
-    /// What may have been delivered to an agent with the last round.
+    /// Messages that may have been delivered to an agent with the last round.
     fn messages(&self, agent: usize) -> Vec<(usize, usize, String)> {
         let (now, last) = (self.state(), self.states.len() - 1);
         if !now.agents[agent].alive || (self.is_centralized() && !now.agents[0].alive) {
@@ -184,7 +185,7 @@ impl Game {
         messages
     }
 
-    /// Whether a message reaches an agent from the positions of a state.
+    /// Whether a message reaches an agent, by the positions in a state.
     fn hears(&self, state: &State, sender: usize, to: Option<usize>, agent: usize) -> bool {
         match (self.is_centralized(), sender) {
             _ if !state.agents[agent].alive => false,
@@ -220,7 +221,7 @@ pub fn settings(dice: &mut Dice) -> Settings {
     }
 }
 
-/// What all agents do in a round, at random.
+/// Random acts of all agents in a round.
 pub fn planned(dice: &mut Dice, game: &Game) -> Vec<PlannedAct> {
     (0..game.state().agents.len()).map(|agent| act(dice, game, agent)).collect()
 }
@@ -238,8 +239,8 @@ fn act(dice: &mut Dice, game: &Game, agent: usize) -> PlannedAct {
     }
 }
 
-/// The same round in the other game: agents do something else of which `observer` hears and sees nothing at once,
-/// and now and then any agent does.
+/// The same round in the other game: agents act differently if `observer` neither hears nor sees it at once, and
+/// sometimes any agent does.
 pub fn changed(
     dice: &mut Dice,
     game: &Game,
@@ -261,7 +262,7 @@ pub fn changed(
             continue;
         }
         if game.is_centralized() {
-            // Whatever is done is seen by all.
+            // Under centralized control all agents see every action.
             *changed = PlannedAct { action: changed.action, ..other };
         } else {
             *changed = other;

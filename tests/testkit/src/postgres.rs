@@ -1,4 +1,5 @@
-//! Databases of PostgreSQL for tests: each is made in the server that `SWARMBENCH_TEST_DB` names, and dropped with its owner.
+//! Databases of PostgreSQL for tests, created on the server that `SWARMBENCH_TEST_DB` names, and dropped with their
+//! owners.
 
 use std::str::FromStr as _;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -6,15 +7,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use sqlx::postgres::{PgConnectOptions, PgConnection};
 use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _};
 
-/// The variable with the address of a server in which databases may be made: `.ci/postgres` sets it.
+/// The variable with the URL of a server on which databases may be created; `.ci/postgres` sets it.
 pub const VARIABLE: &str = "SWARMBENCH_TEST_DB";
 
-/// Whether the tests run on PostgreSQL: [`crate::needs`] goes by the same variable.
+/// Whether the tests run on PostgreSQL; [`crate::needs`] decides by the same variable.
 pub fn is_asked() -> bool {
     std::env::var_os("SWARMBENCH_TEST_ON").is_some_and(|on| !on.is_empty())
 }
 
-/// The address of the server for tests, where they run on PostgreSQL.
+/// The URL of the server for tests, if they run on PostgreSQL.
 pub fn server() -> Option<String> {
     let url = std::env::var(VARIABLE).ok().filter(|url| !url.is_empty());
     assert_eq!(
@@ -25,7 +26,7 @@ pub fn server() -> Option<String> {
     url
 }
 
-/// A database of its own. It is dropped, whoever uses it, when this is.
+/// A database that is dropped with this value, even while it is in use.
 pub struct Scratch {
     server: PgConnectOptions,
     name: String,
@@ -33,7 +34,7 @@ pub struct Scratch {
 }
 
 impl Scratch {
-    /// As [`Scratch::new`], where nothing can wait: on a thread of its own.
+    /// Creates a database like [`Scratch::new`] for callers that cannot await: on a separate thread.
     pub fn new_blocking() -> Option<Self> {
         let making = std::thread::spawn(|| {
             let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
@@ -42,12 +43,12 @@ impl Scratch {
         making.join().expect("no panic")
     }
 
-    /// Makes a database; none where there is no server for tests.
+    /// Creates a database; `None` without a server for tests.
     pub async fn new() -> Option<Self> {
         Some(Self::in_server(&server()?).await)
     }
 
-    /// Makes a database in the server at an address.
+    /// Creates a database on the server at a URL.
     pub async fn in_server(url: &str) -> Self {
         static MADE: AtomicU64 = AtomicU64::new(0);
         let options = PgConnectOptions::from_str(url).expect("an address");
@@ -57,7 +58,7 @@ impl Scratch {
         let (base, _) = url.rsplit_once('/').expect("an address with a database");
         let scratch = Self { server: options, url: format!("{base}/{name}"), name };
         let mut connection = scratch.of_server().await;
-        // Left there by an earlier process with this number.
+        // An earlier process with this number may have left a database of this name.
         scratch
             .execute(
                 &mut connection,
@@ -69,7 +70,7 @@ impl Scratch {
         scratch
     }
 
-    /// Host and port of the server at an address.
+    /// Host and port of the server at a URL.
     pub fn address_of(url: &str) -> String {
         let (_, host) = url.rsplit_once('@').expect("an address with a user");
         host.split('/').next().expect("a host").to_owned()
@@ -80,18 +81,18 @@ impl Scratch {
         &self.name
     }
 
-    /// The address of the database.
+    /// The URL of the database.
     pub fn url(&self) -> &str {
         &self.url
     }
 
-    /// The address of the database behind another address.
+    /// The URL of the database behind another address.
     pub fn url_at(&self, address: std::net::SocketAddr) -> String {
         let (user, _) = self.url.rsplit_once('@').expect("an address with a user");
         format!("{user}@{address}/{}", self.name)
     }
 
-    /// A connection of another program.
+    /// Connects to the database as another program.
     pub async fn connect(&self) -> PgConnection {
         self.server.clone().database(&self.name).connect().await.expect("the database answers")
     }
@@ -111,14 +112,15 @@ impl Scratch {
 impl Drop for Scratch {
     fn drop(&mut self) {
         let (options, name) = (self.server.clone(), self.name.clone());
-        // Nobody waits for it: a connection that this thread's runtime is making would keep the database from being dropped.
+        // A thread of its own, without a wait: a connection that this thread's runtime is making would keep the
+        // database from being dropped.
         std::thread::spawn(move || {
             let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
             let Ok(runtime) = runtime else { return };
             runtime.block_on(async {
                 let Ok(mut connection) = options.connect().await else { return };
                 let statement = format!("DROP DATABASE IF EXISTS {name} WITH (FORCE)");
-                // What is left of it goes with the server.
+                // A database that cannot be dropped disappears with the server.
                 drop(sqlx::raw_sql(AssertSqlSafe(statement)).execute(&mut connection).await);
             });
         });

@@ -1,4 +1,4 @@
-//! The real binary: started, found, killed, stopped.
+//! The real program as a process: started, found, killed, stopped.
 
 use std::ffi::OsStr;
 use std::io::{BufRead, BufReader};
@@ -16,24 +16,24 @@ use tokio::sync::watch;
 
 use crate::postgres::Scratch;
 
-/// Longer than anything takes; a timeout is a failure.
+/// The maximum duration of any step; a timeout is a failure.
 pub const PATIENCE: Duration = Duration::from_mins(1);
 
-/// A server that is asked to stop ends within this time.
+/// The maximum duration of a graceful stop.
 const STOP: Duration = Duration::from_secs(10);
 
-/// Where clients find the server: they outlive it.
+/// The server's current address for clients, which outlive single runs of the server.
 pub struct Door {
     address: watch::Sender<Option<Address>>,
-    /// The last run that somebody ended.
+    /// The last run that a test has ended.
     ended: AtomicU64,
 }
 
-/// A running server, as clients see it.
+/// The address of a running server.
 #[derive(Clone, Debug)]
 pub struct Address {
     pub base: String,
-    /// Counts the starts of the server, from 1.
+    /// The number of the server's start, from 1.
     pub run: u64,
 }
 
@@ -42,7 +42,7 @@ impl Door {
         Arc::new(Self { address: watch::Sender::new(None), ended: AtomicU64::new(0) })
     }
 
-    /// The address of the first run after `run` that listens.
+    /// The address of the first listening run after `run`.
     pub async fn after(&self, run: u64) -> Address {
         let mut address = self.address.subscribe();
         let is_open = |address: &Option<Address>| address.as_ref().is_some_and(|a| a.run > run);
@@ -51,40 +51,40 @@ impl Door {
         open.expect("the door stays").clone().expect("it was open")
     }
 
-    /// The address of the run that listens now, if one does.
+    /// The address of the listening run, if any.
     pub fn now(&self) -> Option<Address> {
         self.address.borrow().clone()
     }
 
-    /// From now on a run may end.
+    /// Permits a run to end.
     pub fn expect_end(&self, run: u64) {
         self.ended.fetch_max(run, Ordering::SeqCst);
     }
 
-    /// Whether somebody has ended a run, or is about to.
+    /// Whether a run was permitted to end.
     pub fn has_ended(&self, run: u64) -> bool {
         self.ended.load(Ordering::SeqCst) >= run
     }
 
-    /// Whether it is the current run.
+    /// Whether this run is listening.
     pub fn is_open(&self, run: u64) -> bool {
         self.address.borrow().as_ref().is_some_and(|address| address.run == run)
     }
 }
 
-/// A database and what a server over it is started with.
+/// A database, and the options of a server over it.
 pub struct Site {
     folder: Option<TempDir>,
-    /// The database, where the tests run on PostgreSQL.
+    /// The database, if the tests run on PostgreSQL.
     scratch: Option<Scratch>,
-    /// The database as the program is told it.
+    /// The value of `--db`.
     db: String,
     pub door: Arc<Door>,
     runs: AtomicU64,
 }
 
 impl Site {
-    /// A new folder, where `TMPDIR` says.
+    /// A new folder, below `TMPDIR`.
     pub fn new() -> Self {
         Self::over(TempDir::new().expect("a folder"))
     }
@@ -96,12 +96,12 @@ impl Site {
         Self { folder: Some(folder), scratch, db, door: Door::new(), runs: AtomicU64::new(0) }
     }
 
-    /// A database that somebody else owns.
+    /// A database with another owner.
     pub fn at(db: String) -> Self {
         Self { folder: None, scratch: None, db, door: Door::new(), runs: AtomicU64::new(0) }
     }
 
-    /// The same database, reached at another address; only on PostgreSQL.
+    /// The same database behind another address; PostgreSQL only.
     pub fn through(mut self, address: SocketAddr) -> Self {
         let scratch = self.scratch.as_ref().expect("only PostgreSQL is reached by an address");
         self.db = scratch.url_at(address);
@@ -117,12 +117,12 @@ impl Site {
         self.folder.as_ref().expect("it is there").path()
     }
 
-    /// The database, as commands take it with `--db`.
+    /// The value of `--db` for commands.
     pub fn db(&self) -> &str {
         &self.db
     }
 
-    /// The database itself, whatever is between it and the server.
+    /// The database without any proxy between it and the server.
     pub fn direct(&self) -> &str {
         self.scratch.as_ref().map_or(self.db.as_str(), Scratch::url)
     }
@@ -131,7 +131,7 @@ impl Site {
         self.folder().join("swarmbench.db-wal")
     }
 
-    /// Starts a server; clients learn of it once it listens.
+    /// Starts a server. Clients learn its address once it listens.
     pub fn start(&self) -> Server {
         self.start_with(&[])
     }
@@ -142,11 +142,11 @@ impl Site {
         self.start_by(command, &[])
     }
 
-    /// Starts a server by a command to which the program's arguments are added: the program, or a shell that sets
-    /// limits and then becomes the program.
+    /// Starts a server with a command that takes the program's arguments: the program, or a shell that sets limits
+    /// and then executes the program.
     pub fn start_by(&self, mut command: Command, options: &[&str]) -> Server {
         let run = self.runs.fetch_add(1, Ordering::SeqCst) + 1;
-        // A port of its own for every run: an earlier one may be somebody's outgoing connection by now.
+        // Every run gets a new port, as somebody's outgoing connection may use an earlier one by now.
         command.args(["serve", "--addr", "127.0.0.1:0", "--db"]).arg(&self.db).args(options);
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
         let started = Instant::now();
@@ -160,19 +160,19 @@ impl Site {
     }
 }
 
-/// The program under test: the one that was built with the tests, or what `SWARMBENCH_BIN` names.
+/// The program under test: the one built with the tests, or the one that `SWARMBENCH_BIN` names.
 pub fn program() -> PathBuf {
     std::env::var_os("SWARMBENCH_BIN").map_or_else(built, PathBuf::from)
 }
 
-/// The program that cargo built with the tests: tests are in `deps` beside it.
+/// The program that cargo built with the tests, which are in `deps` beside it.
 fn built() -> PathBuf {
     let test = std::env::current_exe().expect("a test has a path");
     let folder = test.parent().and_then(Path::parent).expect("it is in a folder of the build");
     folder.join(format!("swarmbench{}", std::env::consts::EXE_SUFFIX))
 }
 
-/// The program with arguments, and nothing to read.
+/// The program with arguments and without input.
 pub fn command<S: AsRef<OsStr>>(arguments: &[S]) -> Command {
     let mut command = Command::new(program());
     command.args(arguments).stdin(Stdio::null());
@@ -193,7 +193,7 @@ impl Drop for Site {
     }
 }
 
-/// Keeps the log, and opens the door once it tells the address.
+/// Stores the log, and opens the door once the log contains the address.
 fn listen(stderr: ChildStderr, log: &Mutex<Vec<String>>, door: &Door, run: u64) {
     for line in BufReader::new(stderr).lines() {
         let Ok(line) = line else { return };
@@ -217,7 +217,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Waits until it answers that it is ready; returns how long that took from its start.
+    /// Waits until the server is ready; returns the time since its start.
     pub async fn ready(&mut self) -> Duration {
         let client = reqwest::Client::new();
         let address = self.door.after(self.run - 1).await;
@@ -238,12 +238,12 @@ impl Server {
         self.child.id()
     }
 
-    /// How the process has ended by itself, if it has.
+    /// The exit status of the process, if it has ended by itself.
     pub fn exit(&mut self) -> Option<ExitStatus> {
         self.child.try_wait().expect("it can be asked")
     }
 
-    /// Waits until the process has ended by itself.
+    /// Waits until the process ends by itself.
     pub async fn ended(&mut self) -> ExitStatus {
         loop {
             if let Some(status) = self.exit() {
@@ -259,7 +259,7 @@ impl Server {
         self.log()
     }
 
-    /// SIGSTOP. When this returns the process does not run, on any processor.
+    /// SIGSTOP: the process runs on no processor when this returns.
     pub fn freeze(&self) {
         kill_process(Pid::from_child(&self.child), Signal::STOP).expect("it can be told");
         let status = format!("/proc/{}/stat", self.child.id());
@@ -268,12 +268,12 @@ impl Server {
         }
     }
 
-    /// SIGCONT: it continues.
+    /// SIGCONT.
     pub fn thaw(&self) {
         kill_process(Pid::from_child(&self.child), Signal::CONT).expect("it can be told");
     }
 
-    /// SIGTERM. Returns how the process ended, how long that took, and its log.
+    /// SIGTERM. Returns the exit status, the duration of the stop, and the log.
     pub async fn terminate(mut self) -> (ExitStatus, Duration, Vec<String>) {
         self.door.ended.store(self.run, Ordering::SeqCst);
         let told = Instant::now();
@@ -296,13 +296,13 @@ impl Server {
 
     pub fn end(&mut self) {
         self.door.ended.store(self.run, Ordering::SeqCst);
-        // Both fail only where it has ended already.
+        // Both calls fail only if the process has already ended.
         drop(self.child.kill());
         drop(self.child.wait());
         self.close();
     }
 
-    /// Shuts the door once the whole log is read, since reading it may open the door.
+    /// Closes the door after the whole log is read, since reading it may open the door.
     fn close(&mut self) {
         if let Some(listener) = self.listener.take() {
             listener.join().expect("it does not panic");
@@ -324,13 +324,13 @@ impl Drop for Server {
     }
 }
 
-/// The lines of a log that say that something is wrong; not to be ready yet is fine.
+/// Log lines that report a problem. Not being ready yet is no problem.
 pub fn complaints(log: &[String]) -> Vec<&String> {
     let complains = |line: &&String| line.contains(" WARN ") || line.contains(" ERROR ");
     log.iter().filter(complains).filter(|line| !line.contains("path=\"/readyz\"")).collect()
 }
 
-/// Waits until something is so.
+/// Waits until a condition holds.
 pub async fn until(what: &str, is_so: impl Fn() -> bool) {
     let began = Instant::now();
     while !is_so() {

@@ -1,10 +1,10 @@
-//! Worlds of the engine, and random decisions that can be repeated.
+//! Worlds of the engine, and repeatable random decisions.
 
 use std::sync::Arc;
 
 use swarmbench_engine::{Act, Action, AgentId, Config, Message, Settings, World};
 
-/// A small generator of random numbers (`SplitMix64`), so that a case is known by its seed alone.
+/// A small generator of random numbers (`SplitMix64`), so that the seed alone identifies a case.
 pub struct Dice(pub u64);
 
 impl Dice {
@@ -43,7 +43,7 @@ impl Dice {
     }
 }
 
-/// Lays out an episode whose settings are known to be good.
+/// Lays out an episode of valid settings.
 pub fn world(settings: &Settings) -> World {
     let config = Config::check(settings).expect("settings that can be played");
     World::new(Arc::new(config))

@@ -1,4 +1,4 @@
-//! Transport: how agents push the block.
+//! Transport: pushes of the block.
 
 use swarmbench_engine::{Direction, Pos};
 
@@ -6,7 +6,7 @@ use super::cells::Cells;
 use super::counts::{place, real};
 use crate::game::{Decision, Setup, State};
 
-/// How the block was pushed in a round; undefined without a block on the map.
+/// Measures of one round's pushes; undefined without a block on the map.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Pushed {
     pub(super) alignment: Option<f64>,
@@ -14,7 +14,7 @@ pub(super) struct Pushed {
 }
 
 impl Pushed {
-    /// By the state in which the round was decided.
+    /// Measures decisions in the state in which they were made.
     pub(super) fn of(setup: &Setup, state: &State, decisions: &[Decision]) -> Self {
         if !state.block.iter().any(|&cell| setup.contains(cell)) {
             return Self::default();
@@ -38,7 +38,7 @@ impl Pushed {
     }
 }
 
-/// How many agents that stand one behind the other, the first of them at `first`, all chose one direction.
+/// The number of agents in a line behind each other, beginning at `first`, that all chose one direction.
 fn pushers(cells: &Cells, decisions: &[Decision], first: Pos, direction: Direction) -> u32 {
     let line = std::iter::successors(Some(first), |cell| Some(cell.toward(direction.opposite())));
     let pushes =
@@ -46,7 +46,7 @@ fn pushers(cells: &Cells, decisions: &[Decision], first: Pos, direction: Directi
     line.take_while(pushes).map(|_| 1).sum()
 }
 
-/// The length of the sum of directions over the number of agents.
+/// The length of the sum of directions, divided by the number of agents.
 fn alignment(touching: &[usize], decisions: &[Decision]) -> Option<f64> {
     let directions = touching.iter().filter_map(|&agent| decisions[agent].direction());
     let sum =

@@ -1,4 +1,4 @@
-//! Who stands where.
+//! The agents by cell, and their neighbours.
 
 use petgraph::unionfind::UnionFind;
 use swarmbench_engine::{Control, Direction, Pos};
@@ -6,18 +6,17 @@ use swarmbench_engine::{Control, Direction, Pos};
 use super::counts::{Counts, real, small};
 use crate::game::{Decision, Setup, State};
 
-/// Agents by their cells: row by row, so that neighbours are found without looking at all agents.
+/// Agents sorted by cell, row by row, so that neighbours are found without a search of all agents.
 pub(super) struct Cells {
     sorted: Vec<(Pos, usize)>,
 }
 
 impl Cells {
-    /// All agents of a state, also those that have escaped; several may be on a cell outside the map.
+    /// All agents of a state, escaped ones included; several may be on a cell outside the map.
     pub(super) fn of_all(state: &State) -> Self {
         Self::of(state.agents.iter().enumerate().map(|(agent, body)| (body.at, agent)))
     }
 
-    /// The agents on the map.
     pub(super) fn of_living(state: &State) -> Self {
         Self::of(state.living().map(|(agent, body)| (body.at, agent)))
     }
@@ -28,14 +27,13 @@ impl Cells {
         Self { sorted }
     }
 
-    /// The agents on a cell.
     pub(super) fn at(&self, cell: Pos) -> impl Iterator<Item = usize> {
         let first = self.sorted.partition_point(|&(at, _)| at < cell);
         self.sorted[first..].iter().take_while(move |(at, _)| *at == cell).map(|&(_, agent)| agent)
     }
 
-    /// Calls `visit` for each unordered pair within `reach` rows and columns of each other, with their places in the order
-    /// of cells.
+    /// Calls `visit` for each unordered pair within `reach` rows and columns of each other, with indices into
+    /// `sorted`.
     fn pairs_within(&self, reach: i32, mut visit: impl FnMut(usize, usize)) {
         let mut begin = 0;
         let rows: Vec<_> = (self.sorted.chunk_by(|(a, _), (b, _)| a.i == b.i))
@@ -50,7 +48,7 @@ impl Cells {
                     rows[number..].iter().take_while(|(_, row)| row[0].0.i - center.i <= reach);
                 for &(start, row) in later {
                     let left = row.partition_point(|(at, _)| at.j < center.j - reach);
-                    // In its own row those to the left have had their turn.
+                    // In the same row, agents further left have already visited this one.
                     let first = (start + left).max(a + 1);
                     let near = self.sorted[first.min(start + row.len())..start + row.len()].iter();
                     let near = near.take_while(|(at, _)| at.j <= center.j + reach);
@@ -61,7 +59,7 @@ impl Cells {
     }
 }
 
-/// Who sees whom in a state, and how close they are.
+/// Measures of the graph of agents that see each other.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Sight {
     pub(super) components: u32,
@@ -70,7 +68,7 @@ pub(super) struct Sight {
 }
 
 impl Sight {
-    /// Of the agents on the map.
+    /// Measures the agents on the map.
     pub(super) fn of(setup: &Setup, state: &State) -> Self {
         let cells = Cells::of_living(state);
         let agents = cells.sorted.len();
@@ -86,7 +84,7 @@ impl Sight {
             let (from, to) = (cells.sorted[a].0, cells.sorted[b].0);
             let (down, across) = (f64::from(from.i - to.i), f64::from(from.j - to.j));
             let square = down * down + across * across;
-            // Two agents on one cell occur in damaged data only; they have no direction of force.
+            // Two agents on one cell, which occur only in damaged data, have no direction of force.
             if square > 0.0 {
                 let force = (down / square, across / square);
                 forces[a] = (forces[a].0 + force.0, forces[a].1 + force.1);
@@ -107,8 +105,8 @@ impl Sight {
     }
 }
 
-/// Compares the states around a round, and writes what agents on the map did into `counts`. Gives how many pairs of all
-/// agents stayed neighbours, also of those that have escaped.
+/// Compares the states around a round, and adds the movements of agents on the map to `counts`. Returns the number of
+/// pairs of all agents, escaped ones included, that stayed neighbours.
 pub(super) fn compare(
     before: &State,
     after: &State,
@@ -148,13 +146,12 @@ pub(super) fn compare(
     kept_of_all
 }
 
-/// Whether an agent got somewhere in a direction, wherever else it was moved.
+/// Whether an agent advanced in a direction, whatever its movement across it.
 fn is_ahead(from: Pos, to: Pos, direction: Direction) -> bool {
     let (di, dj) = direction.offset();
     di * (to.i - from.i) + dj * (to.j - from.j) > 0
 }
 
-/// The Manhattan distance.
 pub(super) fn distance(a: Pos, b: Pos) -> u32 {
     a.i.abs_diff(b.i) + a.j.abs_diff(b.j)
 }

@@ -1,4 +1,4 @@
-//! Round values, gathered into values of a game.
+//! Values of rounds, and the values of the game that follow from them.
 
 use crate::metric::{Metric, RunValue};
 
@@ -12,7 +12,7 @@ struct Column {
     series: Vec<Option<f64>>,
 }
 
-/// The values of all metrics, each in its column.
+/// A column for each metric.
 pub(super) struct Table {
     columns: Vec<Column>,
     keeps_series: bool,
@@ -35,14 +35,14 @@ impl Table {
         }
     }
 
-    /// Adds a value that is in the series, but not in the value of the game.
+    /// Adds a value to the series, but not to the value of the game.
     pub(super) fn add_to_series(&mut self, metric: Metric, value: Option<f64>) {
         if self.keeps_series {
             self.columns[metric as usize].series.push(value);
         }
     }
 
-    /// The mean over the rounds in which it is defined.
+    /// The mean over the rounds in which the metric is defined.
     pub(super) fn mean(&self, metric: Metric) -> RunValue {
         self.value(metric, |column| Some(column.sum / f64::from(column.rounds)))
     }

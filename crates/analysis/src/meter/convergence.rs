@@ -1,4 +1,4 @@
-//! Whether a series rises over a game.
+//! The increase of a series over a game.
 
 use super::counts::real;
 use crate::metric::RunValue;
@@ -6,7 +6,7 @@ use crate::metric::RunValue;
 /// The defined values of a series.
 #[derive(Default)]
 pub(super) struct Trend {
-    /// The round and its value.
+    /// Rounds and their values.
     values: Vec<(u32, f64)>,
 }
 
@@ -42,7 +42,7 @@ impl Trend {
         })
     }
 
-    /// Undefined for fewer than three values: the first and the last window would overlap, or nothing lie between them.
+    /// Undefined for fewer than three values: the first and the last window would overlap or touch.
     fn value_of(&self, of: impl Fn(&[(u32, f64)]) -> f64) -> RunValue {
         let rounds = super::counts::small(self.values.len());
         RunValue { value: (rounds >= 3).then(|| of(&self.values)), rounds }

@@ -1,4 +1,4 @@
-//! The whole numbers of a round, and what follows from them.
+//! The whole numbers of a round, and values that follow from them.
 
 use swarmbench_engine::{Action, Direction};
 
@@ -8,8 +8,8 @@ use crate::game::{Decision, State};
 /// Defines the counts with their names.
 macro_rules! counts {
     ($($name:ident: $type:ty,)*) => {
-        /// The whole numbers of a state and the round that led to it. All but `explored` are 0 for the layout, where they
-        /// are not defined.
+        /// The whole numbers of a state and of the round that led to it. The layout has only `explored`; its other
+        /// counts are 0.
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
         #[expect(missing_docs, reason = "defined in docs/evaluate/metrics.md")]
         pub struct Counts {
@@ -20,7 +20,7 @@ macro_rules! counts {
             /// The names of all counts, in order.
             pub const NAMES: [&str; [$(stringify!($name)),*].len()] = [$(stringify!($name)),*];
 
-            /// All counts with their names, in order; those that the layout does not have are `None`.
+            /// All counts with their names, in order; `None` for those that the layout does not have.
             #[must_use]
             pub fn columns(&self, is_layout: bool) -> [(&'static str, Option<u64>); Self::NAMES.len()] {
                 let has = |name| !is_layout || name == "explored";
@@ -60,7 +60,7 @@ counts! {
 }
 
 impl Counts {
-    /// What the agents on the map chose and said; the rest is 0.
+    /// Counts the choices and messages of the agents on the map; all other counts are 0.
     pub(super) fn of_acts(state: &State, decisions: &[Decision], said: &Said<'_>) -> Self {
         let mut counts = Self::default();
         for decision in state.living().map(|(agent, _)| &decisions[agent]) {
@@ -89,7 +89,7 @@ impl Counts {
         counts
     }
 
-    /// The toolkit's counts of what was chosen and said: an agent that has escaped is logged as one that stays, and more
+    /// The toolkit's counts of choices and messages: an agent that has escaped is logged as staying, and more
     /// characters are digits.
     pub(super) fn of_toolkit(self, state: &State, said: &Said<'_>) -> Self {
         let agents = small(state.agents.len());
@@ -106,18 +106,18 @@ impl Counts {
         [self.moves_up, self.moves_down, self.moves_left, self.moves_right]
     }
 
-    /// How many chose to move.
+    /// Agents that chose to move.
     pub(super) fn movers(&self) -> u32 {
         self.moves().iter().sum()
     }
 
-    /// How many chose not to move, and not to switch.
+    /// Agents that chose neither to move nor to switch.
     #[must_use]
     pub const fn still(&self) -> u32 {
         self.stays + self.no_actions
     }
 
-    /// How many chose anything but to switch.
+    /// Agents that did not choose to switch.
     fn coordinated(&self) -> u32 {
         self.movers() + self.still()
     }
@@ -154,14 +154,14 @@ impl Counts {
 
 /// The messages of a round.
 pub(super) struct Said<'a> {
-    /// Each with the place of its sender in the list of agents.
+    /// Each message with the index of its sender.
     pub(super) all: Vec<(usize, &'a str)>,
-    /// The distinct texts in order, and how many messages have each.
+    /// The distinct texts, sorted, with the number of messages of each.
     pub(super) distinct: Vec<(&'a str, u32)>,
 }
 
 impl<'a> Said<'a> {
-    /// What the agents on the map said.
+    /// The messages of the agents on the map.
     pub(super) fn of(state: &State, decisions: &'a [Decision]) -> Self {
         let of = |agent: usize| decisions[agent].message.as_deref().filter(|text| !text.is_empty());
         let all: Vec<_> =
@@ -178,7 +178,7 @@ impl<'a> Said<'a> {
     }
 }
 
-/// The place of a direction in [`Direction::ALL`].
+/// The index of a direction in [`Direction::ALL`].
 pub(super) const fn place(direction: Direction) -> usize {
     match direction {
         Direction::Up => 0,
@@ -188,7 +188,7 @@ pub(super) const fn place(direction: Direction) -> usize {
     }
 }
 
-/// `part / whole`; `None` if the whole is nothing.
+/// `part / whole`; `None` if the whole is 0.
 pub(super) fn ratio(part: impl Into<u64>, whole: impl Into<u64>) -> Option<f64> {
     let whole = whole.into();
     (whole > 0).then(|| real(part.into()) / real(whole))
@@ -200,7 +200,7 @@ pub(super) const fn real(count: u64) -> f64 {
     count as f64
 }
 
-/// How many agents, messages or cells there are.
+/// A number of agents, messages or cells.
 pub(super) fn small(count: usize) -> u32 {
     u32::try_from(count).expect("a game has few agents and cells")
 }

@@ -31,52 +31,51 @@ use texts::Cosines;
 use toolkit::Toolkit;
 use totals::Totals;
 
-/// What to compute beside what is always computed. What is left out has no value, from 0 rounds.
-/// By default nothing is.
+/// Optional computations, by default none. Metrics that are left out have no value, from 0 rounds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Options {
-    /// Whether the values of all rounds are wanted, not those of the game alone.
+    /// Whether to return the values of all rounds, not only those of the game.
     pub series: bool,
-    /// Whether text vectors are compared ([`Metric::Homogeneity`] and what follows from it).
+    /// Whether to compare text vectors ([`Metric::Homogeneity`] and metrics that follow from it).
     pub vectors: bool,
-    /// Whether texts are compared character by character ([`Metric::EditConsistency`] and what follows from it,
+    /// Whether to compare texts character by character ([`Metric::EditConsistency`] and metrics that follow from it,
     /// [`Metric::SelfRepeat`], [`Metric::Echo`]).
     pub edits: bool,
 }
 
 impl Options {
-    /// All metrics; `series` says whether those of all rounds are wanted.
+    /// All metrics; `series` as in the field.
     #[must_use]
     pub const fn all(series: bool) -> Self {
         Self { series, vectors: true, edits: true }
     }
 }
 
-/// All that was measured of a game.
+/// The measurements of a game.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Metrics {
     /// Resolved rounds.
     pub rounds: u32,
-    /// Whether texts were left out of a comparison because a round had too many.
+    /// Whether a comparison left texts out because a round had too many.
     pub sampled: bool,
-    /// Of each definition the values of the game, for all metrics of that definition in the order of [`Metric::ALL`].
+    /// The values of the game by definition and metric, for all metrics of each definition.
     pub values: BTreeMap<(Definition, Metric), RunValue>,
     /// The whole numbers of each state, `0..=rounds`; empty unless [`Options::series`].
     pub counts: Vec<Counts>,
-    /// The values of each state (`paper`) or frame (`toolkit`), `0..=rounds`, of the metrics that have one in each round;
-    /// empty unless [`Options::series`].
+    /// The values of each state (`paper`) or frame (`toolkit`), `0..=rounds`, for metrics of rounds; empty unless
+    /// [`Options::series`].
     pub series: BTreeMap<(Definition, Metric), Vec<Option<f64>>>,
 }
 
 impl Metrics {
-    /// The value of the game; none for a metric that the definition does not have.
+    /// The value of the game; none if the definition does not have the metric.
     #[must_use]
     pub fn value(&self, definition: Definition, metric: Metric) -> RunValue {
         self.values.get(&(definition, metric)).copied().unwrap_or_default()
     }
 }
 
-/// A game that is being measured.
+/// The measurement of a game, round by round.
 pub struct Meter {
     setup: Setup,
     state: State,
@@ -84,9 +83,9 @@ pub struct Meter {
     embedder: Hash1,
     rounds: u32,
     counts: Vec<Counts>,
-    /// The counts of the state now.
+    /// The counts of the current state.
     newest: Counts,
-    /// The values of the state now.
+    /// The values of the current state.
     values: [Option<f64>; Metric::ALL.len()],
     table: Table,
     toolkit: Toolkit,
@@ -96,16 +95,16 @@ pub struct Meter {
     walked: u64,
     homogeneity: Trend,
     edit_consistency: Trend,
-    /// By agent: its last message. Empty unless texts are compared.
+    /// The last message of each agent. Empty unless texts are compared.
     said: Vec<Option<String>>,
-    /// What was delivered with the state, in order of receivers; `None` for the layout and where it is not known. Only
-    /// where texts are compared.
+    /// The messages delivered with the current state, sorted by receiver; `None` for the layout, if they are not
+    /// known, and unless texts are compared.
     heard: Option<Vec<Heard>>,
     sampled: bool,
 }
 
 impl Meter {
-    /// Begins with the layout.
+    /// Begins a game with its layout.
     #[must_use]
     pub fn new(setup: Setup, layout: State, options: Options) -> Self {
         let agents = layout.agents.len();
@@ -141,11 +140,11 @@ impl Meter {
         meter
     }
 
-    /// Adds a round: what each agent decided, in order of their numbers, the state after it, and the messages that were
-    /// delivered with that state; `None` where an imported game does not tell them.
+    /// Adds a round: the decision of each agent in the order of their numbers, the state after it, and the messages
+    /// delivered with that state; `None` if an imported game does not contain them.
     ///
     /// # Panics
-    /// Where there is not one decision for each agent, or the number of agents changes.
+    /// If there is not one decision for each agent, or if the number of agents changes.
     pub fn round(&mut self, decisions: &[Decision], after: State, heard: Option<&[Heard]>) {
         assert_eq!(decisions.len(), self.state.agents.len(), "one decision for each agent");
         assert_eq!(after.agents.len(), self.state.agents.len(), "agents stay in the list");
@@ -178,8 +177,8 @@ impl Meter {
         self.rounds += 1;
     }
 
-    /// The whole numbers of the state now, and the values by [`Definition::Paper`] of the metrics that have one in each
-    /// round, in the order of [`Metric::ALL`].
+    /// The whole numbers of the current state, and the values by [`Definition::Paper`] of metrics of rounds, in the
+    /// order of [`Metric::ALL`].
     #[must_use]
     pub const fn now(&self) -> (&Counts, &[Option<f64>; Metric::ALL.len()]) {
         (&self.newest, &self.values)
@@ -202,7 +201,7 @@ impl Meter {
         }
     }
 
-    /// What follows from what was decided in the state now.
+    /// The measures that follow from the decisions in the current state.
     fn row(&mut self, decisions: &[Decision], said: &Said<'_>) -> Row {
         let mut row = Row {
             counts: Counts::of_acts(&self.state, decisions, said),

@@ -1,4 +1,4 @@
-//! Where agents have been.
+//! The cells on which agents have stood.
 
 use std::collections::{HashSet, VecDeque};
 
@@ -12,7 +12,7 @@ use crate::game::Setup;
 struct CellSet(Vec<u64>);
 
 impl CellSet {
-    /// Adds a cell by its number; whether it is new.
+    /// Adds a cell by its number; returns whether it is new.
     fn insert(&mut self, cell: usize) -> bool {
         let (word, bit) = (cell / 64, 1 << (cell % 64));
         if self.0.len() <= word {
@@ -28,7 +28,7 @@ impl CellSet {
     }
 }
 
-/// The number of a cell of the map, row by row; `None` outside.
+/// The number of a cell, row by row; `None` outside the map.
 fn number(setup: &Setup, cell: Pos) -> Option<usize> {
     setup.contains(cell).then(|| {
         usize::try_from(cell.i * setup.width + cell.j).expect("a cell of the map has a number")
@@ -40,12 +40,11 @@ fn number(setup: &Setup, cell: Pos) -> Option<usize> {
 pub(super) struct Explored {
     on_map: CellSet,
     outside: HashSet<Pos>,
-    /// How many cells of the map they are.
+    /// The number of these cells on the map.
     pub(super) cells: u32,
 }
 
 impl Explored {
-    /// Adds a cell.
     pub(super) fn visit(&mut self, setup: &Setup, cell: Pos) {
         match number(setup, cell) {
             Some(number) => self.cells += u32::from(self.on_map.insert(number)),
@@ -55,22 +54,22 @@ impl Explored {
         }
     }
 
-    /// How many cells they are, those outside the map too.
+    /// The number of these cells, those outside the map included.
     pub(super) fn cells_anywhere(&self) -> u32 {
         self.cells + small(self.outside.len())
     }
 }
 
-/// The way of an agent, as far as it tells whether it comes back to a cell that it no longer remembers.
+/// The path of an agent, as far as it is needed to recognize returns to cells that the agent no longer remembers.
 #[derive(Clone, Default)]
 pub(super) struct Trail {
     left: CellSet,
-    /// The cells that it left in the rounds that it remembers, and when.
+    /// The cells that the agent left in the rounds that it remembers, with these rounds.
     recent: VecDeque<(u32, Pos)>,
 }
 
 impl Trail {
-    /// Adds the step of a round onto another cell; whether the agent last left that cell more than `memory` rounds ago.
+    /// Adds a step onto another cell; returns whether the agent last left that cell more than `memory` rounds ago.
     pub(super) fn step(
         &mut self,
         setup: &Setup,

@@ -1,4 +1,4 @@
-//! The values of a state and the round that led to it.
+//! The values of a state and of the round that led to it.
 
 use super::block::Pushed;
 use super::cells::Sight;
@@ -7,7 +7,7 @@ use super::texts::Cosines;
 use crate::game::State;
 use crate::metric::Metric;
 
-/// What is known of a state and the round that led to it.
+/// Measures of a state and of the round that led to it.
 #[derive(Default)]
 pub(super) struct Row {
     pub(super) counts: Counts,
@@ -20,10 +20,9 @@ pub(super) struct Row {
     pub(super) so_far: SoFar,
 }
 
-/// What is known of any state, the layout too.
+/// Measures of any state, the layout included.
 #[derive(Clone, Copy, Default)]
 pub(super) struct SoFar {
-    /// The number of agents.
     pub(super) agents: u32,
     pub(super) open_cells: u64,
     pub(super) explored: u32,
@@ -31,23 +30,21 @@ pub(super) struct SoFar {
     pub(super) walked: u64,
 }
 
-/// The metrics that the layout has already.
+/// The metrics that have a value for the layout.
 const OF_LAYOUT: [Metric; 3] = [Metric::Explored, Metric::ExploredShare, Metric::PathLength];
 
 impl SoFar {
-    /// How far an agent has walked, mean over all agents.
+    /// The mean length of the agents' paths.
     pub(super) fn path_length(&self) -> Option<f64> {
         ratio(self.walked, self.agents)
     }
 }
 
 impl Row {
-    /// The value of a metric for the layout.
     pub(super) fn value_of_layout(&self, layout: &State, metric: Metric) -> Option<f64> {
         if OF_LAYOUT.contains(&metric) { self.value(layout, metric) } else { None }
     }
 
-    /// The round value of a metric.
     pub(super) fn value(&self, after: &State, metric: Metric) -> Option<f64> {
         let counts = &self.counts;
         let count = |count: u32| Some(f64::from(count));
@@ -104,7 +101,7 @@ impl Row {
     }
 }
 
-/// The share of lights that are in the more frequent state.
+/// The share of lights in the more frequent state.
 fn light_agreement(state: &State) -> Option<f64> {
     let lights = || state.agents.iter().filter_map(|agent| agent.light_on);
     let (all, on) = (lights().count() as u64, lights().filter(|&on| on).count() as u64);

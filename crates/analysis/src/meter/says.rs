@@ -1,4 +1,4 @@
-//! Whether agents do what they say.
+//! Announced moves, and whether agents make them.
 
 use swarmbench_engine::{Action, Direction};
 
@@ -6,9 +6,9 @@ use super::counts::{Said, ratio};
 use crate::game::Decision;
 use crate::metric::RunValue;
 
-/// Messages that name one direction, and what their senders did.
+/// Messages that name one direction, and the later moves of their senders.
 pub(super) struct Promises {
-    /// By agent: the direction that its last message named, if it did not move that way at once.
+    /// By agent: the direction that its last message named, unless it moved that way at once.
     open: Vec<Option<Direction>>,
     made: u32,
     kept: u32,
@@ -39,13 +39,13 @@ impl Promises {
         self.rounds += u32::from(self.made > before);
     }
 
-    /// The share that was kept.
+    /// The share of announced moves that were made.
     pub(super) fn value(&self) -> RunValue {
         RunValue { value: ratio(self.kept, self.made), rounds: self.rounds }
     }
 }
 
-/// The only direction that a text names, in words of their own.
+/// The only direction that a text names by separate words.
 fn direction_named(text: &str) -> Option<Direction> {
     let words = text.split(|c: char| !c.is_alphanumeric());
     let action = |word: &str| Action::ALL.into_iter().find(|a| word.eq_ignore_ascii_case(a.name()));

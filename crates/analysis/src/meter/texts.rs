@@ -1,4 +1,4 @@
-//! How alike the messages of a round are.
+//! The similarity of the messages of a round.
 
 use rapidfuzz::distance::levenshtein::{Args, BatchComparator, normalized_similarity};
 use sha2::{Digest as _, Sha256};
@@ -7,11 +7,11 @@ use super::counts::{Said, real};
 use crate::embed::Hash1;
 use crate::game::Heard;
 
-/// How many distinct texts of a round are compared with each other, how many messages are looked at for echoes, and with
-/// how many texts that were received each of them is compared.
+/// Distinct texts of a round that are compared with each other; also messages that are checked for echoes, and
+/// received texts with which each of these is compared.
 const TEXTS_MAX: usize = 64;
 
-/// From this edit similarity on a message is an echo.
+/// The edit similarity from which on a message is an echo.
 const ECHO_SIMILARITY: f64 = 0.9;
 
 /// Mean cosines of the messages of a round.
@@ -22,7 +22,7 @@ pub(super) struct Cosines {
 }
 
 impl Cosines {
-    /// Of all unordered pairs: of distinct texts, and of messages.
+    /// Averages all unordered pairs: of distinct texts, and of messages.
     pub(super) fn of(said: &Said<'_>, embedder: &Hash1) -> Self {
         match (said.all.len(), said.distinct.len()) {
             (0 | 1, _) => Self::default(),
@@ -35,8 +35,8 @@ impl Cosines {
     }
 }
 
-/// The mean cosine of all pairs of texts, each as often as it says: for vectors of length 1 it follows from the length
-/// of their sum.
+/// The mean cosine of all pairs of texts, each text counted `times`. For vectors of length 1 it follows from the
+/// length of their sum.
 fn mean_cosine<'a>(texts: impl Iterator<Item = (&'a str, u32)>, embedder: &Hash1) -> Option<f64> {
     let (mut sum, mut count) = (Vec::new(), 0.0);
     for (text, times) in texts {
@@ -57,7 +57,7 @@ pub(super) struct Compared {
     pub(super) sampled: bool,
 }
 
-/// The mean edit similarity of all unordered pairs of distinct texts; 1 if there is one text, sent more than once.
+/// The mean edit similarity of all unordered pairs of distinct texts; 1 for one text sent more than once.
 pub(super) fn edit_consistency(said: &Said<'_>) -> Compared {
     if said.all.len() < 2 {
         return Compared::default();
@@ -78,7 +78,8 @@ pub(super) fn edit_consistency(said: &Said<'_>) -> Compared {
     Compared { value: Some(sum / real(count * (count - 1) / 2)), sampled }
 }
 
-/// The mean edit similarity of each agent's message to the one that it sent before, and keeps the new ones.
+/// The mean edit similarity of each agent's message to its previous one. Stores the new messages as the previous
+/// ones.
 pub(super) fn self_repeat(said: &Said<'_>, previous: &mut [Option<String>]) -> Option<f64> {
     let (mut sum, mut count) = (0.0, 0);
     for &(agent, text) in &said.all {
@@ -91,8 +92,8 @@ pub(super) fn self_repeat(said: &Said<'_>, previous: &mut [Option<String>]) -> O
     (count > 0).then(|| sum / real(count))
 }
 
-/// The share of messages that are much like one of another agent that their sender had just received. `heard` is in order
-/// of receivers.
+/// The share of messages that resemble one which the sender has just received from another agent. `heard` is sorted
+/// by receiver.
 pub(super) fn echo(said: &Said<'_>, heard: &[Heard]) -> Compared {
     let mut messages = said.all.clone();
     let mut sampled = sample(&mut messages, |(_, text)| text);
@@ -116,7 +117,7 @@ pub(super) fn echo(said: &Said<'_>, heard: &[Heard]) -> Compared {
     Compared { value: (count > 0).then(|| real(echoes) / real(count)), sampled }
 }
 
-/// Keeps [`TEXTS_MAX`] items, those whose texts have the smallest hashes; whether any were left out.
+/// Keeps the [`TEXTS_MAX`] items whose texts have the smallest hashes; returns whether any were left out.
 fn sample<T>(items: &mut Vec<T>, text: impl Fn(&T) -> &str) -> bool {
     if items.len() <= TEXTS_MAX {
         return false;

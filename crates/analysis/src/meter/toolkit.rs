@@ -13,12 +13,11 @@ pub(super) struct Toolkit {
     table: Table,
     explored: Explored,
     walked: u64,
-    /// Of the frame whose decisions are not known yet: the transition that led to it.
+    /// The transition that led to the newest frame, whose decisions are not known yet.
     next: Counts,
 }
 
 impl Toolkit {
-    /// Begins with the layout.
     pub(super) fn new(setup: &Setup, layout: &State, keeps_series: bool) -> Self {
         let (table, explored) = (Table::new(keeps_series), Explored::default());
         let mut frames = Self { table, explored, walked: 0, next: Counts::default() };
@@ -26,7 +25,7 @@ impl Toolkit {
         frames
     }
 
-    /// Adds what was decided in a state: its frame is complete.
+    /// Adds the decisions in a state, which complete its frame.
     pub(super) fn decided(
         &mut self,
         state: &State,
@@ -55,13 +54,13 @@ impl Toolkit {
         self.see(setup, after);
     }
 
-    /// The mean over all frames but the last; undefined where a value of one is missing, not 0.
+    /// The mean over all frames but the last; undefined, not 0, if the value of a frame is missing.
     pub(super) fn value_of_game(&self, metric: Metric, rounds: u32) -> RunValue {
         let mean = self.table.mean(metric);
         RunValue { value: mean.value.filter(|_| mean.rounds == rounds), ..mean }
     }
 
-    /// The values of all frames; the last is without decisions.
+    /// The values of all frames; the last frame has no decisions.
     pub(super) fn series(&self, state: &State, metric: Metric) -> Vec<Option<f64>> {
         let last = self.value(state, self.next, Cosines::default(), metric);
         self.table.series(metric).iter().copied().chain([last]).collect()

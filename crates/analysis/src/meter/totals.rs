@@ -1,4 +1,4 @@
-//! What is counted over a whole game.
+//! Counts over a whole game.
 
 use super::counts::{Counts, place, ratio, real};
 use super::places::Trail;
@@ -7,15 +7,15 @@ use crate::metric::RunValue;
 
 /// Sums over the rounds of a game.
 pub(super) struct Totals {
-    /// By agent: its move actions.
+    /// Move actions by agent.
     moves: Vec<[u64; 4]>,
     moving_rounds: u32,
-    /// By agent; empty where it is not known how long agents remember.
+    /// Paths by agent; empty if the agents' memory is not known.
     trails: Vec<Trail>,
     steps: u32,
     revisits: u32,
     stepping_rounds: u32,
-    /// `None` once a round did not tell who received what.
+    /// `None` as soon as a round lacks its deliveries.
     heard: Option<Received>,
     messages: u64,
     talking_rounds: u32,
@@ -24,12 +24,12 @@ pub(super) struct Totals {
     tokens: Option<u64>,
 }
 
-/// Messages that were delivered.
+/// Delivered messages.
 #[derive(Clone, Copy, Default)]
 struct Received {
-    /// Copies that others than the sender received.
+    /// Copies received by agents other than the sender.
     copies: u64,
-    /// Messages of which there was such a copy.
+    /// Messages with such a copy.
     messages: u64,
 }
 
@@ -56,7 +56,7 @@ impl Totals {
         }
     }
 
-    /// Adds what the agents on the map chose.
+    /// Adds the choices of the agents on the map.
     pub(super) fn acts(&mut self, state: &State, decisions: &[Decision], counts: &Counts) {
         for (agent, _) in state.living() {
             let decision = &decisions[agent];
@@ -72,12 +72,12 @@ impl Totals {
         self.talking_rounds += u32::from(counts.messages > 0);
     }
 
-    /// Adds what was delivered with the state after it.
+    /// Adds the messages delivered with the state after the round.
     pub(super) fn heard(&mut self, heard: Option<&[Heard]>) {
         self.heard = self.heard.zip(heard).map(|(sum, heard)| sum.with(heard));
     }
 
-    /// Adds the way from one state to the next one, in round `round`.
+    /// Adds the transition of round `round`.
     pub(super) fn moved(&mut self, setup: &Setup, round: u32, before: &State, after: &State) {
         if self.first_score.is_none() && after.score > self.start_score {
             self.first_score = Some(round + 1);
@@ -112,25 +112,25 @@ impl Totals {
         RunValue { value: ratio(self.revisits, self.steps), rounds: self.stepping_rounds }
     }
 
-    /// The mean number of others that received a message.
+    /// The mean number of other agents that received a message.
     pub(super) fn delivered(&self) -> RunValue {
         self.of_messages(|received| ratio(received.copies, self.messages))
     }
 
-    /// The share of messages that nobody else received.
+    /// The share of messages that no other agent received.
     pub(super) fn unheard_share(&self) -> RunValue {
         self.of_messages(|received| {
             ratio(self.messages.saturating_sub(received.messages), self.messages)
         })
     }
 
-    /// Rounds until the score rose.
+    /// Rounds until the score first rose.
     pub(super) fn time_to_first_score(&self) -> RunValue {
         let rounds = self.first_score.unwrap_or(0);
         RunValue { value: self.first_score.map(f64::from), rounds }
     }
 
-    /// Tokens for each point of a score after `rounds` rounds.
+    /// Tokens per point of a score after `rounds` rounds.
     pub(super) fn tokens_per_point(&self, score: f64, rounds: u32) -> RunValue {
         let tokens = self.tokens.filter(|_| score > 0.0);
         let value = tokens.map(|tokens| real(tokens) / score);
@@ -144,7 +144,7 @@ impl Totals {
 }
 
 impl Received {
-    /// The same with the messages of another state. All copies of a message are delivered with the same one.
+    /// Adds the messages of another state. All copies of a message are delivered with the same state.
     fn with(self, heard: &[Heard]) -> Self {
         let mut sent: Vec<_> = (heard.iter().filter(|heard| !heard.is_own()))
             .map(|heard| (heard.sender, heard.sent))

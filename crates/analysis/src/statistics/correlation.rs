@@ -1,31 +1,31 @@
-//! Correlations of two numbers of each game.
+//! Correlations between two numbers of each game.
 
 use statrs::function::beta::beta_reg;
 
 use super::{float, is_constant, mean};
 
-/// With fewer pairs there is no correlation.
+/// The minimum number of pairs.
 pub const PAIRS_MIN: usize = 3;
 
 /// The quantile 0.975 of the normal distribution.
 const NORMAL_975: f64 = 1.959_963_984_540_054;
 
-/// How two numbers vary together.
+/// The relation between two numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Correlation {
-    /// How many pairs there are.
+    /// The number of pairs.
     pub n: usize,
     /// Pearson's coefficient, −1 to 1.
     pub r: f64,
-    /// The probability of such an r or one further from 0 without any relation ([`p_value`]).
+    /// The probability, without any relation, of an r at least as far from 0 ([`p_value`]).
     pub p: f64,
-    /// The interval of 95 % for r by Fisher's z; `None` for three pairs, with which nothing is known.
+    /// The 95 % interval of r by Fisher's z; `None` for three pairs, which say nothing about it.
     pub interval: Option<(f64, f64)>,
-    /// Spearman's coefficient: Pearson's of the ranks, where equal numbers share the mean of their ranks.
+    /// Spearman's coefficient: Pearson's coefficient of the ranks, with tied numbers at the mean of their ranks.
     pub rho: f64,
 }
 
-/// Why a correlation is not defined.
+/// A reason why a correlation is undefined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoCorrelation {
     /// There are fewer than [`PAIRS_MIN`] pairs.
@@ -59,8 +59,8 @@ pub fn correlation(pairs: &[(f64, f64)]) -> Result<Correlation, NoCorrelation> {
     Ok(Correlation { n, r, p: p_value(r, n), interval: interval(r, n), rho })
 }
 
-/// The two-sided p of an r of `n` ≥ 3 pairs: t = r·√((n − 2) / (1 − r²)) has Student's t-distribution with n − 2 degrees
-/// of freedom where there is no relation. 0 where |r| is 1.
+/// The two-sided p of an r of `n` ≥ 3 pairs: t = r·√((n − 2) / (1 − r²)) has Student's t-distribution with n − 2
+/// degrees of freedom if there is no relation. It is 0 if |r| is 1.
 #[must_use]
 pub fn p_value(r: f64, n: usize) -> f64 {
     // (n − 2) / (n − 2 + t²) is 1 − r².
@@ -74,12 +74,12 @@ fn pearson(x: &[f64], y: &[f64]) -> f64 {
     };
     let (x, y) = (centred(x), centred(y));
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    // Two roots: a product of small squares could be 0.
+    // Two roots, as the product of small squares could underflow to 0.
     let r = product(&x, &y) / product(&x, &x).sqrt() / product(&y, &y).sqrt();
     r.clamp(-1.0, 1.0)
 }
 
-/// The rank of each number from 1; equal numbers share the mean of their ranks.
+/// The rank of each number from 1; tied numbers share the mean of their ranks.
 fn ranks(numbers: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..numbers.len()).collect();
     order.sort_by(|&a, &b| numbers[a].total_cmp(&numbers[b]));
@@ -157,7 +157,8 @@ mod tests {
         (-0.058, 0.783),
     ];
 
-    /// Both were printed with three digits: p is between those of the ends to which r may have been rounded.
+    /// The paper prints three digits of both: p lies between the values for the two ends of the rounding interval of
+    /// r.
     #[test]
     fn every_p_of_the_paper_follows_from_its_r() {
         for (pairs, n) in [(&OF_65[..], 65), (&OF_25[..], 25)] {
@@ -172,7 +173,8 @@ mod tests {
         }
     }
 
-    /// Computed with scipy 1.17: `pearsonr(x, y)`, its `confidence_interval(0.95)`, and `spearmanr(x, y)`.
+    /// The expected values are from scipy 1.17: `pearsonr(x, y)`, its `confidence_interval(0.95)`, and `spearmanr(x,
+    /// y)`.
     #[test]
     fn by_another_library() {
         let x = [0.11, 0.32, 0.11, 0.54, 0.87, 0.45, 0.32, 0.05, 0.66, 0.11];
@@ -201,7 +203,7 @@ mod tests {
         }
     }
 
-    /// p far from the middle, by scipy: `2 * scipy.stats.t.sf(abs(t), n - 2)`.
+    /// The expected values of p in the tail are from scipy: `2 * scipy.stats.t.sf(abs(t), n - 2)`.
     #[test]
     fn small_p_by_another_library() {
         for (r, n, expected) in [

@@ -2,14 +2,14 @@
 
 use super::{float, is_constant, mean};
 
-/// y = intercept + slope · x.
+/// The line y = intercept + slope · x.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Line {
-    /// By how much y rises where x rises by 1.
+    /// The change of y when x rises by 1.
     pub slope: f64,
-    /// y where x is 0.
+    /// The value of y at x = 0.
     pub intercept: f64,
-    /// The share of the variance of y that the line explains, 0 to 1; 0 where y is constant.
+    /// The share of the variance of y that the line explains, 0 to 1; 0 if y is constant.
     pub r_squared: f64,
 }
 
@@ -37,7 +37,7 @@ mod tests {
     use super::super::correlation;
     use super::*;
 
-    /// Four sets of points of which all of these numbers are alike, and nothing else is (Anscombe, 1973).
+    /// Anscombe's four sets of points (1973), which agree in all of these numbers and in nothing else.
     #[test]
     fn anscombes_quartet() {
         let x = [10.0, 8.0, 13.0, 9.0, 11.0, 14.0, 6.0, 4.0, 12.0, 7.0, 5.0];

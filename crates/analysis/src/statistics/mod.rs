@@ -1,6 +1,6 @@
-//! Statistics over many games: means and deviations, correlations with the score, and how sure they are.
+//! Statistics over many games: means and deviations, correlations with the score, and their uncertainty.
 //!
-//! `docs/evaluate/tables.md` says how the numbers are read.
+//! `docs/evaluate/tables.md` explains how to read the numbers.
 
 mod correlation;
 mod line;
@@ -12,7 +12,7 @@ pub use line::Line;
 pub use models::{DRAWS, MODELS_MIN, SEED, by_models};
 pub use several::{q_values, stars};
 
-/// The mean, and the population standard deviation (the sum of squares is divided by their number), if there are numbers.
+/// The mean and the population standard deviation (the sum of squares divided by n); `None` without numbers.
 #[must_use]
 pub fn mean_and_deviation(numbers: &[f64]) -> Option<(f64, f64)> {
     let mean = mean(numbers)?;
@@ -20,33 +20,33 @@ pub fn mean_and_deviation(numbers: &[f64]) -> Option<(f64, f64)> {
     Some((mean, (squares / float(numbers.len())).sqrt()))
 }
 
-/// The mean, if there are numbers.
+/// The mean; `None` without numbers.
 #[must_use]
 pub fn mean(numbers: &[f64]) -> Option<f64> {
     (!numbers.is_empty()).then(|| numbers.iter().sum::<f64>() / float(numbers.len()))
 }
 
-/// A number of games as a number.
+/// A count of games as a float.
 #[expect(clippy::cast_precision_loss, reason = "nobody plays 2⁵³ games")]
 #[must_use]
 pub const fn float(count: usize) -> f64 {
     count as f64
 }
 
-/// The numbers as distances from their mean, in population deviations; `None` if [`is_constant`].
+/// The distances from the mean in population deviations; `None` if [`is_constant`].
 #[must_use]
 pub fn standardised(numbers: &[f64]) -> Option<Vec<f64>> {
     let (mean, deviation) = mean_and_deviation(numbers).filter(|_| !is_constant(numbers))?;
     Some(numbers.iter().map(|number| (number - mean) / deviation).collect())
 }
 
-/// Numbers that differ by less than this share of the largest are equal: means of equal values have rounding errors.
+/// The relative difference below which numbers are equal, as means of equal values have rounding errors.
 const EQUAL: f64 = 1e-12;
 
-/// Differences are compared with no less than this: squares of smaller ones would be 0.
+/// The minimum scale of differences, below which squares would underflow to 0.
 const LARGEST_MIN: f64 = 1e-130;
 
-/// Whether all numbers are equal, up to rounding errors. No correlation is defined for these.
+/// Whether all numbers are equal up to rounding errors, so that no correlation is defined.
 #[must_use]
 pub fn is_constant(numbers: &[f64]) -> bool {
     let largest = numbers.iter().fold(LARGEST_MIN, |largest, number| largest.max(number.abs()));
@@ -57,8 +57,8 @@ pub fn is_constant(numbers: &[f64]) -> bool {
 mod tests {
     use super::*;
 
-    /// Table S.1 of the paper: of each model the means and deviations of Pursuit, Synchronization, Foraging, Flocking
-    /// and Transport, and the total.
+    /// Table S.1 of the paper: for each model the means and deviations of Pursuit, Synchronization, Foraging,
+    /// Flocking and Transport, and the total.
     const DETAILED: [([(f64, f64); 5], f64); 13] = [
         ([(8.80, 1.60), (3.40, 2.94), (5.80, 4.35), (9.40, 0.80), (0.00, 0.00)], 27.40),
         ([(9.60, 0.49), (2.80, 1.17), (4.80, 2.64), (8.90, 1.83), (0.52, 1.04)], 26.62),
@@ -75,7 +75,7 @@ mod tests {
         ([(0.60, 0.49), (1.00, 0.00), (0.00, 0.00), (5.60, 0.74), (0.00, 0.00)], 7.20),
     ];
 
-    /// Half of the last digit that the paper prints.
+    /// Half a unit of the last printed digit.
     const HALF_DIGIT: f64 = 0.005 + 1e-9;
 
     #[test]
@@ -86,7 +86,7 @@ mod tests {
         }
     }
 
-    /// All lists of `left` whole numbers in rising order, none below the last of `chosen`, with this sum.
+    /// All ascending lists of `left` whole numbers with this sum and no number below the last of `chosen`.
     fn lists(chosen: &mut Vec<f64>, left: u32, sum: f64, found: &mut dyn FnMut(&[f64])) {
         if left == 0 {
             if sum == 0.0 {
@@ -103,8 +103,8 @@ mod tests {
         }
     }
 
-    /// Scores of Pursuit, Synchronization and Foraging are whole. Each of these 39 cells can be five whole scores with
-    /// the population deviation; with the deviation that divides by n − 1 most cannot.
+    /// Scores of Pursuit, Synchronization and Foraging are whole. Five whole scores can have the population deviation
+    /// in each of these 39 cells; the deviation that divides by n − 1 is impossible in most.
     #[test]
     fn deviations_of_the_paper_divide_by_n() {
         let (mut of_population, mut of_sample) = (0, 0);
@@ -131,7 +131,7 @@ mod tests {
         assert!(mean.abs() < 1e-15 && (deviation - 1.0).abs() < 1e-15);
         assert_eq!(standardised(&[3.0, 3.0]), None);
         assert_eq!(standardised(&[]), None);
-        // A mean of three times 0.1 is not 0.1 to the bit.
+        // A mean of three times 0.1 differs from 0.1 in the last bit.
         assert!(is_constant(&[0.1, (0.1 + 0.1 + 0.1) / 3.0]));
         assert!(!is_constant(&[0.0, 1e-100]));
         assert!(is_constant(&[0.0, 1e-300]));

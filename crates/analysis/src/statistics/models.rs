@@ -1,23 +1,24 @@
-//! How sure a correlation is if games of one model are not independent: a bootstrap that draws models, not games.
+//! The uncertainty of a correlation if games of one model are not independent: a bootstrap that draws models, not
+//! games.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::{float, mean_and_deviation};
 
-/// With fewer models there is no interval; with fewer than ten it is rough.
+/// The minimum number of models for an interval; with fewer than ten it is rough.
 pub const MODELS_MIN: usize = 3;
 
-/// How often models are drawn.
+/// The number of draws.
 pub const DRAWS: usize = 2000;
 
-/// The seed of the draws: the same games have the same interval.
+/// The seed of the draws, fixed so that the same games have the same interval.
 pub const SEED: u64 = 1;
 
-/// A variance below this share of that of all pairs is a rounding error: the draw is constant.
+/// The share of all pairs' variance below which a draw's variance is a rounding error: the draw is constant.
 const CONSTANT: f64 = 1e-12;
 
-/// Numbers of pairs and sums over them, from which Pearson's coefficient follows.
+/// The sums over pairs that determine Pearson's coefficient.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     n: f64,
@@ -47,16 +48,17 @@ impl Sums {
     }
 }
 
-/// The interval of 95 % for Pearson's coefficient, from the pairs of each model: the quantiles 0.025 and 0.975 of the
-/// coefficients of [`DRAWS`] draws of as many models as there are, with replacement. Draws in which a number is constant
-/// have no coefficient; `None` if these are half of all, or with fewer than [`MODELS_MIN`] models.
+/// The 95 % interval of Pearson's coefficient, from the pairs of each model: the quantiles 0.025 and 0.975 of the
+/// coefficients of [`DRAWS`] draws of as many models as there are, with replacement. A draw in which a number is
+/// constant has no coefficient; `None` if half of the draws or more have none, or with fewer than [`MODELS_MIN`]
+/// models.
 #[must_use]
 pub fn by_models(models: &[Vec<(f64, f64)>]) -> Option<(f64, f64)> {
     let models: Vec<&Vec<(f64, f64)>> = models.iter().filter(|pairs| !pairs.is_empty()).collect();
     if models.len() < MODELS_MIN {
         return None;
     }
-    // Sums of standardised numbers are small, so little is lost in their differences.
+    // Sums of standardised numbers are small, so their differences lose little precision.
     let (x, y): (Vec<f64>, Vec<f64>) = models.iter().copied().flatten().copied().unzip();
     let ((at_x, by_x), (at_y, by_y)) = (mean_and_deviation(&x)?, mean_and_deviation(&y)?);
     if by_x == 0.0 || by_y == 0.0 {
@@ -104,7 +106,7 @@ mod tests {
     use super::super::correlation;
     use super::*;
 
-    /// Five games of each of 13 models. The numbers of a model are nearly alike, and models have no relation.
+    /// Five games of each of 13 models. The numbers of one model are nearly equal, and models are unrelated.
     fn alike() -> Vec<Vec<(f64, f64)>> {
         let model = |model: u32| {
             let (x, y) = (f64::from(model * 5 % 13), f64::from(model * 8 % 13));
@@ -119,7 +121,7 @@ mod tests {
         let all = correlation(&models.concat()).expect("both vary");
         let (low, high) = by_models(&models).expect("13 models");
         assert!(low < all.r && all.r < high);
-        // Fisher's interval takes 65 games for independent, so it is about √5 times too narrow.
+        // Fisher's interval treats 65 games as independent, so it is about √5 times too narrow.
         let (narrow_low, narrow_high) = all.interval.expect("65 games");
         assert!(high - low > 1.5 * (narrow_high - narrow_low), "{low} {high}");
         assert_eq!(by_models(&models), Some((low, high)));
@@ -134,7 +136,7 @@ mod tests {
         assert_eq!(by_models(&padded), None);
         let constant = vec![vec![(1.0, 1.0), (1.0, 2.0)]; 3];
         assert_eq!(by_models(&constant), None);
-        // x varies in the draws that have the last model and another: 2/3 of all.
+        // x varies in the draws that contain the last model and another: 2/3 of all.
         let one_differs = [vec![(0.0, 1.0), (0.0, 2.0)], vec![(0.0, 1.0)], vec![(1.0, 3.0)]];
         assert!(by_models(&one_differs).is_some());
     }

@@ -1,8 +1,8 @@
-//! Several tests at once.
+//! Multiple tests.
 
 use super::float;
 
-/// The mark of a p: `***` below 0.001, `**` below 0.01, `*` below 0.05.
+/// The stars of a p: `***` below 0.001, `**` below 0.01, `*` below 0.05.
 #[must_use]
 pub fn stars(p: f64) -> &'static str {
     match p {
@@ -13,8 +13,8 @@ pub fn stars(p: f64) -> &'static str {
     }
 }
 
-/// For each p of a family of tests the q of Benjamini and Hochberg: if all tests with a q up to some value are taken for
-/// real, this is the expected share of false ones among them. Tests without a p are no part of the family.
+/// The q values of Benjamini and Hochberg for a family of tests. If all tests with a q up to some value are accepted,
+/// that value is the expected share of false ones among them. Tests without a p are no part of the family.
 #[must_use]
 pub fn q_values(p: &[Option<f64>]) -> Vec<Option<f64>> {
     let mut order: Vec<(usize, f64)> =
@@ -33,7 +33,7 @@ pub fn q_values(p: &[Option<f64>]) -> Vec<Option<f64>> {
 mod tests {
     use super::*;
 
-    /// Computed with scipy 1.17: `false_discovery_control(p, method="bh")`.
+    /// The expected values are from scipy 1.17: `false_discovery_control(p, method="bh")`.
     #[test]
     fn q_by_another_library() {
         let p = [0.012, 0.8, 0.0004, 0.03, 0.03, 0.2, 0.049];

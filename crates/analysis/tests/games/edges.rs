@@ -118,7 +118,7 @@ fn when_all_switch_nobody_is_still_or_coordinated() {
     assert_eq!(game.toolkit(Metric::DominantAction), Some(0.0));
 }
 
-/// Two neighbours; the first leaves the map in round 0, the second in round 2.
+/// A game of two neighbours; the first leaves the map in round 0, the second in round 2.
 fn escape() -> Played {
     let mut game = Played::at(&[(0, 3), (0, 4)]).then(&[does(Up), does(Down)], &[(-1, 3), (1, 4)]);
     game.last().agents[0].alive = false;
@@ -155,7 +155,7 @@ fn the_toolkit_counts_escaped_agents_for_ever() {
     assert_eq!(series(Metric::Explored), [2.0, 4.0, 4.0, 5.0]);
     assert_eq!(series(Metric::StepLength), [0.0, 1.0, 1.5, 2.0]);
     assert_eq!(series(Metric::DominantAction), [0.5, 0.5, 0.5, 0.0]);
-    // They were neighbours in the layout, and side by side outside in the end, but never twice in a row.
+    // The pair is adjacent in the layout, and outside the map at the end, but never in two successive states.
     assert_eq!(series(Metric::KeptPairs), [0.0, 0.0, 0.0, 0.0]);
 }
 
@@ -172,7 +172,7 @@ fn the_toolkit_keeps_pairs_of_agents_that_left_together() {
 fn a_move_is_blocked_unless_it_gets_its_agent_somewhere_in_its_direction() {
     let game = Played::at(&[(1, 1), (3, 3), (5, 5), (7, 7)]).then(
         &[does(Up), does(Right), does(Left), does(Stay)],
-        // Not moved; moved, and pushed aside; pushed aside only; pushed.
+        // The agents: one does not move; one moves and is pushed aside; one is only pushed aside; one is pushed.
         &[(1, 1), (4, 4), (6, 5), (7, 8)],
     );
     assert_eq!(game.metrics().counts[1].blocked, 2);

@@ -1,4 +1,4 @@
-//! What is taken from a game of the engine.
+//! Conversion of games of the engine.
 
 use std::sync::Arc;
 

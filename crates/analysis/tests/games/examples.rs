@@ -1,4 +1,4 @@
-//! Worked examples; most of their values were computed by the public toolkit.
+//! Worked examples. The public toolkit computed most of their values.
 
 use swarmbench_analysis::game::Decision;
 use swarmbench_analysis::{Definition, Metric};
@@ -9,7 +9,7 @@ use crate::played::{Played, does, says};
 
 const ROW: [(i32, i32); 4] = [(1, 1), (1, 4), (1, 7), (5, 5)];
 
-/// A round in which agents that stand apart choose these actions, and nobody moves.
+/// A round in which distant agents choose these actions without moving.
 fn choices(actions: &[Action]) -> Played {
     let decisions: Vec<Decision> = actions.iter().copied().map(does).collect();
     Played::at(&ROW[..actions.len()]).chose(&decisions)
@@ -71,7 +71,7 @@ fn identical_messages_are_homogeneous_but_not_in_the_toolkits_figures() {
 
 #[test]
 fn repeats_count_in_the_homogeneity_of_all_messages_only() {
-    // Texts without letters have one feature each, and these two no common entry.
+    // Texts without letters have one feature each, and these two share no entry.
     let mut texts = vec!["!!!"; 9];
     texts.push("...");
     let game = messages(&texts);
@@ -131,7 +131,7 @@ fn neighbours_are_separated_unless_their_forces_cancel() {
     let pair = Played::at(&[(1, 1), (1, 2)]).chose(&[does(Stay), does(Stay)]);
     assert_eq!(pair.value(Metric::Separation), Some(1.0));
     assert_eq!(pair.value(Metric::Crowding), Some(1.0));
-    // A window of 3 × 3: the ends do not see each other, and the forces on the middle cancel.
+    // In a window of 3 × 3 the ends do not see each other, and the forces on the middle cancel.
     let mut three = Played::at(&[(1, 1), (1, 2), (1, 3)]);
     three.setup.view_size = 3;
     let three = three.chose(&[does(Stay), does(Stay), does(Stay)]);
@@ -159,7 +159,7 @@ fn components_are_those_of_the_graph_of_who_sees_whom() {
 
 #[test]
 fn the_increase_compares_the_last_fifth_with_the_first() {
-    // Homogeneity 0 in the first four rounds, 1 in the last four, undefined between them.
+    // Homogeneity is 0 in the first four rounds, 1 in the last four, and undefined between them.
     let apart = [says("!!!"), says("...")];
     let alike = [says("!!!"), says("!!!")];
     let silent = [does(Stay), does(Stay)];

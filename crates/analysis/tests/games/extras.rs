@@ -9,7 +9,7 @@ use crate::played::{Played, does, says};
 
 #[test]
 fn a_step_is_a_revisit_if_the_cell_was_left_longer_ago_than_is_remembered() {
-    // To and fro between two cells: each is left two rounds before it is entered again.
+    // To and fro between two cells: each is entered in the round after it was left.
     let to_and_fro = |memory| {
         let mut game = Played::at(&[(1, 1)]);
         game.setup.memory = memory;
@@ -19,7 +19,7 @@ fn a_step_is_a_revisit_if_the_cell_was_left_longer_ago_than_is_remembered() {
     assert_eq!(to_and_fro(Some(0)).value(Metric::RevisitShare), Some(0.75));
     assert_eq!(to_and_fro(Some(1)).value(Metric::RevisitShare), Some(0.0));
     assert_eq!(to_and_fro(None).value(Metric::RevisitShare), None);
-    // A cell that is entered again after a longer way, and one round of standing on it.
+    // A cell is entered again after a longer way, and then one round of standing on it.
     let cells = [(1, 2), (2, 2), (2, 1), (1, 1), (1, 1), (1, 2)];
     let around = |memory| {
         let mut game = Played::at(&[(1, 1)]);
@@ -56,7 +56,7 @@ fn an_echo_repeats_what_another_agent_was_just_heard_to_say() {
     let game = Played::at(&[(1, 1), (1, 2), (1, 3)])
         .chose(&[says("hold (3,4) now"), says("mine"), does(Stay)])
         .delivering(&[(0, 1, 0, "mine"), (1, 0, 0, "hold (3,4) now"), (1, 1, 0, "mine")])
-        // One character of 14 differs; its own message is no echo; the third heard nothing.
+        // Agent 1 changes one of 14 characters, and its own message does not count; agent 2 heard nothing.
         .chose(&[says("mine"), says("hold (3,5) now"), says("mine")])
         .chose(&[says("mine"), does(Stay), does(Stay)]);
     let series = game.metrics().series[&(Definition::Paper, Metric::Echo)].clone();
@@ -96,11 +96,11 @@ fn transport(cells: &[(i32, i32)], decisions: &[Decision]) -> Played {
 
 #[test]
 fn agents_push_the_block_alone_or_in_line() {
-    // Two in line from the left, one from above, one that only stands by, one too far away.
+    // Two agents in line on the left, one above, one adjacent without pushing, one too far away.
     let cells = [(5, 4), (5, 3), (4, 6), (6, 5), (5, 1)];
     let game = transport(&cells, &[does(Right), does(Right), does(Down), does(Stay), does(Right)]);
     assert_eq!(game.value(Metric::ForcePeak), Some(2.0));
-    // Of the three that touch it one pushes right and one down.
+    // Of the three agents that touch the block one pushes right and one down.
     assert_eq!(game.value(Metric::PushAlignment), Some(2.0_f64.sqrt() / 3.0));
     let broken = transport(&cells[..2], &[does(Stay), does(Right)]);
     assert_eq!(broken.value(Metric::ForcePeak), Some(0.0));

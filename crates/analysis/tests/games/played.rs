@@ -8,7 +8,7 @@ use swarmbench_engine::{
     Act, Action, AgentId, Config, Control, Message, Pos, Settings, TaskName, World,
 };
 
-/// A game with everything that a meter takes.
+/// The arguments of a meter for a whole game.
 #[derive(Clone, Debug)]
 pub(crate) struct Played {
     pub(crate) setup: Setup,
@@ -24,7 +24,7 @@ pub(crate) struct PlayedRound {
 }
 
 impl Played {
-    /// A game on an open map of 10 × 10 cells, agents at these cells, windows of 5 × 5.
+    /// A game on an open map of 10 × 10 cells with agents on these cells and windows of 5 × 5.
     pub(crate) fn at(cells: &[(i32, i32)]) -> Self {
         let setup = Setup {
             task: TaskName::Pursuit,
@@ -38,7 +38,7 @@ impl Played {
         Self { setup, layout: state(cells), rounds: Vec::new() }
     }
 
-    /// Adds a round: what was decided, and where agents are after it.
+    /// Adds a round: the decisions, and the cells of the agents after it.
     pub(crate) fn then(mut self, decisions: &[Decision], cells: &[(i32, i32)]) -> Self {
         self.rounds.push(PlayedRound {
             decisions: decisions.to_vec(),
@@ -48,7 +48,7 @@ impl Played {
         self
     }
 
-    /// Adds a round after which everybody is where they were.
+    /// Adds a round in which nobody moves.
     pub(crate) fn chose(mut self, decisions: &[Decision]) -> Self {
         let after = self.rounds.last().map_or(&self.layout, |round| &round.after).clone();
         self.rounds.push(PlayedRound {
@@ -59,12 +59,11 @@ impl Played {
         self
     }
 
-    /// The state after the last round.
     pub(crate) fn last(&mut self) -> &mut State {
         self.rounds.last_mut().map_or(&mut self.layout, |round| &mut round.after)
     }
 
-    /// What the last round delivered.
+    /// Sets the messages delivered after the last round.
     pub(crate) fn delivering(mut self, heard: &[(u16, u16, u32, &str)]) -> Self {
         let heard = heard.iter().map(|&(receiver, sender, sent, text)| Heard {
             receiver: AgentId(receiver),
@@ -76,7 +75,7 @@ impl Played {
         self
     }
 
-    /// Everything that can be measured.
+    /// All metrics of the game.
     pub(crate) fn metrics(&self) -> Metrics {
         let mut meter = Meter::new(self.setup.clone(), self.layout.clone(), Options::all(true));
         for round in &self.rounds {
@@ -94,7 +93,7 @@ impl Played {
         self.metrics().values[&(Definition::Paper, metric)]
     }
 
-    /// The same by the definition `toolkit`.
+    /// The value of the game, by the definition `toolkit`.
     pub(crate) fn toolkit(&self, metric: Metric) -> Option<f64> {
         self.metrics().values[&(Definition::Toolkit, metric)].value
     }

@@ -115,7 +115,8 @@ fn changed(mut game: Played, to: impl Fn(Pos) -> Pos, turned: impl Fn(Action) ->
     game
 }
 
-/// Compares all values but those of directions by name; sums may differ in their last bits.
+/// Compares all values, and the counts after `counts`, which may merge the directions; sums may differ in their last
+/// bits.
 fn assert_same(
     a: &Metrics,
     b: &Metrics,
@@ -146,19 +147,19 @@ fn is_close(a: Option<f64>, b: Option<f64>) -> bool {
     }
 }
 
-/// Counts without the directions of moves.
+/// Counts with the moves of all directions merged.
 fn undirected(counts: &Counts) -> Counts {
     let moves = counts.moves_up + counts.moves_down + counts.moves_left + counts.moves_right;
     Counts { moves_up: moves, moves_down: 0, moves_left: 0, moves_right: 0, ..*counts }
 }
 
-/// The states in which rounds were decided, what was decided, and the states after them.
+/// The rounds of a game: the state before, the decisions, and the state after.
 fn rounds(game: &Played) -> impl Iterator<Item = (&State, &[Decision], &State)> {
     let before = std::iter::once(&game.layout).chain(game.rounds.iter().map(|round| &round.after));
     before.zip(&game.rounds).map(|(before, round)| (before, &*round.decisions, &round.after))
 }
 
-/// Components, separation and crowding of a state, looking at all pairs.
+/// Components, separation and crowding of a state, computed from all pairs.
 fn plain_sight(state: &State, reach: i32) -> (u32, f64, f64) {
     let living: Vec<Pos> = state.agents.iter().filter(|a| a.alive).map(|a| a.at).collect();
     let mut groups: Vec<HashSet<usize>> =

@@ -1,4 +1,4 @@
-//! The embedder `hash-1` against values of an independent program, written from its definition.
+//! The embedder `hash-1`, compared with values of an independent program that follows its definition.
 
 use swarmbench_analysis::Hash1;
 

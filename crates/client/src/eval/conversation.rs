@@ -1,4 +1,4 @@
-//! Seats that are played by a language model: each observation is a question of its own.
+//! Seats played by a language model: each observation is a question of its own.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -14,15 +14,15 @@ use crate::llm::{Answer, Model, Question};
 use swarmbench_protocol::act::{ActRequest, SwarmAct};
 use swarmbench_protocol::observation::Observation;
 
-/// A language model on all seats of a run. Each seat is a conversation for itself: it is shown the server's prompt of its
-/// own observation, which holds what it remembers, and nothing else but the system message of the model.
+/// A language model on all seats of a run. A question contains the server's prompt of one seat's observation, which
+/// holds the memory of that seat, and the system message of the model, but no earlier question.
 pub struct Conversation {
     model: Model,
     names: Arc<Names>,
     judge: Arc<Judge>,
 }
 
-/// The names of games for cassettes, by their episodes.
+/// The names of games for cassettes, by episode.
 struct Names {
     client: Client,
     run: String,
@@ -56,7 +56,7 @@ impl Conversation {
 impl Swarm for Conversation {
     type Error = StopReason;
 
-    // What is in flight is paid for; the allowance lets nothing else begin.
+    // Requests in flight are paid for, and the allowance begins no others.
     const WAITS_WHEN_STOPPED: bool = true;
 
     fn reads_prompts(&self) -> bool {
@@ -76,7 +76,7 @@ impl Swarm for Conversation {
     }
 
     fn waits_for_others(error: &StopReason) -> bool {
-        // What is under way is paid for, and nothing more is asked.
+        // Requests in flight are paid for, and no others begin.
         matches!(
             error,
             StopReason::Requested
@@ -103,11 +103,11 @@ async fn ask(model: &Model, names: &Names, seen: Observation) -> Result<SwarmAct
     let Answer { response, usage, reasoning, failure, .. } = model.answer(&question).await?;
     let act = ActRequest {
         round: sight.round,
-        // An empty one counts as well: the model said nothing.
+        // An empty response counts as well: the model said nothing.
         response: Some(response),
         usage: Some(usage),
         reasoning,
-        // The server reads the others from the text.
+        // The server finds the other failures in the text.
         failure: failure.filter(|failure| failure.is_of_client()),
         ..ActRequest::default()
     };
@@ -115,7 +115,8 @@ async fn ask(model: &Model, names: &Names, seen: Observation) -> Result<SwarmAct
 }
 
 impl Names {
-    /// The name of an episode's game. Games are opened one after another, so now and then the run is looked at again.
+    /// The name of an episode's game. Games are opened one after another, so an unknown episode means that the run is
+    /// read again.
     async fn of(&self, episode: &str) -> Result<String, StopReason> {
         let mut known = self.known.lock().await;
         if let Some(name) = known.get(episode) {
@@ -126,7 +127,7 @@ impl Names {
             let Some(episode) = game.episode else { continue };
             let name = match game.seed {
                 Some(seed) => self.planned.game_name(&game.task, seed),
-                // Its seed is sealed, and nobody else plays this game.
+                // The seed is sealed, and nobody else plays this game.
                 None => episode.clone(),
             };
             known.insert(episode, name);

@@ -1,4 +1,4 @@
-//! An experiment: lists of models, tasks, seeds and settings, as a file has them.
+//! An experiment: lists of models, tasks, seeds and settings, as in its file.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -15,15 +15,15 @@ use crate::llm::Api;
 pub use super::list::{Item, List};
 pub use super::system::SystemMessage;
 
-/// An experiment, from a file or the command line. Everything has a default; the command line overrides the file.
+/// An experiment, from a file or the command line. Every field has a default; the command line overrides the file.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Experiment {
-    /// Its name.
+    /// The name of the experiment.
     pub name: Option<String>,
-    /// Its purpose.
+    /// The purpose of the experiment.
     pub description: Option<String>,
-    /// The tasks; `all` for all five. By default models play all, and built-in players those that they know.
+    /// The tasks; `all` for all five. By default models play all, and built-in players those that they can play.
     pub tasks: Option<List<String>>,
     /// Seeds and ranges of seeds; by default those of the paper.
     pub seeds: Option<List<Seeds>>,
@@ -61,9 +61,9 @@ pub struct Experiment {
     pub models_at_once: Option<u32>,
     /// The token budget.
     pub budget: Option<u64>,
-    /// The share of answers that fail in one way from which on a run stops; 1 for never.
+    /// The share of answers failing in one way above which a run stops; 1 for never.
     pub stop_share: Option<f64>,
-    /// What tokens cost, for models that name no price.
+    /// The price of tokens, for models that name none.
     pub price: Option<Price>,
     /// The shape of the board.
     pub board: Option<Shape>,
@@ -113,18 +113,18 @@ pub struct Axes {
     #[arg(long, value_delimiter = ',', value_name = "READER")]
     #[serde(deserialize_with = "list")]
     pub answer_reader: Vec<String>,
-    /// Of models alone.
+    /// The sampling temperature of models.
     #[arg(skip)]
     #[serde(deserialize_with = "list")]
     pub temperature: Vec<f64>,
-    /// Of models alone.
+    /// The nucleus of sampling of models.
     #[arg(skip)]
     #[serde(deserialize_with = "list")]
     pub top_p: Vec<f64>,
 }
 
 impl Axes {
-    /// These lists, with those of `base` for axes that have none.
+    /// Fills axes without values from `base`.
     #[must_use]
     pub fn over(self, base: &Self) -> Self {
         let mut all = base.lists();
@@ -132,7 +132,7 @@ impl Axes {
         Self::deserialize(json!(all)).expect("these are lists of axes")
     }
 
-    /// The lists that are not empty, by the names of their axes.
+    /// The lists that are not empty, by axis.
     #[must_use]
     pub fn lists(&self) -> BTreeMap<String, Vec<Value>> {
         let mut lists: BTreeMap<_, Vec<Value>> =
@@ -143,7 +143,7 @@ impl Axes {
 }
 
 impl Experiment {
-    /// The experiment with the options of the command line: they override its file, also groups of settings. Options that
+    /// The experiment overridden by options of the command line, which also override groups of settings. Options that
     /// name players replace all players of the file.
     #[must_use]
     pub fn with(self, said: Self) -> Self {
@@ -179,7 +179,7 @@ impl Experiment {
     }
 }
 
-/// The shape of the board that is shown.
+/// The shape of the printed board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Shape {
@@ -196,9 +196,9 @@ pub enum Shape {
 pub struct ModelEntry {
     /// The name on boards.
     pub name: String,
-    /// Its name at the endpoint, if that is another.
+    /// The name at the endpoint, if that is another.
     pub model: Option<String>,
-    /// Its endpoint.
+    /// The endpoint.
     pub api_base: Option<String>,
     /// The environment variable with the key of that endpoint.
     pub api_key_env: Option<String>,
@@ -208,32 +208,32 @@ pub struct ModelEntry {
     pub headers: Option<BTreeMap<String, String>>,
     /// Concurrent requests to this model, beside those to other models of the endpoint.
     pub requests: Option<u32>,
-    /// Its temperature, which overrides the settings.
+    /// The temperature, which overrides the settings.
     pub temperature: Option<f64>,
-    /// Its nucleus of sampling, which overrides the settings.
+    /// The nucleus of sampling, which overrides the settings.
     pub top_p: Option<f64>,
     /// The maximum number of tokens of an answer.
     pub max_tokens: Option<u64>,
     /// Further fields of each request.
     pub extra: Option<Map<String, Value>>,
-    /// Its system message.
+    /// The system message.
     pub system: Option<SystemMessage>,
-    /// What its tokens cost.
+    /// The price of its tokens.
     pub price: Option<Price>,
 }
 
-/// What tokens cost, in any currency.
+/// A price of tokens, in any currency.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Price {
-    /// Of a million tokens of prompts.
+    /// The price of a million tokens of prompts.
     pub input: f64,
-    /// Of a million tokens of answers.
+    /// The price of a million tokens of answers.
     pub output: f64,
 }
 
 impl Price {
-    /// What these tokens cost.
+    /// The cost of these tokens.
     #[must_use]
     pub fn of(&self, prompt_tokens: u64, completion_tokens: u64) -> f64 {
         #[expect(clippy::cast_precision_loss, reason = "prices are rounded anyway")]
@@ -241,7 +241,7 @@ impl Price {
         cost(prompt_tokens, self.input) + cost(completion_tokens, self.output)
     }
 
-    /// Whether both are numbers of at least 0.
+    /// Whether both prices are finite and at least 0.
     #[must_use]
     pub fn is_sane(&self) -> bool {
         [self.input, self.output].iter().all(|price| price.is_finite() && *price >= 0.0)
@@ -262,7 +262,7 @@ impl FromStr for Price {
 }
 
 impl ModelEntry {
-    /// A model that has the same name on boards and at the endpoint.
+    /// A model with the same name on boards and at the endpoint.
     #[must_use]
     pub fn named(name: &str) -> Self {
         Self { name: name.to_owned(), ..Self::default() }
@@ -273,7 +273,7 @@ fn list<'de, D: Deserializer<'de>, T: Item>(deserializer: D) -> Result<Vec<T>, D
     List::deserialize(deserializer).map(|List(values)| values)
 }
 
-/// A range of seeds.
+/// A range of seeds, both ends included.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Seeds {
     /// The first.
@@ -329,7 +329,7 @@ impl Item for Seeds {
     }
 }
 
-/// Columns and rows of a map.
+/// The size of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MapSize {
     /// Columns.

@@ -1,5 +1,5 @@
-//! Whether a model's answers are worth asking for more: where most of them fail in one way, a setting is wrong, and every
-//! further question is paid for nothing.
+//! Stops a run whose model mostly fails in one way: then a setting is wrong, and further questions are paid for in
+//! vain.
 
 use std::sync::{Mutex, MutexGuard};
 
@@ -8,17 +8,17 @@ use crate::llm::completion::one_line;
 use swarmbench_protocol::act::{Receipt, SwarmAct};
 use swarmbench_protocol::failure::{Failure, Failures};
 
-/// The share of answers that fail in one way from which on an evaluation stops: more than half.
+/// The default share of answers failing in one way above which an evaluation stops.
 pub const STOP_SHARE: f64 = 0.5;
 
-/// Answers of a run in this call before it is judged: eight rounds of twelve agents.
+/// Minimum number of answers, in this call, before a run is judged: eight rounds of twelve agents.
 pub const ANSWERS_MIN: u64 = 96;
 
-/// Judges the answers of a run.
+/// A judge of the answers of a run.
 #[derive(Debug)]
 pub struct Judge {
     model: String,
-    /// It stops when more than this share of answers fails in one way; never with 1.
+    /// The share of answers failing in one way above which the run stops; never with 1.
     share: f64,
     state: Mutex<State>,
 }
@@ -27,12 +27,12 @@ pub struct Judge {
 struct State {
     answers: u64,
     failures: Failures,
-    /// The last answer that failed: in which way, and what it said.
+    /// The text of the last failed answer, by kind of failure.
     last: [String; Failure::ALL.len()],
 }
 
 impl Judge {
-    /// No answers were given yet.
+    /// Creates a judge without answers.
     #[must_use]
     pub fn new(model: &str, share: f64) -> Self {
         Self { model: model.to_owned(), share, state: Mutex::default() }
@@ -78,7 +78,7 @@ impl Judge {
     }
 }
 
-/// What to change where answers fail in this way.
+/// Advice on what to change if answers fail in this way.
 #[must_use]
 pub const fn advice(kind: Failure) -> &'static str {
     match kind {

@@ -16,18 +16,18 @@ impl<T> From<Vec<T>> for List<T> {
     }
 }
 
-/// A value of a list: it is made of those kinds of values whose functions are overridden.
+/// A value of a list. An implementation overrides the functions of the kinds of values that it accepts.
 pub trait Item: Sized {
-    /// What a list is made of, for errors.
+    /// A description of the value, for errors at the list.
     const WHAT: &'static str;
 
-    /// What is expected of one value, for errors.
+    /// A description of the value inside a list, for errors.
     const EXPECTED: &'static str = Self::WHAT;
 
-    /// Makes one of an integer.
+    /// Converts an integer.
     ///
     /// # Errors
-    /// Of these four functions: if the value cannot be used.
+    /// If the value cannot be used; the same for the three functions below.
     fn integer<E: Error>(value: i128) -> Result<Self, E> {
         let found = format!("integer `{value}`");
         Err(E::invalid_type(Unexpected::Other(&found), &Self::EXPECTED))
@@ -85,7 +85,7 @@ impl<'de, T: Item> Deserialize<'de> for List<T> {
     }
 }
 
-/// Reads a list, or one value of it.
+/// Reads a list, or a single value of one.
 struct Reader<T> {
     is_inside: bool,
     item: PhantomData<T>,

@@ -1,11 +1,11 @@
-//! Evaluations: who plays what, as runs on a server, and the results.
+//! Evaluations: players and games as runs on a server, and their results.
 //!
-//! An [`experiment`] is a file or a command line: lists of models, tasks, seeds and settings that multiply. Its [`plan`]
-//! is a list of runs, each of one player with one combination of settings, and each with an identity. [`conduct`] plays
-//! one of them: it resumes the run of that identity or creates it. [`lanes`] plays all, those of different endpoints side
-//! by side. An [`entry`] is an entrant whose attempts in a competition are played in the same way. What stops this
-//! early is a [`stop_reason::StopReason`], answers that mostly fail in one way among them ([`judge`]). A [`report`]
-//! shows what the server then says, and [`verify`] replays all journals.
+//! An [`experiment`] is a file or a command line: lists of models, tasks, seeds and settings that multiply. Its
+//! [`plan`] is a list of runs, each of one player with one combination of settings, and each with an identity.
+//! [`conduct`] plays one run: it resumes the run of that identity or creates it. [`lanes`] plays all runs, those of
+//! different endpoints side by side. An [`entry`] is an entrant whose attempts in a competition are played in the
+//! same way. A [`stop_reason::StopReason`] ends an evaluation early, for example if most answers fail in one way
+//! ([`judge`]). A [`report`] shows the results of the server, and [`verify`] replays all journals.
 
 pub mod conduct;
 pub mod conversation;

@@ -6,16 +6,16 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use swarmbench_engine::TaskName;
 
-/// Bytes of a system message, of all tasks together: it is kept in the `agent_meta` of a run, which has 16 KiB.
+/// Bytes of a system message, all tasks together: it is stored in the `agent_meta` of a run, which has 16 KiB.
 pub const SYSTEM_BYTES_MAX: usize = 8 * 1024;
 
 /// A system message for all tasks, or one for each.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(untagged, expecting = "`system` is a text, or a table with a text for each task")]
 pub enum SystemMessage {
-    /// For all tasks.
+    /// A text for all tasks.
     Text(String),
-    /// By the names of tasks; the others have none.
+    /// Texts by task; other tasks have none.
     ByTask(BTreeMap<String, String>),
 }
 
@@ -39,7 +39,7 @@ impl SystemMessage {
         }
     }
 
-    /// What of it concerns these tasks; `None` if nothing does.
+    /// The part for these tasks; `None` if they have no text.
     pub(super) fn of_tasks(&self, tasks: &[TaskName]) -> Option<Self> {
         let Self::ByTask(_) = self else { return Some(self.clone()) };
         let text =
@@ -50,13 +50,13 @@ impl SystemMessage {
         Some(if is_one { Self::Text(first) } else { Self::ByTask(texts) })
     }
 
-    /// As `agent_meta` has it.
+    /// The JSON that is stored in `agent_meta`.
     #[must_use]
     pub fn json(&self) -> Value {
         json!(self)
     }
 
-    /// What is wrong with it.
+    /// Faults of the message, for people.
     pub(super) fn problems(&self) -> Vec<String> {
         let mut found = Vec::new();
         let (names, texts): (Vec<&str>, Vec<&str>) = match self {

@@ -15,33 +15,33 @@ use swarmbench_protocol::suite::Game;
 /// Concurrent downloads of journals.
 const AT_ONCE: usize = 4;
 
-/// What was verified.
+/// The extent of a verification.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Verified {
-    /// Games.
+    /// Verified games.
     pub games: u64,
     /// Replayed rounds.
     pub rounds: u64,
 }
 
-/// Why a run is not verified.
+/// A reason why a run is not verified.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
     /// A request failed.
     #[error(transparent)]
     Client(#[from] ClientError),
-    /// It is another run than was planned, or its numbers do not follow from its journals.
+    /// The run differs from the plan, or its numbers do not follow from its journals.
     #[error("{run}: {problem}")]
     Wrong {
         /// The run.
         run: String,
-        /// What is wrong.
+        /// The fault.
         problem: String,
     },
 }
 
-/// Replays all journals of a run, and checks every hash, digest, act and score, that the games have the planned
-/// settings, and that the means follow from them. `progress` is called after each game.
+/// Replays all journals of a run: checks every hash, digest, act and score, that the games have the planned settings,
+/// and that the means follow from them. Calls `progress` after each game.
 ///
 /// # Errors
 /// The first fault.
@@ -103,7 +103,7 @@ impl From<ClientError> for GameFault {
     }
 }
 
-/// Replays one game: its task, score, and number of rounds.
+/// Replays one game; returns its task, score, and number of rounds.
 async fn check(
     client: &Client,
     planned: &Planned,

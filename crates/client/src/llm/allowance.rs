@@ -1,4 +1,4 @@
-//! The limits of one evaluation: requests at once at each endpoint, and tokens over all.
+//! The limits of one evaluation: concurrent requests at each endpoint, and tokens of all.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -21,12 +21,12 @@ struct Inner {
     budget: Option<u64>,
     spent: AtomicU64,
     interruption: CancellationToken,
-    /// By server.
+    /// Permits by server.
     turns: Mutex<BTreeMap<String, Arc<Semaphore>>>,
     gates: Mutex<BTreeMap<Place, Arc<Gate>>>,
 }
 
-/// The place of a gate: an address, a model, and the limit that the model has for itself.
+/// The key of a gate: an address, a model, and the model's own limit.
 type Place = (String, String, Option<usize>);
 
 /// Permits for requests to one endpoint, first come, first served; none for a model with a limit of its own.
@@ -51,15 +51,15 @@ impl std::fmt::Debug for Allowance {
 }
 
 impl Allowance {
-    /// At most `at_once` requests in flight at each endpoint (at least one), and at most `budget` tokens of prompts and
+    /// Allows `at_once` requests in flight at each endpoint (at least one), and `budget` tokens of prompts and
     /// answers in all.
     #[must_use]
     pub fn new(at_once: usize, budget: Option<u64>, clock: Arc<dyn Clock>) -> Self {
         Self::interrupted_by(CancellationToken::new(), at_once, budget, clock)
     }
 
-    /// An allowance with which no request begins after an interruption: questions that are not in flight by then end
-    /// with [`Stop::Interrupted`].
+    /// Creates an allowance that begins no request after an interruption: questions that are not in flight by then
+    /// end with [`Stop::Interrupted`].
     #[must_use]
     pub fn interrupted_by(
         interruption: CancellationToken,
@@ -78,8 +78,7 @@ impl Allowance {
         }))
     }
 
-    /// Tokens that were spent so far. If an endpoint reports no usage, four bytes of prompt and answer count as a
-    /// token.
+    /// Tokens spent so far. If an endpoint reports no usage, four bytes of prompt and answer count as a token.
     #[must_use]
     pub fn spent(&self) -> u64 {
         self.0.spent.load(Ordering::Relaxed)
@@ -95,7 +94,7 @@ impl Allowance {
         &self.0.clock
     }
 
-    /// The gate before a model at an endpoint; models that differ in how they are asked share it.
+    /// The gate of a model at an endpoint. Models that differ only in how they are asked share it.
     pub(super) fn gate(&self, url: &str, model: &str, own: Option<usize>) -> Arc<Gate> {
         let mut gates = self.0.gates.lock().expect("nothing panics while it holds this");
         let most = own.map_or(self.0.at_once, |own| own.clamp(1, Semaphore::MAX_PERMITS));
@@ -118,7 +117,7 @@ impl Allowance {
         self.0.interruption.cancelled()
     }
 
-    /// Whether another request may begin.
+    /// Checks that the budget allows another request.
     pub(super) fn check(&self) -> Result<(), Stop> {
         match self.0.budget {
             Some(budget) if self.spent() >= budget => {

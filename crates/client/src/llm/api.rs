@@ -1,5 +1,5 @@
-//! The interfaces of endpoints, and what differs between them: the path, the headers and the fields of a request, and the
-//! shape of an answer.
+//! The interfaces of endpoints, which differ in the path, the headers and the fields of a request, and in the shape
+//! of an answer.
 
 use std::borrow::Cow;
 
@@ -28,7 +28,7 @@ impl Api {
         }
     }
 
-    /// The name of a good answer.
+    /// The name of a successful answer.
     pub(super) const fn answer(self) -> &'static str {
         match self {
             Self::OpenAi => "chat completion",
@@ -36,7 +36,7 @@ impl Api {
         }
     }
 
-    /// The header that has the key, and what comes before the key in it.
+    /// The header for the key, and the prefix of its value.
     pub(super) const fn key_header(self) -> (HeaderName, &'static str) {
         match self {
             Self::OpenAi => (AUTHORIZATION, "Bearer "),
@@ -44,7 +44,7 @@ impl Api {
         }
     }
 
-    /// A header that each request has.
+    /// A header of each request.
     pub(super) const fn version_header(self) -> Option<(&'static str, &'static str)> {
         match self {
             Self::OpenAi => None,
@@ -69,7 +69,7 @@ impl Api {
         fields
     }
 
-    /// The body of an answer as a chat completion; `None` if it is something else.
+    /// Converts the body of an answer to a chat completion; `None` if it is something else.
     pub(super) fn completion(self, body: &Value) -> Option<Cow<'_, Value>> {
         match self {
             Self::OpenAi => Some(Cow::Borrowed(body)),
@@ -78,7 +78,7 @@ impl Api {
     }
 }
 
-/// A message of Anthropic as a chat completion.
+/// Converts a message of Anthropic to a chat completion.
 fn completion_of_message(message: &Value) -> Option<Value> {
     let content = message.get("content")?.as_array()?;
     let calls: Vec<Value> = (content.iter())
@@ -99,7 +99,7 @@ fn completion_of_message(message: &Value) -> Option<Value> {
         other => other,
     };
     let usage = &message["usage"];
-    // What was read from a cache or written into it is counted apart.
+    // Tokens read from a cache or written into it are counted separately.
     let read = ["input_tokens", "cache_creation_input_tokens", "cache_read_input_tokens"];
     let counts: Vec<u64> = read.iter().filter_map(|name| usage[*name].as_u64()).collect();
     let read =

@@ -1,13 +1,13 @@
-//! Answers in a file: a recorded conversation is replayed without the endpoint, and an interrupted run pays for no
+//! Files of answers: a recorded conversation is replayed without the endpoint, and an interrupted run pays for no
 //! answer twice.
 //!
-//! A cassette is a text file of JSON lines. The first says what it is. A *voice* is a model, given by the body of
-//! its requests but for the messages; one file holds as many as an experiment has. All other lines are answers: whose
-//! voice, which game, agent and round, the SHA-256 of the prompt and of the system message, and the answer. No key, no address and no
-//! prompt is in it.
+//! A cassette is a text file of JSON lines. The first line names the format. A *voice* is a model, identified by the
+//! body of its requests without the messages; one file holds as many as an experiment has. Every other line is an
+//! answer: its voice, game, agent and round, the SHA-256 of the prompt and of the system message, and the answer. The
+//! file contains no key, no address and no prompt.
 //!
-//! An answer is found by all of these, the prompt included: where a game takes another way than it was recorded, nothing
-//! is made up.
+//! All of these, the prompt included, identify an answer: if a game diverges from the recording, no answer is found,
+//! and none is made up.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::io;
@@ -49,9 +49,9 @@ struct Tape {
 struct Index {
     models: Vec<Map<String, Value>>,
     games: BTreeSet<(usize, String)>,
-    /// Rounds of agents, whatever they were asked.
+    /// Hashes of voice, game, agent and round, whatever the prompt was.
     places: HashSet<Hash>,
-    /// Where the lines of answers are.
+    /// The positions of answers by their keys.
     answers: HashMap<Hash, Place>,
 }
 
@@ -73,7 +73,7 @@ struct AnswerLine {
     round: u32,
     /// SHA-256 of the prompt.
     prompt: String,
-    /// SHA-256 of the system message, if there was one.
+    /// SHA-256 of the system message, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     system: Option<String>,
     answer: Answer,
@@ -90,7 +90,7 @@ impl Cassette {
     /// Opens or creates a cassette for recording, by one process at a time.
     ///
     /// # Errors
-    /// [`Stop::Cassette`] where it cannot be written, is no cassette, or is in use.
+    /// [`Stop::Cassette`] if the file cannot be written, is no cassette, or is in use.
     pub fn record(path: &Path) -> Result<Self, Stop> {
         Self::open(path, true)
     }
@@ -98,7 +98,7 @@ impl Cassette {
     /// Opens a cassette for replay: no endpoint is ever asked.
     ///
     /// # Errors
-    /// [`Stop::Cassette`] where it cannot be read or is no cassette.
+    /// [`Stop::Cassette`] if the file cannot be read or is no cassette.
     pub fn replay(path: &Path) -> Result<Self, Stop> {
         Self::open(path, false)
     }
@@ -118,19 +118,19 @@ impl Cassette {
         &self.0.path
     }
 
-    /// Whether it only replays.
+    /// Whether the cassette only replays.
     #[must_use]
     pub fn is_replay(&self) -> bool {
         !self.0.is_recording
     }
 
-    /// How many answers it has.
+    /// The number of answers.
     #[must_use]
     pub fn answers(&self) -> usize {
         self.0.tape().index.answers.len()
     }
 
-    /// The recorded model with this request body; it is added where it is new.
+    /// The recorded model with this request body. A recording cassette adds an unknown one.
     pub(super) fn model(&self, body: &Map<String, Value>) -> Result<RecordedModel, Stop> {
         let mut tape = self.0.tape();
         let known = tape.index.models.iter().position(|known| known == body);
@@ -163,13 +163,13 @@ impl Inner {
 #[derive(Clone, Debug)]
 pub(super) struct RecordedModel {
     cassette: Cassette,
-    /// `None` if the cassette has no answers of this model, and does not record.
+    /// `None` if a replayed cassette has no answers of this model.
     number: Option<usize>,
     body: Map<String, Value>,
 }
 
 impl RecordedModel {
-    /// The answer to a question; `None` if the endpoint may be asked.
+    /// The recorded answer to a question; `None` if the endpoint may be asked.
     pub(super) fn find(&self, question: &Question) -> Result<Option<Answer>, Stop> {
         let Cassette(inner) = &self.cassette;
         let mut tape = inner.tape();
@@ -187,7 +187,6 @@ impl RecordedModel {
         }
     }
 
-    /// Records an answer.
     pub(super) fn record(&self, question: &Question, answer: &Answer) -> Result<(), Stop> {
         let Cassette(inner) = &self.cassette;
         let Some(voice) = self.number else { return Ok(()) };
@@ -241,7 +240,7 @@ impl Tape {
 }
 
 impl Index {
-    /// Notes a line.
+    /// Indexes a line.
     fn take(&mut self, place: Place, text: &[u8]) -> Result<(), &'static str> {
         match serde_json::from_slice(text) {
             Ok(Line::Model(line)) if line.voice == self.models.len() => self.models.push(line.body),
@@ -261,7 +260,7 @@ impl Index {
     }
 }
 
-/// What an answer is found by; a prompt without a system message is found as ever.
+/// The key of an answer. Without a system message it is that of older cassettes.
 fn key(
     voice: usize,
     game: &str,

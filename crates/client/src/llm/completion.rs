@@ -1,7 +1,7 @@
 //! Parses the body of an endpoint: an answer, or an error.
 //!
-//! Endpoints that call themselves compatible differ in much, so this reads with good will: a content may be a text, a
-//! list of parts or missing; errors come in half a dozen shapes; some come with status 200.
+//! Endpoints that call themselves compatible differ widely, so the parser is lenient: a content may be a text, a list
+//! of parts or missing; errors come in half a dozen shapes, some with status 200.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -9,8 +9,8 @@ use serde_json::Value;
 use swarmbench_protocol::act::Usage;
 pub use swarmbench_protocol::failure::Failure;
 
-/// Bytes of a response in JSON; longer ones are cut. With [`REASONING_BYTES_MAX`] it is far less than an act may
-/// have, and the journal has room for as much in every act of an episode of usual size: 12 agents, 100 rounds.
+/// Bytes of a response in JSON; longer ones are cut. With [`REASONING_BYTES_MAX`] an act stays far below its limit,
+/// and the journal has room for such acts in all rounds of an episode of usual size: 12 agents, 100 rounds.
 pub const RESPONSE_BYTES_MAX: usize = 32 * 1024;
 
 /// Bytes of reasoning in JSON; longer ones are cut.
@@ -25,18 +25,19 @@ const SAID_CHARS_MAX: usize = 300;
 /// The answer of a model to a question.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
-    /// The text of the answer, for the `response` of an act; empty where there was none. It is as the model wrote it,
-    /// `<think>` and all: what counts in it is for the rules to say. A response longer than [`RESPONSE_BYTES_MAX`] is
-    /// cut at its beginning, as the last marker counts.
+    /// The text of the answer, for the `response` of an act; empty if there was none. It is the model's own text,
+    /// `<think>` included: the rules say what counts in it. A response longer than [`RESPONSE_BYTES_MAX`] is cut at
+    /// its beginning, as the last marker counts.
     pub response: String,
     /// The tokens that the endpoint reported, and the duration of the successful request.
     #[serde(default)]
     pub usage: Usage,
-    /// The reasoning, if the endpoint separates it, and the words of a refusal. Cut at its end after
+    /// The reasoning, if the endpoint separates it, and the text of a refusal. Cut at its end after
     /// [`REASONING_BYTES_MAX`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reasoning: Option<String>,
-    /// Why the model gave no answer, or a cut one. The act is sent all the same: the server decides whether it counts.
+    /// The reason why the model gave no answer, or a cut one. The act is sent all the same: the server decides
+    /// whether it counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<Failure>,
     /// Retries before this answer.
@@ -52,21 +53,21 @@ pub(super) struct Completion {
 }
 
 impl Completion {
-    /// Whether the endpoint rejected the question, and nothing was answered.
+    /// Whether the endpoint rejected the question without an answer.
     pub(super) fn is_rejected(&self) -> bool {
         self.answer.failure == Some(Failure::Rejected)
     }
 }
 
-/// Reads JSON. A model that stops in the middle of a character leaves half of it, which many endpoints hand on and no JSON
-/// may have; what is whole is read all the same, as the model would say it again and again.
+/// Parses JSON. A model that stops in the middle of a character leaves half of it, which many endpoints pass on
+/// although it is no valid JSON. The rest is read all the same: a retry would give the same text.
 pub(super) fn parse(body: &[u8]) -> Option<Value> {
     let body = body.strip_prefix(b"\xef\xbb\xbf").unwrap_or(body);
     let mended = || serde_json::from_str(&whole_characters(&String::from_utf8_lossy(body)));
     serde_json::from_slice(body).or_else(|_| mended()).ok()
 }
 
-/// A JSON text with U+FFFD in place of escaped surrogates that are no pair.
+/// Replaces escaped unpaired surrogates in a JSON text with U+FFFD.
 fn whole_characters(json: &str) -> String {
     let unit = |escape: &str| {
         let digits = escape.strip_prefix("\\u")?.get(..4)?;
@@ -80,7 +81,7 @@ fn whole_characters(json: &str) -> String {
         let (replacement, taken) = match (unit(escape), escape.get(6..).and_then(unit)) {
             (Some(0xD800..=0xDBFF), Some(0xDC00..=0xDFFF)) => (&escape[..12], 12),
             (Some(0xD800..=0xDFFF), _) => ("\u{FFFD}", 6),
-            // With the character after it, which may be another backslash.
+            // The next character belongs to the escape: it may be another backslash.
             _ => {
                 let taken = 1 + escape.chars().nth(1).map_or(0, char::len_utf8);
                 (&escape[..taken], taken)
@@ -100,7 +101,7 @@ pub(super) fn read(body: &Value) -> Option<Completion> {
     let message = &choice["message"];
     let mut parts = Parts::default();
     parts.read(&message["content"]);
-    // Of the old interface, which some still speak.
+    // The old completions interface, which some endpoints still speak.
     parts.read(&choice["text"]);
     let Parts { text, mut thoughts, mut refusal } = parts;
     for field in ["reasoning_content", "reasoning", "thinking"] {
@@ -126,7 +127,7 @@ pub(super) fn read(body: &Value) -> Option<Completion> {
         _ if is_blank => Some(Failure::Empty),
         _ => None,
     };
-    // The words of a refusal are no answer, whatever is in them: they go where nothing is read from.
+    // A refusal goes into the reasoning, which is never parsed for an action: it is no answer, whatever it contains.
     if !refusal.trim().is_empty() {
         let between = if thoughts.is_empty() { "" } else { "\n" };
         thoughts = format!("{thoughts}{between}[refusal] {refusal}");
@@ -137,14 +138,14 @@ pub(super) fn read(body: &Value) -> Option<Completion> {
     Some(Completion { answer, tokens })
 }
 
-/// What a text says outside of `<think>…</think>`, where some endpoints leave the reasoning.
+/// The text outside of `<think>…</think>`, where some endpoints leave the reasoning.
 fn spoken(text: &str) -> &str {
     let text = text.trim();
     let Some(thoughts) = text.strip_prefix("<think>") else { return text };
     thoughts.rsplit_once("</think>").map_or("", |(_, said)| said.trim())
 }
 
-/// Whether the model called a tool, in the present or in the old form.
+/// Whether the model called a tool, in the current form or the old one.
 fn calls_tool(message: &Value, finish: &str) -> bool {
     ["tool_calls", "function_call"].contains(&finish)
         || message["tool_calls"].as_array().is_some_and(|calls| !calls.is_empty())
@@ -194,7 +195,7 @@ fn usage(usage: &Value) -> (Usage, Option<u64>) {
     let prompt_tokens = number(["prompt_tokens", "input_tokens"]);
     let completion_tokens = number(["completion_tokens", "output_tokens"]);
     let sum = prompt_tokens.unwrap_or(0) + completion_tokens.unwrap_or(0);
-    // Some count thoughts in the total alone.
+    // Some endpoints count reasoning in the total only.
     let total = sane(&usage["total_tokens"]).unwrap_or(0).max(sum);
     let usage = Usage { prompt_tokens, completion_tokens, latency_ms: None };
     (usage, Some(total).filter(|total| *total > 0))
@@ -203,17 +204,17 @@ fn usage(usage: &Value) -> (Usage, Option<u64>) {
 /// An endpoint's refusal.
 #[derive(Debug, Default)]
 pub(super) struct Refusal {
-    /// Its text, unchanged: the key has to be removed before it is shown.
+    /// The unchanged text: the key must be removed before it is shown.
     pub(super) said: String,
-    /// What programs are to know it by: the values of `code` and `type`.
+    /// The values of `code`, `type` and `status`, for programs.
     pub(super) names: Vec<String>,
-    /// The status that it gives itself, where it came with another.
+    /// The status in the body, which may differ from that of the response.
     pub(super) status: Option<u16>,
     /// Whether a filter took offence at the question.
     pub(super) is_filtered: bool,
 }
 
-/// Reads a body that came with a status of failure, and is what it may be.
+/// Parses the body of a failed request, which may be anything.
 pub(super) fn refusal(body: &[u8]) -> Refusal {
     match serde_json::from_slice::<Value>(body) {
         Ok(value) => error_of(&value)
@@ -228,7 +229,7 @@ pub(super) fn refusal(body: &[u8]) -> Refusal {
 pub(super) fn error_of(body: &Value) -> Option<Refusal> {
     let body = body.as_array().and_then(|list| list.first()).unwrap_or(body);
     let error = match &body["error"] {
-        // A router reports an error of its upstream in the choice.
+        // A router reports an error of its upstream inside the choice.
         Value::Null => match &body["choices"][0]["error"] {
             Value::Null if body.get("choices").is_none() => body,
             Value::Null => return None,
@@ -271,7 +272,6 @@ pub(crate) fn one_line(text: &str) -> String {
 }
 
 impl Answer {
-    /// Cuts a response or reasoning that is too long for an act.
     pub(super) fn bounded(mut self) -> Self {
         self.shorten(RESPONSE_BYTES_MAX, REASONING_BYTES_MAX);
         self
@@ -282,7 +282,7 @@ impl Answer {
     pub fn shorten(&mut self, response_bytes: usize, reasoning_bytes: usize) {
         if let Some(left_out) = to_leave_out(self.response.chars().rev(), response_bytes) {
             let end = self.response.split_off(left_out);
-            // What follows this sign on its line is no marker, as the line may have begun with something else.
+            // Text after this sign on the same line is no marker, as the cut line may have begun with something else.
             self.response = format!("[… {left_out} bytes left out] {end}");
         }
         if let Some(reasoning) = &mut self.reasoning
@@ -295,9 +295,9 @@ impl Answer {
     }
 }
 
-/// How many bytes of a text do not fit; `None` if all fit.
+/// Bytes of a text that do not fit; `None` if all fit.
 fn to_leave_out(text: impl Iterator<Item = char>, most: usize) -> Option<usize> {
-    /// What is said in place of the rest.
+    /// Bytes of the note in place of the rest.
     const NOTE_BYTES: usize = 48;
     let (mut written, mut left_out) = (0, 0);
     let (mut fits, mut too_long) = (true, false);
@@ -312,7 +312,7 @@ fn to_leave_out(text: impl Iterator<Item = char>, most: usize) -> Option<usize> 
     too_long.then_some(left_out)
 }
 
-/// How many bytes JSON takes for a character.
+/// Bytes of a character in JSON.
 const fn written_bytes(c: char) -> usize {
     match c {
         '"' | '\\' | '\n' | '\r' | '\t' | '\u{8}' | '\u{c}' => 2,

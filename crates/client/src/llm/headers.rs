@@ -6,30 +6,30 @@ use reqwest::header::{HeaderMap, HeaderName, HeaderValue};
 
 use super::key::ApiKey;
 
-/// Headers of one model at most.
+/// Headers of one model.
 const HEADERS_MAX: usize = 32;
 
-/// Headers that follow from the request itself.
+/// Headers that HTTP sets for each request.
 const OWN: [&str; 6] =
     ["connection", "content-length", "content-type", "host", "te", "transfer-encoding"];
 
-/// Parts of names of headers that hold secrets.
+/// Parts of names of headers that must hold a secret.
 const SECRET: [&str; 6] = ["auth", "cookie", "key", "password", "secret", "token"];
 
 /// Further headers of each request. `Debug` shows none of their secrets.
 #[derive(Clone, Debug, Default)]
 pub struct Headers {
     values: HeaderMap,
-    /// The environment variables in them.
+    /// The environment variables in the values.
     secrets: Vec<ApiKey>,
 }
 
 impl Headers {
-    /// Headers by their names. In a value, `$NAME` and `${NAME}` stand for an environment variable, which is a secret, and
-    /// `$$` for a dollar sign. `lookup` knows the variables.
+    /// Parses headers by their names. In a value, `$NAME` and `${NAME}` stand for an environment variable, which is a
+    /// secret, and `$$` for a dollar sign. `lookup` reads a variable.
     ///
     /// # Errors
-    /// What is wrong with a header, and what to do.
+    /// A fault of a header, and how to fix it.
     pub fn parse(
         texts: &BTreeMap<String, String>,
         lookup: impl Fn(&str) -> Option<String>,
@@ -69,7 +69,7 @@ impl Headers {
         Ok(headers)
     }
 
-    /// A value with its variables.
+    /// Replaces the variables in a value.
     fn filled_in(
         &mut self,
         header: &HeaderName,
@@ -112,7 +112,7 @@ impl Headers {
         Ok(value)
     }
 
-    /// Whether a secret is in them.
+    /// Whether any header holds a secret.
     #[must_use]
     pub fn has_secret(&self) -> bool {
         !self.secrets.is_empty()

@@ -6,15 +6,15 @@ use secrecy::{ExposeSecret, SecretString};
 /// Replaces the key in texts.
 const PLACEHOLDER: &str = "[key]";
 
-/// A key of this length cannot be in an answer by chance, so it is removed from answers, too. Local endpoints often
-/// have keys such as `EMPTY`, which a model may well say.
+/// Minimum bytes of a key that is removed from answers: such a key cannot be there by chance. Local endpoints often
+/// have short keys such as `EMPTY`, which a model may well say.
 const SECRET_BYTES_MIN: usize = 16;
 
-/// It has characters that no key has.
+/// A key with characters that no header may have.
 #[derive(Debug)]
 pub(super) struct NoKey;
 
-/// A key, and where it came from. `Debug` does not show the key.
+/// A key and the variable that it came from. `Debug` does not show the key.
 #[derive(Clone, Debug)]
 pub struct ApiKey {
     variable: String,
@@ -23,8 +23,8 @@ pub struct ApiKey {
 }
 
 impl ApiKey {
-    /// The key in an environment variable; `value` is `None` if the variable is not set. White space around the key is
-    /// removed, and an empty value is no key: local endpoints mostly need none.
+    /// The key in an environment variable; `value` is `None` if the variable is not set. White space around the key
+    /// is removed, and an empty value is no key: most local endpoints need none.
     #[must_use]
     pub fn new(variable: impl Into<String>, value: Option<String>) -> Self {
         let is_set = value.is_some();
@@ -32,7 +32,7 @@ impl ApiKey {
         Self { variable: variable.into(), is_set, secret: key.map(SecretString::from) }
     }
 
-    /// The environment variable that it came from.
+    /// The environment variable of the key.
     #[must_use]
     pub fn variable(&self) -> &str {
         &self.variable
@@ -44,13 +44,12 @@ impl ApiKey {
         self.secret.is_some()
     }
 
-    /// The key itself.
     pub(super) fn text(&self) -> Option<&str> {
         self.secret.as_ref().map(ExposeSecret::expose_secret)
     }
 
-    /// The header with the key after `prefix`. A key must be ASCII: endpoints decode and quote other characters in ways in which the
-    /// key could not be recognized and removed.
+    /// The header with the key after `prefix`. A key must be ASCII: endpoints decode and quote other characters in
+    /// ways that would keep the key from being recognized and removed.
     pub(super) fn header(&self, prefix: &str) -> Option<Result<HeaderValue, NoKey>> {
         let secret = self.text()?;
         let value = secret.is_ascii().then(|| HeaderValue::try_from(format!("{prefix}{secret}")));
@@ -59,7 +58,7 @@ impl ApiKey {
         Some(Ok(header))
     }
 
-    /// Its state, as the beginning of a sentence.
+    /// The state of the key, as the beginning of a sentence.
     pub(super) fn state(&self) -> String {
         let variable = &self.variable;
         match (&self.secret, self.is_set) {
@@ -77,7 +76,7 @@ impl ApiKey {
         }
     }
 
-    /// The words of a model without the key, which an endpoint may have shown to it.
+    /// An answer without the key, which an endpoint may have shown to the model. Short keys stay.
     pub(super) fn redacted_answer(&self, text: String) -> String {
         match &self.secret {
             Some(secret)
@@ -90,7 +89,6 @@ impl ApiKey {
         }
     }
 
-    /// Whether a text contains the key.
     pub(super) fn is_in(&self, text: &str) -> bool {
         self.secret.as_ref().is_some_and(|secret| text.contains(secret.expose_secret()))
     }

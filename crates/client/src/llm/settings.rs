@@ -11,7 +11,7 @@ use super::headers::Headers;
 use super::key::ApiKey;
 use super::stop::Stop;
 
-/// A model at an endpoint, how it is asked, and with how much patience.
+/// A model at an endpoint, the parameters of its requests, and the limits of its retries.
 #[derive(Clone, Debug)]
 pub struct Settings {
     /// The name of the model, as the endpoint knows it.
@@ -25,16 +25,16 @@ pub struct Settings {
     pub key: ApiKey,
     /// Further headers of each request.
     pub headers: Headers,
-    /// How many requests to this model may be in flight, beside those to other models of its endpoint; by default all
-    /// models of an endpoint share the number of the allowance.
+    /// Requests to this model in flight, beside those to other models of its endpoint; by default all models of an
+    /// endpoint share the limit of the allowance.
     pub requests: Option<usize>,
-    /// The sampling.
+    /// The sampling parameters.
     pub sampling: Sampling,
     /// Further fields of the request's body, such as `reasoning_effort`.
     pub extra: Map<String, Value>,
-    /// How long one request may take, from its beginning to the last byte of its answer.
+    /// The timeout of one request, from its beginning to the last byte of its answer.
     pub timeout: Duration,
-    /// How many times one question is asked again. Refusals for the endpoint's load count only as long as the endpoint
+    /// The retries of one question. Refusals for the endpoint's load count only as long as the endpoint
     /// answers no other question of the model.
     pub retries: u32,
     /// The longest pause before a question is asked again.
@@ -104,30 +104,29 @@ impl Settings {
         Ok(body)
     }
 
-    /// All that is secret.
+    /// All secrets: the key and those of headers.
     fn secrets(&self) -> impl Iterator<Item = &ApiKey> {
         std::iter::once(&self.key).chain(self.headers.secrets())
     }
 
-    /// What proves who asks: the key, or the first secret of a header.
+    /// The secret that authenticates requests: the key, or the first secret of a header.
     pub(super) fn credential(&self) -> &ApiKey {
         self.secrets().find(|key| key.is_there()).unwrap_or(&self.key)
     }
 
-    /// A text without secrets.
     pub(super) fn redacted(&self, text: &str) -> String {
         self.secrets().fold(text.to_owned(), |text, key| key.redacted(&text))
     }
 
-    /// The words of a model without secrets.
+    /// An answer without secrets.
     pub(super) fn redacted_answer(&self, text: String) -> String {
         self.secrets().fold(text, |text, key| key.redacted_answer(text))
     }
 
-    /// Where questions go.
+    /// The address of requests.
     ///
     /// # Errors
-    /// [`Stop::Settings`] if this is no address, or it contains credentials.
+    /// [`Stop::Settings`] if the base is no address, or contains credentials.
     pub(super) fn url(&self) -> Result<Url, Stop> {
         let wrong = |what: &str| {
             Stop::Settings(format!(

@@ -18,7 +18,7 @@ pub struct Spent {
     pub answers: u64,
     /// Questions that a cassette answered; their tokens are not counted again.
     pub replayed: u64,
-    /// How often a question was asked again.
+    /// Retries of questions.
     pub retries: u64,
     /// Tokens of prompts that the endpoint reported.
     pub prompt_tokens: u64,
@@ -83,7 +83,7 @@ impl Counters {
         *self.get()
     }
 
-    /// A request begins; it is in flight until the guard is dropped.
+    /// Counts a new request, which is in flight until the guard is dropped.
     pub(super) fn request(&self) -> InFlight<'_> {
         let mut spent = self.get();
         spent.requests += 1;
@@ -145,7 +145,7 @@ pub(super) struct InFlight<'a> {
 }
 
 impl InFlight<'_> {
-    /// It was answered, or failed.
+    /// Marks the request as answered or failed, rather than dropped.
     pub(super) fn over(mut self) {
         self.is_over = true;
     }

@@ -8,10 +8,10 @@ use super::{contact::Contacts, force};
 use crate::body::Board;
 use crate::grid::Direction;
 
-/// The condensed contact graph: what both solvers are asked about.
+/// The condensed contact graph: the input of both solvers.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Components {
-    /// The nodes, a node before everything that it points at is not promised.
+    /// The nodes, in no promised order.
     pub nodes: Vec<Node>,
     /// `(v, u)`: node `v` points at node `u`; never a node at itself, and never in a ring.
     pub points_at: Vec<(usize, usize)>,
@@ -22,23 +22,23 @@ pub struct Components {
 /// Bodies that move together or not at all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Node {
-    /// The force that its agents add in the direction of the pass; never negative.
+    /// The force of its agents in the direction of the pass; never negative.
     pub force: i32,
-    /// Its weight: masses, and the pushes against it.
+    /// The weight: masses, and the pushes against the pass.
     pub mass: i32,
-    /// One of its bodies cannot move.
+    /// Whether one of its bodies cannot move.
     pub fixed: bool,
 }
 
 impl Node {
-    /// What it can pass on (positive) or needs from others (negative) in order to move.
+    /// The force that it can pass on (positive) or needs from others (negative) in order to move.
     #[must_use]
     pub const fn balance(self) -> i32 {
         self.force - self.mass
     }
 }
 
-/// Memory for [`Components::condense`], used again by each pass.
+/// Memory for [`Components::condense`], reused by each pass.
 #[derive(Default)]
 pub(crate) struct Scratch {
     graph: DiGraph<(), (), usize>,
@@ -88,7 +88,7 @@ impl Components {
     }
 }
 
-/// Finds the component of every vertex; returns how many there are.
+/// Finds the component of every vertex; returns the number of components.
 fn strongly_connected(
     count: usize,
     edges: &[(usize, usize)],

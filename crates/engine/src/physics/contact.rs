@@ -1,27 +1,26 @@
-//! The contact graph: which body would run into which.
+//! The contact graph: the bodies that each body would run into.
 
 use crate::body::Board;
 use crate::grid::{BodyId, Direction};
 
-/// The bodies that a pass may move, and which of them points at which.
+/// The bodies that a pass may move, and the contacts between them.
 #[derive(Clone, Debug, Default)]
 pub struct Contacts {
-    /// The bodies that some push can reach, in the order in which they were found.
+    /// The bodies that some push can reach, in the order of discovery.
     pub bodies: Vec<BodyId>,
     /// `(v, u)`: shifting body `v` by one cell would make it overlap body `u`; both are places in
     /// [`Contacts::bodies`]. Sorted by `v`.
     pub points_at: Vec<(usize, usize)>,
 }
 
-/// What stands for a body that was not found yet.
+/// Marker for a body that was not found yet.
 const UNSEEN: usize = usize::MAX;
 
 impl Contacts {
-    /// Finds all contacts that matter in a pass. `place` is memory that is used again.
+    /// Finds all contacts that matter in a pass. `place` is reused memory.
     ///
-    /// Every mass is positive, so nothing moves that no pushing agent stands behind: it is enough to
-    /// follow the contacts from the agents that push in `direction`. A fixed body never moves, so what
-    /// it points at does not matter.
+    /// Every mass is positive, so nothing moves without a pushing agent behind it: it is enough to follow the contacts
+    /// from the agents that push in `direction`. A fixed body never moves, so its contacts do not matter.
     pub(crate) fn find(
         &mut self,
         board: &Board,

@@ -1,12 +1,11 @@
-//! Which nodes move, by an exact maximum flow.
+//! The moving nodes, found by an exact maximum flow.
 //!
-//! A node with more force than mass has a *surplus*, one with less a *deficit*; force travels along
-//! contacts. The largest set that can move is what remains when two kinds of nodes are dropped:
+//! A node with more force than mass has a *surplus*, one with less a *deficit*; force travels along contacts. The
+//! largest set that can move is found by dropping two kinds of nodes:
 //!
-//! 1. those that are fixed, or point (through others) at one that is; they are dropped first, as they
-//!    pass no force on;
-//! 2. those from which, once as much force as possible has been routed, an unmet deficit can still
-//!    be reached in the residual graph.
+//! 1. nodes that are fixed, or point (through others) at a fixed one; they are dropped first, as they pass no force on;
+//! 2. nodes from which, once as much force as possible has been routed, an unmet deficit can still be reached in the
+//!    residual graph.
 //!
 //! One maximum flow is enough. Let X be the nodes of the second kind. Whatever points at X is in X, so no node outside
 //! sends force into X; no node of X has surplus left, and none sends force out of X (the receiver could give it back,
@@ -16,7 +15,7 @@
 
 use super::components::Components;
 
-/// The largest set of nodes that can move; by node, true where it moves.
+/// The largest set of nodes that can move: true for each node that moves.
 #[must_use]
 pub fn movers(components: &Components) -> Vec<bool> {
     let mut routing = Routing::default();
@@ -24,7 +23,7 @@ pub fn movers(components: &Components) -> Vec<bool> {
     routing.dropped.iter().map(|dropped| !dropped).collect()
 }
 
-/// The flow while it is being found, with its memory kept for the next.
+/// The search for the flow, with memory that the next one reuses.
 #[derive(Debug, Default)]
 pub(crate) struct Routing {
     edges: Vec<(usize, usize)>,
@@ -33,10 +32,10 @@ pub(crate) struct Routing {
     /// Edges by the node at which they end, and by the node from which they start.
     into: Incidence,
     out_of: Incidence,
-    /// Surplus that is left (positive), or deficit not yet met (negative).
+    /// The remaining surplus (positive) or deficit (negative) of each node.
     balance: Vec<i32>,
     dropped: Vec<bool>,
-    /// The search that last came to each node, and the edge by which force would leave it.
+    /// The last search that visited each node, and the edge by which force would leave it.
     seen_by: Vec<usize>,
     leaves_by: Vec<usize>,
     searches: usize,
@@ -58,7 +57,7 @@ impl Routing {
         }
     }
 
-    /// Whether a node moves, of those that were asked about last.
+    /// Whether a node moves, by the last call of [`Routing::find`].
     pub(crate) fn moves(&self, node: usize) -> bool {
         !self.dropped[node]
     }
@@ -100,9 +99,9 @@ impl Routing {
         }
     }
 
-    /// Routes force to a node in deficit from the nearest surplus. Where there is none within
-    /// reach, drops the node with all from which it can be reached: no later routing can touch
-    /// these, as none of them has surplus and nothing outside points at them.
+    /// Routes force to a node in deficit from the nearest surplus. If none can reach it, drops the node with all nodes
+    /// that could send it force: no later routing can touch these, as none of them has surplus and nothing outside
+    /// points at them.
     fn feed(&mut self, sink: usize) {
         self.searches += 1;
         self.queue.clear();
@@ -131,8 +130,8 @@ impl Routing {
         }
     }
 
-    /// Notes that force at `node` could continue along `edge`, unless this search was here before or the node was
-    /// dropped: what stays where it is passes no force on.
+    /// Records that force at `node` could continue along `edge`, unless this search was here before or the node was
+    /// dropped: a node that does not move passes no force on.
     fn visit(&mut self, node: usize, edge: usize) {
         if !self.dropped[node] && self.seen_by[node] != self.searches {
             self.seen_by[node] = self.searches;
@@ -200,7 +199,7 @@ impl Incidence {
         }
     }
 
-    /// Where in [`Incidence::edges`] the edges of a node stand.
+    /// The range of a node's edges in [`Incidence::edges`].
     fn places(&self, node: usize) -> std::ops::Range<usize> {
         self.starts[node]..self.starts[node + 1]
     }

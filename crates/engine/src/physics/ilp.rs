@@ -1,18 +1,18 @@
-//! Which nodes move, by the integer linear program that the paper states (Appendix "Physics Simulation Details"): the
-//! specification that the flow is tested against.
+//! The moving nodes, found by the integer linear program that the paper states (Appendix "Physics Simulation Details"):
+//! the specification that the flow is tested against.
 
 use good_lp::solvers::microlp::microlp;
 use good_lp::{Expression, Solution, SolutionStatus, SolverModel, constraint, variable, variables};
 
 use super::components::Components;
 
-/// The program was not solved to a proven optimum. No time limit is set, so this says that the
-/// solver itself failed; a result is never guessed.
+/// The program was not solved to a proven optimum. No time limit is set, so the solver itself failed; a result is never
+/// guessed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the integer linear program of the physics was not solved: {0}")]
 pub struct IlpError(String);
 
-/// The largest set of nodes that can move; by node, true where it moves.
+/// The largest set of nodes that can move: true for each node that moves.
 ///
 /// Binary `x[v]`: node v moves. Continuous `f[e]`: the force that travels along contact e.
 /// Maximise the number of moving nodes, where fixed nodes stay, a node moves only if everything
@@ -20,7 +20,7 @@ pub struct IlpError(String);
 /// what it has to spare.
 ///
 /// # Errors
-/// Where the solver does not return a proven optimum, or values that are not whole.
+/// The solver did not return a proven optimum, or returned values that are not whole.
 pub fn movers(components: &Components) -> Result<Vec<bool>, IlpError> {
     let mut problem = variables!();
     let moves: Vec<_> = (components.nodes.iter())

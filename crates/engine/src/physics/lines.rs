@@ -1,21 +1,21 @@
-//! Who moves where nothing that can move is wider than a cell.
+//! The moving bodies of a pass in which no movable body is wider than a cell.
 //!
-//! Such a body touches at most one body before it and is touched by at most one that can move, so contacts form lines,
-//! and no force can choose its way. Number a line from its front, and let a body's balance be the force that it adds
-//! less its weight. The first k bodies move together exactly if the balances of bodies j to k have no negative sum for
-//! any j: that sum is the most that can reach body j − 1. With the sums P of the first balances this says that P(k) is
-//! not less than any P before it; and the largest such k is what the rules ask for.
+//! A body of one cell touches at most one body before it and is touched by at most one that can move, so contacts form
+//! lines, and no force can choose its way. Number a line from its front, and let a body's balance be the force that it
+//! adds less its weight. The first k bodies move together exactly if the balances of bodies j to k have no negative sum
+//! for any j: that sum is the most that can reach body j − 1. With the sums P of the first balances this says that P(k)
+//! is not less than any P before it; and the rules ask for the largest such k.
 //!
-//! This is the same set that [`flow`](super::flow) finds, without a graph.
+//! The result is the same set that [`flow`](super::flow) finds, without a graph.
 
 use super::force;
 use crate::body::Board;
 use crate::grid::{BodyId, Direction};
 
-/// Memory for [`movers`], used again by each pass.
+/// Memory for [`movers`], reused by each pass.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
-    /// By agent, the last pass that found it in a line.
+    /// The last pass that found an agent in a line, by agent.
     seen: Vec<u32>,
     pass: u32,
     line: Vec<BodyId>,
@@ -32,7 +32,7 @@ impl Scratch {
     }
 }
 
-/// Adds to `moving` the bodies that a pass in `direction` moves. False, and `moving` is then of no use, where a push
+/// Adds to `moving` the bodies that a pass in `direction` moves. Returns false, and leaves `moving` unusable, if a push
 /// reaches a wider body that can move.
 pub(crate) fn movers(
     board: &Board,
@@ -74,7 +74,7 @@ pub(crate) fn movers(
     true
 }
 
-/// The cell of the hindmost body that a line through `at` has; `None` where a wider body stands in it.
+/// The cell of the hindmost body of the line through `at`; `None` if a wider body stands in it.
 fn rear_of(
     board: &Board,
     mut at: crate::grid::Pos,
@@ -94,7 +94,7 @@ fn rear_of(
     }
 }
 
-/// How many bodies of a line move, counted from its front.
+/// Number of bodies of a line that move, counted from its front.
 fn moved(
     board: &Board,
     wishes: &[Option<Direction>],

@@ -1,10 +1,10 @@
 //! Physics: which bodies move when agents push (rules: *Physics, one pass in direction d*).
 //!
-//! A round has one pass for each direction. A pass is four steps, one file each: which bodies touch
-//! ([`contact`]), which of them can only move together ([`components`]), and which of those do
-//! move, found by the exact flow ([`flow`]) or by the integer linear program that specifies it
-//! ([`ilp`]). The two are proven equal by tests; the flow is the default because it is faster.
-//! Mostly it has nothing to decide: where no wide body is pushed, contacts are lines (`lines.rs`).
+//! A round has one pass for each direction. A pass has four steps, the first three one file each: the bodies that touch
+//! ([`contact`]), the groups that can only move together ([`components`]), and the groups that do move, found by the
+//! exact flow ([`flow`]) or by the integer linear program that specifies it ([`ilp`]). Tests show that the two agree;
+//! the flow is the default because it is faster. A pass that pushes no wide body needs neither: its contacts are lines
+//! (`lines.rs`).
 
 pub mod components;
 pub mod contact;
@@ -17,15 +17,15 @@ use crate::grid::{BodyId, Direction};
 use components::Components;
 use contact::Contacts;
 
-/// How the moving bodies of a pass are found.
+/// The method that finds the moving bodies of a pass.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Solver {
-    /// By a maximum flow: exact and fast. Contacts that are only lines need none.
+    /// A maximum flow: exact and fast. Contacts that are only lines need none.
     #[default]
     Flow,
-    /// By the integer linear program of the paper: the specification, slower.
+    /// The integer linear program of the paper: the specification, slower.
     Ilp,
-    /// By both, and it is an error where they differ.
+    /// Both; a difference between them is an error.
     Both,
 }
 
@@ -41,11 +41,11 @@ pub enum SolverError {
 }
 
 impl Solver {
-    /// Which nodes move: the largest set that the rules allow, which is unique.
+    /// The nodes that move: the largest set that the rules allow, which is unique.
     ///
     /// # Errors
-    /// The ILP fails where its solver does not prove an optimum, both together where they disagree;
-    /// the flow alone cannot fail.
+    /// The ILP fails if its solver does not prove an optimum, both together if they disagree; the flow alone cannot
+    /// fail.
     pub fn movers(self, components: &Components) -> Result<Vec<bool>, SolverError> {
         match self {
             Self::Flow => Ok(flow::movers(components)),
@@ -62,7 +62,7 @@ impl Solver {
     }
 }
 
-/// Memory that [`resolve`] uses again in each round.
+/// Memory that [`resolve`] reuses in each round.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
     lines: lines::Scratch,
@@ -84,7 +84,7 @@ struct Graphs {
 /// tries to move.
 ///
 /// # Errors
-/// See [`Solver::movers`]. After an error the board is between two passes and of no further use.
+/// See [`Solver::movers`]. After an error the board is between two passes and unusable.
 pub(crate) fn resolve(
     board: &mut Board,
     wishes: &[Option<Direction>],
@@ -134,7 +134,8 @@ fn search(
     Ok(())
 }
 
-/// The force with which a body pushes in `direction`: an agent's 2, for or against.
+/// The force with which a body pushes in `direction`: 2 for an agent that pushes this way, −2 for one that pushes
+/// against it.
 fn force(wishes: &[Option<Direction>], body: BodyId, direction: Direction) -> i32 {
     match wishes.get(body.index()).copied().flatten() {
         Some(wish) if wish == direction => 2,

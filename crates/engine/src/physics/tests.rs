@@ -1,5 +1,5 @@
-//! Small situations, drawn. Every one is played as drawn and, where all push left or right, once
-//! more with rows and columns exchanged, with both solvers.
+//! Small situations as drawings. Each is played as drawn and, if all push left or right, again with rows and columns
+//! exchanged, with both solvers.
 //!
 //! `>`, `<`, `^`, `v`: an agent that pushes this way; `o`: an agent that rests; `W`: the wall;
 //! `B`: a block of mass 5; `.`: nothing. Outside the drawing is free ground.
@@ -325,8 +325,8 @@ fn situations_end_as_drawn() {
     }
 }
 
-/// A drawing without pushes up and down, with rows and columns exchanged. The order of the passes
-/// stays the same: up, like left, comes before the way back.
+/// Exchanges rows and columns of a drawing without pushes up and down. The order of the passes stays the same: up comes
+/// before down, as left comes before right.
 fn exchanged(drawing: &[&str]) -> Vec<String> {
     let at = |i: usize, j: usize| match drawing[i].as_bytes()[j] {
         b'<' => '^',

@@ -12,7 +12,7 @@ const WALL_SPACING: i32 = 4;
 /// The state of Foraging beside the board (rules: *Foraging*).
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Foraging {
-    /// By agent, whether it carries food.
+    /// Whether an agent carries food, by agent.
     pub(crate) carrying: Vec<bool>,
 }
 
@@ -25,7 +25,7 @@ pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
     Plan { board, rng, region: Region::interior(config), task: Terrain::Foraging }
 }
 
-/// How many cells inside the wall ring the source, the nest and inner walls take.
+/// Number of cells inside the wall ring that the source, the nest and inner walls take.
 pub(super) fn cells_taken(config: &Config) -> i64 {
     let ground = Ground::draw(config, &mut LayoutRng::new(config.seed.get()));
     let walls = (0..ground.walls).map(|number| {
@@ -35,15 +35,15 @@ pub(super) fn cells_taken(config: &Config) -> i64 {
     2 * SQUARE_CELLS + walls.sum::<i64>()
 }
 
-/// What is drawn for a map. Source, nest and inner walls do not touch each other.
+/// The drawn parts of a map. Source, nest and inner walls do not touch each other.
 struct Ground {
     food: Pos,
     nest: Pos,
-    /// Whether the inner walls lie in columns, not in rows.
+    /// Whether the inner walls lie in columns rather than in rows.
     columns: bool,
-    /// How many inner walls there are.
+    /// Number of inner walls.
     walls: i32,
-    /// How many cells a row, or a column, has.
+    /// Number of cells of a line of an inner wall (a row, or a column).
     length: i32,
 }
 
@@ -68,7 +68,7 @@ impl Ground {
         Self { food, nest, columns, walls, length }
     }
 
-    /// From where to where in its line an inner wall goes, both ends included.
+    /// The first and the last cell of an inner wall in its line, both included.
     const fn reach(&self, number: i32) -> (i32, i32) {
         if number % 2 == 0 {
             (0, self.length - (self.length + 2) / 3)
@@ -87,7 +87,7 @@ impl Ground {
     }
 }
 
-/// Cells of the source, and of the nest.
+/// Number of cells of the source, and of the nest.
 const SQUARE_CELLS: i64 = 4;
 
 /// A fixed body of 2 × 2 cells.

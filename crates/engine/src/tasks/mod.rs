@@ -1,5 +1,5 @@
-//! The five tasks, one file each: how the map is laid out, what happens after the physics of a
-//! round, when it is done, and which agents bear a mark.
+//! The five tasks, one file each: the layout of the map, the update after the physics of a round, the end of the task,
+//! and the marks of agents.
 
 pub mod flocking;
 pub mod foraging;
@@ -24,18 +24,18 @@ pub(crate) enum Task {
     Flocking(flocking::Flocking),
 }
 
-/// What a task may look at in its own stage of a round.
+/// The input of a task's own stage of a round.
 pub(crate) struct Stage<'a> {
     pub(crate) config: &'a Config,
     /// Rounds resolved before this one.
     pub(crate) round: u32,
-    /// By agent, whether it had left the map before the round.
+    /// Whether an agent had left the map before the round, by agent.
     pub(crate) had_gone: &'a [bool],
-    /// What the agents decided, by agent.
+    /// The acts, by agent.
     pub(crate) acts: &'a [Act],
 }
 
-/// Memory that the tasks' own stage uses again in each round.
+/// Memory that the tasks' own stage reuses in each round.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
     danger: pursuit::DangerSums,
@@ -60,7 +60,7 @@ impl Task {
         }
     }
 
-    /// Whether nothing is left to do.
+    /// Whether the task is done.
     pub(crate) fn is_done(&self, board: &Board) -> bool {
         match self {
             Self::Transport(_) => board.agents().iter().all(|agent| agent.gone),
@@ -69,7 +69,7 @@ impl Task {
         }
     }
 
-    /// By agent, whether its light is on or it carries food; empty where the task has neither.
+    /// Whether an agent's light is on or it carries food, by agent; empty if the task has neither.
     pub(crate) fn flags(&self) -> &[bool] {
         match self {
             Self::Synchronization(task) => &task.light_on,
@@ -94,8 +94,8 @@ pub(crate) fn lay_out(config: &Config) -> (Board, Task) {
     (plan.board, task)
 }
 
-/// How many agents fit: the cells on which `spread` can place one. It is computed without drawing
-/// the map: settings are checked for each episode of a list.
+/// Number of agents that fit: the cells on which `spread` can place one. It is computed without drawing the map,
+/// because settings are checked for each episode of a list.
 pub(crate) fn room(config: &Config) -> i64 {
     let interior = Region::interior(config);
     match config.task {
@@ -114,7 +114,7 @@ pub(crate) struct Plan {
     pub(crate) task: Terrain,
 }
 
-/// What a layout's first draws decided for its task.
+/// The part of a layout that the first draws decide for its task.
 pub(crate) enum Terrain {
     Transport { block: crate::grid::BodyId },
     Pursuit { prey: crate::grid::BodyId },
@@ -149,13 +149,12 @@ impl Region {
         Self { rows: (1, config.height - 2), columns: (1, config.width - 2) }
     }
 
-    /// How many cells it has.
+    /// Number of cells.
     pub(crate) fn area(self) -> i64 {
         let length = |(first, last): (i32, i32)| i64::from(last - first + 1);
         length(self.rows) * length(self.columns)
     }
 
-    /// Whether the cell is one of them.
     pub(crate) const fn contains(self, cell: Pos) -> bool {
         self.rows.0 <= cell.i
             && cell.i <= self.rows.1
@@ -179,7 +178,7 @@ fn spread(board: &mut Board, rng: &mut LayoutRng, agents: u16, region: Region) {
     }
 }
 
-/// The wall: a ring of one cell around the map except where `gap` says otherwise, and inner walls.
+/// Places the wall: a ring of one cell around the map except for `gap`, and the inner walls.
 fn place_wall(board: &mut Board, gap: impl Fn(Pos) -> bool, inner: impl Fn(Pos) -> bool) {
     let (height, width) = (board.grid().height(), board.grid().width());
     let on_ring =
@@ -189,7 +188,7 @@ fn place_wall(board: &mut Board, gap: impl Fn(Pos) -> bool, inner: impl Fn(Pos) 
     board.place(Body::of_cells(Kind::Wall, Pos::new(0, 0), wall, true));
 }
 
-/// A closed ring and nothing inside.
+/// Places a closed ring without inner walls.
 fn place_ring(board: &mut Board) {
     place_wall(board, |_| false, |_| false);
 }
@@ -200,7 +199,7 @@ mod tests {
     use crate::names::RuleSet;
     use crate::settings::Settings;
 
-    /// The free cells of a map that was drawn.
+    /// The number of free cells of a drawn map.
     fn counted(config: &Config) -> usize {
         let Plan { board, region, .. } = Plan::draw(config);
         let cells = (region.rows.0..=region.rows.1)

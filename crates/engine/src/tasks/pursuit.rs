@@ -11,16 +11,16 @@ use crate::rng::LayoutRng;
 /// The order in which the prey tries its steps.
 const STEPS: [Direction; 4] = [Direction::Right, Direction::Left, Direction::Down, Direction::Up];
 
-/// How many rows and columns of the danger window lie before a cell, and how many from it on.
+/// Number of rows and columns of the danger window before a cell, and from it on.
 const WINDOW: (i32, i32) = (4, 4);
 
 /// A map on which a prey flees: the board itself, or a player's belief of it.
 pub trait Ground {
-    /// Rows.
+    /// Number of rows.
     fn height(&self) -> i32;
-    /// Columns.
+    /// Number of columns.
     fn width(&self) -> i32;
-    /// What lies on a cell of the map; only cells of the map are asked for.
+    /// The kind of the body on a cell, which must lie on the map; `None` if it is empty.
     fn kind_at(&self, at: Pos) -> Option<Kind>;
 
     /// Whether the cell lies on the map and nothing lies on it.
@@ -53,7 +53,7 @@ pub fn is_caught(ground: &impl Ground, prey: Pos) -> bool {
     STEPS.iter().all(|&step| !ground.is_free(prey.toward(step)))
 }
 
-/// The cell to which a prey flees that was not caught; `None` if it stays.
+/// The cell to which an uncaught prey flees; `None` if it stays.
 pub fn flight(ground: &impl Ground, rules: RuleSet, prey: Pos) -> Option<Pos> {
     match rules {
         RuleSet::Paper => safest_of_all(ground, prey),
@@ -67,7 +67,7 @@ pub(crate) struct Pursuit {
     pub(crate) prey: BodyId,
     /// The layout's generator, which also places new preys.
     pub(crate) rng: LayoutRng,
-    /// Where the last round caught a prey. Decides nothing, so it is no part of the digest.
+    /// The cell on which the last round caught a prey. No later round depends on it, so it is not part of the digest.
     pub(crate) caught: Option<Pos>,
 }
 
@@ -83,20 +83,20 @@ pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
     Plan { board, rng, region: region(config), task: Terrain::Pursuit { prey } }
 }
 
-/// How many agents fit beside the first prey.
+/// Number of agents that fit beside the first prey.
 pub(super) fn room(config: &Config) -> i64 {
     let prey = first_prey(config, &mut LayoutRng::new(config.seed.get()));
     region(config).area() - i64::from(region(config).contains(prey))
 }
 
-/// Where the first prey is drawn.
+/// Draws the cell of the first prey.
 fn first_prey(config: &Config, rng: &mut LayoutRng) -> Pos {
     let i = rng.randint(config.height / 2 + 1, config.height - 2);
     let j = rng.randint(config.width / 2 + 1, config.width - 2);
     Pos::new(i, j)
 }
 
-/// Where agents are placed.
+/// The cells on which agents are placed.
 fn region(config: &Config) -> Region {
     let last = |size: i32| (size / 2).max(5);
     Region { rows: (1, last(config.height)), columns: (1, last(config.width)) }
@@ -195,7 +195,8 @@ fn safer_than_left(ground: &impl Ground, from: Pos) -> Option<Pos> {
     best
 }
 
-/// Agents + walls × 0.9 in the window of a cell, in doubles exactly so: ties follow from it.
+/// Agents + walls × 0.9 in the window of a cell. The order of operations is fixed: ties depend on the rounding of
+/// doubles.
 fn weigh(agents: i32, walls: i32) -> f64 {
     f64::from(agents) + f64::from(walls) * 0.9
 }
@@ -222,10 +223,10 @@ pub fn danger(ground: &impl Ground, cell: Pos) -> f64 {
     weigh(agents, walls)
 }
 
-/// How many cells a prey moves in a round, at most.
+/// Maximum number of cells that a prey moves in a round.
 const STEPS_OF_A_ROUND: i32 = 2;
 
-/// Rows and columns that the danger of all cells depends on to which a prey can flee.
+/// Number of rows and columns on which the danger of the cells depends to which a prey can flee.
 const NEARBY: usize = 12;
 const _: () = assert!(WINDOW.0 + WINDOW.1 + 2 * STEPS_OF_A_ROUND == 12, "see above");
 
@@ -233,9 +234,9 @@ const _: () = assert!(WINDOW.0 + WINDOW.1 + 2 * STEPS_OF_A_ROUND == 12, "see abo
 /// operations.
 struct Nearby {
     size: Pos,
-    /// The cell of the first sum.
+    /// The top-left cell of the sums.
     corner: Pos,
-    /// Agents and walls; there are less than 256 cells.
+    /// Numbers of agents and walls; both fit, as there are fewer than 256 cells.
     sums: [[(u8, u8); NEARBY + 1]; NEARBY + 1],
 }
 
@@ -262,7 +263,7 @@ impl Nearby {
         Self { size, corner, sums }
     }
 
-    /// The danger of a cell to which the prey can flee: the same as [`danger`].
+    /// The danger of a cell to which the prey can flee; equal to [`danger`].
     fn danger(&self, cell: Pos) -> f64 {
         let (top, bottom) = window(cell.i, self.size.i);
         let (left, right) = window(cell.j, self.size.j);
@@ -277,8 +278,8 @@ impl Nearby {
     }
 }
 
-/// Sums over all cells above and to the left, so that the danger of any cell costs the same few
-/// operations: a respawn asks for as many as the map has cells.
+/// Sums over all cells above and to the left, so that the danger of any cell costs the same few operations: a respawn
+/// needs as many as the map has cells.
 #[derive(Debug, Default)]
 pub(super) struct DangerSums {
     height: i32,
@@ -288,7 +289,7 @@ pub(super) struct DangerSums {
 }
 
 impl DangerSums {
-    /// Sums up the board as it is now.
+    /// Sums up the current board.
     fn count(&mut self, board: &Board) {
         let (height, width) = (board.grid().height(), board.grid().width());
         let area = usize::try_from((height + 1) * (width + 1)).expect("a map has a positive size");

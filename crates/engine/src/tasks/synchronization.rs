@@ -9,9 +9,9 @@ use crate::rng::LayoutRng;
 /// The state of Synchronization beside the board (rules: *Synchronization*).
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Synchronization {
-    /// By agent, whether its light is on.
+    /// Whether an agent's light is on, by agent.
     pub(crate) light_on: Vec<bool>,
-    /// The state of all lights that scored last.
+    /// The common state of all lights in the last round that scored.
     pub(crate) scored: Option<bool>,
 }
 

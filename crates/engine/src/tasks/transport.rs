@@ -23,7 +23,7 @@ pub(crate) struct Transport {
 struct Layout {
     /// Rows of the block's bounding box; a space is no part of it.
     shape: &'static [&'static str],
-    /// The bounding box touches the last row (not the first), and the last column.
+    /// Whether the bounding box touches the last row (not the first), and the last column.
     at_last: (bool, bool),
     /// The side of the ring that is open, at the end where the block lies.
     side: Side,
@@ -96,7 +96,7 @@ pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
     Plan { board, rng, region: Region::interior(config), task: Terrain::Transport { block } }
 }
 
-/// How many cells of a region the block takes.
+/// Number of cells of a region that the block takes.
 pub(super) fn cells_taken(config: &Config, region: Region) -> i64 {
     let layout = Layout::draw(&mut LayoutRng::new(config.seed.get()));
     let at = layout.at(config);
@@ -109,7 +109,7 @@ impl Layout {
         &LAYOUTS[rng.below(8) as usize]
     }
 
-    /// Where the bounding box of the block begins.
+    /// The top-left cell of the block's bounding box.
     fn at(&self, config: &Config) -> Pos {
         let (rows, columns) = (length(self.shape.len()), length(self.shape[0].len()));
         let (low, right) = self.at_last;
@@ -134,7 +134,7 @@ fn length(cells: usize) -> i32 {
 }
 
 impl Transport {
-    /// Every agent newly outside the map adds the share of the rounds that are left.
+    /// Adds the share of the remaining rounds to the score for every agent that left the map in this round.
     #[expect(clippy::unused_self, reason = "every task has the same shape")]
     pub(super) fn update(&self, stage: &Stage<'_>, board: &Board, mut score: f64) -> f64 {
         let limit = stage.config.max_round;

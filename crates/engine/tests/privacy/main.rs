@@ -1,5 +1,5 @@
-//! An observation depends on nothing that the agent may not know: two games are played in which others do hidden
-//! things differently, and agents that may not know of them see the same.
+//! An observation depends on nothing that the agent may not know: two games are played in which other agents act
+//! differently in hidden ways, and agents that may not know of it see the same.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use swarmbench_engine::{Act, Action, AgentId, Config, Message, World};
 use swarmbench_testkit::oracle::{self, Blind, Body, Game, PlannedAct, State};
 use swarmbench_testkit::worlds::Dice;
 
-/// How many pairs of games are played.
+/// Number of pairs of games played.
 const CASES: u64 = 2_000;
 
 /// A game and its world.
@@ -56,18 +56,18 @@ fn state(world: &World) -> State {
     }
 }
 
-/// How often two observations were to be the same, and the result.
+/// Number of pairs of observations that had to be equal (`alike`), and the result.
 #[derive(Debug, Default)]
 struct Count {
     alike: u32,
-    /// Of these, in games in which something differed: at that moment, and ever.
+    /// Number of these pairs in games in which something differed: at that moment, and ever.
     hidden: [u32; 2],
-    /// Of these, with messages or with a memory of more than one view.
+    /// Number of these pairs with messages or with a memory of more than one view.
     rich: u32,
     differ: u32,
 }
 
-/// Plays pairs of games, and compares what the oracle cannot tell apart.
+/// Plays pairs of games, and compares the observations that the oracle says are equal.
 fn compare(seeds: Range<u64>, blind: Blind) -> Count {
     let mut count = Count::default();
     for seed in seeds {
@@ -115,7 +115,7 @@ fn compare(seeds: Range<u64>, blind: Blind) -> Count {
 #[test]
 fn observations_depend_on_nothing_hidden() {
     let count = compare(0..CASES, Blind::Nothing);
-    // There was something to hide, often enough.
+    // Hidden differences were frequent enough for the comparison to mean something.
     assert!(count.alike > 10_000, "{count:?}");
     let [now, ever] = count.hidden;
     assert!(now > count.alike / 4 && ever > count.alike / 2, "{count:?}");
@@ -123,7 +123,7 @@ fn observations_depend_on_nothing_hidden() {
     println!("{CASES} pairs: {count:?}");
 }
 
-/// Without these, a comparison that never finds anything would look the same.
+/// Without this test, a comparison that never finds anything would look the same.
 #[test]
 fn an_oracle_that_overlooks_something_is_found_out() {
     for blind in [Blind::Edge, Blind::Messages, Blind::Past, Blind::Marks] {
@@ -132,7 +132,7 @@ fn an_oracle_that_overlooks_something_is_found_out() {
     }
 }
 
-/// The oracle's windows are those of the engine, so it speaks of what agents see.
+/// The oracle's windows equal the engine's, so its judgements apply to what agents see.
 #[test]
 fn windows_are_those_of_the_oracle() {
     for seed in 0..200 {

@@ -1,4 +1,4 @@
-//! Figures of made-up numbers, of different sizes, and frames of games of built-in players.
+//! Figures of made-up numbers of different sizes, and frames of games of built-in players.
 
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ use swarmbench_figures::{Figure, Scene};
 use swarmbench_players::default_for;
 use swarmbench_players::game::Game;
 
-/// Names that would break a document that took them for more than text.
+/// Names that would break a document that does not escape them.
 pub(crate) const HOSTILE: [&str; 6] = [
     "<script>alert(1)</script>",
     "\"/><text onload='x'>&amp;",
@@ -26,7 +26,7 @@ pub(crate) const HOSTILE: [&str; 6] = [
     "%s ${x} {{y}} \\u0000",
 ];
 
-/// Numbers that look like a game: the same on every machine.
+/// Numbers that look like those of a game, the same on every machine.
 fn wave(seed: usize, length: usize) -> Vec<Option<f64>> {
     let mut state = seed as u64 * 2_654_435_761 + 1;
     let mut value = 0.3;
@@ -76,7 +76,7 @@ pub(crate) fn trends(models: Vec<String>, rounds: usize) -> Trends {
     let panels = TaskName::ALL.iter().enumerate().map(|(task, name)| Panel {
         task: name.name().to_owned(),
         rounds,
-        // A task without games is shown as empty.
+        // A task without games must be shown as empty.
         lines: if task == 3 { Vec::new() } else { lines(task) },
     });
     Trends {
@@ -169,7 +169,7 @@ pub(crate) fn board(models: Vec<String>) -> Board {
     }
 }
 
-/// All moments of a game of a built-in player, in which each agent says something now and then.
+/// All moments of a game of a built-in player whose agents say something now and then.
 pub(crate) fn moments(
     settings: &Settings,
     task: TaskName,
@@ -219,7 +219,7 @@ pub(crate) fn frames(task: TaskName, places: &[usize], messages: bool) -> Frames
     Frames { title: task.name().to_owned(), moments: chosen.collect(), messages }
 }
 
-/// Every figure by a name, with little data and with much.
+/// Every figure with its name, with little data and with much.
 pub(crate) fn all() -> Vec<(String, Scene)> {
     let hostile = HOSTILE.map(str::to_owned).to_vec();
     let figures: Vec<(&str, Box<dyn Figure>)> = vec![

@@ -1,5 +1,5 @@
-//! The minimum that a writer does for an act: rows like those of the server, in groups of `entries` entries, each group one
-//! durable transaction. In the engine of the server that it is compared with.
+//! The minimal writer of acts: rows like the server's, in groups of `entries` entries, each group one durable
+//! transaction, on the engine of the server that it is compared with.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -13,12 +13,12 @@ use super::games::SEATS;
 pub mod postgres;
 mod sqlite;
 
-/// Where a bare writer makes a database of its own. It cannot be printed, as it may have a password.
+/// The place where a bare writer creates its database. It has no `Debug`, as it may contain a password.
 #[derive(Clone, Serialize, Deserialize)]
 pub enum Place {
-    /// Of SQLite, in a folder of its own below this one.
+    /// A new folder below this one, for SQLite.
     Folder(PathBuf),
-    /// Of PostgreSQL, on the server of this address.
+    /// A new database on the server of this URL, for PostgreSQL.
     Postgres(String),
 }
 
@@ -33,20 +33,20 @@ impl Place {
     }
 }
 
-/// The server's tables, of both engines.
+/// The server's tables, for both engines.
 #[derive(Clone, Copy, Debug)]
 pub struct Tables<'a> {
-    /// Those of SQLite.
+    /// The tables of SQLite.
     pub sqlite: &'a Migrator,
-    /// Those of PostgreSQL.
+    /// The tables of PostgreSQL.
     pub postgres: &'a Migrator,
 }
 
-/// A database like a server's that is removed with it.
+/// A database like a server's, which is removed on drop.
 pub struct BareCommit {
     engine: Engine,
     episodes: usize,
-    /// Acts written so far, of all episodes.
+    /// Acts written so far in all episodes.
     acts: usize,
     /// The record of every act.
     record: String,
@@ -68,11 +68,11 @@ pub struct Committed {
     pub elapsed: Duration,
 }
 
-/// The rows of one commit: acts, and the rounds that they complete, in the order in which a server stores episodes that are
-/// played side by side.
+/// The rows of one commit: acts and the rounds that they complete, in the order in which a server stores concurrent
+/// episodes.
 #[derive(Clone, Copy)]
 struct Group<'a> {
-    /// The number of the first act.
+    /// The index of the first act.
     first: usize,
     acts: usize,
     episodes: usize,
@@ -116,10 +116,10 @@ impl Group<'_> {
 }
 
 impl BareCommit {
-    /// A new database at `place` with the server's `tables`, for acts with this `record` of `episodes` episodes.
+    /// Creates a database at `place` with the server's `tables`, for acts with this `record` in `episodes` episodes.
     ///
     /// # Errors
-    /// Where it cannot be created.
+    /// If it cannot be created.
     pub async fn open(
         place: &Place,
         tables: Tables<'_>,
@@ -139,13 +139,13 @@ impl BareCommit {
         Ok(Self { engine, episodes: episodes.max(1), acts: 0, record })
     }
 
-    /// Commits groups of about `entries` entries for `time`, and at least one: the acts of whole rounds and the rounds.
+    /// Commits groups of about `entries` entries for `time`, and at least one group. An entry is an act or a round.
     ///
     /// # Errors
-    /// Where a commit fails.
+    /// If a commit fails.
     pub async fn run(&mut self, entries: f64, time: Duration) -> Result<Committed, LoadError> {
         let failed = LoadError::of("the bare writer cannot commit");
-        // The fraction left over from a group is added to the next, so that the mean size is `entries`.
+        // The fraction left over from a group goes into the next one, so that the mean size is `entries`.
         let mut due = 0.0;
         let started = Instant::now();
         let mut done = Committed { acts: 0, commits: 0, elapsed: Duration::ZERO };
@@ -179,7 +179,7 @@ impl BareCommit {
     /// Closes the database and removes it.
     ///
     /// # Errors
-    /// Where it cannot be closed.
+    /// If it cannot be closed.
     pub async fn close(self) -> Result<(), LoadError> {
         let closed = match self.engine {
             Engine::Sqlite(writer) => writer.close().await,
@@ -225,7 +225,7 @@ mod tests {
         BareCommit::open(place, tables, 3, "{}".to_owned()).await.expect("a database")
     }
 
-    /// Without time each call makes one commit. Of 19.5 entries 18 are acts.
+    /// Writes two groups by two calls without time, each of which makes one commit. Of 19.5 entries 18 are acts.
     async fn write_two_groups(bare: &mut BareCommit) {
         for acts in [18, 18] {
             let done = bare.run(19.5, Duration::ZERO).await.expect("a commit");
@@ -264,7 +264,7 @@ mod tests {
         );
         let closed = writer.database().to_owned();
         bare.close().await.expect("closed");
-        // As it is after an error, or in a task that was aborted.
+        // Dropped without a close, as after an error or in an aborted task.
         let dropped = open(&place).await;
         let Engine::Postgres(writer) = &dropped.engine else { panic!("it is PostgreSQL") };
         let names = [closed, writer.database().to_owned()];

@@ -1,5 +1,5 @@
-//! A bare writer of PostgreSQL: a group is one statement, which counts the commit in the row of its writer, and writes nothing
-//! where that row is gone, as the server's does.
+//! A bare writer of PostgreSQL. A group is one statement, which counts the commit in the writer's row, and writes
+//! nothing if that row is gone, like the server's statement.
 
 use sqlx::migrate::Migrator;
 use sqlx::postgres::{PgArguments, PgBindIterExt as _, PgConnectOptions, PgConnection};
@@ -10,7 +10,8 @@ use super::{AT_MS, DIGEST, Group, HEAD, SCORE};
 /// The writer's row in `nodes`, the first of its database.
 pub const INCARNATION: i64 = 1;
 
-/// Writes the rows of a commit, and counts it: 0 where the writer's row is not at this count, and nothing was written.
+/// Inserts the rows of a commit and increases the count in the writer's row. Returns 0 and writes nothing if that row
+/// has another count.
 pub const APPEND: &str = "
     WITH me AS (UPDATE nodes SET committed = committed + 1 WHERE incarnation = $1 AND committed = $2 RETURNING 1),
          a AS (INSERT INTO acts (episode, round, agent, waiting_for, source, at, record, brief)
@@ -21,22 +22,23 @@ pub const APPEND: &str = "
                                           $15::bytea[], $16::bigint[]) AS t)
     SELECT count(*) FROM me";
 
-/// A database of its own with the server's tables, which is dropped with it.
+/// A database with the server's tables, which is dropped with the value.
 pub struct Scratch {
     server: PgConnectOptions,
     name: Option<String>,
 }
 
 impl Scratch {
-    /// Makes it on the server of a URL, and connects to it. The user of the URL must be allowed to.
+    /// Creates a database on the server of a URL, and connects to it. The user of the URL must be allowed to create
+    /// one.
     ///
     /// # Errors
-    /// Where that does not work.
+    /// If that fails.
     pub async fn create(url: &str, tables: &Migrator) -> Result<(Self, PgConnection), sqlx::Error> {
         let server: PgConnectOptions = url.parse()?;
         let server = server.disable_statement_logging();
         let mut connection = server.connect().await?;
-        // Load tests of other machines may have databases there, too.
+        // A random name, as load tests of other machines may have databases there, too.
         let name = sqlx::query_scalar(
             "SELECT 'swarmbench_loadtest_' || replace(gen_random_uuid()::text, '-', '')",
         );
@@ -54,7 +56,7 @@ impl Scratch {
         sqlx::query("INSERT INTO nodes (name, started_at) VALUES ('bare writer', 0)")
             .execute(&mut connection)
             .await?;
-        // Whatever is usual on this server: an act of the server is on the disk, too.
+        // Whatever the default of this server: the server's own acts are on the disk, too.
         sqlx::raw_sql("SET synchronous_commit = on").execute(&mut connection).await?;
         Ok((scratch, connection))
     }
@@ -63,10 +65,10 @@ impl Scratch {
         self.name.iter().fold(self.server.clone(), |options, name| options.database(name))
     }
 
-    /// Drops the database. Connections to it end.
+    /// Drops the database and ends all connections to it.
     ///
     /// # Errors
-    /// Where that does not work.
+    /// If that fails.
     pub async fn remove(mut self) -> Result<(), sqlx::Error> {
         remove(self.server.clone(), self.name.take()).await
     }
@@ -76,7 +78,7 @@ impl Drop for Scratch {
     fn drop(&mut self) {
         let Some(name) = self.name.take() else { return };
         let server = self.server.clone();
-        // On a thread, as this one may have a runtime already. A database that cannot be dropped stays behind.
+        // A separate thread, as this one may already run a runtime. A database that cannot be dropped stays behind.
         let dropped = std::thread::spawn(move || {
             let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
             runtime.block_on(remove(server, Some(name)))
@@ -89,7 +91,8 @@ async fn remove(server: PgConnectOptions, name: Option<String>) -> Result<(), sq
     let Some(name) = name else { return Ok(()) };
     let mut connection = server.connect().await?;
     let drop = format!("DROP DATABASE IF EXISTS {name}");
-    // Without force it ends what PostgreSQL itself does there, such as a vacuum, and with it only what this role may end.
+    // Without `FORCE` the drop ends PostgreSQL's own work there, such as a vacuum; with it, only sessions that this
+    // role may end.
     if sqlx::raw_sql(AssertSqlSafe(drop.clone())).execute(&mut connection).await.is_err() {
         let drop = drop + " WITH (FORCE)";
         sqlx::raw_sql(AssertSqlSafe(drop)).execute(&mut connection).await?;
@@ -121,7 +124,7 @@ impl Writer {
         Ok(())
     }
 
-    /// Columns of the rows, each an array that is encoded from an iterator, without one in between.
+    /// Binds each column as an array that is encoded directly from an iterator.
     fn arguments(&self, group: Group<'_>) -> Result<PgArguments, sqlx::error::BoxDynError> {
         let (acts, rounds) = (|| group.acts(), || group.rounds());
         let mut to = PgArguments::default();
@@ -160,7 +163,7 @@ impl Writer {
     }
 }
 
-/// How many acts a commit adds after the writer's row was deleted.
+/// The number of acts that a commit adds after the writer's row was deleted.
 #[cfg(test)]
 pub(super) async fn count_fenced(writer: &mut Writer) -> i64 {
     let count = async |writer: &mut Writer| -> i64 {
@@ -175,7 +178,7 @@ pub(super) async fn count_fenced(writer: &mut Writer) -> i64 {
     count(writer).await - before
 }
 
-/// How many databases with these names the server has.
+/// The number of databases with these names on the server.
 #[cfg(test)]
 pub(super) async fn databases(url: &str, names: &[String]) -> i64 {
     let mut connection = PgConnection::connect(url).await.expect("a server");

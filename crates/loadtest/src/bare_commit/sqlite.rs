@@ -1,4 +1,4 @@
-//! A bare writer of SQLite: the server's tables, in a folder of its own.
+//! A bare writer of SQLite with the server's tables, in its own folder.
 
 use std::path::{Path, PathBuf};
 

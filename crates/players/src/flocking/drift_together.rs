@@ -6,7 +6,7 @@ use crate::chance::Chance;
 use crate::chart::sight;
 use crate::{Player, Seat};
 
-/// Steps toward the middle of those in view, and at random while it sees no agent or is there.
+/// Steps toward the middle of the agents in view, and at random if it sees none or stands there.
 struct DriftTogether {
     chance: Chance,
 }
@@ -20,7 +20,7 @@ impl Player for DriftTogether {
     fn decide(&mut self, observation: &Observation) -> Act {
         let Some((here, view)) = sight(observation) else { return Act::default() };
         let others = view.positions().filter(|(_, seen)| matches!(seen, Seen::Agent { .. }));
-        // How far the others are below and to the right of it, all together.
+        // The summed distances of the others, downward and to the right.
         let (below, right) = others.fold((0_i64, 0_i64), |(below, right), (at, _)| {
             let apart = |to: i32, from: i32| i64::from(to) - i64::from(from);
             (below + apart(at.i, here.i), right + apart(at.j, here.j))

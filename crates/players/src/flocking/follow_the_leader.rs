@@ -11,8 +11,8 @@ use crate::{Player, Seat};
 /// The leading words of all messages.
 const NEWS: &str = "Square around";
 
-/// The first agent has the square where it stands in the first round. Agents that know the place send it; the others
-/// wander until they receive it.
+/// The first agent centers the square on the cell where it stands in the first round. Agents that know the place send
+/// it; the others wander until they receive it.
 struct FollowTheLeader {
     seat: Seat,
     chance: Chance,

@@ -8,31 +8,31 @@
 //! | `random` | | 4.62 ± 2.36 | 4.54 ± 2.03 |
 //! | `drift-together` | reaction to those in view | 2.98 ± 1.83 | 3.92 ± 2.27 |
 //!
-//! # The bound, and that it is reached
+//! # The bound, which is reached
 //!
 //! The score is the cost of the layout less the least cost of any round, and no cost is below 0. So the cost of the
-//! layout is the bound. `meet-in-the-middle` reaches it in every game of the seeds 1000..2000 at the
-//! standard setting, half of them within 14 rounds and all within 32: there is nothing left to gain. The
-//! deviation of its scores is that of the layouts.
+//! layout is the bound. `meet-in-the-middle` reaches it in every game of the seeds 1000..2000 at the standard setting,
+//! half of them within 14 rounds and all within 32: there is nothing left to gain. The deviation of its scores is the
+//! deviation of the layouts.
 //!
-//! # What it took
+//! # Design
 //!
-//! - All have to mean the same square. Every agent knows the size of the map, so the middle needs no message. In
+//! - All agents have to use the same square. Every agent knows the size of the map, so the middle needs no message. In
 //!   `follow-the-leader` one agent sends a place instead, which works as well, a little later.
 //! - No agent has a cell of its own. With own cells (`walk-to-own-cell`) agents block each other's way, and some of the
 //!   last never arrive.
 //! - An agent may be shut in or out, with the last hole on the other side. At the standard setting it is enough to push
-//!   an agent out of its place, which then looks for another one. In larger swarms on small maps that is not enough:
-//!   with 20, 24 and 28 agents on 10 × 10 cells, 39, 45 and 60 of 60 games were not finished. Since those in place move
-//!   up after some rounds and let the hole come by, all 60 are.
-//! - An agent that steps toward the middle of those in view does worse than a random one: small groups
-//!   stand in clumps, and a clump is far from an outline.
+//!   an agent out of its cell, which then looks for another one. In larger swarms on small maps that is not enough:
+//!   with 20, 24 and 28 agents on 10 × 10 cells, 39, 45 and 60 of 60 games were not finished. Now agents in place move
+//!   up after some rounds, the hole comes by, and all 60 games are finished.
+//! - An agent that steps toward the middle of the agents in view does worse than a random one: small groups stand in
+//!   clumps, and a clump is far from an outline.
 //!
-//! # What limits other settings
+//! # Limits of other settings
 //!
-//! Time, where the map is large: with 48 agents on 30 × 30 cells 11 of 60 games are not finished after 100
-//! rounds (141.7 of 142.3 points), and with 64 on 100 × 100 cells none of 10 is (1146 of 1170 points). A square
-//! that is larger than the map can have no cost 0; the agents then line the walls.
+//! Time is the limit on large maps: with 48 agents on 30 × 30 cells 11 of 60 games are not finished after 100 rounds
+//! (141.7 of 142.3 points), and with 64 on 100 × 100 cells none of 10 is (1146 of 1170 points). A square that is larger
+//! than the map never has cost 0; the agents then line the walls.
 
 mod drift_together;
 mod follow_the_leader;

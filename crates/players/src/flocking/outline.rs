@@ -1,4 +1,4 @@
-//! Filling the outline of a square at a place that all know.
+//! The outline of a square at a place that all agents know, and the steps that fill it.
 
 use std::collections::BTreeSet;
 
@@ -9,31 +9,31 @@ use crate::Seat;
 use crate::chance::Chance;
 use crate::chart::{Chart, push};
 
-/// For how many rounds a cell counts as occupied after another agent was seen on it.
+/// Number of rounds for which a cell counts as occupied after another agent was seen on it.
 const TAKEN_ROUNDS: u32 = 8;
 
-/// How many steps of detour one agent in the way is worth. An agent that is shut in pushes another one out of the
-/// outline and takes its cell.
+/// Detour in steps that an agent in the way is worth. An agent that is shut in pushes another one out of the outline
+/// and takes its cell.
 const CROWD: u32 = 5;
 
-/// From how many steps on a cell is so far away that an agent walks straight toward it: a search for the
-/// best way around others would take long and could not see them anyway.
+/// Distance in steps beyond which an agent walks straight toward a cell: a path search would be slow, and the agent
+/// could not see others there anyway.
 const FAR: i32 = 20;
 
 /// The outline of the square that the swarm is to form, at some place.
 pub(super) struct Outline {
-    /// All cells; those that no agent can reach are replaced by the nearest that one can.
+    /// All cells; a cell that no agent can reach is replaced by the nearest reachable one.
     cells: BTreeSet<Pos>,
-    /// Twice the middle, which may lie between cells.
+    /// Twice the coordinates of the middle, which may lie between cells.
     middle: Pos,
-    /// From which round on it turns while it has holes.
+    /// The first round in which agents in place move up while there are holes.
     turns_from: u32,
 }
 
 impl Outline {
     /// The outline around a place, moved onto the map.
     pub(super) fn around(seat: &Seat, place: Pos) -> Self {
-        // More agents than any game has would only make a square that no map holds.
+        // The number of agents is clamped: a malformed seat would make a square that fits on no map.
         let most = u16::try_from(limits::FLOCKING_AGENTS_MAX).unwrap_or(u16::MAX);
         let cells = flocking::target(seat.num_agents.min(most));
         let side = cells.iter().map(|cell| cell.i + 1).max().unwrap_or(1);
@@ -106,12 +106,12 @@ impl Outline {
         !chart.is_taken(cell, 1) && !Direction::ALL.iter().any(|&side| waits(cell.toward(side)))
     }
 
-    /// The next cell of the outline, as a clock's hand goes, and where it lies.
+    /// The next cell of the outline clockwise, and its direction.
     fn next(&self, cell: Pos) -> Option<(Pos, Direction)> {
         let from_middle =
             |cell: Pos| Pos::new(2 * cell.i - self.middle.i, 2 * cell.j - self.middle.j);
         let here = from_middle(cell);
-        // Rows grow downward, so this is positive with the clock.
+        // Rows grow downward, so a clockwise turn is positive.
         let turn = |next: Pos| here.j * next.i - here.i * next.j;
         let mut sides = Direction::ALL.into_iter().map(|side| (cell.toward(side), side));
         sides.find(|(next, _)| self.cells.contains(next) && turn(from_middle(*next)) > 0)

@@ -1,4 +1,4 @@
-//! Flocking by numbers.
+//! Flocking by agents' numbers.
 
 use swarmbench_engine::{Act, Action, Observation, Pos};
 

@@ -1,23 +1,23 @@
-//! The maps of Foraging: there are so few that little has to be seen to know which one it is.
+//! The maps of Foraging: there are so few that a small part of one identifies it.
 
 use swarmbench_engine::{Direction, Pos, Seen, View, limits};
 
 use crate::Seat;
 use crate::chart::within;
 
-/// How far a cell may be to count as near, in rows and columns.
+/// Distance in rows and columns within which a cell counts as near.
 const NEAR: i32 = 12;
 
-/// How far from the edges of the map the squares reach.
+/// Extent of the squares from the edges of the map, in cells.
 const CORNER: i32 = 3;
 
 /// Inner walls lie in every fourth row (or column).
 const SPACING: i32 = 4;
 
-/// One half of every gap, so that those who come and those who go do not meet there.
+/// A half of every gap: loaded and empty agents use different halves and do not meet there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Lane {
-    /// On a map with one wall, the half that is nearer to the squares.
+    /// The half nearer to the squares on a map with one wall.
     Inner,
     /// The other half.
     Outer,
@@ -59,7 +59,7 @@ impl Layout {
                 } else if walls % 2 == 1 {
                     (food.j, nest.j) = (1, 1);
                 }
-                // Without walls it is all the same which way they would run.
+                // Without walls their direction does not matter.
                 let columns = columns && walls > 0;
                 let layout = Self { height, width, food, nest, columns, walls };
                 if !all.contains(&layout) {
@@ -70,7 +70,7 @@ impl Layout {
         all
     }
 
-    /// What the layout puts on a cell; agents aside.
+    /// The content of a cell in the layout, without agents.
     pub(super) fn at(&self, cell: Pos) -> Seen {
         let on_map = (0..self.height).contains(&cell.i) && (0..self.width).contains(&cell.j);
         let inside =
@@ -101,8 +101,8 @@ impl Layout {
         self.at(cell) == Seen::Empty
     }
 
-    /// Whether everything in view is as this layout has it, as far as it is near an agent or a corner, where the
-    /// squares are: a window over a large map has much more than is needed.
+    /// Whether the view agrees with the layout near the agent and in the corners, where the squares are. A window over
+    /// a large map has many more cells than needed.
     pub(super) fn fits(&self, here: Pos, view: &View) -> bool {
         let (low, right) = (self.height - 1, self.width - 1);
         let corners = [(0, 0), (0, right), (low, 0), (low, right)];
@@ -111,7 +111,7 @@ impl Layout {
         telling.all(|(middle, reach)| within(view, middle, reach).all(|it| self.has(it)))
     }
 
-    /// Whether this is what the layout has on a cell.
+    /// Whether the layout has this content on a cell.
     fn has(&self, (cell, seen): (Pos, Seen)) -> bool {
         match seen {
             Seen::Empty | Seen::Yourself | Seen::Agent { .. } => self.is_open(cell),
@@ -150,16 +150,16 @@ impl Layout {
 
     /// The lane of loaded agents, or of empty ones.
     ///
-    /// All go around the ends of the walls in the same sense, whichever of the two squares holds the food.
-    /// In that sense agents that turn one after another do not push each other into a wall, because
-    /// of the order in which the rules resolve the directions.
+    /// All agents go around the ends of the walls in the same sense, whichever square holds the food. In that sense
+    /// agents that turn one after another do not push each other into a wall, because of the order in which the rules
+    /// resolve the directions.
     pub(super) fn lane_of(&self, loaded: bool) -> Lane {
         let away = self.turned(self.food).i < self.turned(self.nest).i;
         if loaded == away { Lane::Inner } else { Lane::Outer }
     }
 
-    /// By how many rows (or columns) a cell is away from the side of its room at which the lane runs, at
-    /// most two. Inner lanes run beside that wall around whose end the way leads next.
+    /// Distance in rows (or columns) of a cell from the side of its room along which the lane runs, at most two. Inner
+    /// lanes run along the wall around whose end the way leads next.
     pub(super) fn aside(&self, cell: Pos, lane: Lane) -> i32 {
         let line = self.turned(cell).i;
         let room = (line / SPACING).min(self.walls);
@@ -167,7 +167,7 @@ impl Layout {
         if (room % 2 == 0) == (lane == Lane::Inner) { 2 - deep } else { deep }
     }
 
-    /// The first and the last place along a wall at which a lane passes through its gap.
+    /// The first and the last cell of a lane in the gap of a wall, counted along the wall.
     fn lane(&self, number: i32, lane: Lane) -> (i32, i32) {
         let (first, last) = self.gap(number);
         match lane {
@@ -178,7 +178,7 @@ impl Layout {
         }
     }
 
-    /// The first and the last place of a gap along its wall.
+    /// The first and the last cell of a gap, counted along its wall.
     fn gap(&self, number: i32) -> (i32, i32) {
         let length = if self.columns { self.height } else { self.width };
         if number % 2 == 0 {
@@ -223,7 +223,7 @@ mod tests {
         World::new(Arc::new(Config::check(&settings).expect("playable settings")))
     }
 
-    /// The only layout that fits what is there.
+    /// The only layout that fits the world.
     fn layout(world: &World) -> Layout {
         let seat = Seat::of(world.config(), AgentId(0), 0);
         let view = world.observe(AgentId(0)).view.expect("it has not escaped");
@@ -233,7 +233,7 @@ mod tests {
         fits[0]
     }
 
-    /// By cell, how many steps it is away from the first one.
+    /// Every cell that can be reached, with its distance in steps from the first one, found by search.
     fn searched(layout: &Layout, from: Pos) -> Vec<(Pos, i32)> {
         let mut found = vec![(from, 0)];
         let mut open = VecDeque::from(found.clone());
@@ -293,7 +293,7 @@ mod tests {
         world.agent_states().map(|agent| deliveries(agent.at)).sum()
     }
 
-    /// The number is in the documentation of the module.
+    /// The number stands in the documentation of the foraging module.
     #[test]
     fn without_traffic_the_swarm_would_score_so_much() {
         let total: i32 = (0..20).map(|seed| bound(&world(10, 10, seed))).sum();

@@ -7,11 +7,11 @@ use crate::chart::{Chart, push};
 use crate::talk::heard;
 use crate::{Player, Seat};
 
-/// How many steps of detour one agent in the way is worth. At the standard setting the score falls by almost half as
-/// this grows to 8: agents that walk around a jam make it wider.
+/// Detour in steps that an agent in the way is worth. At the standard setting the score falls by almost half as this
+/// grows to 8: agents that walk around a jam make it wider.
 const CROWD: u32 = 1;
 
-/// An agent that is stuck steps aside once in this many rounds.
+/// Mean number of rounds before a stuck agent steps aside.
 const PATIENCE_ROUNDS: u32 = 3;
 
 /// Draws a map of all it sees, explores until it knows where to go, then walks to the food when it is empty and to the
@@ -19,13 +19,13 @@ const PATIENCE_ROUNDS: u32 = 3;
 struct MapAndCarry {
     chance: Chance,
     chart: Chart,
-    /// Where it stood a round ago.
+    /// Position in the previous round.
     before: Option<Pos>,
-    /// Whether it speaks and listens.
+    /// Whether it sends and reads messages.
     talks: bool,
 }
 
-/// Makes the player that sends what it knows.
+/// Makes the player that sends its knowledge.
 pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
     player(seat, true)
 }
@@ -70,12 +70,12 @@ impl MapAndCarry {
         Message::new(&format!("{words} {} {}", at.i, at.j))
     }
 
-    /// The next step toward what it wants, or toward the unknown while it does not know where that is.
+    /// The next step toward the wanted content, or toward unknown cells while its place is unknown.
     fn walk(&mut self, here: Pos, wanted: Seen, is_stuck: bool) -> Action {
         let order = self.chance.order();
         let chart = &self.chart;
-        // Two who want to pass each other get on only if one of them gives way, and chance has to
-        // say which, for both see the same.
+        // Two agents that want to pass each other get on only if one gives way. Both see the same, so chance decides
+        // which.
         if is_stuck && self.chance.one_in(PATIENCE_ROUNDS) {
             let is_free = |cell| chart.is_open(cell) && !chart.is_taken(cell, 1);
             let aside = order.into_iter().find(|&side| is_free(here.toward(side)));
@@ -83,7 +83,8 @@ impl MapAndCarry {
         }
         let step = if let Some(found) = chart.find(wanted) {
             let beside = |cell: Pos| Direction::ALL.map(|side| chart.at(cell.toward(side)));
-            // Food and nest are two cells wide. On a large map it takes long to look around every cell.
+            // Food and nest are two cells wide. The distance is checked first: on a large map looking around every cell
+            // is slow.
             let is_goal =
                 |cell: Pos| cell.is_within(2, found) && beside(cell).contains(&Some(wanted));
             chart.way(here, order, CROWD, is_goal)

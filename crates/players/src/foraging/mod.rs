@@ -13,25 +13,25 @@
 //! - **Four maps.** The rules can lay out four maps of 10 × 10 cells (never more than eight of any size). Views and
 //!   messages rule maps out; while several are left, it takes the one whose food is nearest. On a known map the length
 //!   of every way has a formula.
-//! - **Lanes.** The gap in the wall is two cells wide. Loaded agents take one half of it and empty ones the
-//!   other, and in the rooms they keep to different sides, so that the traffic is one loop of 28 cells. It
-//!   runs in the same sense whichever square holds the food: the directions are resolved one after
-//!   another, and in the other sense those who follow push those ahead into a wall at the corners.
-//! - **Foresight.** In each round an agent works out what all in view will do: loaded before empty, then those who are
-//!   nearest to where they go; an agent in the way decides next and makes room. As all use the same rule, they mostly
-//!   agree. It does as well seeing 5 × 5 cells as under centralized control, where it sees everything (36.30 ± 1.03 on
-//!   seeds 0..20), so sight and messages are not what limits it.
+//! - **Lanes.** The gap in the wall is two cells wide. Loaded agents take one half of it and empty ones the other, and
+//!   in the rooms they keep to different sides, so that the traffic is one loop of 28 cells. The loop runs in the same
+//!   sense whichever square holds the food: directions are resolved one after another, and in the other sense agents
+//!   push those ahead into a wall at the corners.
+//! - **Foresight.** In each round an agent computes what all agents in view will do: loaded before empty, then those
+//!   nearest to their goal; an agent in the way decides next and makes room. As all use the same rule, they mostly
+//!   agree. The player scores the same with a view of 5 × 5 cells as under centralized control, where it sees
+//!   everything (36.30 ± 1.03 on seeds 0..20), so sight and messages are not the limit.
 //!
 //! # The bound
 //!
-//! From food to nest it is 13 steps, and 13 back. Without any traffic, and if no agent is pushed along, an agent that
-//! is d steps from the food delivers ⌊(100 − d − 13) / 26⌋ + 1 times: 43.85 in the mean over the seeds 0..20. In the
-//! loop a lap takes 28 steps, for one half of the gap is a detour of 2. A fourth delivery is then possible only for an
-//! agent that starts within 3 steps of the food and never waits; all others deliver three times, which makes 36. After
-//! the first 50 rounds the detour is almost the only loss; other steps are lost at the beginning, when seven agents at
-//! a time want to leave the food by one corner.
+//! The way from food to nest takes 13 steps, and the way back another 13. Without any traffic, and if no agent is
+//! pushed along, an agent that is d steps from the food delivers ⌊(100 − d − 13) / 26⌋ + 1 times: 43.85 in the mean
+//! over the seeds 0..20. In the loop a lap takes 28 steps, for one half of the gap is a detour of 2. A fourth delivery
+//! is then possible only for an agent that starts within 3 steps of the food and never waits; all others deliver three
+//! times, which makes 36. After the first 50 rounds the detour is almost the only loss; other steps are lost at the
+//! beginning, when seven agents at a time want to leave the food by one corner.
 //!
-//! # What was tried and did not help
+//! # Attempts that did not help
 //!
 //! Mean scores on seeds 1000..1200 or 1000..1100, at the stage at which each was tried.
 //!
@@ -41,17 +41,17 @@
 //!   maps: 37 on the good ones but 27 and 32 on the bad ones.
 //! - Agents that could still deliver a fourth time take the short lane both ways: 24.8 to 31.5 instead of 36.3. They
 //!   meet all others head on.
-//! - To look ahead with the exact physics, for each of the five actions up to 16 rounds as if all others repeated their
+//! - Looking ahead with the exact physics, for each of the five actions up to 16 rounds as if all others repeated their
 //!   moves: between 29.1 and 36.5 instead of 36.3, and never clearly more, as the others do not repeat them.
-//! - To plan ways in space and time, one agent around the other, 16 rounds ahead: between 0.7 and 17.3. When an agent
+//! - Planning ways in space and time, one agent around the other, 16 rounds ahead: between 0.7 and 17.3. When an agent
 //!   finds no way, the swarm locks up.
-//! - To count agents that cannot be pushed on in time as impassable: 34.1 instead of 36.3.
+//! - Treating agents that cannot be pushed on in time as impassable: 34.1 instead of 36.3.
 //!
 //! # Other settings
 //!
-//! Sixteen agents on 10 × 10 cells score 40.8, twenty 39.1 (seeds 0..20): from there on the loop is full, and where it
-//! is full it stops. So in a crowd (more agents than a third of the cells inside the ring) only some walk the loop, and
-//! the others make room: 24 agents score 38.5 instead of 30.9, thirty 30.1 instead of 21.0, and 24 on 8 × 8 cells 32.1
+//! Sixteen agents on 10 × 10 cells score 40.8, twenty 39.1 (seeds 0..20): from there on the loop is full, and a full
+//! loop stops. So in a crowd (more agents than a third of the cells inside the ring) only some walk the loop, and the
+//! others make room: 24 agents score 38.5 instead of 30.9, thirty 30.1 instead of 21.0, and 24 on 8 × 8 cells 32.1
 //! instead of 20.0 (seeds 1000..1040). Fewer or more carriers than two sevenths of the cells score less. Where the gap
 //! is one cell wide (9 × 9) there is no loop, and the swarm scores 11.6, little more than `map-in-silence` (10.4, seeds
 //! 1000..1060). On larger maps the way is longer: docs/evaluate/baselines.md has the scores.

@@ -1,4 +1,4 @@
-//! Foraging in a loop that all walk in the same sense.
+//! Foraging in a loop that all agents walk in the same direction.
 
 use swarmbench_engine::{Act, Action, Direction, Message, Observation, Pos, RuleSet, Seen, View};
 
@@ -9,27 +9,26 @@ use crate::chart::{push, sight, within};
 use crate::talk::heard;
 use crate::{Player, Seat};
 
-/// For how many rounds an agent may stand still before it suspects that others see things differently.
+/// Number of rounds without a move after which an agent assumes that others see things differently.
 const PATIENCE_ROUNDS: u32 = 3;
 
-/// How many rows and columns away agents are foreseen: as far as roads reach at most.
+/// Distance in rows and columns within which agents are foreseen: the maximum reach of roads.
 const FORESIGHT: i32 = 16;
 
 /// The leading words of all messages.
 const NEWS: &str = "Food and nest at";
 
-/// Knows all maps that the rules can lay out, so that little has to be seen or heard to know which one this
-/// is. Loaded agents keep to one lane and empty ones to another, and every agent foresees where those in
-/// view go.
+/// Knows all maps that the rules can lay out, so a few sightings or messages identify the map. Loaded agents keep to
+/// one lane and empty ones to another, and every agent foresees where the agents in view go.
 struct OneWayLoop {
     seat: Seat,
     chance: Chance,
     /// The maps that fit everything seen so far.
     layouts: Vec<Layout>,
-    /// What another agent last said that the map is.
+    /// The map in the last message of another agent.
     received: Option<Layout>,
     roads: Option<(Layout, Roads)>,
-    /// Where it stood a round ago, and for how many rounds by now.
+    /// Position in the previous round, and the number of rounds without a move.
     before: Option<Pos>,
     standing: u32,
 }
@@ -66,7 +65,7 @@ impl Player for OneWayLoop {
 }
 
 impl OneWayLoop {
-    /// The map as far as it is known, and whether it is: of several it is the one whose food is nearest.
+    /// The most likely map and whether it is certain; of several candidates, the one whose food is nearest.
     fn layout(&self, here: Pos) -> Option<(Layout, bool)> {
         let received = self.received.filter(|received| self.layouts.contains(received));
         let apart = |layout: &Layout| layout.apart(here, layout.food, Lane::Both);
@@ -116,11 +115,11 @@ impl OneWayLoop {
     }
 }
 
-/// How many agents walk the loop: those with the lowest numbers. In a crowd the others only make room, as a full loop
-/// comes to a standstill.
+/// The number of agents that walk the loop; those with the lowest numbers do. In a crowd the others only make room, as
+/// a full loop comes to a standstill.
 fn carriers(seat: &Seat) -> u32 {
     let inside = |cells: u16| u32::from(cells.saturating_sub(2));
     let (cells, agents) = (inside(seat.height) * inside(seat.width), u32::from(seat.num_agents));
-    // Up to a third of the cells all can walk; in a crowd two sevenths deliver most.
+    // Up to a third of the cells all agents can walk; in a crowd two sevenths deliver most.
     if agents <= cells / 3 { agents } else { cells * 2 / 7 }
 }

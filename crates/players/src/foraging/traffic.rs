@@ -1,38 +1,38 @@
-//! The moves of agents in view of each other, which all of them compute alike.
+//! The moves of agents in view of each other: all agents compute the same.
 
 use swarmbench_engine::{Direction, Pos};
 
 use super::layout::{Lane, Layout};
 
-/// How far roads reach from the agent in their middle, in rows and columns.
+/// Reach of roads from the agent in their middle, in rows and columns.
 const REACH: i32 = 8;
 
-/// How far an agent may be off the middle of its roads before it needs others.
+/// Distance from the middle beyond which an agent needs new roads, in rows and columns.
 const DRIFT: i32 = 4;
 
-/// What a step costs. The other costs only choose among steps that are equally good.
+/// Cost of a step. The other costs only break ties between equally good steps.
 const STEP: i32 = 16;
-/// What each row (or column) beside the lane costs.
+/// Cost of each row (or column) beside the lane.
 const ASIDE: i32 = 6;
-/// What waiting costs.
+/// Cost of waiting.
 const STAY: i32 = 2;
-/// What it costs to go where an agent of the other kind is, which comes toward this one.
+/// Cost of entering the cell of an agent of the other kind, which comes toward this one.
 const ONCOMING: i32 = 4;
 
 /// An empty cell.
 const NOBODY: usize = usize::MAX;
 
-/// The part of a map around an agent. A cell is a number here.
+/// The part of a map around an agent. Cells are identified by their index here.
 pub(super) struct Roads {
     middle: Pos,
     origin: Pos,
     height: i32,
     width: i32,
-    /// By cell, whether an agent can stand there; never so on the rim.
+    /// Whether an agent can stand on a cell, by cell; false on the rim.
     open: Vec<bool>,
-    /// By load and cell, what the way to the next delivery costs.
+    /// The cost of the way to the next delivery, by load and cell.
     costs: [Vec<i32>; 2],
-    /// By load and cell, how many steps the next delivery is away at least.
+    /// The least number of steps to the next delivery, by load and cell.
     steps: [Vec<i32>; 2],
 }
 
@@ -59,12 +59,12 @@ impl Roads {
         Self { middle, origin, height, width, open, costs, steps }
     }
 
-    /// Whether an agent is still well within these roads.
+    /// Whether the roads still reach far enough around an agent.
     pub(super) const fn reach(&self, here: Pos) -> bool {
         here.is_within(DRIFT, self.middle)
     }
 
-    /// The number of a cell on which an agent can stand.
+    /// The index of a cell on which an agent can stand; `None` for other cells.
     pub(super) fn cell(&self, at: Pos) -> Option<usize> {
         let (i, j) = (at.i - self.origin.i, at.j - self.origin.j);
         let inside = (0..self.height).contains(&i) && (0..self.width).contains(&j);
@@ -85,19 +85,19 @@ impl Roads {
         self.open[next].then_some(next)
     }
 
-    /// What the way to the next delivery costs from a cell.
+    /// The cost of the way from a cell to the next delivery.
     fn cost(&self, cell: usize, loaded: bool) -> i32 {
         self.costs[usize::from(loaded)][cell]
     }
 }
 
-/// Where agents of a kind want to go.
+/// The goals of loaded agents, or of empty ones.
 struct Way {
     layout: Layout,
     loaded: bool,
     /// The cells at which the load changes, with the number of steps from there to where it changes again.
     goals: Vec<(Pos, i32)>,
-    /// The steps of the way back, which are not part of the way to a delivery.
+    /// The steps of the way back, which do not count toward a delivery.
     back: i32,
 }
 
@@ -137,7 +137,7 @@ pub(super) struct Walker {
     pub(super) idle: bool,
 }
 
-/// Agents on roads, and what they decide, one after another.
+/// Agents on roads, and their decisions, made one after another.
 ///
 /// The one with the highest priority takes the best cell. The agent that stands there decides next, and so on; if an
 /// agent down the line cannot make room, the one before it takes its second choice. Known as priority inheritance with
@@ -145,10 +145,10 @@ pub(super) struct Walker {
 pub(super) struct Traffic<'a> {
     roads: &'a Roads,
     walkers: &'a [Walker],
-    /// By cell, the place of the walker that is there, and of that which will be there.
+    /// The index of the walker on a cell now, and after this round, by cell.
     now: Vec<usize>,
     next: Vec<usize>,
-    /// By walker, to which cell it goes, or where it stays, if it has decided.
+    /// The cell that a walker decided to go to or stay on, by walker.
     decided: Vec<Option<usize>>,
 }
 
@@ -163,8 +163,8 @@ impl<'a> Traffic<'a> {
         Self { roads, walkers, now, next, decided: vec![None; walkers.len()] }
     }
 
-    /// What the first walker does with `left` rounds left: those who carry go first, then those who are nearest to
-    /// where they want to be, then who can deliver nothing more in time, and last who only makes room.
+    /// The step of the first walker with `left` rounds left. Loaded agents have priority, then those nearest to their
+    /// goal, then those that can no longer deliver in time, and last those that only make room.
     pub(super) fn decide(mut self, left: i32, turn: usize) -> Option<Direction> {
         let priority = |&place: &usize| {
             let walker = &self.walkers[place];
@@ -191,7 +191,7 @@ impl<'a> Traffic<'a> {
     /// it leaves or may stay.
     fn send(&mut self, place: usize, from: Option<usize>, turn: usize) -> bool {
         let at = self.walkers[place].at;
-        // An agent that is being asked is not asked again.
+        // A provisional decision: an agent whose decision is pending is not asked again.
         self.decided[place] = Some(at);
         for to in self.options(place, turn) {
             if self.next[to] != NOBODY || from == Some(to) {
@@ -226,7 +226,7 @@ impl<'a> Traffic<'a> {
         let mut options: Vec<_> = steps.chain([at]).collect();
         options.sort_by_key(|&to| {
             if idle {
-                // It stays, or goes where nobody is.
+                // An idle walker stays or enters an empty cell.
                 return i32::from(to != at) + i32::from(self.is_taken(to) && to != at);
             }
             let more = match self.walkers.get(self.now[to]) {

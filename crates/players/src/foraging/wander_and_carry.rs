@@ -1,4 +1,4 @@
-//! Foraging by what is in view.
+//! Foraging by reaction to the current view.
 
 use swarmbench_engine::{Act, Action, Observation, Seen};
 
@@ -6,8 +6,8 @@ use crate::chance::Chance;
 use crate::chart::sight;
 use crate::{Player, Seat};
 
-/// Steps toward the nearest food that it sees when it is empty, and the nearest nest when it is loaded;
-/// anywhere while it sees none.
+/// Steps toward the nearest visible food when empty, and toward the nearest visible nest when loaded; otherwise at
+/// random.
 struct WanderAndCarry {
     chance: Chance,
 }

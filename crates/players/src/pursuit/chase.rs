@@ -1,4 +1,4 @@
-//! Pursuit by running after the prey: pure reaction, without memory and without messages.
+//! Pursuit by chasing the prey: pure reaction, without memory and without messages.
 
 use swarmbench_engine::{Act, Action, Direction, Observation, Pos, Seen, View};
 
@@ -6,7 +6,7 @@ use crate::chance::Chance;
 use crate::chart::{push, sight};
 use crate::{Player, Seat};
 
-/// Steps towards the prey while it sees it, stays where it is beside it, and wanders otherwise.
+/// Steps toward a visible prey, stays if it stands beside it, and wanders otherwise.
 struct Chase {
     chance: Chance,
 }
@@ -27,18 +27,18 @@ impl Player for Chase {
         }
         let is_empty = |&way: &Direction| seen_at(view, here.toward(way)) == Some(Seen::Empty);
         let open: Vec<Direction> = order.into_iter().filter(is_empty).collect();
-        // Of equally good steps the first counts, so without a prey in sight it wanders.
+        // Ties go to the first step, so the agent wanders if no prey is in sight.
         let best = open.into_iter().min_by_key(|&way| gap(here.toward(way)));
         Act::of(best.map_or(Action::Stay, push))
     }
 }
 
-/// The first cell in view with this on it.
+/// The first cell in view with this content.
 fn find(view: &View, what: Seen) -> Option<Pos> {
     view.positions().find(|(_, seen)| *seen == what).map(|(at, _)| at)
 }
 
-/// What is seen on a cell; none outside the view.
+/// The content of a cell; `None` outside the view.
 fn seen_at(view: &View, at: Pos) -> Option<Seen> {
     let row = usize::try_from(at.i - view.origin.i).ok()?;
     let column =

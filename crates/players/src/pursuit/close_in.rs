@@ -8,11 +8,11 @@ use crate::talk::heard;
 use crate::walk::toward;
 use crate::{Player, Seat};
 
-/// For how many rounds a sighting of the prey counts. Two rounds are needed to hear of it at second hand; an older
-/// sighting draws all agents to a place that the prey has left, and then no agent sees it.
+/// Number of rounds for which a sighting of the prey counts. Two rounds are needed to hear of it at second hand; an
+/// older sighting draws all agents to a place that the prey has left, and then no agent sees it.
 const FRESH_ROUNDS: u32 = 2;
 
-/// How many steps of detour one agent in the way is worth.
+/// Detour in steps that an agent in the way is worth.
 const CROWD: u32 = 4;
 
 /// Walks to the nearest free cell beside the prey while it knows where the prey is, and sends that place. Otherwise it
@@ -71,7 +71,7 @@ impl Player for CloseIn {
 }
 
 impl CloseIn {
-    /// Takes the latest of what it sees, what it heard and what it knew.
+    /// Keeps the latest of the visible, the heard and the known sighting.
     fn locate(&mut self, observation: &Observation) {
         let now = observation.round;
         let view = observation.view.iter().flat_map(swarmbench_engine::View::positions);

@@ -12,41 +12,41 @@ use super::stance::STANCES;
 use crate::chart::{push, sight};
 use crate::{Player, Seat};
 
-/// How many rounds a net may cost that is chosen by looking ahead.
+/// Maximum cost in rounds of a net that is chosen by looking ahead.
 const FORESIGHT: f64 = 9.0;
 
-/// On the standard map, after this many rounds without a point an agent no longer trusts its estimate, but tries the
-/// nets in turn: the score is a clock that all share. On larger maps it takes longer to get to a net.
+/// Number of rounds without a point, on the standard map, after which an agent no longer trusts its estimate and tries
+/// the nets in turn: the score is a clock that all share. Larger maps take more rounds, as the way to a net is longer.
 const LONG: u32 = 12;
 
-/// How many rounds each turn takes where agents go after the prey: about one way across a standard map.
+/// Length of a turn in rounds where agents go after the prey: about one way across a standard map.
 const TURN: u32 = 8;
 
-/// How often another must not have gone where it was expected to go before it counts as settled.
+/// Number of times that an agent must have refused its expected move before it counts as settled.
 const STUBBORN: u32 = 3;
 
-/// Every agent estimates what all agents know and do, and does its own part of that. So it has a belief of all places,
-/// which messages and its view correct, and computes the joint plan of the round from it: agents that can catch the
-/// prey at once do, all others go to their posts. The posts close off some cells, where new preys then appear. A prey
-/// outside runs into a net by itself, or some agents leave their posts and take a stance around it.
+/// Every agent estimates what all agents know and do, and does its own part of that. It keeps a belief of all
+/// positions, which messages and its view correct, and computes the joint plan of the round from it: agents that can
+/// catch the prey at once do, all others go to their posts. The posts close off some cells, where new preys then
+/// appear. A prey outside runs into a net by itself, or some agents leave their posts and take a stance around it.
 struct CornerTraps {
     agent: usize,
     rules: RuleSet,
-    /// See [`LONG`].
+    /// [`LONG`], adjusted to the size of the map.
     long: u32,
-    /// The map without anybody.
+    /// The map without agents and prey.
     bare: Field,
     nets: Nets,
-    /// What it believes of the round that it decides.
+    /// The belief about the round to decide.
     news: News,
-    /// Where the prey may be.
+    /// The possible positions of the prey.
     quarry: Quarry,
     score: f64,
     /// The round in which the score last grew.
     scored: u32,
-    /// By agent, how often it did not go where it was expected to go, since it last moved.
+    /// Number of expected moves that an agent refused since it last moved, by agent.
     refusals: Vec<u32>,
-    /// The posts that it chose last, where it chose by looking ahead.
+    /// The posts of the last round, if they were chosen by looking ahead.
     chosen: Option<Vec<Pos>>,
 }
 
@@ -77,14 +77,14 @@ fn without_nets(seat: &Seat) -> Box<dyn Player> {
         // In a crowd some agent mostly stands beside the prey already, and an agent that makes way lets it out.
         super::chase::make(seat)
     } else if cells >= 150 && 14 * agents < cells {
-        // Where agents are so few that they do not hear each other, posts are no use.
+        // Agents that are so few that they do not hear each other have no use for posts.
         super::track::make(seat)
     } else {
         super::close_in::make(seat)
     }
 }
 
-/// How many rounds a stance may take to catch the prey: fewer in a large swarm, as each round takes longer to play.
+/// Maximum number of rounds for a stance to catch the prey: fewer in a large swarm, as the look-ahead takes longer.
 fn horizon(agents: usize) -> f64 {
     u32::try_from(80 / agents.max(1)).map_or(2.0, |rounds| f64::from(rounds.clamp(2, 6)))
 }
@@ -112,7 +112,7 @@ impl Player for CornerTraps {
 }
 
 impl CornerTraps {
-    /// Takes what others knew in the last round, where it is newer.
+    /// Takes the others' knowledge of the last round where it is newer.
     fn listen(&mut self, observation: &Observation) {
         let count = self.news.agents.len();
         for message in &observation.messages {
@@ -141,7 +141,7 @@ impl CornerTraps {
         }
     }
 
-    /// Moves all agents to their places a round later, if they know and do the same as this agent.
+    /// Predicts the positions of all agents a round later, assuming that they know and do the same as this agent.
     fn foresee(&mut self, now: u32) {
         let chosen = self.chosen.take();
         let steps = self.plan(&chosen.unwrap_or_else(|| self.posts(now.saturating_sub(1))));
@@ -163,7 +163,7 @@ impl CornerTraps {
         self.quarry.flee(&scene.field(&self.bare), self.rules);
     }
 
-    /// A new point shows every agent that there is a new prey.
+    /// Resets the belief about the prey after a new point, which shows every agent that there is a new prey.
     fn count(&mut self, observation: &Observation) {
         if observation.score > self.score {
             self.scored = observation.round;
@@ -174,7 +174,7 @@ impl CornerTraps {
         self.score = observation.score;
     }
 
-    /// Its own view overrides all else.
+    /// Records the agent's own view, which overrides all else.
     fn look(&mut self, now: u32, here: Pos, view: &View) {
         for (at, seen) in view.positions() {
             for (agent, fix) in self.news.agents.iter_mut().enumerate() {
@@ -222,7 +222,7 @@ impl CornerTraps {
         }
     }
 
-    /// The agents of whom it knows, and a prey.
+    /// The scene of the known agents and a prey.
     fn scene(&self, prey: Option<Pos>) -> Scene {
         let agents = self.news.agents.iter().flatten().map(|fix| fix.at).collect();
         let known = self.news.agents.iter().zip(&self.refusals).filter(|(fix, _)| fix.is_some());
@@ -230,24 +230,24 @@ impl CornerTraps {
         Scene { agents, settled, prey, rules: self.rules }
     }
 
-    /// The places where it believes all agents to be.
+    /// The believed positions of all agents.
     fn places(&self) -> impl Iterator<Item = Option<Pos>> {
         self.news.agents.iter().map(|fix| fix.map(|fix| fix.at))
     }
 
-    /// The moment with the prey where it was seen or most likely is.
+    /// The scene with the prey where it was seen or most likely is.
     fn hunt(&self) -> Scene {
         self.scene(self.news.prey.map(|fix| fix.at).or(self.quarry.likely()))
     }
 
-    /// What all agents do, as far as it is known where they are.
+    /// The steps of all agents; `None` for agents of unknown position.
     fn plan(&self, posts: &[Pos]) -> Vec<Step> {
         let scene = self.hunt();
         let mut steps = scene.steps(&scene.field(&self.bare), posts).into_iter();
         self.news.agents.iter().map(|fix| fix.and_then(|_| steps.next()).flatten()).collect()
     }
 
-    /// The nets for what is most likely of the prey.
+    /// The nets for the most likely whereabouts of the prey.
     fn nets(&self, now: u32) -> &[Vec<Pos>] {
         let waited = now.saturating_sub(self.scored);
         self.nets.against(match self.news.is_odd {
@@ -259,9 +259,9 @@ impl CornerTraps {
         })
     }
 
-    /// The posts to take: those of the first net, which catches almost any prey, and of the next where it did not. Only
-    /// an agent that sees the whole map can compute which net catches this prey first; on news from others too many
-    /// would choose differently.
+    /// The posts to take: those of the first net, which catches almost any prey, and of the next one if it did not.
+    /// Only an agent that sees the whole map can compute which net catches this prey first; on news from others too
+    /// many would choose differently.
     fn posts(&self, now: u32) -> Vec<Pos> {
         if self.nets.is_hunting {
             return self.hunting_posts(now);
@@ -280,7 +280,7 @@ impl CornerTraps {
         best.0.clone()
     }
 
-    /// The posts of agents that go after the prey: the stance that catches it first. Where nothing is caught for long, no
+    /// The posts of agents that go after the prey: the stance that catches it first. If nothing is caught for long, no
     /// agent sees the prey, or those who see it are not heard. So there are turns in which all look for it, and turns
     /// in which all come to the closed net, where they hear each other.
     fn hunting_posts(&self, now: u32) -> Vec<Pos> {
@@ -303,7 +303,7 @@ impl CornerTraps {
         best.0.posts(&scene, &self.bare, closed)
     }
 
-    /// Whether it sees all agents and the prey.
+    /// Whether the agent sees all agents and the prey in this round.
     fn sees_all(&self, now: u32) -> bool {
         let is_seen = |fix: &Option<Fix>| fix.is_some_and(|fix| fix.seen == now);
         is_seen(&self.news.prey) && self.news.agents.iter().all(is_seen)
@@ -357,7 +357,7 @@ mod tests {
 
     fn survive_lies(player: &mut dyn Player) {
         for round in 0..40 {
-            // All on one cell, on the wall, far outside: with valid check characters.
+            // The lies place all agents on one cell, on the wall, far outside: with valid check characters.
             let at = [Pos::new(5, 5), Pos::new(0, 3), Pos::new(93, 93)][round as usize % 3];
             let fix = Some(Fix { at, seen: round });
             let news = News { agents: vec![fix; 12], prey: fix, is_odd: Some(true) };

@@ -1,4 +1,4 @@
-//! What an agent believes to lie where: the map of one moment, on which a prey can be made to flee.
+//! The map of one moment as an agent believes it, with the flight of a prey on it.
 
 use swarmbench_engine::tasks::pursuit::{Ground, flight, is_caught};
 use swarmbench_engine::{Direction, Kind, Pos, RuleSet};
@@ -12,7 +12,7 @@ pub(super) struct Field {
 }
 
 impl Field {
-    /// The map of this size with nothing on it but its ring.
+    /// An empty map of this size with its wall ring.
     pub(super) fn new(height: i32, width: i32) -> Self {
         let area = usize::try_from(height * width).unwrap_or(0);
         let mut field = Self { height, width, cells: vec![None; area] };
@@ -31,7 +31,7 @@ impl Field {
         (1..self.height - 1).contains(&at.i) && (1..self.width - 1).contains(&at.j)
     }
 
-    /// Lays something on a cell, or clears it; a cell outside the map is left alone.
+    /// Sets or clears the content of a cell; cells outside the map are ignored.
     pub(super) fn put(&mut self, at: Pos, kind: Option<Kind>) {
         if let Some(index) = self.index(at) {
             self.cells[index] = kind;
@@ -87,7 +87,7 @@ impl Ground for Field {
     }
 }
 
-/// A field with a prey on one of its cells: it cannot come back to that, as its own body lies there.
+/// A field with a prey on one of its cells: the prey cannot step back onto that cell, as its own body lies there.
 struct WithPrey<'a> {
     field: &'a Field,
     prey: Pos,
@@ -117,7 +117,7 @@ mod tests {
         for cell in [Pos::new(1, 1), Pos::new(8, 8), Pos::new(5, 5)] {
             assert_ne!(field.after_flight(RuleSet::Paper, cell), Some(cell));
         }
-        // One step is free, but from there only the way back.
+        // One step is free, but from there only the step back.
         for agent in [Pos::new(2, 1), Pos::new(1, 3), Pos::new(2, 2)] {
             field.put(agent, Some(Kind::Agent));
         }

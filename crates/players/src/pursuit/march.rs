@@ -7,15 +7,15 @@ use swarmbench_engine::{Direction, Pos};
 use super::field::Field;
 use crate::assign::assign as cheapest;
 
-/// What an agent of the swarm does; none for an agent whose whereabouts are unknown.
+/// The step of an agent; `None` if it stays or its position is unknown.
 pub(super) type Step = Option<Direction>;
 
-/// What it is worth to leave a settled agent alone: more than any way across a map costs.
+/// Value of leaving a settled agent on its post: more than any way across a map costs.
 const SETTLED: i64 = 1 << 20;
 
-/// Gives every agent a post of its own, such that the sum of the squared distances is least: squares share the way out
-/// evenly, as the last one to arrive counts. A settled agent keeps the post on which it stands. Agents beyond the
-/// number of posts get none.
+/// Assigns every agent a post of its own with the least sum of squared distances: squares even out the distances, as
+/// the last agent to arrive counts. A settled agent keeps the post on which it stands. Agents beyond the number of
+/// posts get none.
 pub(super) fn assign(agents: &[Pos], settled: &[bool], posts: &[Pos]) -> Vec<Option<Pos>> {
     let cost = |agent: usize, post: usize| {
         let (from, to) = (agents[agent], posts[post]);
@@ -43,25 +43,25 @@ pub(super) struct March<'a> {
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Plan {
     Open,
-    /// Its decision waits for that of another.
+    /// The decision waits for that of another agent.
     Asked,
     Fixed(Step),
 }
 
 impl<'a> March<'a> {
-    /// Agents on a field on which they and the prey lie.
+    /// A march of agents on a field that contains them and the prey.
     pub(super) fn new(field: &'a Field, agents: &'a [Pos]) -> Self {
         Self { field, agents, steps: vec![Plan::Open; agents.len()], taken: Vec::new() }
     }
 
-    /// Fixes what an agent does.
+    /// Fixes the step of an agent.
     pub(super) fn fix(&mut self, agent: usize, step: Step) {
         let at = self.agents[agent];
         self.taken.push(step.map_or(at, |step| at.toward(step)));
         self.steps[agent] = Plan::Fixed(step);
     }
 
-    /// Lets all others go toward their goals, those with the longest way first.
+    /// Lets all other agents go toward their goals, those with the longest way first.
     pub(super) fn go(mut self, goals: &[Option<Pos>]) -> Vec<Step> {
         let mut order: Vec<usize> = (0..self.agents.len()).collect();
         let length = |agent: usize| {
@@ -108,7 +108,7 @@ impl<'a> March<'a> {
     }
 }
 
-/// The steps that bring an agent nearer, the one along the longer side first.
+/// The steps that bring an agent nearer to its goal, the one along the longer side first.
 fn steps_toward(at: Pos, goal: Pos) -> [Step; 2] {
     let (down, right) = (goal.i - at.i, goal.j - at.j);
     let vertical = match down.signum() {
@@ -161,10 +161,10 @@ mod tests {
 
     #[test]
     fn nobody_enters_a_cell_that_is_left_in_a_later_pass() {
-        // Down comes before right, so the upper agent would push the lower one.
+        // The pass down comes before the pass right, so the upper agent would push the lower one.
         let steps = march(&[(1, 1), (2, 1)], &[(4, 1), (2, 4)]);
         assert_eq!(steps, [None, Some(Direction::Right)]);
-        // Up comes before right.
+        // The pass up comes before the pass right.
         let steps = march(&[(2, 1), (2, 2)], &[(2, 5), (1, 2)]);
         assert_eq!(steps, [Some(Direction::Right), Some(Direction::Up)]);
     }

@@ -1,19 +1,19 @@
-//! Where the swarm stands to catch a prey that runs free, and to keep every corner closed.
+//! The nets: where the swarm stands to catch a prey that runs free, and to keep every corner closed.
 //!
-//! A *net* is one post for each agent. While all stand on their posts, where the prey goes depends on nothing but
-//! where it is: it runs from cell to cell until it comes around in a circle. The nets below were found by
-//! simulated annealing, such that nearly every such way leads over a cell on which the agents nearby can catch the
-//! prey in one step; that two or three corners are closed then, so that the next prey appears in one of them; and
-//! that they are not far from where a game begins. As a prey never changes between even and odd cells (row +
-//! column), there are nets for either kind: few nets catch both.
+//! A *net* is one post for each agent. While all stand on their posts, the prey's next cell depends only on its current
+//! one: it runs from cell to cell until it comes around in a circle. The nets below were found by simulated annealing,
+//! such that nearly every such way leads over a cell on which the agents nearby can catch the prey in one step; that
+//! two or three corners are closed then, so that the next prey appears in one of them; and that they are not far from
+//! where a game begins. As a prey never changes between even and odd cells (row + column), there are nets for either
+//! kind: few nets catch both.
 //!
-//! In a *closed* net corners are traps: two walls and two agents leave no gap, and the danger there
-//! is less than anywhere else, so that is where a new prey appears, unless none of the hundred draws hits one of
-//! the corners. With four of them that happens about once in three thousand rounds.
+//! In a *closed* net corners are traps: two walls and two agents leave no gap, and the danger there is less than
+//! anywhere else, so a new prey appears there unless none of the hundred draws hits one of the corners. With four of
+//! them that happens about once in three thousand rounds.
 //!
 //! On larger maps corners are more dangerous than the open ground in the middle, where no wall is near, so traps lie
-//! there. A net that is closed and catches whatever runs free was found for 30 agents on 15 × 15 cells alone. For other
-//! games there is a closed net at most, and agents leave it to catch a prey that runs free (`stance.rs`).
+//! there. The only net found that is closed and also catches a prey that runs free is for 30 agents on 15 × 15 cells.
+//! Other games have at most a closed net, and agents leave it to catch a prey that runs free (`stance.rs`).
 
 use swarmbench_engine::{Pos, RuleSet};
 
@@ -21,13 +21,13 @@ use super::close_in::post_of;
 use super::quarry::Whereabouts;
 use crate::Seat;
 
-/// How many values a digit of a cell can have.
+/// Base of the digits of a cell.
 const BASE: u32 = 36;
 
-/// How many cells an agent can watch, so that the swarm goes after the prey.
+/// Maximum number of cells for each agent where the swarm goes after the prey: an agent can watch that many.
 const CELLS_OF_EACH: u32 = 14;
 
-/// How many agents can plan for each other in every round.
+/// Maximum number of agents that plan for each other in every round.
 const HUNTERS_MAX: u32 = 30;
 
 /// The nets for a number of agents on a map of some size. A cell is its row and its column, one digit each (`a` is 10,
@@ -122,7 +122,7 @@ const OF_30_ON_20: Book = Book {
     closed: LARGE_NET_OF_30,
 };
 
-/// Closed nets alone, by rows, columns and agents. From them the agents go after a prey that runs free.
+/// Closed nets alone, by rows, columns and agents. Agents leave them to go after a prey that runs free.
 const CLOSED: &[((u16, u16, u16), &str)] = &[
     ((8, 8, 8), "12 15 21 26 51 56 62 65"),
     ((8, 8, 12), "12 14 16 21 23 25 32 36 41 51 62 66"),
@@ -150,24 +150,24 @@ const CLOSED: &[((u16, u16, u16), &str)] = &[
 pub(super) struct Nets {
     even: Vec<Vec<Pos>>,
     odd: Vec<Vec<Pos>>,
-    /// Beside the closed net, as it is a kind like the others.
+    /// The closed net, in a list of one like the other kinds.
     closed: Vec<Vec<Pos>>,
     /// Posts that are spread evenly over the map.
     pub(super) watch: Vec<Pos>,
-    /// Whether the agents go after a prey that runs free, and do not wait for it in a net.
+    /// Whether the agents go after a prey that runs free instead of waiting for it in a net.
     pub(super) is_hunting: bool,
 }
 
 impl Nets {
-    /// The nets for a seat's game, where there are some.
+    /// The nets for a seat's game; `None` if there are none.
     pub(super) fn of(seat: &Seat) -> Option<Self> {
         let book = book(seat)?;
         let posts = 0..i32::from(seat.num_agents);
         let watch: Vec<Pos> = posts.map(|number| post_of(number, seat)).collect();
         let all = |nets: &[&str]| nets.iter().copied().map(read).collect();
         let closed = if book.closed.is_empty() { watch.clone() } else { read(book.closed) };
-        // The nets were made for the way in which a prey flees under the rules `paper`. Under `reference` it often
-        // stays where it is, so somebody has to go there.
+        // The nets were made for the flight of a prey under the rules `paper`. Under `reference` it often stays where
+        // it is, so some agents have to go there.
         let is_hunting = seat.rules == RuleSet::Reference || book.even.is_empty();
         let (even, odd) = (all(book.even), all(book.odd));
         Some(Self { even, odd, closed: vec![closed], watch, is_hunting })
@@ -183,7 +183,7 @@ impl Nets {
     }
 }
 
-/// The nets of a game. They may be empty where the agents are close enough to go after the prey without any; `None` if
+/// The nets of a game. They may be empty if the agents are close enough to go after the prey without any; `None` if
 /// they are not.
 fn book(seat: &Seat) -> Option<Book> {
     let size = (seat.height, seat.width, seat.num_agents);
@@ -238,7 +238,8 @@ mod tests {
         Nets::of(&Seat::of(&Config::check(&settings).unwrap(), AgentId(0), 1))
     }
 
-    /// The square maps and the swarms for which there are nets, and how often a new prey appears in a trap at least.
+    /// The square maps and the swarms for which there are nets, with the least share of new preys that appear in a
+    /// trap.
     fn sizes() -> impl Iterator<Item = (i32, i64, f64)> {
         let catching = (10..=16).map(|agents| (10, agents, 0.995));
         let closed = CLOSED.iter().map(|((height, _, agents), _)| {

@@ -1,36 +1,38 @@
-//! The messages of agents of one kind: all known places, in so few characters that a whole swarm fits into one message.
+//! Messages between `corner-traps` players: all known places, in so few characters that a whole swarm fits into one
+//! message.
 //!
-//! A message is `S`, the round, the prey, then the agents, freshest news first, and two check signs, as noise may have
-//! changed any character. A number is one printable sign from `!` (0) to `~` (93). A place is row, column and how many
-//! rounds ago it was seen; an agent is its number and a place.
+//! A message is `S`, the round, whether the prey keeps to odd cells (0, 1, or 2 if unknown), the prey, then the agents,
+//! freshest news first, and two check signs, as noise may have changed any character. A number is one printable sign
+//! from `!` (0) to `~` (93). A place is row, column and how many rounds ago it was seen; an agent is its number and a
+//! place.
 
 use swarmbench_engine::{Message, Pos};
 
-/// How many values a sign can have.
+/// Number of values of a sign.
 const BASE: u32 = 94;
 
 const FIRST: u32 = b'!' as u32;
 
 const HEAD: char = 'S';
 
-/// Where something is, and in which round an agent last saw it.
+/// A position, and the round in which an agent last saw it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Fix {
     pub(super) at: Pos,
     pub(super) seen: u32,
 }
 
-/// What one agent believes in some round.
+/// The belief of an agent in a round.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct News {
-    /// By agent.
+    /// The last known place of each agent, by number.
     pub(super) agents: Vec<Option<Fix>>,
     pub(super) prey: Option<Fix>,
     /// Whether the prey that runs free keeps to odd cells (row + column); `None` until an agent has seen it.
     pub(super) is_odd: Option<bool>,
 }
 
-/// Puts news of a round in words; what does not fit stays out.
+/// Writes news of a round as a message; agents that do not fit are left out.
 pub(super) fn write(news: &News, round: u32) -> Option<Message> {
     let mut text = String::from(HEAD);
     text.push(sign(round % BASE)?);
@@ -54,7 +56,7 @@ pub(super) fn write(news: &News, round: u32) -> Option<Message> {
     Message::new(&text)
 }
 
-/// Reads a message of the round `now` or before; `None` if it is not one.
+/// Reads a message of the round `now` or before; `None` if it is not a valid one.
 pub(super) fn read(message: &str, now: u32, agents: usize) -> Option<(u32, News)> {
     if !message.is_ascii() || message.len() < 8 {
         return None;
@@ -94,7 +96,7 @@ fn place(fix: Fix, round: u32) -> Option<[char; 3]> {
     Some([number(fix.at.i)?, number(fix.at.j)?, age(fix.seen, round)?])
 }
 
-/// How many rounds ago; `None` if it is too long ago.
+/// The number of rounds since `then` as a sign; `None` if it is too large.
 fn age(then: u32, round: u32) -> Option<char> {
     round.checked_sub(then).filter(|&ago| ago < BASE - 1).and_then(sign)
 }
@@ -107,7 +109,7 @@ fn value(sign: char) -> Option<u32> {
     u32::from(sign).checked_sub(FIRST).filter(|&value| value < BASE)
 }
 
-/// Two signs that depend on every other and on its place.
+/// Two check signs, which depend on every other sign and its place.
 fn check(text: &str) -> [char; 2] {
     let sum = |weight: u32| {
         let sum = text.bytes().fold(0, |sum, byte| (sum * weight + u32::from(byte)) % BASE);

@@ -6,10 +6,10 @@ use swarmbench_engine::{Pos, RuleSet};
 
 use super::field::Field;
 
-/// Places less likely than this are forgotten, which bounds the work.
+/// Share of the total weight below which a place is dropped, which bounds the work.
 const LEAST: f64 = 0.01;
 
-/// All places where the prey may be, with how likely they are against each other.
+/// All possible places of the prey with their relative weights.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Quarry {
     guesses: Vec<(Pos, f64)>,
@@ -23,15 +23,14 @@ impl Quarry {
         Self { guesses: cells.map(|cell| (cell, 1.0)).collect() }
     }
 
-    /// A new prey, which is on the first drawn of the least dangerous cells of as many draws as the map has
-    /// cells.
+    /// A new prey, which appears on the first drawn of the least dangerous cells of as many draws as the map has cells.
     pub(super) fn new(field: &Field) -> Self {
         let mut cells: Vec<(Pos, f64)> =
             field.empty_cells().map(|cell| (cell, danger(field, cell))).collect();
         cells.sort_by(|one, other| one.1.total_cmp(&other.1));
         let count = cells.len();
         let draws = field.height() * field.width();
-        // How likely it is that none of the first cells, up to this one, is drawn.
+        // The probability that none of the first `cells` cells is drawn.
         let none_of = |cells: usize| share(count - cells, count).powi(draws);
         let mut guesses = Vec::new();
         let mut safer = 0;
@@ -55,22 +54,22 @@ impl Quarry {
         Self { guesses: cells.map(|cell| (cell, 1.0)).collect() }
     }
 
-    /// No possible place is left.
+    /// Whether no possible place is left.
     pub(super) fn is_nowhere(&self) -> bool {
         self.guesses.is_empty()
     }
 
-    /// The prey is not on this cell.
+    /// Drops a cell on which the prey is not.
     pub(super) fn rule_out(&mut self, cell: Pos) {
         self.guesses.retain(|(at, _)| *at != cell);
     }
 
-    /// The prey was not caught: it is only where it could escape.
+    /// Drops the cells from which an uncaught prey could not have escaped.
     pub(super) fn escape(&mut self, could: impl Fn(Pos) -> bool) {
         self.guesses.retain(|(at, _)| could(*at));
     }
 
-    /// The prey moves, agents having moved; it was not caught.
+    /// Moves the prey after the agents have moved; it was not caught.
     pub(super) fn flee(&mut self, field: &Field, rules: RuleSet) {
         let total: f64 = self.guesses.iter().map(|(_, weight)| weight).sum();
         let mut moved: Vec<(Pos, f64)> = Vec::new();
@@ -87,19 +86,19 @@ impl Quarry {
         self.guesses = moved;
     }
 
-    /// The place that is more likely than all others together.
+    /// The place that is more likely than all others together, if there is one.
     pub(super) fn likely(&self) -> Option<Pos> {
         let total: f64 = self.guesses.iter().map(|(_, weight)| weight).sum();
         self.guesses.iter().find(|(_, weight)| *weight > total / 2.0).map(|(cell, _)| *cell)
     }
 
-    /// How likely it is that the prey sits where it cannot move.
+    /// The probability that the prey sits where it cannot move.
     pub(super) fn share_trapped(&self, field: &Field) -> f64 {
         let [even, odd, trapped] = self.weigh(field);
         trapped / (even + odd + trapped)
     }
 
-    /// What is most likely of the prey.
+    /// The most likely whereabouts of the prey.
     pub(super) fn whereabouts(&self, field: &Field) -> Whereabouts {
         let [even, odd, trapped] = self.weigh(field);
         if trapped > even + odd { Whereabouts::Trapped } else { Whereabouts::of(odd > even) }
@@ -116,19 +115,19 @@ impl Quarry {
     }
 }
 
-/// What the swarm has to know of the prey to take its posts.
+/// The knowledge of the prey on which the choice of posts depends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Whereabouts {
-    /// It sits where it is caught in this round.
+    /// The prey sits where it is caught in this round.
     Trapped,
-    /// It runs free on even cells (row + column).
+    /// The prey runs free on even cells (row + column).
     Even,
-    /// It runs free on odd cells.
+    /// The prey runs free on odd cells.
     Odd,
 }
 
 impl Whereabouts {
-    /// Of a prey that runs free.
+    /// The whereabouts of a prey that runs free.
     pub(super) const fn of(is_odd: bool) -> Self {
         if is_odd { Self::Odd } else { Self::Even }
     }

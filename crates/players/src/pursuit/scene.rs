@@ -7,10 +7,10 @@ use super::field::Field;
 use super::march::{March, Step, assign};
 use super::quarry::Quarry;
 
-/// How many rounds it costs that a new prey runs free.
+/// Cost of a new prey that runs free, in rounds.
 const ESCAPE: f64 = 5.0;
 
-/// Agents in some order, which only this agent uses, and the prey if its place is known.
+/// Agents in an order that only this agent uses, and the prey if its place is known.
 #[derive(Clone, Debug)]
 pub(super) struct Scene {
     pub(super) agents: Vec<Pos>,
@@ -21,7 +21,7 @@ pub(super) struct Scene {
 }
 
 impl Scene {
-    /// The map of the moment, where `bare` is a map without anybody.
+    /// The map with the scene's agents and prey, made from the empty map `bare`.
     pub(super) fn field(&self, bare: &Field) -> Field {
         let mut field = bare.clone();
         for agent in &self.agents {
@@ -43,7 +43,7 @@ impl Scene {
         march.go(&assign(&self.agents, &self.settled, posts))
     }
 
-    /// The moment a round later. The prey is gone if it was caught.
+    /// Advances the scene by a round. The prey is `None` afterwards if it was caught.
     pub(super) fn advance(&mut self, bare: &Field, steps: &[Step]) {
         for (agent, step) in self.agents.iter_mut().zip(steps) {
             if let Some(step) = step {
@@ -56,7 +56,7 @@ impl Scene {
         }
     }
 
-    /// How many rounds these posts cost until every round catches a prey, if less than `limit`.
+    /// The cost of these posts in rounds until every round catches a prey, if it is less than `limit`.
     pub(super) fn cost(&self, bare: &Field, posts: &[Pos], limit: f64) -> Option<f64> {
         let (rounds, then) = self.catch(bare, |_| posts.to_vec(), limit)?;
         let field = then.field(bare);
@@ -64,8 +64,8 @@ impl Scene {
         (cost < limit).then_some(cost)
     }
 
-    /// In how many rounds the prey is caught, if less than `limit`, and the moment after that. The posts are those of
-    /// each moment.
+    /// The number of rounds until the prey is caught, if less than `limit`, and the scene after that. `posts` gives the
+    /// posts of each scene.
     pub(super) fn catch(
         &self,
         bare: &Field,
@@ -88,7 +88,7 @@ impl Scene {
         None
     }
 
-    /// Steps with which a prey on this cell is caught at once: agents beside it stay, and others fill all gaps.
+    /// Steps that catch a prey on this cell at once: agents beside it stay, and others fill all gaps.
     pub(super) fn closing(&self, field: &Field, prey: Pos) -> Option<Vec<(usize, Step)>> {
         let gaps: Vec<Pos> = field.gaps(prey).collect();
         let mut steps = Vec::new();
@@ -101,7 +101,7 @@ impl Scene {
         Some(steps)
     }
 
-    /// Finds another agent for each of the gaps, and adds their steps.
+    /// Finds a different agent for each of the gaps, and adds their steps.
     fn fill(&self, gaps: &[Pos], steps: &mut Vec<(usize, Step)>) -> bool {
         let Some((&gap, rest)) = gaps.split_first() else { return true };
         for step in Direction::ALL {

@@ -7,21 +7,21 @@ use crate::chart::{Chart, push, waypoint};
 use crate::walk::toward;
 use crate::{Player, Seat};
 
-/// For how many rounds a sighting counts. The prey takes two steps a round but comes back often, because what
-/// drew it there still does.
+/// Number of rounds for which a sighting counts. The prey takes two steps a round but often comes back, because the
+/// reason that drew it there remains.
 const FRESH_ROUNDS: u32 = 4;
 
-/// How many steps of detour one agent in the way is worth.
+/// Detour in steps that an agent in the way is worth.
 const CROWD: u32 = 4;
 
-/// Walks to the nearest free cell beside the place where it last saw the prey. When that is long ago, it
-/// walks from one random place of the map to another until it sees it again.
+/// Walks to the nearest free cell beside the last sighting of the prey. If that is long ago, walks from one random
+/// place of the map to another until it sees the prey again.
 struct Track {
     chance: Chance,
     chart: Chart,
-    /// Where the prey was last seen, and in which round.
+    /// The place and the round of the last sighting of the prey.
     prey: Option<(Pos, u32)>,
-    /// Its destination while it knows no better one.
+    /// The destination while the prey's place is unknown.
     errand: Pos,
     /// Rows and columns of the map.
     size: (u16, u16),

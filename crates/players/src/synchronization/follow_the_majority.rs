@@ -5,7 +5,7 @@ use swarmbench_engine::{Act, Action, Observation};
 use super::gather::{lights, step, turn};
 use crate::{Player, Seat};
 
-/// Comes to the middle. There it switches if all lights in view are like its own, and otherwise follows the majority.
+/// Walks to the middle. There it switches if all lights in view are like its own, and otherwise follows the majority.
 /// Once all agree they stay in step, as every agent sees only agreement; until then, agents that happen to see
 /// agreement switch too early.
 struct FollowTheMajority {

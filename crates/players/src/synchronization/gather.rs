@@ -1,4 +1,4 @@
-//! Shared by the players of Synchronization that use their view: they gather in the middle of the map, since lights and
+//! Helpers of the Synchronization players that use their view: they gather in the middle of the map, since lights and
 //! messages reach two cells.
 
 use swarmbench_engine::{Action, Direction, Observation, Pos, RuleSet, Seen};
@@ -40,7 +40,7 @@ pub(super) fn step(observation: &Observation, seat: &Seat) -> Option<Action> {
     ways.find(|(_, way)| is_free(here.toward(*way))).map(|(_, way)| push(way))
 }
 
-/// Switches where the light is not as wanted.
+/// Switches if the light is not as wanted.
 pub(super) fn turn(is_on: bool, wanted: bool) -> Action {
     if is_on == wanted { Action::Stay } else { Action::Switch }
 }

@@ -9,15 +9,15 @@
 //! | `switch-with-the-lowest` | lights and numbers in view | 84.1 ± 31.1 | 71.8 ± 42.5 |
 //! | `follow-the-majority` | lights in view | 58.6 ± 45.9 | 56.8 ± 47.5 |
 //!
-//! A round scores at most once, so 100 is the most there is. It needs no more than a clock that all share, and the number of the
-//! round is one.
+//! A round scores at most once, so the maximum is 100. Reaching it takes only a clock that all agents share, such as
+//! the number of the round.
 //!
-//! The others use no such number. They come together in the middle of the map, as lights are seen and words are heard
-//! two cells away only. `pass-the-beat` loses the rounds until the beat of the lowest number has come around, and
-//! relies on messages that arrive in the next round: with delays the news of a beat is too late. The two that only
-//! react keep the full pace once they have found it, which is what the means hide: a game scores more than 80 or next
-//! to nothing. When they stand still in the middle, an agent that sees no lower number may lead a second group, or
-//! agents that see agreement too early undo the majority again and again, and this does not end.
+//! The other players do not use the number of the round. They gather in the middle of the map, because lights are seen
+//! and messages are heard only two cells away. `pass-the-beat` loses the rounds until the beat of the lowest number has
+//! spread, and relies on messages that arrive in the next round: with delays the news of a beat is too late. The two
+//! players that only react keep the full pace once they have found it, which the means hide: a game scores more than 80
+//! or next to nothing. When they stand still in the middle, an agent that sees no lower number may lead a second group,
+//! or agents that see agreement too early undo the majority again and again, and this does not end.
 
 mod follow_the_majority;
 mod gather;

@@ -6,7 +6,7 @@ use super::gather::{step, turn};
 use crate::talk::heard;
 use crate::{Player, Seat};
 
-/// How many messages are read at most in a round.
+/// Maximum number of messages read in a round.
 const MESSAGES_MAX: usize = 64;
 
 /// Every agent has a beat, on one round and off the next, and sends in every round the leader of its beat and the next
@@ -15,9 +15,9 @@ const MESSAGES_MAX: usize = 64;
 /// of the round is not used. An agent that has not heard the lowest number goes to the middle.
 struct PassTheBeat {
     seat: Seat,
-    /// Whose beat it follows.
+    /// The agent whose beat it follows.
     leader: i32,
-    /// What its light becomes in this round.
+    /// The state of its light after this round.
     wanted: Option<bool>,
 }
 
@@ -31,7 +31,7 @@ impl Player for PassTheBeat {
         let (Some(_), Some(is_on)) = (observation.position, observation.light_on) else {
             return Act::default();
         };
-        // What was said was said for the round before, and in this one all lights become the opposite.
+        // Messages tell the light of the round before; in this round all lights become the opposite.
         let mut wanted = self.wanted.map_or(!is_on, |wanted| !wanted);
         let said = heard(observation, "Beat of").take(MESSAGES_MAX);
         let said = said.filter(|[leader, beat]| *leader >= 0 && (0..=1).contains(beat));

@@ -4,8 +4,8 @@ use swarmbench_engine::{Act, Action, Observation};
 
 use crate::{Player, Seat};
 
-/// Takes the number of the round for a clock that all agents share: all lights are on after even
-/// rounds and off after odd ones. Nothing has to be said, and every round scores.
+/// Uses the number of the round as a clock that all agents share: all lights are on after even rounds and off after odd
+/// ones. No messages are needed, and every round scores.
 pub(crate) struct RoundClock;
 
 /// Makes the player.

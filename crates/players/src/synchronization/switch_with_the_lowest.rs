@@ -5,9 +5,9 @@ use swarmbench_engine::{Act, Observation};
 use super::gather::{lights, step, turn};
 use crate::{Player, Seat};
 
-/// Comes to the middle. There its light becomes what the light of the lowest number in view, itself included, is not:
-/// that agent does the same with a lower number, and the lowest of all switches every round. So every agent whose chain
-/// of lowest numbers ends there is in step with it.
+/// Walks to the middle. There its light becomes the opposite of the light of the lowest number in view, itself
+/// included. That agent does the same with a lower number, and the lowest of all switches every round. So every agent
+/// whose chain of lowest numbers ends there is in step with it.
 struct SwitchWithTheLowest {
     seat: Seat,
 }

@@ -1,9 +1,8 @@
-//! Where the gap is, and where the block lies before it.
+//! The position of the gap, and of the block before it.
 //!
-//! The block always lies the same way up to turning and mirroring: its foot stands in the gap of the
-//! wall, the rest of it is caught behind the end of the gap. It has to go one cell along the open side,
-//! toward the corner, and then straight out. Drawn with the open side below and the corner to the
-//! right:
+//! The block always lies the same way up to turning and mirroring: its foot stands in the gap of the wall, the rest of
+//! it is caught behind the end of the gap. It has to move one cell along the open side, toward the corner, and then
+//! straight out. Drawn with the open side below and the corner to the right:
 //!
 //! ```text
 //! W . . . . . . . . W   4
@@ -21,24 +20,24 @@ use swarmbench_engine::{Direction, Pos, Seen, View, limits};
 
 use crate::Seat;
 
-/// How many pushes it takes until nothing of the block is left on the map: one along, the others out.
+/// Number of pushes until nothing of the block is left on the map: one along, the others out.
 pub(super) const PUSHES: u32 = 5;
 
-/// The distance from a corner within which layouts differ, in rows and columns: the block, and one more.
+/// Distance from a corner within which layouts differ, in rows and columns: the extent of the block, and one more.
 const NEAR: i32 = 6;
 
-/// Where the gap is.
+/// A possible position of the gap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Exit {
     /// The corner of the map in which the gap ends.
     pub(super) corner: Pos,
-    /// The way out through the gap.
+    /// The direction out through the gap.
     pub(super) out: Direction,
-    /// The way along the open side toward the corner.
+    /// The direction along the open side toward the corner.
     pub(super) along: Direction,
 }
 
-/// A cell as an exit has it: how deep inside the open side, and how far from the corner along it.
+/// A cell in the coordinates of an exit: depth inside the open side, and distance from the corner along it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Place {
     pub(super) deep: i32,
@@ -46,7 +45,7 @@ pub(super) struct Place {
 }
 
 impl Exit {
-    /// All eight, always in the same order: either side of each corner may be the open one.
+    /// All eight exits, always in the same order: either side of each corner may be the open one.
     pub(super) fn all(seat: &Seat) -> [Self; 8] {
         let most = i32::try_from(*limits::SIZE.end()).unwrap_or(i32::MAX);
         let last = |cells: u16| i32::from(cells).min(most) - 1;
@@ -61,13 +60,13 @@ impl Exit {
         })
     }
 
-    /// The cell as this exit has it.
+    /// Converts a cell to the coordinates of this exit.
     pub(super) const fn place(&self, cell: Pos) -> Place {
         let by = Pos::new(self.corner.i - cell.i, self.corner.j - cell.j);
         Place { deep: dot(self.out, by), far: dot(self.along, by) }
     }
 
-    /// The cell of a place.
+    /// Converts coordinates of this exit to a cell.
     pub(super) const fn cell(&self, place: Place) -> Pos {
         let ((out_i, out_j), (along_i, along_j)) = (self.out.offset(), self.along.offset());
         let i = self.corner.i - out_i * place.deep - along_i * place.far;
@@ -86,7 +85,7 @@ impl Exit {
         turn(self.along) < turn(self.out)
     }
 
-    /// Whether this exit explains everything in view, after that many pushes of the block. Cells far from the corners
+    /// Whether this exit explains everything in view, after `pushes` pushes of the block. Cells far from the corners
     /// are the same for all exits.
     pub(super) fn explains(&self, sight: &Sight<'_>, pushes: u32) -> bool {
         sight.cells.iter().all(|&(cell, seen, on_ring)| {
@@ -108,7 +107,7 @@ pub(super) struct Sight<'a> {
 }
 
 impl<'a> Sight<'a> {
-    /// The corners in a view of a map of this seat.
+    /// The corners of the seat's map, as far as they are in view.
     pub(super) fn of(view: &'a View, seat: &Seat) -> Self {
         let [first, .., last] = Exit::all(seat);
         let mut sight = Self { cells: Vec::new(), view };
@@ -129,7 +128,7 @@ impl<'a> Sight<'a> {
         sight
     }
 
-    /// What is in view on a cell.
+    /// The content of a cell; `None` outside the view.
     pub(super) fn at(&self, cell: Pos) -> Option<Seen> {
         let part = |at: i32, from: i32| usize::try_from(i64::from(at) - i64::from(from)).ok();
         let (row, column) = (part(cell.i, self.view.origin.i)?, part(cell.j, self.view.origin.j)?);
@@ -140,7 +139,7 @@ impl<'a> Sight<'a> {
     }
 }
 
-/// Whether the block lies on a place after that many pushes, the first along and the others out.
+/// Whether the block covers a place after `pushes` pushes, the first along and the others out.
 pub(super) fn is_block(place: Place, pushes: u32) -> bool {
     let along = i32::from(pushes > 0);
     let out = i32::try_from(pushes.saturating_sub(1)).unwrap_or(0);
@@ -151,7 +150,7 @@ pub(super) fn is_block(place: Place, pushes: u32) -> bool {
     }
 }
 
-/// How far a vector reaches in a direction.
+/// Length of a vector in a direction.
 const fn dot(direction: Direction, by: Pos) -> i32 {
     let (i, j) = direction.offset();
     by.i * i + by.j * j

@@ -1,4 +1,4 @@
-//! Transport by memory, without a word.
+//! Transport by memory, without messages.
 
 use swarmbench_engine::{Act, Action, Direction, Observation, Pos};
 
@@ -8,19 +8,18 @@ use crate::chart::{Chart, push};
 use crate::walk::toward;
 use crate::{Player, Seat};
 
-/// How many steps of detour one agent in the way is worth.
+/// Detour in steps that an agent in the way is worth.
 const CROWD: u32 = 1;
 
-/// Remembers the map and drops every exit that does not fit what it sees. Once it knows the true one it
-/// goes to the nearest free cell behind the block, as all others do: they push it free together and then
-/// walk around it to push it out.
+/// Remembers the map and drops every exit that does not fit its view. Once it knows the true one it goes to the nearest
+/// free cell behind the block, as all others do: they push the block free together, then walk around it to push it out.
 struct FindAndPush {
     chance: Chance,
     chart: Chart,
     seat: Seat,
-    /// Every exit that may be the true one.
+    /// The exits that may be the true one.
     exits: Vec<Exit>,
-    /// Whether the block was pushed along, so that now the way out is free.
+    /// Whether the block was pushed along, which leaves the way out free.
     freed: bool,
 }
 
@@ -45,7 +44,8 @@ impl Player for FindAndPush {
 }
 
 impl FindAndPush {
-    /// Drops every exit that what is in view contradicts. Where none is left, it was wrong before.
+    /// Drops every exit that the view contradicts. If none is left, an earlier exclusion was wrong, and all count
+    /// again.
     fn exclude(&mut self, sight: &Sight<'_>) {
         let explains = |exit: &Exit| (0..=PUSHES).any(|pushes| exit.explains(sight, pushes));
         self.exits.retain(explains);
@@ -58,7 +58,7 @@ impl FindAndPush {
         }
     }
 
-    /// Goes to the nearest cell that it has not seen and that could belong to the block.
+    /// Goes to the nearest unknown cell that could belong to the block.
     fn search(&self, here: Pos, order: [Direction; 4]) -> Action {
         let is_unknown = |cell: Pos| self.chart.is_unknown(cell);
         let steps = |to: &Pos| (here.i - to.i).abs() + (here.j - to.j).abs();
@@ -73,8 +73,8 @@ impl FindAndPush {
         push(step.unwrap_or(order[0]))
     }
 
-    /// Pushes where it is in a lane, which ends at the block and later leads out, and otherwise walks to one. A full
-    /// lane blocks the next one: an agent in the way is pushed into it.
+    /// Pushes if the agent stands in a lane, which ends at the block and later leads out; otherwise walks to one. A
+    /// full lane blocks the next one: an agent in the way is pushed into it.
     fn work(&self, here: Pos, exit: Exit, order: [Direction; 4]) -> Action {
         let chart = &self.chart;
         let is_lane = |cell: Pos| match exit.place(cell) {

@@ -7,11 +7,11 @@ use crate::chart::{Chart, push};
 use crate::walk::toward;
 use crate::{Player, Seat};
 
-/// Once in how many rounds it goes somewhere else than its rule says.
+/// Mean number of rounds between moves in a random direction instead of by the rule.
 const WHIM_ROUNDS: u32 = 8;
 
-/// Looks at what is in view now and at nothing else: leaves where it stands in the gap or beside it,
-/// goes to the block it sees and pushes, and wanders where it sees none.
+/// Uses only the current view: leaves if it stands in the gap or beside it, goes to a visible block and pushes it, and
+/// wanders if it sees neither.
 struct PushAhead {
     chance: Chance,
     seat: Seat,
@@ -34,9 +34,9 @@ impl Player for PushAhead {
     }
 }
 
-/// What the rule says for what is in view.
+/// The action that the rule gives for the current view.
 fn react(chart: &Chart, here: Pos, order: [Direction; 4]) -> Action {
-    // On the edge of the map there is no wall only in the gap.
+    // The edge of the map has a wall everywhere but in the gap.
     let out = order.into_iter().find(|&direction| !chart.contains(here.toward(direction)));
     if let Some(out) = out {
         return push(out);

@@ -1,4 +1,4 @@
-//! Transport by a plan that every agent makes by itself.
+//! Transport by a plan that every agent computes itself.
 
 use swarmbench_engine::{Act, Action, AgentId, Direction, Observation, Pos};
 
@@ -10,46 +10,45 @@ use crate::chart::{Chart, push};
 use crate::walk::toward;
 use crate::{Player, Seat};
 
-/// How many agents a plan takes into account at most, the nearest ones.
+/// Maximum number of agents in a plan; the nearest ones are in it.
 const PLANNED_MAX: usize = 24;
 
-/// How far the possible exits may be from their middle for agents to gather there.
+/// Maximum distance of the possible exits from their middle for agents to gather there.
 const SMALL: i32 = 6;
 
-/// How many agents it takes to move the block.
+/// Number of agents that it takes to move the block.
 const PUSHERS: usize = 5;
 
-/// By how many rounds those who push out may be later in their places than those who push along, where a
-/// push along and a push out cannot both succeed in one round. One would do; two is better, because the
-/// second row is not needed at once.
+/// Rounds by which agents that push out may arrive later than agents that push along, where a push along and a push out
+/// cannot both succeed in one round. One would do; two is better, because the second row is not needed at once.
 const LATER_ROUNDS: i32 = 2;
 
-/// With fewer free cells than this in a crowd hardly any agent reaches its place in the plan.
+/// Least number of free cells for plans in a crowd: with fewer, hardly any agent reaches its place.
 const FREE_MIN: u32 = 22;
 
 /// The assumed distance of an agent whose place is unknown.
 const UNKNOWN_STEPS: i32 = 5;
 
-/// After how many rounds without a move an agent steps aside now and then, and once in how many rounds.
+/// Number of rounds without a move after which an agent steps aside, with a mean of [`ASIDE_ROUNDS`] rounds.
 const PATIENCE_ROUNDS: u32 = 12;
 const ASIDE_ROUNDS: u32 = 6;
 
-/// Passes on what it knows of the gap and of the others, and finds its own place in the plan.
+/// Passes on its knowledge of the gap and the other agents, and finds its own place in the plan.
 struct PushAndLeave {
     chance: Chance,
     chart: Chart,
     seat: Seat,
     swarm: Swarm,
     exits: [Exit; 8],
-    /// Which of them may be the true one, as bits.
+    /// The exits that may be the true one, as a bit set of indices in `exits`.
     possible: u8,
-    /// How often the block was pushed, as far as it is known.
+    /// Number of pushes that the block has had, as far as known.
     pushes: u32,
-    /// Where it stands, and since which round.
+    /// The current position, and the round since which it stands there.
     stands: Option<(Pos, u32)>,
 }
 
-/// Makes the player; where it is too crowded for plans, one that makes none.
+/// Makes the player; where the map is too crowded for plans, `find-and-push` instead.
 pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
     if is_crowd(seat) && free_cells(seat) < FREE_MIN {
         return super::find_and_push::make(seat);
@@ -92,7 +91,7 @@ impl PushAndLeave {
         is_known.then(|| self.exits[self.possible.trailing_zeros() as usize])
     }
 
-    /// Whether it has stood still for so long that an agent has to give way.
+    /// Whether the agent has stood still for long and gives way in this round.
     fn is_stuck(&mut self, round: u32, here: Pos) -> bool {
         let since = match self.stands {
             Some((at, since)) if at == here && since <= round => since,
@@ -102,8 +101,8 @@ impl PushAndLeave {
         round - since >= PATIENCE_ROUNDS && self.chance.one_in(ASIDE_ROUNDS)
     }
 
-    /// Drops every exit that what is in view contradicts, then those that others exclude. If none is left, a message
-    /// was wrong.
+    /// Drops every exit that the view contradicts, then those that others exclude. If none is left, a message was
+    /// wrong, and only the view counts.
     fn deduce(&mut self, sight: &Sight<'_>, news: &[News]) {
         let fits = |exit: &Exit| (0..=PUSHES).any(|pushes| exit.explains(sight, pushes));
         let seen = (0..8).filter(|&bit| self.possible >> bit & 1 == 1 && fits(&self.exits[bit]));
@@ -128,8 +127,8 @@ impl PushAndLeave {
         self.pushes = fitting.find(|&pushes| pushes >= known).or(first).unwrap_or(known);
     }
 
-    /// Goes to the middle of all that is possible while that is small, which is on the way to wherever the block is. On
-    /// a large map, each agent looks for another exit.
+    /// Goes to the middle of the possible exits while they are close together, which is on the way to wherever the
+    /// block is. On a large map, each agent looks for another exit.
     fn search(&self, here: Pos, order: [Direction; 4]) -> Action {
         let possible = (0..8).filter(|bit| self.possible >> bit & 1 == 1);
         let mut exits: Vec<Exit> = possible.map(|bit| self.exits[bit]).collect();
@@ -162,7 +161,7 @@ impl PushAndLeave {
         team
     }
 
-    /// Before the first push: takes the place that the plan has for it, and pushes from there.
+    /// The action before the first push: the agent takes its place in the plan, and pushes from there.
     fn line_up(&self, round: u32, here: Pos, exit: Exit, order: [Direction; 4]) -> Action {
         let team = self.team(round, exit);
         let me = team.iter().position(|(agent, _)| *agent == self.seat.agent);
@@ -173,7 +172,7 @@ impl PushAndLeave {
         }
         let target = match me.map(|me| plan(exit, &places, usize::from(self.seat.num_agents))[me]) {
             Some(target) => target,
-            // Too many are nearer. It comes closer, and keeps out of their way.
+            // Too many agents are nearer. The agent comes closer, and keeps out of their way.
             None if place.deep + place.far > 2 * SMALL => Place { deep: SMALL, far: SMALL },
             None => return Action::Stay,
         };
@@ -193,7 +192,7 @@ impl PushAndLeave {
     }
 
     /// The direction that takes precedence over the plan: out of the corner between block and wall; in a crowd, where
-    /// no agent gets past the others, also away from that corner, and on in the lane that it is in.
+    /// no agent gets past the others, also away from that corner, and onward in the agent's lane.
     fn make_way(&self, exit: Exit, place: Place) -> Option<Direction> {
         let is_taken = |deep| self.chart.is_taken(exit.cell(Place { deep, far: 1 }), 1);
         let is_corner_empty = !(1..FRONT).any(|deep| deep != place.deep && is_taken(deep));
@@ -207,8 +206,9 @@ impl PushAndLeave {
         (is_crowd && (2..=3).contains(&place.far)).then_some(exit.out)
     }
 
-    /// Once the way out is free: pushes the block out and follows it. An agent beside the lanes keeps pushing along:
-    /// into a lane where there is room, and two of them together push those who are in it on into the next one.
+    /// The action once the way out is free: the agent pushes the block out and follows it. An agent beside the lanes
+    /// keeps pushing along: into a lane where there is room, and two of them together push agents in that lane into the
+    /// next one.
     fn leave(&self, round: u32, here: Pos, exit: Exit, order: [Direction; 4]) -> Action {
         let place = exit.place(here);
         let front = FRONT + 1 - i32::try_from(self.pushes).unwrap_or(0);
@@ -228,7 +228,7 @@ impl PushAndLeave {
     }
 }
 
-/// How many cells there are inside the walls.
+/// Number of cells inside the walls.
 fn cells(seat: &Seat) -> u32 {
     let inside = |cells: u16| u32::from(cells.saturating_sub(2));
     inside(seat.height) * inside(seat.width)
@@ -244,13 +244,13 @@ fn free_cells(seat: &Seat) -> u32 {
     cells(seat).saturating_sub(u32::from(seat.num_agents) + 9)
 }
 
-/// How deep the first row is that stands behind the block and pushes out.
+/// Depth of the first row behind the block that pushes out.
 const FRONT: i32 = 4;
 
-/// The target of every agent of a team in a swarm of that size.
+/// The target of every agent of a team in a swarm of `agents`.
 ///
-/// What counts is the last to arrive, so that each step more costs three times as much. Agents of unknown place are in
-/// the plan, too: otherwise an agent that knows of few others would leave places empty that are needed first.
+/// The last agent to arrive counts, so each further step costs three times as much. Agents of unknown place are in the
+/// plan, too: otherwise an agent that knows of few others would leave places empty that are needed first.
 fn plan(exit: Exit, team: &[Place], agents: usize) -> Vec<Place> {
     let count = agents.min(PLANNED_MAX).max(team.len());
     let later = if exit.goes_along_first() { 0 } else { LATER_ROUNDS };
@@ -274,9 +274,9 @@ fn plan(exit: Exit, team: &[Place], agents: usize) -> Vec<Place> {
     best.map(|(_, targets)| targets).unwrap_or_default()
 }
 
-/// The places from which to push, for that many agents: five that push along, in two lanes two behind each other and
-/// one in the lane that is `alone`, then those that push out. Where a push along and a push out can both succeed in one
-/// round, these keep to the lanes in which the block lies before them from the start.
+/// The places from which `agents` agents push: five that push along, in two lanes two behind each other and one in the
+/// lane `alone`, then those that push out. Where a push along and a push out can both succeed in one round, the latter
+/// keep to the lanes in which the block lies before them from the start.
 fn slots(exit: Exit, agents: usize, alone: i32) -> Vec<Place> {
     let along = (5..=6).flat_map(|far| (1..FRONT).rev().map(move |deep| Place { deep, far }));
     let along = along.filter(|place| (place.deep, place.far) != (alone, 6));
@@ -285,7 +285,7 @@ fn slots(exit: Exit, agents: usize, alone: i32) -> Vec<Place> {
     along.chain(out).take(agents).collect()
 }
 
-/// How many steps it is from a place to a slot, around the block.
+/// Number of steps from a place to a slot, around the block.
 fn distance(from: Place, slot: Place) -> i32 {
     let is_pocket = from.far <= 1 && from.deep < FRONT && slot.far >= 5;
     let detour = if is_pocket { 2 * (FRONT - from.deep.max(slot.deep)) } else { 0 };

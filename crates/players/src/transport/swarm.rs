@@ -1,20 +1,20 @@
-//! What an agent knows of the others, and its messages about them.
+//! An agent's knowledge of the others, and its messages about them.
 
 use swarmbench_engine::{AgentId, Message, Observation, Pos, Seen, limits};
 
 use crate::Seat;
 
-/// The first word of every message; what follows are numbers: the round, the exits that are possible as
-/// bits, the pushes that the block has had, then sightings.
+/// The first word of every message; numbers follow: the round, the possible exits as bits, the pushes that the block
+/// has had, then sightings.
 const WORD: &str = "Swarm";
 
-/// For how many rounds a sighting counts.
+/// Number of rounds for which a sighting counts.
 const AGE_MAX: u32 = 6;
 
-/// How many messages are read at most in a round; a window over the whole map brings a thousand.
+/// Maximum number of messages read in a round; a window over the whole map brings a thousand.
 const MESSAGES_MAX: usize = 32;
 
-/// Where all agents were seen last.
+/// The last sighting of every agent.
 pub(super) struct Swarm {
     height: i64,
     width: i64,
@@ -27,7 +27,7 @@ struct Sighting {
     round: u32,
 }
 
-/// What a message says beside sightings.
+/// The content of a message besides sightings.
 pub(super) struct News {
     pub(super) exits: u8,
     pub(super) pushes: u32,
@@ -41,7 +41,7 @@ impl Swarm {
         Self { height: side(seat.height), width: side(seat.width), seen: vec![None; agents] }
     }
 
-    /// Notes all agents in view, and forgets the place of an agent that is no longer there.
+    /// Records all agents in view, and forgets agents that are no longer where they were seen.
     pub(super) fn look(&mut self, observation: &Observation, here: Pos) {
         let Some(view) = &observation.view else { return };
         let round = observation.round;
@@ -84,7 +84,7 @@ impl Swarm {
         })
     }
 
-    /// What this agent has to say.
+    /// Writes this agent's message; the freshest sightings that fit are in it.
     pub(super) fn tell(&self, round: u32, news: &News) -> Option<Message> {
         let mut text = format!("{WORD} {round} {} {}", news.exits, news.pushes);
         let mut fresh: Vec<_> = (self.seen.iter().zip(0_i64..))
@@ -107,7 +107,7 @@ impl Swarm {
         Message::new(&text)
     }
 
-    /// Takes in what others have to say, and returns their news.
+    /// Reads the others' messages: records their sightings and returns their news.
     pub(super) fn listen(&mut self, observation: &Observation) -> Vec<News> {
         let mut news = Vec::new();
         for message in observation.messages.iter().take(MESSAGES_MAX) {
@@ -130,7 +130,7 @@ impl Swarm {
         news
     }
 
-    /// Takes in one sighting of a message of this round.
+    /// Records a sighting of a message that was sent in `round`.
     fn hear(&mut self, round: u32, code: i64) {
         let agents = i64::try_from(self.seen.len()).unwrap_or(1).max(1);
         let part = |value: i64| i32::try_from(value).ok();

@@ -1,5 +1,4 @@
-//! The built-in players, played in the engine as an agent plays: by what it may observe and nothing
-//! else.
+//! The built-in players, played in the engine as an agent plays: only from its observations.
 
 mod registry;
 mod robustness;

@@ -1,4 +1,4 @@
-//! No game and no observation brings a player down.
+//! No game and no observation makes a player panic.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use swarmbench_engine::{
 use swarmbench_players::game::Game;
 use swarmbench_players::{Seat, all, of_task};
 
-/// What every act has to keep to.
+/// Checks the rules for every act.
 fn check(task: TaskName, act: &Act) {
     let known = Action::of_task(task);
     assert!(act.action.is_none_or(|action| known.contains(&action)), "{act:?}");
@@ -33,7 +33,7 @@ prop_compose! {
         control in prop::sample::select(&Control::ALL),
         seed in 0..1000_i64,
         num_agents in 1..40_i64,
-        // Some players know the standard map better than others.
+        // Some players have plans for the standard map only.
         (width, height) in prop_oneof![1 => Just((10, 10)), 3 => (8..20_i64, 8..20_i64)],
         reach in 1..9_i64,
         memory in 0..6_i64,
@@ -68,7 +68,7 @@ fn seen() -> impl Strategy<Value = Seen> {
     ]
 }
 
-/// Mostly on a small map or just outside, sometimes anywhere.
+/// Coordinates mostly on a small map or just outside, sometimes anywhere.
 fn number() -> impl Strategy<Value = i32> {
     prop_oneof![8 => -2..14, 1 => any::<i32>(), 1 => Just(i32::MIN), 1 => Just(i32::MAX)]
 }
@@ -77,8 +77,7 @@ fn pos() -> impl Strategy<Value = Pos> {
     (number(), number()).prop_map(|(i, j)| Pos::new(i, j))
 }
 
-/// What players understand of each other: the words with which their messages begin. A player that reads
-/// messages adds its own here.
+/// The words with which players' messages begin. A player that reads messages adds its own here.
 const WORDS: [&str; 9] = [
     "Prey at",
     "Food at",
@@ -91,7 +90,7 @@ const WORDS: [&str; 9] = [
     "?",
 ];
 
-/// Known words and numbers that mean little, or almost a number, or nothing at all.
+/// Messages of known words with numbers that mean little or are almost numbers, or of noise.
 fn message() -> impl Strategy<Value = Message> {
     let part = prop_oneof![
         12 => number().prop_map(|number| number.to_string()),
@@ -120,7 +119,7 @@ prop_compose! {
 }
 
 prop_compose! {
-    /// What no world shows.
+    /// Observations that no world shows.
     fn observation()(
         task in task(),
         round in prop_oneof![0..100_u32, any::<u32>()],
@@ -160,8 +159,8 @@ prop_compose! {
     }
 }
 
-/// Fewer cases than usual, for each is several games; `PROPTEST_CASES` asks for more. No file of failures: a
-/// failure prints its case.
+/// Runs fewer cases than usual, as each plays several games; `PROPTEST_CASES` raises the number. There is no file of
+/// failures: a failure prints its case.
 fn config() -> ProptestConfig {
     let mut config = ProptestConfig::default();
     config.cases = (config.cases / 16).saturating_mul(3).max(1);

@@ -1,4 +1,4 @@
-//! Every rule is worth having, and every game can be played again.
+//! Every player scores as documented, and every game can be played again.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use swarmbench_players::{BuiltIn, default_for, find, of_task};
 
 const SEEDS: std::ops::Range<u64> = 0..10;
 
-/// A game and all that was decided in it.
+/// A score and all acts of the game, by round and agent.
 fn play(built_in: &BuiltIn, settings: &Settings, seed: u64) -> (f64, Vec<Vec<Act>>) {
     played(built_in, settings, seed).expect("playable settings")
 }
@@ -21,8 +21,8 @@ fn mean(built_in: &BuiltIn, task: TaskName) -> f64 {
     scores.iter().sum::<f64>() / f64::from(u32::try_from(scores.len()).expect("few seeds"))
 }
 
-/// The rule scores at least `least` in the mean, and a random player at most `most`. Both leave some
-/// room for other choices of the same quality.
+/// The player scores at least `least` in the mean, and a random player at most `most`. Both bounds leave some room for
+/// other choices of the same quality.
 fn check(task: TaskName, least: f64, most: f64) {
     let rule = mean(default_for(task), task);
     let random = mean(find("random", task).expect("it plays every task"), task);
@@ -37,7 +37,7 @@ fn check_order(task: TaskName, names: &[&str]) {
     assert!(scores.is_sorted_by(|better, worse| better > worse), "{names:?}: {scores:?}");
 }
 
-/// Measured: 10.6 against 0, and 9.8 and 0 of players that know less; over more seeds the latter scores 0.5.
+/// Measured: 10.6 against 0; players that know less score 9.8 and 0, the latter 0.5 over more seeds.
 #[test]
 fn transport() {
     check(TaskName::Transport, 10.3, 0.5);
@@ -53,7 +53,7 @@ fn pursuit() {
     assert!(ladder.is_sorted_by(|better, worse| better > worse), "{ladder:?}");
 }
 
-/// Measured: 92.8. A prey that stays where no net catches it must not end the game for the swarm: without agents that go
+/// Measured: 92.8. A prey that stays where no net catches it must not end the game for the swarm: while no agent went
 /// after it, half of the games scored 0.
 #[test]
 fn pursuit_under_the_rules_of_the_toolkit() {
@@ -66,7 +66,7 @@ fn pursuit_under_the_rules_of_the_toolkit() {
     assert!(scores.iter().all(|score| *score >= 60.0), "{scores:?}");
 }
 
-/// Measured: 100, the most there is, against 0, and 97, 67 and 57 of those that do not go by the round.
+/// Measured: 100, the maximum, against 0; players that do not use the number of the round score 97, 67 and 57.
 #[test]
 fn synchronization() {
     check(TaskName::Synchronization, 100.0, 1.0);
@@ -74,22 +74,22 @@ fn synchronization() {
     check_order(TaskName::Synchronization, &names);
 }
 
-/// Measured: 36.5 against 0, and 20.4 and 0.1 of players that know less.
+/// Measured: 36.5 against 0; players that know less score 20.4 and 0.1.
 #[test]
 fn foraging() {
     check(TaskName::Foraging, 34.0, 1.0);
     check_order(TaskName::Foraging, &["one-way-loop", "map-and-carry", "wander-and-carry"]);
 }
 
-/// Measured: 12.1, the most there is with these layouts, against 5. A random player scores here too,
-/// because the best moment of a game counts.
+/// Measured: 12.1, the maximum with these layouts, against 5. A random player scores here too, because the best moment
+/// of a game counts.
 #[test]
 fn flocking() {
     check(TaskName::Flocking, 10.0, 7.0);
     check_order(TaskName::Flocking, &["meet-in-the-middle", "walk-to-own-cell", "drift-together"]);
 }
 
-/// Nobody can score more than the cost of the layout.
+/// The best player reaches the cost of the layout, which is the maximum score.
 #[test]
 fn flocking_is_always_done() {
     let best = default_for(TaskName::Flocking);
@@ -102,8 +102,8 @@ fn flocking_is_always_done() {
     }
 }
 
-/// Measured: of Pursuit 96, 90, 95, 87, 70, 68 and 88, where players that only run after the prey score 13, 11, 37, 4, 1,
-/// 4 and 7; of Transport 22 against 13; of Foraging 38 against 31 where all walk the loop.
+/// Measured: Pursuit 96, 90, 95, 87, 70, 68 and 88, where players that only run after the prey score 13, 11, 37, 4, 1,
+/// 4 and 7; Transport 22 against 13; Foraging 38 against 31 if all agents walk the loop.
 #[test]
 fn defaults_fit_other_maps_and_swarms_too() {
     for (task, size, num_agents, least) in [
@@ -122,14 +122,14 @@ fn defaults_fit_other_maps_and_swarms_too() {
             let settings = Settings { width: size, height: size, num_agents, ..standard };
             play(default_for(task), &settings, seed).0
         };
-        // These games are large, so they are few.
+        // Four games are enough: each is large.
         let scores: Vec<f64> = (0..4).map(score).collect();
         let mean = scores.iter().sum::<f64>() / 4.0;
         assert!(mean >= least, "{} {num_agents} on {size}: {scores:?}", task.name());
     }
 }
 
-/// The default of a task is the best that is known.
+/// The default player of a task is its best one.
 #[test]
 fn nobody_beats_the_first_player_of_a_task() {
     for task in TaskName::ALL {

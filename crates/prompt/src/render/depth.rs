@@ -1,8 +1,8 @@
-//! How deep a template nests, counted by its tokens.
+//! The nesting depth of a template, counted by its tokens.
 //!
-//! The template engine parses, compiles and frees an expression by recursion, and its own limit of depth leaves out prefix
-//! operators, chains and `elif`. So the tokens are counted first, by the engine's tokenizer, and each count holds for all
-//! that is around one place: no syntax tree is deeper than the sum of the four limits.
+//! The template engine parses, compiles and frees an expression by recursion, and its own limit of depth ignores prefix
+//! operators, chains and `elif`. So the tokens are counted first, by the engine's tokenizer. Each count covers
+//! everything that encloses one place: no syntax tree is deeper than the sum of the four limits.
 
 use minijinja::machinery::{Span, Token, tokenize};
 
@@ -11,11 +11,11 @@ use super::{REFUSED_STATEMENTS, TemplateError, refuse, syntax};
 /// Prefix operators (`not`, `-`) around a place.
 pub const TEMPLATE_UNARY_MAX: usize = 16;
 
-/// Links of a chain: `.a`, `[b]`, `(c)`, `|d`, `is e`, operators between operands, and `if` in expressions. Both sides of
-/// `and`, `or`, `if` and `else` have their own links, and those of the longest count.
+/// Links of a chain: `.a`, `[b]`, `(c)`, `|d`, `is e`, operators between operands, and `if` in expressions. Both sides
+/// of `and`, `or`, `if` and `else` have their own links, of which the longer chain counts.
 pub const TEMPLATE_CHAIN_MAX: usize = 32;
 
-/// Each `elif` of the `if`s around a place.
+/// Number of `elif`s of the `if`s around a place.
 pub const TEMPLATE_ELIF_MAX: usize = 64;
 
 /// Blocks and brackets around a place.
@@ -48,9 +48,9 @@ impl Depth {
 /// An expression within a tag or a bracket, as far as it was read.
 #[derive(Default)]
 struct Level {
-    /// Each `and`, `or` and `if`: they bind least, so any of them may be around any operand.
+    /// Number of `and`, `or` and `if`: they bind least, so any of them may enclose any operand.
     joins: usize,
-    /// The deepest of the operands of these that were read.
+    /// The deepest of their operands read so far.
     deepest: Depth,
     operand: Depth,
 }
@@ -66,16 +66,16 @@ impl Level {
     }
 }
 
-/// What the last token was.
+/// The kind of the last token.
 #[derive(Clone, Copy, Default, PartialEq, Eq)]
 enum Last {
-    /// An operand has to follow.
+    /// An operator: an operand has to follow.
     #[default]
     Operator,
     Operand,
-    /// The name of a filter or a test follows, and its arguments.
+    /// The start of a filter or a test: its name and its arguments follow.
     Filter,
-    /// A keyword follows.
+    /// The start of a block tag: a keyword follows.
     BlockStart,
 }
 
@@ -83,11 +83,11 @@ enum Last {
 struct Reader {
     /// The blocks around this place, each with its `elif`s.
     blocks: Vec<usize>,
-    /// The brackets around this place, each with what is read outside of it.
+    /// The brackets around this place, each with the expression outside of it as far as it was read.
     brackets: Vec<Level>,
     level: Level,
     last: Last,
-    /// Where the last token stands.
+    /// The position of the last token.
     span: Span,
 }
 
@@ -122,7 +122,7 @@ impl Reader {
         self.check()
     }
 
-    /// The names of `for` and `if` open blocks; all others but those that belong to them are refused anyway.
+    /// Counts the blocks that `for` and `if` open; all keywords that do not belong to these are refused.
     fn keyword(&mut self, keyword: &str) -> Result<(), TemplateError> {
         match keyword {
             "for" | "if" => self.blocks.push(0),
@@ -139,7 +139,7 @@ impl Reader {
         self.level.joins += joins;
     }
 
-    /// What is in a bracket is a part of the operand outside.
+    /// Closes a bracket: its content is part of the operand outside.
     fn close(&mut self) {
         if let Some(outside) = self.brackets.pop() {
             let Depth { unary, chain } = std::mem::replace(&mut self.level, outside).depth();

@@ -1,4 +1,4 @@
-//! Templates, checked and filled.
+//! Checks and renders templates.
 
 mod depth;
 mod table;
@@ -21,23 +21,23 @@ use swarmbench_protocol::observation::{Cell, HistoryEntry, Sight};
 
 use crate::{BUILT_IN, TOOLKIT, tasks};
 
-/// Bytes of a template.
+/// Maximum size of a template, in bytes.
 pub const TEMPLATE_BYTES_MAX: usize = 32 * 1024;
 
-/// Instructions that a template may run for.
+/// Maximum number of instructions of a template.
 const FUEL_MAX: u64 = 200_000;
 
-/// Bytes of a prompt: many times those of the built-in one in the standard setting.
+/// Maximum size of a prompt, in bytes: many times the built-in prompt in the standard setting.
 pub const PROMPT_BYTES_MAX: usize = 128 * 1024;
 
-/// Further bytes for each cell that the seat sees or remembers: the built-in prompt needs 5.
+/// Additional bytes of a prompt for each cell that the seat sees or remembers: the built-in prompt needs 5.
 pub const PROMPT_BYTES_PER_CELL_MAX: usize = 8;
 
-/// Bytes of a prompt as JSON, divided by its bytes as text: quotes and line breaks take two there, other control
-/// characters six.
+/// Maximum ratio of a prompt's bytes as JSON to its bytes as text: in JSON quotes and line breaks take two, other
+/// control characters six.
 pub const PROMPT_JSON_FACTOR_MAX: usize = 2;
 
-/// Bytes of a text in an expression. Text outside of expressions may be as long as the template.
+/// Maximum size of a text in an expression, in bytes. Text outside of expressions may be as long as the template.
 const CONSTANT_BYTES_MAX: usize = 1024;
 
 /// Filters that a template may use; none of them can make a value larger than its parts.
@@ -48,7 +48,7 @@ const FILTERS: [&str; 9] =
 const TESTS: [&str; 9] =
     ["defined", "undefined", "none", "true", "false", "even", "odd", "eq", "ne"];
 
-/// A template fails, when it is checked or when it runs.
+/// The error of a template that fails when it is checked or when it runs.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct TemplateError(String);
@@ -61,7 +61,7 @@ impl From<Error> for TemplateError {
     }
 }
 
-/// Checks a template that came with an episode.
+/// Checks a template of a new episode.
 ///
 /// # Errors
 /// A syntax error, or a statement or expression that is not allowed.
@@ -72,14 +72,14 @@ pub fn check(template: &str) -> Result<(), TemplateError> {
 /// Renders a template with the observation of one seat.
 ///
 /// # Errors
-/// Where the template fails or exceeds its bounds.
+/// [`TemplateError`] if the template fails or exceeds its bounds.
 pub fn render(template: &str, sight: &Sight, config: &Config) -> Result<String, TemplateError> {
     let mut text = Bounded::new(bytes_max(sight));
     fill(template, sight, config, &mut text)?;
     String::from_utf8(text.bytes).map_err(|error| TemplateError(error.to_string()))
 }
 
-/// Fills a template until it ends or fails.
+/// Renders a template into `text` until it ends or fails.
 fn fill(
     text_of_template: &str,
     sight: &Sight,
@@ -104,8 +104,8 @@ fn fill(
     })
 }
 
-/// The only way to a template that can be rendered: its text may come from a database or a journal of anybody. Texts in
-/// expressions may be long, as they were before they had a limit.
+/// Compiles a template after a check, because its text may come from a database or from anybody's journal. No other
+/// code compiles templates. Texts in expressions may be long here, because older templates had no limit.
 fn compiled<'a>(
     template: &'a str,
     environment: &'a Environment<'_>,
@@ -121,7 +121,7 @@ fn bytes_max(sight: &Sight) -> usize {
     let cells = |rows: &Vec<Vec<Cell>>| rows.iter().map(Vec::len).sum::<usize>();
     let now: usize = sight.view.iter().map(|view| cells(&view.cells)).sum();
     let past: usize = sight.past_views.iter().map(|past| cells(&past.cells)).sum();
-    // A line for each, with the text around it.
+    // Each message takes a line, with the text around it.
     let messages: usize = sight.messages.iter().map(|message| 16 + 2 * message.len()).sum();
     PROMPT_BYTES_MAX + PROMPT_BYTES_PER_CELL_MAX * (now + past) + messages
 }
@@ -135,7 +135,7 @@ fn environment(work: &Arc<Work>) -> Environment<'static> {
     environment
 }
 
-/// Tags on lines of their own leave no empty lines behind.
+/// The syntax of templates: tags on lines of their own leave no empty lines behind.
 fn syntax() -> SyntaxConfig {
     let built = SyntaxConfig::builder().trim_blocks(true).lstrip_blocks(true).build();
     built.expect("the delimiters are the usual ones")
@@ -145,7 +145,7 @@ fn syntax() -> SyntaxConfig {
 struct Bounded {
     bytes: Vec<u8>,
     most: usize,
-    /// Its bytes as JSON.
+    /// The size of the text as JSON, in bytes.
     json: usize,
 }
 
@@ -183,7 +183,7 @@ impl io::Write for Bounded {
     }
 }
 
-/// The bytes of one byte of a text as JSON.
+/// Number of bytes that one byte of a text takes in JSON.
 const fn json_bytes(byte: u8) -> usize {
     match byte {
         b'"' | b'\\' | b'\n' | b'\r' | b'\t' | 0x08 | 0x0c => 2,
@@ -201,7 +201,7 @@ fn refuse<T>(what: &str) -> Result<T, TemplateError> {
     )))
 }
 
-/// What a template may say.
+/// The language of templates.
 #[derive(Clone, Copy)]
 struct Language {
     constant_bytes_max: usize,
@@ -317,12 +317,12 @@ struct Context<'a> {
     light_on: Option<bool>,
     carrying_food: Option<bool>,
     messages: &'a [String],
-    /// The oldest first.
+    /// The history, oldest entry first.
     history: Vec<HistoryContext<'a>>,
-    /// The current one first.
+    /// The views, current one first.
     views: Vec<ViewContext<'a>>,
     actions: Vec<ActionContext>,
-    /// The size of a view.
+    /// Rows of a view.
     height: usize,
     width: usize,
     centralized: bool,
@@ -341,7 +341,7 @@ struct HistoryContext<'a> {
 #[derive(Serialize)]
 struct ViewContext<'a> {
     round: u32,
-    /// How many rounds ago it was seen.
+    /// Age of the view in rounds.
     ago: u32,
     /// `Now`, `1 step ago`, `2 steps ago` …
     label: String,
@@ -349,7 +349,7 @@ struct ViewContext<'a> {
     cells: &'a [Vec<Cell>],
     /// A table with the numbers of rows and columns at its edges.
     text: String,
-    /// The same in the form of the public toolkit; only drawn for templates that name it.
+    /// The table in the form of the public toolkit; only drawn for templates that name it.
     #[serde(skip_serializing_if = "Option::is_none")]
     padded: Option<String>,
 }

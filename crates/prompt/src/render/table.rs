@@ -1,11 +1,11 @@
-//! What an agent sees, as a table with the numbers of rows and columns at its edges.
+//! Windows as tables, with the numbers of rows and columns at the edges.
 
 use std::fmt::Write;
 
 use swarmbench_protocol::Position;
 use swarmbench_protocol::observation::Cell;
 
-/// In columns of five characters, without spaces at the ends of lines.
+/// A table in columns of five characters, without spaces at the ends of lines.
 pub(super) fn plain(origin: Position, cells: &[Vec<Cell>]) -> String {
     const WIDTH: usize = 5;
     let width = cells.first().map_or(0, Vec::len);
@@ -33,8 +33,8 @@ pub(super) fn plain(origin: Position, cells: &[Vec<Cell>]) -> String {
     text
 }
 
-/// In the form of the public toolkit: numbers of rows and columns in three characters, to the right; cells in four, to
-/// the left, with the spaces at the ends of lines.
+/// A table in the form of the public toolkit: numbers of rows and columns in three characters, right-aligned; cells in
+/// four, left-aligned, with the spaces at the ends of lines.
 pub(super) fn padded(origin: Position, cells: &[Vec<Cell>]) -> String {
     const WIDTH: usize = 4;
     let width = cells.first().map_or(0, Vec::len);

@@ -95,8 +95,8 @@ fn the_built_in_templates_pass_the_check_that_others_must_pass() {
     assert_eq!(asked("{{ agent }}").as_deref(), Some("{{ agent }}"));
 }
 
-/// What the public toolkit shows and what it does not: no position, a score in Pursuit alone, rounds from 0 and
-/// in the history from 1.
+/// The prompt shows the same as the public toolkit's: no position, a score in Pursuit alone, rounds from 0 and in the
+/// history from 1.
 #[test]
 fn the_prompt_toolkit_shows_what_the_toolkit_shows() {
     for task in TaskName::ALL {
@@ -175,7 +175,7 @@ fn prompts_are_told_apart() {
     assert_eq!(name(Some(TOOLKIT), REVISION, None), "toolkit");
     let system = "\"You are one of many.\"";
     assert_eq!(name(Some(TOOLKIT), 1, Some(system)), "toolkit+system:4bb39329");
-    // Words of the program belong to a template that prints them, and to no other.
+    // The revision belongs to templates that print the program's own words, and to no others.
     for (template, is_revised) in [
         ("{{ task.name }}", false),
         ("{{ task.description }}", true),
@@ -299,7 +299,7 @@ fn what_templates_read_is_bounded() {
     }
 }
 
-/// The widest window that there is.
+/// Settings with the widest possible window.
 fn widest() -> Settings {
     let foraging = Settings::standard(TaskName::Foraging, 1);
     Settings { num_agents: 3, width: 256, height: 256, view_size: 513, memory: 0, ..foraging }
@@ -313,7 +313,7 @@ fn the_instructions_of_a_prompt_are_counted() {
     let mut text = Bounded::new(bytes_max(&sight));
     let fuel = fill(template, &sight, &config, &mut text).expect_err("513² are too many");
     assert!(fuel.to_string().contains("fuel"), "{fuel}");
-    // Each letter takes at least three: the next item, the text, the way back.
+    // Each letter takes at least three instructions: the next item, the text, the jump back.
     let printed = text.bytes.len();
     assert!((10_000..=200_000 / 3).contains(&printed), "{printed} letters");
 }

@@ -1,8 +1,8 @@
-//! Counts the work of a template on its input.
+//! A bound on the bytes that a template reads of its input.
 //!
-//! Fuel counts instructions, and one instruction may read all that a seat sees: compare two windows, look for a word in
-//! a table, make a text upper case. So every value that a template reads is counted by its size, and beyond a limit no
-//! more values are returned.
+//! Fuel counts instructions, and one instruction may read the whole observation: compare two windows, look for a word
+//! in a table, make a text upper case. So every value that a template reads is counted by its size, and beyond a limit
+//! no more values are returned.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -11,16 +11,16 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use minijinja::value::{Enumerator, Kwargs, Object, ObjectRepr, StringInput, ValueKind};
 use minijinja::{Environment, Error, ErrorKind, Value, filters};
 
-/// Bytes that a template may read, again and again, before it fails; an item counts as [`ITEM_BYTES`].
+/// Bytes that a template may read, repeated reads included, before it fails; an item counts as [`ITEM_BYTES`].
 pub(super) const READ_BYTES_MAX: u64 = 16 * 1024 * 1024;
 
-/// What reading an item of a list or a field costs beside its text.
+/// Cost of reading an item of a list or a field, in addition to its text.
 const ITEM_BYTES: u64 = 64;
 
-/// What a call of the filters `round` and `int` costs: `round` may write a number with a thousand digits.
+/// Cost of a call of the filters `round` and `int`: `round` may write a number with a thousand digits.
 const ROUND_BYTES: u64 = 2048;
 
-/// The rest of [`READ_BYTES_MAX`].
+/// The remaining part of [`READ_BYTES_MAX`].
 #[derive(Debug)]
 pub(super) struct Work {
     left: AtomicU64,
@@ -32,13 +32,13 @@ impl Work {
         Arc::new(Self { left: AtomicU64::new(READ_BYTES_MAX), is_over: AtomicBool::new(false) })
     }
 
-    /// Whether the template tried to read more.
+    /// Whether the template tried to read more than the limit.
     pub(super) fn is_over(&self) -> bool {
         self.is_over.load(Ordering::Relaxed)
     }
 
     fn read(&self, bytes: u64) -> Result<(), Error> {
-        // Only one thread renders; values have to be `Sync` all the same.
+        // Only one thread renders, but values have to be `Sync`.
         match self.left.load(Ordering::Relaxed).checked_sub(bytes) {
             Some(left) if !self.is_over() => {
                 self.left.store(left, Ordering::Relaxed);
@@ -104,7 +104,7 @@ impl Object for Counted {
     }
 }
 
-/// Counts the filters that read whole texts as well, as they can be chained in one expression.
+/// Counts the reads of filters, which read whole texts and can be chained in one expression.
 pub(super) fn count_filters(environment: &mut Environment<'static>, work: &Arc<Work>) {
     let of = Arc::clone;
     let counts = of(work);
@@ -135,7 +135,7 @@ pub(super) fn count_filters(environment: &mut Environment<'static>, work: &Arc<W
         .add_filter("int", move |number: f64| counts.read(ROUND_BYTES).map(|()| whole(number)));
 }
 
-/// A number without its decimal places; the nearest that there is where it has too many digits.
+/// A number without its decimal places; the nearest `i64` if it is out of range.
 #[expect(clippy::cast_possible_truncation, reason = "it is at the ends of the range then")]
 const fn whole(number: f64) -> i64 {
     number.trunc() as i64

@@ -1,4 +1,4 @@
-//! What all members have to know: revoked tokens and keys, and what others have committed.
+//! Changes that all members must know: revoked tokens and keys, and the effects of commits on boards and lists.
 
 use std::collections::HashSet;
 use std::sync::atomic::Ordering;
@@ -15,27 +15,27 @@ use crate::store::entries::Entry;
 use crate::store::results::Effect;
 use crate::store::sql::{Connection, Engine, query};
 
-/// Old changes are kept for so long; a member that has not read them meanwhile reads everything again.
+/// Age at which changes are deleted. A member that has not read them by then reads everything again.
 const CHANGES_KEPT: Duration = Duration::from_mins(30);
 
 #[derive(Default)]
 pub(super) struct ChangesRead {
-    /// All older transactions have been read.
+    /// All transactions with lower ids have been read.
     horizon: i64,
-    /// What was read of later ones.
+    /// Changes already read of transactions from the horizon on.
     newer: HashSet<(i64, i16, i64)>,
     at: Option<Instant>,
-    /// The number of the last read that is complete.
+    /// Number of the last completed read.
     complete: u64,
 }
 
 impl Cluster {
-    /// The revision of tokens and keys by which this server acts.
+    /// The revision of tokens and keys that this server has applied.
     pub fn seen(&self) -> i64 {
         i64::try_from(self.seen.load(Ordering::Acquire)).unwrap_or(i64::MAX)
     }
 
-    /// Tells all members that tokens or keys were revoked; the revision by which they have to act.
+    /// Announces revoked tokens or keys; returns the revision that all members must apply.
     pub async fn announce(&self) -> Result<i64, StoreError> {
         self.on(&self.takes, Purpose::Takes, async |connection| {
             let count = query("UPDATE cluster SET revision = revision + 1 RETURNING revision");
@@ -44,7 +44,7 @@ impl Cluster {
         .await
     }
 
-    /// Notes that this server acts by a revision.
+    /// Records that this server has applied a revision.
     pub async fn act_by(&self, revision: i64) -> Result<(), StoreError> {
         self.on(&self.beats, Purpose::Beats, async |connection| {
             let update = query("UPDATE members SET seen = $2 WHERE incarnation = $1 AND seen < $2");
@@ -55,10 +55,10 @@ impl Cluster {
         Ok(())
     }
 
-    /// Whether all members act by a revision.
+    /// Whether all members have applied a revision.
     pub async fn all_act_by(&self, revision: i64) -> Result<bool, StoreError> {
         self.on(&self.beats, Purpose::Beats, async |connection| {
-            // One that starts knows no token yet, and has its first beat before it answers anybody.
+            // A starting member has cached no token, and sends its first beat before it answers requests.
             let behind = query(
                 "SELECT NOT EXISTS (SELECT 1 FROM members WHERE seen < $1 AND beat_at <= now_ms() + $2)",
             );
@@ -68,8 +68,8 @@ impl Cluster {
         .await
     }
 
-    /// Reads what other members have committed since the last read, and hands it to `note`; or `forget` where some of it is not
-    /// known any more. Of many callers at once few read.
+    /// Reads the other members' changes since the last read and passes them to `note`; calls `forget` where some are lost.
+    /// Concurrent callers share a read.
     pub(in crate::store) async fn read_changes(
         &self,
         note: impl Fn(Effect),
@@ -80,7 +80,7 @@ impl Cluster {
         if read.complete >= wanted {
             return Ok(());
         }
-        // All that ask until now are served by this read.
+        // This read serves every caller that has asked by now.
         let serves = self.reads.load(Ordering::Acquire);
         let horizon = read.horizon;
         let rows = self
@@ -96,7 +96,7 @@ impl Cluster {
             })
             .await?;
         let is_first = read.at.is_none();
-        // What was read of the database before the first read of changes may be older than them.
+        // Data read from the database before the first read of changes may be older than these changes.
         if read.at.is_none_or(|at| at.elapsed() > CHANGES_KEPT / 2) {
             forget();
         }
@@ -118,7 +118,7 @@ impl Cluster {
         Ok(())
     }
 
-    /// Deletes changes that all members have read long ago.
+    /// Deletes changes older than `CHANGES_KEPT`.
     pub async fn delete_old_changes(&self) -> Result<(), StoreError> {
         let kept = i64::try_from(CHANGES_KEPT.as_millis()).unwrap_or(i64::MAX);
         self.on(&self.takes, Purpose::Takes, async |connection| {
@@ -130,7 +130,7 @@ impl Cluster {
     }
 }
 
-/// Writes what the other members have to know of entries, in the transaction that has them.
+/// Writes the taken places and the changes that follow from entries, in their transaction.
 pub(in crate::store) async fn write(
     connection: &mut Connection,
     incarnation: i64,

@@ -1,4 +1,4 @@
-//! Who plays on the database: joining, beating, being excluded.
+//! Members of the cluster: joining, beats, exclusion.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -13,26 +13,25 @@ use super::{ALIVE, CLOCK_OFF_MAX, Cluster, LATE_AFTER, Purpose, TAKEN_OVER_AFTER
 use crate::store::sql::{Begin, Connection, query};
 use crate::store::{OpenError, StoreError};
 
-/// How long a new member has for its first beat, until which it opens the database and has nothing that others could take over.
+/// Time for a new member's first beat. Until then it opens the database and owns nothing to be taken over.
 const STARTS_WITHIN: Duration = Duration::from_mins(1);
 
-/// Members at the same time: each has a slot.
+/// Limit of members at the same time, each of which has a slot.
 const MEMBERS_MAX: i16 = 1024;
 
-/// What a server says of itself when it joins others.
+/// Settings of a server that joins a cluster.
 #[derive(Clone, Debug)]
 pub struct Joining {
-    /// Where the others reach it: host and port.
+    /// Host and port for requests of the other members.
     pub address: String,
-    /// What all members know, and nobody else.
+    /// Secret shared by the members: proof of membership.
     pub secret: Arc<[u8]>,
-    /// Whether it takes nothing, and lets the others answer all that is about what is played.
+    /// A forwarding server owns no places: it forwards every request about games to the owner.
     pub forwards_only: bool,
-    /// Reads the time of day of this host.
     pub host_ms: fn() -> i64,
 }
 
-/// Why a server cannot join. Each says what to do.
+/// Errors of joining. Each message says what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum JoinError {
     #[error(
@@ -54,60 +53,60 @@ pub enum JoinError {
     Address(String),
 }
 
-/// A server among those that play together.
+/// A server of the cluster.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Member {
-    /// Its number, which no other ever gets.
+    /// Unique for all time.
     pub incarnation: i64,
-    /// Where the others reach it.
+    /// Host and port for requests of the other members.
     pub address: String,
     /// Host and process, for people.
     pub name: String,
     pub version: String,
     pub joined_at_ms: i64,
-    /// When it was last seen, and how long ago that was, by the clock of the database.
+    /// Time of the last beat, and its age, by the database's clock.
     pub beat_at_ms: i64,
     pub seen_ms_ago: i64,
-    /// Whether the database has its session: it ends with its process, or with its connection.
+    /// Whether the member has a session in the database, which ends with its process or connection.
     pub is_connected: bool,
     pub clock_offset_ms: i64,
-    /// Whether it takes work.
+    /// Whether the member takes places.
     pub is_ready: bool,
-    /// Episodes in its memory.
+    /// Episodes in memory.
     pub episodes: u32,
-    /// Games, runs and competitions that it has taken.
+    /// Games, runs and competitions owned.
     pub places: u32,
 }
 
-/// What a look at the database showed.
+/// A snapshot of the cluster.
 #[derive(Clone, Debug, Default)]
 pub struct Look {
-    /// All members, the oldest first.
+    /// All members, oldest first.
     pub members: Vec<Member>,
-    /// By which revision members have to act.
+    /// The revision of tokens and keys that members must apply.
     pub revision: i64,
 }
 
-/// What a member says of itself with each beat.
 #[derive(Clone, Copy, Debug)]
 pub struct Beat {
     pub is_ready: bool,
     pub episodes: u32,
 }
 
-/// How a member is known to be dead.
+/// Evidence of a member's death.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Death {
-    /// It was not seen for [`TAKEN_OVER_AFTER`].
+    /// No beat for [`TAKEN_OVER_AFTER`].
     Expired,
-    /// Its process seems to be gone, and its beat is late: a connection that was cut alone looks the same.
+    /// The session is gone and the beat is late. A cut connection to the database looks the same.
     Seen,
-    /// Another process has its address.
+    /// Another process listens at its address.
     Replaced,
 }
 
 impl Death {
-    /// How long ago the last beat is at least, in milliseconds; negative where any beat may have come, that of a start included.
+    /// Minimum age of the last beat in milliseconds; negative where any age will do: a start dates its beat ahead by
+    /// [`STARTS_WITHIN`].
     fn silent_ms(self) -> i64 {
         let silent = match self {
             Self::Expired => TAKEN_OVER_AFTER,
@@ -118,7 +117,7 @@ impl Death {
     }
 }
 
-/// Checks that a server may play together with those that use the database, before it changes anything.
+/// Checks clock and secret of a joining server before it changes anything.
 pub(in crate::store) async fn check(
     server: &Server,
     connection: &mut Connection,
@@ -132,7 +131,7 @@ pub(in crate::store) async fn check(
     let database: i64 = now.one(connection).await.map_err(failed)?;
     let after = (joining.host_ms)();
     let off = i64::midpoint(before, after) - database;
-    // When the database read its clock is known to half of this.
+    // The database read its clock at some moment between the two readings, so the offset is known to half their distance.
     let unsure = before.abs_diff(after) / 2;
     if off.unsigned_abs().saturating_sub(unsure)
         > u64::try_from(CLOCK_OFF_MAX.as_millis()).unwrap_or(0)
@@ -157,14 +156,14 @@ pub(in crate::store) async fn check(
 }
 
 impl Cluster {
-    /// Joins the servers that play on a database, as the one with this number.
+    /// Adds this server, with its number in `nodes`, to the cluster.
     pub(in crate::store) async fn join(
         server: &Server,
         connection: &mut Connection,
         incarnation: i64,
         joining: &Joining,
     ) -> Result<Arc<Self>, OpenError> {
-        // One after another, so that no two get the same slot.
+        // Joins are serialized, so that no two members get the same slot.
         let (slot, seen) = connection
             .transaction(Begin::Write, async |connection| {
                 query("LOCK TABLE members IN SHARE ROW EXCLUSIVE MODE").execute(connection).await?;
@@ -196,7 +195,7 @@ impl Cluster {
         Ok(Arc::new(cluster))
     }
 
-    /// Notes the members, as they were seen last.
+    /// Replaces the known members.
     pub fn set_members(&self, members: Arc<[Member]>) {
         let numbers: Vec<i64> = members.iter().map(|member| member.incarnation).collect();
         *self.members.lock().expect("nothing panics while it holds this") = members;
@@ -207,31 +206,32 @@ impl Cluster {
         });
     }
 
-    /// The members, as they were seen last, the oldest first.
+    /// The members as last seen, oldest first.
     pub fn members(&self) -> Arc<[Member]> {
         Arc::clone(&self.members.lock().expect("nothing panics while it holds this"))
     }
 
-    /// Completes when a member is gone: it has left, or was excluded.
+    /// Completes when a member has left or was excluded.
     pub fn gone(&self, incarnation: i64) -> impl Future<Output = ()> + Send + 'static {
         let mut known = self.incarnations.subscribe();
         async move {
             let is_gone = |known: &Vec<i64>| !known.contains(&incarnation);
             if known.wait_for(is_gone).await.is_err() {
-                // This server ends.
+                // The sender is gone: this server ends.
                 std::future::pending::<()>().await;
             }
         }
     }
 
-    /// Whether this is the oldest member that takes work: it does what one of them has to. For a moment there may be two.
+    /// Whether this is the oldest member that takes places, which does the work of a single member. Two members may briefly
+    /// both believe it.
     pub fn is_oldest(&self) -> bool {
         let members = self.members();
         let oldest = members.iter().find(|member| member.is_ready);
         oldest.is_some_and(|oldest| oldest.incarnation == self.incarnation)
     }
 
-    /// Says that this server is alive. Errors but [`StoreError::Failed`] say nothing of that.
+    /// Renews this server's row. [`StoreError::Failed`] means that it was excluded; other errors leave that open.
     pub async fn beat(&self, beat: Beat, host_ms: fn() -> i64) -> Result<(), StoreError> {
         let sent = Instant::now();
         let (before, places) = (host_ms(), self.places().len());
@@ -254,7 +254,7 @@ impl Cluster {
         self.takes_work.store(beat.is_ready, Ordering::Release);
         let after = host_ms();
         self.answers_from(sent);
-        // An answer that took so long says little of the clock: the last offset stays.
+        // A slow answer says little about the clock, so the last offset stays.
         let tells_clock = u128::from(before.abs_diff(after)) <= CLOCK_OFF_MAX.as_millis();
         let offset = tells_clock.then(|| i64::midpoint(before, after) - database);
         self.on(&self.beats, Purpose::Beats, async |connection| {
@@ -267,7 +267,7 @@ impl Cluster {
         Ok(())
     }
 
-    /// All members, and the revision by which they have to act.
+    /// Reads all members and the revision they must apply.
     pub async fn look(&self) -> Result<Look, StoreError> {
         self.on(&self.beats, Purpose::Beats, async |connection| {
             let revision = query("SELECT revision FROM cluster").one(connection).await?;
@@ -304,7 +304,7 @@ impl Cluster {
         .await
     }
 
-    /// Whether the database has a session of a member. It ends with the process of the member, or with its connection.
+    /// Whether a member has a session in the database, which ends with its process or connection.
     pub async fn is_connected(&self, incarnation: i64) -> Result<bool, StoreError> {
         self.on(&self.beats, Purpose::Beats, async |connection| {
             is_connected(connection, incarnation).await
@@ -312,7 +312,7 @@ impl Cluster {
         .await
     }
 
-    /// Excludes a dead member: nothing of it is written any more, and what it had is free. False where it is alive after all.
+    /// Excludes a dead member: it can commit nothing more and its places are free. False if the member is alive after all.
     pub async fn exclude(&self, incarnation: i64, death: Death) -> Result<bool, StoreError> {
         self.on(&self.takes, Purpose::Takes, async |connection| {
             exclude(connection, incarnation, death).await
@@ -321,7 +321,7 @@ impl Cluster {
     }
 }
 
-/// What the table `cluster` has of the secret.
+/// The digest of the secret in the table `cluster`.
 fn digest(secret: &[u8]) -> Vec<u8> {
     let mut hash = Sha256::new();
     hash.update(b"swarmbench cluster\0");
@@ -329,7 +329,6 @@ fn digest(secret: &[u8]) -> Vec<u8> {
     hash.finalize().to_vec()
 }
 
-/// Why the rows of a new member were not added.
 #[derive(Debug, thiserror::Error)]
 enum EnterError {
     #[error(transparent)]
@@ -338,7 +337,7 @@ enum EnterError {
     Database(#[from] sqlx::Error),
 }
 
-/// Adds the rows of a new member, which has a slot to itself.
+/// Inserts the rows of a new member, which gets a free slot.
 async fn enter(
     location: &str,
     connection: &mut Connection,
@@ -346,7 +345,7 @@ async fn enter(
     joining: &Joining,
 ) -> Result<(i64, i64), EnterError> {
     let secret = digest(&joining.secret);
-    // Where nobody is there any more, it may be another.
+    // A cluster without members may get another secret.
     let kept = query(
         "INSERT INTO cluster (secret) VALUES ($1) ON CONFLICT (one) DO UPDATE SET secret = excluded.secret
          WHERE cluster.secret = excluded.secret OR NOT EXISTS (SELECT 1 FROM members)",
@@ -354,7 +353,7 @@ async fn enter(
     if kept.bind(&secret).execute(connection).await? == 0 {
         return Err(JoinError::Secret(location.to_owned()).into());
     }
-    // The process that had this address is gone, as this one listens there; unless another machine has it, too.
+    // This process listens at the address, so a former owner is dead, unless another machine has the same address.
     let same: Vec<i64> = query("SELECT incarnation FROM members WHERE address = $1")
         .bind(&joining.address)
         .all(connection)
@@ -383,8 +382,8 @@ async fn enter(
     joined.ok_or_else(|| JoinError::Full(location.to_owned()).into())
 }
 
-/// Takes the lock that shows others that this server has a session, unless this session has it. An old session of this server
-/// may keep it for a while, where PostgreSQL has not noticed that its connection broke: so it is tried with every beat.
+/// Takes the advisory lock that proves this server's session, unless the session has it. An old session may hold the lock
+/// until PostgreSQL notices that its connection broke, so every beat tries again.
 pub(super) async fn show_connected(
     connection: &mut Connection,
     incarnation: i64,
@@ -407,14 +406,14 @@ async fn is_connected(connection: &mut Connection, incarnation: i64) -> Result<b
     lock.bind(i64::from(ALIVE)).bind(alive_key(incarnation)).one(connection).await
 }
 
-/// Deletes the rows of a member, in the order that excludes it for certain: a beat that comes later finds no row, and a commit
-/// that is under way ends before, or is none. False where it was seen meanwhile.
+/// Deletes a member's rows in an order that excludes it for certain: a later beat finds no row, and a commit under way is
+/// done before the deletion or fails. False if the member has sent a beat meanwhile.
 async fn exclude(
     connection: &mut Connection,
     incarnation: i64,
     death: Death,
 ) -> Result<bool, sqlx::Error> {
-    // A transaction that it has left open would be waited for.
+    // Otherwise the deletion would wait for a transaction that the member left open.
     let sessions = query(
         "SELECT CAST(pid AS bigint) FROM pg_stat_activity
          WHERE datname = current_database() AND (application_name = $1 OR application_name LIKE $1 || '/%')
@@ -434,7 +433,7 @@ async fn exclude(
         .await
 }
 
-/// Deletes the rows of a member, in the transaction that is open; false where it was seen meanwhile.
+/// Deletes a member's rows in the open transaction; false if the member has sent a beat meanwhile.
 async fn delete(
     connection: &mut Connection,
     incarnation: i64,

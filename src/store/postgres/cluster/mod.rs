@@ -1,9 +1,9 @@
-//! Several servers on one database: who is alive, who plays what, and what all have to know.
+//! A cluster of servers on one database: members, ownership of places, and changes that all members must know.
 //!
-//! The database decides everything. A server is alive as long as its row in `members` is renewed, by the database's clock; what
-//! it plays is in `places`, where only what nobody has can be taken; and both go when its row in `nodes` is deleted, which also
-//! ends all that it writes. So nothing here has to be right about who is alive: a server that is excluded by mistake writes nothing
-//! any more, and answers nothing once it has not been seen for [`ANSWERS_FOR`].
+//! The database decides everything. A server is alive while its row in `members` is renewed, by the database's clock. The
+//! places it owns are in `places`, where only free ones can be taken. Deleting a server's row in `nodes` deletes both, and
+//! makes its commits fail. So no decision about who is alive has to be right: a server excluded by mistake commits nothing
+//! more, and answers nothing once its last beat is older than [`ANSWERS_FOR`].
 
 mod changes;
 mod members;
@@ -28,22 +28,23 @@ pub use members::{Beat, Death, JoinError, Joining, Look, Member};
 use places::State;
 pub use places::Unowned;
 
-/// A member that was not seen for so long is taken over.
+/// Age of the last beat at which a member may be excluded.
 pub const TAKEN_OVER_AFTER: Duration = Duration::from_secs(6);
 
-/// A beat that comes no sooner is late: one a second is usual.
+/// Age at which a beat is late. One beat a second is usual.
 const LATE_AFTER: Duration = Duration::from_millis(1500);
 
-/// How long after its last beat a member answers. Less than [`TAKEN_OVER_AFTER`], so that it never answers for what another has.
+/// Time after its last beat for which a member answers. Less than [`TAKEN_OVER_AFTER`], so that it never answers for places
+/// of another owner.
 pub const ANSWERS_FOR: Duration = Duration::from_millis(4500);
 
-/// How long an answer of the database is waited for where it is not about what was played.
+/// Timeout of a statement on the cluster's two connections. The writer has timeouts of its own.
 const ANSWER_PATIENCE: Duration = Duration::from_secs(2);
 
-/// How far the clock of a member may be from that of the database.
+/// Tolerated offset between a member's clock and the database's.
 pub const CLOCK_OFF_MAX: Duration = Duration::from_millis(500);
 
-/// This server as one of several. All methods may fail with [`StoreError::Failed`] once it was excluded.
+/// This server as a member of the cluster. All methods may fail with [`StoreError::Failed`] once it was excluded.
 pub struct Cluster {
     server: Server,
     incarnation: i64,
@@ -54,20 +55,20 @@ pub struct Cluster {
     /// A connection whose commits are durable.
     takes: tokio::sync::Mutex<Option<Connection>>,
     places: Mutex<HashMap<Place, State>>,
-    /// What may have been taken and is not continued yet: the client that asked for it may be gone.
+    /// Places taken but perhaps not resumed: the client that asked for them may be gone.
     taken: Mutex<HashSet<Place>>,
-    /// All members, as they were seen last.
+    /// All members as last seen.
     members: Mutex<Arc<[Member]>>,
-    /// Their numbers; changes when one comes or goes.
+    /// Numbers of all members; subscribers learn when one comes or goes.
     incarnations: watch::Sender<Vec<i64>>,
-    /// Whether this server takes what nobody has.
+    /// Whether this server takes free places.
     takes_work: AtomicBool,
-    /// Until when this server answers, in milliseconds after `started`.
+    /// End of this server's right to answer, in milliseconds after `started`.
     answers_until: AtomicU64,
-    /// By which revision this server acts.
+    /// Applied revision of tokens and keys.
     seen: AtomicU64,
     changes: tokio::sync::Mutex<ChangesRead>,
-    /// How many reads of changes have begun.
+    /// Number of reads of changes that have begun.
     reads: AtomicU64,
 }
 
@@ -78,28 +79,28 @@ impl std::fmt::Debug for Cluster {
 }
 
 impl Cluster {
-    /// The number of this server, which no other ever gets.
+    /// The number of this server, unique for all time.
     pub const fn incarnation(&self) -> i64 {
         self.incarnation
     }
 
-    /// A small number that no other member has at this time.
+    /// A small number, unique among the current members.
     pub const fn slot(&self) -> i16 {
         self.slot
     }
 
-    /// Whether this server was seen lately enough to answer for what it has.
+    /// Whether the last beat is recent enough to answer for owned places.
     pub fn may_answer(&self) -> bool {
         let now = u64::try_from(self.started.elapsed().as_millis()).unwrap_or(u64::MAX);
         now < self.answers_until.load(Ordering::Acquire)
     }
 
-    /// Whether this server takes what nobody has: it is reached by the others, and does not stop.
+    /// Whether this server takes free places: the others can reach it, and it is not stopping.
     pub fn takes_work(&self) -> bool {
         self.takes_work.load(Ordering::Acquire)
     }
 
-    /// For how long this server may answer still.
+    /// Time left in which this server may answer.
     pub fn answers_for(&self) -> Duration {
         let until = Duration::from_millis(self.answers_until.load(Ordering::Acquire));
         until.saturating_sub(self.started.elapsed())
@@ -119,7 +120,7 @@ impl Cluster {
         self.taken.lock().expect("nothing panics while it holds this")
     }
 
-    /// Does something on one of the two connections, which is made where there is none. It is given up where that fails.
+    /// Runs `work` on one of the two connections, which is made if there is none and dropped after an error.
     async fn on<T>(
         &self,
         link: &tokio::sync::Mutex<Option<Connection>>,
@@ -133,7 +134,8 @@ impl Cluster {
                 None => self.connect(purpose).await?,
             };
             let done = work(&mut connection).await;
-            // An error that PostgreSQL answered leaves a connection that can be used, unless it ends or is a standby now.
+            // An error reported by PostgreSQL leaves the connection usable, unless the server is stopping or became a
+            // standby.
             let may_be_used = |error: &sqlx::Error| {
                 session::sqlstate(error).is_some_and(|code| !is_passing(&code))
             };
@@ -145,7 +147,7 @@ impl Cluster {
         .await;
         match done {
             Ok(Err(error)) if session::sqlstate(&error).as_deref() == Some(FOREIGN_KEY) => {
-                // The row of this server in `nodes` is gone.
+                // A foreign key fails once this server's row in `nodes` is gone.
                 Err(StoreError::Failed)
             }
             Ok(Err(error)) if session::sqlstate(&error).is_some_and(|code| is_passing(&code)) => {
@@ -164,7 +166,7 @@ impl Cluster {
             query(setting).execute(&mut connection).await?;
         }
         match purpose {
-            // A beat that a crash of the database has lost was none.
+            // A beat may be lost in a crash of the database, so its commit need not wait for the disk.
             Purpose::Beats => {
                 query("SET synchronous_commit = off").execute(&mut connection).await?;
                 members::show_connected(&mut connection, self.incarnation).await?;
@@ -181,18 +183,17 @@ impl Cluster {
         Ok(connection)
     }
 
-    /// Ends the sessions of this server, after its row was deleted.
+    /// Closes the sessions of this server, after its row was deleted.
     pub(in crate::store) async fn close(&self) {
         for link in [&self.beats, &self.takes] {
             if let Some(connection) = link.lock().await.take() {
-                // The process ends anyway.
+                // Errors do not matter: the process ends.
                 drop(connection.close().await);
             }
         }
     }
 }
 
-/// What a connection is for.
 #[derive(Clone, Copy)]
 enum Purpose {
     Beats,
@@ -208,15 +209,15 @@ impl Purpose {
     }
 }
 
-/// The code of an error where a row refers to one that is gone.
+/// SQLSTATE of a reference to a missing row.
 const FOREIGN_KEY: &str = "23503";
 
-/// Whether an error of this code passes: PostgreSQL ends or starts, is out of something, or became a standby.
+/// Whether an error is temporary: PostgreSQL is starting or stopping, lacks resources, or became a standby.
 fn is_passing(code: &str) -> bool {
     matches!(&code[..2], "08" | "25" | "40" | "53" | "55" | "57" | "58")
 }
 
-/// The class of advisory locks by which members show that their process lives.
+/// Class of the advisory locks that prove a member's session.
 const ALIVE: i32 = 0x5377_6172;
 
 fn alive_key(incarnation: i64) -> i64 {

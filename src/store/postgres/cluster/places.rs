@@ -1,4 +1,4 @@
-//! Who plays what: places are taken by one member, given back, or vanish with it.
+//! Ownership of places: a member takes and releases them, and its exclusion frees them.
 
 use std::collections::HashSet;
 use std::time::Duration;
@@ -12,52 +12,52 @@ use crate::store::StoreError;
 use crate::store::entries::Entry;
 use crate::store::sql::{Connection, Engine, query};
 
-/// How long it waits before it asks a database again that did not answer.
+/// Pause before a retry while the database is away.
 const PAUSE: Duration = Duration::from_millis(500);
 
-/// Places that one statement takes or gives back.
+/// Places in one statement.
 const PLACES_AT_ONCE: usize = 1000;
 
-/// Something unfinished that nobody plays.
+/// Unfinished work without an owner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unowned {
     pub place: Place,
-    /// Whether it advances by itself.
+    /// Whether a clock advances it.
     pub clocked: bool,
 }
 
-/// What this server does with a place that it has.
+/// State of an owned place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum State {
     Has,
-    /// It is about to give it back: nothing is begun there any more.
+    /// Being released: nothing new begins there.
     Leaves,
 }
 
 impl Cluster {
-    /// Whether this server has a place, and keeps it.
+    /// Whether this server owns a place and is not releasing it.
     pub fn has(&self, place: Place) -> bool {
         self.places().get(&place) == Some(&State::Has)
     }
 
-    /// What this server has.
+    /// All owned places, including those being released.
     pub fn all_places(&self) -> Vec<Place> {
         self.places().keys().copied().collect()
     }
 
-    /// Which member takes a place that nobody has: for each place another, and the same for all who ask, as long as they see the
-    /// same members; `None` if no member takes work. Few places change hands when a member comes or goes (rendezvous hashing).
+    /// The member that should take a free place, by rendezvous hashing: members that see the same cluster agree, places are
+    /// spread over members, and few of them change when a member comes or goes. `None` if no member takes places.
     pub fn preferred(&self, place: Place) -> Option<i64> {
         let (kind, key) = place.numbers();
         self.preferred_for(mixed(key.cast_unsigned()) ^ u64::from(kind.unsigned_abs()))
     }
 
-    /// Whether it is this one.
+    /// Whether this server is the preferred one.
     pub fn is_preferred(&self, place: Place) -> bool {
         self.preferred(place) == Some(self.incarnation)
     }
 
-    /// The same of anything that has a number.
+    /// [`Cluster::preferred`] for any numbered thing.
     pub fn preferred_for(&self, number: u64) -> Option<i64> {
         let members = self.members();
         let ready =
@@ -66,7 +66,7 @@ impl Cluster {
         ready.max_by_key(weight)
     }
 
-    /// Notes what new entries, which are durable now, have taken.
+    /// Notes the places taken by committed entries.
     pub(in crate::store) fn note(&self, entries: &[Entry]) {
         if entries.iter().any(|entry| taken_by(entry).is_some()) {
             let mut places = self.places();
@@ -74,7 +74,7 @@ impl Cluster {
         }
     }
 
-    /// Whether something at a place is unfinished. Competitions can be changed also when they are over.
+    /// Whether a place has unfinished work. Always true for competitions, which can be changed even after their end.
     pub async fn is_unfinished(&self, place: Place) -> Result<bool, StoreError> {
         let (text, key) = match place {
             Place::Game(EpisodeKey(key)) => {
@@ -93,35 +93,35 @@ impl Cluster {
         .await
     }
 
-    /// What [`Cluster::take`] may have taken since this was last asked: all that is unfinished there is to be continued.
+    /// Drains the places that [`Cluster::take`] may have taken; the caller resumes their unfinished work.
     pub fn take_taken(&self) -> Vec<Place> {
         self.taken().drain().collect()
     }
 
-    /// Notes that places may have been taken.
+    /// Notes places that may have been taken.
     pub fn note_taken(&self, places: impl IntoIterator<Item = Place>) {
         self.taken().extend(places);
     }
 
-    /// Takes those of these places that nobody has; who has each now, in an order of its own.
+    /// Takes the free ones among some places; returns the owner of each, in any order.
     pub async fn take(&self, wanted: &[Place]) -> Result<Vec<(Place, i64)>, StoreError> {
-        // Before it is done, as the caller may not be there any more when it is.
+        // Noted first, as the caller may be gone when the statement is done.
         self.note_taken(wanted.iter().copied());
         self.take_noted(wanted).await
     }
 
-    /// Takes places as [`Cluster::take`] does, for a caller that continues what is there.
+    /// [`Cluster::take`] for a caller that resumes the places itself.
     pub async fn take_noted(&self, wanted: &[Place]) -> Result<Vec<(Place, i64)>, StoreError> {
         let mut owners = Vec::with_capacity(wanted.len());
         let mut missing = wanted.to_vec();
-        // In one order, so that two servers do not wait for each other.
+        // A fixed order, so that two servers do not deadlock.
         missing.sort_unstable();
         while !missing.is_empty() {
             let some: Vec<Place> = missing.drain(..missing.len().min(PLACES_AT_ONCE)).collect();
             let found = self
                 .on(&self.takes, Purpose::Takes, async |connection| {
                     let found = take(connection, &some, self.incarnation).await?;
-                    // While nobody else has the connection: what is known here follows what is written there in its order.
+                    // Under the lock of the connection, so that the map changes in the order of the statements.
                     let mut places = self.places();
                     for (place, _) in found.iter().filter(|(_, owner)| *owner == self.incarnation) {
                         places.entry(*place).or_insert(State::Has);
@@ -130,14 +130,14 @@ impl Cluster {
                 })
                 .await?;
             let known: HashSet<Place> = found.iter().map(|(place, _)| *place).collect();
-            // Another server took it at this moment.
+            // Rows missing in the answer were inserted by another server at the same moment.
             missing.extend(some.into_iter().filter(|place| !known.contains(place)));
             owners.extend(found);
         }
         Ok(owners)
     }
 
-    /// Begins to give a place back: from now on nothing is begun there. False where this server does not have it.
+    /// Starts to release a place: nothing new begins there. False if this server does not own it.
     pub fn leave(&self, place: Place) -> bool {
         match self.places().get_mut(&place) {
             Some(state) => {
@@ -148,15 +148,15 @@ impl Cluster {
         }
     }
 
-    /// Keeps a place after all.
+    /// Cancels the release of a place.
     pub fn stay(&self, place: Place) {
         if let Some(state) = self.places().get_mut(&place) {
             *state = State::Has;
         }
     }
 
-    /// Gives back places that [`Cluster::leave`] has begun to: nothing is written there any more. Where the database does not answer,
-    /// it is unknown whether they are given back: this server retries until it is known, and plays nothing there meanwhile.
+    /// Releases places after [`Cluster::leave`], once nothing is written there any more. If an answer is lost, the outcome is
+    /// unknown: this server retries until it is known, and plays nothing there meanwhile.
     pub async fn release(&self, places: &[Place]) -> Result<(), StoreError> {
         for some in places.chunks(PLACES_AT_ONCE) {
             let rows = self.own_rows_when_back(some).await?;
@@ -170,7 +170,7 @@ impl Cluster {
                 tokio::time::sleep(PAUSE).await;
             }
             if !is_sure {
-                // The first attempt may have given a place back, and a request may have taken it again before the last one.
+                // A lost attempt may have released a place that a request took again before the last attempt.
                 let again = self.own_rows_when_back(some).await?;
                 let again = again.into_iter().map(|(place, _)| place);
                 self.note_taken(again.clone());
@@ -180,7 +180,7 @@ impl Cluster {
         Ok(())
     }
 
-    /// As [`Cluster::own_rows`]; waits for the database where it is away.
+    /// [`Cluster::own_rows`], retried while the database is away.
     async fn own_rows_when_back(&self, places: &[Place]) -> Result<Vec<(Place, i64)>, StoreError> {
         loop {
             match self.own_rows(places).await {
@@ -190,7 +190,7 @@ impl Cluster {
         }
     }
 
-    /// Those of these places that this server has, and the numbers of the rows that say so.
+    /// The places among some that this server owns, with the numbers of their rows.
     async fn own_rows(&self, places: &[Place]) -> Result<Vec<(Place, i64)>, StoreError> {
         self.on(&self.takes, Purpose::Takes, async |connection| {
             let (kinds, keys) = columns(places);
@@ -236,7 +236,7 @@ impl Cluster {
         .await
     }
 
-    /// Gives back all places at which everything is over.
+    /// Releases all places of ended games and runs; returns their number.
     pub async fn release_ended(&self) -> Result<usize, StoreError> {
         self
             .on(&self.takes, Purpose::Takes, async |connection| {
@@ -260,7 +260,7 @@ impl Cluster {
             .await
     }
 
-    /// Who has a place.
+    /// The owner of a place.
     pub async fn owner(&self, place: Place) -> Result<Option<i64>, StoreError> {
         let (kind, key) = place.numbers();
         self.on(&self.takes, Purpose::Takes, async |connection| {
@@ -270,7 +270,7 @@ impl Cluster {
         .await
     }
 
-    /// What is unfinished and played by nobody.
+    /// Unfinished games and runs without an owner.
     pub async fn unowned(&self) -> Result<Vec<Unowned>, StoreError> {
         let rows: Vec<(i64, i64, bool)> = self
             .on(&self.takes, Purpose::Takes, async |connection| {
@@ -296,7 +296,7 @@ impl Cluster {
         Ok(rows.into_iter().filter_map(unowned).collect())
     }
 
-    /// Deletes what is left of forks that a dead member did not complete.
+    /// Deletes incomplete forks of dead members.
     pub async fn delete_incomplete_forks(&self) -> Result<(), StoreError> {
         self.on(&self.takes, Purpose::Takes, async |connection| {
             crate::store::forks::delete_incomplete(connection).await
@@ -305,7 +305,7 @@ impl Cluster {
     }
 }
 
-/// A number in which each bit depends on all bits of this one (the finalizer of `splitmix64`).
+/// Mixes the bits of a number (the finalizer of `splitmix64`).
 const fn mixed(number: u64) -> u64 {
     let number = (number ^ (number >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let number = (number ^ (number >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -346,7 +346,7 @@ pub(super) async fn take(
     owners.filter_map(Result::transpose).collect()
 }
 
-/// The place that an entry takes for the server that writes it.
+/// The place that an entry creates, owned by the writing server.
 pub(super) fn taken_by(entry: &Entry) -> Option<Place> {
     match entry {
         Entry::Open(row) if row.run.is_none() => Some(Place::Game(row.episode)),

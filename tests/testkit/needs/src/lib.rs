@@ -4,25 +4,26 @@ use std::fs;
 
 use proc_macro::TokenStream;
 
-/// The variable that says on which store the tests run: nothing for SQLite, `postgres`, or `forwarding` (PostgreSQL, and a
+/// The variable that names the store of the tests: unset for SQLite, `postgres`, or `forwarding` (PostgreSQL, and a
 /// server that forwards everything in front of the one that plays). `.ci/postgres` sets it.
 const ON: &str = "SWARMBENCH_TEST_ON";
 
-/// Ignores the test below where something is missing:
+/// Ignores the test below if a requirement is missing:
 ///
 /// - `sqlite`: the tests run on SQLite; the test is about its files;
 /// - `postgres`: the tests run on PostgreSQL;
-/// - `own_server`: the server that is asked plays the games itself;
+/// - `own_server`: the server that receives requests plays the games itself;
 /// - `root`: the test may mount file systems;
-/// - `pgbouncer`: this program is installed.
+/// - `pgbouncer`: `pgbouncer` is installed.
 ///
-/// Stands above `#[test]`, `#[tokio::test]` or `#[rstest]`. The test is compiled anew where [`ON`] has changed.
+/// The attribute stands above `#[test]`, `#[tokio::test]` or `#[rstest]`. The test is recompiled whenever [`ON`]
+/// changes.
 #[proc_macro_attribute]
 pub fn needs(what: TokenStream, test: TokenStream) -> TokenStream {
     let what = what.to_string();
     let missing = what.split(',').map(str::trim).find(|need| !is_there(need));
     let ignored = missing.map(|need| format!("#[ignore = \"needs {need}\"]")).unwrap_or_default();
-    // Makes the compiler note that the result depends on the variable.
+    // This makes the compiler note that the result depends on the variable.
     let noted = format!("const _: Option<&str> = option_env!(\"{ON}\");");
     let (attributes, function) = split(test);
     [parsed(&noted), attributes, parsed(&ignored), function].into_iter().collect()
@@ -32,7 +33,7 @@ fn parsed(text: &str) -> TokenStream {
     text.parse().expect("it is Rust")
 }
 
-/// The attributes of an item, and the item without them: `rstest` hands those on to its cases that stand below it.
+/// Splits the attributes off an item: `rstest` passes those below it on to its cases.
 fn split(item: TokenStream) -> (TokenStream, TokenStream) {
     let (mut attributes, mut rest) = (TokenStream::new(), item.into_iter().peekable());
     while let Some(hash) = rest.next_if(|token| token.to_string() == "#") {

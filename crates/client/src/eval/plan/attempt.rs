@@ -1,4 +1,4 @@
-//! The plan of an attempt: the competition says what is played, the entrant has declared who plays.
+//! The plan of an attempt: the competition defines the games, the entrant has declared the player.
 
 use super::{Plan, PlanError, Who};
 use crate::eval::entry::Entry;
@@ -6,8 +6,8 @@ use crate::eval::experiment::{Experiment, List};
 use swarmbench_prompt::chosen;
 
 impl Experiment {
-    /// The fields with which it says what is played: in an attempt the competition says that. Settings begin with
-    /// `settings.`.
+    /// The fields with which the experiment defines games, which in an attempt the competition does. Settings begin
+    /// with `settings.`.
     #[must_use]
     pub fn says_what_is_played(&self) -> Vec<String> {
         let fields = [
@@ -28,12 +28,13 @@ impl Experiment {
 }
 
 impl Plan {
-    /// The plan of an attempt. A temperature and a `top_p` that the experiment leaves out are those that were declared;
-    /// the prompt template is the declared one in any case, as prompts are made by the server. `template` is that which was
+    /// Plans an attempt. A temperature and a `top_p` that the experiment leaves out are the declared ones; the prompt
+    /// template is always the declared one, as the server makes prompts. `template` is the requested one, its text or
+    /// its name.
     /// asked for, its text or its name.
     ///
     /// # Errors
-    /// All problems: those of any plan, several players, and players other than the declared one.
+    /// All problems: those of any plan, several players, and a player other than the declared one.
     pub fn of_attempt(
         experiment: &Experiment,
         template: Option<&str>,

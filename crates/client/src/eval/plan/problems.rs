@@ -1,4 +1,4 @@
-//! Everything that is wrong with an experiment, found before its first game.
+//! The faults of an experiment, found before its first game.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,14 +12,14 @@ use super::{
 };
 use crate::eval::experiment::{Experiment, List, ModelEntry, Seeds, SystemMessage};
 
-/// Characters of a model's name on boards: the limit of the server. The last of several models must not fail by it
-/// after hours.
+/// Characters of a model's name on boards: the limit of the server. It is checked here so that the last of several
+/// models does not fail after hours.
 const MODEL_CHARS_MAX: usize = 200;
 
 /// Games of a run: the limit of the server.
 const GAMES_MAX: usize = 1000;
 
-/// Each problem once.
+/// Problems, each listed once.
 #[derive(Default)]
 pub(super) struct Problems(Vec<String>);
 
@@ -30,12 +30,12 @@ impl Problems {
         }
     }
 
-    /// Whether there are none.
+    /// Succeeds if there are no problems.
     pub(super) fn none(self) -> Result<(), PlanError> {
         if self.0.is_empty() { Ok(()) } else { Err(PlanError(self.0)) }
     }
 
-    /// Limits of what happens at once, which the command line checks by itself.
+    /// Checks limits of concurrency, which the command line also checks by itself.
     pub(super) fn at_once(&mut self, experiment: &Experiment) {
         let models = experiment.models.iter().flat_map(|List(models)| models);
         let of_models = models.map(|model| ("requests", model.requests, REQUESTS_MAX));
@@ -51,7 +51,7 @@ impl Problems {
         }
     }
 
-    /// The tasks in their usual order, if any are named.
+    /// The tasks in their usual order; `None` if the experiment names none.
     pub(super) fn tasks(&mut self, asked: Option<&List<String>>) -> Option<Vec<TaskName>> {
         let List(names) = asked?;
         let mut tasks = BTreeSet::new();
@@ -68,7 +68,7 @@ impl Problems {
         Some(TaskName::ALL.into_iter().filter(|task| tasks.contains(task)).collect())
     }
 
-    /// All seeds, each once, in order.
+    /// All seeds, sorted and without duplicates.
     pub(super) fn seeds(&mut self, asked: Option<&List<Seeds>>) -> Vec<Seed> {
         let Some(List(ranges)) = asked else { return standard().seeds };
         let all: BTreeSet<u64> = ranges.iter().flat_map(|range| range.from..=range.last).collect();
@@ -78,8 +78,8 @@ impl Problems {
             .collect()
     }
 
-    /// The players, each once. A named player has to play every requested task; with `all`, each player plays the tasks
-    /// that it knows.
+    /// The built-in players without duplicates. A named player has to play every requested task; with `all`, each
+    /// player plays the tasks that it can.
     pub(super) fn players(
         &mut self,
         experiment: &Experiment,
@@ -125,7 +125,8 @@ impl Problems {
         found
     }
 
-    /// An experiment without players. Not reported after a wrong name, as that may have been meant as one.
+    /// Checks that anybody plays. Not reported after another problem, such as a wrong name that was meant as a
+    /// player.
     pub(super) fn nobody(&mut self, models: &[ModelEntry], players: &[PlayerPlan]) {
         if models.is_empty() && players.is_empty() && self.0.is_empty() {
             self.add(
@@ -136,13 +137,14 @@ impl Problems {
         }
     }
 
-    /// System messages that cannot be sent or kept.
+    /// Checks that system messages can be sent and stored.
     pub(super) fn system(&mut self, experiment: &Experiment, models: &[ModelEntry]) {
         let all = models.iter().map(|model| &model.system).chain([&experiment.system]);
         all.flatten().flat_map(SystemMessage::problems).for_each(|problem| self.add(problem));
     }
 
-    /// Different models that a board would show as one: one would be taken for the other, or never be played.
+    /// Checks that no two different models look the same on a board: one would be taken for the other, or never be
+    /// played.
     pub(super) fn namesakes(&mut self, runs: &[Planned]) {
         let mut known: BTreeMap<(String, String, Vec<Option<String>>), &Who> = BTreeMap::new();
         for run in runs {
@@ -158,7 +160,7 @@ impl Problems {
         }
     }
 
-    /// Checks the numbers that no server checks.
+    /// Checks numbers that no server checks.
     pub(super) fn numbers(&mut self, experiment: &Experiment, runs: &[Planned]) {
         if let Some(share) = experiment.stop_share
             && !(share > 0.0 && share <= 1.0)
@@ -177,7 +179,7 @@ impl Problems {
         }
     }
 
-    /// Checks what the server would refuse, in its words.
+    /// Checks the server's own rules, with the server's messages.
     pub(super) fn check(&mut self, run: &Planned) {
         let games = run.suite.plan();
         if games.len() > GAMES_MAX {
@@ -187,7 +189,8 @@ impl Problems {
             ));
         }
         for game in games {
-            // Runs that were created under wider limits continue; a new one is refused by the server.
+            // `Config::check`, not `admit`: runs created under wider limits continue, and the server refuses new
+            // ones.
             if let Err(errors) = Config::check(&run.suite.settings_of(&game)) {
                 errors.0.into_iter().for_each(|error| self.add(error.to_string()));
             }

@@ -9,7 +9,7 @@ use super::settings::standard;
 const NAME_CHARS_MAX: usize = 100;
 
 /// The suite of these tasks and seeds. Its name follows from its content, so that runs of the same suite are on the
-/// same board. A built-in suite has its own name.
+/// same board. A built-in suite keeps its name.
 pub(super) fn named(mut suite: Suite, tasks: &[TaskName], seeds: &[Seed]) -> Suite {
     suite.tasks = tasks.iter().map(|task| task.name().to_owned()).collect();
     suite.seeds = seeds.to_vec();
@@ -27,7 +27,7 @@ pub(super) fn named(mut suite: Suite, tasks: &[TaskName], seeds: &[Seed]) -> Sui
     }
     let (is, was) = (Settings::from(&suite.settings), Settings::from(&usual.settings));
     let mut names = Settings::NAMES.to_vec();
-    // Names of suites have always had the size of the map before the number of agents.
+    // Existing names of suites have the size of the map before the number of agents.
     names.sort_by_key(|name| !["control", "width", "height"].contains(name));
     let changed = names.into_iter().filter(|name| is.get(name) != was.get(name));
     parts.extend(changed.filter_map(|name| Some(format!("{name} {}", is.get(name)?))));
@@ -38,7 +38,7 @@ pub(super) fn named(mut suite: Suite, tasks: &[TaskName], seeds: &[Seed]) -> Sui
     suite
 }
 
-/// Seeds in short: consecutive ones as a range.
+/// Seeds in short, consecutive ones as a range.
 #[must_use]
 pub fn ranges(seeds: &[Seed]) -> String {
     let mut parts: Vec<(u64, u64)> = Vec::new();

@@ -1,21 +1,21 @@
-//! The assignment problem of one translation: by shortest augmenting paths, eight columns at once.
+//! The assignment problem of one translation, solved by shortest augmenting paths, eight columns at once.
 
 use wide::i16x8;
 
 use super::cells::{Cells, Step};
 
-/// Columns that are looked at together.
+/// Number of columns processed together.
 const LANES: usize = 8;
 
-/// Twice the price of a column to which no row should come: one after the last, or one to which the shortest path is
-/// known. Cells lie at most 1022 rows and columns apart and, since matched pairs fit their prices, all prices within
-/// 1022; so the shortest path to a free column is below 4096, and the way to such a column longer.
+/// Twice the price of a column that no row should choose: one after the last, or one to which the shortest path is
+/// known. Cells lie at most 1022 rows and columns apart and, since matched pairs fit their prices, all prices are
+/// within 1022; so the shortest path to a free column is below 4096, and the way to such a column longer.
 const FAR: i16 = -16_384;
 
-/// What stands for no row and for no column.
+/// Marker for no row and for no column.
 const NONE: u16 = u16::MAX;
 
-/// Numbers by column, in lanes; the last lanes may belong to no column.
+/// Numbers by column, in vectors; the last lanes may belong to no column.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Lanes(Vec<i16x8>);
 
@@ -34,7 +34,7 @@ impl Lanes {
         self.0.fill(i16x8::splat(value));
     }
 
-    /// All numbers, those of the lanes that belong to no column at the end.
+    /// All numbers; those of lanes that belong to no column come last.
     fn iter(&self) -> impl Iterator<Item = i16> {
         self.0.iter().flat_map(|lanes| lanes.to_array())
     }
@@ -48,7 +48,7 @@ impl Lanes {
     }
 }
 
-/// From where an assignment begins: prices of the columns, and the column of each row.
+/// The start of an assignment: prices of the columns, and the column of each row.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Start {
     prices: Lanes,
@@ -60,37 +60,37 @@ pub(super) struct Start {
 struct Settled {
     column: u16,
     length: i16,
-    /// As in `column_price`, where it is replaced during the search.
+    /// The value of `column_price`, which is replaced during the search.
     price: i16,
 }
 
-/// The problem with its memory. Rows are the `few`, made as many as the columns by rows that cost nothing anywhere;
-/// columns are the `many`.
+/// The problem with its memory. Rows are the `few`, padded to the number of columns with rows of cost 0; columns are
+/// the `many`.
 #[derive(Debug, Default)]
 pub(super) struct Assignment {
     rows: Vec<Step>,
     size: usize,
-    /// Twice the place of each column.
+    /// Twice the row and twice the column number of each column's cell.
     column_i: Lanes,
     column_j: Lanes,
-    /// Twice the price of each column, and one less as soon as it has a row: a path that is just as long but ends in a
-    /// free column is then the shorter one.
+    /// Twice the price of each column, minus one once it has a row: so of two paths of equal length, the one that ends
+    /// in a free column is the shorter.
     column_price: Lanes,
     row_price: Vec<i16>,
-    /// By row the column with which it was matched last.
+    /// The column with which a row was matched last, by row.
     column_of: Vec<u16>,
     row_of: Vec<u16>,
     unmatched: Vec<u16>,
-    /// By column, twice the length of the shortest path so far (and one more, see `column_price`).
+    /// Twice the length of the shortest path so far (plus one, see `column_price`), by column.
     reach: Lanes,
     path: Vec<Settled>,
-    /// How often a row was compared with all columns.
+    /// Number of times that a row was compared with all columns.
     pub(super) looks: usize,
 }
 
 impl Assignment {
-    /// Sets the problem up. `start` may be that of an earlier one with other cells; if it is one of another size, all
-    /// prices are 0.
+    /// Sets the problem up. `start` may come from an earlier problem with other cells; if its size differs, all prices
+    /// are 0.
     pub(super) fn begin(&mut self, few: &Cells, many: &Cells, start: &Start) {
         self.size = many.all.len();
         self.rows.clear();
@@ -111,25 +111,25 @@ impl Assignment {
         self.row_of.resize(self.size, NONE);
     }
 
-    /// The prices of the columns as they are now; the greatest is 0.
+    /// The current prices of the columns; the greatest is 0.
     pub(super) fn prices(&self) -> impl Iterator<Item = i16> {
         self.column_price.iter().take(self.size).map(|double| double / 2)
     }
 
-    /// Notes the prices and pairs as they are now.
+    /// Saves the current prices and pairs.
     pub(super) fn save(&self, to: &mut Start) {
         to.prices.0.clone_from(&self.column_price.0);
         to.columns.clone_from(&self.column_of);
     }
 
-    /// Goes back to prices and pairs of the same problem.
+    /// Restores prices and pairs of a problem of the same size.
     pub(super) fn restore(&mut self, from: &Start) {
         self.column_price.0.copy_from_slice(&from.prices.0);
         self.column_of.copy_from_slice(&from.columns);
     }
 
     /// The cost of the best assignment of the few, moved by `by`, to the many if it is less than `limit`. The prices
-    /// after it are good ones for this translation, whatever the outcome.
+    /// afterwards are good ones for this translation, even if there is no result.
     pub(super) fn below(&mut self, limit: i32, by: Step) -> Option<i32> {
         let mut value = self.set_prices(by);
         if value >= limit {
@@ -147,7 +147,8 @@ impl Assignment {
         Some(value)
     }
 
-    /// Only differences between the columns' prices matter; this keeps the numbers small. Leaves all columns free.
+    /// Normalizes the prices of the columns, of which only the differences matter, to keep the numbers small. Leaves
+    /// all columns free.
     fn shift_prices(&mut self) {
         let (one, mut highest) = (i16x8::splat(1), i16x8::splat(FAR));
         for lanes in &mut self.column_price.0 {
@@ -160,8 +161,8 @@ impl Assignment {
         }
     }
 
-    /// Gives each row the highest price that the columns' prices allow. Returns the sum of all prices: the dual value
-    /// to begin with.
+    /// Gives each row the highest price that the columns' prices allow. Returns the sum of all prices: the initial dual
+    /// value.
     fn set_prices(&mut self, by: Step) -> i32 {
         let mut sum = 0;
         self.looks += self.rows.len();
@@ -182,7 +183,7 @@ impl Assignment {
         sum + self.prices().map(i32::from).sum::<i32>()
     }
 
-    /// What is left of a cost after the prices of its row and its column.
+    /// The reduced cost: the cost less the prices of its row and its column.
     fn reduced(&self, row: usize, column: usize, by: Step) -> i16 {
         let cost = self.rows.get(row).map_or(0, |cell| {
             let (i, j) = (self.column_i.at(column), self.column_j.at(column));
@@ -191,8 +192,8 @@ impl Assignment {
         (cost - self.column_price.at(column)) / 2 - self.row_price[row]
     }
 
-    /// Matches rows to free columns whose price fits as it is, if possible to the same as last time; the rows that
-    /// find none are `unmatched`.
+    /// Matches rows to free columns of reduced cost 0, if possible to the same as last time; rows that find none are
+    /// put into `unmatched`.
     fn match_at_once(&mut self, by: Step) {
         self.row_of.fill(NONE);
         self.unmatched.clear();
@@ -220,7 +221,7 @@ impl Assignment {
         }
     }
 
-    /// A free column whose price fits a row.
+    /// A free column of reduced cost 0 for a row.
     fn free_column(&self, row: usize, by: Step) -> Option<u16> {
         let Some(cell) = self.rows.get(row) else {
             return (0..)
@@ -242,8 +243,8 @@ impl Assignment {
         None
     }
 
-    /// Matches one more row by a shortest augmenting path; returns by how much the optimum of the rows matched so
-    /// far, and with it the dual value, grows.
+    /// Matches one more row by a shortest augmenting path. Returns the growth of the optimum of the rows matched so
+    /// far, which is also the growth of the dual value.
     fn match_row(&mut self, row: u16, by: Step) -> i16 {
         self.reach.fill(i16::MAX);
         self.path.clear();
@@ -271,8 +272,8 @@ impl Assignment {
         length
     }
 
-    /// Matches along the shortest path from a row to a free column. It is found again from its end: each column was
-    /// reached from the first row that fits it now.
+    /// Matches along the shortest path from a row to a free column. The path is reconstructed from its end: each column
+    /// was reached from the first row whose reduced cost to it is 0 now.
     fn augment(&mut self, row: u16, last: u16, by: Step) {
         let (mut column, mut before) = (last, self.path.len());
         while self.reduced(row.into(), column.into(), by) != 0 {
@@ -293,7 +294,7 @@ impl Assignment {
         self.column_of[usize::from(row)] = column;
     }
 
-    /// Looks from a row, `base` and its price away, at all columns; returns the least reach.
+    /// Updates the reach of all columns from a row, with `base` added to each; returns the least reach.
     fn relax(&mut self, row: u16, base: i16, by: Step) -> i16 {
         self.looks += 1;
         let base = i16x8::splat(base);
@@ -338,7 +339,7 @@ impl Assignment {
     }
 }
 
-/// Twice the place of a row.
+/// Twice the coordinates of a row's cell, moved by `by`.
 fn place(cell: Step, by: Step) -> (i16x8, i16x8) {
     (i16x8::splat(2 * (cell.0 + by.0)), i16x8::splat(2 * (cell.1 + by.1)))
 }
@@ -347,7 +348,7 @@ fn apart(a: i16x8, b: i16x8) -> i16x8 {
     (a - b).max(b - a)
 }
 
-/// The column of the first bit, where the lanes begin with the column `place`.
+/// The column of the first set bit, where the first lane is column `place`.
 fn first_of(place: usize, bits: u32) -> u16 {
     u16::try_from(place + bits.trailing_zeros() as usize).expect("columns are few")
 }

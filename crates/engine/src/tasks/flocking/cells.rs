@@ -1,14 +1,14 @@
-//! Cells as small numbers, and what of a shape does not change from search to search.
+//! Cells as small numbers, and the parts of a shape that stay the same from search to search.
 
 use crate::grid::Pos;
 
-/// Rows, or columns, over which cells may spread: sums of distances and prices then fit 16 bits.
+/// Maximum spread of cells in rows or columns: sums of distances and prices then fit 16 bits.
 const SPREAD_MAX: i32 = 512;
 
 /// A translation, or a cell: rows and columns.
 pub(super) type Step = (i16, i16);
 
-/// Cells by row and column from the corner of the rectangle that they fill.
+/// Cells relative to the top-left corner of their bounding rectangle.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Cells {
     pub(super) corner: (i32, i32),
@@ -35,7 +35,7 @@ impl Cells {
     }
 }
 
-/// Cells beside each other in a row, or below each other in a column.
+/// Adjacent cells in a row, or in a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Run {
     pub(super) first: Step,
@@ -43,17 +43,17 @@ pub(super) struct Run {
     pub(super) is_column: bool,
 }
 
-/// The cells that are moved as one.
+/// The cells that a translation moves together.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Shape {
     pub(super) cells: Cells,
-    /// The same cells in few pieces.
+    /// The same cells as few runs.
     pub(super) runs: Vec<Run>,
-    /// The places of the cells along each of [`ALONG`], sorted.
+    /// The coordinates of the cells along each of [`ALONG`], sorted.
     pub(super) along: [Vec<i32>; 4],
 }
 
-/// Rows, columns and both diagonals: of a cell, its place along each.
+/// The coordinate of a cell along rows, columns and both diagonals.
 pub(super) const ALONG: [fn(i32, i32) -> i32; 4] = [|i, _| i, |_, j| j, |i, j| i + j, |i, j| i - j];
 
 impl Shape {
@@ -71,7 +71,7 @@ impl Shape {
             let (across, down) = (length((0, 1)), length((1, 0)));
             let is_column = down > across;
             let length = across.max(down);
-            // The first of the rest has nothing above it or before it, so a run begins with it.
+            // The first remaining cell has none above it or before it, so a run begins with it.
             rest.retain(|cell| {
                 let (i, j) = (cell.0 - first.0, cell.1 - first.1);
                 let (along, beside) = if is_column { (i, j) } else { (j, i) };

@@ -1,24 +1,23 @@
 //! The cost of a placement in Flocking: exact, by bound and prune.
 //!
-//! Wanted is the least cost of an optimal assignment over all translations that bring some target
-//! cell onto some agent. An assignment costs up to the cube of the number of agents and there are
-//! up to its square of translations, so most translations are settled by lower bounds:
+//! The cost is the least cost of an optimal assignment over all translations that bring some target cell onto some
+//! agent. An assignment costs up to the cube of the number of agents and there are up to its square of translations, so
+//! most translations are settled by lower bounds:
 //!
-//! 1. Along a line, the best matching keeps the order, so its cost is quickly found; and it depends
-//!    on one coordinate of the translation alone, so a small table has it for all translations. An
-//!    assignment costs at least what rows and columns cost together, each matched on their own. It
-//!    also costs at least what each of the two diagonals costs, since |Δi| + |Δj| is the greater of
+//! 1. The best matching along a line keeps the order, so its cost is quickly found; and it depends on one coordinate of
+//!    the translation alone, so a small table has it for all translations. An assignment costs at least what rows and
+//!    columns cost together, each matched on their own. It also costs at least what each of the two diagonals costs,
+//!    since |Δi| + |Δj| is the greater of |Δi + Δj| and |Δi − Δj|. See `lines.rs`.
 //!    |Δi + Δj| and |Δi − Δj|. See `lines.rs`.
-//! 2. The prices with which an assignment ends bound the cost of every other translation, too, and
-//!    those of its neighbours closely; most others hardly. See `field.rs`.
-//! 3. The assignment itself is found from below, by shortest augmenting paths; its dual value never
-//!    exceeds the cost, and it is given up as soon as that reaches the best cost known. It begins
-//!    with the prices that bound this translation best. See `assignment.rs`.
+//! 2. The prices with which an assignment ends also bound the cost of every other translation, those of its neighbours
+//!    closely, most others hardly. See `field.rs`.
+//! 3. The assignment itself is found from below, by shortest augmenting paths; its dual value never exceeds the cost,
+//!    and the search stops as soon as it reaches the best cost known. It begins with the prices that bound this
+//!    translation best. See `assignment.rs`.
 //!
-//! Of the translations that bring some cells together (see `meetings.rs`), the one with the least bound is tried next,
-//! until no bound is below the best cost known.
-//! From round to round agents move by a cell: the best translation of the last round, its prices and
-//! its pairs are tried first.
+//! The next translation to try is the one with the least bound among those that bring some cells together (see
+//! `meetings.rs`), until no bound is below the best cost known. Agents move by at most a cell from round to round, so
+//! the best translation of the last round, its prices and its pairs are tried first.
 
 use super::assignment::{Assignment, Start};
 use super::cells::{ALONG, Cells, Shape, Step};
@@ -27,12 +26,11 @@ use super::lines::Line;
 use super::meetings::Meetings;
 use crate::grid::Pos;
 
-/// The least total of rows and columns by which agents and target cells, matched one to one, are
-/// apart under the best translation. Where there are more of one than of the other, only the fewer
-/// need a partner. Neither may be empty.
+/// The least total of rows and columns by which agents and target cells, matched one to one, are apart under the best
+/// translation. If their numbers differ, only the fewer need a partner. Neither may be empty.
 ///
 /// # Panics
-/// Where one of them is empty, or spreads over 512 rows or columns.
+/// Panics if one of them is empty, or spreads over 512 rows or columns.
 #[must_use]
 pub fn distance(agents: &[Pos], target: &[Pos]) -> i32 {
     // The roles can be exchanged: a translation of the one is the opposite one of the other.
@@ -40,8 +38,8 @@ pub fn distance(agents: &[Pos], target: &[Pos]) -> i32 {
     Search::default().least(&Shape::new(few), many, &mut Known::default())
 }
 
-/// How much [`distance`] has to do: how often it compares a target cell with all agents (or an agent with all target
-/// cells). On every machine the same; time is about in proportion.
+/// The work of [`distance`]: the number of times that it compares a target cell with all agents (or an agent with all
+/// target cells). The result is the same on every machine, and about proportional to the time.
 ///
 /// # Panics
 /// As [`distance`].
@@ -52,22 +50,22 @@ pub fn effort(agents: &[Pos], target: &[Pos]) -> usize {
     search.assignment.looks
 }
 
-/// What a search leaves for the next one: where the best assignment was found, and with which prices and pairs.
+/// The result of a search that the next one starts from: the translation of the best assignment, its prices and pairs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Known {
     by: Option<(i32, i32)>,
     start: Start,
 }
 
-/// With so few translations left, each is tried without bounding it again.
+/// Number of remaining translations up to which each is tried without bounding it again.
 const FEW: usize = 2;
 
-/// Prices found for one translation say little about those that are further away, in rows or in columns. Only the first
+/// Distance in rows and columns within which prices found for one translation bound others. Only the first [`FIRST`]
 /// prices of a search are tried on all translations.
 const NEAR: u16 = 8;
 const FIRST: usize = 32;
 
-/// Prices that are kept during a search; the oldest make room.
+/// Maximum number of prices kept during a search; the oldest are replaced.
 const STARTS_MAX: usize = 1024;
 
 /// A translation that may be the best.
@@ -75,12 +73,12 @@ const STARTS_MAX: usize = 1024;
 struct Candidate {
     bound: i32,
     by: Step,
-    /// The best bound by prices, and which prices these are.
+    /// The best bound by prices, and the index of these prices in `starts`.
     by_prices: i32,
     start: usize,
 }
 
-/// A search, with its memory kept for the next.
+/// A search, with memory that the next one reuses.
 #[derive(Debug, Default)]
 pub(crate) struct Search {
     many: Cells,
@@ -94,8 +92,8 @@ pub(crate) struct Search {
 }
 
 impl Search {
-    /// See [`distance`]. `known` is from an earlier search of the same number of cells, and is replaced. The cost does
-    /// not depend on it.
+    /// Computes [`distance`]. `known` is from an earlier search of the same number of cells, and is replaced. The cost
+    /// does not depend on it.
     pub(super) fn least(&mut self, few: &Shape, many: &[Pos], known: &mut Known) -> i32 {
         self.many.set(many);
         self.meetings.set(&few.cells, &self.many);
@@ -170,7 +168,7 @@ impl Search {
         set(rising, 3);
         candidates.retain_mut(|Candidate { bound, by: (i, j), .. }| {
             let (i, j) = (i32::from(*i), i32::from(*j));
-            // Without a bound it brings none of the few onto one of the many.
+            // A translation without a bound brings none of the few onto one of the many.
             let Some(diagonal) = falling.bound(i + j).zip(rising.bound(i - j)) else {
                 return false;
             };
@@ -185,8 +183,8 @@ impl Search {
         Some(self.candidates.swap_remove(place))
     }
 
-    /// Bounds candidates by the prices of the assignment as they are now, which were found for the translation `at`;
-    /// leaves those that are still less than `limit`.
+    /// Bounds candidates by the current prices of the assignment, which were found for the translation `at`; keeps
+    /// those whose bound is still less than `limit`.
     fn tighten(&mut self, few: &Shape, limit: i32, tries: usize, at: Step) {
         let Self { many, candidates, field, starts, assignment, .. } = self;
         if candidates.len() <= FEW {

@@ -1,18 +1,18 @@
-//! Lower bounds for all translations at once, from the prices that one of them has.
+//! Lower bounds for all translations at once, from the prices of one of them.
 //!
-//! Whatever prices the agents have, a target cell at x can be given the price ψ(x) = min (|x − a| − price of a) over all
+//! For any prices of the agents, a target cell at x can be given the price ψ(x) = min (|x − a| − price of a) over all
 //! agents a, wherever it lies; so the sum of ψ over the cells of a moved target and of the agents' prices is never more
-//! than the cost of that translation. ψ is drawn on the map as a transform of distances, four passes over it. Sums along
-//! rows and columns of it then give the sum over a run of cells by two look-ups, and an outline is four runs.
+//! than the cost of that translation. ψ is drawn on the map as a distance transform, in four passes. Prefix sums along
+//! its rows and columns then give the sum over a run of cells by two look-ups, and an outline is four runs.
 
 use wide::{i16x8, i32x8};
 
 use super::cells::{Cells, Run, Shape, Step};
 
-/// Rows, and columns, that are worked on together: a block of cells that is turned over.
+/// Number of rows, and of columns, processed together: a block of cells that is transposed.
 const BLOCK: usize = 8;
 
-/// More than any value.
+/// A number greater than any value.
 const FAR: i16 = 16_000;
 
 /// ψ over a rectangle.
@@ -20,15 +20,14 @@ const FAR: i16 = 16_000;
 pub(super) struct Field {
     top: i16,
     left: i16,
-    /// Cells of a row, with at least one after the last that matters.
+    /// Number of cells of a row, with at least one after the last that matters.
     stride: usize,
     values: Vec<i16>,
-    /// Eight rows of the values by column.
+    /// Eight rows of the values, by column.
     columns: Vec<i16x8>,
-    /// By cell, the sum of its value and those after it in its row. Eight rows lie beside each other: by column eight
-    /// sums, those of the rows.
+    /// The sum of a cell's value and those after it in its row. Sums are stored by column in vectors of eight rows.
     across: Vec<i32x8>,
-    /// By cell, the sum of the values above it in its column.
+    /// The sum of the values above a cell in its column, by cell.
     down: Vec<i32>,
     /// The part of the bound that does not depend on the translation.
     base: i32,
@@ -56,7 +55,8 @@ impl Field {
         for (&(i, j), price) in many.all.iter().zip(prices) {
             sum += i32::from(price);
             highest = highest.max(price);
-            // What lies outside is as far from every cell inside as the cell of the edge that is nearest to it, and more.
+            // The distance from a cell outside to any cell inside is the distance to the nearest edge cell plus the
+            // distance from there.
             let (near_i, near_j) = (i.clamp(top, bottom), j.clamp(left, right));
             let value = (i - near_i).abs() + (j - near_j).abs() - price;
             let (row, column) = self.row_and_column((near_i, near_j));
@@ -91,7 +91,7 @@ impl Field {
         (inside(i - self.top), inside(j - self.left))
     }
 
-    /// Values may differ by at most 1 from row to row.
+    /// Spreads values down and up: they may differ by at most 1 from row to row.
     fn spread_down(&mut self) {
         let rows = self.values.len() / self.stride;
         let spread = |from: &[i16], to: &mut [i16]| {
@@ -109,7 +109,7 @@ impl Field {
         }
     }
 
-    /// The same from column to column, eight rows at once; sums up rows on the way back.
+    /// Spreads values across columns likewise, eight rows at once; sums up rows on the way back.
     fn spread_across(&mut self) {
         let Self { stride, values, columns, across, .. } = self;
         across.resize(values.len() / BLOCK, i32x8::ZERO);
@@ -155,7 +155,7 @@ impl Field {
     }
 }
 
-/// Eight columns of eight rows.
+/// Transposes eight columns of eight rows.
 fn turned(rows: &[i16], stride: usize, first: usize) -> [i16x8; BLOCK] {
     let row = |row: usize| {
         let at = row * stride + first;

@@ -2,7 +2,7 @@
 
 use wide::i32x8;
 
-/// Translations that are looked at together.
+/// Number of translations processed together.
 const LANES: usize = 8;
 
 /// The least cost along one axis for every translation along it.
@@ -51,7 +51,7 @@ impl Line {
         );
     }
 
-    /// The bound of a translation; none if it brings none of the few onto one of the many.
+    /// The bound of a translation; `None` if it brings none of the few onto one of the many.
     pub(super) fn bound(&self, by: i32) -> Option<i32> {
         self.bounds.get(usize::try_from(by - self.first).ok()?).copied()
     }

@@ -1,11 +1,11 @@
-//! Which translations bring some of the few onto one of the many.
+//! The translations that bring some of the few onto one of the many.
 
 use super::cells::{Cells, Step};
 
-/// All translations between the two corners, each with whether some cells meet.
+/// A flag for every translation between the two corners: whether some cells meet.
 #[derive(Debug, Default)]
 pub(super) struct Meetings {
-    /// The last row and column of the few: they are moved back by as much and no more.
+    /// The last row and column of the few: the farthest move back.
     back: Step,
     /// The last row and column of the many.
     last: Step,
@@ -32,7 +32,7 @@ impl Meetings {
         self.places = places;
     }
 
-    /// Whether a translation, back by no more than the few are long, brings some onto one of the many.
+    /// Whether a translation, back by at most the extent of the few, brings some of the few onto one of the many.
     pub(super) fn has(&self, by: Step) -> bool {
         self.meet[self.place(by)]
     }

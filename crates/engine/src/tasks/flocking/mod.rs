@@ -31,11 +31,11 @@ pub(crate) struct Flocking {
     initial: f64,
     /// The cost of the current placement.
     pub(crate) current: f64,
-    /// How this cost was found: a good start for the next round.
+    /// The search state of this cost: a good start for the next round.
     known: Known,
 }
 
-/// Memory that the cost uses again in each round.
+/// Memory that the cost reuses in each round.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
     agents: Vec<Pos>,
