@@ -1,7 +1,7 @@
-//! What a server does that plays together with others on one database: it says that it lives, sees who else does, takes over
-//! what dead ones had and what nobody plays, and gives up what others are to play.
+//! This server's part in a cluster: it shows that it is alive, watches the other servers, takes over places of dead servers and
+//! places without an owner, and releases idle places that other servers are preferred for.
 //!
-//! All that has to be right is decided by the database ([`Cluster`]). Here is only when it is asked.
+//! The database decides everything that has to be right ([`Cluster`]). This module decides when to ask.
 
 use std::collections::{HashMap, HashSet};
 use std::io::ErrorKind;
@@ -22,48 +22,53 @@ use crate::store::{
 };
 use swarmbench_clock::{Clock as _, SystemClock};
 
-/// How often this server looks at the others.
+/// Interval between looks at the other servers.
 const LOOKS_EVERY: Duration = Duration::from_millis(250);
 
-/// How often it says that it lives, in looks.
+/// Looks per beat, with which this server shows that it is alive.
 const LOOKS_PER_BEAT: u32 = 4;
 
-/// How often it looks for work that nobody does, where no server has come or gone.
+/// Interval between searches for unowned places while no server comes or goes.
 const SEARCHES_EVERY: Duration = Duration::from_secs(30);
 
-/// How often it gives up what others are to play, and what is over.
+/// Interval between releases of places that other servers are preferred for, or where everything has ended.
 const TIDIES_EVERY: Duration = Duration::from_secs(10);
 
-/// How often old changes are deleted.
+/// Interval between deletions of old changes.
 const DELETES_EVERY: Duration = Duration::from_mins(5);
 
-/// How long a live process may take to accept a connection.
+/// Time for which this server's clock may be too far from the database's before the server leaves its places to others.
+const CLOCK_OFF_PATIENCE: Duration = Duration::from_secs(10);
+
+/// Timeout for a live process to accept a connection.
 const ACCEPT_PATIENCE: Duration = Duration::from_millis(500);
 
-/// What a member needs to do its part.
+/// Dependencies of a server's part in the cluster.
 pub struct Parts {
     pub store: Store,
     pub cluster: Arc<Cluster>,
     pub registry: Registry,
     pub runs: Runs,
-    /// Whether others reach this server.
+    /// Whether the other servers reach this one.
     pub is_reachable: Arc<AtomicBool>,
-    /// Whether it takes nothing, and lets the others answer.
+    /// Whether this server takes no places, and lets the others answer.
     pub forwards_only: bool,
-    /// Cancelled when this server stops: it takes no more work.
+    /// Cancelled when this server stops: it takes no more places.
     pub stop: CancellationToken,
-    /// Set once it has taken the work that was there for it.
+    /// Cancelled when this server has to stop: its clock is off, and those of others are not.
+    pub clock_is_off: CancellationToken,
+    /// Called when this server has taken the places that waited for it; repeatedly where it only forwards.
     pub ready: Arc<dyn Fn() + Send + Sync>,
-    /// Called when tokens or keys were revoked, before this server acts by it.
+    /// Called when tokens or keys were revoked, before this server confirms the revocation.
     pub revoked: Arc<dyn Fn() + Send + Sync>,
 }
 
-/// The time of day of this host, in milliseconds.
+/// Time of day of this host, in milliseconds.
 pub fn host_ms() -> i64 {
     SystemClock.now().as_millisecond()
 }
 
-/// Does the part of this server until it is excluded, or for ever.
+/// Runs until this server is excluded.
 pub async fn run(parts: Parts) {
     let parts = Arc::new(parts);
     let (look, seen) = watch::channel(Seen::default());
@@ -75,19 +80,19 @@ pub async fn run(parts: Parts) {
     }
 }
 
-/// What was seen last.
+/// The last look at the cluster.
 #[derive(Clone, Default)]
 struct Seen {
     members: Arc<[Member]>,
-    /// Since when the database has answered all looks.
+    /// Time since which the database has answered every look; `None` while it does not answer.
     up_since: Option<Instant>,
 }
 
-/// Says that this server lives, and looks at the others, until it is excluded.
+/// Beats, and looks at the other servers, until this server is excluded.
 async fn beat(parts: Arc<Parts>, look: watch::Sender<Seen>) {
     let cluster = &parts.cluster;
     let mut up_since = None;
-    let mut was_off = false;
+    let mut clock = OwnClock::default();
     for tick in 0_u32.. {
         let looked = async {
             if tick.is_multiple_of(LOOKS_PER_BEAT) {
@@ -105,7 +110,9 @@ async fn beat(parts: Arc<Parts>, look: watch::Sender<Seen>) {
                         return parts.store.set_excluded();
                     }
                 }
-                note_clock(&members, cluster.incarnation(), &mut was_off);
+                if clock.see(&members, cluster.incarnation(), Instant::now()) {
+                    parts.clock_is_off.cancel();
+                }
                 metrics::gauge!("swarmbench_nodes").set(count(members.len()));
                 let up_since = *up_since.get_or_insert_with(Instant::now);
                 look.send_replace(Seen { members, up_since: Some(up_since) });
@@ -133,23 +140,45 @@ fn said(parts: &Parts) -> Beat {
     }
 }
 
-/// Warns once where the clock of this machine is too far from that of the database.
-fn note_clock(members: &[Member], me: i64, was_off: &mut bool) {
-    let Some(own) = members.iter().find(|member| member.incarnation == me) else { return };
-    let off_ms = own.clock_offset_ms;
-    #[expect(clippy::cast_precision_loss, reason = "a gauge is a double")]
-    metrics::gauge!("swarmbench_clock_offset_seconds").set(off_ms as f64 / 1000.0);
-    let is_off = u128::from(off_ms.unsigned_abs()) > CLOCK_OFF_MAX.as_millis();
-    if is_off && !*was_off {
-        tracing::error!(
-            off_ms,
-            "the clock of this machine is too far from that of the database: synchronize both"
-        );
-    }
-    *was_off = is_off;
+/// Whether the clock of this machine is too far from that of the database, and since when.
+#[derive(Default)]
+struct OwnClock {
+    off_since: Option<Instant>,
 }
 
-/// Takes over what dead members had and what nobody plays, and gives up what others are to play.
+impl OwnClock {
+    /// Takes in a look at the cluster and warns once; returns whether this server must leave its places to others. Where all
+    /// clocks are off, the database's is.
+    fn see(&mut self, members: &[Member], me: i64, now: Instant) -> bool {
+        let Some(own) = members.iter().find(|member| member.incarnation == me) else {
+            return false;
+        };
+        let off_ms = own.clock_offset_ms;
+        #[expect(clippy::cast_precision_loss, reason = "a gauge is a double")]
+        metrics::gauge!("swarmbench_clock_offset_seconds").set(off_ms as f64 / 1000.0);
+        if !is_off(own) {
+            self.off_since = None;
+            return false;
+        }
+        if self.off_since.is_none() {
+            tracing::error!(
+                off_ms,
+                "the clock of this machine is too far from that of the database: synchronize both"
+            );
+        }
+        let since = *self.off_since.get_or_insert(now);
+        let is_heir = |one: &Member| {
+            one.incarnation != me && one.is_ready && one.is_connected && !is_off(one)
+        };
+        now.duration_since(since) >= CLOCK_OFF_PATIENCE && members.iter().any(is_heir)
+    }
+}
+
+fn is_off(member: &Member) -> bool {
+    u128::from(member.clock_offset_ms.unsigned_abs()) > CLOCK_OFF_MAX.as_millis()
+}
+
+/// Takes over places of dead servers and places without an owner, and releases places that other servers are preferred for.
 async fn work(parts: Arc<Parts>, mut seen: watch::Receiver<Seen>) {
     let cluster = &parts.cluster;
     let mut known = None;
@@ -185,7 +214,7 @@ async fn work(parts: Arc<Parts>, mut seen: watch::Receiver<Seen>) {
             continue;
         }
         let is_due = searched.is_none_or(|at: Instant| at.elapsed() >= SEARCHES_EVERY);
-        // One that is gone leaves places behind, also where it took no work any more.
+        // A server that is gone leaves places behind, even if it took no more work.
         let all: Vec<i64> = now.members.iter().map(|member| member.incarnation).collect();
         let seen_now = Some((ready, all));
         if seen_now != known || is_due {
@@ -225,7 +254,7 @@ const fn count(number: usize) -> f64 {
     number as f64
 }
 
-/// What this server itself has seen of the others' beats. The clock of the database alone could be set forward.
+/// Beats of the other servers, as this server has seen them. The clock of the database alone could be set forward.
 #[derive(Default)]
 struct Beats(HashMap<i64, (i64, Instant)>);
 
@@ -241,20 +270,20 @@ impl Beats {
         self.0 = seen.collect();
     }
 
-    /// Whether no beat of a member has come for longer than it answers without one.
+    /// Whether no beat of a server has come for longer than it may answer without one.
     fn is_silent(&self, member: &Member) -> bool {
         self.0.get(&member.incarnation).is_some_and(|(_, since)| since.elapsed() > ANSWERS_FOR)
     }
 }
 
-/// Whether a member could have shown meanwhile that it lives: while the database was away, none could.
+/// Whether a live server would have beaten since then: while the database was away, none could.
 fn is_long_ago(since: Instant) -> bool {
     since.elapsed() > TAKEN_OVER_AFTER
 }
 
-/// Takes a member over where it is dead.
+/// Takes over a server where it is dead.
 async fn watch_over(cluster: &Cluster, member: &Member, is_silent: bool) -> Result<(), StoreError> {
-    // Less than nothing of one that starts.
+    // Negative while a server starts.
     let is_expired = i128::from(member.seen_ms_ago) > TAKEN_OVER_AFTER.as_millis().cast_signed();
     let death = if is_expired && is_silent {
         Death::Expired
@@ -266,8 +295,8 @@ async fn watch_over(cluster: &Cluster, member: &Member, is_silent: bool) -> Resu
     exclude(cluster, member.incarnation, death).await
 }
 
-/// Whether the process of a member is gone: the database has no session of it any more, and nothing listens where it did.
-/// That nothing answers shows nothing, as it may be stopped, or cut off.
+/// Whether the process of a server is gone: the database has no session of it, and its address refuses connections. An address
+/// that does not answer proves nothing, as the process may be stopped, or cut off.
 pub async fn is_dead(cluster: &Cluster, member: &Member) -> bool {
     let connecting = TcpStream::connect(&member.address);
     let refused = match tokio::time::timeout(ACCEPT_PATIENCE, connecting).await {
@@ -277,7 +306,7 @@ pub async fn is_dead(cluster: &Cluster, member: &Member) -> bool {
     refused && matches!(cluster.is_connected(member.incarnation).await, Ok(false))
 }
 
-/// Takes over a member whose process is gone.
+/// Takes over a server whose process is gone.
 pub async fn take_over(cluster: &Cluster, incarnation: i64) -> Result<(), StoreError> {
     exclude(cluster, incarnation, Death::Seen).await
 }
@@ -294,12 +323,12 @@ async fn exclude(cluster: &Cluster, incarnation: i64, death: Death) -> Result<()
     Ok(())
 }
 
-/// Takes what nobody plays, where it is for this server, and continues it.
+/// Takes unowned places that this server is preferred for, and continues what is played there.
 async fn adopt(parts: &Parts) -> Result<(), StoreError> {
     let cluster = &parts.cluster;
     let mut unowned = cluster.unowned().await?;
     unowned.retain(|one| cluster.is_preferred(one.place));
-    // Those first that go on without requests.
+    // Clocked games come first: they go on without requests.
     unowned.sort_by_key(|one| !one.clocked);
     let wanted: Vec<Place> = unowned.into_iter().map(|one| one.place).collect();
     if wanted.is_empty() {
@@ -309,8 +338,8 @@ async fn adopt(parts: &Parts) -> Result<(), StoreError> {
     continue_taken(parts).await
 }
 
-/// Continues all that is unfinished where this server has taken a place: a request has taken it for one game of a run, or its
-/// client is gone.
+/// Continues everything unfinished at places that this server has taken: the request that took a place continued one game of a run
+/// at most, or its client is gone.
 async fn continue_taken(parts: &Parts) -> Result<(), StoreError> {
     let Parts { store, cluster, registry, runs, .. } = parts;
     let wanted = cluster.take_taken();
@@ -318,7 +347,7 @@ async fn continue_taken(parts: &Parts) -> Result<(), StoreError> {
         return Ok(());
     }
     let unfinished = async {
-        // Some takes may not have been answered.
+        // The database may not have answered some takes.
         let mut places = cluster.take_noted(&wanted).await?;
         places.retain(|(place, owner)| *owner == cluster.incarnation() && cluster.has(*place));
         let places: Vec<Place> = places.into_iter().map(|(place, _)| place).collect();
@@ -347,7 +376,7 @@ async fn continue_taken(parts: &Parts) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Gives up idle games and runs that another server is to play, as one has come.
+/// Releases idle games and runs that another server is preferred for since it joined.
 async fn give_up(parts: &Parts) -> Result<(), StoreError> {
     let Parts { cluster, registry, runs, .. } = parts;
     let mut leaving: HashSet<Place> = cluster.all_places().into_iter().collect();
@@ -371,7 +400,7 @@ async fn give_up(parts: &Parts) -> Result<(), StoreError> {
         Place::Competition(_) => false,
     });
     leaving.retain(|place| cluster.leave(*place));
-    // Whatever was begun before is seen now, and nothing is begun any more.
+    // Whatever began before `leave` is visible now, and nothing begins any more.
     let given = registry.give_up(leaving.clone()).await?;
     for place in leaving.difference(&given) {
         cluster.stay(*place);
@@ -382,4 +411,61 @@ async fn give_up(parts: &Parts) -> Result<(), StoreError> {
         tracing::info!(places = given.len(), "gave up idle games for other servers");
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn member(incarnation: i64, clock_offset_ms: i64) -> Member {
+        Member {
+            incarnation,
+            address: "127.0.0.1:7000".to_owned(),
+            name: "a machine, process 1".to_owned(),
+            version: "1".to_owned(),
+            joined_at_ms: 0,
+            beat_at_ms: 0,
+            seen_ms_ago: 0,
+            is_connected: true,
+            clock_offset_ms,
+            is_ready: true,
+            episodes: 0,
+            places: 0,
+        }
+    }
+
+    /// What a server says that has seen these members for so long.
+    fn leaves(members: &[Member], seconds: u64) -> bool {
+        let (mut clock, start) = (OwnClock::default(), Instant::now());
+        let mut seen = (0..=seconds).map(|second| start + Duration::from_secs(second));
+        seen.any(|now| clock.see(members, 1, now))
+    }
+
+    #[test]
+    fn a_server_whose_clock_stays_off_leaves_its_work_to_one_whose_clock_is_right() {
+        let patience = CLOCK_OFF_PATIENCE.as_secs();
+        let (off, right) = (member(1, -501), member(2, 500));
+        assert!(leaves(&[off.clone(), right.clone()], patience));
+        assert!(!leaves(&[off.clone(), right.clone()], patience - 1), "it may come back");
+        assert!(!leaves(&[member(1, 500), right.clone()], 1000));
+        for nobody in [
+            member(2, 501),
+            Member { is_ready: false, ..right.clone() },
+            Member { is_connected: false, ..right },
+        ] {
+            assert!(!leaves(&[off.clone(), nobody], 1000), "nobody would play on");
+        }
+        assert!(!leaves(&[off], 1000), "nobody would play on");
+    }
+
+    #[test]
+    fn a_clock_that_was_right_in_between_is_off_anew() {
+        let (mut clock, start) = (OwnClock::default(), Instant::now());
+        let right = member(2, 0);
+        for second in 0..1000 {
+            let offset = if second % 9 == 0 { 0 } else { 60_000 };
+            let now = start + Duration::from_secs(second);
+            assert!(!clock.see(&[member(1, offset), right.clone()], 1, now));
+        }
+    }
 }

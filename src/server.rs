@@ -40,18 +40,18 @@ const RECOVERY_RETRY_PAUSE: Duration = Duration::from_secs(1);
 /// Interval between sweeps of idle episodes, waiting runs and caches.
 const SWEEP: Duration = Duration::from_mins(1);
 
-/// The replaceable parts of a server; the defaults are the host's own.
+/// Replaceable parts of a server; the defaults are the host's own.
 #[derive(Clone)]
 pub struct Parts {
     pub clock: Arc<dyn Clock>,
     pub entropy: Arc<dyn Entropy>,
-    /// The disk of the database; `None` for the host's own.
+    /// Disk of the database; `None` for the host's own.
     pub disk: Option<Arc<dyn Disk>>,
     pub limits: Limits,
     pub access: Access,
-    /// Where the files of pages come from.
+    /// Source of the files of pages.
     pub pages: Source,
-    /// Of one of several servers on a database: how it joins the others.
+    /// How the server joins others on the same database; `None` for a single server.
     pub joining: Option<Joining>,
 }
 
@@ -69,10 +69,10 @@ impl Default for Parts {
     }
 }
 
-/// Open files that are not connections: the database, refused connections, and a reserve.
+/// Open files besides client connections: the database, refused connections, and a reserve.
 const FILES_RESERVED: u64 = 256;
 
-/// Raises the limit of open files as far as the host allows, and limits connections to it.
+/// Raises the limit of open files as far as the host allows, and caps connections to it.
 pub fn fit_open_files(limits: Limits) -> Limits {
     let files = raise_open_files();
     let fitting = within_files(&limits, files);
@@ -87,8 +87,8 @@ pub fn fit_open_files(limits: Limits) -> Limits {
     fitting
 }
 
-/// Limits the memory of worlds and answers to `memory_max` bytes, or to half of what this process may use, and all that
-/// clients make grow beside them to parts of as much again.
+/// Limits the memory of worlds and answers to `memory_max` bytes, or to half of what this process may use. Caps connections to a
+/// quarter of that, and bodies and the backlog to a sixteenth each.
 pub fn fit_memory(limits: Limits, memory_max: Option<usize>) -> Limits {
     let half = memory_bytes().map(|bytes| bytes / 2);
     let memory = memory_max.or(half).unwrap_or(limits.memory_bytes_max);
@@ -101,21 +101,20 @@ pub fn fit_memory(limits: Limits, memory_max: Option<usize>) -> Limits {
     }
 }
 
-/// The limits with room for this many open files; `None` means no limit.
+/// Limits that fit this many open files; `None` means no limit.
 fn within_files(limits: &Limits, files: Option<u64>) -> Limits {
     let fit = files.map_or(u64::MAX, |files| files.saturating_sub(FILES_RESERVED).max(1));
     let fit = usize::try_from(fit).unwrap_or(usize::MAX);
     Limits { connections_max: limits.connections_max.min(fit), ..*limits }
 }
 
-/// Connections that the host queues before this process accepts them. With the usual 128, some of many simultaneous
-/// connections are retried only after a second.
+/// Connections that the host queues before this process accepts them. With the usual 128, some of many simultaneous connections are
+/// retried only after a second.
 const ACCEPT_BACKLOG: u32 = 4096;
 
-/// Listens on an address, with room for `ACCEPT_BACKLOG` connections.
 pub fn listen(address: SocketAddr) -> io::Result<TcpListener> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
-    // The port may still have closing connections of an earlier server.
+    // The port may still have closing connections of an earlier process.
     socket.set_reuseaddr(true)?;
     socket.bind(address)?;
     socket.listen(ACCEPT_BACKLOG)
@@ -127,14 +126,20 @@ pub enum StartError {
     Open(#[from] OpenError),
     #[error(transparent)]
     Journal(#[from] StoreError),
-    /// The others do not reach it.
+    /// The other servers cannot connect to this one.
     #[error("{0}")]
     Unreachable(String),
-    /// The others have taken over what it played.
+    /// The other servers have taken over this one's games.
     #[error(
         "the other servers have excluded this one, as it was not seen for too long: start it again, and it joins them anew"
     )]
     Excluded,
+    /// Its games are played by others, whose clocks are right.
+    #[error(
+        "the clock of this machine was too far from that of the database, so the other servers play on: synchronize it and start \
+         this server again"
+    )]
+    ClockOff,
 }
 
 /// A server over an open database.
@@ -144,7 +149,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Cancelled when a commit fails: from then on nothing is acknowledged.
+    /// Cancelled when a commit fails; nothing is acknowledged afterwards.
     pub fn failed(&self) -> CancellationToken {
         self.app.store.writer().failed().clone()
     }
@@ -181,7 +186,7 @@ impl Server {
         };
         let journal: Arc<dyn EpisodeStore> = Arc::new(store.clone());
         let workers = Workers::of_this_host();
-        // Episodes run on these threads even if a request of low priority recovers them.
+        // Episodes run on these threads even when a request of low priority recovers them.
         let runtime = Handle::current();
         let spawn: Spawn = Arc::new(move |task| drop(runtime.spawn(task)));
         let registry = Registry::new(
@@ -241,8 +246,7 @@ impl Server {
         self.app.store.clone().close().await;
     }
 
-    /// Serves until `shutdown` completes. Then waiting requests return, open requests are answered, and queued entries
-    /// are committed.
+    /// Serves until `shutdown` completes. Then long polls return, open requests are answered, and queued entries are committed.
     pub async fn run(
         self,
         listener: TcpListener,
@@ -251,7 +255,7 @@ impl Server {
         self.run_with(listener, None, shutdown).await
     }
 
-    /// The same of one of several servers, which the others reach by a listener of their own.
+    /// As [`Server::run`], for one of several servers, which the others reach by a listener of their own.
     pub async fn run_with(
         self,
         listener: TcpListener,
@@ -277,18 +281,20 @@ impl Server {
         services.spawn(sweep(app.clone()));
         let trusted_proxies = app.access.trusted_proxies.clone();
         let front = Front::new(app.clone());
-        // The others speak for all their clients.
+        // Another server forwards the requests of all its clients from one address.
         let of_nodes = Limits { connections_per_address_max: usize::MAX, ..app.limits };
         let serving_nodes = for_nodes.map(|listener| {
             let front = front.for_nodes();
             tokio::spawn(serve(listener, front, of_nodes, Vec::new(), stop.clone()))
         });
         let (excluded, mut outcome) = (app.store.writer().excluded().clone(), Ok(()));
+        let mut clock_is_off = CancellationToken::new();
         let mut shutdown = pin!(shutdown);
         if let Some((joining, cluster)) = joining.as_ref().zip(app.store.cluster()) {
             let is_reachable = Arc::new(AtomicBool::new(false));
             let parts = member(&app, cluster, &is_reachable);
             let parts = fleet::Parts { forwards_only: joining.forwards_only, ..parts };
+            clock_is_off = parts.clock_is_off.clone();
             services.spawn(fleet::run(parts));
             tokio::select! {
                 checked = check_reachable(&app, &joining.address) => match checked {
@@ -304,23 +310,24 @@ impl Server {
             tokio::select! {
                 () = shutdown => {}
                 () = excluded.cancelled(), if joining.is_some() => outcome = Err(StartError::Excluded),
+                () = clock_is_off.cancelled() => outcome = Err(StartError::ClockOff),
             }
         }
         tracing::info!("stopping");
         stop.cancel();
-        // A panic was already logged.
+        // The panic was already logged.
         drop(serving.await);
         if let Some(serving) = serving_nodes {
             drop(serving.await);
         }
-        // They read the database, so it is closed after the last one has stopped.
+        // The services read the database, so it is closed after they have stopped.
         services.shutdown().await;
         app.store.clone().close().await;
         outcome
     }
 }
 
-/// The part of a server among others.
+/// Parts of a server that is a member of a cluster.
 fn member(app: &App, cluster: &Arc<Cluster>, is_reachable: &Arc<AtomicBool>) -> fleet::Parts {
     let (ready, revoked) = (app.clone(), app.clone());
     fleet::Parts {
@@ -331,6 +338,7 @@ fn member(app: &App, cluster: &Arc<Cluster>, is_reachable: &Arc<AtomicBool>) -> 
         is_reachable: Arc::clone(is_reachable),
         forwards_only: false,
         stop: app.stop.clone(),
+        clock_is_off: CancellationToken::new(),
         ready: Arc::new(move || {
             if !ready.ready.swap(true, Ordering::AcqRel) {
                 let app = ready.clone();
@@ -341,7 +349,7 @@ fn member(app: &App, cluster: &Arc<Cluster>, is_reachable: &Arc<AtomicBool>) -> 
     }
 }
 
-/// Shows that this server lives, before it answers anybody, and checks that the other servers reach it.
+/// Sends this server's first heartbeat, before it answers any request, and checks that the other servers reach it.
 async fn check_reachable(app: &App, address: &str) -> Result<(), String> {
     let (Some(nodes), Some(cluster)) = (&app.nodes, app.store.cluster()) else { return Ok(()) };
     let first = Beat { is_ready: false, episodes: 0 };
@@ -351,10 +359,9 @@ async fn check_reachable(app: &App, address: &str) -> Result<(), String> {
     nodes.check_reachable(address).await
 }
 
-/// Reads the clock often enough to notice that the process was stopped. Logs each stop, and each doubt about the time
-/// of day once.
+/// Reads the clock often enough to detect that the process was stopped. Logs each stop, and each doubt about the time of day once.
 async fn watch_clock(clock: Arc<dyn Clock>) {
-    // Opening the database may have taken long, and nobody read the clock meanwhile: that was no stop.
+    // Opening the database may have taken long without a reading of the clock, which must not count as a stop.
     clock.now();
     let mut lost = clock.lost();
     let mut was_in_doubt = false;
@@ -396,7 +403,7 @@ async fn recover_all(app: &App) -> Result<(), RunError> {
     Ok(())
 }
 
-/// Advances a run when one of its games has ended.
+/// Advances a run after one of its games has ended.
 async fn advance_runs(app: App) {
     if let Some(ended) = app.registry.take_ended() {
         app.runs.advance_ended(ended).await;
@@ -411,8 +418,7 @@ async fn measure_games(app: App) {
     measure::run(&app.store, app.registry.host(), &*app.clock).await;
 }
 
-/// Advances episodes that are not in memory and runs that wait for a permit, and evicts what is
-/// unused.
+/// Advances episodes that are not in memory and runs that wait for a permit, and evicts idle episodes.
 async fn sweep(app: App) {
     loop {
         app.registry.sweep_idle().await;
@@ -420,7 +426,7 @@ async fn sweep(app: App) {
             tracing::error!(%error, "runs cannot be advanced");
         }
         app.tidy();
-        // An error is logged there, and the writer finds it at its next commit.
+        // The callee logs its error, and the writer meets the same one at its next commit.
         drop(app.store.check_files());
         app.clock.sleep_until(after(app.clock.now(), SWEEP)).await;
     }

@@ -5,7 +5,7 @@ const headers = { Authorization: `Bearer ${token}`, "Content-Type": "application
 async function ask(path, body) {
   const answer = await fetch(url + path, body ? { method: "POST", headers, body: JSON.stringify(body) } : { headers });
   if (answer.ok) return answer.json();
-  if (![429, 503].includes(answer.status)) throw new Error(await answer.text());
+  if (![429, 502, 503, 504].includes(answer.status)) throw new Error(await answer.text());
   await new Promise((wake) => setTimeout(wake, 1000 * (answer.headers.get("Retry-After") ?? 1)));
   return ask(path, body);
 }

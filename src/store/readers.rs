@@ -1,4 +1,4 @@
-//! Connections that read: some for games, some for spectators and other readers, shared fairly.
+//! Reader connections: one lane for games, one for all others, each shared fairly between parties.
 
 use std::ops::{Deref, DerefMut};
 use std::time::Duration;
@@ -8,48 +8,49 @@ use sqlx::postgres::{PgConnectOptions, PgPool, PgPoolOptions};
 use sqlx::sqlite::{SqliteConnectOptions, SqlitePool, SqlitePoolOptions};
 
 use super::StoreError;
+use super::postgres::session::set_up_reader;
 use super::sql::Connection;
 use crate::fair::{FairLimit, HEAVY_AT_ONCE_MAX, Party, Permit, Rank, Shares};
 
-/// Connections that read for running games, for players and entries, and for the server itself.
+/// Connections of the lane for games: players, runs and the server itself.
 const GAMES: usize = 3;
 
-/// Pages that each of these connections caches: the upper pages of the indexes of a million episodes.
+/// KiB of page cache of each connection: enough for the upper index pages of a million episodes.
 const CACHE_KIB: u32 = 8 * 1024;
 
-/// Rows between the thread of a connection and who reads them. All rows of a query are kept anyway; with a smaller
-/// buffer the two threads wake each other for each row.
+/// Rows buffered between a connection's thread and the task that reads them. A query's rows are all collected anyway; with a
+/// smaller buffer the two threads wake each other for every row.
 const ROWS_BUFFERED_MAX: usize = 4096;
 
-/// A connection that was idle for longer may have broken.
+/// A connection that was idle for longer may be broken and is tested before use.
 const IDLE_WHOLE: Duration = Duration::from_millis(500);
 
-/// How long a request waits for a connection to read.
+/// A request that waits longer for a reader connection is refused.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 tokio::task_local! {
     static PATIENT: ();
 }
 
-/// Runs a future whose reads wait for a connection however long that takes: an answer that is being sent would
-/// break off. The caller bounds how many there are.
+/// Runs a future whose reads wait for a connection without a timeout: a refusal would break off an answer that is already
+/// being sent. The caller bounds the number of such futures.
 pub async fn patiently<F: Future>(read: F) -> F::Output {
     PATIENT.scope((), read).await
 }
 
-/// The same for work that keeps a thread busy.
+/// [`patiently`] for blocking work.
 pub fn patiently_blocking<T>(read: impl FnOnce() -> T) -> T {
     PATIENT.sync_scope((), read)
 }
 
-/// Connections that read. Cloning shares them.
+/// The pools of both lanes. Clones share them.
 #[derive(Clone, Debug)]
 pub(super) struct Readers {
     games: Lane,
     others: Lane,
 }
 
-/// Connections for one purpose, shared fairly.
+/// A pool of connections with permits that are shared fairly.
 #[derive(Clone, Debug)]
 struct Lane {
     pool: Pool,
@@ -62,16 +63,15 @@ enum Pool {
     Postgres(PgPool),
 }
 
-/// How readers connect.
 #[derive(Clone)]
 pub(super) enum ReaderOptions {
     Sqlite(SqliteConnectOptions),
     Postgres(PgConnectOptions),
 }
 
-/// A connection that reads until this is dropped.
+/// A borrowed connection with its permit; both are returned on drop.
 pub(super) struct Reading {
-    // Dropped before the permit.
+    // Declared first, so that it is dropped before the permit.
     connection: Connection,
     _permit: Permit,
 }
@@ -90,9 +90,9 @@ impl DerefMut for Reading {
     }
 }
 
-/// Gives a connection that reads [`CACHE_KIB`] of pages.
+/// Sets the page cache to [`CACHE_KIB`].
 pub(super) fn cached(options: SqliteConnectOptions) -> SqliteConnectOptions {
-    // Negative: KiB, not pages.
+    // Negative values are KiB, positive ones pages.
     options.pragma("cache_size", format!("-{CACHE_KIB}"))
 }
 
@@ -110,11 +110,12 @@ impl Pool {
                 let pool = PgPoolOptions::new()
                     .max_connections(slots)
                     .acquire_timeout(PATIENCE)
-                    // One that is in use was whole a moment ago; asking costs as much as a short query.
+                    // A connection used a moment ago is whole, and a ping costs as much as a short query.
                     .test_before_acquire(false)
+                    .after_connect(|connection, _| Box::pin(set_up_reader(connection)))
                     .before_acquire(|connection, last| {
                         Box::pin(async move {
-                            // A broken one is closed, and the next one is asked.
+                            // The pool closes a connection that fails the ping, and tries the next one.
                             Ok(last.idle_for <= IDLE_WHOLE || connection.ping().await.is_ok())
                         })
                     })
@@ -128,7 +129,7 @@ impl Pool {
     async fn acquire(&self) -> Result<Connection, StoreError> {
         match self {
             Self::Sqlite(pool) => Ok(Connection::PooledSqlite(pool.acquire().await?)),
-            // A request with a permit finds a connection, unless none can be made.
+            // Permits are as many as connections, so an error means that the database cannot be reached.
             Self::Postgres(pool) => {
                 let connection = Box::pin(pool.acquire()).await.map_err(|_| StoreError::Away)?;
                 Ok(Connection::PooledPostgres(connection))
@@ -147,7 +148,7 @@ impl Pool {
 impl Lane {
     async fn open(options: ReaderOptions, slots: usize) -> Result<Self, sqlx::Error> {
         let pool = Pool::open(options, slots).await?;
-        // One is left for the next caller.
+        // One slot stays free for the next caller.
         let shares = Shares { slots, ..Shares::of(slots - 1) };
         Ok(Self { pool, permits: FairLimit::heavy(shares, PATIENCE) })
     }
@@ -161,7 +162,7 @@ impl Readers {
         })
     }
 
-    /// Waits for a connection for the party of this task.
+    /// Waits for a connection, on behalf of the current party.
     pub(super) async fn get(&self) -> Result<Reading, StoreError> {
         let (party, rank) = (Party::current(), Rank::current());
         let lane = match rank {
@@ -170,7 +171,7 @@ impl Readers {
         };
         let is_patient = PATIENT.try_with(|()| ()).is_ok();
         let permit = if party == Party::SERVER || is_patient {
-            // The server itself reads little, and always waits, however many others read.
+            // The server itself reads little, and waits without a timeout.
             lane.permits.acquire_always(party, rank).await
         } else {
             lane.permits.acquire(party, rank).await.map_err(|_| StoreError::Busy)?
@@ -207,7 +208,7 @@ mod tests {
         let mut fourth = Box::pin(look(1));
         assert!(futures::poll!(&mut fourth).is_pending(), "the last one is kept for another group");
         drop(look(2).await.expect("a connection"));
-        // Games, and the server itself, have their own.
+        // Games and the server itself have the other lane.
         let play = Rank::Urgent.scope(party(1).scope(readers.get()));
         drop(play.await.expect("a connection"));
         drop(readers.get().await.expect("a connection"));

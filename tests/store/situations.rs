@@ -254,7 +254,7 @@ impl Drop for Disk {
 async fn a_pooler_that_shares_sessions_is_refused_and_another_is_not() {
     let scratch = scratch().await;
     for (mode, is_refused) in [("transaction", true), ("session", false)] {
-        let pooler = Pooler::start(&scratch, mode);
+        let pooler = Pooler::start(&scratch, &format!("pool_mode = {mode}"));
         if is_refused {
             let said = refused(pooler.url.as_str()).await;
             assert!(said.contains("pooler") && said.contains("pool_mode = session"), "{said}");
@@ -266,6 +266,61 @@ async fn a_pooler_that_shares_sessions_is_refused_and_another_is_not() {
     }
 }
 
+/// A pooler as it is configured by default, but for TLS.
+#[needs(postgres, pgbouncer)]
+#[tokio::test]
+async fn a_certificate_of_another_authority_is_told_from_a_server_that_is_not_there() {
+    let scratch = scratch().await;
+    let folder = tempfile::tempdir().expect("a folder");
+    let [own, other] = ["own", "other"].map(|name| folder.path().join(name));
+    for name in [&own, &other] {
+        certify(name);
+    }
+    let (certificate, key) = (own.with_extension("crt"), own.with_extension("key"));
+    let tls = format!(
+        "client_tls_sslmode = require\nclient_tls_cert_file = {}\nclient_tls_key_file = {}",
+        certificate.display(),
+        key.display()
+    );
+    drop(Command::new("chown").args(["-R", "postgres"]).arg(folder.path()).status());
+    let pooler = Pooler::start(&scratch, &tls);
+    let by = |authority: &std::path::Path| {
+        let authority = authority.with_extension("crt");
+        format!("{}?sslmode=verify-full&sslrootcert={}", pooler.url, authority.display())
+    };
+    let said = refused(by(&other).as_str()).await;
+    for expected in ["TLS with", "the authority that signed", "invalid peer certificate"] {
+        assert!(said.contains(expected), "{said}");
+    }
+    let store = Store::open(by(&own).as_str()).await.expect("its authority is known");
+    store.close().await;
+}
+
+/// Makes a key and a certificate for 127.0.0.1 that is signed by itself.
+fn certify(name: &std::path::Path) {
+    let made = Command::new("openssl")
+        .args([
+            "req",
+            "-x509",
+            "-newkey",
+            "ec",
+            "-pkeyopt",
+            "ec_paramgen_curve:P-256",
+            "-nodes",
+            "-days",
+            "2",
+        ])
+        .args(["-subj", "/CN=127.0.0.1", "-addext", "subjectAltName=IP:127.0.0.1"])
+        .args(["-addext", "basicConstraints=critical,CA:FALSE"])
+        .arg("-keyout")
+        .arg(name.with_extension("key"))
+        .arg("-out")
+        .arg(name.with_extension("crt"))
+        .stderr(Stdio::null())
+        .status();
+    assert!(made.is_ok_and(|status| status.success()), "openssl makes a certificate");
+}
+
 /// A pgbouncer of its own.
 struct Pooler {
     process: Child,
@@ -274,8 +329,7 @@ struct Pooler {
 }
 
 impl Pooler {
-    /// None where there is no such program.
-    fn start(scratch: &Scratch, mode: &str) -> Self {
+    fn start(scratch: &Scratch, further: &str) -> Self {
         let port =
             TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("it").port();
         let (user, at) = scratch.url().rsplit_once('@').expect("an address with a user");
@@ -287,8 +341,7 @@ impl Pooler {
             .expect("written");
         let settings = format!(
             "[databases]\n* = host={host} port={port_behind}\n[pgbouncer]\nlisten_addr = 127.0.0.1\nlisten_port = {port}\n\
-             unix_socket_dir =\nauth_type = plain\nauth_file = {users}\npool_mode = {mode}\ndefault_pool_size = 20\n\
-             ignore_startup_parameters = extra_float_digits,options\nlogfile = {log}\npidfile =\n",
+             unix_socket_dir =\nauth_type = plain\nauth_file = {users}\ndefault_pool_size = 20\n{further}\nlogfile = {log}\npidfile =\n",
             users = users.display(),
             log = folder.path().join("log").display(),
         );

@@ -7,17 +7,18 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::pin::pin;
 use std::process::Command;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use sqlx::ConnectOptions as _;
 use sqlx::postgres::{PgConnectOptions, PgConnection};
+use swarmbench::store::Store;
 use swarmbench_testkit::needs;
 use swarmbench_testkit::postgres::Scratch;
 use tempfile::TempDir;
 use tokio::sync::Mutex;
 
 use super::sessions::{joined, note, noted};
-use super::{Pair, Playing, play};
+use super::{Pair, Playing, location, play};
 
 /// A server of PostgreSQL for one test, whose settings no other test has.
 struct OwnServer {
@@ -125,6 +126,34 @@ async fn entries_of_all_kinds_are_kept_once_while_a_standby_is_away() {
     play(0, pair, Some(&standby), &mut reached).await;
     drop(playing);
     assert!(reached["ok"] > 20 && reached["refused"] > 0, "{reached:?}");
+}
+
+#[needs(postgres, root)]
+#[tokio::test(flavor = "multi_thread")]
+async fn a_commit_that_waits_for_a_standby_is_told_before_it_is_given_up() {
+    let server = OwnServer::start();
+    let scratch = Scratch::in_server(&server.url()).await;
+    let standby = Standby::of(&scratch).await;
+    let store = Store::open(location(&scratch)).await.expect("it opens");
+    standby.set(true).await;
+    let started = Instant::now();
+    let keeping = tokio::spawn({
+        let store = store.clone();
+        async move { store.keep(vec![note(1)]).await }
+    });
+    let blocked = loop {
+        assert!(!keeping.is_finished(), "nothing confirms it");
+        if let Some(blocked) = store.writer().blocked() {
+            break blocked.to_string();
+        }
+        tokio::time::sleep(Duration::from_millis(1)).await;
+    };
+    assert!(blocked.contains("a commit that waits for a standby"), "{blocked}");
+    assert!(started.elapsed() < Duration::from_secs(4), "{:?}", started.elapsed());
+    standby.set(false).await;
+    keeping.await.expect("no panic").expect("it is confirmed");
+    assert_eq!(store.writer().blocked(), None);
+    store.close().await;
 }
 
 /// Servers of a cluster share the lock of the database, so an old session does not keep a new one from it.

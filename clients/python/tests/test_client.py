@@ -463,6 +463,60 @@ def test_what_does_not_speak_the_protocol_is_told(kind: str) -> None:
             ask(kind, transport, lambda client: client.health())
 
 
+PAGE = "<html><style>h1 { color: red }</style><body><h1>Bad Gateway</h1>\nThe \x1b[31m answer.</body></html>"
+
+
+@both
+@pytest.mark.parametrize("status", [408, 500, 502, 503, 504, 599])
+def test_a_page_of_a_proxy_is_tried_again_and_never_shown_as_it_is(kind: str, status: int, pauses: list[float]) -> None:
+    transport, asked = answering(httpx.Response(status, text=PAGE), ok())
+    assert ask(kind, transport, lambda client: client.health())["status"] == "ok"
+    assert (len(asked), len(pauses)) == (2, 1)
+    transport, asked = answering(*[httpx.Response(status, text=PAGE + "x" * 1000)] * 3)
+    with pytest.raises(UnexpectedAnswerError) as error:
+        ask(kind, transport, lambda client: client.health(), Retry(times=2))
+    assert len(asked) == 3
+    told = f"{status} of a proxy came for GET http://test/healthz: Bad Gateway The [31m answer. x"
+    assert str(error.value).rstrip("x") == told.rstrip("x")
+    assert len(str(error.value)) < 300
+
+
+@both
+@pytest.mark.parametrize("has_arrived", [True, False])
+def test_what_is_done_behind_a_proxy_is_done_once(
+    kind: str, has_arrived: bool, pauses: list[float], server: Server
+) -> None:
+    """The server dies with a request that did or did not arrive, and its proxy answers with a page."""
+    lost: list[bool] = []
+
+    def handle(request: httpx.Request) -> httpx.Response:
+        is_lost = bool(lost) and lost.pop()
+        if is_lost and not has_arrived:
+            return httpx.Response(504, text=PAGE)
+        url = request.url.copy_with(host="127.0.0.1", port=int(server.url.rpartition(":")[2]))
+        headers = [(name, value) for name, value in request.headers.items() if name != "host"]
+        answer = httpx.request(request.method, url, content=request.content, headers=headers)
+        return httpx.Response(502, text=PAGE) if is_lost else httpx.Response(answer.status_code, content=answer.content)
+
+    transport = httpx.MockTransport(handle)
+    lost.append(True)
+    created = ask(kind, transport, lambda client: client.create_episode(**SMALL, model=f"{kind}, {has_arrived}"))
+    with server.client() as client:
+        made = client.episodes(model=f"{kind}, {has_arrived}")["items"]
+    assert [episode["id"] for episode in made] == [created["id"]]
+    lost.append(True)
+    answer = ask(kind, transport, lambda client: client.with_token(created["seats"][0]["token"]).act(0, "STAY"))
+    assert (answer["round"], answer["duplicate"]) == (0, has_arrived)
+    acts: Any = [{"episode": created["id"], "agent": "Agent_1", "round": 0, "action": "STAY"}]
+    lost.append(True)
+    answer = ask(kind, transport, lambda client: client.with_token(created["swarm_token"]).swarm_act(acts))
+    assert [receipt["duplicate"] for receipt in answer["receipts"]] == [has_arrived]
+    assert len(pauses) == 3
+    with server.client() as client:
+        journal = client.with_token(created["swarm_token"]).journal(created["id"])
+    assert journal.count(b'"action":"STAY"') == 2
+
+
 @both
 def test_a_wait_is_waited_for(kind: str) -> None:
     transport, asked = answering(ok())

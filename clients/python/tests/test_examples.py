@@ -1,15 +1,23 @@
-"""The minimal agents of `examples/agents` play seats to the end, and well."""
+"""The minimal agents of `examples/agents` play seats to the end, and well; the load balancer of `examples/fleet`."""
 
 import os
 import shutil
+import socket
 import subprocess
 import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
+import httpx
 import pytest
 from conftest import ROOT
 
 from swarmseat import Client, Server, wire
+from swarmseat.errors import ApiError, error_of
 
 AGENTS = ROOT / "examples" / "agents"
 PROGRAMS = {"minimal.py": [sys.executable], "minimal.sh": ["bash"], "minimal.mjs": ["node"]}
@@ -75,3 +83,98 @@ def test_it_waits_for_holders_of_other_seats(agent: Path, server: Server, client
     created = client.create_episode(task="Synchronization", num_agents=2, max_round=3, open_seats=1, fill_after_s=0.5)
     (said,) = play(agent, server, created)
     assert said.startswith("Agent_0 finished")
+
+
+class Standin(BaseHTTPRequestHandler):
+    """A server behind the load balancer, which answers or dies with each request that is not about its health."""
+
+    dies = False
+    seen: list[str]
+
+    def do_GET(self) -> None:
+        self.rfile.read(int(self.headers.get("content-length", 0)))
+        if self.path != "/readyz":
+            self.seen.append(f"{self.command} {self.path}")
+            if self.dies:
+                self.close_connection = True
+                return
+        self.send_response(200)
+        self.send_header("content-length", "0")
+        self.end_headers()
+
+    do_POST = do_DELETE = do_GET  # noqa: N815
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@contextmanager
+def standin(dies: bool) -> Iterator[tuple[str, list[str]]]:
+    """Its address, and the requests that came."""
+    handler = type("Handler", (Standin,), {"dies": dies, "seen": []})
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"127.0.0.1:{server.server_port}", handler.seen  # type: ignore[attr-defined]
+        server.shutdown()
+
+
+@contextmanager
+def balancer(*nodes: str) -> Iterator[str]:
+    """The load balancer of the example, before these servers."""
+    assert shutil.which("haproxy"), "install haproxy for this test, on Debian: apt-get install haproxy"
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        listen = f"127.0.0.1:{free.getsockname()[1]}"
+    names = {f"NODE{number}": node for number, node in enumerate(nodes, 1)}
+    config = ROOT / "examples" / "fleet" / "haproxy.cfg"
+    process = subprocess.Popen(["haproxy", "-f", config], env={**os.environ, "LISTEN": listen, **names})
+    try:
+        with httpx.Client(transport=httpx.HTTPTransport(retries=8), timeout=20) as first:
+            first.get(f"http://{listen}/readyz")
+        yield f"http://{listen}"
+    finally:
+        process.terminate()
+        process.wait()
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "headers", "is_repeated"),
+    [
+        ("GET", "/obs?after=3&wait=1", {}, True),
+        ("POST", "/act?wait=60", {}, True),
+        ("POST", "/swarm/act", {}, True),
+        ("POST", "/api/v1/episodes", {"idempotency-key": "one"}, True),
+        ("POST", "/api/v1/episodes", {}, False),
+        ("DELETE", "/api/v1/runs/run_1", {}, False),
+    ],
+)
+def test_the_load_balancer_repeats_what_may_be_repeated(
+    method: str, path: str, headers: dict[str, str], is_repeated: bool
+) -> None:
+    with standin(dies=True) as (dead, lost), standin(dies=False) as (alive, done), balancer(alive, dead, alive) as url:
+        # The token decides which server is asked first.
+        for token in range(1000):
+            del lost[:], done[:]
+            answer = httpx.request(method, url + path, headers={**headers, "authorization": f"Bearer {token}"})
+            if lost:
+                break
+        assert set(lost) == {f"{method} {path}"}
+        if is_repeated:
+            assert (answer.status_code, done) == (200, [f"{method} {path}"])
+            return
+        assert (answer.status_code, len(lost), done) == (502, 1, [])
+        error = error_of("it", answer.status_code, answer.headers, answer.content)
+        assert isinstance(error, ApiError)
+        assert error.is_temporary
+        assert (error.code, error.retry_after_s) == ("unavailable", 1.0)
+
+
+def test_the_load_balancer_says_that_no_server_is_ready() -> None:
+    with balancer(*["127.0.0.1:1"] * 3) as url:
+        until = time.monotonic() + 20
+        answer = httpx.get(f"{url}/obs")
+        while answer.status_code != 503 and time.monotonic() < until:
+            answer = httpx.get(f"{url}/obs")
+        error = error_of("it", answer.status_code, answer.headers, answer.content)
+        assert isinstance(error, ApiError)
+        assert (error.code, error.status) == ("unavailable", 503)

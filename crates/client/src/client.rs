@@ -5,10 +5,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use backon::{ExponentialBuilder, Retryable};
-use reqwest::{Method, RequestBuilder, StatusCode, Url};
+use reqwest::header::RETRY_AFTER;
+use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use super::page;
 use swarmbench_boards::collection::Question;
 use swarmbench_protocol::act::{
     ActRequest, Receipt, SwarmAct, SwarmActRequest, SwarmActResponse, SwarmObsResponse,
@@ -22,6 +24,9 @@ use swarmbench_protocol::run::{CreatedRun, RunDetail, RunRequest, RunToken};
 
 /// How long one request may take beyond its `wait`.
 const PATIENCE: Duration = Duration::from_secs(30);
+
+/// How often a request that may be repeated is sent again after temporary errors.
+const REPEATS_MAX: usize = 5;
 
 /// How long a server may take to say that it is alive, which it does before all else.
 const HEALTH_PATIENCE: Duration = Duration::from_secs(10);
@@ -51,6 +56,18 @@ pub enum ClientError {
         /// What it said.
         problem: Box<Problem>,
     },
+    /// A proxy answered in place of the server, as it does where the server died with the request.
+    #[error("{url}: {} of a proxy: {said}", status.as_u16())]
+    Proxy {
+        /// The requested address.
+        url: Url,
+        /// The status.
+        status: StatusCode,
+        /// The first text of its page.
+        said: Box<str>,
+        /// How many seconds it asked to wait.
+        retry_after_s: Option<u32>,
+    },
     /// The answer does not follow the contract.
     #[error("{url} answered {status} with something that is not of the contract: {what}")]
     Strange {
@@ -73,20 +90,33 @@ pub enum ClientError {
 
 impl ClientError {
     /// Whether a retry may succeed.
-    fn is_temporary(&self) -> bool {
+    #[must_use]
+    pub fn is_temporary(&self) -> bool {
         match self {
             Self::Transport { error, .. } => !error.is_builder(),
-            Self::Refused { status, .. } => {
-                matches!(*status, StatusCode::TOO_MANY_REQUESTS | StatusCode::SERVICE_UNAVAILABLE)
-            }
+            Self::Refused { status, .. } => matches!(
+                *status,
+                StatusCode::TOO_MANY_REQUESTS
+                    | StatusCode::BAD_GATEWAY
+                    | StatusCode::SERVICE_UNAVAILABLE
+                    | StatusCode::GATEWAY_TIMEOUT
+            ),
+            Self::Proxy { .. } => true,
             Self::Strange { .. } | Self::Address(_) | Self::Write(_) => false,
         }
     }
 
     /// How long the server asked to wait.
     fn retry_after(&self) -> Option<Duration> {
-        let Self::Refused { problem, .. } = self else { return None };
-        problem.retry_after_ms.map(Duration::from_millis)
+        match self {
+            Self::Refused { problem, .. } => problem.retry_after_ms.map(Duration::from_millis),
+            Self::Proxy { retry_after_s, .. } => {
+                retry_after_s.map(|seconds| Duration::from_secs(seconds.into()))
+            }
+            Self::Transport { .. } | Self::Strange { .. } | Self::Address(_) | Self::Write(_) => {
+                None
+            }
+        }
     }
 }
 
@@ -99,13 +129,37 @@ fn cause(error: &reqwest::Error) -> String {
     cause.to_string()
 }
 
-/// The error response of a server.
-fn refused(url: Url, status: StatusCode, body: &[u8]) -> ClientError {
-    if let Ok(problem) = serde_json::from_slice(body) {
-        ClientError::Refused { url, status, problem: Box::new(problem) }
-    } else {
-        let what = String::from_utf8_lossy(body).chars().take(200).collect();
-        ClientError::Strange { url, status, what }
+/// The head of an answer.
+struct Head {
+    url: Url,
+    status: StatusCode,
+    retry_after_s: Option<u32>,
+}
+
+impl Head {
+    fn of(url: Url, answer: &Response) -> Self {
+        let seconds = answer.headers().get(RETRY_AFTER).and_then(|text| text.to_str().ok());
+        let retry_after_s = seconds.and_then(|text| text.parse().ok());
+        Self { url, status: answer.status(), retry_after_s }
+    }
+
+    /// The body of an answer, unless it is an error.
+    fn checked<B: AsRef<[u8]>>(self, body: B) -> Result<B, ClientError> {
+        if self.status.is_success() { Ok(body) } else { Err(self.refused(body.as_ref())) }
+    }
+
+    fn refused(self, body: &[u8]) -> ClientError {
+        let Self { url, status, retry_after_s } = self;
+        if let Ok(problem) = serde_json::from_slice(body) {
+            return ClientError::Refused { url, status, problem: Box::new(problem) };
+        }
+        let said = page::first_text(body);
+        let is_late = matches!(status, StatusCode::REQUEST_TIMEOUT | StatusCode::TOO_MANY_REQUESTS);
+        if status.is_server_error() || is_late {
+            ClientError::Proxy { url, status, said: said.into(), retry_after_s }
+        } else {
+            ClientError::Strange { url, status, what: said }
+        }
     }
 }
 
@@ -187,13 +241,16 @@ impl Client {
         let mut url = self.base.clone();
         url.set_path(path);
         let transport = |error| ClientError::Transport { url: url.clone(), error };
-        let call = self.signed(self.http.get(url.clone())).query(query);
-        let mut answer = call.send().await.map_err(transport)?;
-        let status = answer.status();
-        if !status.is_success() {
-            let bytes = answer.bytes().await.map_err(transport)?;
-            return Err(refused(url, status, &bytes));
-        }
+        let begin = async || {
+            let call = self.signed(self.http.get(url.clone())).query(query);
+            let answer = call.send().await.map_err(transport)?;
+            let head = Head::of(url.clone(), &answer);
+            if head.status.is_success() {
+                return Ok(answer);
+            }
+            Err(head.refused(&answer.bytes().await.map_err(transport)?))
+        };
+        let mut answer = self.again(begin).await?;
         let next = answer.headers().get("x-next-cursor").and_then(|next| next.to_str().ok());
         let next = next.map(str::to_owned);
         while let Some(piece) = answer.chunk().await.map_err(transport)? {
@@ -248,8 +305,7 @@ impl Client {
     }
 
     /// The current observation of a seat, as it was written, with the text for a language model where `prompt` is set.
-    /// With `after` it comes once the round is past that one, the episode is over, or `wait` has passed. It is not
-    /// retried: the caller sets the timeout.
+    /// With `after` it comes once the round is past that one, the episode is over, or `wait` has passed.
     pub async fn obs(
         &self,
         token: &str,
@@ -264,13 +320,12 @@ impl Client {
                 .query(&[("wait", wait)])
                 .query(&[("prompt", prompt)])
         };
-        let (url, status, body) = self.answer(Method::GET, "/obs", fill).await?;
-        if status.is_success() { Ok(body) } else { Err(refused(url, status, &body)) }
+        self.ask_bytes("/obs", fill).await
     }
 
-    /// Acts for a seat. It is not retried either; the same act again gets the same receipt.
+    /// Acts for a seat. A retry after a lost answer gets the same receipt.
     pub async fn act(&self, token: &str, act: &ActRequest) -> Result<Receipt, ClientError> {
-        self.once(Method::POST, "/act", |call| call.bearer_auth(token).json(act)).await
+        self.ask(Method::POST, "/act", |call| call.bearer_auth(token).json(act)).await
     }
 
     /// The observations that wait for an act and were opened since `after`, at most `limit` of them; with the texts for
@@ -294,12 +349,7 @@ impl Client {
     /// The journal of an episode: readable with a token of its creator, and by everybody once it has ended.
     pub async fn journal(&self, id: &str, token: Option<&str>) -> Result<Vec<u8>, ClientError> {
         let path = format!("/api/v1/episodes/{id}/journal");
-        let read = async || {
-            let sign = |call| self.signed_with(call, token);
-            let (url, status, body) = self.answer(Method::GET, &path, sign).await?;
-            if status.is_success() { Ok(body) } else { Err(refused(url, status, &body)) }
-        };
-        self.again(read).await
+        self.ask_bytes(&path, |call| self.signed_with(call, token)).await
     }
 
     /// Acts for several seats.
@@ -438,11 +488,24 @@ impl Client {
         self.again(|| self.once(method.clone(), path, &fill)).await
     }
 
+    /// Reads something as it was written.
+    async fn ask_bytes(
+        &self,
+        path: &str,
+        fill: impl Fn(RequestBuilder) -> RequestBuilder,
+    ) -> Result<Vec<u8>, ClientError> {
+        let read = async || {
+            let (head, body) = self.answer(Method::GET, path, &fill).await?;
+            head.checked(body)
+        };
+        self.again(read).await
+    }
+
     async fn again<T, F: Future<Output = Result<T, ClientError>>>(
         &self,
         ask: impl FnMut() -> F,
     ) -> Result<T, ClientError> {
-        ask.retry(ExponentialBuilder::default().with_jitter().with_max_times(5))
+        ask.retry(ExponentialBuilder::default().with_jitter().with_max_times(REPEATS_MAX))
             .when(|error| error.is_temporary() && !self.is_absent(error))
             .adjust(|error, pause| pause.map(|pause| pause_after(error.retry_after(), pause)))
             .await
@@ -460,11 +523,9 @@ impl Client {
         path: &str,
         fill: impl Fn(RequestBuilder) -> RequestBuilder,
     ) -> Result<T, ClientError> {
-        let (url, status, body) = self.answer(method, path, fill).await?;
-        if !status.is_success() {
-            return Err(refused(url, status, &body));
-        }
-        serde_json::from_slice(&body).map_err(|error| {
+        let (head, body) = self.answer(method, path, fill).await?;
+        let (url, status) = (head.url.clone(), head.status);
+        serde_json::from_slice(&head.checked(body)?).map_err(|error| {
             let what = error.to_string();
             ClientError::Strange { url, status, what }
         })
@@ -475,16 +536,16 @@ impl Client {
         method: Method,
         path: &str,
         fill: impl Fn(RequestBuilder) -> RequestBuilder,
-    ) -> Result<(Url, StatusCode, Vec<u8>), ClientError> {
+    ) -> Result<(Head, Vec<u8>), ClientError> {
         let mut url = self.base.clone();
         url.set_path(path);
         let failed = |error| ClientError::Transport { url: url.clone(), error };
         let call = self.http.request(method, url.clone()).timeout(PATIENCE * 3);
         let response = fill(call).send().await.map_err(failed)?;
         self.answered.store(true, Ordering::Relaxed);
-        let status = response.status();
+        let head = Head::of(url.clone(), &response);
         let body = response.bytes().await.map_err(failed)?;
-        Ok((url, status, body.into()))
+        Ok((head, body.into()))
     }
 }
 

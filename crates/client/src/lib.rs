@@ -1,9 +1,10 @@
-//! What meets a SwarmBench server over HTTP: a client, players, language models, and evaluations made of them.
+//! Programs that meet a SwarmBench server over HTTP: a client, players, language models, and evaluations made of
+//! them.
 //!
-//! A crate of its own because it needs no server: it is built without a database and without a web framework.
+//! The crate is separate because it needs no server: it is built without a database and without a web framework.
 //!
 //! - [`client`]: requests, and which of them are tried again.
-//! - [`drive`]: the one way in which seats are played. [`play`]: built-in players.
+//! - [`drive`]: the one loop that plays seats. [`play`]: built-in players.
 //! - [`llm`]: language models. [`eval`]: experiments, their runs and reports.
 
 pub mod client;
@@ -11,5 +12,6 @@ pub mod drive;
 pub mod eval;
 mod lines;
 pub mod llm;
+mod page;
 pub mod play;
 mod recent;

@@ -1,8 +1,8 @@
-//! The writer of PostgreSQL: a group of jobs is one commit, which counts up the row of this server in `nodes`.
+//! The writer of PostgreSQL: a group of jobs is one commit, which increments the counter in this server's row of `nodes`.
 //!
-//! A server that takes the database over deletes that row, so nothing that was queued before can be written afterwards. And where the
-//! connection breaks while a commit is under way, the number in the row says whether it was done: nothing is guessed, and
-//! nothing is written twice. So PostgreSQL may be restarted, or fail over, and it is a pause.
+//! A server that takes the database over deletes that row, so nothing queued before can be committed afterwards. If the
+//! connection breaks during a commit, the counter tells whether the commit is done: nothing is guessed, and nothing is
+//! written twice. So a restart or failover of PostgreSQL is only a pause.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -17,45 +17,44 @@ use crate::store::writer::{self, Blocked, Failure, Outcome, WriterState};
 use crate::store::{OpenError, Stopped, StoreError};
 use crate::telemetry;
 
-/// How often the row of this server is looked at while nothing is written.
+/// Interval of checks of this server's row while nothing is written.
 pub(in crate::store) const WATCH: Duration = Duration::from_secs(1);
 
-/// The first and the longest pause between two tries to connect.
+/// First and longest pause between attempts to connect.
 const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(1));
 
-/// A database that takes longer to answer is not reached, as far as anybody can tell.
-const ANSWER_USUAL: Duration = Duration::from_secs(5);
+/// A commit that waits for longer makes the server not ready: a standby is missing, or the database is unreachable.
+const ANSWER_USUAL: Duration = Duration::from_secs(2);
 
-/// How long an answer of the database is waited for. Then its connection is given up, and what was sent is settled.
+/// Time without an answer after which the connection is dropped and the fate of the commit is looked up.
 const ANSWER_PATIENCE: Duration = Duration::from_secs(30);
 
-/// How long a server that is told to stop waits for a database that is not reached.
+/// Time that a stopping server waits for an unreachable database.
 const STOP_PATIENCE: Duration = Duration::from_secs(5);
 
-/// How long an old session of this server is waited for after it was told to end.
+/// Time to wait for the end of an old session of this server after its termination.
 const TERMINATE_PATIENCE: Duration = Duration::from_secs(5);
 
-/// The right to write to a database of PostgreSQL.
 pub(in crate::store) struct Node {
     server: Server,
-    /// None while the database is not reached.
+    /// `None` while the database is unreachable.
     connection: Option<Connection>,
-    /// The number of this server in `nodes`, which no other server ever gets.
+    /// Number of this server in `nodes`, unique for all time.
     incarnation: i64,
-    /// How many commits of this server are known to be done.
+    /// Number of commits of this server that are known to be done.
     committed: i64,
-    /// Of one of several servers.
+    /// Set in a cluster of servers.
     cluster: Option<Arc<Cluster>>,
 }
 
-/// A commit that was sent, and whose answer is not known.
+/// A commit that was sent without a known outcome.
 struct Sent {
     outcomes: Vec<Outcome>,
-    /// Whether the row of this server said since that it is not done: the database may have failed over meanwhile, and back.
+    /// Whether this server's row has since shown that the commit is not done. The database may have failed over, and back.
     is_undone: bool,
 }
 
-/// Why the row of this server is not as it was left: nothing may be acknowledged any more.
+/// Reasons why this server's row is missing or unexpected: nothing may be acknowledged any more.
 #[derive(Debug, thiserror::Error)]
 enum Excluded {
     #[error("another server has taken the database over")]
@@ -73,35 +72,34 @@ impl From<Excluded> for Failure {
     }
 }
 
-/// Excludes all servers that had the database before and are not connected now: none of them commits anything any more. Waits
-/// for a commit that one of them has under way.
+/// Excludes all earlier servers that are not connected now: they can commit nothing more. Waits for a commit under way.
 pub(in crate::store) async fn exclude_others(
     connection: &mut Connection,
 ) -> Result<(), sqlx::Error> {
     query("DELETE FROM nodes").execute(connection).await.map(drop)
 }
 
-/// What an error means for the transaction in which it came, by the class of its code.
+/// Classifies an error by what it means for its transaction, according to the class of its SQLSTATE.
 pub(in crate::store) fn failure(error: sqlx::Error) -> Failure {
     let Some(code) = session::sqlstate(&error) else {
         return match error {
             sqlx::Error::Encode(_)
             | sqlx::Error::Decode(_)
             | sqlx::Error::ColumnDecode { .. }
-            // A row that an entry changes is not there.
+            // The row that an entry changes does not exist.
             | sqlx::Error::RowNotFound => Failure::Refused(error),
             _ => Failure::Away(error),
         };
     };
     match &code[..2] {
-        // A value, a constraint, a limit, or a statement that is wrong for this one job.
+        // A value, a constraint, a limit or a statement: the fault of one job.
         "21" | "22" | "23" | "42" | "54" => Failure::Refused(error),
-        // A lost connection, a full disk, no memory, a server that ends or starts, and all else: the transaction is not done.
+        // A lost connection, a full disk, no memory, a restart, and all else: the transaction is not done.
         _ => Failure::Away(error),
     }
 }
 
-/// Waits for an answer of the database, for a limited time. That it takes long is noted before that.
+/// Waits for an answer up to [`ANSWER_PATIENCE`], and reports the database as blocked after [`ANSWER_USUAL`].
 async fn answered<T>(
     state: &WriterState,
     asked: impl Future<Output = Result<T, Failure>>,
@@ -111,12 +109,12 @@ async fn answered<T>(
         return answer;
     }
     let late = || sqlx::Error::Io(std::io::ErrorKind::TimedOut.into());
-    state.set_blocked(Blocked::Away, &late());
+    state.set_blocked(Blocked::Late, &late());
     let left = ANSWER_PATIENCE.saturating_sub(ANSWER_USUAL);
     tokio::time::timeout(left, asked).await.unwrap_or_else(|_| Err(Failure::Away(late())))
 }
 
-/// The code of an error that comes from a full disk.
+/// SQLSTATE of a full disk.
 const DISK_FULL: &str = "53100";
 
 fn blocked_by(error: &sqlx::Error) -> Blocked {
@@ -128,7 +126,7 @@ fn blocked_by(error: &sqlx::Error) -> Blocked {
 }
 
 impl Node {
-    /// Gets a number for a process that has the lock of the database, alone or together with others.
+    /// Registers a process that holds the lock of the database, alone or shared.
     pub(in crate::store) async fn join(
         server: Server,
         mut connection: Connection,
@@ -158,7 +156,8 @@ impl Node {
         Ok(Self { server, connection: Some(connection), incarnation, committed: 0, cluster })
     }
 
-    /// Notes that this server cannot go on. One of several leaves its games to the others: it ends, and is started again.
+    /// Stops all writes after a fatal error. A server of a cluster counts as excluded: it ends, its games go to the others,
+    /// and it is started again.
     fn note_fatal(
         &self,
         state: &WriterState,
@@ -171,14 +170,13 @@ impl Node {
         }
     }
 
-    /// This server as one of several, if it is.
+    /// The state of the cluster; `None` for a single server.
     pub(in crate::store) fn cluster(&self) -> Option<&Arc<Cluster>> {
         self.cluster.as_ref()
     }
 
-    /// Writes jobs in one commit; the outcome of each, in their order. While the database is not reached it tries again: until
-    /// the deadline, or without end where a commit was sent and nobody knows yet whether it is done; but not for long after
-    /// `stop`.
+    /// Writes jobs in one commit; returns their outcomes in order. Retries while the database is unreachable: until the
+    /// deadline, or without limit while the outcome of a sent commit is unknown; at most [`STOP_PATIENCE`] after `stop`.
     pub(in crate::store) async fn keep(
         &mut self,
         state: &WriterState,
@@ -194,7 +192,7 @@ impl Node {
             return all(Err(StoreError::Failed));
         }
         if jobs.iter().all(Vec::is_empty) {
-            // A barrier: what was queued before is durable by now.
+            // A barrier: everything queued before is durable by now.
             return all(Ok(()));
         }
         let mut one_by_one = jobs.iter().any(|job| state.continues_broken(job));
@@ -219,7 +217,7 @@ impl Node {
                     return outcomes;
                 }
                 Err(Failure::Refused(_)) if !one_by_one => one_by_one = true,
-                // No job alone is at fault.
+                // No single job is at fault.
                 Err(Failure::Refused(error)) => return refuse(error.into()),
                 Err(Failure::Fatal(error)) => {
                     self.note_fatal(state, &*error);
@@ -242,7 +240,7 @@ impl Node {
         }
     }
 
-    /// Whether this server still has the database. To be asked now and then while nothing is written.
+    /// Checks that this server still has the database; called every [`WATCH`] while nothing is written.
     pub(in crate::store) async fn watch(&mut self, state: &WriterState) {
         if state.has_failed() {
             return;
@@ -257,7 +255,7 @@ impl Node {
         }
     }
 
-    /// Gives the database back.
+    /// Deletes this server's row and disconnects.
     pub(in crate::store) async fn leave(mut self) -> Result<(), sqlx::Error> {
         let Some(mut connection) = self.connection.take() else { return Ok(()) };
         let row = query("DELETE FROM nodes WHERE incarnation = $1").bind(self.incarnation);
@@ -296,14 +294,14 @@ impl Node {
         Ok(outcomes)
     }
 
-    /// Finds out whether a commit that was sent is done; its outcomes if it is. The commit stays `sent`, and uncounted, until a
-    /// witness of it was acknowledged: before that a standby without it may still take over, and its row then says that it is not done.
+    /// Finds out whether a sent commit is done, and returns its outcomes if so. The commit stays `sent` and uncounted until a
+    /// witness is acknowledged: before that a standby without it may still take over, and its row would say "not done".
     async fn settle(&mut self, sent: &mut Option<Sent>) -> Result<Option<Vec<Outcome>>, Failure> {
         if self.connection.is_some() && sent.is_none() {
             return Ok(None);
         }
         let is_sent = sent.is_some();
-        // What is refused here says nothing of the jobs, of which some may be stored.
+        // An error here says nothing about the jobs, some of which may be stored.
         let in_doubt = |failure| match failure {
             Failure::Refused(error) if is_sent => Failure::Away(error),
             failure => failure,
@@ -331,7 +329,7 @@ impl Node {
         }
     }
 
-    /// Connects where there is no connection, and reads the row of this server: whether there is a commit more than the known ones.
+    /// Connects if necessary and reads this server's row; true if it counts one commit more than the known ones.
     async fn reach(&mut self) -> Result<bool, Failure> {
         if self.connection.is_none() {
             let connection = self.server.try_connect().await.map_err(Failure::Away)?;
@@ -355,8 +353,8 @@ impl Node {
         }
     }
 
-    /// Commits something after a commit whose answer was lost. That one may still have waited for a standby when its session
-    /// ended; when this one is acknowledged, the standby has both.
+    /// Commits a no-op after a commit whose answer was lost. That commit may still have waited for a standby when its session
+    /// ended; once the no-op is acknowledged, the standby has both.
     async fn witness(&mut self) -> Result<(), Failure> {
         let connection = self.connection.as_mut().expect("it was reached");
         let touch = query("UPDATE nodes SET name = name WHERE incarnation = $1");
@@ -366,8 +364,8 @@ impl Node {
         }
     }
 
-    /// Ends the sessions by which this server has written so far, and waits until they are gone. PostgreSQL may not have noticed
-    /// that a connection broke, and a commit that waits for a standby shows in no row before its session ends.
+    /// Terminates the old sessions of this server and waits for their end. PostgreSQL may not have noticed a broken
+    /// connection, and a commit that waits for a standby is visible in no row before its session ends.
     async fn end_old_sessions(&self, connection: &mut Connection) -> Result<(), Failure> {
         let until = Instant::now() + TERMINATE_PATIENCE;
         let own = session_name(self.incarnation);
@@ -393,7 +391,7 @@ impl Node {
         let is_shared = self.cluster.is_some();
         while !session::try_lock(connection, is_shared).await.map_err(failure)? {
             let holder = session::lock_holder(connection).await.map_err(failure)?;
-            // Another server has the lock, or takes it at this moment: then the row of this one is gone.
+            // Another server has the lock or is taking it, so this server's row is gone.
             if holder.is_some() && Instant::now() >= until {
                 return Err(Excluded::TakenOver.into());
             }
@@ -403,16 +401,16 @@ impl Node {
     }
 }
 
-/// Where a commit belongs: behind the commits of this server that are known to be done.
+/// Position of a commit: after `before` earlier commits of this server.
 #[derive(Clone, Copy)]
 pub(in crate::store) struct Place {
     pub(in crate::store) incarnation: i64,
     pub(in crate::store) before: i64,
-    /// Whether other servers play on the database, too.
+    /// Whether the database belongs to a cluster.
     is_shared: bool,
 }
 
-/// Writes all entries of all jobs, or nothing where a statement is refused.
+/// Writes all jobs, or nothing if a statement is refused.
 async fn commit_all(
     connection: &mut Connection,
     jobs: &[Vec<Entry>],
@@ -423,7 +421,7 @@ async fn commit_all(
     let only_rows =
         jobs.iter().flatten().all(|entry| matches!(entry, Entry::Act(_) | Entry::Round(_)));
     if only_rows {
-        // One statement, which commits by itself: no transaction of this process is ever open while it sleeps.
+        // A single statement commits by itself: no transaction stays open while this process is suspended.
         *sent = Some(Sent { outcomes: outcomes.clone(), is_undone: false });
         let written = super::rows::append(connection, place, jobs.iter().flatten()).await;
         let is_ours = written.map_err(|error| settled(failure(error), sent))?;
@@ -443,7 +441,7 @@ async fn commit_all(
     commit(connection, outcomes, sent).await
 }
 
-/// Writes jobs one by one: those that are refused leave no trace, and the others are committed.
+/// Writes jobs one by one behind savepoints: refused jobs leave no trace, the others are committed.
 async fn commit_each(
     connection: &mut Connection,
     state: &WriterState,
@@ -464,7 +462,7 @@ async fn commit_each(
     commit(connection, outcomes, sent).await
 }
 
-/// Begins a transaction at its place behind all earlier ones of this server.
+/// Begins a transaction and counts its commit; fails unless `place` is next.
 async fn begin(connection: &mut Connection, place: Place) -> Result<(), Failure> {
     query("BEGIN").execute(connection).await.map_err(failure)?;
     let counted = query(
@@ -489,7 +487,7 @@ async fn commit(
     }
 }
 
-/// A commit that was answered with an error is not done, and one that was not answered may be.
+/// A commit answered with an error is not done; one without an answer may be.
 fn settled(failure: Failure, sent: &mut Option<Sent>) -> Failure {
     match &failure {
         Failure::Refused(_) | Failure::Fatal(_) => *sent = None,
@@ -498,8 +496,8 @@ fn settled(failure: Failure, sent: &mut Option<Sent>) -> Failure {
     failure
 }
 
-/// The row of this server is not at the place of this commit: it was taken over, or an earlier try was done after all. What
-/// it is tells the row, which is read next.
+/// This server's row does not have the expected counter: the server was excluded, or an earlier attempt is done after all.
+/// The next read of the row tells which.
 fn not_ours() -> Failure {
     Failure::Away(sqlx::Error::Protocol("the row of this server in `nodes` has changed".to_owned()))
 }
@@ -511,7 +509,7 @@ async fn roll_back(connection: &mut Connection, failure: Failure) -> Failure {
     }
 }
 
-/// What the session of a server calls itself.
+/// `application_name` of this server's sessions.
 pub(super) fn session_name(incarnation: i64) -> String {
     format!("swarmbench/{incarnation}")
 }

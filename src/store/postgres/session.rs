@@ -1,9 +1,10 @@
 //! Connections to PostgreSQL, and what has to be true of a server before anything is written to it.
 
+use std::io::ErrorKind;
 use std::time::Duration;
 
-use sqlx::ConnectOptions as _;
 use sqlx::postgres::{PgConnectOptions, PgConnection};
+use sqlx::{ConnectOptions as _, raw_sql};
 
 use crate::store::location::Address;
 use crate::store::sql::{Connection, query};
@@ -16,6 +17,11 @@ pub(super) const FORBIDDEN: &str = "42501";
 
 /// How long connecting may take.
 const CONNECT_PATIENCE: Duration = Duration::from_secs(10);
+
+/// What each session is set to. Short queries: compiling them takes longer than they do. A connection of ours may be idle for
+/// days. These are no parameters of the startup, which poolers refuse.
+const SETTINGS: &str = "SET jit = off; SET idle_session_timeout = 0; SET client_min_messages = warning; \
+                        SET extra_float_digits = 2";
 
 /// Prepared statements that a connection keeps.
 const STATEMENTS_KEPT: usize = 256;
@@ -63,7 +69,10 @@ pub enum SessionError {
          in its schema (GRANT CREATE ON SCHEMA public TO …)"
     )]
     Forbidden(String, #[source] sqlx::Error),
-    #[error("TLS with {0} fails: check sslmode, sslrootcert, sslcert and sslkey in the address")]
+    #[error(
+        "TLS with {0} fails: check sslmode, sslrootcert (the authority that signed the certificate of PostgreSQL), sslcert and \
+         sslkey in the address"
+    )]
     Tls(String, #[source] sqlx::Error),
     #[error("{0} has no tables of this program yet: `swarmbench serve` makes them")]
     Empty(String),
@@ -90,12 +99,7 @@ impl Server {
         let options = options
             .statement_cache_capacity(STATEMENTS_KEPT)
             .application_name("swarmbench")
-            // Short queries: compiling them takes longer than they do. A connection of ours may be idle for days.
-            .options([
-                ("jit", "off"),
-                ("idle_session_timeout", "0"),
-                ("client_min_messages", "warning"),
-            ])
+            .extra_float_digits(None)
             .disable_statement_logging();
         Ok(Self { options, location: address.to_string() })
     }
@@ -104,9 +108,9 @@ impl Server {
         &self.location
     }
 
-    /// Options of connections that only read.
+    /// Options of connections that only read, each of which [`set_up_reader`] has to set up.
     pub(in crate::store) fn readers(&self) -> PgConnectOptions {
-        self.options.clone().options([("default_transaction_read_only", "on")])
+        self.options.clone()
     }
 
     /// A connection; the error says what is wrong.
@@ -115,10 +119,14 @@ impl Server {
     }
 
     pub(in crate::store) async fn try_connect(&self) -> Result<PgConnection, sqlx::Error> {
-        let connecting = self.options.connect();
+        let connecting = async {
+            let mut connection = self.options.connect().await?;
+            raw_sql(SETTINGS).execute(&mut connection).await?;
+            Ok(connection)
+        };
         let connected = tokio::time::timeout(CONNECT_PATIENCE, connecting).await;
         connected.unwrap_or_else(|_| {
-            let late = std::io::Error::from(std::io::ErrorKind::TimedOut);
+            let late = std::io::Error::from(ErrorKind::TimedOut);
             Err(sqlx::Error::Io(late))
         })
     }
@@ -142,8 +150,10 @@ impl Server {
                 sqlx::Error::Tls(_) | sqlx::Error::Configuration(_) => {
                     SessionError::Tls(location, error)
                 }
-                // The file of a certificate.
-                sqlx::Error::Io(io) if io.kind() == std::io::ErrorKind::NotFound => {
+                // The file of a certificate; a certificate that is not accepted, by either side.
+                sqlx::Error::Io(io)
+                    if matches!(io.kind(), ErrorKind::NotFound | ErrorKind::InvalidData) =>
+                {
                     SessionError::Tls(location, error)
                 }
                 _ => SessionError::Unreachable(location, error),
@@ -266,6 +276,15 @@ impl Server {
         }
         Ok(())
     }
+}
+
+/// Sets a session to what readers need.
+pub(in crate::store) async fn set_up_reader(
+    connection: &mut PgConnection,
+) -> Result<(), sqlx::Error> {
+    raw_sql(SETTINGS).execute(&mut *connection).await?;
+    raw_sql("SET default_transaction_read_only = on").execute(connection).await?;
+    Ok(())
 }
 
 /// Refuses a version that this program was never tested with.

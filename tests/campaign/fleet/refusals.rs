@@ -126,6 +126,33 @@ pub(crate) async fn a_server_with_a_wrong_clock_does_not_join() {
     assert_eq!(fleet.members().await, members);
 }
 
+/// A clock that goes wrong while the others' stay right: the server leaves, and does not come back before it is right.
+#[cfg(target_os = "linux")]
+pub(crate) async fn a_server_whose_clock_goes_wrong_leaves_its_work_to_the_others() {
+    let mut fleet = two().await;
+    let members = fleet.members().await;
+    let folder = tempfile::tempdir().expect("a folder");
+    let library = preload::library("clock.c", folder.path());
+    let (wrong, own) = (folder.path().join("wrong"), format!("127.0.0.1:{}", free_port()));
+    let secret = fleet.secret();
+    let options = ["--node", &own, "--cluster-secret-file", &secret];
+    let with_clock = |mut command: Command| {
+        command.env("LD_PRELOAD", &library).env("SWARMBENCH_CLOCK_OFF", "5");
+        command.env("SWARMBENCH_CLOCK_FILE", &wrong);
+        command
+    };
+    let site = Site::at(fleet.scratch.url().to_owned());
+    let mut server = site.start_by(with_clock(Command::new(program())), &options);
+    server.ready().await;
+    assert_eq!(fleet.members().await.len(), members.len() + 1);
+    std::fs::write(&wrong, "").expect("written");
+    let status = server.ended().await;
+    assert_eq!(status.code(), Some(75), "it is to be started again");
+    assert_eq!(fleet.members().await, members, "it gave back what it had");
+    let command = with_clock(serve(program(), fleet.scratch.url(), &options));
+    refused(command).await.because("ms ahead of that of the database");
+}
+
 /// Whether there is a program of the version before.
 pub(crate) fn has_old_program() -> bool {
     std::env::var_os(OLD_PROGRAM).is_some()

@@ -1,6 +1,7 @@
 """What can go wrong. Everything that this package raises by itself is a `SwarmbenchError`, also where httpx failed."""
 
 import json
+import re
 from collections.abc import Mapping
 from datetime import datetime, timezone
 from email.utils import parsedate_to_datetime
@@ -13,6 +14,14 @@ if TYPE_CHECKING:
 
 TEMPORARY_STATUS = frozenset({429, 502, 503, 504})
 """Answers after which the same request may succeed: too much at once, or a server that is just restarting."""
+
+LATE_STATUS = 408
+"""What a proxy answers to a request that came too slowly."""
+
+PAGE_CHARS_MAX = 200
+"""How much of the text of a proxy's page an error shows."""
+
+PAGE_MARKUP = re.compile(r"<(script|style)\b.*?(</\1\s*>|\Z)|<[^>]*>?", re.DOTALL | re.IGNORECASE)
 
 
 class SwarmbenchError(Exception):
@@ -36,12 +45,14 @@ class UnexpectedAnswerError(SwarmbenchError):
     Attributes:
         status: The HTTP status.
         retry_after_s: In how many seconds it is worth trying again, where the answer says so.
+        is_temporary: Whether a proxy answered in place of the server, as it does where that died with the request.
     """
 
     def __init__(self, message: str, status: int, retry_after_s: float | None = None) -> None:
         super().__init__(message)
         self.status = status
         self.retry_after_s = retry_after_s
+        self.is_temporary = status >= 500 or status in {LATE_STATUS, *TEMPORARY_STATUS}
 
 
 class ApiError(SwarmbenchError):
@@ -54,6 +65,7 @@ class ApiError(SwarmbenchError):
         detail: What was expected and what came.
         round: The round at which the episode stands, where that helps.
         retry_after_s: In how many seconds it is worth trying again, where it is.
+        is_temporary: Whether the same request may succeed later.
         limit: The limit that was reached.
         fields: What is wrong with which field; all of them at once.
         request_id: What to name when asking an operator about it.
@@ -72,6 +84,7 @@ class ApiError(SwarmbenchError):
         exact_ms = problem.get("retry_after_ms")
         self.retry_after_s = retry_after_s if exact_ms is None else exact_ms / 1000
         self.request_id = request_id
+        self.is_temporary = self.status in TEMPORARY_STATUS
         wrongs = [f"{field['field']} {field['problem']}" for field in self.fields]
         wrong = "; ".join(told for told in wrongs if told not in self.detail)
         super().__init__(f"{self.status} {self.code}: {self.detail}" + (f" ({wrong})" if wrong else ""))
@@ -95,6 +108,10 @@ def error_of(asked: str, status: int, headers: Mapping[str, str], body: bytes) -
         problem = None
     if isinstance(problem, dict) and {"type", "title", "status", "detail", "code"} <= problem.keys():
         return ApiError(cast("Problem", problem), retry_after_s=retry_after_s, request_id=headers.get("x-request-id"))
+    told = f"{status} of a proxy came for {asked}: {_first_text(body)}"
+    by_proxy = UnexpectedAnswerError(told, status, retry_after_s)
+    if by_proxy.is_temporary:
+        return by_proxy
     moved = f" and the location {headers['location']!r}" if "location" in headers else ""
     return unexpected(asked, f"status {status}{moved}", body, status, retry_after_s)
 
@@ -103,10 +120,16 @@ def unexpected(
     asked: str, came: str, body: bytes, status: int, retry_after_s: float | None = None
 ) -> UnexpectedAnswerError:
     """The error that an answer means which no swarmbench server gives."""
-    begin = body[:200].decode("utf-8", "replace")
-    shown = f": {begin!r}" if begin else ""
+    shown = f": {_first_text(body)}" if body else ""
     hint = "no swarmbench server answers so: is the address right, or is a proxy in between?"
     return UnexpectedAnswerError(f"{came} came for {asked}{shown}; {hint}", status, retry_after_s)
+
+
+def _first_text(body: bytes) -> str:
+    """The first printable text of a page: no markup, scripts or styles, and one space where there were several."""
+    text = PAGE_MARKUP.sub(" ", body.decode("utf-8", "replace"))
+    words = "".join(char if char.isprintable() else " " for char in text).split()
+    return " ".join(words)[:PAGE_CHARS_MAX] or "no text"
 
 
 def _retry_after_s(header: str | None) -> float | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, NamedTuple, TypeVar
 from urllib.parse import quote
 
-from .errors import TEMPORARY_STATUS, ArgumentError, ConnectionFailedError, error_of, unexpected
+from .errors import ArgumentError, ConnectionFailedError, error_of, unexpected
 
 T = TypeVar("T")
 
@@ -20,7 +20,7 @@ PAUSE_S_MAX = 10.0
 
 @dataclass(frozen=True)
 class Retry:
-    """How temporary failures are tried again: no answer, 429, 502, 503 and 504.
+    """How temporary failures are tried again: no answer, 429, 502, 503, 504, and a page of a proxy with 408 or 5xx.
 
     The pauses double from `first_pause_s` up to 10 s, with chance in them so that many clients do not come back at
     once. A `Retry-After` of the server is waited for instead. Every request of this package may be repeated: the same
@@ -111,7 +111,7 @@ def converse(request: Call[T], retry: Retry, server: str) -> Flow[T]:
                 raise unexpected(asked, "what is not JSON", reply.body, reply.status) from cause
         if isinstance(reply, Reply):
             error = error_of(asked, reply.status, reply.headers, reply.body)
-            if reply.status not in TEMPORARY_STATUS:
+            if not error.is_temporary:
                 raise error
             asked_s = error.retry_after_s
         else:

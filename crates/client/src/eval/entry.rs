@@ -135,6 +135,7 @@ impl Entry {
             name: self.competition.name.clone(),
             tasks: tasks.clone().unwrap_or_else(all),
             seeds: Vec::new(),
+            seeds_by_task: false,
             rules,
             settings: SuiteSettings::from(&settings),
         }

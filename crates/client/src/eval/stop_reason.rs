@@ -1,14 +1,14 @@
-//! Why an evaluation stops before its end.
+//! The reasons why an evaluation stops early.
 
 use super::judge::advice;
 use crate::client::ClientError;
 use crate::llm::Stop;
 use swarmbench_protocol::failure::Failure;
 
-/// Why not everything was played.
+/// A reason why an evaluation stopped before everything was played.
 #[derive(Debug, thiserror::Error)]
 pub enum StopReason {
-    /// It was interrupted.
+    /// The evaluation was interrupted.
     #[error("stopped")]
     Requested,
     /// The token budget of this call is spent.
@@ -18,7 +18,7 @@ pub enum StopReason {
     Budget {
         /// Tokens that were spent.
         spent: u64,
-        /// Tokens that might be.
+        /// The budget.
         budget: u64,
     },
     /// Most answers fail in one way.
@@ -29,15 +29,15 @@ pub enum StopReason {
         advice(*kind)
     )]
     Failing {
-        /// Whose answers.
+        /// The model.
         model: String,
-        /// Most of them.
+        /// The most frequent failure.
         kind: Failure,
-        /// How many of that kind.
+        /// The number of failures of that kind.
         count: u64,
-        /// How many there were.
+        /// The number of answers.
         answers: u64,
-        /// What one of them said.
+        /// The text of the last answer that failed so.
         last: String,
     },
     /// A model cannot be asked.
@@ -51,15 +51,15 @@ pub enum StopReason {
         "the run {id} was {status} before all of it was played; the same command starts another"
     )]
     Ended {
-        /// Its id.
+        /// The id of the run.
         id: String,
-        /// How it ended.
+        /// The status of the run.
         status: String,
     },
     /// An attempt in a competition cannot be started.
     #[error("no attempt was started: {0}")]
     NotStarted(String),
-    /// An attempt in a competition is over, although not all of it was played.
+    /// An attempt in a competition is over before all its games were played.
     #[error("{0}")]
     AttemptOver(String),
     /// Seats cannot be played.
@@ -67,19 +67,19 @@ pub enum StopReason {
     Play(String),
 }
 
-/// What a failure ends.
+/// The extent of a failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reach {
-    /// The runs of the player.
+    /// The runs of this player.
     Player,
-    /// Those of further models at the same endpoint, too.
+    /// Also the runs of further models at the same endpoint.
     Endpoint,
-    /// Everything.
+    /// All runs.
     All,
 }
 
 impl StopReason {
-    /// What it ends.
+    /// The extent of the failure.
     #[must_use]
     pub const fn reach(&self) -> Reach {
         match self {
@@ -106,23 +106,19 @@ impl StopReason {
         }
     }
 
-    /// Whether the same command resumes, and nothing has to be fixed first.
+    /// Whether the same command resumes without a fix.
     #[must_use]
     pub fn can_resume(&self) -> bool {
         match self {
-            Self::Requested
-            | Self::Budget { .. }
-            | Self::Failing { .. }
-            | Self::Client(ClientError::Transport { .. }) => true,
+            Self::Requested | Self::Budget { .. } | Self::Failing { .. } => true,
+            Self::Client(error) => error.is_temporary(),
             Self::Model(stop) => matches!(
                 stop,
                 Stop::NoCredit { .. } | Stop::Unreachable { .. } | Stop::ComeLater { .. }
             ),
-            Self::Client(_)
-            | Self::Ended { .. }
-            | Self::NotStarted(_)
-            | Self::AttemptOver(_)
-            | Self::Play(_) => false,
+            Self::Ended { .. } | Self::NotStarted(_) | Self::AttemptOver(_) | Self::Play(_) => {
+                false
+            }
         }
     }
 }
