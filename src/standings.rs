@@ -1,4 +1,4 @@
-//! The boards of a database, read once and kept up to date with what is committed.
+//! Boards of a database, read once and updated with each commit.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -20,13 +20,12 @@ use swarmbench_boards::{Decentralization, Game, Owner, Player, Run, Slot};
 use swarmbench_journal::record::{Record, RecordedConfig};
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
-/// The rules by which every built-in suite can be played.
+/// Rule sets of the built-in suites.
 const RULES: [&str; 2] = ["paper", "reference"];
 
-/// Finished games of several holders.
 pub type MixedGames = BTreeMap<EpisodeKey, Arc<MixedGame>>;
 
-/// The boards of a database. A running server has exactly one, as every change is reported once.
+/// Boards of a database. A running server has exactly one instance, as each change is reported once.
 #[derive(Debug)]
 pub struct Standings {
     store: Store,
@@ -35,9 +34,9 @@ pub struct Standings {
 
 #[derive(Debug)]
 struct CachedBoards {
-    /// Up to where the log of changes was read.
+    /// Position up to which the log of changes was read.
     position: LogPosition,
-    /// What was read of it and not looked up yet.
+    /// Changes that were read from the log and not looked up yet.
     changes: Vec<Change>,
     /// `None` until the first request.
     boards: Option<Arc<Boards>>,
@@ -98,12 +97,12 @@ impl Standings {
         Ok(mixed)
     }
 
-    /// Reads what has changed. The caller may be dropped at any moment, so a change is removed from the list after it
-    /// was read.
+    /// Applies the changes of the log. A change is removed from the list after it was applied, as the caller may be dropped at any
+    /// moment.
     async fn catch_up(&self, cached: &mut CachedBoards) -> Result<(), StoreError> {
         let (position, changes) = self.store.writer().changes().since(cached.position);
         match changes {
-            // Their runs were on no board before; reading everything once costs less than each of them.
+            // A revealed competition adds runs that no board had; reading everything once costs less than reading each.
             Some(changes) if changes.contains(&Change::Revealed) => {
                 *cached = CachedBoards::new(position);
             }
@@ -114,7 +113,7 @@ impl Standings {
             None => *cached = CachedBoards::new(position),
         }
         if cached.boards.is_none() && cached.mixed.is_none() {
-            // The first read includes them.
+            // The first read includes these changes.
             cached.changes.clear();
         }
         while let Some(&change) = cached.changes.last() {
@@ -125,10 +124,10 @@ impl Standings {
                         self.read_run(cached, run).await?;
                     }
                 }
-                // Boards show what is over, and read everything where a competition was revealed.
+                // Boards show ended games only; a revealed competition is handled above.
                 Change::Started(_) | Change::Revealed => {}
                 Change::Imports => {
-                    // Many games are imported together: one read serves all.
+                    // One read serves all games that were imported together.
                     cached.changes.retain(|change| *change != Change::Imports);
                     cached.changes.push(Change::Imports);
                     let games = self.imported().await?;
@@ -183,7 +182,7 @@ impl CachedBoards {
     }
 }
 
-/// The boards that exist before anybody has played.
+/// Boards that exist before the first game.
 fn built_in() -> impl Iterator<Item = (BoardId, BoardSuite)> {
     let suites = RULES.iter().flat_map(|rules| {
         Suite::BUILT_IN.iter().filter_map(move |name| Suite::built_in(name, rules))
@@ -205,7 +204,7 @@ fn suite(suite: &Suite, plan: Vec<Slot>) -> BoardSuite {
     }
 }
 
-/// An imported game as a board shows it, if its task is known.
+/// An imported game as boards need it, if its task is known.
 fn imported(game: ImportedGame) -> Option<Imported> {
     Some(Imported {
         slot: Slot { task: TaskName::parse(&game.task)?, seed: game.seed.try_into().ok()? },
@@ -215,7 +214,7 @@ fn imported(game: ImportedGame) -> Option<Imported> {
     })
 }
 
-/// A stored run as a board shows it.
+/// A stored run as boards need it.
 fn finished_run(stored: BoardRun) -> Result<FinishedRun, StoreError> {
     let broken = |problem: String| {
         StoreError::broken(format!("the run {} cannot be read: {problem}", stored.id))
@@ -246,6 +245,7 @@ fn finished_run(stored: BoardRun) -> Result<FinishedRun, StoreError> {
     let own_name = definition.player.as_ref().map(|player| format!("built-in/{player}"));
     let is_own_name = own_name.as_ref() == Some(&definition.model);
     let prompt = definition.prompt();
+    let prompt_name = definition.prompt_name();
     let is_human = is_human(&definition.meta);
     let run = Run {
         player: Player {
@@ -265,6 +265,7 @@ fn finished_run(stored: BoardRun) -> Result<FinishedRun, StoreError> {
             _ => Some(Decentralization::Declared),
         },
         is_human,
+        prompt: prompt_name,
         answer_reader: Some(definition.suite.settings.answer_reader.clone()),
     };
     let result = RunResult::new(run, &plan, &games, true);
@@ -274,7 +275,7 @@ fn finished_run(stored: BoardRun) -> Result<FinishedRun, StoreError> {
     Ok(FinishedRun { key: stored.run.0, board, suite, result })
 }
 
-/// A stored game of several holders as cross-play shows it.
+/// A stored game of several holders as cross-play needs it.
 fn mixed_game(stored: BoardMixed) -> Result<MixedGame, StoreError> {
     let broken = |problem: String| {
         let number = stored.episode.0;
@@ -301,7 +302,7 @@ fn mixed_game(stored: BoardMixed) -> Result<MixedGame, StoreError> {
     })
 }
 
-/// The settings that decide a game, except task, seed and rules.
+/// Settings that influence a game, except task, seed and rules.
 fn settings(config: &RecordedConfig) -> SuiteSettings {
     SuiteSettings {
         round_deadline_ms: config.round_deadline_ms,

@@ -55,14 +55,14 @@ class Swarm:
             self._games[episode] = Senses(self.task, AGENTS), torch.Generator().manual_seed(seed)
         senses, chance = self._games[episode]
         sights = sorted(sights, key=_number)
-        arrays = [self._layout.encode(sight) for sight in sights]
+        arrays = self._layout.encode(sights)
         flag = self._layout.flag
         seen = senses.see(
             np.array([_number(sight) for sight in sights]),
-            np.stack([one["view"] for one in arrays]),
-            np.stack([one["position"] for one in arrays]),
-            np.array([sight["round"] for sight in sights]),
-            np.array([one[flag][0] if flag else 0 for one in arrays], np.uint8),
+            arrays["view"],
+            arrays["position"],
+            arrays["round"][:, 0],
+            arrays[flag][:, 0] if flag else np.zeros(len(sights), np.uint8),
         )
         chosen = torch.multinomial(self._policy(seen)[0].exp(), 1, generator=chance).flatten().tolist()
         return [
@@ -104,6 +104,13 @@ def _decided(swarm: Swarm | None, episode: str, seed: int, sights: list[Any]) ->
     if swarm:
         return swarm.acts(episode, seed, sights)
     return [{**{name: sight[name] for name in ("episode", "agent", "round")}, "action": "STAY"} for sight in sights]
+
+
+def _finished(client: swarmseat.Client, id: str) -> Any:
+    told = client.run(id)
+    if told["status"] != "finished":
+        raise SystemExit(f"error: {id} is {told['status']}: {told['played']} of {told['planned']} games were played")
+    return told
 
 
 def show(client: swarmseat.Client, suite: str, tasks: list[Any]) -> None:
@@ -176,7 +183,7 @@ def main() -> None:
             print(f"the server plays {other['model']}", file=sys.stderr)
             for _ in client.run_events(other["id"]):
                 pass
-        told = client.run(run["id"])
+        told, *_ = [_finished(client, one["id"]) for one in (run, *hosted)]
         show(client, f"{told['suite']['name']}@{told['suite']['digest']}", list(swarms))
         where = given.server or f"`swarmbench serve --db {given.db}`"
         print(f"\nrun {run['id']}; its games and the board are on the pages of {where}")

@@ -1,4 +1,4 @@
-//! Journals as commands read them: files, or downloaded.
+//! Journals as input of commands: files or downloads.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
@@ -22,13 +22,13 @@ use tokio_util::sync::CancellationToken;
 use super::options::ServerArgs;
 use crate::host::open_file;
 
-/// Bytes of a line of a journal, or of the file of a competition: more than all acts of a round can have.
+/// Maximum bytes of a line of a journal or of a competition's file: more than all acts of a round can have.
 const LINE_BYTES_MAX: usize = 256 * 1024 * 1024;
 
-/// A file that is read line by line. A line without an end is an error before it fills the memory.
+/// A reader of lines that fails on a line beyond its bound, before the line fills the memory.
 pub(super) struct Lines<R> {
     file: R,
-    /// Bytes of the current line, and what it may have.
+    /// Bytes of the current line.
     line: usize,
     most: usize,
 }
@@ -39,10 +39,24 @@ impl<R> Lines<R> {
     }
 }
 
-/// Opens a file to read it line by line.
+/// How a database of SQLite begins.
+const SQLITE: &[u8] = b"SQLite format 3\0";
+
+/// Opens a file to read it line by line. A database, which has journals but is none, is refused.
 pub(super) fn open_lines(path: &Path) -> anyhow::Result<Lines<BufReader<File>>> {
-    let file = open_file(path).with_context(|| format!("{}", path.display()))?;
-    Ok(Lines::new(BufReader::new(file)))
+    let shown = path.display();
+    let open = || {
+        let mut file = BufReader::new(open_file(path)?);
+        let is_database = file.fill_buf()?.starts_with(SQLITE);
+        io::Result::Ok((file, is_database))
+    };
+    let (file, is_database) = open().with_context(|| shown.to_string())?;
+    ensure!(
+        !is_database,
+        "{shown} is a database, and a file with a journal is wanted: `swarmbench verify --db {shown}` checks all its games, \
+         and `swarmbench serve --db {shown}` serves them to commands that take the id of a game"
+    );
+    Ok(Lines::new(file))
 }
 
 impl<R: BufRead> BufRead for Lines<R> {
@@ -54,7 +68,7 @@ impl<R: BufRead> BufRead for Lines<R> {
     }
 
     fn consume(&mut self, bytes: usize) {
-        // These bytes were shown before, so they are still there.
+        // The caller has seen these bytes, so they are still buffered.
         let taken = self.file.fill_buf().map_or(&[][..], |shown| &shown[..bytes.min(shown.len())]);
         self.line = match taken.iter().rposition(|byte| *byte == b'\n') {
             Some(end) => taken.len() - end - 1,
@@ -72,14 +86,14 @@ impl<R: BufRead> Read for Lines<R> {
     }
 }
 
-/// A journal that can be read more than once.
+/// A journal that can be read repeatedly.
 pub(super) enum Journal {
     File(PathBuf),
     Bytes(Vec<u8>),
 }
 
 impl Journal {
-    /// The file with this name, or else the journal of the episode with this id.
+    /// The file with this name, else the journal of the episode with this id.
     pub(super) async fn find(game: &str, server: ServerArgs) -> anyhow::Result<Self> {
         let path = Path::new(game);
         if path.is_file() {
@@ -105,16 +119,15 @@ impl Journal {
     }
 }
 
-/// What is known of a game before it is replayed.
+/// Facts of a game that are known before its replay.
 pub(super) struct Outline {
     pub(super) opening: Box<Opening>,
-    /// The score after each round.
+    /// Score after each round.
     pub(super) scores: Vec<f64>,
-    /// How the game ended; `None` if it has not.
+    /// End of the game; `None` if it is unfinished.
     pub(super) end: Option<Ended>,
 }
 
-/// How a game ended.
 #[derive(Deserialize)]
 pub(super) struct Ended {
     pub(super) status: String,
@@ -135,12 +148,12 @@ struct Scored {
 }
 
 impl Outline {
-    /// Reads a journal without checking it.
+    /// Reads a journal without verification.
     pub(super) fn of(journal: &Journal) -> anyhow::Result<Self> {
         let mut lines = journal.open()?.lines();
-        let first = lines.next().context("the journal is empty")??;
-        let first: Line<Record> = serde_json::from_str(&first)
-            .context("this is no journal; `swarmbench verify --help` says how to get one")?;
+        let no_journal = "this is no journal; `swarmbench verify --help` says how to get one";
+        let first = lines.next().context("the journal is empty")?.context(no_journal)?;
+        let first: Line<Record> = serde_json::from_str(&first).context(no_journal)?;
         let Record::Opening(opening) = first.record else {
             return Err(anyhow!("this is no journal: its first record is not an opening"));
         };
@@ -158,17 +171,16 @@ impl Outline {
         Ok(Self { opening, scores, end })
     }
 
-    /// The number of the last state.
+    /// Number of the last state.
     pub(super) fn last(&self) -> u32 {
         u32::try_from(self.scores.len()).unwrap_or(u32::MAX)
     }
 }
 
-/// Replays a game up to the state `last`, and shows the wanted states, each with what was decided in it, and with what
-/// each agent sees if `windows`. `progress` gets the number of every state.
-///
+/// Replays a game up to the state `last`, and passes the wanted states to `see`, each with what was decided in it, and with each
+/// agent's view if `windows`. `progress` gets the number of every state.
 /// # Errors
-/// Where the journal does not verify up to there, `see` fails, or `stop` is cancelled.
+/// If the journal does not verify up to there, `see` fails, or `stop` is cancelled.
 pub(super) fn replay(
     journal: &Journal,
     (last, windows): (u32, bool),
@@ -201,14 +213,14 @@ pub(super) fn replay(
         }
         Ok(ControlFlow::Continue(()))
     })?;
-    // Nothing was decided in the last state.
+    // The last state has no decisions.
     open.as_ref().map_or(Ok(()), see)
 }
 
-/// Replays a game, and shows every state with the acts that led to it, until `see` breaks off.
+/// Replays a game, and passes every state with the acts that led to it to `see`, until that breaks off.
 ///
 /// # Errors
-/// Where the journal does not verify up to there, `see` fails, or `stop` is cancelled.
+/// If the journal does not verify up to there, `see` fails, or `stop` is cancelled.
 pub(super) fn visit(
     journal: &Journal,
     stop: &CancellationToken,
@@ -230,14 +242,14 @@ pub(super) fn visit(
     replayed.map(drop).context("the journal cannot be replayed; `swarmbench verify` checks it")
 }
 
-/// The acts of a round for the engine. A replay has played them, so their names are known.
+/// Acts of a round for the engine. The replay has already applied them, so their names are valid.
 fn decided(world: &World, acts: &[ActRecord]) -> Vec<(u16, Act)> {
     let known =
         |record: &ActRecord| Some((AgentId::parse(&record.agent)?.0, record.act(world.config())?));
     acts.iter().filter_map(known).collect()
 }
 
-/// A journal that ends after the line that is being read, once that is asked for.
+/// A journal that ends after the current line once `ended` is set.
 struct Ending<R> {
     journal: R,
     ended: Arc<AtomicBool>,

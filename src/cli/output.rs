@@ -1,17 +1,18 @@
-//! What commands print: text, tables, JSON and progress bars. Nothing is printed elsewhere.
+//! All output of commands: text, tables, JSON and progress bars.
 //!
-//! Much of it comes from others: names, journals, answers of servers. A terminal obeys control characters, and marks of
-//! direction make a text look like another one, so text is escaped here ([`shown`]), wherever it goes: what is in a file may
-//! be looked at in a terminal later. Data for programs (JSON, CSV, exports) are byte for byte what they are, but on a terminal.
+//! Much of the text comes from others: names, journals, responses of servers. Control characters would act on a terminal, and
+//! direction marks make a text look like another one, so text is escaped here ([`shown`]), also when it goes to a file, which may
+//! be read in a terminal later. Data for programs (JSON, CSV, exports) are escaped only on a terminal.
 //!
-//! A reader may close the standard output or the standard error at any time, as `| head` does. That neither ends a command
-//! nor changes its exit code: the rest of its text is dropped. Only a [`Stream`], whose length has no bound, ends early.
+//! A reader may close standard output or standard error at any time, as `| head` does. That neither ends a command nor changes its
+//! exit code: the rest of the text is dropped. Only a [`Stream`], whose length is unbounded, ends early.
 
 use std::borrow::Cow;
 use std::io::{self, ErrorKind, IsTerminal as _, Write};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
+use std::time::Duration;
 
 use comfy_table::{Table, presets};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
@@ -36,29 +37,31 @@ macro_rules! note {
     };
 }
 
-/// The first error of the standard output that is not about a reader that has gone.
+/// First error of standard output, other than a reader that has gone.
 static FAILED: OnceLock<io::Error> = OnceLock::new();
+
+/// How often a line tells the progress where there is no terminal.
+pub(super) const LINE_EVERY: Duration = Duration::from_mins(1);
 
 /// Whether a [`Stream`] has lost its reader.
 static CUT: AtomicBool = AtomicBool::new(false);
 
-/// Prints a text for people to the standard output. [`code`] reports what fails.
+/// Prints text for people to standard output. [`code`] reports errors.
 pub(super) fn text(text: &dyn std::fmt::Display) {
     check(io::stdout().lock().write_all(shown(&text.to_string()).as_bytes()));
 }
 
-/// Prints data for programs to the standard output.
+/// Prints data for programs to standard output.
 pub(super) fn data(data: &str) {
     let data = if io::stdout().is_terminal() { shown(data) } else { Cow::Borrowed(data) };
     check(io::stdout().lock().write_all(data.as_bytes()));
 }
 
-/// What `note!` is made of. Nobody can be told of its errors.
+/// Implementation of `note!`. Its errors cannot be reported anywhere.
 pub(super) fn note_line(line: &dyn std::fmt::Display) {
     drop(writeln!(io::stderr().lock(), "{}", shown(&line.to_string())));
 }
 
-/// Prints a value as indented JSON.
 pub(super) fn json(value: &impl Serialize) -> anyhow::Result<()> {
     data(&(serde_json::to_string_pretty(value)? + "\n"));
     Ok(())
@@ -68,12 +71,12 @@ fn check(written: io::Result<()>) {
     if let Err(error) = written
         && error.kind() != ErrorKind::BrokenPipe
     {
-        // Only the first one is reported.
+        // Only the first error is reported.
         drop(FAILED.set(error));
     }
 }
 
-/// The standard output for data of any length. A write without a reader is an error, which ends the command with success.
+/// Standard output for data of any length. A write without a reader is an error, which ends the command successfully.
 pub(super) struct Stream(io::Stdout);
 
 pub(super) fn stream() -> Stream {
@@ -103,7 +106,7 @@ impl Write for Stream {
     }
 }
 
-/// An error and its causes, without those that the sentence before them has already.
+/// An error and its causes, except causes that the sentence before already contains.
 fn in_words(error: &anyhow::Error) -> String {
     let mut text = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
@@ -114,7 +117,7 @@ fn in_words(error: &anyhow::Error) -> String {
     text
 }
 
-/// What to do about a server that asks for a key.
+/// Advice when a server asks for a key.
 fn hint(error: &anyhow::Error) -> &'static str {
     let mut refused = error.chain().filter_map(|cause| cause.downcast_ref::<ClientError>());
     let is_keyless = refused.any(|error| {
@@ -123,7 +126,7 @@ fn hint(error: &anyhow::Error) -> &'static str {
     if is_keyless { "; commands take a key from --key or SWARMBENCH_KEY" } else { "" }
 }
 
-/// The exit code of a server that has to be started again (`EX_TEMPFAIL` of sysexits).
+/// Exit code of a server that must be restarted (`EX_TEMPFAIL` of sysexits).
 const START_AGAIN: u8 = 75;
 
 /// Prints the error of a command, if any, and returns the exit code of the process.
@@ -134,7 +137,7 @@ pub(super) fn code(result: anyhow::Result<ExitCode>) -> ExitCode {
         (Err(error), _) => {
             note!("error: {}{}", in_words(&error), hint(&error));
             match error.downcast_ref::<StartError>() {
-                Some(StartError::Excluded) => ExitCode::from(START_AGAIN),
+                Some(StartError::Excluded | StartError::ClockOff) => ExitCode::from(START_AGAIN),
                 _ => ExitCode::FAILURE,
             }
         }
@@ -162,7 +165,7 @@ pub(super) fn fields<'a>(rows: impl IntoIterator<Item = (&'a str, String)>) -> T
     table
 }
 
-/// A cell, empty without a value.
+/// Text of a cell; empty without a value.
 pub(super) fn cell(value: Option<impl ToString>) -> String {
     value.map_or_else(String::new, |value| value.to_string())
 }
@@ -179,7 +182,7 @@ pub(super) fn mean(mean: Option<f64>, deviation: Option<f64>) -> String {
     cell(mean.zip(deviation).map(|(mean, deviation)| format!("{mean:.2} ± {deviation:.2}")))
 }
 
-/// The terminal of the standard error, as progress bars draw on it. What they say is escaped; the cursor is moved here alone.
+/// Terminal of standard error for progress bars. Escapes their texts, so that only the bars move the cursor.
 #[derive(Debug, Default)]
 struct Terminal(Mutex<Vec<u8>>);
 
@@ -232,7 +235,7 @@ impl TermLike for Terminal {
     }
 }
 
-/// Where progress bars are drawn: nowhere, if nobody looks.
+/// Draw target of progress bars: hidden if standard error is not a terminal.
 fn drawn() -> ProgressDrawTarget {
     let is_dumb = std::env::var_os("TERM").is_some_and(|name| name == "dumb");
     if is_dumb || !is_watched() {
@@ -246,7 +249,7 @@ pub(super) fn is_watched() -> bool {
     io::stderr().is_terminal()
 }
 
-/// The columns of the standard error, if it is a terminal.
+/// Columns of standard error, if it is a terminal.
 pub(super) fn note_width() -> Option<u16> {
     terminal_size::terminal_size_of(io::stderr()).map(|(columns, _)| columns.0)
 }
@@ -263,16 +266,16 @@ pub(super) fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).expect("a valid template")
 }
 
-/// Shows that `done` of `all` is done.
+/// Sets a bar to `done` of `all`.
 pub(super) fn set(bar: &ProgressBar, done: u64, all: u64) {
     bar.set_length(all);
     bar.set_position(done);
 }
 
-/// Rows whose reasons are shown below a board.
+/// Maximum rows whose reasons are shown below a board.
 const REASONS_MAX: usize = 10;
 
-/// Why answers did not count: the first rows of a board that have such answers, in lines of at most `width` columns.
+/// Reasons for which answers did not count, for the first rows of a board that have some, in lines of at most `width` columns.
 pub(super) fn reasons<'a>(
     rows: impl Iterator<Item = (&'a str, &'a Failures)>,
     width: u16,
@@ -286,7 +289,7 @@ pub(super) fn reasons<'a>(
     shown.chain(rest).collect()
 }
 
-/// A sentence in lines of at most `width` columns; a longer word has a line of its own. Further lines are indented.
+/// Wraps a sentence at `width` columns; a longer word gets a line of its own. Further lines are indented.
 pub(super) fn wrapped(text: &str, width: usize) -> String {
     let (mut lines, mut column) = (String::new(), 0);
     for word in text.split(' ') {

@@ -9,9 +9,10 @@ use swarmbench_engine::TaskName;
 use swarmbench_players::{BuiltIn, default_for, find};
 
 use super::options::{ServerArgs, rules};
-use super::output::{self, cell, mean, progress_bar, progress_bars, table, total};
+use super::output::{self, LINE_EVERY, cell, mean, progress_bar, progress_bars, table, total};
 use swarmbench_client::client::Client;
 use swarmbench_client::play::{play, play_run};
+use swarmbench_clock::{Clock, SystemClock, until};
 use swarmbench_protocol::episode::{EpisodeRequest, EpisodeSummary};
 use swarmbench_protocol::observation::Sight;
 use swarmbench_protocol::run::{RunDetail, RunRequest, SuiteRequest};
@@ -168,7 +169,7 @@ async fn play_suite(client: &Client, args: Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A progress bar for each game that is open, and one for all.
+/// Progress bars: one for each open game, and one for all.
 struct RunBars {
     all: MultiProgress,
     games: BTreeMap<String, ProgressBar>,
@@ -199,7 +200,7 @@ impl RunBars {
         let is_news = bar.position() != u64::from(sight.round) || sight.round == 0;
         bar.set_position(sight.round.into());
         bar.set_message(format!("score {:.2}", sight.score));
-        // A bar shows nothing without a terminal: then each game prints a line.
+        // A bar prints nothing without a terminal, so each game prints a line.
         if bar.is_hidden() && is_news && sight.round == 0 && sight.agent == "Agent_0" {
             note!("{} is opened: {}", sight.task.name, sight.episode);
         }
@@ -229,7 +230,7 @@ fn results(run: &RunDetail) -> Table {
     table
 }
 
-/// The player of this name, or the default of a task.
+/// The named player, or the default one of a task.
 pub(super) fn player(name: Option<&str>, task: TaskName) -> anyhow::Result<&'static BuiltIn> {
     match name {
         None => Ok(default_for(task)),
@@ -237,7 +238,7 @@ pub(super) fn player(name: Option<&str>, task: TaskName) -> anyhow::Result<&'sta
     }
 }
 
-/// An episode of the standard setting for a built-in player.
+/// An episode with standard settings for a built-in player.
 pub(super) fn request(task: TaskName, player: &BuiltIn) -> EpisodeRequest {
     EpisodeRequest {
         task: Some(task.name().to_owned()),
@@ -246,7 +247,7 @@ pub(super) fn request(task: TaskName, player: &BuiltIn) -> EpisodeRequest {
     }
 }
 
-/// Creates an episode and plays it, with a progress bar.
+/// Creates an episode and plays it with a progress bar.
 pub(super) async fn play_one(
     client: &Client,
     request: &EpisodeRequest,
@@ -257,12 +258,17 @@ pub(super) async fn play_one(
     let created = client.create_episode(request).await?;
     let last = created.config.max_round;
     bar.set_length(last.into());
-    let mut printed = None;
+    // A bar shows nothing without a terminal.
+    if bar.is_hidden() {
+        note!("{} is opened: {}", bar.prefix(), created.id);
+    }
+    let mut last_line = SystemClock.now();
     let summary = play(client, &created, player, player_seed, |round, score| {
         bar.set_position(round.into());
         bar.set_message(format!("score {score:.2}"));
-        // A bar shows nothing without a terminal: then each round prints a line.
-        if bar.is_hidden() && printed.replace(round) != Some(round) {
+        let now = SystemClock.now();
+        if bar.is_hidden() && until(last_line, now) >= LINE_EVERY {
+            last_line = now;
             note!("{} round {round}/{last} score {score:.2}", bar.prefix());
         }
     })

@@ -59,19 +59,19 @@ pub(super) struct Args {
     json: bool,
 }
 
-/// What a journal without a head leaves open.
+/// Caveat of a journal that was verified without a head.
 const CONSISTENT_JOURNAL: &str = "\
 consistent: these acts lead to this score
 not proven: that a server kept this episode; anybody can write such a file (docs/journal.md, \"What a head proves\"). Pass \
 the head with --head HEAD: the server shows it as result.journal_head of GET /api/v1/episodes/EPISODE once the episode \
 has ended";
 
-/// What the file of a competition without a head leaves open.
+/// Caveat of a competition's file that was verified without a head.
 const UNPROVEN_FILE: &str = "\
 not proven: that this is the published file, with all entrants and games; pass the head of the file that the organizer \
 published with --head HEAD";
 
-/// What the file of a competition without a commitment leaves open.
+/// Caveat of a competition's file that was verified without a commitment.
 const UNPROVEN_SEEDS: &str = "\
 not proven: that the seeds were drawn before anybody played, and not chosen afterwards; pass the commitment that was \
 published when the competition was created with --commitment COMMITMENT";
@@ -131,9 +131,6 @@ fn run_file(args: &Args, file: &Path) -> anyhow::Result<()> {
     } else {
         Box::new(open_lines(file)?)
     };
-    if file.extension().is_some_and(|end| end == "db") {
-        bail!("{0} is a database: check it with `swarmbench verify --db {0}`", file.display());
-    }
     if args.competition {
         return run_competition(args, file, journal, head, solver);
     }

@@ -1,4 +1,4 @@
-//! Pages of lists: as many items as were requested, or as many as fit into one answer; and their cursors.
+//! Pages of lists: as many items as were requested and fit into one response; and cursors.
 
 use axum::response::Response;
 use serde::Serialize;
@@ -9,20 +9,19 @@ use super::error::{ApiError, Code};
 use crate::fair::Permit;
 use crate::store::StoreError;
 
-/// Rows that are read at once: as much work as an async thread does in one piece.
+/// Rows read at once: the work that an async thread does in one piece.
 pub(super) const ROWS_MAX: u32 = 16;
 
-/// Rows that are read at once where each needs further reads.
+/// Rows read at once where each needs further queries.
 pub(super) const LARGE_ROWS_MAX: u32 = 8;
 
-/// How many times as many rows are read at once with the permit of a large answer: a page of the usual size with one query.
+/// Factor of the rows read at once with the permit of a large response: enough for a page of the default size in one query.
 const PIECES_WITH_PERMIT: u32 = 4;
 
-/// Bytes of a page that is made without the permit of a large answer.
+/// Maximum bytes of a page that is made without the permit of a large response.
 const SHORT_BYTES_MAX: usize = 64 * 1024;
 
-/// A page that is being written, item by item. One that is short enough to be read in one piece needs no permit, so
-/// that it is answered while others make long ones.
+/// A page that is written item by item. A page read in one piece needs no permit, so it is answered while others make long ones.
 pub(super) struct Page {
     app: App,
     permit: Option<Permit>,
@@ -30,14 +29,14 @@ pub(super) struct Page {
     items: usize,
     items_max: usize,
     bytes_max: usize,
-    /// The number of the last item, or where the page begins.
+    /// Number of the last item; at first, of the item before the page.
     place: Option<i64>,
     is_full: bool,
     has_ended: bool,
 }
 
 impl Page {
-    /// An empty page of at most `limit` items, or `usual`.
+    /// An empty page of at most `limit` items, `usual` by default.
     pub(super) fn new(
         app: &App,
         limit: Option<u32>,
@@ -62,8 +61,8 @@ impl Page {
         })
     }
 
-    /// Fills the page and answers with it. `read` gets the number of the last item and how many rows to read, at most
-    /// `rows_max`; `show` gives the number of a row and its item.
+    /// Fills the page and responds with it. `read` gets the number of the last item and the rows to read, based on `rows_max`;
+    /// `show` returns the number of a row and its item.
     pub(super) async fn fill<R, T: Serialize, F>(
         mut self,
         rows_max: u32,
@@ -81,7 +80,7 @@ impl Page {
             let Some(wanted) = self.wants(pieces * rows_max) else { return Ok(self.answer()) };
             let rows = read(self.place, wanted).await?;
             self.add(wanted, rows, &mut show)?;
-            // A list that is short, and a page of the usual size, is answered while others make long ones.
+            // Short lists, and pages of the default size, are answered while others make long ones.
             let is_long = self.items_max > (PIECES_WITH_PERMIT * rows_max) as usize
                 || self.body.len() > SHORT_BYTES_MAX;
             if is_long && self.items_max > rows_max as usize && self.wants(rows_max).is_some() {
@@ -90,7 +89,7 @@ impl Page {
         }
     }
 
-    /// Waits for the permit of an answer that is made in more than one piece.
+    /// Waits for the permit of a response that is made in more than one piece.
     pub(super) async fn needs_permit(&mut self) -> Result<(), ApiError> {
         if self.permit.is_none() {
             self.permit = Some(self.app.heavy.large_answer().await?);
@@ -98,20 +97,20 @@ impl Page {
         Ok(())
     }
 
-    /// The number after which the next rows are to be read.
+    /// Number after which the next rows are read.
     pub(super) const fn place(&self) -> Option<i64> {
         self.place
     }
 
-    /// How many rows are to be read next, at most `most`; none if the page is full or the list has
-    /// ended. One row more than fits is read to know whether there is another page.
+    /// Rows to read next, at most `most`; none if the page is full or the list has ended. One row more than fits is read, to know
+    /// whether there is another page.
     fn wants(&self, most: u32) -> Option<u32> {
         let left = self.items_max - self.items + 1;
         let wants = u32::try_from(left).map_or(most, |left| left.min(most));
         (!self.is_full && !self.has_ended).then_some(wants)
     }
 
-    /// Adds rows; fewer than `wanted` end the list.
+    /// Adds rows. Fewer than `wanted` end the list.
     pub(super) fn add<R, T: Serialize>(
         &mut self,
         wanted: u32,
@@ -130,7 +129,7 @@ impl Page {
                 self.body.push(b',');
             }
             serde_json::to_writer(&mut self.body, &item).expect("string keys");
-            // The first item is shown whatever its size: otherwise the list would never advance.
+            // The first item is included whatever its size: otherwise the list would never advance.
             if self.items > 0 && self.body.len() > self.bytes_max {
                 self.body.truncate(before);
                 self.is_full = true;
@@ -141,7 +140,7 @@ impl Page {
         Ok(())
     }
 
-    /// The answer. A page that was filled names the next one.
+    /// The response. A full page names the next one.
     pub(super) fn answer(mut self) -> Response {
         let next = self.place.filter(|_| self.is_full).map(write_cursor);
         self.body.extend_from_slice(b"],\"next_cursor\":");
@@ -151,12 +150,12 @@ impl Page {
     }
 }
 
-/// How many items a page has at most: `usual` where the query does not say.
+/// Maximum items of a page: `usual` if the query names none.
 pub(super) fn page_limit(app: &App, asked: Option<u32>, usual: u32) -> Result<u32, ApiError> {
     items(app, "limit", asked.unwrap_or(usual))
 }
 
-/// A number of items that the parameter `name` asks for, checked.
+/// Validates the number of items of the parameter `name`.
 pub(super) fn items(app: &App, name: &str, asked: u32) -> Result<u32, ApiError> {
     let most = app.limits.page_items_max;
     if !(1..=most).contains(&asked) {
@@ -179,13 +178,13 @@ pub(super) struct PageParams {
 }
 
 impl PageParams {
-    /// The page that it asks for, still empty.
+    /// An empty page for these parameters.
     pub(super) fn page(&self, app: &App) -> Result<Page, ApiError> {
         Page::new(app, self.limit, u32::MAX, self.cursor.as_deref())
     }
 }
 
-/// Items of one page if the request has no `limit`.
+/// Default number of items of a page.
 pub(super) const PAGE_ITEMS_DEFAULT: u32 = 50;
 
 /// Parameters of a list, newest first: filters, and those of its pages.
@@ -205,7 +204,7 @@ macro_rules! list_params {
         }
 
         impl $name {
-            /// The page that it asks for, still empty.
+            /// An empty page for these parameters.
             pub(in crate::http) fn page(
                 &self,
                 app: &$crate::http::App,
@@ -224,12 +223,12 @@ list_params! {
 }
 
 /// Where a page of a list begins: after the item with this number.
-fn read_cursor(text: Option<&str>) -> Result<Option<i64>, ApiError> {
+pub(super) fn read_cursor(text: Option<&str>) -> Result<Option<i64>, ApiError> {
     let number = |text: &str| i64::from_str_radix(text.strip_prefix('c')?, 16).ok();
     cursor_by(text, |text| number(text).filter(|number| *number >= 0))
 }
 
-/// Reads a cursor in its own way.
+/// Parses a cursor with `read`.
 pub(super) fn cursor_by<T>(
     text: Option<&str>,
     read: impl Fn(&str) -> Option<T>,
@@ -240,9 +239,9 @@ pub(super) fn cursor_by<T>(
 }
 
 /// The cursor of the page after the item with this number.
-fn write_cursor(number: i64) -> String {
+pub(super) fn write_cursor(number: i64) -> String {
     format!("c{number:x}")
 }
 
-/// Bytes after the items.
+/// Maximum bytes after the items.
 pub(super) const CURSOR_BYTES_MAX: usize = 64;

@@ -57,13 +57,14 @@ const CASES: [(&str, Shows, Arguments); 68] = [
     ("competition list", Facts, |_| Vec::new()),
     ("competition show", Facts, |site| words("", [site.competition()])),
     ("competition codes", Facts, |site| words("", [site.competition(), "a team".to_owned()])),
-    ("competition enter", Facts, |site| words("--name entrant --model m", [site.competition()])),
+    ("competition enter", Facts, |site| words("--name newcomer --model m", [site.competition()])),
     ("competition attempt", Facts, |site| {
         let (competition, entrant) = site.entrant();
         words("--entrant", [entrant, competition])
     }),
     ("competition attempts", Facts, |site| words("", [site.attempt().0])),
     ("competition entrants", Facts, |site| words("", [site.entrant().0])),
+    ("competition contacts", Facts, |site| words("", [site.entrant().0])),
     ("competition disqualify", Facts, |site| words("--reason because", site.entrant().into())),
     ("competition withdraw", Facts, |site| words("", site.entrant().into())),
     ("competition readmit", Facts, |site| words("", site.entrant().into())),

@@ -303,6 +303,51 @@ fn what_others_wrote_is_not_obeyed_by_a_terminal() {
     }
 }
 
+/// Without a terminal there is a line for a game, not one for a round.
+#[test]
+fn play_writes_a_line_where_nobody_watches() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let server = Serving::start(&folder.path().join("play.db"), &[]);
+    let game = ["play", "--task", "Foraging", "--max-round", "30", "--num-agents", "2"];
+    let output = swarmbench(&[&game[..], &["--server", &server.base]].concat());
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let said = text(&output.stderr);
+    assert_eq!(said.lines().count(), 1, "{said}");
+    assert!(said.contains("is opened: ep_"), "{said}");
+}
+
+/// A database has journals and is none: every command that reads one says what to do with it, whatever its name is.
+#[test]
+fn a_database_in_the_place_of_a_journal_is_called_one() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let db = folder.path().join("games").display().to_string();
+    let made = swarmbench(&["key", "create", "--name", "k", "--role", "organizer", "--db", &db]);
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    let journal = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/1/abandoned.jsonl");
+    let journal = journal.display().to_string();
+    for args in [
+        &["verify", &db][..],
+        &["verify", "--competition", &db],
+        &["verify", &journal, "--parent", &db],
+        &["replay", &db, "--html", "never.html"],
+        &["replay", &db, "--gif", "never.gif"],
+        &["metrics", &db],
+        &["figure", "frame", &db, "--rounds", "0", "--out", "never.svg"],
+    ] {
+        let said = text(&swarmbench(args).stderr);
+        for expected in
+            [format!("{db} is a database"), format!("verify --db {db}"), format!("serve --db {db}")]
+        {
+            assert!(said.contains(&expected), "{args:?}: {said}");
+        }
+    }
+    // Any other file is named for what it is not.
+    let file = folder.path().join("bytes");
+    std::fs::write(&file, [0xff, 0xfe]).expect("a file");
+    let said = swarmbench(&["replay", &file.display().to_string(), "--gif", "never.gif"]);
+    assert!(text(&said.stderr).contains("this is no journal"), "{}", text(&said.stderr));
+}
+
 /// A device or a pipe has no end, or nobody at its other one.
 #[test]
 fn files_without_an_end_are_refused() {

@@ -24,7 +24,8 @@ async fn a_board_is_shown_in_every_format_and_they_agree() {
     assert_eq!(lines.len(), 2 + 2 * 5, "{markdown}");
     let json: serde_json::Value =
         serde_json::from_str(&call(&["--format", "json"]).await.out).expect("JSON");
-    assert_eq!(json["settings"], serde_json::json!({ "max_round": "6", "num_agents": "3" }));
+    assert_eq!(json["rows"][0]["seeds"], serde_json::json!([1, 2, 3]));
+    assert_eq!(json["settings"], serde_json::json!({ "max_round": 6, "num_agents": 3 }));
     let csv = call(&["--format", "csv"]).await.out;
     let mut reader = csv::Reader::from_reader(csv.as_bytes());
     let headings = reader.headers().expect("headings").clone();
@@ -69,4 +70,20 @@ async fn baselines_are_a_row_for_each_player_and_task() {
             assert_eq!(table.matches(&row).count(), 1, "{row} in {table}");
         }
     }
+}
+
+/// Settings that vary are numbers where they are numbers, on the board and before it is played.
+#[tokio::test]
+async fn json_has_settings_in_their_types() {
+    let bench = Bench::new();
+    let varied = ["--player", "random", "--task", "Foraging", "--seeds", "1", "--max-round", "2"];
+    let varied = [&varied[..], &["--num-agents", "2,3", "--noise", "0.25", "--map-size", "9"]];
+    let board = bench.board(&varied.concat()).await;
+    let shared = serde_json::json!({ "map_size": "9x9", "max_round": 2, "noise": 0.25 });
+    assert_eq!(board["settings"], shared);
+    let rows = board["rows"].as_array().expect("rows");
+    let varied_of: Vec<_> = rows.iter().map(|row| row["varied"].clone()).collect();
+    assert_eq!(varied_of, [serde_json::json!([2]), serde_json::json!([3])]);
+    let planned = bench.board(&[&varied.concat()[..], &["--dry-run"]].concat()).await;
+    assert_eq!(planned["runs"][1]["settings"], serde_json::json!({ "num_agents": 3 }));
 }

@@ -135,6 +135,10 @@ fn what_is_wrong_is_said_all_at_once_in_the_words_of_the_server() {
             "noise must be a probability from 0 to 1, is 2",
         ),
         (
+            "models = 'm'\n[settings]\nnum_agents = 200",
+            "num_agents must be from 1 to 25 to fit on this map of Pursuit, is 200",
+        ),
+        (
             "models = 'm'\n[settings]\ncontrol = 'none'",
             "control must be one of decentralized, centralized",
         ),

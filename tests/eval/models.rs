@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::bench::{Bench, Running};
 use crate::llm::endpoint::{Endpoint, Reply, Seen, completion};
@@ -210,6 +210,50 @@ async fn a_budget_stops_it_and_the_same_command_goes_on() {
     assert_eq!(calls, 3);
     // Nothing that was paid for was asked again.
     assert_eq!(endpoint.seen().len(), 16);
+}
+
+/// The answers of the game that a stopped call has left open are on its board, and are counted once when it is played on.
+#[tokio::test]
+async fn the_board_of_a_stopped_run_has_what_was_answered() {
+    let bench = Bench::new();
+    let endpoint =
+        Endpoint::start(|number, _| if number % 2 == 0 { Reply::says("Hm.") } else { switch() })
+            .await;
+    let args = with(&endpoint, &["--requests", "1", "--stop-share", "off", "--format", "json"]);
+    // An answer costs 15 tokens.
+    let stopped = bench.eval(&[&args[..], &["--budget", "90"]].concat()).await.ends(3);
+    let board: Value = serde_json::from_str(&stopped.out).expect("JSON");
+    let acts = &board["rows"][0]["acts"];
+    assert_eq!((&acts["sent"], &acts["invalid"]), (&json!(6), &json!(3)));
+    assert_eq!(acts["invalid_share"], 0.5);
+    assert_eq!((&acts["prompt_tokens"], &acts["completion_tokens"]), (&json!(60), &json!(30)));
+    let ended = bench.eval(&args).await.ends(0);
+    let board: Value = serde_json::from_str(&ended.out).expect("JSON");
+    assert_eq!(board["rows"][0]["acts"]["sent"], 16);
+}
+
+#[tokio::test]
+async fn the_budget_of_several_models_is_told_once_with_all_that_was_spent() {
+    let bench = Bench::new();
+    let held = || Endpoint::start(|_, _| switch().held_until(1));
+    let (one, other) = (held().await, held().await);
+    bench.write(
+        "two.toml",
+        &format!(
+            "tasks = 'Synchronization'\nseeds = 1\nbudget = 1\nrequests = 1\n[settings]\nnum_agents = 2\nmax_round = 2\n\
+             [[models]]\nname = 'one'\napi_base = '{}'\n[[models]]\nname = 'other'\napi_base = '{}'\n",
+            one.base(),
+            other.base()
+        ),
+    );
+    let running = bench.start(&["two.toml"]);
+    one.has_seen(1).await;
+    other.has_seen(1).await;
+    // The first answer spends the budget, while the other one is in flight.
+    one.release();
+    other.release();
+    let done = running.end().await.ends(3).says(&["the budget is spent: 30 of 1 tokens"]);
+    assert_eq!(done.err.matches("the budget is spent").count(), 1, "{}", done.err);
 }
 
 #[tokio::test]

@@ -73,3 +73,21 @@ async fn the_template_toolkit_and_the_first_marker_are_on_the_board() {
     let asked = bodies[0]["messages"][0]["content"].as_str().expect("a text").to_owned();
     assert!(asked.contains("Agent_"), "{asked}");
 }
+
+#[tokio::test]
+async fn built_in_players_have_no_prompt() {
+    let bench = Bench::new();
+    let board = bench.board(&[&["--player", "default"][..], &SMALL].concat()).await;
+    let row = &board["rows"][0];
+    assert_eq!(row["prompt"], Value::Null);
+    let serving = bench.serve().await;
+    let run = serving.client.run(row["run"].as_str().expect("an id"), None).await.expect("a run");
+    assert_eq!(run.run.prompt, "none");
+    let digest = run.run.suite.digest.expect("open seeds");
+    let suite = format!("{}@{digest}", run.run.suite.name);
+    let query = [("suite", suite.as_str()), ("format", "json")];
+    let found: Value =
+        serving.client.get_with("/api/v1/leaderboard", &query).await.expect("a board");
+    assert_eq!(found["items"][0]["prompt"], Value::Null);
+    serving.stop().await;
+}

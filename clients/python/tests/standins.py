@@ -4,14 +4,18 @@
 the real package is not installed.
 """
 
+import pickle
 import sys
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from importlib.util import find_spec
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any, Generic, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 A = TypeVar("A")
@@ -208,4 +212,99 @@ def openenv() -> None:
         "openenv.core.env_server.types": {
             "Action": Action, "EnvironmentMetadata": EnvironmentMetadata, "Observation": Observation, "State": State,
         },
+    })  # fmt: skip
+
+
+# PyTorch: what plays a policy, and nothing that learns
+
+
+class Tensor(np.ndarray[Any, Any]):
+    def float(self) -> "Tensor":
+        return tensor(self.astype(np.float32))
+
+    def exp(self) -> "Tensor":
+        return tensor(np.exp(self))
+
+
+def tensor(array: Any) -> Tensor:
+    return np.asarray(array).view(Tensor)
+
+
+class Module:
+    def __call__(self, seen: Any) -> Any:
+        return self.forward(seen)  # type: ignore[attr-defined]
+
+    def parts(self) -> dict[str, Any]:
+        return {name: part for name, part in vars(self).items() if isinstance(part, Module)}
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        return {f"{name}.{key}": own for name, part in self.parts().items() for key, own in part.state_dict().items()}
+
+    def load_state_dict(self, state: dict[str, NDArray[Any]]) -> None:
+        for name, part in self.parts().items():
+            own = {key.removeprefix(f"{name}."): value for key, value in state.items() if key.startswith(f"{name}.")}
+            part.load_state_dict(own)
+
+
+class Linear(Module):
+    def __init__(self, inputs: int, outputs: int) -> None:
+        self.weight, self.bias = tensor(np.zeros((outputs, inputs), np.float32)), tensor(np.zeros(outputs, np.float32))
+
+    def forward(self, seen: Any) -> Any:
+        return seen @ self.weight.T + self.bias
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        return {"weight": self.weight, "bias": self.bias}
+
+    def load_state_dict(self, state: dict[str, NDArray[Any]]) -> None:
+        self.weight, self.bias = tensor(state["weight"]), tensor(state["bias"])
+
+
+class ReLU(Module):
+    def forward(self, seen: Any) -> Any:
+        return np.maximum(seen, 0)
+
+
+class Sequential(Module):
+    def __init__(self, *layers: Module) -> None:
+        vars(self).update({str(place): layer for place, layer in enumerate(layers)})
+
+    def forward(self, seen: Any) -> Any:
+        for layer in self.parts().values():
+            seen = layer(seen)
+        return seen
+
+
+class Chance:
+    def manual_seed(self, seed: int) -> "Chance":
+        self.random = np.random.default_rng(seed)
+        return self
+
+
+def torch() -> None:
+    def multinomial(chances: Any, count: int, *, generator: Chance) -> Tensor:
+        draw = generator.random.choice
+        return tensor([draw(len(row), count, p=np.float64(row) / np.float64(row).sum()) for row in chances])
+
+    def log_softmax(values: Any, _: int) -> Any:
+        return values - np.log(np.exp(values).sum(-1, keepdims=True))
+
+    def load(file: Path, *, weights_only: bool) -> Any:
+        assert weights_only
+        return pickle.loads(file.read_bytes())
+
+    def save(state: Any, file: Path) -> None:
+        file.write_bytes(pickle.dumps(state))
+
+    def orthogonal(weight: Tensor, gain: float) -> None:
+        weight[:] = gain * np.random.default_rng(1).standard_normal(weight.shape) / np.sqrt(weight.shape[1])
+
+    init = SimpleNamespace(orthogonal_=orthogonal, zeros_=lambda bias: bias.fill(0))
+    install("torch", {
+        "torch": {
+            "Tensor": Tensor, "Generator": Chance, "from_numpy": tensor, "load": load, "save": save,
+            "multinomial": multinomial, "log_softmax": log_softmax, "no_grad": lambda: lambda method: method,
+            "optim": SimpleNamespace(Optimizer=object),
+        },
+        "torch.nn": {"Module": Module, "Linear": Linear, "ReLU": ReLU, "Sequential": Sequential, "init": init},
     })  # fmt: skip

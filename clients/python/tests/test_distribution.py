@@ -74,3 +74,11 @@ def test_no_requirement_is_a_package_of_a_stranger() -> None:
     projects = [tomllib.loads(text)["project"] for name, text in texts() if name.endswith("pyproject.toml")]
     wanted = [line for one in projects for line in one["dependencies"]]
     assert not [line for line in wanted if line.startswith(STRANGERS)]
+
+
+def test_wheels_have_the_names_that_the_build_gives_them() -> None:
+    version = table("bindings/python")["project"]["version"]
+    built = re.compile(rf"{NAME}-{re.escape(version)}-cp310-abi3-(?:manylinux_2_\d+_|macosx_)\w+\.whl")
+    named = [(file, name) for file, text in texts() for name in re.findall(rf"\b{NAME}-\d[\w.-]*\.whl", text)]
+    assert {file for file, _ in named} >= {"docs/play/training.md"}
+    assert [one for one in named if not built.fullmatch(one[1])] == []

@@ -359,6 +359,21 @@ def test_it_is_registered() -> None:
     env.close()
 
 
+@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
+def test_a_wrong_name_of_an_environment_lists_the_right_ones(make: Any) -> None:
+    with pytest.raises(gymnasium.error.NameNotFound) as refused:
+        make("swarmbench/Forage-v0")
+    assert all(f"swarmbench/{task}-v0" in str(refused.value) for task in TASKS)
+    with pytest.raises(gymnasium.error.NameNotFound) as strange:
+        make("CartPol-v1")
+    assert "swarmbench" not in str(strange.value)
+
+
+def test_one_episode_alone_is_refused_with_what_to_use() -> None:
+    with pytest.raises(gymnasium.error.Error, match=r"make_vec.*parallel_env"):
+        gymnasium.make("swarmbench/Pursuit-v0")
+
+
 def test_a_server_is_not_needed(server: Server) -> None:
     """Everything else here starts one; the environments do not ask it."""
     env = VecEnv("Synchronization", 2, num_agents=1, seed=1)

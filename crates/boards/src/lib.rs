@@ -1,17 +1,16 @@
-//! Boards and competitions. Pure: games that have ended go in, ranked rows come out.
+//! Boards and competitions as pure functions from ended games to ranked rows.
 //!
-//! A crate of its own because a server shows boards, and programs without a server recompute them from a published file.
+//! A crate of its own, as servers show boards and programs without a server recompute them from a published file.
 //!
-//! - [`result`]: what a run is worth, task by task.
-//! - [`rank`]: runs of the same player make a row; rows are put in order.
-//! - [`interval`]: how sure the order of two rows is.
+//! - [`result`]: results of a run by task.
+//! - [`rank`]: grouping of runs into rows, and the order of rows.
+//! - [`interval`]: confidence in the order of two rows.
 //! - [`collection`]: all boards of a database.
-//! - [`mod@reference`]: the numbers of the paper. [`cross_play`]: who did how well together.
-//! - [`page`]: pages of boards, in the shapes of the wire.
-//! - [`run`]: what a run is. [`competition`]: runs on seeds that are secret until the end.
+//! - [`mod@reference`]: numbers of the paper. [`cross_play`]: results of pairs of models.
+//! - [`page`]: pages of boards in their wire format.
+//! - [`run`]: definition of a run. [`competition`]: runs on seeds that are secret until the end.
 //!
-//! The same games give the same rows to the last bit, in whatever order they come. Every convention is described in
-//! `docs/evaluate/boards.md`.
+//! Equal games give bit-identical rows in any order of input. All conventions are described in `docs/evaluate/boards.md`.
 
 pub mod collection;
 pub mod competition;
@@ -31,36 +30,36 @@ use swarmbench_prompt::Identity;
 use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::suite::{Game as Planned, Suite};
 
-/// Who answers for a run: the holder of a key, or an entrant of a competition.
+/// Party that answers for a run: the holder of a key, or an entrant of a competition.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Owner {
-    /// Its id; names are not unique.
+    /// Id of the party; names are not unique.
     pub id: String,
-    /// The name that is shown.
+    /// Displayed name.
     pub name: String,
 }
 
-/// What plays, as its owner declares it. Runs that declare the same make one row of a board.
+/// Player as declared by the owner. Runs with equal declarations form one row of a board.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Player {
-    /// `None` if no key was required.
+    /// Party that answers for the runs; `None` if no key was required.
     pub owner: Option<Owner>,
-    /// The model's name.
+    /// Name of the model.
     pub model: String,
-    /// Its temperature, if declared.
+    /// Sampling temperature, if declared.
     pub temperature: Option<f64>,
-    /// Its `top_p`, if declared.
+    /// Nucleus sampling parameter, if declared.
     pub top_p: Option<f64>,
-    /// Which prompt it has.
+    /// Identity of the prompt.
     pub prompt: Identity,
 }
 
-/// The id of a row. A player has the same id on every board.
+/// Id of a row. A player has the same id on every board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct RowId(pub [u8; 16]);
 
 impl RowId {
-    /// The id of a row with these properties.
+    /// Hash of the properties that identify a row.
     fn of(parts: &[impl AsRef<[u8]>]) -> Self {
         let mut hash = Sha256::new();
         for part in parts.iter().map(AsRef::as_ref) {
@@ -73,7 +72,7 @@ impl RowId {
         }))
     }
 
-    /// Reads a name as it is shown.
+    /// Parses the displayed form.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
         let bytes = data_encoding::HEXLOWER.decode(text.as_bytes()).ok()?;
@@ -88,10 +87,10 @@ impl std::fmt::Display for RowId {
 }
 
 impl Player {
-    /// The row of this player.
+    /// Id of this player's row.
     #[must_use]
     pub fn row(&self) -> RowId {
-        // Zero has two signs, and they are the same temperature.
+        // 0 and −0 are the same temperature.
         let number = |number: Option<f64>| {
             number.map_or(Vec::new(), |number| (number + 0.0).to_be_bytes().to_vec())
         };
@@ -105,7 +104,7 @@ impl Player {
             number(self.top_p),
             text(template),
         ];
-        // Rows without these keep the names that they have always had.
+        // Rows without these properties keep the ids that they had before the properties existed.
         if revision.is_some() || system.is_some() {
             parts.push(revision.map_or(Vec::new(), |revision| revision.to_be_bytes().to_vec()));
             parts.push(text(system));
@@ -115,48 +114,50 @@ impl Player {
 }
 
 swarmbench_engine::named! {
-    /// What a board says of whether each seat decided for itself.
+    /// Evidence that each seat decided for itself.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
     pub enum Decentralization {
-        /// One holder has all seats and says so.
+        /// One holder has all seats and declares it.
         Declared = "declared",
         /// Seats belong to different holders, or the server hosts the players.
         Enforced = "enforced",
     }
 }
 
-/// What is known of a run beside its games.
+/// Data of a run besides its games.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Run {
-    /// Its id.
+    /// Id of the run.
     pub id: String,
-    /// What played.
+    /// Player of all games.
     pub player: Player,
-    /// `finished`, `aborted`, …
+    /// Status: `finished`, `aborted`, …
     pub status: String,
-    /// When it was started.
+    /// Start of the run.
     pub created_at: Timestamp,
-    /// Whether somebody beside the owner vouches for the model.
+    /// Whether somebody besides the owner vouches for the model.
     pub vouched: bool,
-    /// `None` under centralized control.
+    /// Evidence of decentralized control; `None` under centralized control.
     pub decentralization: Option<Decentralization>,
-    /// Whether its owner declares that people played.
+    /// Whether the owner declares that people played.
     pub is_human: bool,
+    /// The name of its prompt; `None` for players that read none, and for games of files.
+    pub prompt: Option<String>,
     /// The name of the reader of its answers; `None` for games of files.
     pub answer_reader: Option<String>,
 }
 
-/// A game that a run is to play.
+/// A planned game.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Slot {
-    /// The task.
+    /// Task of the game.
     pub task: TaskName,
-    /// The seed of its layout.
+    /// Seed of the layout.
     pub seed: Seed,
 }
 
 impl Slot {
-    /// The games of a suite in the order of its plan; `None` if it names an unknown task.
+    /// Games of a suite in the order of its plan; `None` if the suite names an unknown task.
     #[must_use]
     pub fn plan(suite: &Suite) -> Option<Vec<Self>> {
         let slot =
@@ -165,21 +166,21 @@ impl Slot {
     }
 }
 
-/// A game that has ended, in whichever way.
+/// An ended game, whatever its outcome.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Game {
-    /// Which of the run's games.
+    /// Planned game that was played.
     pub slot: Slot,
-    /// Its score.
+    /// Final score.
     pub score: f64,
-    /// Answers that players gave, valid or not.
+    /// Answers of players, valid or not.
     pub answers: u64,
     /// Invalid answers.
     pub invalid: u64,
-    /// Why they were invalid. Games of earlier versions do not tell it.
+    /// Invalid answers by reason, which games of earlier versions do not record.
     pub failures: Failures,
     /// Moves that timed out.
     pub timeouts: u64,
-    /// Whether it was voided, so that it does not count.
+    /// Whether the game was voided and does not count.
     pub voided: bool,
 }

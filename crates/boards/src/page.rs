@@ -1,4 +1,4 @@
-//! Pages of leaderboards and of cross-play, in the shapes of the wire.
+//! Pages of leaderboards and cross-play in their wire format.
 
 use swarmbench_engine::TaskName;
 use swarmbench_protocol::board::{
@@ -15,13 +15,13 @@ use super::result::TaskResult;
 use super::run::HUMAN;
 use super::{RowId, scale};
 
-/// What is said of the rows of the paper.
+/// Note on rows of the paper.
 const NOTE: &str = "a number of the paper, made with the public toolkit; not played here";
 
-/// What is said of rows whose games were read from files.
+/// Note on rows of games read from files.
 const IMPORTED: &str = "games from files; not played here, and not verified";
 
-/// A page of a board: `limit` rows from the place `start` on.
+/// A page of a board: `limit` rows from index `start`.
 #[must_use]
 pub fn leaderboard(ranked: &Ranked, start: usize, limit: usize) -> Leaderboard {
     let end = ranked.rows.len().min(start.saturating_add(limit));
@@ -96,7 +96,7 @@ fn row(ranked: &Ranked, place: usize) -> BoardRow {
                 temperature: run.player.temperature,
                 top_p: run.player.top_p,
                 prompt_template: run.player.prompt.template.clone(),
-                prompt: Some(run.player.prompt.to_string()),
+                prompt: run.prompt.clone(),
                 answer_reader: run.answer_reader.clone(),
                 vouched: Some(run.vouched),
                 decentralization: run.decentralization.map(|kind| kind.name().to_owned()),
@@ -132,7 +132,7 @@ fn row(ranked: &Ranked, place: usize) -> BoardRow {
     }
 }
 
-/// How far a row is below the row `to`.
+/// Distance of a row from the better row `to`.
 pub(super) fn row_difference(to: String, difference: Difference) -> RowDifference {
     RowDifference {
         to,
@@ -143,7 +143,7 @@ pub(super) fn row_difference(to: String, difference: Difference) -> RowDifferenc
     }
 }
 
-/// A row of numbers without runs.
+/// A row without runs.
 fn not_played_here(
     rank: Option<u32>,
     id: String,
@@ -161,7 +161,7 @@ fn not_played_here(
     }
 }
 
-/// What a row says of who played.
+/// Kind of a row, for those of people.
 fn kind(is_human: bool) -> Option<String> {
     is_human.then(|| HUMAN.to_owned())
 }
@@ -184,19 +184,19 @@ fn whole(count: usize) -> u32 {
     u32::try_from(count).unwrap_or(u32::MAX)
 }
 
-/// A cursor: the last row of the page, and the place of the next, in case that row leaves the board.
+/// Cursor: the last row of the page, and the index of the next one, in case that row leaves the board.
 fn write_cursor(row: RowId, place: usize) -> String {
     format!("{row}-{place:x}")
 }
 
-/// Reads a cursor.
+/// Parses a cursor.
 #[must_use]
 pub fn read_cursor(text: &str) -> Option<(RowId, usize)> {
     let (row, place) = text.split_once('-')?;
     Some((RowId::parse(row)?, usize::from_str_radix(place, 16).ok()?))
 }
 
-/// A page of cross-play: `limit` pairs from the place `start` on.
+/// A page of cross-play: `limit` pairs from index `start`.
 #[must_use]
 pub fn cross_play(pairs: &[Pair], start: usize, limit: usize) -> CrossPlay {
     let start = start.min(pairs.len());
@@ -207,7 +207,7 @@ pub fn cross_play(pairs: &[Pair], start: usize, limit: usize) -> CrossPlay {
     }
 }
 
-/// The place at which a cursor of cross-play begins.
+/// Index of the first pair of a page, from a cursor.
 #[must_use]
 pub fn read_cross_play_cursor(text: &str) -> Option<usize> {
     usize::from_str_radix(text.strip_prefix('c')?, 16).ok()

@@ -1,4 +1,4 @@
-//! Runs become rows, and rows get their ranks.
+//! Grouping of runs into rows, and ranks of rows.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -12,38 +12,38 @@ use super::reference::{self, Reference};
 use super::result::RunResult;
 
 swarmbench_engine::named! {
-    /// Which run of a player makes its row.
+    /// Choice of a player's run for its row.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub enum Pick {
-        /// The one that gets the highest rank; of equal ones the first.
+        /// The highest ranked run; of equal ones the first.
         #[default]
         Best = "best",
-        /// The one that was started last.
+        /// The run that was started last.
         Last = "last",
-        /// All: a seed's score is its mean over the runs.
+        /// All runs: a seed's score is its mean over them.
         Mean = "mean",
     }
 }
 
-/// What is shown of a board, and by what it is ranked.
+/// Tasks and order of a board.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct View {
-    /// The tasks that are shown.
+    /// Shown tasks.
     pub tasks: Vec<TaskName>,
-    /// The task by whose mean rows are ranked; `None` for the total of the shown tasks.
+    /// Task by whose mean rows are ranked; `None` for the total of the shown tasks.
     pub sort: Option<TaskName>,
-    /// Which run of a player makes its row.
+    /// Choice of a player's run.
     pub pick: Pick,
 }
 
 impl View {
-    /// The tasks whose means add up to what rows are ranked by.
+    /// Tasks whose means are summed for the rank.
     #[must_use]
     pub fn ranked_by(&self) -> &[TaskName] {
         self.sort.as_ref().map_or(&self.tasks, std::slice::from_ref)
     }
 
-    /// Which of two runs gets the higher rank: `Less` where it is the first.
+    /// Order of two runs by rank: `Less` if `a` ranks higher.
     #[must_use]
     pub fn compare(&self, a: &RunResult, b: &RunResult) -> Ordering {
         let value = |run: &RunResult| Value::of(run.total(self.ranked_by()));
@@ -54,33 +54,33 @@ impl View {
 /// A row of a board.
 #[derive(Clone, Debug)]
 pub struct Row {
-    /// 1, 2, 2, 4: rows of the same value share a rank, and the next rank is one more than the number of better rows.
-    /// `None` without a value.
+    /// Rank with gaps, such as 1, 2, 2, 4: equal values share a rank, which is one more than the number of better rows. `None`
+    /// without a value.
     pub rank: Option<u32>,
-    /// What it is ranked by, if no mean is missing.
+    /// Value that decides the rank, if no mean is missing.
     pub value: Option<f64>,
-    /// What it shows.
+    /// Origin and content of the row.
     pub source: Source,
 }
 
-/// Where a row comes from.
+/// Origin of a row.
 #[derive(Clone, Debug)]
 pub enum Source {
     /// Runs of one player.
     Runs {
-        /// What is shown: a run, or all of them taken together.
+        /// Result that is shown: one run, or all of them combined.
         shown: Arc<RunResult>,
-        /// How many runs the player has on this board.
+        /// Number of the player's runs on this board.
         runs: usize,
     },
-    /// Games of one model that were read from files, at the scale of the board, and the rules by which they were played.
+    /// Games of one model read from files, at the scale of the board, and the rules by which they were played.
     Imported(Arc<RunResult>, String),
     /// A row of the paper.
     Reference(&'static Reference),
 }
 
 impl Row {
-    /// Its name.
+    /// Id of the row.
     #[must_use]
     pub fn id(&self) -> RowId {
         match &self.source {
@@ -89,7 +89,7 @@ impl Row {
         }
     }
 
-    /// What it shows, if it was played here.
+    /// Result that is shown, if it was played here.
     #[must_use]
     pub fn shown(&self) -> Option<&Arc<RunResult>> {
         match &self.source {
@@ -98,7 +98,7 @@ impl Row {
         }
     }
 
-    /// The sum of the means of these tasks, if none is missing.
+    /// Sum of the means of these tasks, if none is missing.
     #[must_use]
     pub fn total(&self, tasks: &[TaskName]) -> Option<f64> {
         match &self.source {
@@ -107,7 +107,7 @@ impl Row {
         }
     }
 
-    /// The rules by which it was played, on a board of the rules `board`.
+    /// Rules by which the row was played, on a board with the rules `board`.
     #[must_use]
     pub fn rules<'a>(&'a self, board: &'a str) -> &'a str {
         match &self.source {
@@ -125,17 +125,17 @@ impl Row {
     }
 }
 
-/// The runs of one player.
+/// Runs of one player.
 #[derive(Clone, Debug, Default)]
 pub struct PlayerRuns {
-    /// In the order in which they were started.
+    /// Runs in the order of their starts.
     runs: Vec<Arc<RunResult>>,
-    /// All of them as one, computed on the first request.
+    /// All runs combined, computed on the first request.
     together: OnceLock<Arc<RunResult>>,
 }
 
 impl PlayerRuns {
-    /// Whether people played one of them.
+    /// Whether people played one of the runs.
     #[must_use]
     pub fn is_human(&self) -> bool {
         self.runs.iter().any(|run| run.run.is_human)
@@ -149,19 +149,19 @@ impl PlayerRuns {
         self.together.take();
     }
 
-    /// Takes a run away.
+    /// Removes a run.
     pub fn remove(&mut self, id: &str) {
         self.runs.retain(|run| run.run.id != id);
         self.together.take();
     }
 
-    /// Whether none are left.
+    /// Whether no runs are left.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.runs.is_empty()
     }
 
-    /// What a board shows of them, if there are any.
+    /// Source of the player's row, if there are runs.
     fn pick(&self, view: &View) -> Option<Source> {
         let last = self.runs.last()?;
         let shown = match view.pick {
@@ -177,7 +177,7 @@ impl PlayerRuns {
     }
 }
 
-/// The rows of a board in order, the highest first.
+/// Rows of a board, highest first.
 #[must_use]
 pub fn rank(
     runs: &[Arc<RunResult>],
@@ -191,7 +191,7 @@ pub fn rank(
     rank_players(players.values(), Vec::new(), references, view)
 }
 
-/// As [`rank`], for runs that are grouped by player, and with games from files.
+/// As [`rank`], for runs grouped by player, and with games from files.
 #[must_use]
 pub fn rank_players<'a>(
     players: impl IntoIterator<Item = &'a PlayerRuns>,
@@ -225,7 +225,7 @@ pub fn rank_players<'a>(
     rows
 }
 
-/// By how much the nearest row above that was played here is better than the row at this place, and which that is.
+/// Lead of the nearest row above that was played here over the row at this place, and that row.
 #[must_use]
 pub fn difference_above<'a>(
     rows: &'a [Row],
@@ -238,8 +238,8 @@ pub fn difference_above<'a>(
     Some((row, difference(above, shown, tasks)?))
 }
 
-/// What rows are ranked by: the highest first, missing values last. Values that differ by less than the rounding of
-/// sums are equal: 0.1 + 0.2 is no better than 0.3.
+/// Value by which rows are ranked: highest first, missing values last. Values that differ by less than the rounding errors of sums
+/// are equal: 0.1 + 0.2 is no better than 0.3.
 #[derive(Clone, Copy, Debug)]
 struct Value(Option<f64>);
 
@@ -304,6 +304,7 @@ pub(super) mod tests {
             vouched: true,
             decentralization: Some(Decentralization::Declared),
             is_human: false,
+            prompt: None,
             answer_reader: None,
         }
     }
@@ -331,7 +332,7 @@ pub(super) mod tests {
         View { tasks: TASKS.to_vec(), sort: None, pick }
     }
 
-    /// A finished run of a model, with the scores of both tasks on two seeds.
+    /// A finished run with scores of both tasks on two seeds.
     fn played(model: &str, id: &str, second: i64, scores: [f64; 4]) -> Arc<RunResult> {
         let run = Run { player: player(model), ..run(id, "finished", second) };
         let plan = slots(&TASKS, &[1, 2]);
@@ -355,7 +356,7 @@ pub(super) mod tests {
             .into_iter()
             .map(|(rank, name, _)| (rank.expect("a rank"), name))
             .collect();
-        // 0.1 + 0.2 is not 0.3 in floats.
+        // As floats, 0.1 + 0.2 is not 0.3.
         let expected = [(1, "d"), (2, "b"), (2, "c"), (4, "e")];
         assert_eq!(ranks, expected.map(|(rank, name)| (rank, name.to_owned())));
     }
@@ -418,20 +419,20 @@ pub(super) mod tests {
         let above = ["gemini-2.0-flash", "o4-mini", "claude-3.7-sonnet"];
         assert_eq!(names, [&above[..], &["a model", "gpt-4.1"]].concat());
         assert_eq!(rows[3].rank, Some(4));
-        // A player of some of the tasks only has no total, and is listed below, without a rank.
+        // A player of only some tasks has no total, and comes last without a rank.
         assert_eq!(rows.len(), 1 + 29);
         assert!(rows[14..].iter().all(|row| row.rank.is_none() && row.value.is_none()));
-        // By one task they have one.
+        // Ranked by one task, such players have a rank.
         let view = View { sort: Some(TaskName::Synchronization), ..view };
         let rows = rank(&runs, REFERENCES.iter(), &view);
         assert_eq!((rows[0].name(), rows[0].value), ("human players", Some(41.95)));
         assert_eq!(rows.iter().filter(|row| row.rank.is_some()).count(), 1 + 13 + 3 + 1);
     }
 
-    /// A run of a model: when it was started, and the score of each game that was played, or broken by the host.
+    /// A run of a model: its start, and for each game the score and whether the host broke it, if it was played.
     type SomeRun = (u8, i64, Vec<Option<(f64, bool)>>);
 
-    /// Some runs of some models.
+    /// Random runs of some models.
     fn some_runs() -> impl Strategy<Value = Vec<SomeRun>> {
         let score =
             prop_oneof![(0..20_i32).prop_map(|tenths| f64::from(tenths) / 10.0), -5.0..50.0_f64,];
@@ -470,7 +471,7 @@ pub(super) mod tests {
                 let pairs = rows.iter().zip(rows.iter().skip(1)).map(|(above, row)| {
                     difference(above.shown()?, row.shown()?, view.ranked_by())
                 });
-                // To the bit: `Debug` writes floats so that they can be read again.
+                // Bit-exact, as `Debug` output of floats can be parsed back.
                 format!("{rows:?} {:?}", pairs.collect::<Vec<_>>())
             };
             let first = show(&rank(&runs, [], &view(pick)));
@@ -509,7 +510,7 @@ pub(super) mod tests {
             for pick in [Pick::Last, Pick::Mean] {
                 for row in rank(&runs, [], &view(pick)) {
                     let same = best.iter().find(|best| best.id() == row.id()).expect("the same players");
-                    // Where games were voided, the mean may be of other seeds than the best.
+                    // With voided games, the mean may cover other seeds than the best run.
                     let comparable = runs.iter().filter(|run| run.row == row.id()).all(|run| {
                         run.tasks.iter().all(|task| task.planned == 3)
                     });

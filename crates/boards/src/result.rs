@@ -1,4 +1,4 @@
-//! The result of a run: of every task the mean and the deviation over its seeds, and the sum of the means.
+//! Results of runs: mean and deviation over the seeds of each task, and the sum of the means.
 
 use std::collections::BTreeMap;
 
@@ -9,11 +9,10 @@ use swarmbench_protocol::failure::Failures;
 
 use super::{Game, Player, RowId, Run, Slot};
 
-/// The results of a plan in each of its tasks, in the order of [`TaskName::ALL`]; `games` are those that have ended.
+/// Results of a plan by task, in the order of [`TaskName::ALL`]. `games` are the ended ones.
 ///
-/// Before the end these are means over the games that were played. Once it is over, a planned game that was not played
-/// counts as 0: doing nothing scores about 0, and otherwise aborting a bad run would pay. A voided
-/// game does not count, unless it was played again.
+/// Before the end of a run, means cover the games that were played. After it, a planned game that was not played counts as 0: doing
+/// nothing scores about 0, and aborting a bad run must not pay. A voided game does not count, unless it was played again.
 #[must_use]
 pub fn task_results(plan: &[Slot], games: &[Game], is_over: bool) -> Vec<TaskResult> {
     let mut slots: BTreeMap<Slot, Vec<Game>> =
@@ -28,7 +27,7 @@ pub fn task_results(plan: &[Slot], games: &[Game], is_over: bool) -> Vec<TaskRes
         if tasks.last().is_none_or(|last| last.task != slot.task) {
             tasks.push(TaskResult::empty(slot.task));
         }
-        // The order in which games came does not matter.
+        // Sorted, so that the order of input does not matter.
         played.sort_by(|a, b| a.voided.cmp(&b.voided).then(b.score.total_cmp(&a.score)));
         tasks.last_mut().expect("one was pushed").add(slot.seed, &played, is_over);
     }
@@ -38,64 +37,63 @@ pub fn task_results(plan: &[Slot], games: &[Game], is_over: bool) -> Vec<TaskRes
     tasks
 }
 
-/// A run, or several of the same player taken together, task by task.
+/// Result of a run, or of several runs of a player combined, by task.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunResult {
-    /// The run; of several, the last one, with what holds of all of them.
+    /// The run; for several, the last one with the properties that hold for all.
     pub run: Run,
-    /// The row of its player.
+    /// Row of the player.
     pub row: RowId,
-    /// Every task of its suite, in the order of [`TaskName::ALL`].
+    /// Results of all tasks of the suite, in the order of [`TaskName::ALL`].
     pub tasks: Vec<TaskResult>,
 }
 
-/// The games of one task.
+/// Results of one task.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TaskResult {
-    /// The task.
+    /// Task.
     pub task: TaskName,
-    /// What counts: a score for each seed, in order of the seeds.
+    /// Score of each seed that counts, sorted by seed.
     pub scores: Vec<(Seed, f64)>,
-    /// The mean of the scores, and their deviation, if there are any.
+    /// Mean of the scores and their deviation, if there are scores.
     pub mean_and_deviation: Option<(f64, f64)>,
-    /// Games that were played and count.
+    /// Number of games that were played and count.
     pub games: u32,
-    /// Planned games, without voided ones.
+    /// Number of planned games, without voided ones.
     pub planned: u32,
-    /// Voided games.
+    /// Number of voided games.
     pub voided: u32,
-    /// Answers that players gave in the games that count.
+    /// Answers of players in the games that count.
     pub answers: u64,
-    /// The invalid ones among them.
+    /// Invalid answers among them.
     pub invalid: u64,
-    /// Why they were invalid.
+    /// Invalid answers by reason.
     pub failures: Failures,
     /// Moves that timed out.
     pub timeouts: u64,
 }
 
 impl RunResult {
-    /// About how many bytes it takes in memory.
+    /// Approximate bytes in memory.
     #[must_use]
     pub fn bytes(&self) -> usize {
         let task = |task: &TaskResult| {
             size_of::<TaskResult>() + task.scores.len() * size_of::<(Seed, f64)>()
         };
-        let Run { id, player, status, answer_reader, .. } = &self.run;
+        let Run { id, player, status, prompt, answer_reader, .. } = &self.run;
         let owner = player.owner.as_ref().map_or(0, |owner| owner.id.len() + owner.name.len());
-        let reader = answer_reader.as_ref().map_or(0, String::len);
-        let texts = id.len() + status.len() + player.model.len() + owner + reader;
+        let names: usize = [prompt, answer_reader].into_iter().flatten().map(String::len).sum();
+        let texts = id.len() + status.len() + player.model.len() + owner + names;
         size_of::<Self>() + texts + self.tasks.iter().map(task).sum::<usize>()
     }
 
-    /// The result of a run.
+    /// Result of a run.
     #[must_use]
     pub fn new(run: Run, plan: &[Slot], games: &[Game], is_over: bool) -> Self {
         Self { row: run.player.row(), run, tasks: task_results(plan, games, is_over) }
     }
 
-    /// Games of a model that were read from files: the mean of those of the same task and seed, and nothing for
-    /// those that are not there.
+    /// Result of a model's games read from files: the mean of repeated games, and no score for missing ones.
     pub(super) fn imported(
         model: &str,
         plan: &[Slot],
@@ -123,12 +121,12 @@ impl RunResult {
         Self { run, row, tasks: tasks.into_values().collect() }
     }
 
-    /// Several runs of the same player as one: a seed's score is its mean over the runs. `None` without runs.
+    /// Combined result of several runs of the same player: a seed's score is its mean over the runs. `None` without runs.
     pub(super) fn together(runs: &[&Self]) -> Option<Self> {
         let last = runs.iter().max_by_key(|run| (run.run.created_at, &run.run.id))?;
         let mut run = last.run.clone();
         run.vouched = runs.iter().all(|one| one.run.vouched);
-        // The row states what is true for all of its runs. `None` is the least value.
+        // The row states what holds for all of its runs. `None` is the least value.
         run.decentralization = runs.iter().map(|one| one.run.decentralization).min().flatten();
         run.is_human = runs.iter().any(|one| one.run.is_human);
         let broken = runs.iter().map(|one| &one.run.status).filter(|status| *status != "finished");
@@ -141,13 +139,13 @@ impl RunResult {
         Some(Self { run, row: last.row, tasks })
     }
 
-    /// The games of one task, if the suite has it.
+    /// Result of one task, if the suite has it.
     #[must_use]
     pub fn task(&self, task: TaskName) -> Option<&TaskResult> {
         self.tasks.iter().find(|result| result.task == task)
     }
 
-    /// The sum of the means of these tasks, if none is missing.
+    /// Sum of the means of these tasks, if none is missing.
     #[must_use]
     pub fn total(&self, tasks: &[TaskName]) -> Option<f64> {
         tasks.iter().try_fold(0.0, |sum, &task| Some(sum + self.task(task)?.mean()?))
@@ -155,7 +153,7 @@ impl RunResult {
 }
 
 impl TaskResult {
-    /// No games.
+    /// A result without games.
     #[must_use]
     pub const fn empty(task: TaskName) -> Self {
         Self {
@@ -172,17 +170,17 @@ impl TaskResult {
         }
     }
 
-    /// The mean of the scores.
+    /// Mean of the scores.
     #[must_use]
     pub fn mean(&self) -> Option<f64> {
         self.mean_and_deviation.map(|(mean, _)| mean)
     }
 
-    /// Adds a planned game, with whatever was played of it: those that count come first.
+    /// Adds a planned game and all attempts at it, sorted so that those that count come first.
     fn add(&mut self, seed: Seed, played: &[Game], is_over: bool) {
         self.voided += u32::try_from(played.iter().filter(|game| game.voided).count()).unwrap_or(0);
         match played.first() {
-            // It is played again.
+            // All attempts were voided, so the game will be played again.
             Some(game) if game.voided => self.planned += u32::from(!is_over),
             Some(game) => {
                 self.planned += 1;
@@ -202,7 +200,6 @@ impl TaskResult {
         }
     }
 
-    /// The scores alone.
     pub(super) fn of_seeds(&self) -> Vec<f64> {
         self.scores.iter().map(|&(_, score)| score).collect()
     }
@@ -227,7 +224,7 @@ impl TaskResult {
             }
         }
         let mean_of = |(seed, mut scores): (Seed, Vec<f64>)| {
-            // A sum of floats depends on its order.
+            // Sorted, as a sum of floats depends on its order.
             scores.sort_by(f64::total_cmp);
             Some((seed, mean(&scores)?))
         };
@@ -301,7 +298,7 @@ mod tests {
         assert_eq!(shown(&both.tasks[0]), "5.00 ± 2.00 4/4");
     }
 
-    /// Before the end of a run no missing game counts as 0, and a voided game is still to be played.
+    /// Before the end of a run, missing games do not count as 0, and a voided game is still to be played.
     #[test]
     fn a_run_that_is_not_over_has_means_of_what_was_played() {
         let plan = slots(&[TaskName::Transport, TaskName::Foraging], &[1, 2, 3]);

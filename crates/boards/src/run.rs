@@ -1,4 +1,4 @@
-//! What a run is: a suite, who plays it, and how.
+//! Definition of a run: the suite, the player and the conditions.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -9,10 +9,10 @@ use swarmbench_prompt::Identity;
 use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::suite::{Game, Suite, digest_of_template};
 
-/// The `kind` in an `agent_meta`, and of a row, where people played.
+/// Value of `kind` in an `agent_meta`, and of a row, when people played.
 pub const HUMAN: &str = "human";
 
-/// The field of an `agent_meta` with the system message that a model gets: a text, or an object with one for each task.
+/// Field of an `agent_meta` with the model's system message: a text, or an object with one for each task.
 pub const SYSTEM_MESSAGE: &str = "system_message";
 
 /// Whether an `agent_meta` declares that people played.
@@ -21,48 +21,48 @@ pub fn is_human(meta: &Carried) -> bool {
     meta.get("kind").is_some_and(|kind| kind.trim_matches('"') == HUMAN)
 }
 
-/// The unchanging part of a run; stored as JSON.
+/// Immutable part of a run; stored as JSON.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Definition {
-    /// What is played.
+    /// Suite that is played.
     pub suite: Suite,
-    /// The model's name, as declared.
+    /// Declared name of the model.
     pub model: String,
-    /// The sampling temperature, as declared.
+    /// Declared sampling temperature.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub temperature: Option<f64>,
-    /// The nucleus of sampling, as declared.
+    /// Declared nucleus sampling parameter.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub top_p: Option<f64>,
     /// Further declarations.
     #[serde(default, skip_serializing_if = "Carried::is_empty")]
     pub meta: Carried,
-    /// A prompt template of its own.
+    /// Custom prompt template.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prompt_template: Option<String>,
-    /// The revision of the program's own words in prompts when it was created; runs before revision 2 name none.
+    /// Revision of the program's own words in prompts at the creation; runs before revision 2 name none.
     #[serde(default = "first_prompt_revision", skip_serializing_if = "is_first_prompt_revision")]
     pub prompt_revision: u32,
-    /// The built-in player with which the server plays all seats; `default` is each task's own.
+    /// Built-in player with which the server plays all seats; `default` is each task's own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub player: Option<String>,
-    /// How many games are open at a time, at most.
+    /// Maximum games that are open at a time.
     pub parallel: u32,
-    /// Who reads it and its episodes before their end: `public`, `owner` or `sealed`.
+    /// Readers of the run and its episodes before their end: `public`, `owner` or `sealed`.
     pub visibility: String,
-    /// The time without any act after which an episode ends as abandoned.
+    /// Milliseconds without an act after which an episode ends as abandoned.
     pub idle_timeout_ms: u64,
-    /// No round begins at or after this time.
+    /// Time from which no round begins any more.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub closes_at: Option<Timestamp>,
-    /// Whether whoever created it reads its games once they have ended, also while they are sealed.
+    /// Whether the run's creator may read its ended games while they are sealed.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub own_games: bool,
 }
 
 impl Definition {
-    /// All settings of one of its games, as the game's journal has them.
+    /// All settings of one of the run's games, as the game's journal records them.
     ///
     /// # Errors
     /// Settings that this program does not allow.
@@ -82,20 +82,30 @@ impl Definition {
         })
     }
 
-    /// The `agent_meta` of its episodes: the declared sampling and further declarations.
+    /// The `agent_meta` of the run's episodes: the declared sampling and further declarations.
     #[must_use]
     pub fn agent_meta(&self) -> Carried {
         self.meta.with(&[("temperature", self.temperature), ("top_p", self.top_p)])
     }
 
-    /// Which prompt its player has: the same for all revisions of the program's words where the player reads no prompts.
+    /// Identity of the player's prompt. It is independent of the prompt revision if the player reads no prompts.
     #[must_use]
     pub fn prompt(&self) -> Identity {
-        let reads_none = self.player.is_some()
-            || self.model.starts_with(swarmbench_protocol::names::BUILT_IN)
-            || is_human(&self.meta);
-        let revision = if reads_none { 1 } else { self.prompt_revision };
+        let revision = if self.reads_prompts() { self.prompt_revision } else { 1 };
         Identity::of(self.prompt_template.as_deref(), revision, self.meta.get(SYSTEM_MESSAGE))
+    }
+
+    /// The name of that prompt, if the player reads prompts.
+    #[must_use]
+    pub fn prompt_name(&self) -> Option<String> {
+        self.reads_prompts().then(|| self.prompt().to_string())
+    }
+
+    /// Whether the player reads prompts: built-in players and people read none.
+    fn reads_prompts(&self) -> bool {
+        let is_built_in =
+            self.player.is_some() || self.model.starts_with(swarmbench_protocol::names::BUILT_IN);
+        !is_built_in && !is_human(&self.meta)
     }
 
     /// The digest of the prompt template: the first 12 hexadecimal digits of SHA-256; `None` for the built-in one.

@@ -1,7 +1,7 @@
-//! The one place where settings are checked (rules: *Limits*).
+//! The only check of settings (rules: *Limits*).
 //!
-//! [`Settings`] are whatever was asked for; a [`Config`] is known to be playable: every layout fits,
-//! every cost is bounded, nothing in the engine has to check again.
+//! [`Settings`] are unchecked; a [`Config`] is known to be playable: every layout fits, every cost is bounded, nothing
+//! in the engine has to check again.
 
 use std::fmt;
 
@@ -11,13 +11,13 @@ use crate::seed::Seed;
 use crate::settings::Settings;
 use crate::tasks;
 
-/// Why a setting was refused.
+/// The reason why a setting was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{field} {problem}")]
 pub struct SettingError {
     /// The name of the setting.
     pub field: &'static str,
-    /// What is allowed, and what came.
+    /// The allowed values, and the one that was sent.
     pub problem: String,
 }
 
@@ -36,11 +36,11 @@ impl fmt::Display for SettingErrors {
 
 impl std::error::Error for SettingErrors {}
 
-/// The limits of what can be hosted; every one is named in the error that it causes.
+/// The limits of settings; the error that a limit causes names it.
 pub mod limits {
     /// Rows and columns of a map.
     pub const SIZE: std::ops::RangeInclusive<i64> = 8..=256;
-    /// Agents of an episode; fewer where they do not fit.
+    /// Agents of an episode; fewer if they do not fit on the map.
     pub const AGENTS: std::ops::RangeInclusive<i64> = 1..=1024;
     /// Agents of a Flocking episode, whose cost grows fastest.
     pub const FLOCKING_AGENTS_MAX: i64 = 256;
@@ -58,32 +58,31 @@ pub mod limits {
     pub const REMEMBERED_CELLS_OF_ALL_MAX: i64 = 1 << 22;
     /// Agents × rounds.
     pub const ACTS_MAX: i64 = 10_000_000;
-    /// Cells of a window × agents, whatever they remember; of new episodes.
+    /// Cells of a window × agents, whatever they remember; for new episodes.
     pub const CELLS_OF_A_ROUND_MAX: i64 = 1 << 20;
-    /// Agents × agents that each of them reaches, at most as many as a window has cells; of new
-    /// episodes.
+    /// Agents × agents that each of them reaches, at most as many as a window has cells; for new episodes.
     pub const MESSAGES_OF_A_ROUND_MAX: i64 = 1 << 17;
-    /// The same × rounds for which a message can be under way; of new episodes.
+    /// Agents × agents that each of them reaches × rounds for which a message can be under way; for new episodes.
     pub const MESSAGES_UNDER_WAY_MAX: i64 = 1 << 22;
-    /// Agents × (remembered rounds + rounds by which a message can be late): the messages of which
-    /// the text is kept; of new episodes.
+    /// Agents × (remembered rounds + rounds by which a message can be late): the messages whose text is kept; for new
+    /// episodes.
     pub const TEXTS_KEPT_MAX: i64 = 1 << 16;
 }
 
 impl Config {
-    /// Checks the settings of a new episode. They are limited further than those of episodes that
-    /// were created or announced before, which are checked by [`Config::check`].
+    /// Checks the settings of a new episode. The limits are stricter than for episodes that were created or announced
+    /// before, which are checked by [`Config::check`].
     ///
     /// # Errors
-    /// As [`Config::check`]; where that finds nothing, what a new episode may not have.
+    /// As [`Config::check`]; if that passes, as [`Config::check_new`].
     pub fn admit(settings: &Settings) -> Result<Self, SettingErrors> {
         let config = Self::check(settings)?;
         config.check_new()?;
         Ok(config)
     }
 
-    /// What a new episode may not have, though it could be played: more cells to be seen or more
-    /// messages to be delivered in a round, or more to be kept.
+    /// Checks the limits of new episodes, beyond those of all playable ones: cells seen in a round, messages delivered
+    /// in a round, and messages and texts kept.
     ///
     /// # Errors
     /// Every limit that is exceeded.
@@ -94,7 +93,7 @@ impl Config {
         let delay = i64::from(self.max_delay);
         let reached = match self.control {
             Control::Decentralized => window.min(agents),
-            // All speak to the commander, and the commander speaks to all.
+            // All agents send to the commander, and the commander sends to all.
             Control::Centralized => 2,
         };
         let messages = agents * reached;
@@ -128,8 +127,8 @@ impl Config {
     /// Checks settings, of a new episode or an old one.
     ///
     /// # Errors
-    /// Every setting that is out of its range, with the range; where all are in range, every
-    /// combination that is too large or does not fit.
+    /// Every setting that is out of its range, with the range; if all are in range, every combination that is too large
+    /// or does not fit.
     pub fn check(settings: &Settings) -> Result<Self, SettingErrors> {
         let mut check = Check(Vec::new());
         let s = settings;
@@ -190,7 +189,7 @@ impl Config {
         Ok(config)
     }
 
-    /// What no single range can say: memory, total cost, and whether the agents fit.
+    /// Checks the combinations of settings: memory, total cost, and whether the agents fit.
     fn check_combinations(&self) -> Result<(), SettingErrors> {
         let mut check = Check(Vec::new());
         let agents = i64::from(self.num_agents);
@@ -228,9 +227,10 @@ impl Config {
         check.done()?;
         let room = tasks::room(self);
         if agents > room {
+            let task = self.task.name();
             check.fail(
                 "num_agents",
-                format!("must be from 1 to {room} to fit on this map, is {agents}"),
+                format!("must be from 1 to {room} to fit on this map of {task}, is {agents}"),
             );
         }
         check.done()

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use swarmbench_engine::{AgentId, Config, Pos, Settings, TaskName, World};
 use swarmbench_testkit::worlds::{Dice, world};
 
-/// A change to the standard settings of Transport, and what is said about it.
+/// A change to the standard settings of Transport, and the error it causes.
 type Row = (fn(&mut Settings), &'static str);
 
 const REFUSED: &[Row] = &[
@@ -23,14 +23,17 @@ const REFUSED: &[Row] = &[
     (|s| s.num_agents = 0, "num_agents must be from 1 to 1024, is 0"),
     (|s| s.num_agents = -1, "num_agents must be from 1 to 1024, is -1"),
     (|s| s.num_agents = 1025, "num_agents must be from 1 to 1024, is 1025"),
-    (|s| s.num_agents = 56, "num_agents must be from 1 to 55 to fit on this map, is 56"),
+    (
+        |s| s.num_agents = 56,
+        "num_agents must be from 1 to 55 to fit on this map of Transport, is 56",
+    ),
     (
         |s| (s.task, s.num_agents) = ("Pursuit".into(), 26),
-        "num_agents must be from 1 to 25 to fit on this map, is 26",
+        "num_agents must be from 1 to 25 to fit on this map of Pursuit, is 26",
     ),
     (
         |s| (s.task, s.num_agents) = ("Flocking".into(), 65),
-        "num_agents must be from 1 to 64 to fit on this map, is 65",
+        "num_agents must be from 1 to 64 to fit on this map of Flocking, is 65",
     ),
     (
         |s| (s.task, s.width, s.height, s.num_agents) = ("Flocking".into(), 40, 40, 257),
@@ -87,7 +90,7 @@ const REFUSED: &[Row] = &[
     ),
 ];
 
-/// A name, how it is set, and its range.
+/// A name, its setter, and its range.
 type Number = (&'static str, fn(&mut Settings, i32), [i32; 2]);
 
 macro_rules! numbers {
@@ -105,7 +108,7 @@ macro_rules! numbers {
 
 swarmbench_engine::for_each_setting! { numbers, {}, {} }
 
-/// Clients read the ranges of the list in the `OpenAPI` document.
+/// Clients read the list's ranges in the `OpenAPI` document.
 #[test]
 fn the_ranges_in_the_list_of_settings_are_those_that_are_checked() {
     for &(name, set, [least, most]) in NUMBERS {
@@ -125,7 +128,7 @@ fn the_ranges_in_the_list_of_settings_are_those_that_are_checked() {
     }
 }
 
-/// What an episode that was created before may have, and a new one may not.
+/// Settings that an episode created earlier may have, and a new one may not.
 const REFUSED_WHEN_NEW: &[Row] = &[
     (
         |s| (s.width, s.height, s.view_size, s.memory, s.num_agents) = (256, 256, 513, 0, 1024),
@@ -216,7 +219,7 @@ fn what_a_new_episode_may_not_have_is_played_on_where_it_was_created_before() {
     }
 }
 
-/// What is remembered of a large map with one agent is the pieces of it in which the agent was.
+/// The memory of a large map with one agent holds only the pieces in which the agent was.
 #[test]
 fn remembered_boards_share_what_has_not_changed() {
     let mut settings = Settings::standard(TaskName::Transport, 1);
@@ -273,7 +276,7 @@ fn settings() -> impl Strategy<Value = Settings> {
         )| {
             let height = if reference { width } else { height };
             let task = TaskName::ALL[task];
-            // The largest of them are slow to play without optimisation.
+            // The largest settings are slow to play without optimisation.
             let max_round = if width * height > 1600 || agents > 100 { 3 } else { rounds };
             Settings {
                 rules: if reference { "reference" } else { "paper" }.to_owned(),
@@ -293,7 +296,7 @@ fn settings() -> impl Strategy<Value = Settings> {
     )
 }
 
-/// Makes settings smaller by what the refusals say until they can be played.
+/// Makes settings smaller, following the errors, until they can be played.
 fn playable(mut settings: Settings) -> Settings {
     while let Err(refused) = Config::check(&settings) {
         for error in refused.0 {
@@ -309,7 +312,7 @@ fn playable(mut settings: Settings) -> Settings {
     settings
 }
 
-/// Plays to the end; the digest of every round.
+/// Plays to the end; returns the digest of every round.
 fn play(settings: &Settings, dice: &mut Dice) -> Vec<String> {
     let mut world = world(settings);
     let agents = world.agents().count();
@@ -336,7 +339,7 @@ fn play(settings: &Settings, dice: &mut Dice) -> Vec<String> {
     digests
 }
 
-/// Every agent that lives has its own cell, every other is outside.
+/// Checks that every living agent has its own cell, and every other one is outside.
 fn check_state(world: &World) {
     let seen = world.spectator_view();
     let on_map = |at: Pos| {

@@ -11,23 +11,23 @@ use swarmbench_analysis::statistics::{
 use swarmbench_analysis::{Definition, Metric};
 use swarmbench_engine::TaskName;
 
-use super::games::{Axes, Choice, Games, Selected};
+use super::games::{Axes, Choice, Games, Selected, Value};
 use super::sheet::{Cell, Column, Kind, Row, Sheet, Showing};
 use pairs::{Pairs, pairs, within_tasks};
 
-/// The metrics whose correlations with the score the paper shows: those that it draws.
+/// Metrics whose correlations with the score the paper shows: those that it draws.
 fn of_paper() -> impl Iterator<Item = Metric> {
     Metric::ALL.into_iter().filter(|metric| metric.about().panel.is_some())
 }
 
-/// What the paper measures a failure mode by, and in which task.
+/// Failure modes of the paper: the metric of each and its task.
 const FAILURES: [(TaskName, Metric); 3] = [
     (TaskName::Pursuit, Metric::DirectionImbalance),
     (TaskName::Synchronization, Metric::Components),
     (TaskName::Foraging, Metric::Separation),
 ];
 
-/// Whether messages become alike over a game.
+/// Metrics of whether messages become alike during a game.
 const CONVERGENCE: [Metric; 2] = [Metric::HomogeneityIncrease, Metric::EditConsistencyIncrease];
 
 const SCORE: &str = "score";
@@ -67,7 +67,7 @@ fn definition(name: &str) -> Result<Definition, &'static str> {
     Definition::parse(name).ok_or("must be paper or toolkit")
 }
 
-/// The column of a metric in the table of episodes.
+/// Column of a metric in the table of episodes.
 fn column(metric: Metric, definition: Definition) -> String {
     match definition {
         Definition::Paper => metric.name().to_owned(),
@@ -150,23 +150,23 @@ fn is_coefficient(cell: &Cell) -> bool {
     matches!(cell, Cell::Coefficient { .. } | Cell::Number(_))
 }
 
-/// A metric compared with the score.
+/// A correlation of a metric with the score.
 struct Test {
     heads: Vec<String>,
     found: Result<Correlation, NoCorrelation>,
     last: Last,
 }
 
-/// What stands beside the coefficient of all games.
+/// Content of the last column, beside the coefficient over all games.
 enum Last {
-    /// Its interval if models are drawn.
+    /// Confidence interval when models are resampled.
     Models(Option<(f64, f64)>),
-    /// The coefficient of values that are standardised in their tasks.
+    /// Coefficient of the values standardised within their tasks.
     Tasks(Option<Correlation>),
 }
 
 impl Test {
-    /// The last of `heads` is the metric.
+    /// Tests the metric that the last of `heads` names.
     fn of(games: &Games, heads: Vec<String>, chosen: &[usize]) -> Self {
         let column = heads.last().expect("the metric");
         let all = pairs(games, chosen, column, SCORE);
@@ -195,7 +195,7 @@ fn interval(interval: Option<(f64, f64)>) -> Cell {
     interval.map_or(Cell::Empty, |(low, high)| Cell::Interval(low, high))
 }
 
-/// A sheet with a row for each test; q is over all of them.
+/// A sheet with a row per test; q is computed over all of them.
 fn tested(group: Option<(String, String)>, heads: Vec<String>, tests: Vec<Test>) -> Sheet {
     let is_by_model = tests.iter().any(|test| matches!(test.last, Last::Tasks(_)));
     let last = if is_by_model {
@@ -234,7 +234,8 @@ fn tested(group: Option<(String, String)>, heads: Vec<String>, tests: Vec<Test>)
                 vec![Cell::Empty; columns.len()]
             }
         };
-        rows.push(Row { heads: test.heads, cells });
+        let heads = test.heads.iter().map(|head| head.as_str().into()).collect();
+        rows.push(Row { heads, cells });
     }
     Sheet {
         heads,
@@ -245,7 +246,7 @@ fn tested(group: Option<(String, String)>, heads: Vec<String>, tests: Vec<Test>)
     }
 }
 
-/// Why a coefficient is missing.
+/// Reason for a missing coefficient.
 fn told(why: NoCorrelation) -> String {
     match why {
         NoCorrelation::SecondConstant(n) => format!("the score is the same in all {n} games"),
@@ -253,7 +254,7 @@ fn told(why: NoCorrelation) -> String {
     }
 }
 
-/// A sentence for each reason, with what it holds of.
+/// A sentence for each reason, with the rows that it applies to.
 fn notes(
     group: Option<&(String, String)>,
     undefined: BTreeMap<String, Vec<String>>,
@@ -263,7 +264,7 @@ fn notes(
     undefined.into_iter().map(note).collect()
 }
 
-/// The coefficients of all pairs of metrics in a task, and of each with the score.
+/// Coefficients of all pairs of metrics in a task, and of each with the score.
 fn all_pairs(games: &Games, task: &str, chosen: &[usize], metrics: &[String]) -> Sheet {
     let names: Vec<&str> = metrics.iter().map(String::as_str).chain([SCORE]).collect();
     let mut numbers: Vec<usize> = Vec::new();
@@ -280,7 +281,7 @@ fn all_pairs(games: &Games, task: &str, chosen: &[usize], metrics: &[String]) ->
             }
         });
         let cells = cells.collect();
-        rows.push(Row { heads: vec![(row + 1).to_string(), (*name).to_owned()], cells });
+        rows.push(Row { heads: vec![Value::Number(float(row + 1)), (*name).into()], cells });
     }
     let constant = names.iter().filter_map(|name| {
         let own = correlation(&pairs(games, chosen, name, name));

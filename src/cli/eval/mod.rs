@@ -27,32 +27,32 @@ use swarmbench_client::eval::experiment::{Axes, Experiment, List, ModelEntry, Se
 use swarmbench_client::eval::judge::STOP_SHARE;
 use swarmbench_client::eval::lanes::runs_at_once;
 use swarmbench_client::eval::plan::{Plan, Planned};
-use swarmbench_client::eval::report::{Played, Report};
+use swarmbench_client::eval::report::{Played, Report, SentActs};
 use swarmbench_client::eval::stop_reason::{Reach, StopReason};
 use swarmbench_client::eval::verify::{Fault, verify_run};
 use swarmbench_client::llm::Model;
 use swarmbench_clock::{Clock, SystemClock, after};
 use swarmbench_protocol::run::RunDetail;
 
-/// The exit code when something has to be fixed first.
+/// Exit code when something must be fixed first.
 const FAILED: u8 = 1;
 
-/// The exit code when it stopped, and the same command resumes.
+/// Exit code when the evaluation stopped and the same command resumes it.
 const STOPPED: u8 = 3;
 
-/// The exit code when it was interrupted, and the same command resumes.
+/// Exit code when it was interrupted and the same command resumes it.
 const INTERRUPTED: u8 = 130;
 
-/// The default number of concurrent games.
+/// Default number of concurrent games.
 const PARALLEL: u32 = 4;
 
-/// The default number of concurrent requests to an endpoint.
+/// Default number of concurrent requests to an endpoint.
 const REQUESTS: u32 = 16;
 
-/// The default number of models of one endpoint that play at the same time.
+/// Default number of models of one endpoint that play at the same time.
 const MODELS_AT_ONCE: u32 = 1;
 
-/// How often it says what it still waits for after it was asked to stop.
+/// Interval between messages about pending answers after an interruption.
 const WAITING_EVERY: Duration = Duration::from_secs(10);
 
 #[derive(Debug, clap::Args)]
@@ -136,7 +136,7 @@ fn list<T>(values: Vec<T>) -> Option<List<T>> {
 }
 
 impl Args {
-    /// The options of the command line.
+    /// Settings from the command line.
     fn said(&mut self) -> Experiment {
         let Games { task, seeds, settings, prompt_template } = &mut self.games;
         let models = std::mem::take(&mut self.who.model);
@@ -180,7 +180,7 @@ impl Args {
         Ok((experiment, template.transpose()?))
     }
 
-    /// The plan, and where it is an attempt, the server that was asked what is played.
+    /// The plan; for an attempt also the server, which was asked what is played.
     async fn plan(
         &mut self,
         stop: &CancellationToken,
@@ -213,12 +213,12 @@ impl Args {
     }
 }
 
-/// Whether this is the name of a template, and no file.
+/// Whether this is the name of a template instead of a file.
 fn is_name(template: &Path) -> bool {
     ["default", "toolkit"].iter().any(|name| template.as_os_str() == *name)
 }
 
-/// Reads the system messages that are in files, `@` and a path; relative ones are in `folder`.
+/// Reads system messages that are in files, given as `@` and a path. Relative paths are in `folder`.
 fn read_systems(experiment: &mut Experiment, folder: &Path) -> anyhow::Result<()> {
     let models = experiment.models.iter_mut().flat_map(|List(models)| models);
     let of_models = models.filter_map(|model| model.system.as_mut());
@@ -234,7 +234,7 @@ fn read_systems(experiment: &mut Experiment, folder: &Path) -> anyhow::Result<()
     Ok(())
 }
 
-/// Reads an experiment; files that it names lie beside it.
+/// Reads an experiment. The paths in it are relative to its folder.
 fn read(file: &Path) -> anyhow::Result<Experiment> {
     let shown = file.display();
     let text = crate::host::read_text(file)
@@ -290,9 +290,13 @@ async fn play(
 ) -> anyhow::Result<ExitCode> {
     let mut progress = Progress::new(plan, models, runs_at_once(plan, models, models_at_once) > 1);
     let mut last: BTreeMap<usize, RunDetail> = BTreeMap::new();
+    let mut sent: BTreeMap<usize, SentActs> = BTreeMap::new();
     let watch = &mut |number: usize, news: News<'_>| {
         if let News::Begins(.., run) | News::Polled(run) | News::Ends(run) = news {
             last.insert(number, run.clone());
+        }
+        if let News::Acted(act, receipt) = news {
+            sent.entry(number).or_default().note(act, receipt);
         }
         progress.note(number, news);
     };
@@ -302,7 +306,12 @@ async fn play(
         note!("{line}");
     }
     let mut played: Vec<Played> = (last.into_iter())
-        .map(|(number, run)| Played { planned: plan.runs[number].clone(), run, verified: false })
+        .map(|(number, run)| Played {
+            planned: plan.runs[number].clone(),
+            run,
+            sent: sent.remove(&number).unwrap_or_default(),
+            verified: false,
+        })
         .collect();
     let is_whole = failures.is_empty() && !conductor.stop.is_cancelled();
     if is_whole && args.verify {
@@ -317,7 +326,7 @@ async fn play(
     Ok(tell(&failures, plan, &played))
 }
 
-/// Prints why it stopped, and how to resume.
+/// Prints why the evaluation stopped and how to resume.
 fn tell(failures: &[(usize, StopReason)], plan: &Plan, played: &[Played]) -> ExitCode {
     let all: usize = plan.runs.iter().map(Planned::games).sum();
     let done: u32 = played.iter().map(|played| played.run.run.played).sum();
@@ -338,7 +347,7 @@ fn tell(failures: &[(usize, StopReason)], plan: &Plan, played: &[Played]) -> Exi
         );
         let hint = if is_keyless { "; give it with --key or SWARMBENCH_KEY" } else { "" };
         let head = if reason.can_resume() { "stopped" } else { "error" };
-        // What ends everything is the same for all.
+        // A reason that ends everything is the same for all runs.
         let of = match reason.reach() {
             Reach::Player | Reach::Endpoint if names.len() > 1 => {
                 format!("{}: ", plan.runs[*number].name())
@@ -366,12 +375,11 @@ fn tell(failures: &[(usize, StopReason)], plan: &Plan, played: &[Played]) -> Exi
     }
 }
 
-/// Replays all journals.
 async fn verify_all(client: &Client, plan: &Plan, played: &mut [Played]) -> anyhow::Result<()> {
     let games: u64 = plan.runs.iter().map(|run| run.suite.plan().len() as u64).sum();
     let bar = progress::plain_bar("verifying", games, "games");
     let (mut count, mut rounds) = (0, 0);
-    for Played { planned, run, verified } in played {
+    for Played { planned, run, verified, .. } in played {
         let checked = verify_run(client, planned, run, || bar.inc(1)).await;
         let checked = checked.map_err(|fault| {
             let what = match &fault {
@@ -389,8 +397,8 @@ async fn verify_all(client: &Client, plan: &Plan, played: &mut [Played]) -> anyh
     Ok(())
 }
 
-/// Stops when the process is asked to: no question begins any more, and those in flight are waited for. The second time
-/// it ends at once.
+/// Stops on the first signal: no request begins any more, and those in flight are awaited. A second signal ends the process at
+/// once.
 fn stop_when_asked(stop: CancellationToken, models: Vec<Option<Model>>) {
     let first = super::asked_to_stop();
     tokio::spawn(async move {
@@ -414,7 +422,7 @@ fn stop_when_asked(stop: CancellationToken, models: Vec<Option<Model>>) {
                 () = &mut second => std::process::exit(INTERRUPTED.into()),
                 () = SystemClock.sleep_until(after(SystemClock.now(), WAITING_EVERY)) => {}
             }
-            // On a terminal the line for all games says it.
+            // On a terminal the bar of all games shows this.
             if !super::output::is_watched() {
                 note!("stopping: waiting for {} answers", in_flight());
             }

@@ -1,5 +1,5 @@
-//! The progress of an evaluation on a terminal: a bar for each game, and one for all. Without a terminal:
-//! a line when a run begins, when a game ends, and now and then.
+//! Progress of an evaluation: on a terminal a bar for each game and one for all; otherwise a line when a run begins, when a game
+//! ends, and every [`LINE_EVERY`].
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -7,7 +7,7 @@ use std::time::Duration;
 use indicatif::{MultiProgress, ProgressBar};
 use jiff::Timestamp;
 
-use super::super::output::{note_width, progress_bar, progress_bars};
+use super::super::output::{LINE_EVERY, note_width, progress_bar, progress_bars};
 use super::attempt;
 use swarmbench_client::eval::conduct::{Found, News};
 use swarmbench_client::eval::plan::{Plan, Planned};
@@ -19,14 +19,11 @@ use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::observation::Sight;
 use swarmbench_protocol::run::{RunDetail, RunGame};
 
-/// How often a line says how it goes where there is no terminal.
-const LINE_EVERY: Duration = Duration::from_mins(1);
-
 /// From how many columns on a line has room for a bar.
 const WIDE_COLUMNS: u16 = 120;
 
-/// The line for all games, and that of one game. What is longer than the terminal is cut: a line that takes two would not be
-/// found again when it changes.
+/// Templates of the line for all games and of the line for one game. Longer text is cut, as a line that wraps could not be redrawn
+/// in place.
 const WIDE: (&str, &str) = (
     "{prefix:34!} {bar:24} {percent:>3} % {wide_msg}",
     "  {prefix:32!} {bar:24} {pos:>3}/{len:3} {wide_msg}",
@@ -34,7 +31,7 @@ const WIDE: (&str, &str) = (
 const NARROW: (&str, &str) =
     ("{prefix:22!} {percent:>3} % {wide_msg}", "  {prefix:18!} {pos:>3}/{len:3} {wide_msg}");
 
-/// That of one game where several models play and there is no room for bars: with the name of the model.
+/// Template for one game when several models play and bars do not fit: with the name of the model.
 const NARROW_WITH_MODEL: &str = "  {prefix:30!} {pos:>3}/{len:3} {wide_msg}";
 
 pub(super) struct Progress<'a> {
@@ -44,50 +41,50 @@ pub(super) struct Progress<'a> {
     games: BTreeMap<String, Game>,
     begun: Timestamp,
     last_line: Timestamp,
-    /// Rounds of the plan, and those of them that need not be played any more.
+    /// Rounds of the plan, and how many of them are done.
     rounds: Rounds,
-    /// The runs that are being played, by their numbers in the plan.
+    /// Runs in progress, by their numbers in the plan.
     runs: BTreeMap<usize, Run>,
-    /// Runs of the plan.
+    /// Number of runs in the plan.
     of: usize,
     /// Whether several runs may be played at the same time.
     is_several: bool,
-    /// Why answers of this call did not count.
+    /// Counts of answers of this call that did not count, by reason.
     failures: Failures,
-    /// Tokens of prompts and answers of the acts of this call that count.
+    /// Tokens of prompts and of answers behind the acts of this call that count.
     counted: [u64; 2],
-    /// Acts that came when their round was over.
+    /// Acts that arrived after their round.
     late: u64,
 }
 
-/// A run that is being played.
+/// A run in progress.
 struct Run {
     name: String,
     /// Rounds that need not be played any more.
     rounds: u64,
 }
 
-/// Rounds of all games that were planned: a game that has ended has no rounds left, however few it took.
+/// Rounds of all planned games. An ended game has no rounds left, however few it took.
 #[derive(Clone, Copy, Debug, Default)]
 struct Rounds {
     planned: u64,
-    /// Of runs that are over.
+    /// Rounds of the runs that are over.
     over: u64,
-    /// What was played before this call.
+    /// Rounds that were done before this call.
     before: u64,
 }
 
 struct Game {
-    /// The number of its run.
+    /// Number of its run.
     run: usize,
     bar: ProgressBar,
     name: String,
     round: u32,
-    /// The first round that was seen, and when that was.
+    /// First round that was seen, and its time.
     since: (u32, Timestamp),
     max_round: u32,
     score: f64,
-    /// Whether its last score is shown to nobody.
+    /// Whether its last score is hidden.
     is_sealed: bool,
     prompt_tokens: u64,
     completion_tokens: u64,
@@ -142,7 +139,7 @@ impl<'a> Progress<'a> {
     }
 
     fn say(&self, line: &str) {
-        // A line between bars is for the terminal, which has them; anything else has lines alone.
+        // A line above bars goes to the terminal that has them; otherwise it is printed as usual.
         if self.bars.is_hidden() || self.bars.println(line).is_err() {
             note!("{line}");
         }
@@ -179,7 +176,7 @@ impl<'a> Progress<'a> {
         self.tell();
     }
 
-    /// A run is over.
+    /// Removes a run that is over, with its games.
     fn leave(&mut self, number: usize) {
         self.rounds.over += self.runs.remove(&number).map_or(0, |run| run.rounds);
         self.games.retain(|_, game| {
@@ -196,7 +193,7 @@ impl<'a> Progress<'a> {
         self.rounds.over + self.runs.values().map(|run| run.rounds).sum::<u64>()
     }
 
-    /// The name of a game: with its player where several play.
+    /// Name of a game, with its player if several play.
     fn name_of(&self, number: usize, game: String) -> String {
         match self.runs.get(&number).filter(|_| self.is_several) {
             Some(run) => format!("{game} {}", run.name),
@@ -268,7 +265,7 @@ impl<'a> Progress<'a> {
         }
     }
 
-    /// Takes over how the server says that all games of a run stand.
+    /// Takes over the server's state of all games of a run.
     fn stand(&mut self, number: usize, run: &RunDetail) {
         if let Some(known) = self.runs.get_mut(&number) {
             known.rounds = done(run);
@@ -314,7 +311,7 @@ impl<'a> Progress<'a> {
         self.tell();
     }
 
-    /// What this call asked for in vain: tokens whose act does not count, and requests that nobody knows the tokens of.
+    /// Waste of this call: tokens whose acts do not count, and requests whose tokens are unknown.
     pub(super) fn in_vain(&self) -> Vec<String> {
         let mut bought = [0_u64; 2];
         let (mut time_outs, mut dropped) = (0, 0);
@@ -355,7 +352,7 @@ impl<'a> Progress<'a> {
         lines
     }
 
-    /// How all of it goes.
+    /// Updates the bar of all games, or prints a line.
     fn tell(&mut self) {
         self.total.set_position(self.done());
         self.total.set_prefix(self.which());
@@ -369,7 +366,7 @@ impl<'a> Progress<'a> {
         }
     }
 
-    /// Which runs are played.
+    /// Names of the runs in progress.
     fn which(&self) -> String {
         let of = self.of;
         let mut runs = self.runs.iter();
@@ -443,7 +440,7 @@ fn done(run: &RunDetail) -> u64 {
     counted.map(|game| if is_over(game) { max_round } else { game.round.into() }).sum()
 }
 
-/// How long it takes on, as fast as it went so far; none as long as nobody can say.
+/// Estimated time left at the speed so far; none without a basis for an estimate.
 fn time_left(passed: Duration, played: u64, left: u64) -> Option<String> {
     let (Ok(played), Ok(left)) = (u32::try_from(played), u32::try_from(left)) else { return None };
     if played == 0 || left == 0 {
@@ -463,7 +460,7 @@ fn is_wide() -> bool {
     note_width().is_none_or(|columns| columns >= WIDE_COLUMNS)
 }
 
-/// A bar that counts.
+/// A bar with a count.
 pub(super) fn plain_bar(prefix: &str, all: u64, what: &str) -> ProgressBar {
     let bar = progress_bar(&format!("{{prefix:34}} {{bar:24}} {{pos}}/{{len}} {what}"));
     bar.set_length(all);

@@ -1,4 +1,4 @@
-//! The report at the end of an evaluation.
+//! Report at the end of an evaluation.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -13,13 +13,13 @@ use super::super::output::{self, table, wrapped};
 use super::Hosting;
 use super::estimate::{ESTIMATED, Estimate, SEALED_ESTIMATE_SEED, estimate};
 use swarmbench_client::eval::experiment::Shape;
-use swarmbench_client::eval::plan::{Plan, Planned, Who, ranges};
+use swarmbench_client::eval::plan::{Plan, Planned, Who, ranges, setting_text};
 use swarmbench_client::eval::report::{Played, Report, short as tokens};
 
-/// Into how few columns of a terminal a model's name may be broken.
+/// Minimum columns of a terminal into which a model's name may be wrapped.
 const NAME_COLUMNS: usize = 12;
 
-/// Boards of other suites that are named at the end.
+/// Maximum other suites whose boards are named at the end.
 const SUITES_TOLD: usize = 3;
 
 #[derive(Debug, clap::Args)]
@@ -66,7 +66,7 @@ impl Showing {
         if self.json { Format::Json } else { self.format }
     }
 
-    /// Whether the board can be written where it is to be, before hours of play.
+    /// Checks, before hours of play, that the board can be written.
     pub(super) fn check(&self) -> anyhow::Result<()> {
         if let Some(path) = &self.output {
             let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
@@ -76,7 +76,7 @@ impl Showing {
         Ok(())
     }
 
-    /// Shows the board, where anything was played. What is not whole is not written into a file.
+    /// Shows the board, if anything was played. An incomplete board is not written to a file.
     pub(super) fn show(&self, plan: &Plan, report: &Report, is_whole: bool) -> anyhow::Result<()> {
         if report.rows.is_empty() {
             return Ok(());
@@ -111,7 +111,6 @@ impl Showing {
         Ok(())
     }
 
-    /// Shows what would be played.
     pub(super) fn dry_run(&self, plan: &Plan) -> anyhow::Result<()> {
         if self.format() == Format::Json {
             return output::json(&planned(plan)?);
@@ -119,7 +118,7 @@ impl Showing {
         show_planned(plan)
     }
 
-    /// How to see more.
+    /// Names commands that show more.
     pub(super) fn tell_more(&self, plan: &Plan, played: &[Played], hosting: &Hosting) {
         if self.format() != Format::Table && self.output.is_none() {
             return;
@@ -156,12 +155,12 @@ impl Showing {
     }
 }
 
-/// The columns of the terminal; what is no terminal takes lines of any length.
+/// Columns of the terminal; output elsewhere has lines of any length.
 fn terminal_width() -> u16 {
     terminal_size::terminal_size().map_or(u16::MAX, |(width, _)| width.0)
 }
 
-/// What was evaluated, in a line.
+/// One-line summary of the evaluation.
 fn headline(plan: &Plan) -> String {
     let seeds: BTreeSet<Seed> =
         plan.runs.iter().flat_map(|run| run.suite.seeds.iter().copied()).collect();
@@ -171,7 +170,8 @@ fn headline(plan: &Plan) -> String {
         || format!("{}: seeds {seeds}", plan.name),
         |entry| format!("{}, {}: {} sealed seeds", plan.name, entry.entrant.name, entry.seeds()),
     );
-    let shared = plan.shared().into_iter().map(|(axis, value)| format!(", {axis} {value}"));
+    let shared = plan.shared();
+    let shared = shared.iter().map(|(axis, value)| format!(", {axis} {}", setting_text(value)));
     let prompts: BTreeSet<String> = (plan.runs.iter())
         .filter(|run| matches!(run.who, Who::Model(_)))
         .map(|run| run.prompt().to_string())
@@ -181,8 +181,8 @@ fn headline(plan: &Plan) -> String {
     format!("{what}{}{prompts}", shared.collect::<String>())
 }
 
-/// The board in so many columns. Where it is wider, it has a row for each task, and as much as there is room for: a number
-/// that is broken in two is none.
+/// The board in `width` columns. If it is wider, it gets a row for each task and drops columns until it fits, as a wrapped number
+/// would be unreadable.
 fn drawn(plan: &Plan, report: &Report, width: u16) -> comfy_table::Table {
     let narrower: [(Shape, &[&str]); 3] =
         [(Shape::Long, &[]), (Shape::Long, &["seeds"]), (Shape::Long, &["seeds", "least", "most"])];
@@ -197,12 +197,12 @@ fn drawn(plan: &Plan, report: &Report, width: u16) -> comfy_table::Table {
     shown
 }
 
-/// Why answers did not count, in lines of at most `width` columns.
+/// Reasons for which answers did not count, in lines of at most `width` columns.
 fn reasons(report: &Report, width: u16) -> Vec<String> {
     report.reasons().iter().map(|reason| wrapped(reason, width.into())).collect()
 }
 
-/// A table of which the first column alone may be broken, and how many columns of a terminal it takes at least.
+/// A table in which only the first column may wrap, and its minimum width in columns of a terminal.
 fn laid_out(
     (headings, rows): (Vec<String>, Vec<Vec<String>>),
     left_out: &[&str],
@@ -227,11 +227,10 @@ fn laid_out(
     (shown, whole - spare)
 }
 
-/// What would be played, run by run.
+/// The plan as JSON, run by run.
 fn planned(plan: &Plan) -> anyhow::Result<serde_json::Value> {
     let run = |run: &Planned| {
-        let settings =
-            plan.varied.iter().map(|axis| ((*axis).to_owned(), json!(run.setting(axis))));
+        let settings = plan.varied.iter().map(|axis| ((*axis).to_owned(), json!(run.value(axis))));
         let estimate = estimate(run)?;
         let estimated = estimate.as_ref().map(|estimate| {
             json!({
@@ -254,7 +253,7 @@ fn planned(plan: &Plan) -> anyhow::Result<serde_json::Value> {
     Ok(json!({ "name": plan.name, "runs": runs }))
 }
 
-/// Shows what would be played.
+/// Prints the plan.
 fn show_planned(plan: &Plan) -> anyhow::Result<()> {
     out!("{}", headline(plan));
     let estimates = plan.runs.iter().map(estimate).collect::<anyhow::Result<Vec<_>>>()?;

@@ -1,5 +1,4 @@
-//! Games as rows of the table of episodes, and series of their rounds: what `table`, `correlations` and `figure` compute
-//! with.
+//! Games as rows of the table of episodes, and series of their rounds: the data of `table`, `correlations` and `figure`.
 
 mod series;
 mod settings;
@@ -22,57 +21,58 @@ pub(super) use series::Series;
 pub(super) use settings::Axes;
 pub(super) use source::Choice;
 
-/// Games at most: all are in memory.
+/// Maximum games, as all are in memory.
 const GAMES_MAX: usize = 100_000;
 
-/// Columns at most, those from `agent_meta` included.
+/// Maximum columns, including those from `agent_meta`.
 const COLUMNS_MAX: usize = 500;
 
-/// Numbers are smaller than this: squares of larger ones would be infinite.
+/// Bound of numbers, as squares of larger ones would be infinite.
 const NUMBER_MAX: f64 = 1e100;
 
-/// Values or names that an error lists at most.
+/// Maximum values or names that an error lists.
 const SHOWN_MAX: usize = 8;
 
-/// Names are similar from this Jaro–Winkler similarity on.
+/// Minimum Jaro–Winkler similarity of names that are suggested.
 const LIKE: f64 = 0.8;
 
-/// Columns that no table is made of: texts and times that differ in each game.
+/// Columns that no table uses: texts and times that differ in each game.
 const LEFT_OUT: [&str; 7] =
     ["run", "models", "journal_head", "created_at", "started_at", "ended_at", "agent_meta"];
 
-/// Columns of every table of episodes.
+/// Columns that every table of episodes must have.
 const NEEDED: [&str; 5] = ["episode", "task", "model", "status", "score"];
 
-/// Keys of `agent_meta` that say which run it is, not how a player was asked.
+/// Keys of `agent_meta` that identify a run instead of telling how a player was asked.
 const NO_SETTINGS: [&str; 2] = ["eval.identity", "eval.players"];
 
-/// A cell. Numbers come before texts, and what is missing comes last.
+/// A cell. Numbers come before truth values, these before texts, and what is missing comes last.
 #[derive(Clone, Debug)]
 pub(super) enum Value {
     Number(f64),
+    Flag(bool),
     Text(Arc<str>),
     Missing,
 }
 
-/// Games and their columns; a game is its number.
+/// Games by columns; a game is an index.
 #[derive(Default)]
 pub(super) struct Games {
     columns: BTreeMap<String, Vec<Value>>,
-    /// Columns that say how a player was asked: keys of `agent_meta`, and the template of prompts.
+    /// Columns that tell how a player was asked: keys of `agent_meta`, and the template of prompts.
     of_players: BTreeSet<String>,
     episodes: BTreeSet<String>,
     len: usize,
 }
 
-/// The games of a table, and what to say about those that are not in it.
+/// The games of a table, and notes on those left out.
 pub(super) struct Selected {
     pub(super) games: Games,
     pub(super) chosen: Vec<usize>,
     pub(super) notes: Vec<String>,
 }
 
-/// A column and the values, one of which a game has to have.
+/// A column and its accepted values.
 #[derive(Clone, Debug)]
 pub(super) struct Condition {
     column: String,
@@ -80,8 +80,8 @@ pub(super) struct Condition {
 }
 
 impl Games {
-    /// Adds the row of a game, unless it is there already. Nested objects of `agent_meta` become columns such as
-    /// `eval.max_tokens`, and width and height also `map_size`.
+    /// Adds the row of a game, unless the game was added before. Nested objects of `agent_meta` become columns such as
+    /// `eval.max_tokens`, and width and height also become `map_size`.
     fn add(&mut self, row: Row) -> anyhow::Result<()> {
         for name in NEEDED {
             ensure!(
@@ -126,14 +126,15 @@ impl Games {
     fn set(&mut self, name: String, value: &Json) -> anyhow::Result<()> {
         let value = match value {
             Json::Null => Value::Missing,
+            Json::Bool(flag) => Value::Flag(*flag),
             Json::Number(number) => {
                 let number = number.as_f64().unwrap_or(f64::INFINITY);
                 ensure!(number.abs() < NUMBER_MAX, "{name} is {number}, which is too large");
-                // 0 and −0 are one value.
+                // Adding 0 turns −0 into 0.
                 Value::Number(number + 0.0)
             }
             Json::String(text) => Value::Text(printable(text).into()),
-            other => Value::Text(other.to_string().into()),
+            Json::Array(_) | Json::Object(_) => Value::Text(value.to_string().into()),
         };
         let is_new = !self.columns.contains_key(&name);
         ensure!(
@@ -153,16 +154,15 @@ impl Games {
     pub(super) fn number(&self, column: &str, game: usize) -> Option<f64> {
         match self.value(column, game) {
             Value::Number(number) => Some(*number),
-            Value::Text(_) | Value::Missing => None,
+            Value::Flag(_) | Value::Text(_) | Value::Missing => None,
         }
     }
 
-    /// A value of a column as a text.
     pub(super) fn text(&self, column: &str, game: usize) -> String {
         self.value(column, game).to_string()
     }
 
-    /// The values of a column in order, with the number of games that have each.
+    /// Values of a column in order, each with its number of games.
     pub(super) fn counts(&self, column: &str, games: &[usize]) -> BTreeMap<&Value, usize> {
         let mut counts = BTreeMap::new();
         for &game in games {
@@ -181,7 +181,7 @@ impl Games {
     }
 
     /// # Errors
-    /// If no game has a column of that name, with the names that are most like it.
+    /// If no game has a column of that name; the error lists the most similar names.
     pub(super) fn check_column(&self, column: &str) -> anyhow::Result<()> {
         if self.columns.contains_key(column) {
             return Ok(());
@@ -198,8 +198,8 @@ impl Games {
     }
 
     /// # Errors
-    /// If the column cannot be averaged: it is no number, its metric is not in these games, or its values were computed
-    /// in different ways.
+    /// If the column cannot be averaged: it is not numeric, its metric is missing in these games, or its values were computed in
+    /// different ways.
     pub(super) fn check_numbers(&self, column: &str, games: &[usize]) -> anyhow::Result<()> {
         let metric = metric_of(column);
         let is_metric = metric.is_some();
@@ -210,8 +210,14 @@ impl Games {
             );
         }
         self.check_column(column)?;
-        let is_text = |game: &usize| matches!(self.value(column, *game), Value::Text(_));
-        ensure!(!games.iter().any(is_text), "{column} is text, and means are of numbers");
+        let other = games.iter().find_map(|game| match self.value(column, *game) {
+            Value::Number(_) | Value::Missing => None,
+            Value::Flag(_) => Some("a truth value"),
+            Value::Text(_) => Some("text"),
+        });
+        if let Some(other) = other {
+            bail!("{column} is {other}, and means are of numbers");
+        }
         if is_metric {
             let valued: Vec<usize> =
                 games.iter().copied().filter(|&game| self.number(column, game).is_some()).collect();
@@ -232,26 +238,25 @@ impl Games {
     }
 }
 
-/// A text that does nothing to a terminal: control characters, and those that change the direction of the text after them,
-/// are replaced.
+/// A text that is harmless to a terminal: control characters and marks of text direction are replaced.
 fn printable(text: &str) -> String {
     let is_control =
         |c: char| c.is_control() || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     text.chars().map(|c| if is_control(c) { '\u{fffd}' } else { c }).collect()
 }
 
-/// The metric of a column, in either definition, or of the number of its rounds.
+/// Metric of a column, in either definition, or of its count of rounds.
 fn metric_of(column: &str) -> Option<Metric> {
     let name = column.strip_prefix("toolkit_").unwrap_or(column);
     Metric::parse(name).or_else(|| Metric::parse(name.strip_suffix("_rounds")?))
 }
 
-/// The value that most games have.
+/// The most frequent value.
 fn usual<'a>(counts: &BTreeMap<&'a Value, usize>) -> Option<&'a Value> {
     counts.iter().max_by_key(|(_, games)| **games).map(|(value, _)| *value)
 }
 
-/// Values and how many games have each.
+/// Values with their numbers of games, as text.
 fn told(counts: &BTreeMap<&Value, usize>) -> String {
     let mut parts: Vec<String> = (counts.iter())
         .take(SHOWN_MAX)
@@ -267,7 +272,7 @@ pub(super) fn games_told(games: usize) -> String {
     if games == 1 { "1 game".to_owned() } else { format!("{games} games") }
 }
 
-/// The cells of `agent_meta`: objects in it are flattened, other values that are no scalars are JSON.
+/// Columns of `agent_meta`: nested objects are flattened; other values that are not scalars stay JSON.
 fn flat(meta: &str) -> anyhow::Result<Vec<(String, Json)>> {
     let Ok(Json::Object(meta)) = serde_json::from_str(meta) else {
         bail!("agent_meta is no JSON object: {meta:.100}");
@@ -281,7 +286,7 @@ fn flat(meta: &str) -> anyhow::Result<Vec<(String, Json)>> {
     Ok(cells.filter(|(name, _)| !NO_SETTINGS.contains(&name.as_str())).collect())
 }
 
-/// A value with its place among the values of its column: tasks have the order of boards.
+/// A value with its rank in its column: tasks have the order of boards.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Place(Option<TaskName>, pub(super) Value);
 
@@ -299,10 +304,15 @@ impl Ord for Value {
     fn cmp(&self, other: &Self) -> Ordering {
         match (self, other) {
             (Self::Number(a), Self::Number(b)) => a.total_cmp(b),
+            (Self::Flag(a), Self::Flag(b)) => a.cmp(b),
             (Self::Text(a), Self::Text(b)) => a.cmp(b),
             (Self::Missing, Self::Missing) => Ordering::Equal,
-            (Self::Number(_), _) | (_, Self::Missing) => Ordering::Less,
-            (_, Self::Number(_)) | (Self::Missing, _) => Ordering::Greater,
+            (Self::Number(_), _) | (_, Self::Missing) | (Self::Flag(_), Self::Text(_)) => {
+                Ordering::Less
+            }
+            (_, Self::Number(_)) | (Self::Missing, _) | (Self::Text(_), Self::Flag(_)) => {
+                Ordering::Greater
+            }
         }
     }
 }
@@ -321,11 +331,32 @@ impl PartialEq for Value {
 
 impl Eq for Value {}
 
+impl From<&str> for Value {
+    fn from(text: &str) -> Self {
+        Self::Text(text.into())
+    }
+}
+
+/// As JSON has it: whole numbers without decimals.
+impl From<&Value> for Json {
+    fn from(value: &Value) -> Self {
+        match value {
+            Value::Number(number) => {
+                number.to_string().parse::<i64>().map_or_else(|_| Self::from(*number), Self::from)
+            }
+            Value::Flag(flag) => Self::from(*flag),
+            Value::Text(text) => Self::from(&**text),
+            Value::Missing => Self::Null,
+        }
+    }
+}
+
 /// As `--where` takes it.
 impl fmt::Display for Value {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Number(number) => number.fmt(f),
+            Self::Flag(flag) => flag.fmt(f),
             Self::Text(text) => text.fmt(f),
             Self::Missing => "none".fmt(f),
         }
@@ -349,7 +380,7 @@ impl std::str::FromStr for Condition {
     }
 }
 
-/// Values between commas. One that has commas stands in double quotes, as in CSV.
+/// Splits values at commas. A value with commas is in double quotes, as in CSV.
 fn quoted(text: &str) -> Result<Vec<String>, &'static str> {
     let mut reader = csv::ReaderBuilder::new()
         .has_headers(false)
@@ -363,7 +394,7 @@ fn quoted(text: &str) -> Result<Vec<String>, &'static str> {
     }
 }
 
-/// One value, as `--where` takes it.
+/// One value in the syntax of `--where`.
 fn one_value(value: &str) -> String {
     if value.contains([',', '"']) {
         format!("\"{}\"", value.replace('"', "\"\""))
@@ -383,7 +414,7 @@ impl Condition {
     fn holds(&self, value: &Value) -> bool {
         self.values.iter().any(|wanted| match value {
             Value::Number(number) => wanted.parse() == Ok(*number),
-            Value::Text(_) | Value::Missing => *wanted == value.to_string(),
+            Value::Flag(_) | Value::Text(_) | Value::Missing => *wanted == value.to_string(),
         })
     }
 }

@@ -1,4 +1,4 @@
-//! A table of numbers, written for a terminal, as CSV, Markdown or LaTeX.
+//! A table of numbers, written for a terminal or as CSV, Markdown or LaTeX.
 
 mod text;
 
@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 use comfy_table::{CellAlignment, ColumnConstraint, Table};
 
+use super::games::Value;
 use super::leaderboard::{fit, short};
 use super::output::table;
 use text::{latex, markdown, plain};
@@ -35,20 +36,20 @@ pub(super) struct Showing {
     output: Option<PathBuf>,
 }
 
-/// What the cells of a column are.
+/// Kind of the cells of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// A mean, its deviation and the number of games.
+    /// Mean, deviation and number of games.
     Score,
     /// A number with this many decimal places.
     Fixed(usize),
-    /// A coefficient of correlation with three digits, and its stars.
+    /// A correlation coefficient with three digits, and its stars.
     Coefficient,
     /// A probability.
     Probability,
     /// A change in percent.
     Percent,
-    /// From a number to another.
+    /// Two bounds.
     Interval,
 }
 
@@ -60,7 +61,7 @@ pub(super) enum Cell {
         mean: f64,
         deviation: f64,
         games: usize,
-        /// Whether it is the best of its row.
+        /// Whether the score is the best of its row.
         best: bool,
     },
     Number(f64),
@@ -80,16 +81,16 @@ pub(super) struct Column {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Row {
     /// As many as the sheet has heads.
-    pub(super) heads: Vec<String>,
+    pub(super) heads: Vec<Value>,
     /// As many as the sheet has columns.
     pub(super) cells: Vec<Cell>,
 }
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct Sheet {
-    /// What all rows have in common, such as `task` and `Pursuit`: the first column of CSV, the title elsewhere.
+    /// Name and value that all rows share, such as `task` and `Pursuit`: the first column of CSV, the title elsewhere.
     pub(super) group: Option<(String, String)>,
-    /// The names of the columns that say what a row is.
+    /// Names of the columns that identify a row.
     pub(super) heads: Vec<String>,
     pub(super) columns: Vec<Column>,
     pub(super) rows: Vec<Row>,
@@ -97,7 +98,7 @@ pub(super) struct Sheet {
 }
 
 impl Showing {
-    /// Writes sheets one below the other, and then what is to be said about all.
+    /// Writes sheets one below the other, followed by notes on all.
     pub(super) fn show(&self, sheets: &[Sheet], notes: &[String]) -> anyhow::Result<()> {
         let width = match &self.output {
             None => terminal_size::terminal_size().map_or(u16::MAX, |(width, _)| width.0),
@@ -150,7 +151,8 @@ fn one_line(text: &str) -> String {
     text.split(['\n', '\r']).collect::<Vec<_>>().join(" ")
 }
 
-/// In so many columns of a terminal: cells of two lines where it is too narrow, and then the columns in several tables.
+/// Lays a sheet out for `width` columns of a terminal: cells have two lines if it is too narrow, then the columns are split into
+/// several tables.
 fn terminal(sheet: &Sheet, width: u16) -> String {
     let title = sheet.group.as_ref().map(|(_, name)| format!("{name}\n")).unwrap_or_default();
     format!("{title}{}", blocks(sheet, 0..sheet.columns.len(), width))
@@ -168,10 +170,10 @@ fn blocks(sheet: &Sheet, columns: std::ops::Range<usize>, width: u16) -> String 
     blocks(sheet, columns.start..middle, width) + &blocks(sheet, middle..columns.end, width)
 }
 
-/// Into how few columns of a terminal a text may be broken.
+/// Minimum columns of a terminal into which a text may be wrapped.
 const HEAD_COLUMNS: usize = 11;
 
-/// A table of which heads alone may be broken, and how many columns of a terminal it takes at least.
+/// A table in which only heads may wrap, and its minimum width in columns of a terminal.
 fn drawn(sheet: &Sheet, columns: std::ops::Range<usize>, is_narrow: bool) -> (Table, usize) {
     let between = if is_narrow { '\n' } else { ' ' };
     let names = sheet.columns[columns.clone()].iter().map(|column| {
@@ -183,7 +185,7 @@ fn drawn(sheet: &Sheet, columns: std::ops::Range<usize>, is_narrow: bool) -> (Ta
     for row in &sheet.rows {
         let cells = row.cells[columns.clone()].iter().zip(&sheet.columns[columns.clone()]);
         let cells = cells.map(|(cell, column)| plain(cell, column.kind, between));
-        let heads = row.heads.iter().map(|head| short(head).to_owned());
+        let heads = row.heads.iter().map(|head| short(&head.to_string()).to_owned());
         shown.add_row(heads.chain(cells));
     }
     for column in shown.column_iter_mut().skip(sheet.heads.len()) {
@@ -192,7 +194,8 @@ fn drawn(sheet: &Sheet, columns: std::ops::Range<usize>, is_narrow: bool) -> (Ta
     }
     let whole = shown.lines().next().map_or(0, |line| line.chars().count());
     let spare = (0..sheet.heads.len()).map(|place| {
-        let texts = sheet.rows.iter().map(|row| &row.heads[place]).chain([&sheet.heads[place]]);
+        let texts = sheet.rows.iter().map(|row| row.heads[place].to_string());
+        let texts = texts.chain([sheet.heads[place].clone()]);
         let widest = texts.map(|text| text.chars().count()).max().unwrap_or(0);
         widest.saturating_sub(HEAD_COLUMNS)
     });
@@ -214,7 +217,7 @@ mod tests {
                 .map(|number| Column { name: name(number), kind: Kind::Score })
                 .collect(),
             rows: vec![Row {
-                heads: vec!["a-model-of-26-characters-x".to_owned()],
+                heads: vec!["a-model-of-26-characters-x".into()],
                 cells: vec![cell; columns],
             }],
             notes: Vec::new(),

@@ -1,16 +1,18 @@
 //! Cells and sheets as text.
 
+use std::iter;
+
 use serde_json::{Map, Value, json};
 use swarmbench_protocol::table::{text as guarded, write_csv};
 
 use super::{Cell, Column, Kind, Row, Sheet, one_line};
 
-/// A cell for people, its two parts with this between them.
+/// A cell for people. `between` separates its two parts.
 pub(super) fn plain(cell: &Cell, kind: Kind, between: char) -> String {
     match cell {
         Cell::Empty => String::new(),
         Cell::Score { mean, deviation, games, .. } => {
-            // Below each other, ± belongs to the lower number.
+            // On a line of its own, ± is adjacent to its number.
             let gap = if between == ' ' { " " } else { "" };
             format!("{mean:.2}{between}±{gap}{deviation:.2} ({games})")
         }
@@ -54,7 +56,7 @@ fn in_latex(cell: &Cell, kind: Kind) -> String {
     }
 }
 
-/// As Markdown, where names of players must mean nothing.
+/// Escapes Markdown, so that names of players have no effect.
 pub(super) fn escaped_markdown(text: &str) -> String {
     let mut escaped = String::new();
     for letter in one_line(text).chars() {
@@ -90,7 +92,7 @@ pub(super) fn markdown(sheet: &Sheet) -> String {
     let rules = sheet.heads.iter().map(|_| "---").chain(sheet.columns.iter().map(|_| "---:"));
     let rows = sheet.rows.iter().map(|row| {
         let cells = row.cells.iter().zip(&sheet.columns);
-        let heads = row.heads.iter().map(|head| escaped_markdown(head));
+        let heads = row.heads.iter().map(|head| escaped_markdown(&head.to_string()));
         line(heads.chain(cells.map(|(cell, column)| in_markdown(cell, column.kind))).collect())
     });
     let top = line(names.map(|name| escaped_markdown(name)).collect())
@@ -98,7 +100,7 @@ pub(super) fn markdown(sheet: &Sheet) -> String {
     title.chain([top]).chain(rows).collect()
 }
 
-/// An environment `tabular` with the rules of booktabs.
+/// A `tabular` environment with rules of booktabs.
 pub(super) fn latex(sheet: &Sheet) -> String {
     let title = sheet.group.iter().map(|(_, name)| format!("% {}\n", one_line(name)));
     let line = |cells: Vec<String>| format!("{} \\\\\n", cells.join(" & "));
@@ -111,7 +113,7 @@ pub(super) fn latex(sheet: &Sheet) -> String {
     );
     let rows = sheet.rows.iter().map(|row| {
         let cells = row.cells.iter().zip(&sheet.columns);
-        let heads = row.heads.iter().map(|head| escaped_latex(head));
+        let heads = row.heads.iter().map(|head| escaped_latex(&head.to_string()));
         line(heads.chain(cells.map(|(cell, column)| in_latex(cell, column.kind))).collect())
     });
     let end = "\\bottomrule\n\\end{tabular}\n".to_owned();
@@ -133,7 +135,7 @@ pub(super) fn json(sheets: &[Sheet], notes: &[String]) -> String {
         let names = sheet.columns.iter().map(|column| column.name.clone());
         let cells: Map<String, Value> = names.zip(row.cells.iter().map(value)).collect();
         let heads: Map<String, Value> =
-            sheet.heads.iter().cloned().zip(row.heads.iter().map(|head| json!(head))).collect();
+            sheet.heads.iter().cloned().zip(row.heads.iter().map(Value::from)).collect();
         json!({ "row": heads, "cells": cells })
     };
     let table = |sheet: &Sheet| {
@@ -146,18 +148,19 @@ pub(super) fn json(sheets: &[Sheet], notes: &[String]) -> String {
     format!("{:#}\n", json!({ "tables": tables, "notes": notes }))
 }
 
-/// Numbers in full precision. Sheets with the same columns are one table; others are set apart by an empty line.
+/// Sheets in CSV with numbers in full precision. Sheets with the same columns share one table; an empty line separates others.
 pub(super) fn csv(sheets: &[Sheet]) -> String {
     let mut tables: Vec<(Vec<String>, Vec<Vec<String>>)> = Vec::new();
     for sheet in sheets {
         let group = sheet.group.iter();
         let heads = group.clone().map(|(name, _)| name).chain(&sheet.heads).cloned();
-        let names: Vec<String> = heads.chain(sheet.columns.iter().flat_map(fields)).collect();
+        let names = told_apart(heads.chain(sheet.columns.iter().flat_map(fields)));
         let rows = sheet.rows.iter().map(|row| {
-            let heads = group.clone().map(|(_, value)| value).chain(&row.heads);
+            let group = group.clone().map(|(_, value)| value.clone());
+            let heads = group.chain(row.heads.iter().map(ToString::to_string));
             let cells = row.cells.iter().zip(&sheet.columns);
             heads
-                .map(|head| guarded(head))
+                .map(|head| guarded(&head))
                 .chain(cells.flat_map(|(cell, column)| values(cell, column)))
                 .collect()
         });
@@ -168,6 +171,17 @@ pub(super) fn csv(sheets: &[Sheet]) -> String {
     }
     let tables = tables.into_iter().map(|(names, rows)| write_csv(&names, rows.into_iter()));
     tables.collect::<Vec<_>>().join("\r\n")
+}
+
+/// The names of columns, of which no two are the same: `a b` and `a_b` are one name in CSV. The first keeps it.
+fn told_apart(names: impl Iterator<Item = String>) -> Vec<String> {
+    let mut all: Vec<String> = Vec::new();
+    for name in names {
+        let further = (2_usize..).map(|number| format!("{name}_{number}"));
+        let free = iter::once(name.clone()).chain(further).find(|name| !all.contains(name));
+        all.extend(free);
+    }
+    all
 }
 
 /// The columns of CSV of a column.
@@ -220,7 +234,7 @@ mod tests {
             group: Some(("task".to_owned(), "Pursuit".to_owned())),
             heads: vec!["model".to_owned()],
             columns: kinds.map(|(name, kind)| Column { name: name.to_owned(), kind }).to_vec(),
-            rows: vec![Row { heads: vec![name.to_owned()], cells }],
+            rows: vec![Row { heads: vec![name.into()], cells }],
             notes: Vec::new(),
         }
     }
@@ -250,6 +264,16 @@ mod tests {
     }
 
     #[test]
+    fn no_two_columns_of_csv_have_one_name() {
+        let mut sheet = sheet("b");
+        let names = ["team 1", "team_1", "task", "team_1_2"];
+        let column = |name: &str| Column { name: name.to_owned(), kind: Kind::Fixed(0) };
+        sheet.columns = names.map(column).to_vec();
+        sheet.rows.clear();
+        assert_eq!(csv(&[sheet]), "task,model,team_1,team_1_2,task_2,team_1_2_2\r\n");
+    }
+
+    #[test]
     fn csv_has_full_precision_and_one_header_for_equal_columns() {
         let text = csv(&[sheet("=a"), sheet("b")]);
         let lines: Vec<&str> = text.lines().collect();
@@ -262,5 +286,24 @@ mod tests {
                 "Pursuit,b,9.6,0.25,5,-0.5,*,0.0001,-0.75,0.25,41.379,",
             ]
         );
+    }
+
+    #[test]
+    fn json_has_what_a_row_is_in_its_type() {
+        use super::super::super::games::Value as Head;
+        let heads = [
+            ("model", "a".into(), json!("a")),
+            ("num_agents", Head::Number(12.0), json!(12)),
+            ("noise", Head::Number(0.2), json!(0.2)),
+            ("mixed", Head::Flag(true), json!(true)),
+            ("temperature", Head::Missing, Value::Null),
+        ];
+        let mut of = sheet("a");
+        of.heads = heads.iter().map(|(name, ..)| (*name).to_owned()).collect();
+        of.rows[0].heads = heads.iter().map(|(_, head, _)| head.clone()).collect();
+        let written: Value = serde_json::from_str(&super::json(&[of], &[])).expect("JSON");
+        let expected: Map<String, Value> =
+            heads.into_iter().map(|(name, _, value)| (name.to_owned(), value)).collect();
+        assert_eq!(written["tables"][0]["rows"][0]["row"], Value::Object(expected));
     }
 }

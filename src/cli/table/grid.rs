@@ -5,38 +5,38 @@ use std::collections::{BTreeMap, BTreeSet};
 use anyhow::ensure;
 use swarmbench_analysis::statistics::mean_and_deviation;
 
-use super::super::games::{Axes, Place, Selected, games_told};
+use super::super::games::{Axes, Place, Selected, Value, games_told};
 use super::super::sheet::{Cell, Column, Kind, Row, Sheet};
 
-/// Rows or columns of a table at most.
+/// Maximum rows or columns of a table.
 const LINES_MAX: usize = 1000;
 
-/// What a table is made of: columns of the games.
+/// Columns of the games from which a table is made.
 pub(super) struct Layout {
     pub(super) rows: Vec<String>,
     pub(super) columns: Vec<String>,
     pub(super) value: String,
     /// Columns in which games may differ.
     pub(super) ignored: Vec<String>,
-    /// The option with which the user names the rows.
+    /// Option by which the user names the rows.
     pub(super) option: &'static str,
 }
 
-/// The values of some columns of a game.
+/// Values of some columns of a game.
 pub(super) type Key = Vec<Place>;
 
 pub(super) struct Grid {
     pub(super) layout: Layout,
     pub(super) rows: BTreeSet<Key>,
     pub(super) columns: BTreeSet<Key>,
-    /// The values of the games of a row and column, undefined ones left out.
+    /// Defined values of the games by row and column.
     cells: BTreeMap<(Key, Key), Vec<f64>>,
     pub(super) notes: Vec<String>,
 }
 
 impl Grid {
     /// # Errors
-    /// If a column does not exist, there is no value, or games of different settings would meet.
+    /// If a column does not exist, there is no value, or games of different settings share a cell.
     pub(super) fn of(
         selected: &Selected,
         chosen: Vec<usize>,
@@ -113,18 +113,17 @@ impl Grid {
         }
     }
 
-    pub(super) fn head(row: &Key) -> Vec<String> {
-        row.iter().map(|place| place.1.to_string()).collect()
+    fn head(row: &Key) -> Vec<Value> {
+        row.iter().map(|place| place.1.clone()).collect()
     }
 
-    /// The heading of a column.
     fn heading(&self, column: &Key) -> String {
         if column.is_empty() {
             return self.layout.value.clone();
         }
         let parts = self.layout.columns.iter().zip(Self::head(column)).map(|(name, value)| {
             let is_clear = matches!(name.as_str(), "task" | "model" | "control" | "rules");
-            if is_clear { value } else { format!("{name} {value}") }
+            if is_clear { value.to_string() } else { format!("{name} {value}") }
         });
         parts.collect::<Vec<_>>().join(", ")
     }
@@ -145,7 +144,7 @@ impl Grid {
         }
     }
 
-    /// Every cell as it is. Scores of tasks have a total: the sum of the means, where the row has all.
+    /// A sheet of all cells. Scores of tasks have a total: the sum of the means, if the row has all.
     pub(super) fn sheet(&self) -> Sheet {
         let mut columns: Vec<Column> = (self.columns.iter())
             .map(|column| Column { name: self.heading(column), kind: Kind::Score })

@@ -19,7 +19,7 @@ from .actions import Actions
 from .arrays import CHANNELS, PRINTABLE, PROMPT_CHARS_MAX, Layout, encode_cells, symbols_of
 from .checks import agent_name, one_of, probability, shown, task_name, whole
 from .client import Client
-from .errors import TEMPORARY_STATUS, ApiError, ArgumentError, SwarmbenchError, is_problem
+from .errors import ApiError, ArgumentError, SwarmbenchError, is_problem
 from .resources import Resources, check_server
 from .server import Server
 from .wire import CreatedEpisode, EpisodeRequest, Observation, SwarmAct, TaskName
@@ -459,7 +459,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
             problems = [receipt for receipt in answer["receipts"] if is_problem(receipt)]
             problems += [answer["problem"]] if "problem" in answer else []
             errors = [ApiError(problem) for problem in problems]
-            lasting = [error for error in errors if error.status not in TEMPORARY_STATUS]
+            lasting = [error for error in errors if not error.is_temporary]
             if any(error.code == "episode_over" for error in lasting):
                 # Somebody ended the episode.
                 self._look(swarm)

@@ -1,4 +1,4 @@
-//! Plays a run of a plan, resumed where it stopped. `lanes` plays all runs of a plan.
+//! Plays a run of a plan, or resumes it. `lanes` plays all runs of a plan.
 
 use std::cell::RefCell;
 use std::convert::Infallible;
@@ -13,7 +13,7 @@ use tokio_util::sync::CancellationToken;
 use super::conversation::Conversation;
 use super::entry::{Entry, Next};
 use super::judge::Judge;
-use super::plan::{META, Planned, Who, axes, ranges, value};
+use super::plan::{META, Planned, Who, axes, ranges, setting_text, value};
 use super::stop_reason::StopReason;
 use crate::client::{Client, ClientError};
 use crate::drive::{DriveError, End, Note, Swarm, drive};
@@ -29,21 +29,22 @@ use swarmbench_protocol::run::{RunDetail, RunList, RunSummary};
 use swarmbench_protocol::status::RunStatus;
 use swarmbench_protocol::suite::digest_of_template;
 
-/// How often the state of a run is polled, for progress.
+/// The interval of polls of a run's state, for progress.
 const SYNC: Duration = Duration::from_secs(1);
 
-/// How a run was found.
+/// The earlier state of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Found {
-    /// It was not begun before. If the same player has another unfinished run: its id, and how it differs.
+    /// No run of this identity existed. Contains another unfinished run of the same player, if any: its id, and its
+    /// differences.
     New(Option<(String, Vec<String>)>),
-    /// It was begun before, and is resumed.
+    /// The run had begun, and is resumed.
     Resumed,
-    /// It was played before.
+    /// The run was already finished.
     Finished,
 }
 
-/// How a run was found, the run, and its token where there is something left to play.
+/// A run, its earlier state, and its token if games remain to be played.
 type Begun = (Found, RunDetail, Option<String>);
 
 /// Progress events.
@@ -55,30 +56,30 @@ pub enum News<'a> {
     Looked(&'a [Observation]),
     /// An act is durable.
     Acted(&'a SwarmAct, &'a Receipt),
-    /// An act came when its round was over.
+    /// An act came after the end of its round.
     Late(&'a SwarmAct),
     /// The state of the run, polled.
     Polled(&'a RunDetail),
-    /// All of it was played.
+    /// All games of the run are over.
     Ends(&'a RunDetail),
 }
 
-/// Plays runs on a server.
+/// The player of runs on a server.
 pub struct Conductor<'a> {
     /// The server.
     pub client: &'a Client,
-    /// Games of a new run that are open at a time.
+    /// Open games of a new run.
     pub parallel: u32,
     /// Whether a finished run is played again.
     pub again: bool,
-    /// A run stops when more than this share of a model's answers fails in one way; never with 1.
+    /// The share of a model's answers failing in one way above which a run stops; never with 1.
     pub stop_share: f64,
-    /// Cancelled to stop.
+    /// A token whose cancellation stops everything.
     pub stop: &'a CancellationToken,
 }
 
 impl Conductor<'_> {
-    /// Creates or resumes a run and plays it to its end, with this model if a model plays.
+    /// Creates or resumes a run and plays it to its end, with `model` if a language model plays.
     ///
     /// # Errors
     /// See [`StopReason`].
@@ -102,7 +103,7 @@ impl Conductor<'_> {
                 let played = self.play(&run, &token, &mut swarm, &judge, watch).await;
                 played.map_err(|error| {
                     stop_reason(error, |error| StopReason::Play(error.to_string()))
-                })?
+                })
             }
             (Who::Model(model), None) => {
                 return Err(StopReason::Play(format!("nobody said how {} is asked", model.name)));
@@ -112,8 +113,18 @@ impl Conductor<'_> {
                 let mut swarm =
                     Conversation::new(self.client, id, &token, planned, model, Arc::clone(&judge));
                 let played = self.play(&run, &token, &mut swarm, &judge, watch).await;
-                played.map_err(|error| stop_reason(error, |error| error))?
+                played.map_err(|error| stop_reason(error, |error| error))
             }
+        };
+        let ended = match ended {
+            Err(reason) if !matches!(reason, StopReason::Client(_)) => {
+                // The board shows how far it came.
+                if let Ok(run) = self.client.run(&run.run.id, Some(&token)).await {
+                    watch(News::Polled(&run));
+                }
+                return Err(reason);
+            }
+            ended => ended?,
         };
         let mut run = self.client.run(&run.run.id, Some(&token)).await?;
         if let Some(entry) = &planned.entry {
@@ -154,7 +165,7 @@ impl Conductor<'_> {
         let sync = async {
             loop {
                 SystemClock.sleep_until(after(SystemClock.now(), SYNC)).await;
-                // Failures of the server are reported by the player.
+                // The driver reports failures of the server.
                 if let Ok(run) = self.client.run(&run.run.id, Some(token)).await {
                     watch.borrow_mut()(News::Polled(&run));
                 }
@@ -168,7 +179,7 @@ impl Conductor<'_> {
         }
     }
 
-    /// The run that was begun before, or a new one.
+    /// Finds the newest running or finished run of this identity, or creates one.
     async fn find(&self, planned: &Planned) -> Result<Begun, StopReason> {
         let identity = planned.identity();
         let runs = self.runs_of(&planned.name()).await?;
@@ -182,7 +193,7 @@ impl Conductor<'_> {
             if is_finished && self.again {
                 break;
             }
-            // Only the creator gets a token.
+            // Only the creator gets a new token; other runs of this identity are skipped.
             let token = match self.client.replace_run_token(&run.id).await {
                 Ok(token) => token.swarm_token,
                 Err(ClientError::Refused { status, .. }) if status.is_client_error() => continue,
@@ -208,7 +219,7 @@ impl Conductor<'_> {
         Ok((Found::New(other.filter(|(_, how)| !how.is_empty())), created.run, Some(token)))
     }
 
-    /// The attempt that was begun before, or a new one. A model is asked before that begins: after it, clocks run.
+    /// Finds the attempt to resume, or starts one. A new attempt starts its clocks, so the model is probed first.
     async fn attempt(&self, entry: &Entry, model: Option<&Model>) -> Result<Begun, StopReason> {
         let attempts = entry.attempts(self.client).await?;
         let (found, run, token) = match entry.next(&attempts, self.again) {
@@ -233,7 +244,7 @@ impl Conductor<'_> {
         Ok((found, run, Some(token)))
     }
 
-    /// All runs of a player that can be seen, newest first.
+    /// All visible runs of a player, newest first.
     async fn runs_of(&self, model: &str) -> Result<Vec<RunSummary>, ClientError> {
         let mut runs = Vec::new();
         let mut cursor: Option<String> = None;
@@ -252,7 +263,7 @@ impl Conductor<'_> {
 
 fn stop_reason<E: Display>(error: DriveError<E>, own: impl FnOnce(E) -> StopReason) -> StopReason {
     match error {
-        // The token was valid a moment ago.
+        // The token was valid a moment ago, so another call has replaced it.
         DriveError::Client(error @ ClientError::Refused { .. }) if matches!(&error, ClientError::Refused { problem, .. } if problem.code == "unauthorized") => {
             StopReason::Play(format!(
                 "another call plays this run now, so the token of this one is worth nothing any more: {error}"
@@ -264,15 +275,16 @@ fn stop_reason<E: Display>(error: DriveError<E>, own: impl FnOnce(E) -> StopReas
     }
 }
 
-/// What an evaluation wrote about one of its runs.
+/// The part of `agent_meta` that an evaluation wrote.
 fn own(meta: &Carried) -> Option<Value> {
     serde_json::from_str(meta.get(META)?).ok()
 }
 
-/// How a run differs from the planned one, in words.
+/// The differences between a run and the planned one, in words.
 fn differences(run: &RunSummary, planned: &Planned) -> Vec<String> {
     let settings = Settings::from(&run.suite.settings);
-    let was = |axis| value(axis, &run.suite.rules, &settings, [run.temperature, run.top_p]);
+    let sampling = [run.temperature, run.top_p];
+    let was = |axis| value(axis, &run.suite.rules, &settings, sampling).as_ref().map(setting_text);
     let text = |value: Option<String>| value.unwrap_or_else(|| "none".to_owned());
     let mut found = Vec::new();
     let mut compare = |what: &str, was: Option<String>, is: Option<String>| {

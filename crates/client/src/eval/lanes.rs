@@ -1,5 +1,5 @@
-//! Plays the runs of a plan: those of different endpoints side by side, and at each endpoint a limited number of models at once. The
-//! runs of one player are played one after the other, in the order of the plan.
+//! Plays the runs of a plan: those of different endpoints side by side, and at each endpoint a limited number of
+//! models at once. The runs of one player are played one after another, in the order of the plan.
 
 use std::cell::{Cell, RefCell};
 
@@ -11,10 +11,10 @@ use super::plan::Plan;
 use super::stop_reason::{Reach, StopReason};
 use crate::llm::Model;
 
-/// Endpoints that are asked at the same time; further ones begin when another is done.
+/// Endpoints in use at the same time; others begin as soon as one is done.
 const LANES_MAX: usize = 16;
 
-/// The runs at one endpoint, or of all built-in players: the numbers of each player's runs.
+/// The runs at one endpoint, or of all built-in players: each player with the indices of its runs.
 #[derive(Debug, PartialEq, Eq)]
 struct Lane {
     server: Option<String>,
@@ -39,7 +39,7 @@ fn lanes(plan: &Plan, models: &[Option<Model>]) -> Vec<Lane> {
     lanes
 }
 
-/// How many runs of a plan can be played at the same time.
+/// The maximum number of runs of a plan that are played at the same time.
 #[must_use]
 pub fn runs_at_once(plan: &Plan, models: &[Option<Model>], models_at_once: usize) -> usize {
     let lanes = lanes(plan, models);
@@ -47,9 +47,10 @@ pub fn runs_at_once(plan: &Plan, models: &[Option<Model>], models_at_once: usize
 }
 
 impl Conductor<'_> {
-    /// Plays all runs of a plan, `models_at_once` at each endpoint. A failure ends the runs of its player; if it is one of
-    /// the endpoint, no further model begins there; if nothing more can be played at all, nothing more begins. What has
-    /// begun is played to its end. `watch` gets the numbers of runs. The failures, by the numbers of their runs.
+    /// Plays all runs of a plan, `models_at_once` at each endpoint. A failure ends the runs of its player; a failure
+    /// of the endpoint also begins no further model there; a failure of everything begins no further run at all. Runs
+    /// that have begun are played to their end. `watch` gets the index of each run. Returns the failures by the
+    /// indices of their runs.
     pub async fn conduct_all(
         &self,
         plan: &Plan,
@@ -92,6 +93,12 @@ impl Conductor<'_> {
         stream::iter(lanes).buffer_unordered(LANES_MAX).collect::<()>().await;
         let mut failures = failures.take();
         failures.sort_by_key(|(number, _)| *number);
+        for (number, reason) in &mut failures {
+            // Answers that were in flight when the run failed have been paid for meanwhile, and by all runs together.
+            if let (StopReason::Budget { spent, .. }, Some(model)) = (reason, &models[*number]) {
+                *spent = model.spent_of_budget();
+            }
+        }
         failures
     }
 }

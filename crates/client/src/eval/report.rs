@@ -3,10 +3,14 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use swarmbench_engine::TaskName;
+use serde_json::Value;
+use swarmbench_engine::{Seed, TaskName};
 
 use super::experiment::Shape;
-use super::plan::{Plan, Planned, Who};
+use super::plan::{Plan, Planned, Who, setting_text};
+use swarmbench_journal::Tally;
+use swarmbench_journal::record::Source;
+use swarmbench_protocol::act::{Receipt, SwarmAct};
 use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::run::{ActTally, RunDetail, TaskResult};
 use swarmbench_protocol::table::{names, text, write_csv};
@@ -14,12 +18,12 @@ use swarmbench_protocol::table::{names, text, write_csv};
 /// The results of an experiment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// Its name.
+    /// The name of the experiment.
     pub experiment: String,
-    /// Its purpose.
+    /// The purpose of the experiment.
     pub description: Option<String>,
     /// The settings that all runs share and that differ from the standard setting.
-    pub settings: BTreeMap<&'static str, String>,
+    pub settings: BTreeMap<&'static str, Value>,
     /// The settings that differ between runs.
     pub varied: Vec<&'static str>,
     /// The tasks.
@@ -31,36 +35,39 @@ pub struct Report {
 /// A run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
-    /// Who played.
+    /// The player's name.
     pub model: String,
-    /// Whether that is a language model, not a built-in player.
+    /// Whether the player is a language model, not a built-in player.
     pub is_model: bool,
-    /// Which prompt a language model had: `default`, `toolkit`, `custom:` and a digest; `None` for built-in players.
+    /// The prompt of a language model: `default`, `toolkit`, `custom:` and a digest; `None` for built-in players.
     pub prompt: Option<String>,
     /// The reader of its answers.
     pub answer_reader: String,
     /// The values of the varied settings, in the order of the report.
-    pub varied: Vec<Option<String>>,
+    pub varied: Vec<Option<Value>>,
     /// The id of the run.
     pub run: String,
-    /// Its status.
+    /// The status of the run.
     pub status: String,
-    /// The seeds.
-    pub seeds: String,
+    /// The seeds; `None` while they are sealed.
+    pub seeds: Option<Vec<Seed>>,
+    /// The seeds as people read them.
+    #[serde(skip)]
+    pub seeds_shown: String,
     /// The results, task by task.
     pub tasks: Vec<Cell>,
-    /// The sum of the means, if it played all tasks of the report.
+    /// The sum of the means, if the run played all tasks of the report.
     pub total: Option<f64>,
-    /// Its acts, counted.
+    /// Counts of its acts: those of games that have ended, and those that this call sent in the others.
     pub acts: ActTally,
-    /// What its tokens cost, if their price is known.
+    /// The cost of its tokens, if their price is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cost: Option<f64>,
-    /// Whether a replay of all its journals gave the same results.
+    /// Whether a replay of all journals gave the same results.
     pub verified: bool,
 }
 
-/// A run in one task.
+/// The results of a run in one task.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Cell {
     /// The task.
@@ -71,7 +78,7 @@ pub struct Cell {
     pub deviation: Option<f64>,
     /// The lowest score of a game that has ended.
     pub least: Option<f64>,
-    /// The highest.
+    /// The highest score of a game that has ended.
     pub most: Option<f64>,
     /// Games that have ended and count.
     pub games: u32,
@@ -82,16 +89,49 @@ pub struct Cell {
 /// The state of a run of a plan.
 #[derive(Clone, Debug)]
 pub struct Played {
-    /// What was planned.
+    /// The planned run.
     pub planned: Planned,
-    /// Its status.
+    /// The run on the server.
     pub run: RunDetail,
+    /// What this call sent.
+    pub sent: SentActs,
     /// Whether all its journals were replayed.
     pub verified: bool,
 }
 
+/// The acts of a call, counted by their games: the server counts those of a game when it ends.
+#[derive(Clone, Debug, Default)]
+pub struct SentActs(BTreeMap<String, Tally>);
+
+impl SentActs {
+    /// Counts an act.
+    pub fn note(&mut self, act: &SwarmAct, receipt: &Receipt) {
+        if !receipt.duplicate {
+            let tally = self.0.entry(act.episode.clone()).or_default();
+            tally.count(Source::Player, receipt.valid, receipt.failure, act.usage);
+        }
+    }
+
+    /// All acts of a run, with those of games that have not ended.
+    fn with_ended(&self, run: &RunDetail) -> ActTally {
+        let mut acts = run.run.acts.clone();
+        let open = run.games.iter().filter(|game| game.status == "running");
+        for tally in open.filter_map(|game| self.0.get(game.episode.as_ref()?)) {
+            acts.sent += tally.acts;
+            acts.invalid += tally.invalid;
+            acts.failures.add(tally.failures);
+            acts.prompt_tokens = acts.prompt_tokens.saturating_add(tally.prompt_tokens);
+            acts.completion_tokens = acts.completion_tokens.saturating_add(tally.completion_tokens);
+        }
+        #[expect(clippy::cast_precision_loss, reason = "nobody sends 2⁵³ acts")]
+        let share = (acts.sent > 0).then(|| acts.invalid as f64 / acts.sent as f64);
+        acts.invalid_share = share;
+        acts
+    }
+}
+
 impl Report {
-    /// The results of the runs of a plan.
+    /// Builds the report of a plan.
     #[must_use]
     pub fn of(plan: &Plan, played: &[Played]) -> Self {
         Self {
@@ -104,7 +144,7 @@ impl Report {
         }
     }
 
-    /// Whether all rows have a total.
+    /// Whether any row has a total.
     fn has_totals(&self) -> bool {
         self.tasks.len() > 1 && self.rows.iter().any(|row| row.total.is_some())
     }
@@ -119,7 +159,7 @@ impl Report {
         self.rows.iter().any(|row| row.cost.is_some())
     }
 
-    /// Why answers did not count: a line for each run that has any, the most frequent reason first.
+    /// The reasons why answers did not count: a line for each run with such answers, the most frequent reason first.
     #[must_use]
     pub fn reasons(&self) -> Vec<String> {
         let failing = self.rows.iter().filter(|row| !row.acts.failures.is_empty());
@@ -136,7 +176,7 @@ impl Report {
             .collect()
     }
 
-    /// The board as headings and rows of texts, for people.
+    /// The board as headings and rows of text, for people.
     #[must_use]
     pub fn table(&self, shape: Shape) -> (Vec<String>, Vec<Vec<String>>) {
         let mut headings = vec!["model".to_owned()];
@@ -180,7 +220,7 @@ impl Report {
         if self.has_models() {
             let share = row.acts.invalid_share;
             cells.push(share.map_or_else(String::new, |share| format!("{:.1} %", share * 100.0)));
-            // Not every endpoint reports usage.
+            // Some endpoints report no usage.
             let tokens = [row.acts.prompt_tokens, row.acts.completion_tokens];
             let is_reported = tokens != [0, 0];
             cells.extend(
@@ -202,7 +242,7 @@ impl Report {
                 number(cell.least),
                 number(cell.most),
                 of(cell.games, cell.planned),
-                row.seeds.clone(),
+                row.seeds_shown.clone(),
             ]);
             cells
         };
@@ -223,7 +263,7 @@ impl Report {
         [line(&headings), line(&rule)].into_iter().chain(rows).chain(reasons).collect()
     }
 
-    /// The board as comma-separated values: a line for each run and task, numbers in full.
+    /// The board as comma-separated values: a line for each run and task, numbers in full precision.
     #[must_use]
     pub fn csv(&self) -> String {
         let columns = names("experiment model")
@@ -237,7 +277,7 @@ impl Report {
             |number: Option<f64>| number.map_or_else(String::new, |number| number.to_string());
         let line = |row: &Row, cell: &Cell| {
             let mut cells = vec![text(&self.experiment), text(&row.model)];
-            cells.extend(row.varied.iter().map(|value| text(value.as_deref().unwrap_or_default())));
+            cells.extend(row.varied().map(|value| text(&value.unwrap_or_default())));
             cells.extend([
                 cell.task.clone(),
                 full(cell.mean),
@@ -246,7 +286,7 @@ impl Report {
                 full(cell.most),
                 cell.games.to_string(),
                 cell.planned.to_string(),
-                row.seeds.clone(),
+                row.seeds_shown.clone(),
                 row.run.clone(),
                 row.status.clone(),
                 row.verified.to_string(),
@@ -276,7 +316,7 @@ impl Report {
 }
 
 impl Row {
-    fn of(plan: &Plan, Played { planned, run, verified }: &Played) -> Self {
+    fn of(plan: &Plan, Played { planned, run, sent, verified }: &Played) -> Self {
         let cell = |result: &TaskResult| {
             let ended = run.games.iter().filter(|game| {
                 game.task == result.task
@@ -294,34 +334,40 @@ impl Row {
                 planned: result.planned,
             }
         };
+        let acts = sent.with_ended(run);
         let plays = |task: &TaskName| run.run.suite.tasks.iter().any(|own| own == task.name());
         Self {
             model: planned.name(),
             is_model: matches!(planned.who, Who::Model(_)),
             prompt: matches!(planned.who, Who::Model(_)).then(|| planned.prompt().to_string()),
             answer_reader: planned.suite.settings.answer_reader.clone(),
-            varied: plan.varied.iter().map(|axis| planned.setting(axis)).collect(),
+            varied: plan.varied.iter().map(|axis| planned.value(axis)).collect(),
             run: run.run.id.clone(),
             status: run.run.status.clone(),
-            seeds: planned.seeds(),
+            seeds: planned.entry.is_none().then(|| planned.suite.seeds.clone()),
+            seeds_shown: planned.seeds(),
             tasks: run.run.tasks.iter().map(cell).collect(),
             total: run.run.total.filter(|_| plan.tasks.iter().all(plays)),
             cost: match &planned.who {
-                Who::Model(model) => model.price.map(|price| {
-                    price.of(run.run.acts.prompt_tokens, run.run.acts.completion_tokens)
-                }),
+                Who::Model(model) => {
+                    model.price.map(|price| price.of(acts.prompt_tokens, acts.completion_tokens))
+                }
                 Who::Player(_) => None,
             },
-            acts: run.run.acts.clone(),
+            acts,
             verified: *verified,
         }
     }
 
-    /// Who played, and what was varied.
+    /// The player and the varied settings.
     fn name(&self) -> Vec<String> {
-        let varied =
-            self.varied.iter().map(|value| value.clone().unwrap_or_else(|| "–".to_owned()));
+        let varied = self.varied().map(|value| value.unwrap_or_else(|| "–".to_owned()));
         std::iter::once(self.model.clone()).chain(varied).collect()
+    }
+
+    /// The values of the varied settings as texts.
+    fn varied(&self) -> impl Iterator<Item = Option<String>> {
+        self.varied.iter().map(|value| value.as_ref().map(setting_text))
     }
 }
 
@@ -338,12 +384,12 @@ fn number(number: Option<f64>) -> String {
     number.map_or_else(String::new, |number| format!("{number:.2}"))
 }
 
-/// A part of a whole; the number alone if they are equal.
+/// A part of a whole, as "3 of 5"; the number alone if they are equal.
 fn of(part: u32, all: u32) -> String {
     if part == all { all.to_string() } else { format!("{part} of {all}") }
 }
 
-/// A count of tokens in three or so digits.
+/// A count of tokens, abbreviated from 10,000 on.
 #[must_use]
 pub fn short(count: u64) -> String {
     #[expect(clippy::cast_precision_loss, reason = "three digits are shown")]

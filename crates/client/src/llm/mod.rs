@@ -1,25 +1,26 @@
 //! Language models: questions to any endpoint that speaks chat completions, and cassettes that answer in its place.
 //!
 //! A [`Model`] is asked [`Question`]s: a game, an agent, a round, and the prompt of that observation. It gives an
-//! [`Answer`], or says with a [`Stop`] why no more can be had. The line between the two:
+//! [`Answer`], or a [`Stop`] that says why no more answers can be had. Mistakes are divided as follows:
 //!
-//! - What the model itself does wrong (it refuses, says nothing, runs out of tokens) is an answer with a [`Failure`].
-//!   It is not tried again, it costs the model its move, and the game continues.
-//! - A question that the endpoint rejects (400, 413, 422) although it takes others costs the model its move, too: it is
-//!   asked twice, and the same error comes for ever where a prompt is longer than the model's context. Where the
-//!   endpoint takes no question at all, a setting is wrong, and everything stops with its error.
-//! - What the endpoint does wrong is tried again with growing pauses. Where it stays wrong, everything stops; no move
-//!   is lost, and the run can resume later.
+//! - The model's own mistake (it refuses, says nothing, runs out of tokens) is an answer with a [`Failure`]. It is
+//!   not retried, it costs the model its move, and the game continues.
+//! - A question that the endpoint rejects (400, 413, 422) although it takes others also costs the model its move: it
+//!   is asked only twice, as a prompt longer than the model's context gets the same error every time. If the endpoint
+//!   takes no question at all, a setting is wrong, and everything stops with its error.
+//! - The endpoint's mistake is retried with growing pauses. If it persists, everything stops; no move is lost, and
+//!   the run can resume later.
 //!
-//! A question has one message, the prompt, after a system message if the model has one, and no history: what an agent
-//! remembers is for the rules of the game to say, and it is in the prompt.
+//! A question is one message, the prompt, after a system message if the model has one, without history: the rules of
+//! the game say what an agent remembers, and the prompt contains it.
 //!
-//! - [`settings`]: which model is asked, where and how. [`key`]: its key, which is never shown. [`headers`]: further
-//!   headers. [`api`]: what differs between the interfaces of endpoints.
-//! - [`allowance`]: requests at once at each endpoint, and tokens, shared by all models of an evaluation.
+//! - [`settings`]: the model, its endpoint and its parameters. [`key`]: its key, which is never shown. [`headers`]:
+//!   further headers. [`api`]: differences between the interfaces of endpoints.
+//! - [`allowance`]: limits of concurrent requests at each endpoint and of tokens, shared by all models of an
+//!   evaluation.
 //! - `requests`: how requests are sent, tried again and given up.
 //! - [`cassette`]: answers in a file.
-//! - [`completion`]: what an endpoint's answer says. [`stop`]: why there is none.
+//! - [`completion`]: parsed answers of endpoints. [`stop`]: the reasons why there is none.
 
 pub mod allowance;
 pub mod api;
@@ -59,13 +60,13 @@ use swarmbench_clock::millis;
 /// A question to a model.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Question {
-    /// The game, by a name that is the same whenever it is played: a cassette finds answers by it.
+    /// The name of the game, the same whenever it is played: a cassette finds answers by it.
     pub game: String,
     /// The agent who asks.
     pub agent: String,
     /// The round.
     pub round: u32,
-    /// The system message, if the model has one: it comes before the prompt.
+    /// The system message before the prompt, if the model has one.
     pub system: Option<String>,
     /// The observation as text.
     pub prompt: String,
@@ -82,8 +83,8 @@ struct Inner {
 }
 
 impl Model {
-    /// A model that is asked within an allowance. With a cassette, what is on it is taken from there; what is not is
-    /// asked and added, or with [`Cassette::replay`] never asked.
+    /// Creates a model that is asked within an allowance. A cassette supplies the answers that it has; others are
+    /// asked for and recorded, or with [`Cassette::replay`] never asked for.
     ///
     /// # Errors
     /// [`Stop::Settings`] where a setting cannot work, [`Stop::Cassette`] where the cassette cannot be written.
@@ -112,23 +113,23 @@ impl Model {
         &self.0.requests.settings().model
     }
 
-    /// The server that is asked, as `https://api.openai.com`: its limits are for all of its models.
+    /// The origin of the endpoint, such as `https://api.openai.com`: its limits are for all of its models.
     #[must_use]
     pub fn server(&self) -> String {
         self.0.requests.origin()
     }
 
-    /// How long one request may take.
+    /// The timeout of one request.
     #[must_use]
     pub fn timeout(&self) -> Duration {
         self.0.requests.settings().timeout
     }
 
-    /// Sends a request. Dropping the future cancels it; an answer that has arrived is on the cassette by then.
+    /// Sends a request. Dropping the future cancels it; an answer that has arrived is already on the cassette.
     ///
     /// # Errors
-    /// Why no answer can be had. All but [`Stop::NotOnCassette`], [`Stop::BudgetSpent`] and [`Stop::Interrupted`] are also
-    /// the errors of all later questions to this model.
+    /// A [`Stop`] if no answer can be had. All but [`Stop::NotOnCassette`], [`Stop::BudgetSpent`] and
+    /// [`Stop::Interrupted`] are also the errors of all later questions to this model.
     pub async fn answer(&self, question: &Question) -> Result<Answer, Stop> {
         let Inner { requests, recorded } = &*self.0;
         if let Some(recorded) = recorded
@@ -144,7 +145,7 @@ impl Model {
         Ok(answer)
     }
 
-    /// Asks a question of six words, and throws the answer away: whether the address, the key and the settings are right.
+    /// Asks a question of six words and drops the answer, to check the address, the key and the settings.
     ///
     /// # Errors
     /// As [`Model::answer`].
@@ -155,7 +156,7 @@ impl Model {
         Ok(())
     }
 
-    /// Asks the endpoint, and asks again where it rejects the question.
+    /// Asks the endpoint, and asks again if it rejects the question.
     async fn ask(&self, question: &Question) -> Result<Answer, Stop> {
         let requests = &self.0.requests;
         let settings = requests.settings();
@@ -165,7 +166,7 @@ impl Model {
         let mut answered = requests.send(&chat).await?;
         if answered.completion.is_rejected() {
             if answers() == before {
-                // Nothing tells yet whether the endpoint takes any question with these settings.
+                // No answer shows yet that the endpoint takes any question with these settings.
                 self.probe().await?;
             }
             answered = requests.send(&chat).await?;
@@ -187,33 +188,38 @@ impl Model {
         }
     }
 
-    /// What was asked and spent so far.
+    /// Requests and tokens so far.
     #[must_use]
     pub fn spent(&self) -> Spent {
         self.0.requests.counters.spent()
     }
 
-    /// The error of the last failed request, such as `429, slow down`; none while the last one was
-    /// answered. For people who wonder why nothing moves.
+    /// Tokens of the budget spent so far by all models that share it.
+    #[must_use]
+    pub fn spent_of_budget(&self) -> u64 {
+        self.0.requests.spent_of_budget()
+    }
+
+    /// The error of the last failed request, such as `429, slow down`, to show why nothing moves; none once a later
+    /// request was answered.
     #[must_use]
     pub fn trouble(&self) -> Option<String> {
         self.0.requests.counters.last_trouble()
     }
 }
 
-/// Asks an endpoint that rejected a question, and has answered none meanwhile, whether it takes any.
+/// A question for an endpoint that rejected one and has answered none meanwhile: does it take any?
 const PROBE: &str = "Reply with the word OK.";
 
-/// A question on its way.
+/// A question or a probe in flight.
 struct Chat<'a> {
     text: &'a str,
-    /// None for a probe, which shows what is wrong with the settings.
+    /// None for a probe, whose rejection is an error of the settings.
     question: Option<&'a Question>,
     settings: &'a Settings,
 }
 
 impl Chat<'_> {
-    /// The purpose of the request, for the log.
     fn subject(&self) -> String {
         self.question.map_or_else(
             || "a probe".to_owned(),
@@ -221,7 +227,7 @@ impl Chat<'_> {
         )
     }
 
-    /// The fields of the body that differ from request to request.
+    /// The fields of the body that vary between requests.
     fn fields(&self) -> Map<String, Value> {
         let system = self.question.and_then(|question| question.system.as_deref());
         self.settings.api.fields(system, self.text)
@@ -236,7 +242,8 @@ impl Chat<'_> {
         Some(Completion { answer: answer.bounded(), tokens })
     }
 
-    /// An answer in spite of a refusal: a filter took offence at the question, or the endpoint does not take it as it is.
+    /// Turns a refusal into an answer with a failure: a filter took offence at the question, or the endpoint rejects
+    /// it.
     fn excuse(&self, status: u16, refusal: &Refusal, said: &Said) -> Option<Completion> {
         self.question?;
         let (what, failure) = match status {

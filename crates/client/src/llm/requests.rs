@@ -78,6 +78,10 @@ impl Requests {
         &self.endpoint.body
     }
 
+    pub(super) fn spent_of_budget(&self) -> u64 {
+        self.allowance.spent()
+    }
+
     /// Sends a request until it is answered. Dropping the future cancels it.
     ///
     /// # Errors

@@ -1,9 +1,9 @@
-//! An experiment as a list of runs, in the order in which they are played.
+//! The runs of an experiment, in the order in which they are played.
 //!
 //! - `run`: a run, its identity and the request that creates it.
 //! - `settings`: the combinations of settings.
 //! - `suite`: suites and their names.
-//! - `problems`: everything that is wrong with an experiment.
+//! - `problems`: the faults of an experiment.
 //! - `attempt`: the plan of an attempt in a competition.
 
 mod attempt;
@@ -15,6 +15,7 @@ mod suite;
 use std::collections::BTreeSet;
 use std::fmt;
 
+use serde_json::Value;
 use swarmbench_engine::{Settings, TaskName};
 use swarmbench_protocol::suite::Suite;
 
@@ -23,25 +24,25 @@ use crate::llm::Api;
 use super::experiment::{Experiment, List, ModelEntry, Shape};
 use problems::Problems;
 pub use run::{META, ModelPlan, Planned, PlayerPlan, Who};
-pub use settings::axes;
 pub(super) use settings::value;
+pub use settings::{axes, setting_text};
 use settings::{combinations, standard};
 use suite::named;
 pub use suite::ranges;
 
-/// As a player's or a task's name: all of them.
+/// The name of all players or all tasks.
 pub const ALL: &str = "all";
 
-/// Games of a run that are open at a time, at most.
+/// Maximum number of open games of a run.
 pub const PARALLEL_MAX: u32 = 64;
 
-/// Concurrent requests to an endpoint or a model, at most.
+/// Maximum number of concurrent requests to an endpoint or a model.
 pub const REQUESTS_MAX: u32 = 4096;
 
-/// Models of one endpoint that play at the same time, at most.
+/// Maximum number of models of one endpoint that play at the same time.
 pub const MODELS_AT_ONCE_MAX: u32 = 16;
 
-/// Everything that is wrong with an experiment.
+/// The faults of an experiment.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PlanError(pub Vec<String>);
 
@@ -58,24 +59,24 @@ impl std::error::Error for PlanError {}
 pub struct Plan {
     /// The name of the experiment.
     pub name: String,
-    /// Its purpose.
+    /// The purpose of the experiment.
     pub description: Option<String>,
-    /// Its runs, in order; no two are the same.
+    /// The runs in order, without duplicates.
     pub runs: Vec<Planned>,
     /// The tasks of all runs.
     pub tasks: Vec<TaskName>,
     /// The settings that differ between runs.
     pub varied: Vec<&'static str>,
-    /// The shape of its board.
+    /// The shape of the board.
     pub shape: Shape,
 }
 
 impl Plan {
-    /// Works an experiment out, and checks everything that can be checked before the first game. `template` is the text
-    /// of its prompt template.
+    /// Builds the runs of an experiment, and checks everything that can be checked before the first game. `template`
+    /// is the text of its prompt template.
     ///
     /// # Errors
-    /// All problems; those of settings in the words of the server.
+    /// All problems; those of settings are worded as by the server.
     pub fn of(experiment: &Experiment, template: Option<&str>) -> Result<Self, PlanError> {
         let mut problems = Problems::default();
         let mut runs = all_runs(experiment, template, &mut problems);
@@ -101,7 +102,8 @@ impl Plan {
         })
     }
 
-    /// The same plan with a recording in place of all models. These are other runs: the models did not play them.
+    /// The same plan with a recording in place of all models. These runs have other identities: the models did not
+    /// play them.
     #[must_use]
     pub fn replayed(mut self) -> Self {
         for run in &mut self.runs {
@@ -112,11 +114,11 @@ impl Plan {
 
     /// The settings that all runs share and that differ from the standard setting, by name.
     #[must_use]
-    pub fn shared(&self) -> Vec<(&'static str, String)> {
+    pub fn shared(&self) -> Vec<(&'static str, Value)> {
         let Suite { rules, settings, .. } = standard();
         let usual = Settings::from(&settings);
         let shared = axes().filter(|axis| !self.varied.contains(axis));
-        let values = shared.map(|axis| (axis, self.runs[0].setting(axis)));
+        let values = shared.map(|axis| (axis, self.runs[0].value(axis)));
         values
             .filter(|(axis, own)| *own != value(axis, &rules, &usual, [None, None]))
             .filter_map(|(axis, own)| Some((axis, own?)))
@@ -124,7 +126,7 @@ impl Plan {
     }
 }
 
-/// The runs of an experiment, repeated ones included.
+/// The runs of an experiment, duplicates included.
 fn all_runs(
     experiment: &Experiment,
     template: Option<&str>,
@@ -137,7 +139,7 @@ fn all_runs(
     problems.system(experiment, models);
     let seeds = problems.seeds(experiment.seeds.as_ref());
     let combinations = combinations(experiment);
-    // If no name is that of a task, the settings are checked all the same.
+    // Without any valid task name, all tasks are used, so that the settings are checked all the same.
     let tasks = asked.filter(|tasks| !tasks.is_empty());
     let tasks = tasks.unwrap_or_else(|| TaskName::ALL.to_vec());
     let planned = |who, suite: &Suite, tasks: &[TaskName], template: Option<&str>| Planned {

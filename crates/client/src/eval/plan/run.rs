@@ -1,4 +1,4 @@
-//! A run of a plan: who plays what, its identity, and the request that creates it.
+//! A run of a plan: its player, its games, its identity, and the request that creates it.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use swarmbench_protocol::run::{OwnSettings, OwnSuite, RunRequest, SuiteRequest};
 use swarmbench_protocol::suite::{Suite, digest_of_template};
 
 use super::super::experiment::Price;
-use super::settings::value;
+use super::settings::{setting_text, value};
 use super::suite::ranges;
 use crate::eval::entry::Entry;
 use crate::eval::system::SystemMessage;
@@ -22,19 +22,19 @@ use crate::llm::Api;
 /// The field of `agent_meta` with the identity of a run.
 pub const META: &str = "eval";
 
-/// A part of every identity: raised when the same description means another run.
+/// A part of every identity, raised whenever the same description means another run.
 const FORMAT: u32 = 1;
 
-/// How long an interrupted run waits to be resumed, in seconds: 90 days. The server's default is a day, which may be
-/// over before there is a new budget.
+/// Seconds until an interrupted run is abandoned: 90 days. The server's default is a day, which may pass before there
+/// is a new budget.
 const IDLE_TIMEOUT_S: f64 = 90.0 * 86_400.0;
 
-/// A language model and how it is asked.
+/// A language model and its requests.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModelPlan {
     /// The name on boards.
     pub name: String,
-    /// Its name at the endpoint.
+    /// The name at the endpoint.
     pub model: String,
     /// The address of the endpoint, if one was named.
     pub api_base: Option<String>,
@@ -44,7 +44,7 @@ pub struct ModelPlan {
     pub api: Api,
     /// Further headers, by name, as they were given: with the names of environment variables, not their values.
     pub headers: BTreeMap<String, String>,
-    /// Concurrent requests to this model, if it has a limit of its own.
+    /// Concurrent requests to this model, if it has its own limit.
     pub requests: Option<u32>,
     /// The sampling temperature.
     pub temperature: Option<f64>,
@@ -54,16 +54,16 @@ pub struct ModelPlan {
     pub max_tokens: Option<u64>,
     /// Further fields of each request.
     pub extra: Map<String, Value>,
-    /// Its system message.
+    /// The system message.
     pub system: Option<SystemMessage>,
-    /// What its tokens cost, if that is known. It is no part of the identity.
+    /// The price of its tokens, if known, which is no part of the identity.
     pub price: Option<Price>,
 }
 
 /// Built-in players.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PlayerPlan {
-    /// A player's name, or `default` for each task's own.
+    /// The name of a player, or `default` for each task's own.
     pub name: String,
     /// The seed of the players' own choices.
     pub seed: u64,
@@ -72,7 +72,7 @@ pub struct PlayerPlan {
 }
 
 impl PlayerPlan {
-    /// The player of each task.
+    /// The built-in players by task.
     #[must_use]
     pub fn players(&self) -> BTreeMap<TaskName, &'static BuiltIn> {
         let known =
@@ -81,7 +81,7 @@ impl PlayerPlan {
     }
 }
 
-/// Who plays a run.
+/// The player of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Who {
     /// A language model.
@@ -93,15 +93,15 @@ pub enum Who {
 /// A run of a plan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Planned {
-    /// Who plays.
+    /// The player.
     pub who: Who,
-    /// What is played.
+    /// The suite of games.
     pub suite: Suite,
     /// A custom prompt template for a model.
     pub template: Option<String>,
     /// Whether a recording answers in place of the model.
     pub is_replay: bool,
-    /// The competition and the entrant, where it is an attempt: then the suite has no seeds, as they are sealed.
+    /// The competition and the entrant of an attempt. Its suite has no seeds, as they are sealed.
     pub entry: Option<Box<Entry>>,
 }
 
@@ -115,19 +115,25 @@ impl Planned {
         }
     }
 
-    /// The tasks that it plays.
+    /// The tasks of its suite.
     pub fn tasks(&self) -> impl Iterator<Item = TaskName> + '_ {
         self.suite.tasks.iter().filter_map(|task| TaskName::parse(task))
     }
 
-    /// The value of one of [`axes`](super::axes), if the run has one.
+    /// The value of one of [`axes`](super::axes) as text, if the run has one.
     #[must_use]
     pub fn setting(&self, axis: &str) -> Option<String> {
+        self.value(axis).as_ref().map(setting_text)
+    }
+
+    /// The value of one of [`axes`](super::axes), if the run has one.
+    #[must_use]
+    pub fn value(&self, axis: &str) -> Option<Value> {
         let Suite { rules, settings, .. } = &self.suite;
         value(axis, rules, &settings.into(), self.sampling())
     }
 
-    /// The temperature and `top_p` of a model.
+    /// The temperature and `top_p` of a model; none for built-in players.
     pub(in crate::eval) fn sampling(&self) -> [Option<f64>; 2] {
         match &self.who {
             Who::Model(model) => [model.temperature, model.top_p],
@@ -143,13 +149,13 @@ impl Planned {
         }
     }
 
-    /// The system message of a model in a task.
+    /// The system message of a model in a task, if any.
     #[must_use]
     pub fn system_of(&self, task: &str) -> Option<&str> {
         self.system()?.of(task)
     }
 
-    /// Which prompt a model gets.
+    /// The identity of a model's prompt.
     #[must_use]
     pub fn prompt(&self) -> Identity {
         let system = self.system().map(|system| system.json().to_string());
@@ -161,7 +167,7 @@ impl Planned {
         }
     }
 
-    /// The part of the identity beside suite, sampling and template: for `agent_meta`.
+    /// The part of the identity beside suite, sampling and template, for `agent_meta`.
     fn meta(&self) -> Map<String, Value> {
         let fields = match &self.who {
             Who::Model(plan) => vec![
@@ -169,7 +175,7 @@ impl Planned {
                 ("max_tokens", plan.max_tokens.map(|tokens| json!(tokens))),
                 ("extra", (!plan.extra.is_empty()).then(|| json!(plan.extra))),
                 ("replay", self.is_replay.then_some(json!(true))),
-                // The server's words may be others than those of an earlier version.
+                // Servers of other versions may word prompts differently.
                 ("prompt_revision", Some(json!(swarmbench_prompt::REVISION))),
             ],
             Who::Player(PlayerPlan { seed, by_task, .. }) => {
@@ -181,8 +187,8 @@ impl Planned {
         fields.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?))).collect()
     }
 
-    /// The identity: the first 16 hexadecimal digits of SHA-256 of who plays what, and how. The endpoint's address,
-    /// interface and headers, the number of concurrent requests and the budget are no part of it.
+    /// The identity: the first 16 hexadecimal digits of the SHA-256 of the player, the games and their settings. The
+    /// endpoint's address, interface and headers, the number of concurrent requests and the budget are no part of it.
     #[must_use]
     pub fn identity(&self) -> String {
         let mut text =
@@ -193,10 +199,10 @@ impl Planned {
         data_encoding::HEXLOWER.encode(&Sha256::digest(text.to_string())[..8])
     }
 
-    /// The request that creates the run with `parallel` open games at a time.
+    /// The request that creates the run with `parallel` open games.
     #[must_use]
     pub fn request(&self, parallel: u32) -> RunRequest {
-        let Suite { name, tasks, seeds, rules, settings } = &self.suite;
+        let Suite { name, tasks, seeds, rules, settings, .. } = &self.suite;
         let suite = if Suite::BUILT_IN.contains(&name.as_str()) {
             SuiteRequest::Named(name.clone())
         } else {
@@ -230,14 +236,14 @@ impl Planned {
         }
     }
 
-    /// How many games it has.
+    /// The number of games.
     #[must_use]
     pub fn games(&self) -> usize {
         let seeds = self.entry.as_ref().map_or(self.suite.seeds.len(), |entry| entry.seeds());
         self.suite.tasks.len() * seeds
     }
 
-    /// Its seeds in short, or how many sealed ones there are.
+    /// The seeds in short, or the number of sealed ones.
     #[must_use]
     pub fn seeds(&self) -> String {
         match &self.entry {
@@ -246,7 +252,7 @@ impl Planned {
         }
     }
 
-    /// The maximum number of rounds of all its games.
+    /// The maximum number of rounds of all games.
     #[must_use]
     pub fn rounds_max(&self) -> u64 {
         self.games() as u64 * u64::try_from(self.suite.settings.max_round).unwrap_or(0)
@@ -258,7 +264,7 @@ impl Planned {
         self.rounds_max() * u64::try_from(self.suite.settings.num_agents).unwrap_or(0)
     }
 
-    /// The name of a game on cassettes: the same whenever and wherever it is played.
+    /// The name of a game on cassettes, the same whenever and wherever it is played.
     #[must_use]
     pub fn game_name(&self, task: &str, seed: Seed) -> String {
         let Suite { rules, settings, .. } = &self.suite;

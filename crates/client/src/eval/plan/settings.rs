@@ -7,7 +7,7 @@ use swarmbench_protocol::suite::Suite;
 
 use crate::eval::experiment::{Axes, Experiment, MapSize};
 
-/// The names of all settings that can be varied, in the order in which they multiply.
+/// The names of all settings that can vary, in the order in which they multiply.
 pub fn axes() -> impl Iterator<Item = &'static str> {
     let first = ["rules", "control", "map_size"];
     let others = Settings::NAMES.iter().copied();
@@ -15,19 +15,29 @@ pub fn axes() -> impl Iterator<Item = &'static str> {
     first.into_iter().chain(others).chain(["temperature", "top_p"])
 }
 
-/// The value of one of [`axes`] in a run with these rules, settings, temperature and `top_p`, if it has one.
+/// The value of one of [`axes`] in a run with these rules, settings, temperature and `top_p`, if any.
 pub(in crate::eval) fn value(
     axis: &str,
     rules: &str,
     settings: &Settings,
     [temperature, top_p]: [Option<f64>; 2],
-) -> Option<String> {
+) -> Option<Value> {
+    let size = || MapSize { width: settings.width, height: settings.height }.to_string();
     match axis {
-        "rules" => Some(rules.to_owned()),
-        "map_size" => Some(MapSize { width: settings.width, height: settings.height }.to_string()),
-        "temperature" => temperature.map(|value| value.to_string()),
-        "top_p" => top_p.map(|value| value.to_string()),
-        name => settings.get(name),
+        "rules" => Some(json!(rules)),
+        "map_size" => Some(json!(size())),
+        "temperature" => temperature.map(|value| json!(value)),
+        "top_p" => top_p.map(|value| json!(value)),
+        name => json!(OwnSettings::from(settings)).get(name).cloned(),
+    }
+}
+
+/// A setting as people write it: a text without quotes, a whole number without decimals.
+#[must_use]
+pub fn setting_text(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        value => value.as_f64().map_or_else(|| value.to_string(), |number| number.to_string()),
     }
 }
 
@@ -47,7 +57,6 @@ pub(super) fn combinations(experiment: &Experiment) -> Vec<Combination> {
     groups.iter().flat_map(multiply).collect()
 }
 
-/// The combinations of one group.
 fn multiply(group: &Axes) -> Vec<Combination> {
     let lists = group.lists();
     let named = axes().filter_map(|axis| Some((axis, lists.get(axis)?)));
