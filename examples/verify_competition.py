@@ -22,7 +22,7 @@ FIELDS = {
     "competition": "kind format id definition created_at revealed_at commitment salt seeds",
     "definition": "name description tasks seeds rules settings idle_timeout_ms opens_at closes_at entry attempts"
     " parallel counts board board_freezes_at? entries_per_key spares? attempts_per_day? public_seeds? tie_breaks?"
-    " terms? own_games? categories?", "terms": "version text",
+    " terms? own_games? categories? seeds_by_task?", "terms": "version text",
     "action": "kind at action subject detail", "change": "field from to",
     "settings": "control num_agents width height view_size memory max_round noise max_delay round_deadline_ms bank_ms"
     " answer_reader?",
@@ -35,6 +35,8 @@ FIELDS = {
     "act": "agent source action message? to? valid failure? response? usage? reasoning? bank_spent_ms?",
     "round": "kind round acts digest score", "end": "kind status reason rounds score open_acts",
 }
+# From this format on the status of an attempt fits the ends of its games, and each voided attempt has its action.
+FIRST_FORMAT_WITH_CHECKED_ATTEMPTS = 2
 ENDINGS = ["finished task_done", "finished rounds_played", "aborted aborted", "aborted closed", "abandoned idle"]
 
 
@@ -98,15 +100,17 @@ class Reader:
 
 
 def check_competition(competition):
-    """Returns the seeds of the rules, attempt by attempt."""
-    check(competition["format"] in (1, 2), f"format is {competition['format']!r}, and should be 1 or 2")
+    """Returns the plan of each attempt: a task and its seed by the rules for every slot."""
+    check(competition["format"] in (1, 2, 3), f"format is {competition['format']!r}, and should be 1 to 3")
     definition = competition["definition"]
     has_fields("definition", definition)
     has_fields("settings", definition["settings"])
     same("the tasks, sorted", sorted(definition["tasks"]), sorted(set(definition["tasks"]) & set(TASKS)))
     check(definition["counts"] in ("best", "last", "first"), "it does not say which attempt counts")
     newer = {"spares", "attempts_per_day", "public_seeds", "tie_breaks", "terms", "own_games", "categories"}
-    check(competition["format"] == 2 or not newer & definition.keys(), f"format 1 has none of {newer}")
+    check(competition["format"] > 1 or not newer & definition.keys(), f"format 1 has none of {newer}")
+    by_task = definition.get("seeds_by_task", False)
+    check(not by_task or competition["format"] == 3, "seeds_by_task needs format 3")
     check(0 <= definition.get("public_seeds", 0) < definition["seeds"], "there are no seeds for the final board")
     check(set(definition.get("tie_breaks", [])) <= set(TIE_BREAKS), "a rule for equal totals does not exist")
     if "terms" in definition:
@@ -124,8 +128,16 @@ def check_competition(competition):
     count = definition["seeds"]
     same("the number of sealed seeds", len(sealed), count * len(windows_of(definition)))
     same("the commitment", competition["commitment"], hashlib.sha256(salt + b"".join(sealed)).hexdigest())
-    seeds = [int.from_bytes(hashlib.sha256(seed).digest()[:8], "big") >> 11 for seed in sealed]
-    return [seeds[first : first + count] for first in range(0, len(seeds), count)]
+    attempts = [sealed[first : first + count] for first in range(0, len(sealed), count)]
+    return [
+        [(task, seed_of(seed, task if by_task else "")) for task in definition["tasks"] for seed in seeds]
+        for seeds in attempts
+    ]
+
+
+def seed_of(sealed, task):
+    """The seed of the rules that belongs to a sealed one."""
+    return int.from_bytes(hashlib.sha256(sealed + task.encode()).digest()[:8], "big") >> 11
 
 
 def windows_of(definition):
@@ -143,14 +155,29 @@ def ends_of(definition, number, changes):
     return [("", first)] + [(time(at), change["to"]) for at, change in own]
 
 
-def read_action(record, competition, changes):
-    check(competition["format"] == 2, "format 1 has no actions")
+def read_action(record, competition, changes, voids):
+    check(competition["format"] > 1, "format 1 has no actions")
+    if record["action"] == "attempt.void":
+        voids.add((record["subject"], record["detail"]["reason"]))
     if record["action"] == "competition.change":
         for change in record["detail"]["changes"]:
             has_fields("change", change)
             if change["field"].endswith("closes_at"):
                 check(time(change["from"]) <= time(change["to"]), "a window was shortened")
             changes.append((record["at"], change))
+
+
+def check_void(competition, record, voids):
+    """Checks that organizers voided an attempt that is voided, for the same reason."""
+    if competition["format"] >= FIRST_FORMAT_WITH_CHECKED_ATTEMPTS and "voided" in record:
+        check((record["run"], record["voided"]) in voids, "it was voided, but no action says so")
+
+
+def check_ending(competition, record, opening, end, ends):
+    """Checks that a game of a finished attempt did not close with its window; one that closed before an extension was played."""
+    if competition["format"] >= FIRST_FORMAT_WITH_CHECKED_ATTEMPTS and record["status"] == "finished":
+        extended = time(opening["config"]["closes_at"]) < time(ends[-1][1])
+        check(end["reason"] != "closed" or extended, "it closed with the window of its attempt, and the attempt is finished")
 
 
 def check_entrant(record, definition):
@@ -172,13 +199,13 @@ def check_changes(definition, changes):
 
 
 class Attempt:
-    def __init__(self, record, window, tasks, seeds, public=0):
+    def __init__(self, record, window, plan, seeds, public=0):
         self.record, self.window = record, window
         # In whose place it counts.
         self.number = record.get("replays", record.get("attempt"))
-        self.plan = [(task, seed) for task in tasks for seed in seeds]
+        self.plan = plan
         # The first seeds made the board before the end; that of the file is made of the others.
-        self.slots = [slot for slot in range(len(self.plan)) if slot % len(seeds) >= public]
+        self.slots = [slot for slot in range(len(plan)) if slot % seeds >= public]
         self.voided = "voided" in record
         self.counts = record["status"] != "running" and not self.voided
         self.void_slots = [game["slot"] for game in record["games"] if "voided" in game and game["slot"] in self.slots]
@@ -250,7 +277,8 @@ def check_journal(opening, rounds, end, definition, entrant, attempt, game, ends
     for name in expected.keys() | opening["config"].keys():
         same(f"the setting {name}", opening["config"].get(name, "missing"), expected.get(name, "missing"))
     meta = entrant.get("agent_meta", {}) | {name: entrant[name] for name in ("temperature", "top_p") if name in entrant}
-    same("the kind and the format", (opening["kind"], opening["format"]), ("opening", 1))
+    same("the kind", opening["kind"], "opening")
+    check(opening["format"] in (1, 2), f"the format of a journal is {opening['format']!r}, and should be 1 or 2")
     same("the episode and its run", (opening["episode"], opening["run"]), (game["episode"], attempt.record["run"]))
     same("agent_meta", opening["agent_meta"], meta)
     same("the template", opening["prompt_template"], entrant.get("prompt_template", opening["prompt_template"]))
@@ -264,13 +292,13 @@ def check_journal(opening, rounds, end, definition, entrant, attempt, game, ends
     same("the final score", end["score"], rounds[-1]["score"] if rounds else end["score"])
 
 
-def read_attempt(reader, record, competition, seeds, entrants, attempts, changes):
+def read_attempt(reader, record, competition, plans, entrants, attempts, changes, voids):
     definition, number = competition["definition"], record["attempt"]
-    check(record["entrant"] in entrants and 1 <= number <= len(seeds), "there is no such entrant, or attempt")
+    check(record["entrant"] in entrants and 1 <= number <= len(plans), "there is no such entrant, or attempt")
     entrant, window = entrants[record["entrant"]], windows_of(definition)[number - 1]
     ends = ends_of(definition, number, changes)
     same("a spare attempt plays another one again", "replays" in record, number > len(definition["attempts"]))
-    attempt = Attempt(record, window, definition["tasks"], seeds[number - 1], definition.get("public_seeds", 0))
+    attempt = Attempt(record, window, plans[number - 1], definition["seeds"], definition.get("public_seeds", 0))
     runs = [other.record["run"] for own in attempts.values() for other in own]
     check(record["run"] not in runs, "a run is there twice")
     own = attempts[entrant["id"]]
@@ -281,6 +309,7 @@ def read_attempt(reader, record, competition, seeds, entrants, attempts, changes
         check(number not in [other.record["attempt"] for other in own], "its spare seeds were used before")
     check(competition["revealed_at"] is None or record["status"] != "running", "it is running after the end")
     check(not (attempt.voided and record["games"]), "it was voided, and has games")
+    check_void(competition, record, voids)
     in_time("it was started", record["created_at"], window["opens_at"], window["closes_at"])
     for game in record["games"]:
         has_fields("game", game)
@@ -293,6 +322,7 @@ def read_attempt(reader, record, competition, seeds, entrants, attempts, changes
         (opening, *rounds, end), head = reader.journal(header["lines"])
         same("the head of the journal", header["head"], head)
         check_journal(opening, rounds, end, definition, entrant, attempt, game, ends)
+        check_ending(competition, record, opening, end, ends)
         attempt.add(game["slot"], rounds, end)
     attempts[entrant["id"]].append(attempt)
 
@@ -352,15 +382,15 @@ def board(definition, entrants, attempts):
 
 def verify(reader, commitment, head):
     competition = reader.record("competition")
-    seeds = check_competition(competition)
+    plans = check_competition(competition)
     check(commitment in (None, competition["commitment"]), "another commitment was published")
-    entrants, attempts, changes = {}, defaultdict(list), []
+    entrants, attempts, changes, voids = {}, defaultdict(list), [], set()
     while (record := reader.record("action", "entrant", "attempt", "board"))["kind"] != "board":
         if record["kind"] == "action":
             check(not entrants and not attempts, "an action is out of place")
-            read_action(record, competition, changes)
+            read_action(record, competition, changes, voids)
         elif record["kind"] == "attempt":
-            read_attempt(reader, record, competition, seeds, entrants, attempts, changes)
+            read_attempt(reader, record, competition, plans, entrants, attempts, changes, voids)
         else:
             check(record["id"] not in entrants and not attempts, "an entrant is out of place")
             check_entrant(record, competition["definition"])

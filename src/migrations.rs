@@ -1,11 +1,11 @@
-//! The migrations, which are part of the program. Without the macro of sqlx that reads the folder: it would compile SQLite a
-//! second time.
+//! Migrations, which are part of the program. sqlx's macro that reads the folder is not used, as it would compile SQLite a second
+//! time.
 
 use sqlx::SqlSafeStr as _;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 
 /// Version, description and text of each file in `migrations/sqlite`.
-const SQLITE: [(i64, &str, &str); 16] = [
+const SQLITE: [(i64, &str, &str); 17] = [
     (1, "journal", include_str!("../migrations/sqlite/0001_journal.sql")),
     (2, "keys", include_str!("../migrations/sqlite/0002_keys.sql")),
     (3, "runs", include_str!("../migrations/sqlite/0003_runs.sql")),
@@ -22,26 +22,28 @@ const SQLITE: [(i64, &str, &str); 16] = [
     (14, "columns", include_str!("../migrations/sqlite/0014_columns.sql")),
     (15, "fleet", include_str!("../migrations/sqlite/0015_fleet.sql")),
     (16, "lists", include_str!("../migrations/sqlite/0016_lists.sql")),
+    (17, "names", include_str!("../migrations/sqlite/0017_names.sql")),
 ];
 
 /// The same of `migrations/postgres`. A version makes the same tables and columns in both.
-const POSTGRES: [(i64, &str, &str); 3] = [
+const POSTGRES: [(i64, &str, &str); 4] = [
     (14, "tables", include_str!("../migrations/postgres/0014_tables.sql")),
     (15, "fleet", include_str!("../migrations/postgres/0015_fleet.sql")),
     (16, "lists", include_str!("../migrations/postgres/0016_lists.sql")),
+    (17, "names", include_str!("../migrations/postgres/0017_names.sql")),
 ];
 
-/// All migrations of SQLite, oldest first.
+/// Migrations of SQLite, oldest first.
 pub(crate) fn sqlite() -> Migrator {
     migrator(&SQLITE)
 }
 
-/// All migrations of PostgreSQL, oldest first.
+/// Migrations of PostgreSQL, oldest first.
 pub(crate) fn postgres() -> Migrator {
     migrator(&POSTGRES)
 }
 
-/// The version of the newest migration.
+/// Version of the newest migration.
 pub(crate) fn newest(migrator: &Migrator) -> Option<i64> {
     migrator.iter().map(|migration| migration.version).max()
 }

@@ -71,6 +71,7 @@ impl Made {
             visibility: "public",
             attempt: None,
             replays: None,
+            closes_at: None,
             at: now,
             idempotency: None,
             token: None,

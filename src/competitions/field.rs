@@ -71,8 +71,7 @@ impl<'a> Field<'a> {
         (attempt, games): &(StoredAttempt, RunGames),
     ) -> Result<Attempt, StoreError> {
         let StoredCompetition { id, definition, sealed, .. } = self.competition;
-        let seeds = sealed.of_attempt(attempt.number, definition.seeds);
-        let plan = Slot::plan(&definition.suite(id, seeds));
+        let plan = Slot::plan(&definition.suite(id, sealed, attempt.number));
         let plan = plan.ok_or_else(|| StoreError::broken("a competition with an unknown task"))?;
         let ended = games.iter().filter(|game| game.is_over());
         Ok(Attempt {

@@ -61,6 +61,8 @@ pub struct StoredEntrant {
     pub published: Option<String>,
     /// How organizers reach it.
     pub contact: Option<String>,
+    /// How often it was given another name.
+    pub renames: u32,
     /// All that others see of it, and what it declared.
     pub entrant: Entrant,
 }
@@ -185,6 +187,7 @@ fn entrant(raw: RawEntrant) -> Result<StoredEntrant, String> {
         owner: raw.owner,
         published: raw.published,
         contact: raw.contact,
+        renames: raw.renames,
         address: raw.address.and_then(|address| address.parse().ok()),
         entrant: Entrant {
             id: raw.id,

@@ -1,4 +1,4 @@
-//! A competition with its entrants: one that is over, or a large one that is still open.
+//! Competitions with entrants: an ended one, or a large open one.
 
 use std::time::Duration;
 
@@ -20,22 +20,21 @@ use crate::store::entries::{CompetitionRow, EntrantRow, Entry, Secret};
 use swarmbench_engine::TaskName;
 use swarmbench_protocol::carried::Carried;
 
-/// Sealed seeds of an attempt in a competition that is over; every task is played once on each.
+/// Sealed seeds of an attempt in an ended competition; every task is played once on each.
 const SEEDS: u32 = 20;
 
-/// Games of an attempt in one that is open: of a single game the total would be its score.
+/// Games of an attempt in an open competition. With a single game the total would be its score.
 pub(super) const OPEN_GAMES: u64 = 2;
 
-/// How long a large competition is still open.
+/// Time until a large competition closes.
 const OPEN_FOR: Duration = Duration::from_hours(30 * 24);
 
-/// The fewest entrants: a board of one tells nothing.
+/// Minimum number of entrants: a board of one shows nothing.
 const ENTRANTS_MIN: u64 = 2;
 
-/// What a competition is like.
 pub(super) struct Shape {
     entrants: u64,
-    /// Attempts of each.
+    /// Attempts of each entrant.
     attempts: u32,
     tasks: Vec<String>,
     seeds: u32,
@@ -44,7 +43,7 @@ pub(super) struct Shape {
 }
 
 impl Shape {
-    /// One that is over, of about as many games, with one attempt for each entrant.
+    /// An ended competition of about `games` games, with one attempt for each entrant.
     pub(super) fn over(filling: &Filling, games: u64) -> Self {
         let tasks = TaskName::ALL.map(|task| task.name().to_owned()).to_vec();
         Self {
@@ -57,7 +56,7 @@ impl Shape {
         }
     }
 
-    /// One that is open, with attempts of two games.
+    /// An open competition with attempts of [`OPEN_GAMES`] games.
     pub(super) fn open(filling: &Filling, entrants: u32, attempts: u32) -> Self {
         Self {
             entrants: entrants.into(),
@@ -70,7 +69,7 @@ impl Shape {
     }
 }
 
-/// A competition as it was announced, and who takes part.
+/// An announced competition with its entrants.
 pub(super) struct Competition {
     pub(super) key: CompetitionKey,
     pub(super) id: String,
@@ -81,7 +80,7 @@ pub(super) struct Competition {
 }
 
 impl Competition {
-    /// Writes a competition with its entrants, without their attempts.
+    /// Writes a competition and its entrants, without attempts.
     pub(super) async fn create(
         filling: &Filling,
         number: u64,
@@ -118,6 +117,7 @@ impl Competition {
             categories: Vec::new(),
             tie_breaks: Vec::new(),
             own_games: OwnGames::Sealed,
+            seeds_by_task: true,
         };
         let problems = definition.problems_when_new(at);
         if let Some((field, problem)) = problems.first() {
@@ -181,12 +181,12 @@ impl Competition {
         Ok(Self { key, id, definition, sealed, entrants: entrants.collect(), is_over })
     }
 
-    /// Attempts of all entrants.
+    /// Number of attempts of all entrants together.
     pub(super) fn attempts(&self) -> usize {
         self.entrants.len() * self.definition.attempts.len()
     }
 
-    /// Games of an attempt.
+    /// Number of games of an attempt.
     pub(super) fn games(&self) -> u64 {
         self.definition.games() as u64
     }
@@ -195,15 +195,15 @@ impl Competition {
         self.definition.closes_at
     }
 
-    /// One of the attempts of all entrants: first the first of each, then the second. Whose it is, its number, and what is played.
+    /// The attempt with an index, where the first attempts of all entrants precede the second ones: entry and number, key,
+    /// and definition of the run.
     pub(super) fn attempt(
         &self,
         index: usize,
     ) -> Result<((EntryKey, u32), OwnerKey, Definition), String> {
         let (entry, owner, declaration) = &self.entrants[index % self.entrants.len()];
         let number = u32::try_from(index / self.entrants.len() + 1).map_err(|e| e.to_string())?;
-        let seeds = self.sealed.of_attempt(number, self.definition.seeds);
-        let run = self.definition.run(&self.id, declaration, number, seeds);
+        let run = self.definition.run(&self.id, declaration, number, &self.sealed);
         Ok(((*entry, number), *owner, run.ok_or("there is no attempt")?))
     }
 }

@@ -1,7 +1,7 @@
-//! Fills a new database with games that were played here: what a server becomes after years of use, in minutes. Every
-//! journal is a real one, and all rows are written by the store's own writer.
+//! Fills a new database with games played in memory: in minutes, the database of a server after years of use. Every journal
+//! is a real one, and all rows are written by the store's own writer.
 //!
-//! `game` plays one game; `competition` makes a competition with all its games.
+//! `game` plays one game; `competition` creates a competition, whose attempts are runs like others.
 
 mod competition;
 mod game;
@@ -29,63 +29,62 @@ use game::NewGame;
 /// Games of a run.
 const RUN_GAMES: u64 = 20;
 
-/// One game in so many belongs to no run, and has tokens of its own.
+/// One game in this many belongs to no run and has tokens of its own.
 const SINGLE_ONE_IN: u64 = 5;
 
-/// Episodes for which there is one competition; a smaller database has one, too.
+/// Episodes for each competition. Smaller databases have one competition.
 const EPISODES_PER_COMPETITION: u64 = 100_000;
 
-/// One game in so many belongs to a competition.
+/// One game in this many belongs to a competition.
 const COMPETITION_ONE_IN: u64 = 10;
 
-/// Keys by which episodes are created, and different models.
+/// Number of keys that create episodes.
 const OWNERS: u64 = 100;
 const MODELS: u64 = 1000;
 
-/// The time over which the games are spread.
+/// Time over which the games are spread.
 const SPAN: Duration = Duration::from_hours(90 * 24);
 
 /// The longest idle timeout: an episode that nobody plays stays unfinished.
 const IDLE_TIMEOUT_MS: u64 = 31_536_000_000;
 
-/// The time between the last game and now.
+/// Time between the last game and now.
 const REST: Duration = Duration::from_hours(24);
 
-/// Pieces that are made, or wait for the disk, at a time: the memory that is used is theirs.
+/// Pieces in memory at once, being made or waiting for the disk. They bound the memory use.
 const PIECES_AT_ONCE: usize = 4;
 
-/// Single episodes of a piece, and attempts of few games.
+/// Single episodes, or attempts of few games, in a piece.
 const PIECE_EPISODES: u64 = 100;
 
-/// What a database is filled with.
+/// Contents of the database.
 #[derive(Clone, Copy, Debug)]
 pub struct Fill {
-    /// How many episodes that have ended.
+    /// Number of ended episodes.
     pub episodes: u64,
-    /// How many more that wait for their first act.
+    /// Number of further episodes that wait for their first act.
     pub unfinished: u64,
-    /// Entrants of one more competition, which is still open; none where it is 0.
+    /// Entrants of a further competition, which is open; 0 for none.
     pub entrants: u32,
-    /// Attempts of each of them, of two games each.
+    /// Attempts of each of these entrants, with two games each.
     pub attempts: u32,
-    /// Agents of each.
+    /// Agents of each episode.
     pub agents: u16,
-    /// Rounds of each, at most: some tasks end earlier.
+    /// Maximum rounds of each episode. Some tasks end earlier.
     pub rounds: u32,
-    /// All games, names and tokens follow from it.
+    /// Determines all games, names and tokens.
     pub seed: u64,
 }
 
-/// What was made.
 #[derive(Debug)]
 pub struct Filled {
     pub episodes: u64,
     pub runs: u64,
     /// Acts of all games.
     pub acts: u64,
-    /// The ids of its competitions.
+    /// Ids of all competitions.
     pub competitions: Vec<String>,
-    /// The key of an organizer.
+    /// Token of an organizer.
     pub organizer: Token,
 }
 
@@ -95,15 +94,14 @@ pub enum FillError {
     Open(#[from] OpenError),
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// What was asked for cannot be played.
     #[error("such games cannot be played: {0}")]
     Settings(String),
-    /// Ids of games and times follow from the seed, and would meet those that are there.
+    /// Ids and times follow from the seed and would collide with existing ones.
     #[error("{0} has games: name an empty database")]
     NotEmpty(String),
 }
 
-/// Fills a new database; `progress` gets how many episodes of how many are durable.
+/// Fills a new database. `progress` gets the durable and the total number of episodes.
 pub async fn fill(
     location: &Location,
     fill: Fill,
@@ -119,13 +117,13 @@ pub async fn fill(
     filled
 }
 
-/// Some runs or episodes whose entries are written together.
+/// Runs or episodes whose entries are committed together.
 enum Piece {
-    /// A run of a suite, with all its games.
+    /// A run of a suite with all its games.
     Run { run: RunKey, first: EpisodeKey },
-    /// Episodes of their own, to their end or before their first act.
+    /// Episodes without a run, either played to their end or waiting for their first act.
     Singles { first: EpisodeKey, count: u64, ended: bool },
-    /// Attempts in a competition, with all their games: `count` from the one with this index on.
+    /// Attempts in a competition with all their games: `count` attempts from `index` on.
     Attempts {
         competition: Arc<Competition>,
         index: usize,
@@ -138,7 +136,7 @@ enum Piece {
 struct Filling {
     store: Store,
     fill: Fill,
-    /// When the first game was played.
+    /// Time of the first game.
     since: Timestamp,
     suites: Vec<Suite>,
 }
@@ -184,7 +182,7 @@ impl Filling {
         Ok(Filled { episodes, runs: made.runs, acts, competitions, organizer })
     }
 
-    /// Adds an organizer and the owners of episodes; the organizer's token.
+    /// Adds an organizer, whose token is returned, and the keys that own episodes.
     async fn add_keys(&self) -> Result<Token, FillError> {
         let entropy = self.entropy(b'k', 0);
         let key = |role, name: &str| {
@@ -203,7 +201,7 @@ impl Filling {
         Ok(organizer)
     }
 
-    /// What is written, in this order; competitions are written already, without attempts.
+    /// The pieces in order of writing. Creates the competitions, without attempts.
     async fn pieces(&self) -> Result<(Vec<Piece>, Made), FillError> {
         let of = self.fill.episodes;
         let count = of.div_ceil(EPISODES_PER_COMPETITION);
@@ -216,7 +214,7 @@ impl Filling {
         }
         let mut cups = made.competitions.clone().into_iter();
         while made.episodes < of {
-            // Competitions begin evenly between the others.
+            // Competitions are spread evenly between the other pieces.
             let begun = (count - cups.len() as u64) * EPISODES_PER_COMPETITION.min(of / count);
             if made.episodes >= begun
                 && let Some(competition) = cups.next()
@@ -251,21 +249,21 @@ impl Filling {
         Ok((pieces, made))
     }
 
-    /// When an episode is created: they are evenly spread.
+    /// Time of an episode's creation; episodes are spread evenly.
     fn at(&self, episode: EpisodeKey) -> Timestamp {
         let millis = u128::from(episode.0.unsigned_abs()) * SPAN.as_millis();
         let of_attempts = u64::from(self.fill.entrants) * u64::from(self.fill.attempts);
         let all = self.fill.episodes + of_attempts * OPEN_GAMES + self.fill.unfinished;
         let millis = millis / u128::from(all.max(1));
         let at = after(self.since, Duration::from_millis(u64::try_from(millis).unwrap_or(0)));
-        // The database keeps milliseconds.
+        // The database stores milliseconds.
         Timestamp::from_millisecond(at.as_millisecond()).unwrap_or(at)
     }
 
-    /// Random bytes for one thing of a kind.
+    /// The random bytes for a numbered thing of some kind.
     fn entropy(&self, kind: u8, number: u64) -> SeededEntropy {
         let mut seed = [0; 8];
-        // Two sequences never meet: what follows from a count is spread by a hash.
+        // The seed is hashed, so that sequences of consecutive numbers do not overlap.
         SeededEntropy::new(self.fill.seed ^ (u64::from(kind) << 56) ^ number).fill(&mut seed);
         SeededEntropy::new(u64::from_le_bytes(seed))
     }
@@ -299,7 +297,7 @@ impl Filling {
         }
     }
 
-    /// A run that has ended, with all its games.
+    /// An ended run with all its games.
     fn run(
         &self,
         run: RunKey,
@@ -324,6 +322,7 @@ impl Filling {
             visibility: visibility.name(),
             attempt,
             replays: None,
+            closes_at: attempt.and(definition.closes_at),
             at,
             idempotency: None,
             token: Some(Token::new(crate::ids::TokenKind::Swarm, &entropy).hash()),
@@ -373,7 +372,7 @@ impl Piece {
     }
 }
 
-/// What was numbered so far.
+/// Counters of assigned numbers.
 struct Made {
     episodes: u64,
     runs: u64,
@@ -381,13 +380,13 @@ struct Made {
 }
 
 impl Made {
-    /// The numbers of the next run and of its first game.
+    /// Numbers for the next run and its first game.
     fn next_run(&mut self, games: u64) -> (RunKey, EpisodeKey) {
         self.runs += 1;
         (RunKey(self.runs.cast_signed()), self.next(games))
     }
 
-    /// The next attempts in a competition.
+    /// Numbers for the next attempts in a competition.
     fn attempts(&mut self, competition: &Arc<Competition>, index: usize, count: usize) -> Piece {
         let (run, first) = (RunKey(self.runs.cast_signed() + 1), self.episodes + 1);
         let first = EpisodeKey(first.cast_signed());
@@ -396,7 +395,7 @@ impl Made {
         Piece::Attempts { competition: Arc::clone(competition), index, count, run, first }
     }
 
-    /// The number of the first of the next episodes.
+    /// Assigns numbers to `episodes` episodes; returns the first one.
     fn next(&mut self, episodes: u64) -> EpisodeKey {
         let first = self.episodes + 1;
         self.episodes += episodes;
@@ -404,7 +403,7 @@ impl Made {
     }
 }
 
-/// The key that created something; the first of all is the organizer's.
+/// The key that owns a numbered thing. Key 1 is the organizer's.
 fn owner(number: u64) -> OwnerKey {
     OwnerKey((2 + number % OWNERS).cast_signed())
 }

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use ipnet::IpNet;
+use jiff::Timestamp;
 use swarmbench_engine::World;
 use tokio_util::sync::CancellationToken;
 
@@ -129,6 +130,12 @@ pub struct Shared {
 }
 
 impl App {
+    /// The time by which windows have closed, so that sealed games are opened to their entrants; in the far past while the time of
+    /// day is in doubt, as what was opened cannot be closed again.
+    pub(super) fn time_to_open(&self) -> Timestamp {
+        if self.clock.doubt().is_some() { Timestamp::MIN } else { self.clock.wall() }
+    }
+
     /// What handlers share.
     pub fn new(foundation: Foundation) -> Self {
         let Foundation { store, registry, clock, workers, limits, stop, .. } = &foundation;
@@ -206,6 +213,16 @@ impl App {
         };
         let waited = tokio::time::timeout(REVOCATION_PATIENCE, all_act_by_it).await;
         waited.unwrap_or(Err(StoreError::Away)).map_err(ApiError::from)
+    }
+
+    /// Lets a key that is revoked in the store open nothing any more, nor the tokens that its holder knew of what a team plays.
+    pub(super) async fn key_revoked(&self, id: &str) -> Result<(), ApiError> {
+        self.revoked(|grant| match grant {
+            Grant::Key(key) => key.id == id,
+            Grant::Run { .. } => true,
+            Grant::Seat { .. } | Grant::Swarm { .. } => false,
+        })
+        .await
     }
 
     /// Forgets the rights of all tokens, as some were revoked on another server.

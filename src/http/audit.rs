@@ -88,7 +88,8 @@ impl Caller {
     }
 }
 
-fn audit_entry(
+/// The audit entry of what somebody does with the key `who`, to be committed with it.
+pub(super) fn audit_entry(
     app: &App,
     who: &str,
     action: &'static str,

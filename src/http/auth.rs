@@ -64,11 +64,12 @@ pub(super) enum Opened {
 }
 
 impl Opened {
-    pub(super) const fn of(is_revealed: bool, own_games: bool) -> Self {
-        match (is_revealed, own_games) {
-            (true, _) => Self::All,
-            (false, true) => Self::Owner,
-            (false, false) => Self::Nobody,
+    /// Who reads it at this time: everybody once it was revealed, and its owner from `own_from` on.
+    pub(super) fn at(now: Timestamp, is_revealed: bool, own_from: Option<Timestamp>) -> Self {
+        match own_from {
+            _ if is_revealed => Self::All,
+            Some(from) if from <= now => Self::Owner,
+            _ => Self::Nobody,
         }
     }
 }
@@ -257,10 +258,14 @@ impl Caller {
     }
 
     /// Which episodes the caller finds in lists.
-    pub(super) fn readable(&self, access: &Access) -> Readable {
+    pub(super) fn readable(&self, app: &App) -> Readable {
+        let access = &app.access;
         match self {
             Self::Key(_) if self.reads_all() => Readable::All,
-            Self::Key(key) => key.number.map_or(Readable::Public, Readable::AndOf),
+            Self::Key(key) => key.number.map_or(Readable::Public, |owner| Readable::AndOf {
+                owner,
+                at: app.time_to_open(),
+            }),
             Self::Swarm(own, Seats::Creators) if access.private => Readable::Only(own.clone()),
             Self::Swarm(own, Seats::Creators) => Readable::And(own.clone()),
             Self::Run(own) if access.private => Readable::OnlyOfRun(*own),

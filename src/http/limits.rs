@@ -95,6 +95,8 @@ limits! {
         members_max: usize = 20,
         /// Members of a team that were ever added: removed ones stay in the list.
         members_ever_max: usize = 100,
+        /// Times that an entrant may be given another name, by itself.
+        renames_max: u32 = 10,
         /// Practice runs that a key may start in 24 hours.
         practice_runs_per_day_max: usize = 100,
         /// Seats of the forks that one request makes.

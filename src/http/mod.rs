@@ -41,6 +41,7 @@ mod replay_pages;
 mod room;
 mod router;
 mod runs;
+mod seeds;
 pub mod serve;
 mod sights;
 mod stream;
@@ -54,7 +55,7 @@ pub use front::Front;
 pub use nodes::{NodePeers, Nodes};
 pub use pages::Source;
 
-/// What most handlers need.
+/// Names that most handlers import.
 mod prelude {
     pub(super) use axum::extract::State;
     pub(super) use axum::response::Response;

@@ -14,7 +14,7 @@ use super::{
     host, imports, keys, mcp, nodes, pages, runs, swarm,
 };
 
-/// All routes that the OpenAPI document describes.
+/// Routes that the OpenAPI document describes.
 pub(super) fn routes() -> OpenApiRouter<App> {
     let mut router = OpenApiRouter::with_openapi(description::Document::openapi())
         .routes(routes!(agent::obs::get_obs))
@@ -58,6 +58,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         ))
         .routes(routes!(competitions::codes::create_codes, competitions::codes::list_codes))
         .routes(routes!(competitions::codes::revoke_codes))
+        .routes(routes!(competitions::contacts::list_contacts))
         .routes(routes!(competitions::exclude::exclude_entrants))
         .routes(routes!(
             competitions::register::register_entrant,
@@ -98,7 +99,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
     router
 }
 
-/// All routes, with those that the document does not describe.
+/// All routes, including those that the document leaves out.
 pub(super) fn router(app: App) -> Router {
     let (router, document) = routes().split_for_parts();
     router
@@ -111,7 +112,7 @@ pub(super) fn router(app: App) -> Router {
         .with_state(app)
 }
 
-/// Puts the route into the answer, for the metrics.
+/// Adds the matched route to the response, for the metrics.
 async fn name_route(path: Option<MatchedPath>, request: Request, next: Next) -> Response {
     let mut response = next.run(request).await;
     if let Some(path) = path {

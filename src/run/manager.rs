@@ -1,15 +1,14 @@
-//! Runs on a server: created, advanced as their games end, ended.
+//! The manager of a server's runs: creates them, advances them as their games end, and ends them.
 //!
-//! Nothing of a run is in memory but its subscribers. [`Runs::advance`] reads its state from the
-//! database and does the next step: it opens the next games of the plan, or ends the run. Doing it once
-//! too often changes nothing, so it is called whenever something may have been missed: the end of a game, a start
-//! of the server, and the sweep every minute.
+//! No progress of a run is kept in memory. [`Runs::advance`] reads the run's state from the database and takes the next step: it
+//! opens the next games of the plan, or ends the run. A repeated step changes nothing, so the server calls it whenever a step may
+//! have been missed: at the end of a game, after a start, and in the sweep every minute.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use futures::StreamExt;
 use futures::future::{BoxFuture, join_all};
+use futures::{StreamExt, TryStreamExt as _};
 use tokio::sync::{mpsc, watch};
 use tokio_stream::wrappers::UnboundedReceiverStream;
 use tokio_util::sync::CancellationToken;
@@ -31,7 +30,7 @@ use crate::store::{Store, StoreError};
 use swarmbench_clock::{Clock, Entropy};
 use swarmbench_protocol::suite::Game;
 
-/// Runs with the same lock are advanced one after the other.
+/// Number of locks. Runs with the same lock are advanced one after another.
 const LOCKS: usize = 256;
 
 const ADVANCED_AT_ONCE: usize = 64;
@@ -41,23 +40,22 @@ const SALT_BYTES: usize = 16;
 
 #[derive(Clone, Debug)]
 pub struct NewRun {
-    /// The party whose quotas it uses, with the key that creates it, if any.
+    /// Party whose quotas the run uses, with the key of the creator, if any.
     pub party: Party,
-    /// The purpose by which its first game is admitted.
+    /// Purpose under which the first game is admitted.
     pub purpose: Purpose,
-    /// What is played, and by whom.
     pub definition: Definition,
-    /// Of an attempt in a competition: the entry, and the attempt's number, from 1.
+    /// For an attempt in a competition: the entry, and the attempt's number, from 1.
     pub attempt: Option<(EntryKey, u32)>,
-    /// The voided attempt that it plays again, where its seeds are spare ones.
+    /// Voided attempt that the run repeats, if it uses spare seeds.
     pub replays: Option<u32>,
-    /// The key by which a repeated creation finds it, and the hash of the body. A client that sends one has
-    /// made sure that no run has it, and that no other request creates one with it meanwhile.
+    /// Idempotency key, and hash of the body. The caller guarantees that no run has this key, and that no other request creates
+    /// one with it meanwhile.
     pub idempotency: Option<(String, [u8; 32])>,
 }
 
 impl NewRun {
-    /// A run that is no attempt in a competition, and has no name by which it could be repeated.
+    /// A run that is no attempt in a competition, without an idempotency key.
     pub const fn by(party: Party, purpose: Purpose, definition: Definition) -> Self {
         Self { party, purpose, definition, attempt: None, replays: None, idempotency: None }
     }
@@ -65,82 +63,78 @@ impl NewRun {
 
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum CreateError {
-    /// There are as many episodes as there may be.
     #[error(transparent)]
     Full(#[from] Full),
-    /// Less than this share of the disk is free, in percent.
+    /// Percentage of the disk that has to be free.
     #[error("less than {0} % of the server's disk is free")]
     DiskFull(u32),
-    /// Its definition is not one that can be played.
     #[error("the run cannot be played: {0}")]
     Definition(String),
-    /// It could not be stored.
     #[error(transparent)]
     Run(#[from] RunError),
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct OpenGames {
-    /// Its games that have not ended, the oldest first.
+    /// Games that have not ended, oldest first.
     pub open: Arc<[EpisodeId]>,
-    /// Whether it has ended, and all its games.
+    /// Whether the run and all its games have ended.
     pub is_over: bool,
 }
 
-/// What the manager of runs is made of.
+/// Dependencies of the manager.
 pub struct Parts {
     pub store: Store,
     pub registry: Registry,
     pub clock: Arc<dyn Clock>,
     pub entropy: Arc<dyn Entropy>,
     pub disk: Arc<dyn Disk>,
-    /// How much of the disk must be free for a new game, in percent.
+    /// Percentage of the disk that must be free to open a game.
     pub disk_free_percent_min: u32,
-    /// Cancelled when the server stops: no more games are opened.
+    /// Cancelled when the server stops: no more games open.
     pub stop: CancellationToken,
-    /// Gives the numbers of new runs.
+    /// Source of the numbers of new runs.
     pub numbers: Numbers,
-    /// The other servers of the database, where there may be some.
+    /// The other servers of the cluster, if there is one.
     pub peers: Option<Arc<dyn Peers>>,
 }
 
-/// The other servers of a database, each of which plays some of the runs.
+/// The other servers of a cluster, each of which owns some of the runs.
 pub trait Peers: Send + Sync {
-    /// Lets the server that plays a run, or takes it, do [`Runs::advance`].
+    /// Forwards [`Runs::advance`] to the server that owns the run, or takes it.
     fn advance(&self, run: RunKey) -> BoxFuture<'_, Result<(), RunError>>;
 
-    /// Lets the server that plays a run, or takes it, do [`Runs::end_with`], with nothing more to keep.
+    /// Forwards [`Runs::end_with`], without audit entries, to the server that owns the run, or takes it.
     fn end(&self, run: RunKey, status: RunStatus) -> BoxFuture<'_, Result<bool, RunError>>;
 }
 
-/// All runs of a server. Cloning shares them.
+/// The runs of a server. Clones share them.
 #[derive(Clone)]
 pub struct Runs(Arc<Shared>);
 
 struct Shared {
     parts: Parts,
     locks: [tokio::sync::Mutex<()>; LOCKS],
-    /// Read by those that enter competitions, written by the one that reveals them.
+    /// Lock of entries (readers) against reveals (writer) of competitions.
     entering: tokio::sync::RwLock<()>,
     open_games: Mutex<HashMap<RunKey, watch::Sender<OpenGames>>>,
-    /// The parties of unfinished runs without a key that were created since the start.
+    /// Parties of unfinished runs without a key that were created since the start.
     keyless: Mutex<HashMap<RunKey, Party>>,
-    /// Of runs that wait to open a game: the cap that was reached.
+    /// Caps for which runs wait to open a game.
     waiting: Mutex<HashMap<RunKey, Full>>,
 }
 
-/// Keeps this server from doing anything with a run.
+/// Lock on a run: while it lives, this server does nothing with the run.
 pub struct Held<'l> {
     _lock: Arc<tokio::sync::MutexGuard<'l, ()>>,
 }
 
 fn lock_of(run: RunKey) -> usize {
-    // The last bits of the numbers that several servers give are mostly alike.
+    // Low bits of numbers from several servers are mostly alike.
     usize::try_from(run.0 ^ (run.0 >> 22)).unwrap_or(0) % LOCKS
 }
 
 impl Runs {
-    /// The runs over a database.
     pub fn new(parts: Parts) -> Self {
         Self(Arc::new(Shared {
             parts,
@@ -160,12 +154,12 @@ impl Runs {
         self.0.waiting.lock().expect("nothing panics while it holds this")
     }
 
-    /// The cap for which a run has fewer games open than it may.
+    /// Cap that keeps a run from opening as many games as it may, if any.
     pub fn waits_for(&self, run: RunKey) -> Option<Full> {
         self.waiting().get(&run).copied()
     }
 
-    /// The party whose quota a run uses.
+    /// Party whose quota a run uses.
     async fn party(&self, stored: &StoredRun) -> Result<Party, RunError> {
         let keyless = self.keyless().get(&stored.run).copied();
         if let Some(party) = keyless {
@@ -184,19 +178,19 @@ impl Runs {
         self.0.locks[lock_of(run)].lock().await
     }
 
-    /// While the guard lives no competition is revealed. A caller that reads the clock and enters one, or
-    /// starts an attempt in it, does both before that.
+    /// Blocks reveals of competitions while the guard lives. A caller that reads the clock and then enters a competition, or
+    /// starts an attempt in it, holds the guard throughout.
     pub async fn block_reveal(&self) -> tokio::sync::RwLockReadGuard<'_, ()> {
         self.0.entering.read().await
     }
 
-    /// While the guard lives no competition is entered.
+    /// Blocks entries to competitions while the guard lives.
     pub(crate) async fn block_entries(&self) -> tokio::sync::RwLockWriteGuard<'_, ()> {
         self.0.entering.write().await
     }
 
-    /// Creates a run and opens its first games. It is durable when this returns; its token is to be
-    /// shown once, and there is none where the server itself plays.
+    /// Creates a run, durably, and opens its first games. The token is to be shown once; a run that the server itself plays has
+    /// none.
     pub async fn create(&self, new: NewRun) -> Result<(StoredRun, Option<Token>), CreateError> {
         let Parts { store, registry, clock, entropy, disk, .. } = &self.0.parts;
         let NewRun { party, purpose, definition, attempt, replays, idempotency } = new;
@@ -227,6 +221,7 @@ impl Runs {
             visibility: visibility.name(),
             attempt,
             replays,
+            closes_at: attempt.and(definition.closes_at),
             at: now,
             idempotency,
             token: token.as_ref().map(Token::hash),
@@ -237,14 +232,13 @@ impl Runs {
         }
         tracing::info!(run = %id, suite = %definition.suite.name, model = %definition.model, "created");
         metrics::counter!("swarmbench_runs_created_total").increment(1);
-        // Where that fails it is tried again every minute.
+        // The sweep of every minute repeats a failed step.
         self.try_advance(run).await;
         Ok((self.stored(run).await?, token))
     }
 
-    /// Does the next step: opens the next games of the plan, or ends the run when all have ended. It may
-    /// be called at any time, and any number of times. If no other game is admitted the
-    /// run waits for the next call.
+    /// Takes the next step of a run: opens the next games of the plan, or ends the run when all have ended. May be called at any
+    /// time and any number of times. Where no other game is admitted, the run waits for the next call.
     pub async fn advance(&self, run: RunKey) -> Result<(), RunError> {
         let runs = self.clone();
         self.run_detached(async move {
@@ -256,7 +250,7 @@ impl Runs {
         .await
     }
 
-    /// The other servers, if one of them plays a run, or takes one that nobody plays.
+    /// The other servers, if one of them owns the run, or takes a run without an owner.
     async fn elsewhere(&self, run: RunKey) -> Result<Option<&dyn Peers>, RunError> {
         let Parts { store, peers, .. } = &self.0.parts;
         let (Some(cluster), Some(peers)) = (store.cluster(), peers) else { return Ok(None) };
@@ -266,7 +260,7 @@ impl Runs {
         Ok((!is_here).then_some(&**peers))
     }
 
-    /// Refuses what concerns a run that another server plays. Of runs that nobody plays it takes the place.
+    /// Fails where another server owns the run. Takes a run without an owner.
     async fn check_here(&self, run: RunKey) -> Result<(), RunError> {
         if self.0.parts.store.take_place(Place::Run(run)).await? {
             Ok(())
@@ -275,21 +269,21 @@ impl Runs {
         }
     }
 
-    /// Does what another server has asked for: see [`Peers::advance`].
+    /// Handles [`Peers::advance`] of another server.
     pub async fn advance_here(&self, run: RunKey) -> Result<(), RunError> {
         self.check_here(run).await?;
         let runs = self.clone();
         self.run_detached(async move { runs.advance_now(run).await }).await
     }
 
-    /// Does what another server has asked for: see [`Peers::end`].
+    /// Handles [`Peers::end`] of another server.
     pub async fn end_here(&self, run: RunKey, status: RunStatus) -> Result<bool, RunError> {
         self.check_here(run).await?;
         self.end_now(run, status, Vec::new()).await
     }
 
-    /// Keeps this server from doing anything with runs that nobody follows, while the guards live. Those that are followed are
-    /// left out.
+    /// Locks runs, so that this server does nothing with them while the guards live. Runs with subscribers, or with a busy lock,
+    /// are left out.
     pub fn hold(&self, runs: &[RunKey]) -> HashMap<RunKey, Held<'_>> {
         let mut held = HashMap::new();
         let mut locks = BTreeMap::new();
@@ -307,14 +301,15 @@ impl Runs {
         held
     }
 
-    /// Ends a run: `Aborted` ends its open games, too; after any other status they continue to their end.
-    /// No more games are opened. A run that has ended stays as it is.
+    /// Ends a run: `Aborted` ends its open games, too; with any other status they continue to their end. No more games open. A run
+    /// that has ended stays as it is.
     pub async fn end(&self, run: RunKey, status: RunStatus) -> Result<(), RunError> {
         self.end_with(run, status, Vec::new()).await.map(|_| ())
     }
 
-    /// Ends a run, and keeps what goes with its end in the same transaction: see [`Runs::end`]. Returns whether
-    /// it ended now; nothing is kept where it had ended before.
+    /// Ends a run like [`Runs::end`], and stores audit entries in the same transaction. Returns false, and stores nothing, where
+    /// the run had ended before. Where another server owns the run, the entries are stored first in any case, and the result is
+    /// always true.
     pub async fn end_with(
         &self,
         run: RunKey,
@@ -326,10 +321,30 @@ impl Runs {
                 self.0.parts.store.keep(audit_entries).await?;
             }
             peers.end(run, status).await?;
-            // What goes with the end is kept.
+            // The audit entries are stored.
             return Ok(true);
         }
         self.end_now(run, status, audit_entries).await
+    }
+
+    /// Ends runs, and keeps what goes with that in one transaction with the ends of those that this server plays: see
+    /// [`Runs::end`].
+    pub async fn end_all(
+        &self,
+        runs: &[RunKey],
+        status: RunStatus,
+        mut entries: Vec<Entry>,
+    ) -> Result<(), RunError> {
+        let Parts { store, clock, .. } = &self.0.parts;
+        let at = clock.wall();
+        for run in runs {
+            if self.elsewhere(*run).await?.is_none() {
+                entries.push(Entry::EndRun { run: *run, status: status.name(), at });
+            }
+        }
+        store.keep(entries).await?;
+        let ended = futures::stream::iter(runs.to_vec()).map(|run| self.end(run, status));
+        ended.buffer_unordered(ADVANCED_AT_ONCE).try_collect().await
     }
 
     async fn end_now(
@@ -352,7 +367,7 @@ impl Runs {
         .await
     }
 
-    /// Makes a new token in place of the one that a run had, and keeps what goes with that.
+    /// Replaces the token of a run, and stores audit entries in the same transaction.
     pub async fn replace_token(
         &self,
         run: RunKey,
@@ -371,20 +386,19 @@ impl Runs {
         if self.stored(run).await?.ended_at.is_none() {
             self.check_here(run).await?;
         }
-        // Nothing is opened or ended between reading the open games and being notified of changes.
+        // The lock keeps games from opening or ending between the read and the subscription.
         let _guard = self.lock(run).await;
         let games = self.games(run).await?;
         Ok(self.open_games().entry(run).or_insert_with(|| watch::Sender::new(games)).subscribe())
     }
 
-    /// Advances runs whenever one of their games has ended, for ever.
+    /// Advances runs whenever one of their games has ended; never returns.
     pub async fn advance_ended(&self, ended: mpsc::UnboundedReceiver<RunKey>) {
         let ended = UnboundedReceiverStream::new(ended);
         ended.for_each_concurrent(ADVANCED_AT_ONCE, |run| self.try_advance(run)).await;
     }
 
-    /// Advances all runs that have not ended: after a start, and now and then, as some may wait to
-    /// open a game.
+    /// Advances all unfinished runs of this server: after a start, and regularly, as some may wait to open a game.
     pub async fn advance_all(&self) -> Result<usize, RunError> {
         self.open_games().retain(|_, games| games.receiver_count() > 0);
         let store = &self.0.parts.store;
@@ -398,18 +412,18 @@ impl Runs {
         Ok(count)
     }
 
-    /// Advances a run; an error is logged, as it is tried again later.
+    /// Advances a run. An error is logged, as the step is repeated later.
     pub async fn try_advance(&self, run: RunKey) {
         if let Err(error) = self.advance(run).await
-            // What is left is done after the start.
+            // The next start does what is left.
             && !self.0.parts.stop.is_cancelled()
         {
             tracing::error!(%error, run = run.0, "a run cannot be advanced");
         }
     }
 
-    /// Runs work in a task of its own, so that it completes: if it were dropped while a game is
-    /// being opened, the lock would be released before the game can be found.
+    /// Runs work in a task of its own, so that it completes: if it were dropped while a game opens, the lock would be released
+    /// before the game can be found.
     async fn run_detached<T: Send + 'static>(
         &self,
         work: impl Future<Output = Result<T, RunError>> + Send + 'static,
@@ -422,7 +436,7 @@ impl Runs {
         let _guard = self.lock(run).await;
         let cluster = self.0.parts.store.cluster();
         if !cluster.is_none_or(|cluster| cluster.has(Place::Run(run))) {
-            // It was given to another server while this waited for the lock.
+            // Another server got the run while this task waited for the lock.
             return Err(StoreError::Elsewhere.into());
         }
         let stored = self.stored(run).await?;
@@ -437,12 +451,17 @@ impl Runs {
         let games = store.games_of(stored.run).await?;
         let now = clock.wall();
         if definition.closes_at.is_some_and(|at| at <= now) && clock.doubt().is_some() {
-            // Perhaps it has not closed: it waits until the time of day is certain.
+            // The window may still be open: the run waits until the time of day is certain.
             return Ok(());
         }
+        if let Some((entry, _)) = stored.attempt
+            && store.is_excluded(entry).await?
+        {
+            return self.keep_end(stored, RunStatus::Aborted, Vec::new()).await;
+        }
         match due(&definition, &games, now) {
-            // What an entrant holds that was excluded, others get, and it goes on once it is readmitted.
-            Due::Open(_) if self.is_excluded(stored).await? => Ok(()),
+            // A withdrawn entrant opens no games: others get its share. The run continues once the entrant is readmitted.
+            Due::Open(_) if self.has_left(stored).await? => Ok(()),
             Due::Open(due) => {
                 let is_playing = games.iter().any(|game| game.counts() && !game.is_over());
                 let purpose = if is_playing { Purpose::Usual } else { Purpose::NextGame };
@@ -453,12 +472,12 @@ impl Runs {
         }
     }
 
-    async fn is_excluded(&self, stored: &StoredRun) -> Result<bool, RunError> {
+    async fn has_left(&self, stored: &StoredRun) -> Result<bool, RunError> {
         let Some((entry, _)) = stored.attempt else { return Ok(false) };
         Ok(!self.0.parts.store.is_active(entry).await?)
     }
 
-    /// Opens games until no other is admitted; the first is opened for `purpose`.
+    /// Opens games until one is not admitted. The first is opened for `purpose`.
     async fn open(
         &self,
         stored: &StoredRun,
@@ -492,7 +511,7 @@ impl Runs {
             };
             match registry.create(creation).await {
                 Ok(_) => {}
-                // The next call may succeed, or end the run, if it has closed this moment.
+                // The next call may succeed, or end the run if its window has just closed.
                 Err(registry::CreateError::Full(full)) => {
                     self.waiting().insert(stored.run, full);
                     break;
@@ -529,8 +548,8 @@ impl Runs {
         self.0.parts.store.run(run).await?.ok_or(RunError::Missing(run))
     }
 
-    /// Ends the games that are open and must not be: those of an aborted run, and those that do not
-    /// count any more. Then notifies the subscribers of the run.
+    /// Ends open games that must not be open: those of an aborted run, and those that no longer count. Then notifies the
+    /// subscribers of the run.
     async fn settle(&self, run: RunKey) -> Result<(), RunError> {
         let Parts { store, registry, .. } = &self.0.parts;
         let is_aborted = self.stored(run).await?.status == RunStatus::Aborted.name();
@@ -543,7 +562,7 @@ impl Runs {
                 Err(error) => Err(error.to_string()),
             };
             if let Err(error) = ended {
-                // The others continue.
+                // The other games are still ended.
                 tracing::error!(episode = %game.id, error, "a game cannot be ended");
             }
         });
@@ -568,17 +587,17 @@ impl Runs {
     }
 }
 
-/// What is to be done with a run that has not ended.
+/// Next step of an unfinished run.
 #[derive(Debug, PartialEq, Eq)]
 enum Due {
     Open(Vec<Game>),
-    /// Wait for the games that are open.
+    /// Wait for the open games.
     Nothing,
-    /// Nothing is left to be played.
+    /// Nothing is left to play.
     End(RunStatus),
 }
 
-/// What is due, by the games that were opened so far.
+/// Next step of a run, from the games that were opened so far.
 fn due(definition: &Definition, games: &[StoredGame], now: jiff::Timestamp) -> Due {
     let counted = games.iter().filter(|game| game.counts());
     let by_slot: BTreeMap<u32, &StoredGame> = counted.map(|game| (game.slot, game)).collect();
@@ -586,8 +605,11 @@ fn due(definition: &Definition, games: &[StoredGame], now: jiff::Timestamp) -> D
     let mut left = definition.suite.plan();
     left.retain(|game| !by_slot.contains_key(&game.slot));
     let has_game = |is: &dyn Fn(&StoredGame) -> bool| by_slot.values().any(|game| is(game));
-    let is_closed = definition.closes_at.is_some_and(|at| at <= now);
     let is_cut = |game: &StoredGame| game.reason.as_deref() == Some(Ending::Closed.name());
+    // The time of day may have been set back since a game closed: its attempt has closed, too.
+    let cut = by_slot.values().filter(|game| is_cut(game)).filter_map(|game| game.ended_at);
+    let now = cut.fold(now, jiff::Timestamp::max);
+    let is_closed = definition.closes_at.is_some_and(|at| at <= now);
     let ending = match () {
         // A player that stopped would not play the next games either.
         () if has_game(&|game| game.status == Status::Abandoned.name()) => {
@@ -656,7 +678,7 @@ mod tests {
         (0..).zip(rows).map(game).collect()
     }
 
-    /// What is due, in short: the slots to be opened, or the status with which it ends.
+    /// Next step in short: the slots to open, or the status with which the run ends.
     fn due_in_short(definition: &Definition, rows: &[(u32, &str, &str, bool)]) -> String {
         match due(definition, &games(rows), jiff::Timestamp::UNIX_EPOCH) {
             Due::Open(games) => {
@@ -700,7 +722,7 @@ mod tests {
             ((0..5).map(|slot| at(slot, IDLE)).collect(), "abandoned"),
             ((0..5).map(|slot| at(slot, DONE)).collect(), "finished"),
             ((0..5).map(|slot| at(slot, ABORTED)).collect(), "finished"),
-            // It closed before the window was extended.
+            // The game closed before the window was extended.
             (vec![at(0, CLOSED), at(1, RUNNING)], "2"),
             (vec![at(4, RUNNING), at(3, DONE), at(0, DONE), at(1, DONE), at(2, DONE)], "nothing"),
         ] {
@@ -714,5 +736,9 @@ mod tests {
         assert_eq!(due_in_short(&closed, &[at(0, CLOSED), at(1, DONE)]), "closed");
         let all: Vec<_> = (0..5).map(|slot| at(slot, CLOSED)).collect();
         assert_eq!(due_in_short(&closed, &all), "closed");
+        let set_back = jiff::Timestamp::UNIX_EPOCH - jiff::SignedDuration::from_secs(1);
+        assert_eq!(due(&closed, &games(&all), set_back), Due::End(RunStatus::Closed));
+        closed.closes_at = Some(jiff::Timestamp::UNIX_EPOCH + jiff::SignedDuration::from_secs(1));
+        assert_eq!(due_in_short(&closed, &all), "finished", "the window was extended");
     }
 }

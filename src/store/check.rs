@@ -1,8 +1,8 @@
-//! The integrity check of a database: its pages, what its rows refer to, every journal, and all that follows from journals.
+//! The integrity check of a database: pages, references between rows, every journal, and all data derived from journals.
 //!
-//! It only reads, also beside a server: each episode is read in a transaction of its own, so that the server's log does
-//! not grow meanwhile. What cannot be read is damage, and the check continues after it. Memory does not grow with the
-//! database.
+//! The check only reads and may run beside a server: each episode is read in a transaction of its own, so that the server's
+//! write-ahead log does not grow meanwhile. Unreadable data counts as damage, and the check continues after it. Memory use is
+//! independent of the size of the database.
 
 use futures::TryStreamExt;
 use jiff::Timestamp;
@@ -15,7 +15,7 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions as _, Connection as _};
 
 use super::again::{StoredJournal, play_again};
-use super::competitions::{RawCompetition, damaged_looks, without_texts};
+use super::competitions::{RawCompetition, damaged_looks, untaken_names, without_texts};
 use super::entries::brief_of;
 use super::metrics::stored_method;
 use super::rebuild::{self, RebuildError};
@@ -31,29 +31,28 @@ use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{ActRecord, End, Opening, RawRecord, Record, Seats};
 use swarmbench_journal::replay::Report;
 
-/// Damages that are listed; further ones are counted.
+/// Damages listed in full; further ones are only counted.
 pub const DAMAGES_MAX: usize = 1000;
 
-/// Problems that `PRAGMA integrity_check` reports at most.
+/// Limit of problems from `PRAGMA integrity_check`, and from any other query of the check.
 const PROBLEMS_MAX: u32 = 100;
 
-/// Rows that are listed at once.
+/// Rows listed by one query.
 const CHUNK: i64 = 256;
 
-/// Something that is not as it should be.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Damage {
-    /// What is damaged: the pages, or the id of an episode or of something else.
+    /// "the pages", a table, or the id of an episode or another row.
     pub subject: String,
     pub problem: String,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Checked {
-    /// Episodes that were played again.
+    /// Replayed episodes.
     pub episodes: u64,
     pub rounds: u64,
-    /// The damages, [`DAMAGES_MAX`] at most.
+    /// At most [`DAMAGES_MAX`].
     pub damages: Vec<Damage>,
     pub more_damages: u64,
 }
@@ -72,7 +71,7 @@ impl Checked {
         }
     }
 
-    /// Notes what is wrong with a subject, if anything is, or cannot be read of it.
+    /// Notes a problem with the subject, or an error of reading it.
     fn note_result(&mut self, subject: &str, result: Result<Result<(), String>, sqlx::Error>) {
         match result {
             Ok(Ok(())) => {}
@@ -86,18 +85,18 @@ fn unreadable(error: &sqlx::Error) -> String {
     format!("it cannot be read: {error}")
 }
 
-/// Reads what the store does not know the meaning of; the error is the problem with it.
+/// Parses stored data whose format belongs to another module; an error describes the problem.
 pub type Reader<Raw, T> = fn(Raw) -> Result<T, String>;
 
-/// The readers that the check of a database needs.
+/// Parsers of the formats that belong to other modules.
 pub struct Formats {
-    /// When a competition opens and closes, and the commitment to its secret.
+    /// The window of a competition (opening and closing time), and the commitment to its secret.
     pub competition: Reader<RawCompetition, ([Timestamp; 2], [u8; 32])>,
-    /// The model that an entrant declared, and what tells its prompt template apart.
+    /// The declared model of an entrant, and the identity of its prompt template.
     pub declaration: Reader<String, (String, Option<String>)>,
 }
 
-/// Checks all of a database. `progress` is called with how many episodes of how many are done.
+/// Checks a whole database. `progress` gets the finished and the total number of episodes.
 pub async fn check(
     location: impl Into<Location>,
     formats: &Formats,
@@ -120,12 +119,12 @@ pub async fn check(
         Location::Unknown(error) => return Err(error.clone().into()),
     };
     let checked = check_open(&mut connection, &location, formats, &mut progress).await;
-    // Nothing was written.
+    // A reader loses nothing if closing fails.
     drop(connection.close().await);
     checked
 }
 
-/// Checks all of a database that is open.
+/// Checks a whole database over an open connection.
 pub(super) async fn check_open(
     connection: &mut Connection,
     location: &Location,
@@ -145,7 +144,7 @@ pub(super) async fn check_open(
     Ok(checked)
 }
 
-/// Pages, indexes and types, as far as SQLite can tell. PostgreSQL has checksums and `amcheck` for that.
+/// Checks pages, indexes and types in SQLite. PostgreSQL has checksums and `amcheck` for that.
 async fn pages(database: &mut Connection, checked: &mut Checked) {
     if database.is_postgres() {
         return;
@@ -162,7 +161,7 @@ async fn pages(database: &mut Connection, checked: &mut Checked) {
     }
 }
 
-/// Whether the tables are there to be checked: exactly those of this version.
+/// Checks the migrations table and the schema; false if the tables are too different to be checked further.
 async fn tables(
     database: &mut Connection,
     location: &Location,
@@ -201,16 +200,16 @@ async fn tables(
     Ok(false)
 }
 
-/// Whether all tables and indexes are those that the migrations make.
+/// Compares all tables and indexes with those of a freshly migrated database.
 async fn schema(
     database: &mut Connection,
     migrator: &sqlx::migrate::Migrator,
 ) -> Result<Result<(), String>, sqlx::Error> {
-    // Quoted, so that a text is no number and no blob. The text of its own table is sqlx's.
+    // Quoting distinguishes texts from numbers and blobs. The text of its own table is up to sqlx.
     const OBJECTS: &str = "SELECT quote(name), quote(type) || quote(tbl_name)
             || CASE WHEN name GLOB '_sqlx*' THEN '' ELSE quote(sql) END
         FROM sqlite_schema ORDER BY name";
-    // The catalogue of PostgreSQL has no texts to compare.
+    // PostgreSQL's catalogue stores no texts to compare.
     let Engine::Sqlite(database) = database.engine() else { return Ok(Ok(())) };
     let mut fresh =
         SqliteConnectOptions::new().in_memory(true).disable_statement_logging().connect().await?;
@@ -218,12 +217,12 @@ async fn schema(
     let made: Vec<(String, String)> = sqlx::query_as(OBJECTS).fetch_all(&mut fresh).await?;
     fresh.close().await?;
     let stored: Vec<(String, String)> = sqlx::query_as(OBJECTS).fetch_all(database).await?;
-    // An operator may have added something, and a copy that is being finished has a table `copying`.
+    // Additional objects are fine: an operator's, or the table `copying` of a copy that is being finished.
     let lost = made.iter().find(|made| !stored.contains(made));
     Ok(lost.map_or(Ok(()), |(name, _)| Err(format!("{name} is not as the migrations make it"))))
 }
 
-/// Columns that name a row of another table: the table, the column, and the key of the other.
+/// Columns that reference another table: table, column, referenced table, its key.
 const REFERENCES: [(&str, &str, &str, &str); 26] = [
     ("acts", "episode", "episodes", "key"),
     ("rounds", "episode", "episodes", "key"),
@@ -253,12 +252,12 @@ const REFERENCES: [(&str, &str, &str, &str); 26] = [
     ("unmeasured", "episode", "episodes", "key"),
 ];
 
-/// Tables of which rows may come before their episodes, in forks that a server is writing.
+/// Tables whose rows may precede their episode's, in forks that are being written.
 const OF_FORKS: [&str; 2] = ["acts", "rounds"];
 
 async fn references(database: &mut Connection, checked: &mut Checked) {
     for (table, column, other, key) in REFERENCES {
-        // PostgreSQL finds rows that are not there by an index, but not numbers that are in no list.
+        // An anti-join: PostgreSQL answers NOT EXISTS with an index, but not NOT IN.
         let mut query = format!(
             "SELECT count(*) FROM {table} t WHERE t.{column} IS NOT NULL
                  AND NOT EXISTS (SELECT 1 FROM {other} o WHERE o.{key} = t.{column})"
@@ -277,7 +276,7 @@ async fn references(database: &mut Connection, checked: &mut Checked) {
     }
 }
 
-/// What holds for every row of a table. Each statement gives the names of the rows for which it does not hold.
+/// Invariants of rows: a problem, and a query for the names of rows that have it.
 const STATEMENTS: [(&str, &str); 13] = [
     (
         "its status does not fit its times",
@@ -356,7 +355,7 @@ const STATEMENTS: [(&str, &str); 13] = [
     ),
 ];
 
-/// The same of rows that are named by a hash.
+/// [`STATEMENTS`] for rows named by a hash.
 const OF_HASHES: [(&str, &str); 2] = [
     (
         "it is no token of an episode or a run",
@@ -365,14 +364,14 @@ const OF_HASHES: [(&str, &str); 2] = [
     ("it is no invitation", "SELECT hash FROM invitations WHERE length(hash) <> 32"),
 ];
 
-/// Names and texts of rows whose text is to be JSON, but has no meaning to the server.
+/// Queries for name and text of rows whose text must be JSON of any content.
 const JSON_TEXTS: [&str; 3] = [
     "SELECT 'audit ' || number, detail FROM audit",
     "SELECT 'claim ' || holder || ' of episode ' || episode, agent_meta FROM claims",
     "SELECT id, settings FROM imports",
 ];
 
-/// What follows from texts beside it.
+/// Checks data derived from texts: templates, `looks`, JSON columns and brief records.
 async fn texts(database: &mut Connection, checked: &mut Checked) {
     match templates::damaged(database).await {
         Ok(keys) => keys.into_iter().for_each(|key| {
@@ -385,6 +384,12 @@ async fn texts(database: &mut Connection, checked: &mut Checked) {
             checked.note(name, "its row in `looks` is not the one of an entrant");
         }),
         Err(error) => checked.note("the table looks", unreadable(&error)),
+    }
+    match untaken_names(database).await {
+        Ok(names) => names.into_iter().for_each(|name| {
+            checked.note(name, "its digests in `used_names` are not those of the entrant's name");
+        }),
+        Err(error) => checked.note("the table used_names", unreadable(&error)),
     }
     let is_json = |row: &Row| {
         let read = serde_json::from_str::<IgnoredAny>(row.text(1)?);
@@ -408,7 +413,7 @@ async fn texts(database: &mut Connection, checked: &mut Checked) {
     .await;
 }
 
-/// Checks the rows of a query, whose first column is a name, one after the other.
+/// Checks each row of a query, whose first column is a name.
 async fn each_named(
     database: &mut Connection,
     checked: &mut Checked,
@@ -453,7 +458,7 @@ async fn statements(database: &mut Connection, checked: &mut Checked) {
     }
 }
 
-/// What was decided about runs, competitions and entrants, and the hashes that follow from it.
+/// Checks definitions of runs, competitions and entrants, and the hashes derived from them.
 async fn definitions(database: &mut Connection, formats: &Formats, checked: &mut Checked) {
     let runs = "SELECT key, id, definition, digest, model, suite FROM runs";
     each(database, checked, runs, |row| {
@@ -522,7 +527,7 @@ fn decode(problem: impl Into<BoxDynError>) -> sqlx::Error {
     sqlx::Error::Decode(problem.into())
 }
 
-/// Checks all rows of a table that has a key and an id, a few at a time.
+/// Checks all rows of a table with a key and an id, in batches.
 async fn each(
     database: &mut Connection,
     checked: &mut Checked,
@@ -549,7 +554,7 @@ async fn each(
     }
 }
 
-/// Imported games: their digest follows from all but their acts.
+/// Checks imported games: a digest covers everything but the acts.
 async fn imports(database: &mut Connection, checked: &mut Checked) {
     let mut last = i64::MIN;
     loop {
@@ -638,7 +643,7 @@ async fn episodes(
     }
 }
 
-/// Checks an episode as it is at one moment; returns how many rounds it has.
+/// Checks an episode in one snapshot; returns its number of rounds.
 async fn in_one_view(
     database: &mut Connection,
     key: EpisodeKey,
@@ -697,7 +702,7 @@ async fn episode(
     Ok(metrics(database, key, &report.opening.episode).await?.map(|()| rounds))
 }
 
-/// The stored metrics of an episode, which follow from the journal. Those of earlier revisions cannot be computed any more.
+/// Compares stored metrics with those computed from the journal. Metrics of earlier revisions cannot be recomputed.
 async fn metrics(
     database: &mut Connection,
     key: EpisodeKey,
@@ -729,7 +734,6 @@ async fn metrics(
 const NO_METRICS: &str =
     "its metrics are not those of its journal (`swarmbench board rebuild` computes them again):";
 
-/// The head of the chain after a round.
 async fn head_after(
     database: &mut Connection,
     key: EpisodeKey,
@@ -740,7 +744,7 @@ async fn head_after(
     row.map(|row| get(&row, 0)).transpose()
 }
 
-/// How many rounds there are, where none is missing.
+/// The number of rounds, which must have no gaps.
 async fn rounds(
     database: &mut Connection,
     key: EpisodeKey,
@@ -751,7 +755,7 @@ async fn rounds(
     Ok(if count == next { Ok(count) } else { Err(format!("it has {count} of {next} rounds")) })
 }
 
-/// The columns beside the records by which lists are filtered.
+/// Compares the columns by which lists are filtered with the records.
 fn columns(
     row: &Row,
     opening: &Opening,
@@ -793,7 +797,7 @@ fn columns(
     Ok(Ok(()))
 }
 
-/// The table of who holds which seat. Once all have holders, it follows from the record of seats.
+/// Compares the table of seats with the seating record, which is written once all seats have holders.
 async fn seats(
     database: &mut Connection,
     key: EpisodeKey,
@@ -827,7 +831,7 @@ async fn seats(
     Ok(Ok(()))
 }
 
-/// The acts of the round that was not resolved: those of the end, where there is one.
+/// Compares the acts of the unresolved round with those of the end record, if there is one.
 async fn open_acts(
     database: &mut Connection,
     key: EpisodeKey,
@@ -848,7 +852,7 @@ async fn open_acts(
     Ok(if is_same { Ok(()) } else { Err("its open acts are not those of its end".to_owned()) })
 }
 
-/// The row that boards are made of, which follows from the journal.
+/// Compares the row in `results` with the one computed from the journal.
 async fn result(
     database: &mut Connection,
     key: EpisodeKey,

@@ -107,6 +107,10 @@ pub enum Blocked {
         "the database is not reached, or ends what is written: nothing can be written until it is back"
     )]
     Away,
+    #[error(
+        "the database does not answer, as a commit that waits for a standby: nothing is acknowledged until it does"
+    )]
+    Late,
     #[error("the disk of the database is full: nothing can be written until there is room on it")]
     Full,
 }
@@ -204,7 +208,9 @@ impl WriterState {
     /// Notes that nothing can be written; logged once.
     pub(super) fn set_blocked(&self, why: Blocked, error: &dyn std::fmt::Display) {
         let mut blocking = self.blocking();
-        if blocking.is_none() {
+        if let Some((earlier, _)) = &mut *blocking {
+            *earlier = why;
+        } else {
             *blocking = Some((why, Instant::now()));
             tracing::warn!(%error, "{why}");
         }
@@ -672,8 +678,13 @@ async fn revoke_key(
     query("UPDATE keys SET revoked_at = coalesce(revoked_at, $1) WHERE id = $2")
         .bind(at.as_millisecond())
         .bind(id)
-        .execute(connection)
+        .execute(&mut *connection)
         .await?;
+    // A member knows the tokens of what its team plays.
+    let delete = "DELETE FROM tokens WHERE run IN (
+                      SELECT r.key FROM keys k JOIN runs r ON r.owner = k.acts_for
+                      WHERE k.id = $1 AND r.status = 'running')";
+    query(delete).bind(id).execute(connection).await?;
     Ok(())
 }
 

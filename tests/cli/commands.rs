@@ -44,7 +44,7 @@ use Shows::{Facts, List, Other};
 /// The arguments of a command, made anew for each time it is run.
 type Arguments = fn(&Site) -> Vec<String>;
 
-const CASES: [(&str, Shows, Arguments); 68] = [
+const CASES: [(&str, Shows, Arguments); 69] = [
     ("demo", Facts, |site| words("--exit --db", [site.new_file("demo.db")])),
     ("serve", Other("runs until it is stopped"), |_| words("--addr no-address", [])),
     ("key create", Facts, |site| words("--name somebody --server", [site.base()])),
@@ -244,14 +244,14 @@ impl Site {
     /// A competition and an entrant of it.
     fn entrant(&self) -> (String, String) {
         let competition = self.competition();
-        let enter = words("competition enter --name entrant --model m", [competition.clone()]);
+        let enter = words("competition enter --name newcomer --model m", [competition.clone()]);
         (competition, string(&self.json(&enter)["id"]))
     }
 
     /// A competition and an entrant of it for which a key was made.
     fn entrant_without_key(&self) -> (String, String) {
         let competition = self.competition();
-        let enter = "competition enter --json --name entrant --model m";
+        let enter = "competition enter --json --name newcomer --model m";
         let mut command = self.command(&words(enter, [competition.clone()]));
         let output = command.env_remove("SWARMBENCH_KEY").output().expect("the binary runs");
         let entered: Value = serde_json::from_slice(&output.stdout).expect("JSON");

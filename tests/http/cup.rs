@@ -70,6 +70,17 @@ impl Cup {
         cup
     }
 
+    /// One that is open, as servers created it before each task had seeds of its own.
+    pub(crate) async fn open_before_seeds_by_task(app: &TestApp, change: Value) -> Self {
+        let cup = Self::with(app, change).await;
+        app.tamper(
+            r#"UPDATE competitions SET definition = replace(definition, ',"seeds_by_task":true', '')"#,
+        )
+        .await;
+        pass_minutes(app, 10).await;
+        cup
+    }
+
     pub(crate) fn path(&self, rest: &str) -> String {
         format!("/api/v1/competitions/{}{rest}", self.id)
     }
@@ -179,15 +190,14 @@ impl Attempt {
         panic!("it does not end");
     }
 
-    /// The ids of its episodes, as an organizer sees them.
+    /// Its episodes, as an organizer sees each.
     pub(crate) async fn episodes(&self, app: &TestApp) -> Vec<Value> {
         let all = app.get("/api/v1/episodes?limit=1000").token(&app.organizer).ok().await;
         let mut own = Vec::new();
         for episode in list(&all["items"]) {
-            let path = format!("/api/v1/episodes/{}/journal", text(&episode["id"]));
-            let journal = app.get(&path).token(&app.organizer).send().await.text();
-            if journal.contains(&self.run) {
-                own.push(episode);
+            if episode["run"] == self.run.as_str() {
+                let path = format!("/api/v1/episodes/{}", text(&episode["id"]));
+                own.push(app.get(&path).token(&app.organizer).ok().await);
             }
         }
         own

@@ -27,6 +27,7 @@ mod mcp;
 mod nodes;
 mod openapi;
 mod pages;
+mod proxy;
 mod room;
 mod router;
 mod runs;

@@ -1,5 +1,5 @@
-//! What is durable: the entries of all episodes, and, where several servers share it, which of them there are, when each was
-//! seen, and who plays what. It stands for the tables `nodes`, `members` and `places` of PostgreSQL.
+//! The durable data: the entries of all episodes, and, if several servers share it, the servers, the times when they
+//! were seen, and the owners of places. It stands for the tables `nodes`, `members` and `places` of PostgreSQL.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard};
@@ -16,10 +16,10 @@ use swarmbench::store::port::{StoredEpisode, Unfinished};
 use swarmbench_clock::after;
 use swarmbench_journal::record::{ActRecord, Source};
 
-/// The number of a server, which no other ever gets.
+/// The number of a server, which is never used again.
 pub(crate) type Incarnation = i64;
 
-/// How long a server was not seen before it is taken over.
+/// Time without a beat after which a server is taken over.
 pub(crate) const TAKEN_OVER_AFTER: Duration = swarmbench::store::TAKEN_OVER_AFTER;
 
 #[derive(Default)]
@@ -27,13 +27,13 @@ pub(crate) struct Database(Mutex<Tables>);
 
 #[derive(Default)]
 pub(crate) struct Tables {
-    /// What survives a crash.
+    /// Entries that survive a crash.
     pub(crate) durable: Vec<Entry>,
     nodes: BTreeMap<Incarnation, Node>,
     places: BTreeMap<Place, Incarnation>,
-    /// How often a server gave a game up that had not ended.
+    /// The number of unfinished games that servers gave up.
     pub(crate) given_up: usize,
-    /// The last number that a server got.
+    /// The last number of a server.
     given: Incarnation,
 }
 
@@ -52,7 +52,7 @@ impl Database {
 }
 
 impl Tables {
-    /// Adds a server; the one before it that had this slot is gone.
+    /// Adds a server; its predecessor in this slot is gone.
     pub(crate) fn join(&mut self, slot: i16, now: Timestamp) -> Incarnation {
         let before = self.nodes.iter().find(|(_, node)| node.slot == slot);
         if let Some(before) = before.map(|(&incarnation, _)| incarnation) {
@@ -63,12 +63,12 @@ impl Tables {
         self.given
     }
 
-    /// Whether a server may write.
+    /// Whether a server is registered, and thus may write.
     pub(crate) fn knows(&self, incarnation: Incarnation) -> bool {
         self.nodes.contains_key(&incarnation)
     }
 
-    /// Notes that a server was seen; false where it was excluded.
+    /// Records a beat of a server; returns false if the server was excluded.
     pub(crate) fn beat(&mut self, incarnation: Incarnation, at: Timestamp, is_ready: bool) -> bool {
         let Some(node) = self.nodes.get_mut(&incarnation) else { return false };
         (node.beat_at, node.is_ready) = (at, is_ready);
@@ -80,13 +80,13 @@ impl Tables {
         self.nodes.iter().map(|(&incarnation, &node)| (incarnation, node)).collect()
     }
 
-    /// Whether a server was not seen for too long.
+    /// Whether the last beat of a server is too old.
     pub(crate) fn is_expired(&self, incarnation: Incarnation, now: Timestamp) -> bool {
         let node = self.nodes.get(&incarnation);
         node.is_some_and(|node| after(node.beat_at, TAKEN_OVER_AFTER) < now)
     }
 
-    /// Deletes the rows of a server, and with them what it had.
+    /// Deletes the rows of a server and its places.
     pub(crate) fn delete(&mut self, incarnation: Incarnation) {
         self.nodes.remove(&incarnation);
         self.free(incarnation);
@@ -97,7 +97,7 @@ impl Tables {
         self.places.retain(|_, owner| *owner != incarnation);
     }
 
-    /// Takes a place for a server unless another has it: who has it now. None where the server was excluded.
+    /// Takes a place for a server unless another owns it; returns the owner. `None` if the server was excluded.
     pub(crate) fn take(&mut self, place: Place, incarnation: Incarnation) -> Option<Incarnation> {
         if let Some(&owner) = self.places.get(&place) {
             return Some(owner);
@@ -105,7 +105,7 @@ impl Tables {
         self.put(place, incarnation).then_some(incarnation)
     }
 
-    /// Writes who has a place; false where that server was excluded.
+    /// Sets the owner of a place; returns false if that server was excluded.
     pub(crate) fn put(&mut self, place: Place, incarnation: Incarnation) -> bool {
         let is_known = self.knows(incarnation);
         if is_known {
@@ -122,7 +122,7 @@ impl Tables {
         }
     }
 
-    /// Gives back all places of a server at which everything is over.
+    /// Gives back all places of a server at which everything has ended.
     pub(crate) fn release_ended(&mut self, incarnation: Incarnation) -> Vec<Place> {
         let owned = self.places.iter().filter(|(_, owner)| **owner == incarnation);
         let mut ended: Vec<Place> = owned.map(|(place, _)| *place).collect();
@@ -139,7 +139,7 @@ impl Tables {
         self.places.iter().map(|(&place, &owner)| (place, owner))
     }
 
-    /// Whether what is played at a place has not ended.
+    /// Whether a place has anything unfinished.
     pub(crate) fn is_unfinished(&self, place: Place) -> bool {
         self.openings()
             .any(|row| Place::Game(row.episode) == place && self.end(row.episode).is_none())
@@ -149,7 +149,7 @@ impl Tables {
         self.openings().find(|row| row.id == *id).map(|row| row.episode)
     }
 
-    /// All episodes that have not ended; those with a round clock first.
+    /// All unfinished episodes; those with a round clock first.
     pub(crate) fn unfinished(&self) -> Vec<Unfinished> {
         let unfinished = |row: &OpeningRow| Unfinished {
             run: None,
@@ -165,19 +165,19 @@ impl Tables {
         all
     }
 
-    /// What has not ended and is played by nobody.
+    /// Unfinished episodes without an owner.
     pub(crate) fn unowned(&self) -> Vec<Unfinished> {
         let mut unowned = self.unfinished();
         unowned.retain(|one| self.owner(Place::Game(one.episode)).is_none());
         unowned
     }
 
-    /// The number of the newest episode, 0 where there is none.
+    /// The number of the newest episode, 0 without any.
     pub(crate) fn last_key(&self) -> i64 {
         self.openings().map(|row| row.episode.0).max().unwrap_or(0)
     }
 
-    /// How many bytes the acts of all episodes of each key take.
+    /// Bytes of the acts of all episodes, by key.
     pub(crate) fn bytes_by_owner(&self) -> Vec<(OwnerKey, u64)> {
         let owned = self.openings().filter_map(|row| Some((row.owner?, row.episode)));
         owned
@@ -253,7 +253,7 @@ impl Tables {
             owner: row.owner,
             run: row.run.map(|(run, _)| run),
             revealed: false,
-            own_games: false,
+            own_from: None,
             opening: row.record.clone(),
             first_round: row.fork.map_or(0, |(_, round)| round),
             seating: self.seating(key).map(|row| row.record.clone()),
@@ -282,7 +282,7 @@ impl Tables {
     }
 }
 
-/// The record of an act, which was written as one.
+/// The record of an act, which must be valid.
 pub(crate) fn record(row: &ActRow) -> ActRecord {
     row.record.read().expect("it was written as an act")
 }

@@ -183,7 +183,7 @@ impl Questions<'_> {
             Readable::All,
             Readable::Public,
             Readable::And(self.id()),
-            Readable::AndOf(owner),
+            Readable::AndOf { owner, at: self.time() },
             Readable::AndOfRun(self.run()),
             Readable::OnlyOfRun(self.run()),
             Readable::Only(self.id()),
@@ -480,7 +480,7 @@ impl Questions<'_> {
         .await;
         self.ask(&of("room_for"), async |side| {
             let owner = owner.map(|owner| side.owner(owner));
-            side.store.room_for(side.competition(competition), &name, &model, owner).await
+            side.store.room_for(side.competition(competition), &model, owner).await
         })
         .await;
         self.ask(&of("entry_addresses"), async |side| {
@@ -490,10 +490,21 @@ impl Questions<'_> {
         })
         .await;
         if let Some(entry) = entry {
-            self.ask(&of("has_name"), async |side| {
-                side.store.has_name(side.competition(competition), side.entry(entry), &name).await
+            self.ask(&of("is_name_taken"), async |side| {
+                let (competition, entry) = (side.competition(competition), side.entry(entry));
+                side.store.is_name_taken(competition, Some(entry), &name).await
             })
             .await;
+            self.ask(&of("is_excluded"), async |side| {
+                side.store.is_excluded(side.entry(entry)).await
+            })
+            .await;
+            if let Some(owner) = owner {
+                self.ask(&of("playing"), async |side| {
+                    side.store.playing(side.entry(entry), side.owner(owner), &name).await
+                })
+                .await;
+            }
             self.ask(&of("attempts_of"), async |side| {
                 side.store.attempts_of(side.entry(entry)).await
             })
@@ -528,6 +539,15 @@ impl Questions<'_> {
         .await;
         self.ask(&of("find_attempt"), async |side| {
             side.store.find_attempt(side.competition(competition), &run_id).await
+        })
+        .await;
+        self.ask(&of("voided_attempts"), async |side| {
+            side.store.voided_attempts(side.competition(competition)).await
+        })
+        .await;
+        self.ask(&of("list_contacts"), async |side| {
+            let after = entry.map(|entry| side.entry(entry));
+            side.store.list_contacts(side.competition(competition), after, limit).await
         })
         .await;
         self.ask(&of("last_attempt"), async |side| {
@@ -582,6 +602,8 @@ impl Questions<'_> {
     async fn keys(&self) {
         self.ask("keys", async |side| side.store.keys().await).await;
         self.ask("has_keys", async |side| side.store.has_keys().await).await;
+        let id = self.one_of(&self.history.names.keys);
+        self.ask(&format!("revoked_at {id}"), async |side| side.store.revoked_at(&id).await).await;
         for _ in 0..ROUNDS {
             let (owner, limit) = (self.history.owner(), self.limit());
             self.ask(&format!("keys after {owner:?}, {limit}"), async |side| {
@@ -687,7 +709,7 @@ async fn before_number(side: &Side, history: &History) -> Answer<Option<i64>> {
 /// Who may read, in the numbers of an engine.
 fn own_readable(side: &Side, common: &Readable) -> Readable {
     match common {
-        Readable::AndOf(owner) => Readable::AndOf(side.owner(*owner)),
+        Readable::AndOf { owner, at } => Readable::AndOf { owner: side.owner(*owner), at: *at },
         same @ (Readable::All
         | Readable::Public
         | Readable::And(_)

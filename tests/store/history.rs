@@ -834,6 +834,7 @@ impl History {
             at: self.at(),
             idempotency: self.idempotent(),
             token: self.dice.one_in(2).then(|| self.hash()),
+            closes_at: self.dice.one_in(3).then(|| self.at()),
         };
         vec![Entry::OpenRun(Box::new(row))]
     }

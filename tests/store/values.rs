@@ -58,6 +58,7 @@ fn run(key: i64, model: &str) -> Entry {
         visibility: "public",
         attempt: None,
         replays: None,
+        closes_at: None,
         at: at(key),
         idempotency: Some((format!("/{model}"), [3; 32])),
         token: None,
@@ -157,7 +158,7 @@ async fn texts_are_ordered_and_found_by_their_bytes() {
         assert!(store.find_run("run_1\0").await.is_ok_and(|found| found.is_none()));
     }
     // The order that the engines themselves give.
-    let written = "SELECT DISTINCT written FROM looks WHERE kind = 'name' ORDER BY written";
+    let written = "SELECT DISTINCT name FROM entries ORDER BY name";
     let file = SqliteConnectOptions::new().filename(pair.file());
     let mut file = file.connect().await.expect("it opens");
     let of_sqlite: Vec<String> =

@@ -3,7 +3,6 @@
 import runpy
 
 import pytest
-
 from conftest import ROOT
 
 PROGRAM = runpy.run_path(str(ROOT / "examples" / "verify_competition.py"))

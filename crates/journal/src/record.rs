@@ -1,8 +1,7 @@
 //! The records of a journal and their bytes.
 //!
-//! A record is a JSON object without line breaks; its bytes are what the chain hashes, so they are
-//! stored and never written anew. In a journal file each line is
-//! `{"hash":"…","record":{…}}` with the head of the chain after the record.
+//! A record is a JSON object without line breaks. The chain hashes its bytes, so they are stored and never serialized
+//! again. A line of a journal file is `{"hash":"…","record":{…}}` with the head of the chain after the record.
 
 use std::sync::Arc;
 
@@ -17,8 +16,12 @@ pub use swarmbench_protocol::act::Usage;
 use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::failure::Failure;
 
-/// The version of this format.
+/// The version of this format that journals name.
 pub const FORMAT: u32 = 1;
+
+/// The newest version that is read. Fields that journals of [`FORMAT`] do not have are in journals of this version alone, so that
+/// older programs refuse them by the version, and not by a field that they do not know.
+pub const NEWEST_FORMAT: u32 = 2;
 
 /// The bytes of a record. Cloning shares them.
 #[derive(Clone, Debug)]
@@ -33,7 +36,7 @@ impl PartialEq for RawRecord {
 impl Eq for RawRecord {}
 
 impl RawRecord {
-    /// The bytes of a record as it is first written.
+    /// Serializes a new record.
     pub fn write<T: Serialize>(record: &T) -> Self {
         Self(serde_json::value::to_raw_value(record).expect("records have string keys").into())
     }
@@ -41,12 +44,12 @@ impl RawRecord {
     /// A record from the store.
     ///
     /// # Errors
-    /// If they are no JSON.
+    /// If the text is no JSON.
     pub fn from_stored(text: String) -> Result<Self, serde_json::Error> {
         RawValue::from_string(text).map(|value| Self(value.into()))
     }
 
-    /// The record as text.
+    /// The JSON of the record.
     #[must_use]
     pub fn as_str(&self) -> &str {
         self.0.get()
@@ -55,7 +58,7 @@ impl RawRecord {
     /// Reads the record.
     ///
     /// # Errors
-    /// If it is another kind of record.
+    /// If it is a record of another kind.
     pub fn read<'a, T: Deserialize<'a>>(&'a self) -> Result<T, serde_json::Error> {
         serde_json::from_str(self.as_str())
     }
@@ -67,13 +70,13 @@ impl RawRecord {
     }
 }
 
-/// A record of any kind; its field `kind` says which.
+/// A record of any kind, which its field `kind` names.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Record {
     /// The first record.
     Opening(Box<Opening>),
-    /// Who holds which seat; only where there are several holders, or the server hosts players.
+    /// The holders of the seats; only if there are several, or if the server hosts players.
     Seats(Seats),
     /// A resolved round.
     Round(Round),
@@ -81,8 +84,8 @@ pub enum Record {
     End(End),
 }
 
-/// A record that begins with its kind, as it is written. Unlike [`Record`], which keeps all fields until it has found the
-/// kind, it is read in one pass.
+/// A record whose first field is its kind, as it is written. It is read in one pass, whereas [`Record`] buffers all
+/// fields until it has found the kind.
 struct KindFirst(Record);
 
 impl<'de> Deserialize<'de> for KindFirst {
@@ -115,14 +118,14 @@ impl Record {
     /// Reads a record.
     ///
     /// # Errors
-    /// If the text is none.
+    /// If the text is no record.
     pub fn parse(text: &str) -> Result<Self, serde_json::Error> {
         let read = serde_json::from_str(text).map(|KindFirst(record)| record);
         read.or_else(|_| serde_json::from_str(text))
     }
 }
 
-/// What an episode is.
+/// The definition of an episode.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Opening {
@@ -130,40 +133,40 @@ pub struct Opening {
     pub format: u32,
     /// The public id.
     pub episode: String,
-    /// The revision of the rules by which it is played.
+    /// The revision of the rules of the game.
     pub rules_revision: u32,
-    /// When it was created.
+    /// The time of creation.
     pub created_at: jiff::Timestamp,
     /// All settings.
     pub config: RecordedConfig,
-    /// Who plays: further fields of the creator.
+    /// Further fields of the creator about the player.
     pub agent_meta: Carried,
     /// The text of the prompt template.
     pub prompt_template: String,
-    /// The revision of the words that the program itself puts into prompts; journals before revision 2 name none.
+    /// The revision of the program's own words in prompts; journals before revision 2 name none.
     #[serde(default = "first_prompt_revision", skip_serializing_if = "is_first_prompt_revision")]
     pub prompt_revision: u32,
     /// The digest of the layout, in hexadecimal.
     pub digest: String,
-    /// The public id of the run to which it belongs.
+    /// The public id of its run, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
-    /// Random hexadecimal digits in a sealed episode, so that its seed cannot be found by trying seeds until the hashes
-    /// match.
+    /// Random hexadecimal digits in a sealed episode, so that nobody can find its seed by trying seeds until the
+    /// hashes match.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub salt: Option<String>,
-    /// From which state of another episode it continues, if it is a fork.
+    /// The state of another episode that a fork continues.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fork: Option<Fork>,
 }
 
-/// The state of another episode from which a fork continues. The journal of the fork has all rounds before it, too.
+/// The state of another episode that a fork continues. The journal of the fork also contains all earlier rounds.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fork {
     /// The public id of the other episode, its parent.
     pub episode: String,
-    /// How many rounds of the parent were taken over; also the first round of the fork's own.
+    /// The number of rounds taken over from the parent, and thus the fork's own first round.
     pub round: u32,
     /// The head of the parent's chain before that round, in hexadecimal.
     pub head: String,
@@ -182,14 +185,14 @@ pub const fn is_first_prompt_revision(revision: &u32) -> bool {
 }
 
 impl Opening {
-    /// Whether boards count the episode: it belongs to a run, or several holders play it, and it is no fork.
+    /// Whether boards count the episode: it belongs to a run or has several holders, and it is no fork.
     #[must_use]
     pub fn counts(&self) -> bool {
         let is_listed = self.run.is_some() || !self.config.open_seats.is_empty();
         is_listed && self.fork.is_none()
     }
 
-    /// The first round that was decided in the episode itself: all before it were taken over from its parent.
+    /// The first round that was decided in this episode; earlier ones were taken over from its parent.
     #[must_use]
     pub fn first_round(&self) -> u32 {
         self.fork.as_ref().map_or(0, |fork| fork.round)
@@ -198,7 +201,7 @@ impl Opening {
 
 swarmbench_protocol::game_settings! {
     checked
-    /// All settings of an episode, under the names that the wire has for them.
+    /// The settings of an episode, under their names on the wire.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields)]
     #[expect(missing_docs, reason = "the names are those of the wire, described there")]
@@ -215,16 +218,16 @@ swarmbench_protocol::game_settings! {
         pub visibility: String,
         pub model: String,
         pub custom_template: bool,
-        /// No round begins at or after this time.
+        /// The time from which on no round begins.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pub closes_at: Option<jiff::Timestamp>,
-        /// Numbers of the agents whose seats were open to claims.
+        /// The indices of agents whose seats were open to claims.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         pub open_seats: Vec<u16>,
         /// The time after which built-in players take the unclaimed seats.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pub fill_after_ms: Option<u64>,
-        /// Which built-in player takes them.
+        /// The built-in player that takes the unclaimed seats.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pub fill_with: Option<String>,
         /// The built-in player that the server hosts on the creator's seats.
@@ -234,7 +237,7 @@ swarmbench_protocol::game_settings! {
 }
 
 impl RecordedConfig {
-    /// The engine's part of the settings; the rest has its defaults.
+    /// Records the engine's settings; all others have their defaults.
     #[must_use]
     pub fn of(config: &Config) -> Self {
         let settings = config.settings();
@@ -247,10 +250,10 @@ impl RecordedConfig {
         }
     }
 
-    /// The engine's part of the settings, checked.
+    /// Checks the engine's settings.
     ///
     /// # Errors
-    /// If these settings are not allowed, or no longer.
+    /// If the current rules do not allow these settings.
     pub fn engine(&self) -> Result<Config, SettingErrors> {
         Config::check(&Settings {
             task: self.task.clone(),
@@ -261,35 +264,35 @@ impl RecordedConfig {
     }
 }
 
-/// Who holds which seat.
+/// The holders of all seats.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Seats {
-    /// All that hold seats, in order of their numbers.
+    /// All holders of seats, in the order of their numbers.
     pub holders: Vec<SeatHolder>,
-    /// All seats, in order of the agents' numbers.
+    /// All seats, in the order of the agents.
     pub seats: Vec<HeldSeat>,
 }
 
-/// Who holds seats.
+/// A holder of seats.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SeatHolder {
     /// The number of the claim in its episode; 0 is the creator.
     pub holder: u32,
-    /// Who plays.
+    /// The name of the player.
     pub model: String,
-    /// Who plays: further fields of the holder.
+    /// Further fields of the holder about the player.
     pub agent_meta: Carried,
-    /// The public id of the holder's key, where one was needed.
+    /// The public id of the holder's key, if a key was required.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub key: Option<String>,
-    /// The built-in player that the server hosts on these seats, if it does.
+    /// The built-in player that the server hosts on these seats, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub player: Option<String>,
 }
 
-/// A seat that has a holder.
+/// A seat and its holder.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeldSeat {
@@ -303,13 +306,13 @@ pub struct HeldSeat {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Round<A = ActRecord> {
-    /// Its number, from 0.
+    /// The number of the round, from 0.
     pub round: u32,
-    /// What every living agent did.
+    /// The acts of all living agents.
     pub acts: Vec<A>,
-    /// The digest of the state after it, in hexadecimal.
+    /// The digest of the state after the round, in hexadecimal.
     pub digest: String,
-    /// The score after it.
+    /// The score after the round.
     pub score: f64,
 }
 
@@ -319,33 +322,33 @@ pub struct Round<A = ActRecord> {
 pub struct End<A = ActRecord> {
     /// `finished`, `aborted` or `abandoned`.
     pub status: String,
-    /// Why: `task_done`, `rounds_played`, `aborted`, `idle` or `closed`.
+    /// The reason: `task_done`, `rounds_played`, `aborted`, `idle` or `closed`.
     pub reason: String,
-    /// How many rounds were resolved.
+    /// The number of resolved rounds.
     pub rounds: u32,
     /// The final score.
     pub score: f64,
-    /// Acts of a round that was not resolved any more.
+    /// Acts of the last round if it was never resolved.
     pub open_acts: Vec<A>,
 }
 
-/// Who decided an act.
+/// The origin of an act.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Source {
     /// The player, by a structured action or by the answer of a language model.
     Player,
-    /// The clock: it expired, so the agent does nothing.
+    /// The expired clock: the agent does nothing.
     Clock,
 }
 
-/// What a seat did in a round.
+/// The act of a seat in a round.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ActRecord {
     /// The agent's name.
     pub agent: String,
-    /// Who decided.
+    /// The origin.
     pub source: Source,
     /// The action, if any.
     pub action: Option<String>,
@@ -355,21 +358,21 @@ pub struct ActRecord {
     /// The only receiver of a commander's message.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub to: Option<String>,
-    /// False for an invalid answer of a language model.
+    /// Whether the act counts, which an invalid answer of a language model does not.
     pub valid: bool,
-    /// Why the answer is invalid. Journals of earlier versions do not tell it.
+    /// The reason why the answer is invalid, which journals of earlier versions do not contain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<Failure>,
-    /// The language model's answer, where it gave one.
+    /// The language model's answer, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub response: Option<String>,
-    /// What the answer cost.
+    /// The tokens and duration of the answer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub usage: Option<Usage>,
     /// Free text, stored for readers of replays.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reasoning: Option<String>,
-    /// The part of the seat's bank that the act used, in milliseconds.
+    /// Milliseconds of the seat's bank that the act used.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub bank_spent_ms: u64,
 }
@@ -379,27 +382,27 @@ const fn is_zero(value: &u64) -> bool {
     *value == 0
 }
 
-/// What a seat decided in a round: the engine's act, and what was said around it.
+/// The decision of a seat in a round: the engine's act, and the texts around it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Decision {
-    /// Who decided.
+    /// The origin.
     pub source: Source,
-    /// What the agent does.
+    /// The act.
     pub act: Act,
-    /// False for an invalid answer of a language model.
+    /// Whether the act counts, which an invalid answer of a language model does not.
     pub valid: bool,
-    /// Why the answer is invalid. Journals of earlier versions do not tell it.
+    /// The reason why the answer is invalid, which journals of earlier versions do not contain.
     pub failure: Option<Failure>,
-    /// The language model's answer, where it gave one.
+    /// The language model's answer, if any.
     pub response: Option<String>,
-    /// What the answer cost.
+    /// The tokens and duration of the answer.
     pub usage: Option<Usage>,
     /// Free text, stored for readers of replays.
     pub reasoning: Option<String>,
 }
 
 impl Decision {
-    /// An act of a player, without an answer of a language model.
+    /// The decision of a player without a language model's answer.
     #[must_use]
     pub const fn of_player(act: Act) -> Self {
         let source = Source::Player;
@@ -420,7 +423,7 @@ impl Decision {
         Self { source: Source::Clock, ..Self::of_player(Act::default()) }
     }
 
-    /// Its record.
+    /// The record of the decision.
     #[must_use]
     pub fn record(&self, agent: AgentId, bank_spent_ms: u64) -> ActRecord {
         let Self { source, act, valid, failure, response, usage, reasoning } = self.clone();
@@ -439,8 +442,8 @@ impl Decision {
         }
     }
 
-    /// Its record without the answer of a language model and the reasoning: no state follows from these, and they may be
-    /// large. `None` where it has neither.
+    /// The record without the language model's answer and the reasoning, which may be large and which no state
+    /// depends on. `None` if there is neither.
     #[must_use]
     pub fn brief_record(&self, agent: AgentId, bank_spent_ms: u64) -> Option<ActRecord> {
         let Self { source, act, valid, failure, response, usage, reasoning } = self;
@@ -458,7 +461,7 @@ impl Decision {
         })
     }
 
-    /// Bytes of the texts that a player sent with it.
+    /// Bytes of the texts that a player sent with the decision.
     #[must_use]
     pub fn text_bytes(&self) -> u64 {
         let message = self.act.message.as_ref().map(Message::as_str);
@@ -468,20 +471,20 @@ impl Decision {
 }
 
 impl ActRecord {
-    /// As a fork takes it over: what it did and said in the game, and nothing of who decided it.
+    /// The record as a fork takes it over: the act and the message, without traces of who decided.
     #[must_use]
     pub fn taken_over(self) -> Self {
         Self { response: None, usage: None, reasoning: None, bank_spent_ms: 0, ..self }
     }
 
-    /// Without the answer of a language model and the reasoning; `None` where it has neither.
+    /// Removes the language model's answer and the reasoning; `None` if there is neither.
     #[must_use]
     pub fn brief(self) -> Option<Self> {
         let has_texts = self.response.is_some() || self.reasoning.is_some();
         has_texts.then_some(Self { response: None, reasoning: None, ..self })
     }
 
-    /// Whether it is as a fork takes it over.
+    /// Whether the record has only the fields that a fork takes over.
     #[must_use]
     pub const fn is_taken_over(&self) -> bool {
         self.response.is_none()
@@ -490,7 +493,7 @@ impl ActRecord {
             && self.bank_spent_ms == 0
     }
 
-    /// The act for the engine, if the names in it are known.
+    /// Converts the record to an act of the engine; `None` for unknown names.
     #[must_use]
     pub fn act(&self, config: &Config) -> Option<Act> {
         let action = match &self.action {
@@ -502,14 +505,14 @@ impl ActRecord {
             None => None,
         };
         let message = match &self.message {
-            // It was normalised before it was recorded, and doing so again changes nothing.
+            // A recorded message is already normalised, so this must not change it.
             Some(text) => Some(Message::new(text).filter(|message| message.as_str() == text)?),
             None => None,
         };
         Some(Act { action, message, to })
     }
 
-    /// What was decided, if the names in it are known.
+    /// Converts the record to a decision; `None` for unknown names.
     #[must_use]
     pub fn decision(self, config: &Config) -> Option<Decision> {
         let act = self.act(config)?;
@@ -525,7 +528,7 @@ pub fn next_line(record: &RawRecord, head: Head) -> (String, Head) {
     (record.line(head), head)
 }
 
-/// A record that is written around the bytes of its acts: the same as writing a [`Record`].
+/// A record around the serialized records of its acts, which equals the serialized [`Record`].
 #[derive(Serialize)]
 #[serde(tag = "kind", rename_all = "lowercase")]
 enum AroundActs<'a> {
@@ -533,7 +536,7 @@ enum AroundActs<'a> {
     End(End<&'a RawValue>),
 }
 
-/// The record of a round around those of its acts.
+/// Builds the record of a round from those of its acts.
 #[must_use]
 pub fn round_record<'a>(
     round: u32,
@@ -545,7 +548,7 @@ pub fn round_record<'a>(
     RawRecord::write(&AroundActs::Round(Round { round, acts, digest, score }))
 }
 
-/// The record of an end around those of the acts of its open round.
+/// Builds the record of an end from those of the open round's acts.
 #[must_use]
 pub fn end_record(end: End<&RawRecord>) -> RawRecord {
     let End { status, reason, rounds, score, open_acts } = end;
@@ -553,13 +556,12 @@ pub fn end_record(end: End<&RawRecord>) -> RawRecord {
     RawRecord::write(&AroundActs::End(End { status, reason, rounds, score, open_acts }))
 }
 
-/// The line of a journal file for a record with a list of acts, before the first act and after the last: a
-/// line can be written act by act.
+/// The parts of a journal line before the first act and after the last, for writing the line act by act.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Frame {
-    /// Up to the opening bracket of the list.
+    /// The line up to the opening bracket of the list of acts.
     pub before: String,
-    /// From the closing bracket of the list on.
+    /// The line from the closing bracket on.
     pub after: String,
 }
 
@@ -570,7 +572,7 @@ impl Frame {
         Self::of(&round_record(round, std::iter::empty(), digest, score), head)
     }
 
-    /// The frame of an end, whatever acts it has now.
+    /// The frame of an end, whatever its acts.
     #[must_use]
     pub fn of_end(end: End, head: Head) -> Self {
         let End { status, reason, rounds, score, .. } = end;
@@ -578,7 +580,7 @@ impl Frame {
         Self::of(&end_record(end), head)
     }
 
-    /// Splits the line of a record with an empty list; nothing else in such a record is an empty list.
+    /// Splits the line of a record at its empty list, which is the only one.
     fn of(record: &RawRecord, head: Head) -> Self {
         let line = record.line(head);
         let place = line.rfind("[]").map_or(line.len(), |place| place + 1);
@@ -591,7 +593,7 @@ impl Frame {
 mod tests {
     use super::*;
 
-    /// Settings that no new episode may have are in old journals, and these are played to their end.
+    /// Old journals contain settings that no new episode may have, and such episodes are played to their end.
     #[test]
     fn a_journal_of_settings_that_are_too_large_for_a_new_episode_is_read() {
         let settings = Settings {
@@ -633,7 +635,7 @@ mod tests {
         ]
     }
 
-    /// Lines are written act by act, and hashed as a whole: both must agree.
+    /// A line is written act by act, but hashed as a whole.
     #[test]
     fn a_line_written_act_by_act_is_the_line_written_at_once() {
         let head = Head([7; 32]);
@@ -662,7 +664,7 @@ mod tests {
         }
     }
 
-    /// Rounds are written from the bytes of their acts, and read as a whole: both must agree.
+    /// A round is joined from the bytes of its acts, but read as a whole.
     #[test]
     fn a_round_joined_from_its_acts_is_the_round_written_at_once() {
         let acts = two_acts();

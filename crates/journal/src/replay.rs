@@ -11,24 +11,24 @@ use swarmbench_engine::physics::{Solver, SolverError};
 use swarmbench_engine::{Act, AgentId, Config, RULES_REVISION, Scratch, World, answer};
 
 use super::chain::Head;
-use super::record::{ActRecord, End, FORMAT, Opening, Record, Round, Seats, Source};
+use super::record::{ActRecord, End, FORMAT, NEWEST_FORMAT, Opening, Record, Round, Seats, Source};
 use crate::Tally;
 use swarmbench_protocol::failure::Failure;
 
-/// What is wrong with a journal.
+/// A fault of a journal.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
-    /// It cannot be read at all.
+    /// The journal cannot be read.
     #[error("it cannot be read: {0}")]
     Io(#[from] std::io::Error),
-    /// A line is not what belongs there.
+    /// A line does not belong there.
     #[error("line {line}{at}: {problem}")]
     Line {
         /// The line, counted from 1.
         line: usize,
-        /// ` (round 12)` where the line is that of a round.
+        /// The round or kind of the record, such as ` (round 12)`, if known.
         at: String,
-        /// What is wrong with it.
+        /// The fault.
         problem: String,
     },
     /// The file as a whole is not the expected one.
@@ -36,16 +36,16 @@ pub enum Fault {
     Whole(String),
 }
 
-/// Why a round cannot be played again.
+/// A reason why a round cannot be replayed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RoundFault {
-    /// The episode was over before it.
+    /// The episode was over before this round.
     #[error("a round more than the episode has")]
     TooMany,
-    /// It is not the next one.
+    /// Another round is next.
     #[error("the number of the round differs: recorded {recorded}, played again {expected}")]
     Number {
-        /// The number that it has.
+        /// The number in the journal.
         recorded: u32,
         /// The number of the next round.
         expected: u32,
@@ -59,7 +59,7 @@ pub enum RoundFault {
     /// The solver of the physics gave up.
     #[error(transparent)]
     Solver(#[from] SolverError),
-    /// It leads to another state.
+    /// The replayed state has another digest.
     #[error("the digest of the state differs: recorded {recorded:?}, played again {played:?}")]
     Digest {
         /// The digest in the journal.
@@ -69,7 +69,7 @@ pub enum RoundFault {
     },
 }
 
-/// Plays an episode again, round by round: the one place where recorded acts become states.
+/// Replays an episode round by round: the only code that turns recorded acts into states.
 pub struct Replayer {
     world: Arc<World>,
     solver: Solver,
@@ -77,25 +77,25 @@ pub struct Replayer {
 }
 
 impl Replayer {
-    /// Begins with a state.
+    /// Starts from a state.
     #[must_use]
     pub fn new(world: Arc<World>) -> Self {
         Self { world, solver: Solver::Flow, scratch: Box::default() }
     }
 
-    /// The state after the last round that was played.
+    /// The state after the last replayed round.
     #[must_use]
     pub const fn world(&self) -> &Arc<World> {
         &self.world
     }
 
-    /// The last state.
+    /// The state after the last replayed round.
     #[must_use]
     pub fn into_world(self) -> Arc<World> {
         self.world
     }
 
-    /// Whether this round is the next one.
+    /// Checks that this round is the next one.
     ///
     /// # Errors
     /// If the episode is over, or another round is next.
@@ -111,11 +111,11 @@ impl Replayer {
         }
     }
 
-    /// Plays the next round by its acts, and compares the state with the recorded digest, if one is given.
-    /// States are shared, and copied only where others still have them.
+    /// Replays the next round from its acts, and compares the state with the recorded digest, if given. A state is
+    /// copied only if others still share it.
     ///
     /// # Errors
-    /// If another round is next, or it leads to another state.
+    /// If another round is next, or the digest differs.
     pub fn play(
         &mut self,
         round: u32,
@@ -133,30 +133,30 @@ impl Replayer {
     }
 }
 
-/// What a journal proves.
+/// The result of a verified journal.
 #[derive(Clone, Debug)]
 pub struct Report {
     /// The opening record.
     pub opening: Opening,
     /// The holders of the seats, if the journal names them.
     pub seats: Option<Seats>,
-    /// How many rounds were played again.
+    /// The number of replayed rounds.
     pub rounds: u32,
     /// The score, recomputed.
     pub score: f64,
     /// The end record; `None` for an unfinished episode.
     pub end: Option<End>,
-    /// The head of the chain.
+    /// The head of the chain after the last record.
     pub head: Head,
-    /// What all its acts were, those of a round that was not resolved too; of a fork, those of its own rounds.
+    /// Counts of all acts, those of an unresolved round included; for a fork, only those of its own rounds.
     pub tally: Tally,
 }
 
-/// Plays a journal file again and checks every hash, digest, act and score.
+/// Replays a journal file and checks every hash, digest, act and score.
 ///
-/// `expected` is the head that the server shows for a finished episode: without it a journal only
-/// proves to be consistent, with it to be that one. `progress` is called with how many rounds of how many
-/// were played.
+/// `expected` is the head that the server shows for a finished episode. Without it the journal is only proven to be
+/// consistent, with it to be the episode's own. `progress` is called with the current round and the maximum number of
+/// rounds.
 ///
 /// # Errors
 /// The first fault, with its line.
@@ -171,8 +171,8 @@ pub fn verify(
     })
 }
 
-/// The same; `see` gets every state with the acts that led to it: the layout without acts, then the state after each
-/// round, with an act of each agent that was on the map.
+/// Verifies like [`verify`], and passes every state to `see` with the acts that led to it: the layout without acts,
+/// then the state after each round with the act of each agent that was on the map.
 ///
 /// # Errors
 /// The first fault, with its line.
@@ -192,7 +192,7 @@ pub fn verify_seen(
     }
 }
 
-/// A journal that is played again and checked line by line.
+/// Verifies a journal line by line.
 pub struct Verifier {
     solver: Solver,
     head: Head,
@@ -201,16 +201,16 @@ pub struct Verifier {
 }
 
 impl Verifier {
-    /// Begins before the first line.
+    /// Starts before the first line.
     #[must_use]
     pub const fn new(solver: Solver) -> Self {
         Self { solver, head: Head::START, lines: 0, played: None }
     }
 
-    /// Checks the next line, with the end of the line. `see` gets the state, if it leads to one, with the acts.
+    /// Checks the next line, its line break included. `see` gets the state and its acts, if the line leads to one.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// A fault of the line.
     pub fn line(
         &mut self,
         line: &[u8],
@@ -258,16 +258,16 @@ impl Verifier {
         self.played.as_ref().map(|player| &player.opening)
     }
 
-    /// The state after the last line that was right; `None` before the opening.
+    /// The state after the last valid line; `None` before the opening.
     #[must_use]
     pub fn world(&self) -> Option<&World> {
         self.played.as_ref().map(Player::world)
     }
 
-    /// What the lines prove together; see [`verify`] for `expected`.
+    /// Ends the verification; see [`verify`] for `expected`.
     ///
     /// # Errors
-    /// If there was no line, or the head is another one.
+    /// If there was no line, the rounds before a fork are incomplete, or the head differs.
     pub fn finish(self, expected: Option<Head>) -> Result<Report, Fault> {
         let Self { head, played, .. } = self;
         let Some(player) = played else {
@@ -296,7 +296,7 @@ impl Verifier {
     }
 }
 
-/// What comes before and after the hash of a line, and after its record; see `RawRecord::line`.
+/// The bytes before the hash of a line, between hash and record, and after the record; see `RawRecord::line`.
 const BEFORE_HASH: &[u8] = b"{\"hash\":\"";
 const BEFORE_RECORD: &[u8] = b"\",\"record\":";
 const AFTER_RECORD: &[u8] = b"}\n";
@@ -304,10 +304,10 @@ const AFTER_RECORD: &[u8] = b"}\n";
 /// Hexadecimal digits of a hash.
 const HASH_DIGITS: usize = 64;
 
-/// Checks the bytes of a line against the chain; `head` moves on to the line's own.
+/// Checks the bytes of a line against the chain, and advances `head` to the line's own.
 ///
 /// # Errors
-/// If it is no line of the format, or its hash does not continue the chain.
+/// If the line has another format, or its hash does not continue the chain.
 pub fn check_line<T: DeserializeOwned>(line: &[u8], head: &mut Head) -> Result<T, String> {
     serde_json::from_str(check_bytes(line, head)?).map_err(not_a_record)
 }
@@ -317,7 +317,7 @@ fn not_a_record(error: serde_json::Error) -> String {
     format!("not a record: {error}")
 }
 
-/// The record of a line; that it is one JSON object is checked where it is read.
+/// The record of a line whose hash continues the chain. The caller checks that it is one JSON object.
 fn check_bytes<'a>(line: &'a [u8], head: &mut Head) -> Result<&'a str, String> {
     let (hash, record) = parts(line).ok_or_else(|| wrong_form(line))?;
     let linked = head.link(record);
@@ -333,7 +333,7 @@ fn check_bytes<'a>(line: &'a [u8], head: &mut Head) -> Result<&'a str, String> {
     std::str::from_utf8(record).map_err(|error| format!("not UTF-8: {error}"))
 }
 
-/// The hash and the record of a line that has the bytes of the format around them.
+/// The hash and the record of a line; `None` if the bytes around them differ from the format.
 fn parts(line: &[u8]) -> Option<(&[u8], &[u8])> {
     let (hash, rest) = line.strip_prefix(BEFORE_HASH)?.split_at_checked(HASH_DIGITS)?;
     let record = rest.strip_prefix(BEFORE_RECORD)?.strip_suffix(AFTER_RECORD)?;
@@ -341,9 +341,9 @@ fn parts(line: &[u8]) -> Option<(&[u8], &[u8])> {
     is_object.then_some((hash, record))
 }
 
-/// What is wrong with a line that has not the form of the format.
+/// Describes the fault of a line that does not have the format.
 fn wrong_form(line: &[u8]) -> String {
-    /// A line, whatever bytes are around its parts.
+    /// A line with any bytes around its parts.
     #[derive(Deserialize)]
     #[serde(deny_unknown_fields)]
     struct Line<'a> {
@@ -362,7 +362,7 @@ fn wrong_form(line: &[u8]) -> String {
     }
 }
 
-/// An episode as it is played again.
+/// An episode during its replay.
 struct Player {
     opening: Opening,
     replayer: Replayer,
@@ -373,8 +373,11 @@ struct Player {
 
 impl Player {
     fn new(opening: Opening, solver: Solver) -> Result<Self, String> {
-        if opening.format != FORMAT {
-            return Err(format!("journal format {} is not known, only {FORMAT}", opening.format));
+        if !(FORMAT..=NEWEST_FORMAT).contains(&opening.format) {
+            let format = opening.format;
+            return Err(format!(
+                "journal format {format} is not known, only {FORMAT} and {NEWEST_FORMAT}"
+            ));
         }
         if opening.rules_revision != RULES_REVISION {
             return Err(format!(
@@ -495,7 +498,7 @@ impl Player {
         }
         compare("the number of rounds", &end.rounds, &self.world().round())?;
         compare("the final score", &end.score, &self.world().score())?;
-        // A layout may have solved the task; that counts once the episode is started.
+        // A layout may already solve the task, but the episode only ends for it once it is started.
         let may_wait = if self.is_seated() {
             self.seats.is_none()
         } else {
@@ -539,7 +542,7 @@ fn short<T: std::fmt::Debug>(names: &[T]) -> String {
     }
 }
 
-/// The act of a record. That of a language model must be what its answer says.
+/// The act of a record. A language model's act must follow from its answer.
 fn checked_act(record: &ActRecord, config: &Config) -> Result<(AgentId, Act), String> {
     let agent = AgentId::parse(&record.agent).ok_or("an unknown agent")?;
     let act = record.act(config).ok_or_else(|| RoundFault::UnknownAct(agent).to_string())?;
@@ -562,13 +565,12 @@ fn checked_act(record: &ActRecord, config: &Config) -> Result<(AgentId, Act), St
     Ok((agent, act))
 }
 
-/// The agents on the map, in order of their numbers.
+/// The agents on the map, in the order of their numbers.
 pub fn living(world: &World) -> impl Iterator<Item = AgentId> + '_ {
     world.agents().filter(|&agent| world.is_alive(agent))
 }
 
-/// The acts of a round's records for the engine: one act for each agent, the default for those
-/// without a record.
+/// The engine's acts of a round's records: one for each agent, the default for agents without a record.
 ///
 /// # Errors
 /// If a record names an unknown agent or action.

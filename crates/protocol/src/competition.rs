@@ -13,6 +13,7 @@ use crate::carried::Carried;
 use crate::failure::Failures;
 use crate::game_settings;
 use crate::metrics::MetricsMethod;
+use crate::table::{self, Table};
 use crate::time::Timestamp;
 
 /// What a competition is to be. The same shape in TOML is what `swarmbench competition create` takes.
@@ -29,7 +30,7 @@ pub struct CompetitionRequest {
     pub name: Option<String>,
     /// What entrants should know; at most 10,000 characters.
     pub description: Option<String>,
-    /// When attempts can first be started.
+    /// When attempts can first be started; at once where that is not in the future.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub opens_at: Option<Timestamp>,
     /// No round begins at or after this time; open rounds may end.
@@ -76,7 +77,7 @@ pub struct CompetitionRequest {
     #[cfg_attr(feature = "openapi", schema(example = json!(["invalid", "earliest"])))]
     pub tie_breaks: Option<Vec<String>>,
     /// When entrants read states, journals and scores of their own games: `sealed` (with everybody, after the end) or `ended` (once
-    /// a game has ended).
+    /// the window of the attempt has closed).
     #[cfg_attr(feature = "openapi", schema(default = "sealed"))]
     pub own_games: Option<String>,
 }
@@ -239,6 +240,9 @@ pub struct Competition {
     /// When entrants read their own games: `sealed` or `ended`.
     #[serde(default)]
     pub own_games: String,
+    /// Whether each task is played on seeds of its own; false in competitions that were created before servers drew these.
+    #[serde(default)]
+    pub seeds_by_task: bool,
     /// SHA-256 of the salt and then all sealed seeds, in hexadecimal: published before anybody plays, so that
     /// everybody can check afterwards that no seed was changed.
     pub commitment: String,
@@ -625,6 +629,54 @@ pub struct EntrantDetail {
     pub contact: Option<String>,
     /// Its attempts, in the order in which they were started; the last 1,000 of them.
     pub attempts: Vec<AttemptSummary>,
+}
+
+/// How organizers reach an entrant.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct EntrantContact {
+    /// The entrant's id.
+    pub entrant: String,
+    /// Its name.
+    pub name: String,
+    /// Its category, if the competition has some.
+    pub category: Option<String>,
+    /// `active`, `withdrawn` or `disqualified`.
+    pub status: String,
+    /// How organizers reach it; null where it left none or was erased.
+    pub contact: Option<String>,
+}
+
+page! {
+    /// How organizers reach the entrants, in the order in which they registered.
+    ContactList of EntrantContact
+}
+
+impl Table for ContactList {
+    type Row = EntrantContact;
+
+    fn rows(&self) -> &[EntrantContact] {
+        &self.items
+    }
+
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
+
+    fn columns(&self) -> Vec<String> {
+        table::names("entrant name category status contact").collect()
+    }
+
+    fn record(&self, _: &[String], row: &EntrantContact) -> Vec<String> {
+        let own = |text: &Option<String>| table::text(text.as_deref().unwrap_or_default());
+        vec![
+            row.entrant.clone(),
+            table::text(&row.name),
+            own(&row.category),
+            row.status.clone(),
+            own(&row.contact),
+        ]
+    }
 }
 
 /// What an organizer changes about an entrant, or the entrant about itself: it may rename and withdraw itself. Fields that are

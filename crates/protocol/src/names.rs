@@ -10,6 +10,28 @@ use unicode_security::confusable_detection::skeleton;
 /// What the models of built-in players begin with.
 pub const BUILT_IN: &str = "built-in/";
 
+/// Words that pages, logs and files show in place of a name: no entrant has one of them.
+const RESERVED: [&str; 15] = [
+    "admin",
+    "administrator",
+    "built-in",
+    "entrant",
+    "judge",
+    "local",
+    "moderator",
+    "operator",
+    "organiser",
+    "organizer",
+    "server",
+    "staff",
+    "swarmbench",
+    "system",
+    "unnamed",
+];
+
+/// What the names of erased entrants, and the ids of entrants and keys, begin with.
+const RESERVED_BEGINNINGS: [&str; 4] = [BUILT_IN, "erased", "ent_", "key_"];
+
 /// What is wrong with a name of at most `chars_max` characters.
 ///
 /// # Errors
@@ -36,15 +58,54 @@ pub fn is_plain_text(text: &str) -> bool {
 /// What it has to be instead.
 pub fn check_model(model: &str, chars_max: usize) -> Result<(), String> {
     check(model, chars_max)?;
-    let imitates =
-        seen(model).iter().zip(seen(BUILT_IN)).any(|(one, other)| one.starts_with(&other));
-    if imitates && !model.starts_with(BUILT_IN) {
+    if begins_like(model, BUILT_IN) && !model.starts_with(BUILT_IN) {
         return Err(format!("looks like a built-in player: only those begin with {BUILT_IN}"));
     }
     Ok(())
 }
 
-/// How a name looks where it is shown: two names that look the same have at least one look in common.
+/// The name of an entrant or of a member of a team as it is stored and shown. `players` are the names of built-in players,
+/// which are reserved, too.
+///
+/// # Errors
+/// What it has to be instead.
+pub fn of_entrant<'a>(
+    name: &str,
+    chars_max: usize,
+    players: impl IntoIterator<Item = &'a str>,
+) -> Result<String, String> {
+    check(name, chars_max)?;
+    let is_imitated = |word: &&str| is_word(name, word);
+    let reserved = RESERVED.iter().copied().chain(players).find(is_imitated);
+    let begins = RESERVED_BEGINNINGS.into_iter().find(|beginning| begins_like(name, beginning));
+    match reserved.or(begins) {
+        Some(word) => Err(format!("looks like {word:?}, which is reserved: choose another name")),
+        None => Ok(with_single_spaces(name)),
+    }
+}
+
+/// A name without white space around it, and with one space for each run of white space of any kind.
+#[must_use]
+pub fn with_single_spaces(name: &str) -> String {
+    name.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Whether a name looks like a word, or its plural, but for what is neither a letter nor a digit.
+fn is_word(name: &str, word: &str) -> bool {
+    let letters = |text: &str| text.chars().filter(|c| c.is_alphanumeric()).collect::<String>();
+    seen(name).iter().zip(seen(word)).any(|(name, word)| {
+        let (name, word) = (letters(name), letters(&word));
+        name.strip_suffix('s').is_some_and(|one| one == word) || name == word
+    })
+}
+
+/// Whether a name looks as if it began with a text.
+fn begins_like(name: &str, beginning: &str) -> bool {
+    seen(name).iter().zip(seen(beginning)).any(|(name, start)| name.starts_with(&start))
+}
+
+/// How a name looks where it is shown: two names that look the same have at least one look in common. Names are compared by
+/// this alone.
 #[must_use]
 pub fn looks(name: &str) -> [String; 2] {
     let [small, as_written] = seen(name);
@@ -52,17 +113,28 @@ pub fn looks(name: &str) -> [String; 2] {
 }
 
 /// Whether two names look the same where they are shown.
-#[cfg(test)]
-fn is_look_alike(one: &str, other: &str) -> bool {
+#[must_use]
+pub fn is_look_alike(one: &str, other: &str) -> bool {
     looks(one).iter().zip(looks(other)).any(|(one, other)| *one == other)
 }
 
 /// What is seen of a name: one of both is the same for names that look the same. A capital I looks like a small L, which
 /// shows only before letters are made small; other pairs show only afterwards.
 fn seen(name: &str) -> [String; 2] {
-    let name = name.trim();
-    let as_written: String = skeleton(name).collect();
-    [skeleton(&name.to_lowercase()).collect(), as_written.to_lowercase()]
+    let name: String = with_single_spaces(name).chars().map(with_one_dash).collect();
+    let look = |text: &str| skeleton(text).map(with_one_dash).collect::<String>();
+    [look(&without_case(&name)), without_case(&look(&name))]
+}
+
+/// A text whose letters have one case: `ß` is `ss`, and a final `ς` is `σ`.
+fn without_case(text: &str) -> String {
+    text.chars().flat_map(char::to_uppercase).flat_map(char::to_lowercase).collect()
+}
+
+/// A hyphen in place of every dash, the minus sign, and the katakana mark that long dashes look like.
+fn with_one_dash(c: char) -> char {
+    let is_dash = c.general_category() == GeneralCategory::DashPunctuation;
+    if is_dash || matches!(c, '\u{2212}' | '\u{30fc}') { '-' } else { c }
 }
 
 /// A text without characters that XML forbids or that change how the text around them is read: line breaks and tabs
@@ -202,11 +274,52 @@ mod tests {
 
     #[test]
     fn names_that_look_the_same_are_found() {
-        for (one, other) in
-            [("blue", " BLUE"), ("blue", "blu\u{435}"), ("gpt-5", "gpt\u{2010}5"), ("l1", "Il")]
-        {
+        for (one, other) in [
+            ("blue", " BLUE"),
+            ("blue", "blu\u{435}"),
+            ("l1", "Il"),
+            ("Team Rocket", "team \u{3000}\u{a0}Rocket "),
+            ("Straße", "STRASSE"),
+            ("ΣΟΦΟΣ", "σοφος"),
+        ] {
             assert!(is_look_alike(one, other), "{one:?} {other:?}");
         }
-        assert!(!is_look_alike("blue", "red"));
+        let is_dash = |c: &char| c.general_category() == GeneralCategory::DashPunctuation;
+        for dash in (' '..=char::MAX).filter(is_dash).chain(['\u{2212}']) {
+            assert!(is_look_alike("gpt-5", &format!("GPT{dash}5")), "{dash:?}");
+        }
+        for (one, other) in [("blue", "red"), ("Team Rocket", "TeamRocket")] {
+            assert!(!is_look_alike(one, other), "{one:?} {other:?}");
+        }
+    }
+
+    #[test]
+    fn no_entrant_is_called_like_somebody_else() {
+        let named = |name: &str| of_entrant(name, 50, ["close-in", "random"]);
+        for (name, shown) in [
+            (" Team \u{a0} Rocket", "Team Rocket"),
+            ("Entropy", "Entropy"),
+            ("server room", "server room"),
+            ("randomness", "randomness"),
+        ] {
+            assert_eq!(named(name).as_deref(), Ok(shown));
+        }
+        for (name, reserved) in [
+            ("organizer", "organizer"),
+            ("Organisers", "organiser"),
+            ("0rganizer", "organizer"),
+            ("[ Judge ]", "judge"),
+            ("\u{405}ERVER", "server"),
+            ("swarm-bench", "swarmbench"),
+            ("erased ent_01", "erased"),
+            ("ENT_0198", "ent_"),
+            ("built\u{2014}in/random", "built-in/"),
+            ("Close In", "close-in"),
+            ("RANDOM", "random"),
+        ] {
+            let problem = named(name).expect_err(name);
+            assert!(problem.contains(&format!("{reserved:?}")), "{name:?}: {problem}");
+        }
+        assert!(named("\u{7}").is_err() && named("").is_err());
     }
 }

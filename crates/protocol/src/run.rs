@@ -145,6 +145,9 @@ pub struct SuiteView {
     /// The seeds; null while the caller may not know them.
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<u64>>))]
     pub seeds: Option<Vec<Seed>>,
+    /// Whether each task has seeds of its own: those of the first task come first in `seeds`.
+    #[serde(default)]
+    pub seeds_by_task: bool,
     /// How many games it has.
     pub games: u32,
     /// The settings of all games.
@@ -178,7 +181,8 @@ impl SuiteView {
             rules: suite.rules.clone(),
             tasks: suite.tasks.clone(),
             seeds: with_seeds.then(|| suite.seeds.clone()),
-            games: u32::try_from(suite.tasks.len() * suite.seeds.len()).unwrap_or(u32::MAX),
+            seeds_by_task: suite.seeds_by_task,
+            games: u32::try_from(suite.tasks.len() * suite.seeds_each()).unwrap_or(u32::MAX),
             settings: SuiteSettingsView {
                 round_deadline_s: settings.round_deadline_ms.map(seconds),
                 bank_s: seconds(settings.bank_ms),
@@ -221,7 +225,8 @@ pub struct RunSummary {
     /// The digest of the prompt template; null for the built-in one.
     pub template_digest: Option<String>,
     /// The name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `template_digest`; `default:1` for
-    /// the words of an earlier revision. A system message adds `+system:` and the first digits of its SHA-256.
+    /// the words of an earlier revision. A system message adds `+system:` and the first digits of its SHA-256. `none` for
+    /// built-in players and people, who read no prompts.
     #[serde(default)]
     pub prompt: String,
     /// The built-in player with which the server plays all seats.

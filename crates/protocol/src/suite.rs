@@ -14,8 +14,11 @@ pub struct Suite {
     pub name: String,
     /// Names of tasks, in the order in which they are played.
     pub tasks: Vec<String>,
-    /// Every task is played once on each of these.
+    /// Every task is played once on each of these; with `seeds_by_task` on its own ones.
     pub seeds: Vec<Seed>,
+    /// Whether `seeds` has those of the first task, then as many of the second, and so on.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub seeds_by_task: bool,
     /// The rule set.
     pub rules: String,
     /// The settings of all games.
@@ -77,7 +80,14 @@ impl Suite {
             _ => return None,
         };
         let settings = SuiteSettings { max_round, ..SuiteSettings::default() };
-        Some(Self { name: name.to_owned(), tasks, seeds, rules: rules.to_owned(), settings })
+        Some(Self {
+            name: name.to_owned(),
+            tasks,
+            seeds,
+            seeds_by_task: false,
+            rules: rules.to_owned(),
+            settings,
+        })
     }
 
     /// All built-in suites by all rule sets.
@@ -88,11 +98,26 @@ impl Suite {
         pairs.filter_map(|(name, rules)| Self::built_in(name, rules.name()))
     }
 
+    /// Seeds on which each task is played.
+    #[must_use]
+    pub fn seeds_each(&self) -> usize {
+        let tasks = if self.seeds_by_task { self.tasks.len().max(1) } else { 1 };
+        self.seeds.len() / tasks
+    }
+
+    /// Seeds of the task with this place, from 0.
+    fn seeds_of(&self, place: usize) -> &[Seed] {
+        let first = if self.seeds_by_task { place * self.seeds_each() } else { 0 };
+        self.seeds.get(first..first + self.seeds_each()).unwrap_or_default()
+    }
+
     /// All games, task by task.
     #[must_use]
     pub fn plan(&self) -> Vec<Game> {
         let pairs =
-            self.tasks.iter().flat_map(|task| self.seeds.iter().map(move |&seed| (task, seed)));
+            self.tasks.iter().enumerate().flat_map(|(place, task)| {
+                self.seeds_of(place).iter().map(move |&seed| (task, seed))
+            });
         (0..)
             .zip(pairs)
             .map(|(slot, (task, seed))| Game { slot, task: task.clone(), seed })

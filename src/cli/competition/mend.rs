@@ -1,4 +1,4 @@
-//! What an organizer does on a bad day: the commands that change, cancel, revoke and exclude.
+//! Commands by which organizers intervene in a competition: change, cancel, revoke and exclude.
 
 use std::path::PathBuf;
 
@@ -20,7 +20,8 @@ pub(super) enum Command {
     /// Extend a competition or windows of it, correct its texts, renew its terms, or hide it from lists.
     #[command(
         after_help = "A window is extended, never shortened. Games that are open keep their end; all that are opened afterwards \
-        have the new one. Everybody sees what was changed, in `swarmbench competition actions`.\n\n\
+        have the new one. Everybody sees what was changed, in `swarmbench competition actions`. After the end --hide and --unhide \
+        alone are accepted.\n\n\
         Examples:\n  \
         swarmbench competition change cmp_… --closes-at 2027-03-09T12:00:00Z --reason 'an hour without the server'\n  \
         swarmbench competition change cmp_… --window 1=2027-03-05T12:00:00Z\n  \
@@ -109,8 +110,11 @@ pub(super) struct Change {
     #[arg(long)]
     unhide: bool,
     /// A file with other terms; who has entered keeps the version that it accepted.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "terms_text")]
     terms: Option<PathBuf>,
+    /// The text of other terms.
+    #[arg(long, value_name = "TEXT")]
+    terms_text: Option<String>,
     /// The revision that you saw, from `swarmbench competition show`: if somebody has changed the competition since, nothing is
     /// changed. Default: the revision that it has when this command starts.
     #[arg(long, value_name = "REVISION")]
@@ -158,7 +162,7 @@ pub(super) async fn run(client: &Client, json: bool, command: Command) -> anyhow
             let mut request = change.request()?;
             if request.if_revision.is_none() {
                 let seen: Competition = client.get(&id).await?;
-                // A server of an earlier version has none.
+                // Servers of earlier versions have no revision.
                 request.if_revision = Some(seen.revision).filter(|revision| !revision.is_empty());
             }
             let changed: Competition = client.patch(&id, &request).await?;
@@ -242,11 +246,13 @@ impl Change {
             hide,
             unhide,
             terms,
+            terms_text,
             if_revision,
             reason,
         } = self;
         let read = |file: PathBuf| {
-            crate::host::read_text(&file).with_context(|| format!("{}", file.display()))
+            let why = || format!("--terms takes a file, --terms-text a text; {}", file.display());
+            crate::host::read_text(&file).with_context(why)
         };
         let windows = window.into_iter();
         let windows =
@@ -257,7 +263,7 @@ impl Change {
             closes_at: closes_at.map(Into::into),
             attempts: Some(windows.collect()),
             hidden: (hide || unhide).then_some(hide),
-            terms: terms.map(read).transpose()?,
+            terms: terms.map(read).transpose()?.or(terms_text),
             if_revision,
             reason,
         })

@@ -17,9 +17,11 @@ use super::pages::{Page, all, pages};
 use swarmbench_client::client::Client;
 use swarmbench_protocol::competition::{
     AttemptRequest, AttemptSummary, CodesRequest, Competition, CompetitionBoard, CreatedEntrant,
-    EntrantChange, EntrantRequest, EntrantSummary, InvitationCodes, StartedAttempt, VoidedAttempt,
+    EntrantChange, EntrantContact, EntrantRequest, EntrantSummary, InvitationCodes, StartedAttempt,
+    VoidedAttempt,
 };
 use swarmbench_protocol::episode::VoidRequest;
+use swarmbench_protocol::loopback::is_loopback;
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -89,6 +91,14 @@ enum Command {
     Attempts(CompetitionId),
     /// List the entrants.
     Entrants(CompetitionId),
+    /// Show how organizers reach all entrants: for organizers. The audit log says that they were read.
+    Contacts {
+        /// The competition's id.
+        id: String,
+        /// As CSV.
+        #[arg(long)]
+        csv: bool,
+    },
     /// Exclude an entrant: it stays on the board without a rank, with the reason.
     Disqualify {
         #[command(flatten)]
@@ -234,7 +244,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         }
         Command::Attempt { id, entrant, attempt } => {
             let request = AttemptRequest { entrant, attempt };
-            let started: StartedAttempt = client.post(&path(&id, "/attempts"), &request).await?;
+            let started: StartedAttempt = client.create(&path(&id, "/attempts"), &request).await?;
             show(json, &started, tell_started)
         }
         Command::Attempts(CompetitionId { id }) => {
@@ -245,6 +255,10 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             let list = Page::<EntrantSummary>::of(all(client, &path(&id, "/entrants")).await?);
             show(json, &list, |list| out!("{}", tables::entrants(&list.items)))
         }
+        Command::Board { csv: true, .. } | Command::Contacts { csv: true, .. } if json => {
+            bail!("name --csv or --json, not both")
+        }
+        Command::Contacts { id, csv } => show_contacts(client, json, &id, csv).await,
         Command::Disqualify { entrant, reason } => {
             let status = Some("disqualified".to_owned());
             let change = EntrantChange { status, reason: Some(reason), ..EntrantChange::default() };
@@ -275,7 +289,6 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
                 }
             })
         }
-        Command::Board { csv: true, .. } if json => bail!("name --csv or --json, not both"),
         Command::Board { id, csv, category, part } => {
             let query: Vec<_> = [("category", &category), ("part", &part)]
                 .into_iter()
@@ -283,7 +296,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
                 .collect();
             let path = path(&id, "/board");
             if csv {
-                return print_board_csv(client, &path, &query).await;
+                return print_csv(client, &path, &query).await;
             }
             show(json, &whole_board(client, &path, &query).await?, tables::print_board)
         }
@@ -300,7 +313,16 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     }
 }
 
-/// Prints an answer of the server, as JSON or in words.
+async fn show_contacts(client: &Client, json: bool, id: &str, csv: bool) -> anyhow::Result<()> {
+    let path = &path(id, "/contacts");
+    if csv {
+        return print_csv(client, path, &[]).await;
+    }
+    let list = Page::<EntrantContact>::of(all(client, path).await?);
+    show(json, &list, |list| out!("{}", tables::contacts(&list.items)))
+}
+
+/// Prints a response as JSON or as text.
 fn show<T: Serialize>(json: bool, answer: &T, tell: impl FnOnce(&T)) -> anyhow::Result<()> {
     if json {
         return output::json(answer);
@@ -312,15 +334,38 @@ fn show<T: Serialize>(json: bool, answer: &T, tell: impl FnOnce(&T)) -> anyhow::
 fn tell_created(client: &Client, created: &Competition) {
     out!("{}", created.id);
     note!(
-        "\n{:?} opens at {} and closes at {}.\nIts commitment, to be published before anybody plays:\n  {}\n\
-         Entrants register with POST {}api/v1/competitions/{}/entrants.",
+        "\n{:?} {}, and closes at {}.\nIts commitment, to be published before anybody plays:\n  {}\n{}",
         created.name,
-        created.opens_at,
+        opening(created),
         created.closes_at,
         created.commitment,
-        client.base(),
-        created.id
+        entering(client, &created.id)
     );
+}
+
+/// When attempts can first be started; a time that is past is likely a mistake.
+fn opening(created: &Competition) -> String {
+    let Competition { opens_at, created_at, .. } = created;
+    if opens_at <= created_at {
+        format!("is open already, as its opens_at, {opens_at}, is not in the future")
+    } else {
+        format!("opens at {opens_at}")
+    }
+}
+
+/// Where entrants enter. An organizer may reach the server in a way in which nobody else does.
+fn entering(client: &Client, id: &str) -> String {
+    let base = client.base();
+    let page = format!("competitions/{id}");
+    let command = format!("swarmbench competition enter {id}");
+    if base.host_str().is_some_and(is_loopback) {
+        format!(
+            "Entrants enter on the page /{page} of this server, or with `{command}`: tell them the server's address, as {base} \
+             is good on this machine alone."
+        )
+    } else {
+        format!("Entrants enter at {base}{page}, or with `{command} --server {base}`.")
+    }
 }
 
 impl Declaration {
@@ -399,7 +444,7 @@ fn tell_changed(entrant: &EntrantSummary) {
     out!("{} ({:?}) is {}{vouched}.", entrant.id, entrant.name, entrant.status);
 }
 
-/// The board with all its pages; the first says what is shown.
+/// The board with all its pages. Its other fields come from the first page.
 async fn whole_board(
     client: &Client,
     path: &str,
@@ -421,11 +466,7 @@ async fn whole_board(
 }
 
 /// Prints all pages as CSV, with one header.
-async fn print_board_csv(
-    client: &Client,
-    path: &str,
-    query: &[(&str, &String)],
-) -> anyhow::Result<()> {
+async fn print_csv(client: &Client, path: &str, query: &[(&str, &String)]) -> anyhow::Result<()> {
     let mut out = output::stream();
     let format = "csv".to_owned();
     let query = [query, &[("format", &format)]].concat();
@@ -444,4 +485,24 @@ async fn print_board_csv(
 
 fn path(id: &str, rest: &str) -> String {
     format!("{COMPETITIONS}/{id}{rest}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn entrants_are_told_an_address_that_is_good_for_them() {
+        let told = |server: &str| entering(&Client::new(server).expect("an address"), "cmp_1");
+        assert_eq!(
+            told("https://swarm.example.org"),
+            "Entrants enter at https://swarm.example.org/competitions/cmp_1, or with `swarmbench competition enter cmp_1 \
+             --server https://swarm.example.org/`."
+        );
+        for local in ["http://127.0.0.1:8080", "http://localhost:8080", "http://[::1]:8080"] {
+            let told = told(local);
+            assert!(told.contains("on the page /competitions/cmp_1 of this server"), "{told}");
+            assert!(told.ends_with("is good on this machine alone."), "{told}");
+        }
+    }
 }

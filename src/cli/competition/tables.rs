@@ -1,11 +1,11 @@
-//! Competitions, their entrants, attempts and boards as tables.
+//! Tables of competitions, entrants, attempts and boards.
 
 use comfy_table::Table;
 
 use crate::cli::leaderboard::below;
 use crate::cli::output::{cell, mean, rank, reasons, table, total};
 use swarmbench_protocol::competition::{
-    AttemptSummary, Competition, CompetitionBoard, EntrantSummary, InvitationCodes,
+    AttemptSummary, Competition, CompetitionBoard, EntrantContact, EntrantSummary, InvitationCodes,
     InvitationSummary, MemberSummary, OrganizerAction,
 };
 use swarmbench_protocol::names::printable;
@@ -100,6 +100,20 @@ pub(super) fn entrants(list: &[EntrantSummary]) -> Table {
     table
 }
 
+pub(super) fn contacts(list: &[EntrantContact]) -> Table {
+    let mut table = table(&["entrant", "name", "category", "status", "contact"]);
+    for of in list {
+        table.add_row([
+            of.entrant.clone(),
+            of.name.clone(),
+            of.category.clone().unwrap_or_default(),
+            of.status.clone(),
+            of.contact.clone().unwrap_or_default(),
+        ]);
+    }
+    table
+}
+
 pub(super) fn members(list: &[MemberSummary]) -> Table {
     let mut table = table(&["member", "name", "added", "removed"]);
     for member in list {
@@ -158,7 +172,10 @@ pub(super) fn competition(competition: &Competition) -> Table {
         row("public seeds", format!("{public} of {seeds} until it closes, then the others"));
     }
     if competition.own_games == "ended" {
-        row("own games", "entrants read theirs once they have ended".to_owned());
+        row(
+            "own games",
+            "entrants read theirs once the window of the attempt has closed".to_owned(),
+        );
     }
     if !competition.categories.is_empty() {
         row("categories", competition.categories.join(", "));

@@ -8,15 +8,16 @@ use super::super::prelude::*;
 use super::{check_open, shown};
 use crate::store::entries::Entry;
 use swarmbench_boards::competition::change::{Change, Changed};
+use swarmbench_boards::competition::definition::Definition;
 use swarmbench_boards::competition::export::CHANGE;
 use swarmbench_boards::competition::shown::revision;
 use swarmbench_protocol::competition::{Competition, CompetitionChange};
 
-/// Change a competition that has not closed: extend it or the windows of its attempts, correct its texts, renew its terms, or hide it.
+/// Change a competition: extend it or the windows of its attempts, correct its texts, renew its terms, or hide it.
 ///
-/// A window is never shortened. Games that are open keep the end that they have; all that are opened afterwards have the new one,
-/// also those of attempts that are running. Everybody sees what was changed (`GET …/actions`). With `if_revision` nothing is
-/// changed where somebody else has changed it meanwhile.
+/// Once it has closed, only `hidden` changes. A window is never shortened. Games that are open keep the end that they have; all that
+/// are opened afterwards have the new one, also those of attempts that are running. Everybody sees what was changed (`GET …/actions`).
+/// With `if_revision` nothing is changed where somebody else has changed it meanwhile.
 #[utoipa::path(
     patch,
     path = "/api/v1/competitions/{id}",
@@ -28,7 +29,7 @@ use swarmbench_protocol::competition::{Competition, CompetitionChange};
     responses(
         (status = 200, description = "The competition as it is now", body = Competition),
         (status = 403, description = "`forbidden`: not an organizer's key"),
-        (status = 409, description = "`closed`: it has closed, or was cancelled; `changed`: it has another revision than `if_revision`"),
+        (status = 409, description = "`closed`: it has closed, or was cancelled, and something else than `hidden` is to change; `changed`: it has another revision than `if_revision`"),
     )
 )]
 pub(in super::super) async fn change_competition(
@@ -68,7 +69,10 @@ pub(in super::super) async fn change_competition(
         let _closed = app.runs.block_entries().await;
         let competition = app.stored_competition(&id).await?;
         let now = app.clock.wall();
-        check_open(&competition, now)?;
+        // Lists are no part of what was played and published.
+        if hidden.is_none() || change != Change::default() {
+            check_open(&competition, now)?;
+        }
         let revision = revision(&competition.definition, competition.hidden);
         if if_revision.is_some_and(|seen| seen != revision) {
             let detail = format!(
@@ -78,15 +82,7 @@ pub(in super::super) async fn change_competition(
             return Err(ApiError::new(Code::Changed, detail));
         }
         let old = &competition.definition;
-        let new = old.changed(&change, now).map_err(|found| {
-            let mut problems = Problems::default();
-            for (field, problem) in found {
-                problems.refuse(&field, problem);
-            }
-            problems.none_or(None::<()>).err().unwrap_or_else(|| {
-                ApiError::new(Code::Internal, "a change was refused without a reason")
-            })
-        })?;
+        let new = changed_definition(old, &change, now)?;
         let mut changed = old.differences(&new);
         if let Some(to) = hidden.filter(|to| *to != competition.hidden) {
             let from = json!(competition.hidden);
@@ -122,4 +118,21 @@ pub(in super::super) async fn change_competition(
         Ok(JsonBody(shown(&competition, app.clock.wall())))
     })
     .await
+}
+
+fn changed_definition(
+    old: &Definition,
+    change: &Change,
+    now: Timestamp,
+) -> Result<Definition, ApiError> {
+    if *change == Change::default() {
+        return Ok(old.clone());
+    }
+    old.changed(change, now).or_else(|found| {
+        let mut problems = Problems::default();
+        for (field, problem) in found {
+            problems.refuse(&field, problem);
+        }
+        problems.none_or(None::<Definition>)
+    })
 }

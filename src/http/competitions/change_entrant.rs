@@ -2,10 +2,11 @@
 
 use serde_json::json;
 
+use super::super::audit::audit_entry;
 use super::super::prelude::*;
 use super::check_not_over;
-use crate::competitions::{StoredCompetition, StoredEntrant};
-use crate::keys::NAME_CHARS_MAX;
+use crate::competitions::StoredEntrant;
+use crate::keys::Key;
 use crate::store::entries::{EntrantFacts, Entry};
 use crate::store::tokens::Grant;
 use swarmbench_boards::competition::EntrantStatus;
@@ -15,7 +16,7 @@ use swarmbench_protocol::competition::{EntrantChange, EntrantSummary};
 /// Change an entrant: organizers decide about it, and it may rename and withdraw itself.
 ///
 /// An entrant that is withdrawn or disqualified stays on the board without a rank, with the reason. Organizers take it back
-/// with the status `active`, and answer for its model.
+/// with the status `active`, and answer for its model. What an entrant plays ends when it is disqualified.
 #[utoipa::path(
     patch,
     path = "/api/v1/competitions/{id}/entrants/{entrant}",
@@ -29,7 +30,7 @@ use swarmbench_protocol::competition::{EntrantChange, EntrantSummary};
     security(("key" = [])),
     responses(
         (status = 200, description = "The entrant as it is now", body = EntrantSummary),
-        (status = 403, description = "`forbidden`: not the key of an organizer or of this entrant, or a field that only organizers change"),
+        (status = 403, description = "`forbidden`: not the key of an organizer or of this entrant, or a field that only organizers change; it has renamed itself as often as it may"),
         (status = 409, description = "`closed`: the competition is over, and names stay; or the entrant was erased"),
     )
 )]
@@ -54,8 +55,15 @@ pub(in super::super) async fn change_entrant(
         let mut rewritten = Vec::new();
         if let Some(name) = wanted.name.filter(|name| *name != before.entrant.name) {
             check_not_over(&competition)?;
-            check_name(&app, &competition, &before, &name).await?;
+            app.check_name_is_free(&competition, Some(before.key), &name).await?;
             entries.push(Entry::RenameEntrant { entry: before.key, name });
+            if !caller.is_organizer() {
+                let key = check_renames(&app, &caller, &before)?;
+                let shown = json!({ "rewritten": ["name"] });
+                let detail = json!({ "rewritten": ["name"], "competition": id });
+                let shown = Some((competition.key, shown));
+                entries.push(audit_entry(&app, &key.id, "entrant.rename", &entrant, detail, shown));
+            }
             rewritten.push("name");
         }
         if has_contact {
@@ -66,8 +74,9 @@ pub(in super::super) async fn change_entrant(
         if accepts_terms.is_some() || (status.is_some() && !caller.is_organizer()) {
             check_not_over(&competition)?;
         }
+        let is_excluded = status == Some(EntrantStatus::Disqualified);
         let entry = before.key;
-        let old = before.entrant;
+        let old = &before.entrant;
         if category.is_some() || accepts_terms.is_some() || contact.is_some() {
             let definition = &competition.definition;
             let mut problems = Problems::default();
@@ -83,13 +92,13 @@ pub(in super::super) async fn change_entrant(
                 entry,
                 category: category.clone().or_else(|| old.category.clone()),
                 terms: accepts_terms.or(old.terms),
-                contact: contact.or(before.contact).filter(|contact| !contact.is_empty()),
+                contact: contact.or(before.contact.clone()).filter(|contact| !contact.is_empty()),
             })));
         }
         let is_decided = status.is_some() || vouched.is_some() || category.is_some();
         let mut shown = json!({});
         if is_decided {
-            let reason = if status.is_some() { reason } else { old.reason };
+            let reason = if status.is_some() { reason } else { old.reason.clone() };
             let status = status.unwrap_or(old.status).name();
             let vouched = vouched.unwrap_or(old.vouched);
             shown = json!({ "status": status, "reason": reason, "vouched": vouched });
@@ -107,7 +116,9 @@ pub(in super::super) async fn change_entrant(
             let shown = Some((competition.key, shown));
             entries.extend(caller.audit_entry(&app, "entrant.change", &entrant, detail, shown));
         }
-        if !entries.is_empty() {
+        if is_excluded {
+            app.exclude(&competition, std::slice::from_ref(&before), entries).await?;
+        } else if !entries.is_empty() {
             app.store.keep(entries).await?;
         }
         let after = app.entrant(&competition, &entrant).await?;
@@ -119,7 +130,8 @@ pub(in super::super) async fn change_entrant(
 /// Erase the personal data of an entrant: its name, the address from which it entered, and the key that was made for it.
 ///
 /// An entrant that is erased before the end is withdrawn. Journals stay as they are, and so does the published file of a
-/// competition that is over, with the name. Organizers and the entrant itself may erase it; it cannot be undone.
+/// competition that is over, with the name. What it plays ends. Organizers and who entered may erase it, other members of its team
+/// may not; it cannot be undone.
 #[utoipa::path(
     delete,
     path = "/api/v1/competitions/{id}/entrants/{entrant}",
@@ -132,7 +144,7 @@ pub(in super::super) async fn change_entrant(
     security(("key" = [])),
     responses(
         (status = 200, description = "The entrant as it is shown from now on", body = EntrantSummary),
-        (status = 403, description = "`forbidden`: not the key of an organizer or of this entrant"),
+        (status = 403, description = "`forbidden`: not the key of an organizer or that with which this entrant entered"),
     )
 )]
 pub(in super::super) async fn erase_entrant(
@@ -143,7 +155,12 @@ pub(in super::super) async fn erase_entrant(
 ) -> Result<axum::Json<EntrantSummary>, ApiError> {
     // Nobody else waits behind a stranger.
     let competition = app.stored_competition(&id).await?;
-    check_own(&caller, &app.entrant(&competition, &entrant).await?)?;
+    let own = app.entrant(&competition, &entrant).await?;
+    check_own(&caller, &own)?;
+    if !caller.is_organizer() && !app.is_founder(&caller, &own).await? {
+        let detail = "a team is erased with the key with which it entered, or by an organizer; other members can remove themselves";
+        return Err(ApiError::new(Code::Forbidden, detail));
+    }
     App::run_detached(async move {
         let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
         let before = app.entrant(&competition, &entrant).await?;
@@ -165,11 +182,12 @@ pub(in super::super) async fn erase_entrant(
             let detail = json!({ "competition": id });
             let shown = Some((competition.key, json!({})));
             entries.extend(caller.audit_entry(&app, "entrant.erase", &entrant, detail, shown));
-            app.store.keep(entries).await?;
+            app.exclude(&competition, std::slice::from_ref(&before), entries).await?;
         }
         // The key that was made for it is good for nothing any more.
-        app.tokens
-            .forget(|grant| matches!(grant, Grant::Key(key) if key.number == Some(before.owner)));
+        let is_own =
+            |grant: &Grant| matches!(grant, Grant::Key(key) if key.number == Some(before.owner));
+        app.revoked(is_own).await?;
         let after = app.entrant(&competition, &entrant).await?;
         Ok(axum::Json((&after.entrant).into()))
     })
@@ -210,9 +228,7 @@ impl Wanted {
             })?),
         };
         let mut problems = Problems::default();
-        if let Some(name) = &name {
-            problems.text("name", name, NAME_CHARS_MAX);
-        }
+        let name = name.and_then(|name| App::entrant_name(&mut problems, &name));
         if let Some(reason) = &reason {
             problems.text("reason", reason, app.limits.reason_chars_max);
         }
@@ -280,15 +296,16 @@ impl Wanted {
     }
 }
 
-/// Refuses a name that looks like that of another entrant.
-async fn check_name(
+/// The key of an entrant that may rename itself once more.
+fn check_renames<'c>(
     app: &App,
-    competition: &StoredCompetition,
+    caller: &'c Caller,
     entrant: &StoredEntrant,
-    name: &str,
-) -> Result<(), ApiError> {
-    if app.store.has_name(competition.key, entrant.key, name).await? {
-        return Err(ApiError::field("name", "is that of another entrant"));
+) -> Result<&'c Key, ApiError> {
+    let most = app.limits.renames_max;
+    if entrant.renames >= most {
+        let detail = format!("this entrant has had {most} other names, the maximum");
+        return Err(ApiError::limit(Code::Forbidden, "renames_max", most as usize, detail));
     }
-    Ok(())
+    caller.needs_key()
 }

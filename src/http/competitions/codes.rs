@@ -1,7 +1,7 @@
 //! `/api/v1/competitions/{id}/codes`: invitation codes are made, listed and revoked.
 
 use axum::http::StatusCode;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::super::answer::with_tokens;
 use super::super::page::{PageParams, ROWS_MAX};
@@ -62,8 +62,8 @@ pub(in super::super) async fn create_codes(
         labels.iter().map(|_| Token::new(TokenKind::Invitation, &*app.entropy)).collect();
     let codes = tokens.iter().zip(&labels).map(|(token, label)| (token.hash(), label.clone()));
     let entry = Entry::AddInvitations { competition: stored.key, codes: codes.collect(), at: now };
-    let shown = (stored.key, json!({ "codes": labels.len() }));
-    let detail = json!({ "labels": labels });
+    let detail = codes_detail(labels.len());
+    let shown = (stored.key, detail.clone());
     let audit_entry = organizer.audit_entry_shown(&app, "competition.codes", &id, detail, shown);
     app.store.keep(vec![entry, audit_entry]).await?;
     let items = tokens
@@ -160,16 +160,12 @@ pub(in super::super) async fn revoke_codes(
         }
         let at = app.clock.wall();
         let new = found.iter().filter(|code| code.revoked_at.is_none());
-        let (hashes, labels): (Vec<TokenHash>, Vec<&str>) =
-            new.map(|code| (code.hash, code.label.as_str())).unzip();
+        let hashes: Vec<TokenHash> = new.map(|code| code.hash).collect();
         if !hashes.is_empty() {
-            let audit_entry = organizer.audit_entry_shown(
-                &app,
-                "competition.codes.revoke",
-                &id,
-                json!({ "labels": labels }),
-                (stored.key, json!({ "codes": hashes.len() })),
-            );
+            let detail = codes_detail(hashes.len());
+            let shown = (stored.key, detail.clone());
+            let audit_entry =
+                organizer.audit_entry_shown(&app, "competition.codes.revoke", &id, detail, shown);
             app.store.keep(vec![Entry::RevokeInvitations { hashes, at }, audit_entry]).await?;
         }
         let revoked = |code: StoredInvitation| {
@@ -180,6 +176,11 @@ pub(in super::super) async fn revoke_codes(
         Ok(axum::Json(InvitationList { items, next_cursor: None }))
     })
     .await
+}
+
+/// What the audit log notes of codes. Their labels may have to be erased.
+fn codes_detail(count: usize) -> Value {
+    json!({ "codes": count })
 }
 
 /// The code itself, unless it was used; the error says what is wrong with it.

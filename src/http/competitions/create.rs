@@ -145,6 +145,7 @@ fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition,
         categories: request.categories.unwrap_or_default(),
         tie_breaks,
         own_games: own_games.unwrap_or_default(),
+        seeds_by_task: true,
     };
     for (field, problem) in definition.problems_when_new(now) {
         problems.refuse(&field, problem);

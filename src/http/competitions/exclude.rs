@@ -76,7 +76,7 @@ pub(in super::super) async fn exclude_entrants(
                 let audit_entry =
                     organizer.audit_entry_shown(&app, "entrants.exclude", &id, detail, shown);
                 entries.push(audit_entry);
-                app.store.keep(entries).await?;
+                app.exclude(&competition, &found, entries).await?;
                 true
             }
         };

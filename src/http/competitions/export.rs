@@ -1,6 +1,6 @@
 //! `GET /api/v1/exports/competitions/{id}`: all that is needed to check a competition.
 
-use std::collections::VecDeque;
+use std::collections::{HashSet, VecDeque};
 
 use axum::http::{HeaderMap, header};
 use axum::response::IntoResponse;
@@ -26,7 +26,7 @@ use swarmbench_boards::competition::definition::Definition;
 use swarmbench_boards::competition::entrant::Entrant;
 use swarmbench_boards::competition::export::{
     Action, Attempt, Board, CANCEL, CHANGE, Competition, End, Episode, FIRST_FORMAT, FORMAT, Game,
-    Line, Writer, fits_first_format,
+    Line, VOID, Writer, format_of,
 };
 use swarmbench_boards::competition::standings::{Part, Played, standings_of};
 
@@ -45,6 +45,7 @@ use swarmbench_boards::competition::standings::{Part, Played, standings_of};
     responses(
         (status = 200, description = "One record a line", content((String = "application/x-ndjson"), (Binary = "application/octet-stream"))),
         (status = 403, description = "`forbidden`: until the competition is closed only organizers may read it, as it holds the seeds"),
+        (status = 422, description = "`invalid`: a format that cannot tell this competition"),
     )
 )]
 pub(in super::super) async fn export_competition(
@@ -74,12 +75,24 @@ pub(in super::super) async fn export_competition(
         };
         app.store.keep(vec![audit_entry]).await?;
     }
-    let actions = actions(&app, &competition).await?;
-    // A file that has nothing which only the newer format has can be checked by programs that know the first one.
-    let needs_newer = !fits_first_format(&competition.definition)
-        || actions.iter().any(|action| [CHANGE, CANCEL].contains(&action.action.as_str()));
-    let format = params.format.unwrap_or(if needs_newer { FORMAT } else { FIRST_FORMAT });
-    let lines = Reader::new(app.clone(), competition, actions, format).await?;
+    let mut known = Known::read(&app, &competition).await?;
+    let is_after = |action: &Action| competition.revealed_at.is_some_and(|at| at <= action.at);
+    let is_change = |action: &Action| [CHANGE, CANCEL].contains(&action.action.as_str());
+    // A competition is hidden after its end without another format of the file, whose head was published.
+    let has_changes = known.actions.iter().any(|action| is_change(action) && !is_after(action));
+    let usual = format_of(&competition.definition, has_changes);
+    if usual == FORMAT {
+        let decides = |action: &Action| DECIDES_AFTER_END.contains(&action.action.as_str());
+        known.actions.retain(|action| !is_after(action) || decides(action));
+    }
+    let format = params.format.unwrap_or(usual);
+    if usual == FORMAT && format < FORMAT {
+        let problem = format!(
+            "must be {FORMAT}: each task of this competition has seeds of its own, which older formats cannot tell"
+        );
+        return Err(ApiError::field("format", problem));
+    }
+    let lines = Reader::new(app.clone(), competition, known, format).await?;
     let lines = app.streams.in_parts(lines).await?;
     let name = format!("attachment; filename=\"{id}.jsonl\"");
     let kind = [
@@ -93,11 +106,34 @@ pub(in super::super) async fn export_competition(
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct ExportParams {
-    /// The version of the format: 2 has what organizers did, spare attempts, terms, categories, tie-breaks and public seeds; 1 is
-    /// for programs that know no other. Where it is left out, 1 if the competition has none of these and was neither changed nor
-    /// cancelled.
-    #[param(minimum = 1, maximum = 2)]
+    /// The version of the format: 3 has seeds of each task; 2 has what organizers did, spare attempts, terms, categories,
+    /// tie-breaks and public seeds. Where it is left out, the oldest one that can tell the competition.
+    #[param(minimum = 1, maximum = 3)]
     format: Option<u32>,
+}
+
+/// Actions after the end that change attempts, games or ranks: the file has them. Others leave a published file, and its head, as
+/// they are.
+const DECIDES_AFTER_END: [&str; 4] = [VOID, "episode.void", "entrant.change", "entrants.exclude"];
+
+/// What has happened in a competition when its export begins.
+struct Known {
+    /// The last attempt.
+    last: Option<RunKey>,
+    /// Attempts that were voided.
+    voided: HashSet<RunKey>,
+    /// What organizers did, oldest first.
+    actions: Vec<Action>,
+}
+
+impl Known {
+    async fn read(app: &App, competition: &StoredCompetition) -> Result<Self, ApiError> {
+        // In this order: no attempt that is exported plays one again that is voided later, and each voided one has its action.
+        let last = app.store.last_attempt(competition.key).await?;
+        let voided = app.store.voided_attempts(competition.key).await?;
+        let actions = actions(app, competition).await?;
+        Ok(Self { last, voided: voided.into_iter().collect(), actions })
+    }
 }
 
 /// What organizers did in a competition, oldest first.
@@ -135,6 +171,8 @@ struct Reader {
     /// As the file has it.
     definition: Definition,
     is_first_format: bool,
+    /// Attempts that were voided when the export began; others that are voided meanwhile are exported as they were.
+    voided: HashSet<RunKey>,
     /// Without what they declared at length.
     entrants: Vec<StoredEntrant>,
     /// What each of them has played, of the attempts that were read.
@@ -177,12 +215,11 @@ impl Reader {
     async fn new(
         app: App,
         competition: StoredCompetition,
-        actions: Vec<Action>,
+        Known { last, voided, actions }: Known,
         format: u32,
     ) -> Result<Self, ApiError> {
         let hex = |bytes: &[u8]| data_encoding::HEXLOWER.encode(bytes);
-        // Entrants after the attempts: each attempt has its entrant, also if another one registers meanwhile.
-        let last = app.store.last_attempt(competition.key).await?;
+        // Entrants after the last attempt: each attempt has its entrant, also if another one registers meanwhile.
         let entrants =
             competitions::entrants(&app.store, competition.key, None, Declared::Short).await?;
         let StoredCompetition {
@@ -220,7 +257,10 @@ impl Reader {
         let of_entrant = 2 * RECORD_BYTES + RESULT_BYTES + games * SCORE_BYTES;
         let of_attempts = ATTEMPTS_AT_ONCE as usize * (1 + games) * RECORD_BYTES;
         // Journals that were read take about as much as one part of the export.
-        let bytes = entrants.len() * of_entrant + of_attempts + app.limits.stream_part_bytes_max;
+        let bytes = entrants.len() * of_entrant
+            + of_attempts
+            + voided.len() * RECORD_BYTES
+            + app.limits.stream_part_bytes_max;
         Ok(Self {
             _room: app.registry.room(bytes)?,
             app,
@@ -228,6 +268,7 @@ impl Reader {
             competition,
             definition,
             is_first_format,
+            voided,
             played: vec![Played::default(); entrants.len()],
             entrants,
             left: last.map_or(Left::Board, |last| Left::Attempts { after: None, last }),
@@ -247,6 +288,9 @@ impl Reader {
                 let mut found =
                     store.list_attempts(competition, None, after, ATTEMPTS_AT_ONCE).await?;
                 found.retain(|attempt| attempt.run <= last);
+                for attempt in &mut found {
+                    attempt.void_reason.take_if(|_| !self.voided.contains(&attempt.run));
+                }
                 let newest = found.last().map(|attempt| attempt.run);
                 self.add_attempts(found).await?;
                 self.left = match newest {

@@ -8,11 +8,12 @@ use super::super::answer::with_tokens;
 use super::super::extract::ThreeIds;
 use super::super::prelude::*;
 use super::check_not_over;
+use super::start::check_active;
 use crate::competitions::StoredEntrant;
 use crate::keys::{Key, KeyRow, Role};
 use crate::store::entries::Entry;
-use crate::store::tokens::Grant;
 use swarmbench_protocol::competition::{CreatedMember, MemberList, MemberRequest, MemberSummary};
+use swarmbench_protocol::names::is_look_alike;
 
 /// List the members of a team, to the team, to organizers and to judges.
 #[utoipa::path(
@@ -63,7 +64,7 @@ pub(in super::super) async fn list_members(
     security(("key" = [])),
     responses(
         (status = 201, description = "The member, with its key, shown this once", body = CreatedMember),
-        (status = 403, description = "`forbidden`: not a key of this team or of an organizer; the team is full"),
+        (status = 403, description = "`forbidden`: not a key of this team or of an organizer; the team is full, was disqualified or has withdrawn"),
         (status = 409, description = "`closed`: the competition is over; the entrant was erased, or entered with a key of its own"),
     )
 )]
@@ -74,6 +75,9 @@ pub(in super::super) async fn add_member(
     _: Params<Nothing>,
     Json(MemberRequest { name }, _): Json<MemberRequest>,
 ) -> Result<Response, ApiError> {
+    let mut problems = Problems::default();
+    let name = App::entrant_name(&mut problems, &name);
+    let name = problems.none_or(name)?;
     App::run_detached(async move {
         let competition = app.stored_competition(&id).await?;
         let _lock = app.creations.lock(&format!("team {entrant}")).await;
@@ -84,6 +88,7 @@ pub(in super::super) async fn add_member(
         if stored.entrant.erased {
             return closed("this entrant was erased, which cannot be undone");
         }
+        check_active(&stored)?;
         let first = app.store.key(stored.owner).await?;
         if first.is_none_or(|key| key.role != Role::Entrant) {
             return closed(
@@ -92,7 +97,11 @@ pub(in super::super) async fn add_member(
             );
         }
         let all = app.store.team_keys(stored.owner).await?;
-        let now = all.iter().filter(|key| key.revoked_at.is_none()).count();
+        let mut members = all.iter().filter(|key| key.revoked_at.is_none());
+        let now = members.clone().count();
+        if members.any(|member| is_look_alike(&member.name, &name)) {
+            return Err(ApiError::field("name", "is that of another member of the team"));
+        }
         for (count, most, limit, what) in [
             (now, app.limits.members_max, "members_max", "remove one who has left"),
             (all.len(), app.limits.members_ever_max, "members_ever_max", "removed ones count, too"),
@@ -117,9 +126,9 @@ pub(in super::super) async fn add_member(
     .await
 }
 
-/// Remove a member from a team: its key is good for nothing any more.
+/// Remove a member from a team: its key is good for nothing any more, nor is the token of anything that the team plays.
 ///
-/// Tokens of attempts that it knows stay good: repeat the start of an attempt with its `Idempotency-Key` to replace its token.
+/// The team goes on with new tokens: `POST /runs/{id}/token`. Organizers and who entered remove any member, others themselves alone.
 #[utoipa::path(
     delete,
     path = "/api/v1/competitions/{id}/entrants/{entrant}/members/{member}",
@@ -133,7 +142,7 @@ pub(in super::super) async fn add_member(
     security(("key" = [])),
     responses(
         (status = 200, description = "The member", body = MemberSummary),
-        (status = 403, description = "`forbidden`: not a key of this team or of an organizer"),
+        (status = 403, description = "`forbidden`: not the key of this member, of who entered, or of an organizer"),
     )
 )]
 pub(in super::super) async fn remove_member(
@@ -148,6 +157,11 @@ pub(in super::super) async fn remove_member(
         let _lock = app.creations.lock(&format!("team {entrant}")).await;
         let stored = app.entrant(&competition, &entrant).await?;
         check_team(&caller, &stored)?;
+        let is_own = matches!(&caller, Caller::Key(key) if key.id == member);
+        if !is_own && !caller.is_organizer() && !app.is_founder(&caller, &stored).await? {
+            let detail = "a member is removed with its own key, with that with which the team entered, or by an organizer";
+            return Err(ApiError::new(Code::Forbidden, detail));
+        }
         let find = async || {
             let keys = app.store.team_keys(stored.owner).await?;
             let found = keys.into_iter().find(|key| key.id == member);
@@ -161,7 +175,7 @@ pub(in super::super) async fn remove_member(
             entries.extend(caller.audit_entry(&app, "member.remove", &entrant, detail, shown));
             app.store.keep(entries).await?;
         }
-        app.revoked(|grant| matches!(grant, Grant::Key(key) if key.id == member)).await?;
+        app.key_revoked(&member).await?;
         Ok(JsonBody(summary(&find().await?)))
     })
     .await

@@ -8,6 +8,7 @@ pub(super) mod cancel;
 pub(super) mod change;
 pub(super) mod change_entrant;
 pub(super) mod codes;
+pub(super) mod contacts;
 pub(super) mod create;
 pub(super) mod entrants;
 pub(super) mod exclude;
@@ -25,10 +26,18 @@ use jiff::Timestamp;
 
 use super::App;
 use super::auth::Caller;
+use super::checks::Problems;
 use super::error::{ApiError, Code};
 use crate::competitions::{self, StoredCompetition, StoredEntrant};
+use crate::ids::EntryKey;
+use crate::keys::NAME_CHARS_MAX;
+use crate::run::RunStatus;
+use crate::store::entries::Entry;
+use swarmbench_boards::competition::definition::practice_suite;
 use swarmbench_boards::competition::shown::{self, Revealed, State};
+use swarmbench_players::DEFAULT_PLAYER;
 use swarmbench_protocol::competition::Competition;
+use swarmbench_protocol::names;
 
 impl App {
     /// A competition of which the caller may know.
@@ -50,6 +59,47 @@ impl App {
     ) -> Result<StoredEntrant, ApiError> {
         let found = competitions::find_entrant(&self.store, competition.key, id).await?;
         found.ok_or_else(|| ApiError::not_found("the entrant"))
+    }
+
+    /// Keeps what excludes entrants, and ends what they play.
+    async fn exclude(
+        &self,
+        competition: &StoredCompetition,
+        excluded: &[StoredEntrant],
+        entries: Vec<Entry>,
+    ) -> Result<(), ApiError> {
+        let practice = practice_suite(&competition.id);
+        let mut runs = Vec::new();
+        for StoredEntrant { key, owner, .. } in excluded {
+            runs.extend(self.store.playing(*key, *owner, &practice).await?);
+        }
+        Ok(self.runs.end_all(&runs, RunStatus::Aborted, entries).await?)
+    }
+
+    /// Whether a caller has the key with which an entrant entered, and not that of a member that was added to its team.
+    async fn is_founder(&self, caller: &Caller, entrant: &StoredEntrant) -> Result<bool, ApiError> {
+        let first = self.store.key(entrant.owner).await?;
+        Ok(matches!((caller, first), (Caller::Key(key), Some(first)) if key.id == first.id))
+    }
+
+    /// Refuses a name that looks like one that another entrant has, or has had.
+    async fn check_name_is_free(
+        &self,
+        competition: &StoredCompetition,
+        of: Option<EntryKey>,
+        name: &str,
+    ) -> Result<(), ApiError> {
+        if self.store.is_name_taken(competition.key, of, name).await? {
+            return Err(ApiError::field("name", "is or was that of another entrant"));
+        }
+        Ok(())
+    }
+
+    /// The name of an entrant or a member as it is stored, if they may have it.
+    fn entrant_name(problems: &mut Problems, name: &str) -> Option<String> {
+        let players = swarmbench_players::all().map(|player| player.name);
+        let checked = names::of_entrant(name, NAME_CHARS_MAX, players.chain([DEFAULT_PLAYER]));
+        checked.map_err(|problem| problems.refuse("name", problem)).ok()
     }
 }
 

@@ -64,6 +64,7 @@ pub(in super::super) async fn start_practice(
         let now = app.clock.wall();
         check_open(&competition, now)?;
         let found = app.entrant(&competition, &found.entrant.id).await?;
+        check_active(&found)?;
         let from =
             now.checked_sub(SignedDuration::try_from(DAY).unwrap_or_default()).unwrap_or(now);
         let earlier =
@@ -88,6 +89,7 @@ pub(in super::super) async fn start_practice(
         let games = definition.suite.plan().len();
         let (run, token) = app.runs.create(NewRun::by(party, Purpose::Usual, definition)).await?;
         let token = token.ok_or_else(|| ApiError::new(Code::Internal, "the run has no token"))?;
+        app.check_not_revoked(&caller).await?;
         let body = StartedPractice {
             entrant: found.entrant.id,
             run: run.id,

@@ -60,7 +60,8 @@ pub(in super::super) async fn register_entrant(
     let competition = app.stored_competition(&id).await?;
     check_open(&competition, app.clock.wall())?;
     let (request, body) = request.read::<EntrantRequest>(&app).await?;
-    check(&request, &app)?;
+    let name = check(&request, &app)?;
+    let request = EntrantRequest { name, ..request };
     // Concurrent entries are counted, and a code is valid once.
     App::run_detached(async move {
         let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
@@ -72,10 +73,10 @@ pub(in super::super) async fn register_entrant(
     .await
 }
 
-/// What is wrong with a declaration; all at once.
-fn check(request: &EntrantRequest, app: &App) -> Result<(), ApiError> {
+/// What is wrong with a declaration, all at once; or else the name as it is stored.
+fn check(request: &EntrantRequest, app: &App) -> Result<String, ApiError> {
     let mut problems = Problems::default();
-    problems.text("name", &request.name, crate::keys::NAME_CHARS_MAX);
+    let name = App::entrant_name(&mut problems, &request.name);
     problems.model(&app.limits, &request.model);
     for (field, value, most) in
         [("temperature", request.temperature, 10.0), ("top_p", request.top_p, 1.0)]
@@ -91,7 +92,7 @@ fn check(request: &EntrantRequest, app: &App) -> Result<(), ApiError> {
     if let Some(contact) = &request.contact {
         problems.text("contact", contact, CONTACT_CHARS_MAX);
     }
-    problems.none_or(Some(()))
+    problems.none_or(name)
 }
 
 async fn register(
@@ -114,16 +115,14 @@ async fn register(
     problems.none_or(Some(()))?;
     let invitation = invitation(app, competition, request.code.as_deref()).await?;
     let number = own_key.as_ref().and_then(|key| key.number);
-    let room = app.store.room_for(competition.key, &request.name, &request.model, number).await?;
+    let room = app.store.room_for(competition.key, &request.model, number).await?;
     let most = app.limits.entrants_max;
     // An excluded entrant does not count for the limit.
     if room.active as usize >= most {
         let detail = "the competition has the maximum number of entrants; ask the organizer";
         return Err(ApiError::limit(Code::Forbidden, "entrants_max", most, detail));
     }
-    if room.has_name {
-        return Err(ApiError::field("name", "is that of another entrant"));
-    }
+    app.check_name_is_free(competition, None, &request.name).await?;
     // Many may play with one model; then all of them write it in the same way.
     if room.has_look_of_model {
         let problem = "looks like the model of another entrant and is written otherwise: write it as that one, or name it so \

@@ -67,10 +67,12 @@ pub(in super::super) async fn start_attempt(
         // It may have been excluded while others started.
         check_active(&app.entrant(&competition, &entrant.entrant.id).await?)?;
         let find = |key| app.store.run_created_with(key);
-        match created_before(idempotency.as_ref(), find).await? {
+        let started = match created_before(idempotency.as_ref(), find).await? {
             None => start(&app, &competition, &entrant, request.attempt, idempotency).await,
             Some(run) => replace_token(&app, &competition, &entrant, run).await,
-        }
+        }?;
+        app.check_not_revoked(&caller).await?;
+        Ok(started)
     })
     .await
 }
@@ -160,8 +162,8 @@ async fn start(
     let chosen = choose(definition, wanted, &earlier, app.clock.wall())
         .map_err(|why| ApiError::new(Code::Closed, why.to_string()))?;
     let Started { number, replays, .. } = chosen;
-    let seeds = competition.sealed.of_attempt(number, definition.seeds);
-    let run = definition.run(&competition.id, &entrant.entrant.declaration, number, seeds);
+    let declaration = &entrant.entrant.declaration;
+    let run = definition.run(&competition.id, declaration, number, &competition.sealed);
     let definition = run.ok_or_else(|| ApiError::new(Code::Internal, "there is no attempt"))?;
     let attempt = Some((entrant.key, number));
     let purpose = Purpose::Usual;

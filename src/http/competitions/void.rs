@@ -8,6 +8,7 @@ use crate::competitions::field::Field;
 use crate::run::RunStatus;
 use crate::store::entries::Entry;
 use swarmbench_boards::competition::definition::Definition;
+use swarmbench_boards::competition::export::VOID;
 use swarmbench_protocol::competition::{SeenSeeds, VoidedAttempt};
 use swarmbench_protocol::episode::VoidRequest;
 
@@ -59,7 +60,7 @@ pub(in super::super) async fn void_attempt(
             let at = app.clock.wall();
             let audit_entries = vec![
                 Entry::VoidRun { run: attempt.run, reason, at },
-                organizer.audit_entry_shown(&app, "attempt.void", &run, detail, shown),
+                organizer.audit_entry_shown(&app, VOID, &run, detail, shown),
             ];
             if !app.runs.end_with(attempt.run, RunStatus::Aborted, audit_entries.clone()).await? {
                 app.store.keep(audit_entries).await?;

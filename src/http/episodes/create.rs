@@ -6,6 +6,7 @@ use axum::http::HeaderMap;
 use super::super::client::Client;
 use super::super::idempotency::{Idempotency, created_before, idempotency};
 use super::super::prelude::*;
+use super::super::seeds::SeedPermit;
 use super::created::{Shown, Tokens, created};
 use super::describe::described;
 use crate::episode::quota::Purpose;
@@ -44,30 +45,30 @@ pub(in super::super) async fn create_episode(
     let (request, body) = request.read::<EpisodeRequest>(&app).await?;
     let idempotency = idempotency(&headers, creator.0.owner(), &body, &app.limits)?;
     let spec = described(request, &app)?;
-    let shows_seed = caller.is_organizer() || !spec.is_mixed();
+    let permit = SeedPermit::of_creator(!caller.is_organizer() && spec.is_mixed());
     // A repeat must find what the first one creates, also if its client hangs up.
     App::run_detached(async move {
         let _lock = app.creations.lock_key(idempotency.as_ref()).await;
         let find = |key| app.store.created_with(key);
         match created_before(idempotency.as_ref(), find).await? {
-            None => new_episode(&app, creator, spec, shows_seed, idempotency).await,
-            Some(id) => new_tokens(&app, id, shows_seed).await,
+            None => new_episode(&app, creator, spec, permit, idempotency).await,
+            Some(id) => new_tokens(&app, id, permit).await,
         }
     })
     .await
 }
 
-async fn new_tokens(app: &App, id: EpisodeId, shows_seed: bool) -> Result<Response, ApiError> {
+async fn new_tokens(app: &App, id: EpisodeId, permit: SeedPermit) -> Result<Response, ApiError> {
     let shown = Shown::find(app, &id).await?;
     let tokens = Tokens::replaced(app, std::slice::from_ref(&shown)).await?;
-    Ok(created(&shown, &tokens[0], shows_seed))
+    Ok(created(&shown, &tokens[0], permit))
 }
 
 async fn new_episode(
     app: &App,
     (party, purpose): (Party, Purpose),
     spec: Spec,
-    shows_seed: bool,
+    permit: SeedPermit,
     idempotency: Option<Idempotency>,
 ) -> Result<Response, ApiError> {
     // A repeated creation gets that episode, also if it was created under wider limits.
@@ -81,5 +82,5 @@ async fn new_episode(
     let revocations = app.tokens.revocations();
     let handle = app.registry.create(creation).await?;
     tokens.cache(app, &handle, party.owner(), revocations);
-    Ok(created(&Shown::of(&handle), &tokens, shows_seed))
+    Ok(created(&Shown::of(&handle), &tokens, permit))
 }

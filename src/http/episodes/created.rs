@@ -7,6 +7,7 @@ use swarmbench_engine::AgentId;
 
 use super::super::answer;
 use super::super::prelude::*;
+use super::super::seeds::SeedPermit;
 use super::{broken, config, spec};
 use crate::episode::actor::Handle;
 use crate::episode::spec::Spec;
@@ -115,13 +116,17 @@ impl Tokens {
 }
 
 /// The answer to the creation of an episode.
-pub(super) fn created(shown: &Shown, tokens: &Tokens, shows_seed: bool) -> Response {
-    let body = created_episode(shown, tokens, shows_seed);
+pub(super) fn created(shown: &Shown, tokens: &Tokens, permit: SeedPermit) -> Response {
+    let body = created_episode(shown, tokens, permit);
     answer::created(&format!("/api/v1/episodes/{}", shown.id), body)
 }
 
 /// A new episode as it is shown to its creator.
-pub(super) fn created_episode(shown: &Shown, tokens: &Tokens, shows_seed: bool) -> CreatedEpisode {
+pub(super) fn created_episode(
+    shown: &Shown,
+    tokens: &Tokens,
+    permit: SeedPermit,
+) -> CreatedEpisode {
     let seat = |(agent, token): &(AgentId, Token)| SeatToken {
         agent: agent.to_string(),
         token: token.reveal().to_owned(),
@@ -129,7 +134,7 @@ pub(super) fn created_episode(shown: &Shown, tokens: &Tokens, shows_seed: bool) 
     CreatedEpisode {
         id: shown.id.to_string(),
         status: shown.status,
-        config: config(&shown.spec, shows_seed),
+        config: config(&shown.spec, permit),
         seats: tokens.seats.iter().map(seat).collect(),
         swarm_token: tokens.swarm.reveal().to_owned(),
     }

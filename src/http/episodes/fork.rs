@@ -9,6 +9,7 @@ use super::super::answer;
 use super::super::client::Client;
 use super::super::idempotency::{Idempotency, created_before, idempotency};
 use super::super::prelude::*;
+use super::super::seeds::SeedPermit;
 use super::created::{Shown, Tokens, created_episode};
 use super::describe::{Game, spec as checked_spec};
 use super::shown_fork;
@@ -65,7 +66,7 @@ pub(in super::super) async fn fork_episode(
     let named = [b"fork ", stored.id.as_str().as_bytes(), b" ", body.as_ref()].concat();
     let idempotency = idempotency(&headers, creator.0.owner(), named, &app.limits)?;
     let plan = Plan::new(request, stored, &parent, &app)?;
-    let shows_seed = caller.is_organizer() || !plan.spec.is_mixed();
+    let permit = SeedPermit::of_creator(!caller.is_organizer() && plan.spec.is_mixed());
     // A repeat must find what the first one creates, also if its client hangs up.
     App::run_detached(async move {
         let _lock = app.creations.lock_key(idempotency.as_ref()).await;
@@ -74,8 +75,11 @@ pub(in super::super) async fn fork_episode(
             None => plan.create(&app, creator, idempotency).await?,
             Some(first) => plan.replace_tokens(&app, first).await?,
         };
-        let made = made.iter().map(|(shown, tokens)| created_episode(shown, tokens, shows_seed));
-        let forks = CreatedForks { fork: shown_fork(&fork, true), episodes: made.collect() };
+        let made = made.iter().map(|(shown, tokens)| created_episode(shown, tokens, permit));
+        let forks = CreatedForks {
+            fork: shown_fork(&fork, SeedPermit::of_creator(false)),
+            episodes: made.collect(),
+        };
         Ok(answer::created(&format!("/api/v1/episodes?fork_of={}", forks.fork.episode), forks))
     })
     .await

@@ -60,12 +60,11 @@ pub(in super::super) async fn list_episodes(
         model: params.model,
         run,
         fork_of: params.fork_of,
-        readable: caller.readable(&app.access),
+        readable: caller.readable(&app),
         ..Filter::default()
     };
     let read = |before: Option<i64>, rows| {
         app.store.list_episodes_without_templates(&filter, before.map(EpisodeKey), rows)
     };
-    page.fill(ROWS_MAX, read, |stored| Ok((stored.episode.0, app.summary_of(&caller, &stored)?)))
-        .await
+    page.fill(ROWS_MAX, read, |stored| Ok((stored.episode.0, app.listed(&caller, &stored)?))).await
 }

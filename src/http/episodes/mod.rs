@@ -18,11 +18,10 @@ pub(super) mod state;
 pub(super) mod verification;
 pub(super) mod void;
 
-use serde_json::json;
-
 use super::App;
 use super::auth::{Caller, Opened, Subject};
 use super::error::{ApiError, Code};
+use super::seeds::SeedPermit;
 use crate::episode::Status;
 use crate::episode::actor::Handle;
 use crate::episode::spec::{Spec, Visibility};
@@ -46,7 +45,7 @@ impl App {
         id: String,
     ) -> Result<StoredEpisode, ApiError> {
         let (stored, spec) = self.known(caller, id).await?;
-        if !caller.may_read(&self.access, subject(&stored, &spec)) {
+        if !caller.may_read(&self.access, self.subject(&stored, &spec)) {
             let detail = if spec.visibility == Visibility::Sealed {
                 "this game is sealed: until its competition is revealed only organizers may read this"
             } else if spec.is_mixed() {
@@ -56,23 +55,32 @@ impl App {
             };
             return Err(ApiError::new(Code::Forbidden, detail));
         }
-        self.audit_sealed_read(caller, &stored, spec.visibility).await?;
+        self.permit_of_game(caller, &stored, &spec).await?;
         Ok(stored)
     }
 
-    /// Adds an audit entry where an organizer reads a game whose seed is sealed.
-    pub(super) async fn audit_sealed_read(
+    /// Whether the caller sees the seed of a game; whatever else tells it needs this first.
+    pub(super) async fn permit_of_game(
         &self,
         caller: &Caller,
         stored: &StoredEpisode,
-        visibility: Visibility,
-    ) -> Result<(), ApiError> {
-        if visibility == Visibility::Sealed && !stored.revealed {
-            let audit_entry =
-                caller.audit_entry(self, "sealed.read", stored.id.as_str(), json!({}), None);
-            self.store.keep(audit_entry.into_iter().collect()).await?;
+        spec: &Spec,
+    ) -> Result<SeedPermit, ApiError> {
+        self.may_see_seed(caller, self.subject(stored, spec), stored.id.as_str()).await
+    }
+
+    /// What the permissions of a stored episode depend on.
+    fn subject<'a>(&self, stored: &'a StoredEpisode, spec: &Spec) -> Subject<'a> {
+        let is_over = Status::parse(&stored.status).is_some_and(Status::is_over);
+        Subject {
+            id: Some(&stored.id),
+            owner: stored.owner,
+            run: stored.run,
+            visibility: spec.visibility,
+            is_mixed: spec.is_mixed(),
+            is_over,
+            opened: Opened::at(self.time_to_open(), stored.revealed, stored.own_from),
         }
-        Ok(())
     }
 
     /// An episode that the caller created.
@@ -83,7 +91,7 @@ impl App {
     ) -> Result<(Handle, StoredEpisode), ApiError> {
         caller.check_not_judge()?;
         let (stored, spec) = self.known(caller, id).await?;
-        if !caller.owns(subject(&stored, &spec)) {
+        if !caller.owns(self.subject(&stored, &spec)) {
             let detail = "only the creator of an episode may do this: send its swarm token, or the key with which it was created";
             return Err(ApiError::new(Code::Forbidden, detail));
         }
@@ -111,7 +119,7 @@ impl App {
         let stored = self.store.find_summary(&EpisodeId::from_text(id)).await?;
         let stored = stored.ok_or_else(unknown)?;
         let spec = spec(&stored)?;
-        if caller.may_know(&self.access, subject(&stored, &spec)) {
+        if caller.may_know(&self.access, self.subject(&stored, &spec)) {
             Ok((stored, spec))
         } else {
             Err(unknown())
@@ -129,7 +137,7 @@ impl App {
             };
             return Err(ApiError::new(Code::Forbidden, detail));
         }
-        self.audit_sealed_read(caller, &stored, spec.visibility).await?;
+        self.permit_of_game(caller, &stored, &spec).await?;
         Ok(stored)
     }
 
@@ -137,14 +145,14 @@ impl App {
     /// organizers if there are several holders.
     pub(super) fn may_read_journal(&self, caller: &Caller, stored: &StoredEpisode) -> bool {
         let Ok(spec) = spec(stored) else { return false };
-        let subject = subject(stored, &spec);
+        let subject = self.subject(stored, &spec);
         caller.may_read(&self.access, subject) && (subject.is_over || caller.oversees(subject))
     }
 
-    /// An episode as it is shown, from what is stored of it.
+    /// An episode as it is shown, from what is stored of it, without a sealed seed.
     async fn summary(&self, caller: &Caller, id: &EpisodeId) -> Result<EpisodeSummary, ApiError> {
         let stored = self.store.find_summary(id).await?;
-        self.summary_of(caller, &stored.ok_or_else(|| ApiError::not_found("the episode"))?)
+        self.listed(caller, &stored.ok_or_else(|| ApiError::not_found("the episode"))?)
     }
 
     /// An episode of which the caller may read the states, as it is shown.
@@ -154,7 +162,14 @@ impl App {
         id: &str,
     ) -> Result<EpisodeSummary, ApiError> {
         let stored = self.readable_stored(caller, id.to_owned()).await?;
-        self.summary_of(caller, &stored)
+        self.listed(caller, &stored)
+    }
+
+    /// A stored episode as lists show it to `caller`: without a sealed seed.
+    fn listed(&self, caller: &Caller, stored: &StoredEpisode) -> Result<EpisodeSummary, ApiError> {
+        let spec = spec(stored)?;
+        let permit = self.may_see_open_seed(caller, self.subject(stored, &spec));
+        self.summary_of(caller, stored, &spec, permit)
     }
 
     /// A stored episode as it is shown to `caller`.
@@ -162,11 +177,11 @@ impl App {
         &self,
         caller: &Caller,
         stored: &StoredEpisode,
+        spec: &Spec,
+        permit: SeedPermit,
     ) -> Result<EpisodeSummary, ApiError> {
-        let spec = spec(stored)?;
         let status = Status::parse(&stored.status).ok_or_else(|| broken("an unknown status"))?;
-        let subject = subject(stored, &spec);
-        let may_read = caller.may_read(&self.access, subject);
+        let may_read = caller.may_read(&self.access, self.subject(stored, spec));
         let reason = stored.reason.as_ref().filter(|_| may_read);
         let result = reason.map(|reason| EpisodeResult {
             reason: reason.clone(),
@@ -174,7 +189,6 @@ impl App {
             rounds: stored.rounds,
             journal_head: stored.head.to_string(),
         });
-        let may_know_seed = caller.oversees(subject) || (may_read && subject.is_over);
         Ok(EpisodeSummary {
             id: stored.id.to_string(),
             status,
@@ -188,38 +202,24 @@ impl App {
             ended_at: stored.ended_at.map(Into::into),
             result,
             void_reason: stored.void_reason.clone(),
-            fork: spec.fork.as_ref().map(|fork| shown_fork(fork, may_know_seed)),
-            config: config(&spec, may_know_seed),
+            fork: spec.fork.as_ref().map(|fork| shown_fork(fork, permit)),
+            config: config(spec, permit),
         })
     }
 }
 
 /// Where an episode continues its parent, as it is shown. The seed could be found with the head, by trying.
-fn shown_fork(fork: &Fork, with_head: bool) -> shown::Fork {
+fn shown_fork(fork: &Fork, permit: SeedPermit) -> shown::Fork {
     let Fork { episode, round, head } = fork.clone();
-    shown::Fork { episode, round, head: with_head.then_some(head) }
+    shown::Fork { episode, round, head: permit.show(head) }
 }
 
 /// Whether the caller may see what was decided, of an episode of which it may read the states: while a game of several
 /// holders is played, they know of each other what they see and hear.
-fn may_see_decisions(caller: &Caller, stored: &StoredEpisode) -> Result<bool, ApiError> {
+fn may_see_decisions(app: &App, caller: &Caller, stored: &StoredEpisode) -> Result<bool, ApiError> {
     let spec = spec(stored)?;
-    let subject = subject(stored, &spec);
+    let subject = app.subject(stored, &spec);
     Ok(!subject.is_mixed || subject.is_over || caller.oversees(subject))
-}
-
-/// What the permissions of a stored episode depend on.
-fn subject<'a>(stored: &'a StoredEpisode, spec: &Spec) -> Subject<'a> {
-    let is_over = Status::parse(&stored.status).is_some_and(Status::is_over);
-    Subject {
-        id: Some(&stored.id),
-        owner: stored.owner,
-        run: stored.run,
-        visibility: spec.visibility,
-        is_mixed: spec.is_mixed(),
-        is_over,
-        opened: Opened::of(stored.revealed, stored.own_games),
-    }
 }
 
 fn broken(problem: &str) -> ApiError {
@@ -238,11 +238,11 @@ fn spec(stored: &StoredEpisode) -> Result<Spec, ApiError> {
 }
 
 /// All settings of an episode as they are shown.
-fn config(spec: &Spec, with_seed: bool) -> EpisodeConfig {
+fn config(spec: &Spec, permit: SeedPermit) -> EpisodeConfig {
     let settings = spec.config.settings();
     EpisodeConfig {
         task: settings.task,
-        seed: with_seed.then(|| spec.config.seed()),
+        seed: permit.show(spec.config.seed()),
         rules: settings.rules,
         round_deadline_s: spec.round_deadline.map(Seconds::of),
         bank_s: Seconds::of(spec.bank),

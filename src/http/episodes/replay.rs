@@ -87,7 +87,7 @@ pub(in super::super) async fn show_replay(
     Params(params): Params<ReplayParams>,
 ) -> Result<Response, ApiError> {
     let stored = app.readable_stored(&caller, id).await?;
-    let has_decisions = super::may_see_decisions(&caller, &stored)?;
+    let has_decisions = super::may_see_decisions(&app, &caller, &stored)?;
     let handle = app.episode(&stored.id).await?;
     let snapshot = handle.snapshot();
     let newest = snapshot.world.round();

@@ -1,4 +1,4 @@
-//! `GET /api/v1/exports/{file}`: the toolkit's data format, and tables, written while they are sent.
+//! `GET /api/v1/exports/{file}`: the toolkit's data format and tables, sent while they are written.
 
 use std::io::{self, Write};
 
@@ -32,16 +32,16 @@ use crate::store;
 use crate::store::episodes::{Filter, Readable};
 use swarmbench_protocol::any_case;
 
-/// Bytes that are sent on at once.
+/// Bytes sent at once.
 const PIECE_BYTES: usize = 64 * 1024;
 
-/// Pieces that wait for a slow reader before the export waits for it.
+/// Pieces buffered for a slow reader before the export waits for it.
 const PIECES_PENDING: usize = 4;
 
-/// Bytes that an export is taken to need: two states, and the pieces that wait.
+/// Memory reserved for an export: two states and the buffered pieces.
 const EXPORT_BYTES: usize = 12 * 1024 * 1024;
 
-/// Bytes of a group of rows in Parquet, beside them.
+/// Additional bytes for a row group of Parquet.
 const ROW_GROUP_BYTES: usize = 20 * 1024 * 1024;
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -67,7 +67,7 @@ pub(in super::super) struct ExportParams {
     episode: Option<String>,
 }
 
-/// A file that can be had.
+/// A file that can be downloaded.
 #[derive(Clone, Copy)]
 enum File {
     Dataset,
@@ -89,7 +89,7 @@ impl File {
         }
     }
 
-    /// Bytes of memory that it needs while it is written.
+    /// Bytes of memory reserved while the file is written.
     const fn memory(self) -> usize {
         match self {
             Self::Dataset | Self::Lines(_) => EXPORT_BYTES,
@@ -154,7 +154,7 @@ pub(in super::super) async fn download_export(
     let open = app.streams.exports.reserve(1, Some(party), caller.rank())?;
     let room = app.registry.room_of(file.memory(), Some(party), caller.rank())?;
     let permit = app.streams.parts.acquire(party, Rank::Normal).await.map_err(refused)?;
-    // Organizers find sealed games in it, too.
+    // Organizers' exports may include sealed games, too.
     let audit_entry = caller.audit_entry(
         &app,
         "export",
@@ -165,7 +165,7 @@ pub(in super::super) async fn download_export(
     app.store.keep(audit_entry.into_iter().collect()).await?;
     let (pieces, body) = mpsc::channel(PIECES_PENDING);
     let (selected, is_selected) = oneshot::channel();
-    // Dropped with this handler, or with the body, where the client hangs up.
+    // Cancelled when the client hangs up: the guard is owned first by this handler, then by the body.
     let stop = app.stop.child_token();
     let reader = stop.clone().drop_guard();
     let export = move || {
@@ -183,7 +183,7 @@ pub(in super::super) async fn download_export(
         let out = Pieces { gathered, to, working, _held: [open, room] };
         let written = store::patiently_blocking(|| file.write(export, out));
         if let Err(error) = written {
-            // The reader has to notice that the file is incomplete.
+            // The reader must notice that the file is incomplete.
             tracing::info!(%error, "an export broke off");
             drop(pieces.blocking_send(Err(io::Error::other(error))));
         }
@@ -204,12 +204,12 @@ pub(in super::super) async fn download_export(
     Ok(accept::by_accept((kind, read_by(reader, body)).into_response()))
 }
 
-/// A body that drops its guard when it is dropped.
+/// A body that owns a guard, and drops it when it is dropped.
 fn read_by(reader: DropGuard, pieces: mpsc::Receiver<io::Result<Bytes>>) -> Body {
     Body::from_stream(ReceiverStream::new(pieces).inspect(move |_| _ = &reader))
 }
 
-/// The query, validated.
+/// Validates the query.
 async fn selection(
     app: &App,
     caller: &Caller,
@@ -217,7 +217,7 @@ async fn selection(
 ) -> Result<Selection, ApiError> {
     one_of("status", params.status.as_deref(), &Status::ALL.map(Status::name))?;
     one_of("task", params.task.as_deref(), &TaskName::ALL.map(TaskName::name))?;
-    let mut readable = caller.readable(&app.access);
+    let mut readable = caller.readable(app);
     let mut run = None;
     if let Some(id) = params.run {
         match app.store.find_run(&id).await? {
@@ -238,16 +238,16 @@ async fn selection(
     Ok(Selection { filter, episode: params.episode.map(EpisodeId::from_text) })
 }
 
-/// A body that is written on another thread, and waits for its reader.
+/// Sending side of a body, for an export that runs on another thread and waits for its reader.
 struct Pieces {
     gathered: Vec<u8>,
     to: mpsc::Sender<io::Result<Bytes>>,
     working: Working,
-    /// The place of the open export, and its memory.
+    /// Reservations of an open export and of its memory.
     _held: [Reservation; 2],
 }
 
-/// The permit to make pieces: it is returned while the export waits for its reader.
+/// The permit to make pieces, returned while the export waits for its reader.
 struct Working {
     limit: FairLimit,
     party: Party,
@@ -284,7 +284,7 @@ impl Write for Pieces {
         Ok(bytes.len())
     }
 
-    /// Only what is complete is sent on early: writers flush after every few bytes.
+    /// Sends the gathered bytes, however few they are.
     fn flush(&mut self) -> io::Result<()> {
         self.send()
     }

@@ -6,7 +6,6 @@ use serde_json::json;
 use super::super::prelude::*;
 use crate::keys::Role;
 use crate::store::entries::Entry;
-use crate::store::tokens::Grant;
 use swarmbench_protocol::key::KeySummary;
 
 /// Revoke a key: from now on it opens nothing.
@@ -31,7 +30,7 @@ pub(in super::super) async fn revoke_key(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Json<KeySummary>, ApiError> {
-    // A revoked key must be removed from the cache, too, also if the client hangs up.
+    // Detached, as the revoked key must be removed from the cache even if the client hangs up.
     App::run_detached(async move {
         let now = app.clock.wall();
         let find = async || {
@@ -45,7 +44,7 @@ pub(in super::super) async fn revoke_key(
                 None => None,
             };
             let audit_entry = match entrant {
-                // An entrant that cannot play any more is to see why.
+                // The entry is shown to the entrant, who can no longer play and needs the reason.
                 Some((competition, entrant)) => {
                     let shown = (competition, json!({ "entrant": entrant }));
                     organizer.audit_entry_shown(&app, "key.revoke", &id, json!({}), shown)
@@ -54,7 +53,7 @@ pub(in super::super) async fn revoke_key(
             };
             app.store.keep(vec![Entry::RevokeKey { id: id.clone(), at: now }, audit_entry]).await?;
         }
-        app.revoked(|grant| matches!(grant, Grant::Key(key) if key.id == id)).await?;
+        app.key_revoked(&id).await?;
         let key = find().await?;
         Ok(Json(key.summary(now)))
     })

@@ -52,7 +52,7 @@ pub(in super::super) async fn abort_run(
             let detail = format!("the run has ended already, as {}", known.stored.status);
             return Err(ApiError::new(Code::EpisodeOver, detail));
         }
-        Ok(Json(app.run_detail(&caller, &known).await?))
+        Ok(Json(app.run_detail(&caller, &known, known.open_seeds(&app, &caller)).await?))
     })
     .await
 }

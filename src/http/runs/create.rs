@@ -69,7 +69,8 @@ pub(in super::super) async fn create_run(
             }
         };
         let location = format!("/api/v1/runs/{}", stored.id);
-        let run = app.run_detail(&caller, &Known::of(stored)?).await?;
+        let known = Known::of(&app, stored)?;
+        let run = app.run_detail(&caller, &known, known.open_seeds(&app, &caller)).await?;
         let swarm_token = token.map(|token| token.reveal().to_owned());
         Ok(answer::created(&location, CreatedRun { run, swarm_token }))
     })
@@ -195,7 +196,7 @@ fn own_suite(own: OwnSuite, rules: &str, app: &App, problems: &mut Problems) -> 
         .map(|seed| Seed::try_from(seed).map_err(&mut refuse).unwrap_or_default())
         .collect();
     let settings = SuiteSettings::from(&settings.unwrap_or_default().over(Settings::default()));
-    Some(Suite { name, tasks, seeds, rules: rules.to_owned(), settings })
+    Some(Suite { name, tasks, seeds, seeds_by_task: false, rules: rules.to_owned(), settings })
 }
 
 /// Checks that a suite may be played by a new run. A repeated creation gets that run, also where

@@ -6,6 +6,7 @@ use tokio::sync::watch;
 
 use super::super::feed::{Events, Feed, feed};
 use super::super::prelude::*;
+use super::super::seeds::SeedPermit;
 use crate::run::manager::OpenGames;
 use swarmbench_protocol::run::StreamedRunEvent;
 
@@ -30,11 +31,12 @@ pub(in super::super) async fn stream_run_events(
     _: Params<Nothing>,
 ) -> Result<Events, ApiError> {
     let known = app.known_run(&caller, &id).await?;
+    let seeds = known.seeds(&app, &caller).await?;
     let open_games = app.runs.follow(known.stored.run).await?;
     let (feed, events) = feed(&app, &caller)?;
     crate::telemetry::spawn(async move {
         tokio::select! {
-            sent = send_events(&app, &caller, &id, open_games, &feed) => {
+            sent = send_events(&app, &caller, (&id, seeds), open_games, &feed) => {
                 if let Err(error) = sent {
                     tracing::warn!(?error, "events of a run cannot be sent");
                 }
@@ -51,7 +53,7 @@ pub(in super::super) async fn stream_run_events(
 async fn send_events(
     app: &App,
     caller: &Caller,
-    id: &str,
+    (id, seeds): (&str, SeedPermit),
     mut open_games: watch::Receiver<OpenGames>,
     feed: &Feed,
 ) -> Result<(), ApiError> {
@@ -60,7 +62,8 @@ async fn send_events(
         // Later changes are sent by the next iteration.
         let is_over = open_games.borrow_and_update().is_over;
         let known = app.known_run(caller, id).await?;
-        let shown = app.run_detail(caller, &known).await?;
+        let seeds = seeds.or(known.open_seeds(app, caller));
+        let shown = app.run_detail(caller, &known, seeds).await?;
         for game in &shown.games {
             let Some(episode) = &game.episode else { continue };
             let state = (game.status.clone(), game.void_reason.is_some());

@@ -43,7 +43,7 @@ pub(in super::super) async fn list_runs(
         status: params.status,
         model: params.model,
         suite: params.suite,
-        readable: caller.readable(&app.access),
+        readable: caller.readable(&app),
     };
     let (store, filter) = (&app.store, &filter);
     let read = |before: Option<i64>, rows| async move {
@@ -58,7 +58,9 @@ pub(in super::super) async fn list_runs(
     };
     // A run may have a thousand games.
     page.fill(LARGE_ROWS_MAX, read, |(stored, games)| {
-        Ok((stored.run.0, Known::of(stored)?.summary(&app, &caller, &games)))
+        let known = Known::of(&app, stored)?;
+        let seeds = known.open_seeds(&app, &caller);
+        Ok((known.stored.run.0, known.summary(&app, &caller, seeds, &games)))
     })
     .await
 }

@@ -48,6 +48,8 @@ pub(in super::super) async fn show_run_metrics(
     let definition = definition(params.definition.as_deref())?;
     let page = GamesPage::of(params.limit, params.cursor.as_deref())?;
     let known = app.known_run(&caller, &id).await?;
+    // Scores and what follows from them tell of a sealed game, as its seed does.
+    known.seeds(&app, &caller).await?;
     let (games, next_cursor) = app.games_page(&caller, &known, page, StoredGame::is_over).await?;
     let mut items = Vec::new();
     for game in &games {

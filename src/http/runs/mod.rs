@@ -18,6 +18,7 @@ use serde_json::{Value, json};
 use super::App;
 use super::auth::{Caller, Opened, Subject};
 use super::error::{ApiError, Code};
+use super::seeds::SeedPermit;
 use crate::competitions;
 use crate::episode::spec::Visibility;
 use crate::run::definition::{self, Definition};
@@ -28,7 +29,6 @@ use swarmbench_boards::result::task_results;
 use swarmbench_journal::Tally;
 use swarmbench_protocol::Seconds;
 use swarmbench_protocol::run::{ActTally, RunDetail, RunGame, RunSummary, SuiteView, TaskResult};
-use swarmbench_protocol::suite::Suite;
 
 impl App {
     /// What the audit log has of an attempt to which an organizer does something; nothing of other runs.
@@ -42,22 +42,28 @@ impl App {
     }
 }
 
+/// The prompt of a player that reads none.
+const NO_PROMPT: &str = "none";
+
 /// A run of which the caller may know.
 struct Known {
     stored: StoredRun,
     definition: Definition,
     plan: Vec<Slot>,
     visibility: Visibility,
+    opened: Opened,
 }
 
 impl Known {
-    fn of(stored: StoredRun) -> Result<Self, ApiError> {
+    fn of(app: &App, stored: StoredRun) -> Result<Self, ApiError> {
         let definition = definition::read(&stored)?;
         let known = Visibility::parse(&definition.visibility).zip(Slot::plan(&definition.suite));
         let (visibility, plan) = known.ok_or_else(|| {
             ApiError::new(Code::Internal, "what is stored of this run cannot be read")
         })?;
-        Ok(Self { stored, definition, plan, visibility })
+        let own_from = definition.closes_at.filter(|_| definition.own_games);
+        let opened = Opened::at(app.time_to_open(), stored.revealed, own_from);
+        Ok(Self { stored, definition, plan, visibility, opened })
     }
 
     /// What its permissions depend on.
@@ -69,24 +75,35 @@ impl Known {
             visibility: self.visibility,
             is_mixed: false,
             is_over: self.stored.ended_at.is_some(),
-            opened: Opened::of(self.stored.revealed, self.definition.own_games),
+            opened: self.opened,
         }
     }
 
-    /// Whether the caller may know all seeds: those of built-in suites are no secret.
-    fn shows_seeds(&self, app: &App, caller: &Caller) -> bool {
+    /// Whether the caller sees all seeds, but for sealed ones in lists.
+    fn open_seeds(&self, app: &App, caller: &Caller) -> SeedPermit {
         let subject = self.subject();
-        let suite = &self.definition.suite;
-        let is_built_in = || {
-            let same = Suite::built_in(&suite.name, &suite.rules);
-            same.is_some_and(|same| same.seeds == suite.seeds)
-        };
-        let reads = caller.may_read(&app.access, subject);
-        caller.oversees(subject) || (reads && (subject.is_over || is_built_in()))
+        let permit = app.may_see_open_seed(caller, subject);
+        if caller.may_read(&app.access, subject) {
+            permit.or(SeedPermit::of_built_in(&self.definition.suite))
+        } else {
+            permit
+        }
+    }
+
+    /// Whether the caller sees all seeds.
+    async fn seeds(&self, app: &App, caller: &Caller) -> Result<SeedPermit, ApiError> {
+        let permit = app.may_see_seed(caller, self.subject(), &self.stored.id).await?;
+        Ok(permit.or(self.open_seeds(app, caller)))
     }
 
     /// The run as it is shown to `caller`.
-    fn summary(&self, app: &App, caller: &Caller, games: &[StoredGame]) -> RunSummary {
+    fn summary(
+        &self,
+        app: &App,
+        caller: &Caller,
+        seeds: SeedPermit,
+        games: &[StoredGame],
+    ) -> RunSummary {
         let Self { stored, definition, .. } = self;
         let reads = caller.may_read(&app.access, self.subject());
         let results = self.results(games);
@@ -103,13 +120,13 @@ impl Known {
         RunSummary {
             id: stored.id.clone(),
             status: stored.status.clone(),
-            suite: SuiteView::of(&definition.suite, self.shows_seeds(app, caller)),
+            suite: SuiteView::of(&definition.suite, seeds.is_granted()),
             model: definition.model.clone(),
             temperature: definition.temperature,
             top_p: definition.top_p,
             agent_meta: definition.meta.clone(),
             template_digest: definition.template_digest(),
-            prompt: definition.prompt().to_string(),
+            prompt: definition.prompt_name().unwrap_or_else(|| NO_PROMPT.to_owned()),
             player: definition.player.clone(),
             parallel: definition.parallel,
             visibility: definition.visibility.clone(),
@@ -153,8 +170,13 @@ impl Known {
     }
 
     /// Its games as they are shown to `caller`: those that were opened, and those that were not.
-    fn games(&self, app: &App, caller: &Caller, games: &[StoredGame]) -> Vec<RunGame> {
-        let shows_seeds = self.shows_seeds(app, caller);
+    fn games(
+        &self,
+        app: &App,
+        caller: &Caller,
+        seeds: SeedPermit,
+        games: &[StoredGame],
+    ) -> Vec<RunGame> {
         let mut shown = Vec::new();
         for planned in self.definition.suite.plan() {
             let before = shown.len();
@@ -165,7 +187,7 @@ impl Known {
                 shown.push(RunGame {
                     slot: game.slot,
                     task: planned.task.clone(),
-                    seed: (shows_seeds || (reads && game.is_over())).then_some(planned.seed),
+                    seed: seeds.or(app.may_see_open_seed(caller, episode)).show(planned.seed),
                     episode: Some(game.id.to_string()),
                     status: game.status.clone(),
                     reason: game.reason.clone().filter(|_| reads),
@@ -180,7 +202,7 @@ impl Known {
                 shown.push(RunGame {
                     slot: planned.slot,
                     task: planned.task,
-                    seed: shows_seeds.then_some(planned.seed),
+                    seed: seeds.show(planned.seed),
                     episode: None,
                     status: "planned".to_owned(),
                     reason: None,
@@ -223,16 +245,21 @@ impl App {
     /// A run of which the caller may know.
     async fn known_run(&self, caller: &Caller, id: &str) -> Result<Known, ApiError> {
         let unknown = || ApiError::not_found("the run");
-        let known = Known::of(self.store.find_run(id).await?.ok_or_else(unknown)?)?;
+        let known = Known::of(self, self.store.find_run(id).await?.ok_or_else(unknown)?)?;
         if caller.may_know(&self.access, known.subject()) { Ok(known) } else { Err(unknown()) }
     }
 
     /// The current state of a run, with its games.
-    async fn run_detail(&self, caller: &Caller, known: &Known) -> Result<RunDetail, ApiError> {
+    async fn run_detail(
+        &self,
+        caller: &Caller,
+        known: &Known,
+        seeds: SeedPermit,
+    ) -> Result<RunDetail, ApiError> {
         let games = self.store.games_of(known.stored.run).await?;
         Ok(RunDetail {
-            run: known.summary(self, caller, &games),
-            games: known.games(self, caller, &games),
+            run: known.summary(self, caller, seeds, &games),
+            games: known.games(self, caller, seeds, &games),
         })
     }
 }

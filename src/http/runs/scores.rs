@@ -47,6 +47,8 @@ pub(in super::super) async fn show_run_scores(
     let points = items(&app, "points", params.points.unwrap_or(POINTS_USUAL))?;
     let page = GamesPage::of(params.limit, params.cursor.as_deref())?;
     let known = app.known_run(&caller, &id).await?;
+    // Scores and what follows from them tell of a sealed game, as its seed does.
+    known.seeds(&app, &caller).await?;
     let (games, next_cursor) = app.games_page(&caller, &known, page, |_| true).await?;
     let mut items = Vec::new();
     for game in &games {

@@ -22,5 +22,6 @@ pub(in super::super) async fn show_run(
     _: Params<Nothing>,
 ) -> Result<Json<RunDetail>, ApiError> {
     let known = app.known_run(&caller, &id).await?;
-    Ok(Json(app.run_detail(&caller, &known).await?))
+    let seeds = known.seeds(&app, &caller).await?;
+    Ok(Json(app.run_detail(&caller, &known, seeds).await?))
 }

@@ -5,6 +5,7 @@ use axum::http::StatusCode;
 use super::super::answer::with_tokens;
 use super::super::prelude::*;
 use crate::ids::{RunKey, Token};
+use crate::keys::Key;
 use crate::store::entries::Entry;
 use crate::store::tokens::Grant;
 use swarmbench_protocol::run::RunToken;
@@ -48,6 +49,7 @@ pub(in super::super) async fn replace_run_token(
         let (at, competition) = (app.clock.wall(), known.stored.competition);
         let audit_entry = caller.audit_foreign(owner, at, "run.token", &id, detail, competition);
         let token = app.new_run_token(run, audit_entry.into_iter().collect()).await?;
+        app.check_not_revoked(&caller).await?;
         let body = RunToken { id, swarm_token: token.reveal().to_owned() };
         Ok(with_tokens(StatusCode::OK, body))
     })
@@ -65,5 +67,17 @@ impl App {
         let is_old = |grant: &Grant| matches!(grant, Grant::Run { run: of, .. } if *of == run);
         self.revoked(is_old).await?;
         Ok(token)
+    }
+
+    /// Refuses a caller whose key was revoked while a token of a run was made for it, and revokes that token.
+    pub(in super::super) async fn check_not_revoked(
+        &self,
+        caller: &Caller,
+    ) -> Result<(), ApiError> {
+        let Caller::Key(Key { id, .. }) = caller else { return Ok(()) };
+        let Some(at) = self.store.revoked_at(id).await? else { return Ok(()) };
+        self.store.keep(vec![Entry::RevokeKey { id: id.clone(), at }]).await?;
+        self.key_revoked(id).await?;
+        Err(ApiError::new(Code::Unauthorized, "the key was revoked meanwhile"))
     }
 }

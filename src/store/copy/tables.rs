@@ -1,9 +1,9 @@
-//! The tables that are copied, with their columns: a test compares them with those that the migrations make.
+//! The copied tables and their columns; a test compares them with the migrations.
 
 use super::{Kind, Table};
 
-/// Tables in the order in which they are copied. `by` says how many columns, from the first on, are the primary key, and
-/// `numbered` that the database gives the next number.
+/// Tables in the order of copying. `by` gives the number of leading columns that form the primary key; `numbered` means that
+/// a database sequence assigns it.
 macro_rules! tables {
     (@ numbered) => { true };
     (@ given) => { false };
@@ -17,8 +17,7 @@ macro_rules! tables {
     };
 }
 
-// The tables that say which servers of PostgreSQL may write, and who plays what (`nodes`, `members`, `places`, `cluster`, `changes`), are
-// left out.
+// Tables about the servers of a PostgreSQL cluster (`nodes`, `members`, `places`, `cluster`, `changes`) are not copied.
 tables! {
     episodes by 1 given {
         key: Int, id: Text, opening: Text, task: Text, model: Text, visibility: Text, status: Text,
@@ -69,13 +68,16 @@ tables! {
         key: Int, id: Text, competition: Int, owner: Int, name: Text, model: Text,
         declaration: Text, template: Text, status: Text, reason: Text, vouched: Bool,
         registered_at: Int, address: Text, erased_at: Int, published: Text, category: Text,
-        terms: Int, contact: Text, brief: Text,
+        terms: Int, contact: Text, brief: Text, renames: Int,
     }
     invitations by 1 given {
         hash: Bytes, competition: Int, label: Text, entry: Int, created_at: Int, revoked_at: Int,
     }
     looks by 4 given {
         competition: Int, kind: Text, look: Text, written: Text,
+    }
+    used_names by 3 given {
+        competition: Int, look: Bytes, entry: Int,
     }
     audit by 1 numbered {
         number: Int, at: Int, who: Text, action: Text, subject: Text, detail: Text,
@@ -110,8 +112,7 @@ mod tests {
     use super::*;
     use crate::migrations;
 
-    /// Every table and column that the migrations make is copied: that PostgreSQL has the same ones is tested where there is
-    /// one.
+    /// Compares with the migrations of SQLite. Another test, which needs a PostgreSQL server, compares those of PostgreSQL.
     #[tokio::test]
     async fn they_are_those_that_the_migrations_make() {
         let made = SqliteConnectOptions::new().in_memory(true).connect().await;
@@ -129,7 +130,7 @@ mod tests {
             .flat_map(|table| {
                 table.columns.iter().enumerate().map(|(place, (column, kind))| {
                     let kind = match kind {
-                        // SQLite has no booleans.
+                        // SQLite stores booleans as integers.
                         Kind::Int | Kind::Bool => "INTEGER",
                         Kind::Real => "REAL",
                         Kind::Text => "TEXT",

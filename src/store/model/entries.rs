@@ -40,6 +40,7 @@ pub enum Entry {
         tokens: Vec<TokenRow>,
     },
     AddKey(Box<KeyRow>),
+    /// A key is good for nothing any more; nor are the tokens of running runs of a team, where it is that of a member.
     RevokeKey {
         /// The public id of the key.
         id: String,
@@ -289,6 +290,8 @@ pub struct RunRow {
     pub attempt: Option<(EntryKey, u32)>,
     /// The voided attempt that it plays again, where its seeds are spare ones.
     pub replays: Option<u32>,
+    /// The end of its window, if it has one.
+    pub closes_at: Option<Timestamp>,
     pub at: Timestamp,
     /// The key by which a repeated creation finds it, and the hash of the body that came with it.
     pub idempotency: Option<(String, [u8; 32])>,

@@ -1,4 +1,4 @@
-//! What episodes need of a store: entries are taken in order, and journals are read again.
+//! The interface between episodes and the store: ordered entries in, journals out.
 
 use futures::FutureExt;
 use futures::future::BoxFuture;
@@ -12,13 +12,12 @@ use crate::store::{Stopped, StoreError};
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{ActRecord, RawRecord, RecordedConfig};
 
-/// What a store answers.
 pub type Reply<'a, T> = BoxFuture<'a, Result<T, StoreError>>;
 
-/// Called once entries are durable, or with the reason why they never will be.
+/// Called once entries are durable, or with the error that prevents it.
 pub type Committed = Box<dyn FnOnce(Result<(), StoreError>) + Send>;
 
-/// Hands entries over at once, and returns when they are durable.
+/// Calls `append` at once; the future completes when the entries are durable.
 pub fn committed(append: impl FnOnce(Committed)) -> Reply<'static, ()> {
     let (done, kept) = tokio::sync::oneshot::channel();
     append(Box::new(move |result| drop(done.send(result))));
@@ -29,37 +28,35 @@ pub fn committed(append: impl FnOnce(Committed)) -> Reply<'static, ()> {
 pub struct StoredEpisode {
     pub episode: EpisodeKey,
     pub id: EpisodeId,
-    /// The key with which it was created, if any.
+    /// Key that created the episode.
     pub owner: Option<OwnerKey>,
-    /// The run to which it belongs, if any.
     pub run: Option<RunKey>,
-    /// Whether it was sealed and is open to all now.
+    /// Whether the episode was sealed and is now public.
     pub revealed: bool,
-    /// Whether its owner reads it once it has ended, also while it is sealed.
-    pub own_games: bool,
+    /// Close of the attempt's window, from which on the owner can read the ended game even while it is sealed.
+    pub own_from: Option<Timestamp>,
     pub opening: RawRecord,
-    /// The first round that was decided in the episode itself; a fork took over those before.
+    /// First round played in this episode; a fork shares earlier ones with its parent.
     pub first_round: u32,
-    /// The record of who holds which seat, if there is one.
+    /// Record of the seats' holders, written once all seats are held.
     pub seating: Option<RawRecord>,
     /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
     pub status: String,
-    /// Why it ended, if it has; the name of an ending.
+    /// Name of the ending.
     pub reason: Option<String>,
-    /// The end record of an episode that has ended; left out of summaries. Where it is large, the acts of the
-    /// open round are left out of it.
+    /// End record of an ended episode; `None` in summaries. Large end records come without the acts of the open round.
     pub end: Option<RawRecord>,
-    /// The head of its chain after the last stored record.
+    /// Chain head after the last stored record.
     pub head: Head,
-    /// Bytes that its acts take, once it has ended.
+    /// Bytes of all acts; known once the episode has ended.
     pub act_bytes: Option<u64>,
     pub rounds: u32,
-    /// The score after them.
+    /// Score after `rounds` rounds.
     pub score: f64,
     pub created_at: Timestamp,
-    /// When its newest record came; in summaries, when it was created.
+    /// Time of the newest record; in summaries, time of creation.
     pub newest_at: Timestamp,
-    /// When the last act of a player came, or else the manual start; left out of summaries.
+    /// Time of the last act, or else of the manual start; `None` in summaries.
     pub last_act_at: Option<Timestamp>,
     pub ended_at: Option<Timestamp>,
     pub void_reason: Option<String>,
@@ -69,91 +66,87 @@ pub struct StoredEpisode {
 pub struct Unfinished {
     pub episode: EpisodeKey,
     pub id: EpisodeId,
-    /// The key with which it was created, if any.
+    /// Key that created the episode.
     pub owner: Option<OwnerKey>,
-    /// The run to which it belongs, if any.
     pub run: Option<RunKey>,
-    /// Whether its rounds have a deadline.
+    /// Whether rounds have a deadline.
     pub clocked: bool,
-    /// Of an episode with deadlines, its settings and how many rounds are resolved: what its recovery costs.
+    /// Settings and number of resolved rounds, which determine the cost of recovery; only for clocked episodes.
     pub played: Option<(RecordedConfig, u32)>,
 }
 
-/// Acts of one round, in order of their seats.
+/// Acts of one round in order of seats.
 pub type RoundActs = Vec<(AgentId, StoredAct)>;
 
 #[derive(Clone, Debug)]
 pub struct StoredAct {
     pub record: ActRecord,
-    /// Bytes of the whole record as it is stored.
+    /// Size of the stored record.
     pub bytes: u64,
-    /// How many seats the round waited for after it.
+    /// Number of seats without an act after this one.
     pub waiting_for: u32,
 }
 
 #[derive(Clone, Debug)]
 pub struct StoredRound {
     pub round: u32,
-    /// The digest of the state after it.
+    /// Digest of the state after the round.
     pub digest: [u8; 32],
-    /// The score after it.
+    /// Score after the round.
     pub score: f64,
-    /// The head of the chain after it.
+    /// Chain head after the round.
     pub head: Head,
 }
 
-/// Stores the journals of episodes. Entries that are appended become durable in the order in which they are handed over.
+/// Storage of journals. Appended entries become durable in the order of the calls.
 pub trait EpisodeStore: Send + Sync + 'static {
-    /// Keeps entries, all or none, and calls `committed` once they are durable. Never waits.
+    /// Queues entries, which are committed all or none; then calls `committed`. Never blocks.
     fn append(&self, entries: Vec<Entry>, committed: Committed);
 
-    /// Keeps entries and waits until they, and all that was appended before them, are durable; without entries it only
-    /// waits. What is appended meanwhile may be durable before them. They are stored also if the caller is gone.
+    /// Queues entries and waits until they and all entries appended before are durable; without entries it is a barrier.
+    /// Entries appended later may be durable first. Dropping the future does not cancel the commit.
     fn keep(&self, entries: Vec<Entry>) -> Reply<'_, ()> {
         committed(|committed| self.append(entries, committed))
     }
 
-    /// Takes entries of an episode again, of which one was refused. Until then all later ones are, as they
-    /// would leave a gap. To be called when its old actor has ended and all that it handed over was answered.
+    /// Accepts entries of an episode again. After a refused entry all later ones of its episode are refused, as they would
+    /// leave a gap. The caller makes sure that the old actor has ended and all of its entries were answered.
     fn recovered(&self, _episode: EpisodeKey) {}
 
-    /// Whether this server plays at a place. Where several servers share a database one of them does.
+    /// Whether this server owns a place. In a cluster, each place has at most one owner.
     fn has(&self, _place: Place) -> bool {
         true
     }
 
-    /// Takes a place unless another server has it; whether this one has it now. What is read later has all that another server
-    /// has written there.
+    /// Takes a place unless another server owns it; returns whether this server owns it now. Later reads include everything
+    /// that a former owner has written there.
     fn take(&self, _place: Place) -> Reply<'_, bool> {
         std::future::ready(Ok(true)).boxed()
     }
 
-    /// Finds an episode.
     fn episode(&self, id: EpisodeId) -> Reply<'_, Option<StoredEpisode>>;
 
-    /// All episodes that have not ended; those with a round clock first.
+    /// All unfinished episodes, clocked ones first.
     fn unfinished(&self) -> Reply<'_, Vec<Unfinished>>;
 
-    /// The holders of seats of an episode with their seats, in order of their numbers; empty where the creator
-    /// holds all.
+    /// Holders with their seats, in order of their numbers; empty where the creator holds all seats.
     fn holders(&self, episode: EpisodeKey) -> Reply<'_, Vec<Held>>;
 
-    /// The competition and the entrant whose attempt a run is, or its practice with a key that was made for the competition.
+    /// Competition and entrant of an attempt, or of practice with a key made for the competition.
     fn entrant(&self, run: RunKey) -> Reply<'_, Option<(CompetitionKey, OwnerKey)>>;
 
-    /// The public id of a key.
+    /// Public id of a key.
     fn key_id(&self, owner: OwnerKey) -> Reply<'_, Option<String>>;
 
-    /// The acts of the rounds `from..to` by round, without `response` and `reasoning`: no state follows from
-    /// these, and they may be large.
+    /// Acts of the rounds `from..to` by round, without `response` and `reasoning`, which may be large and do not affect the
+    /// state.
     fn acts(&self, episode: EpisodeKey, from: u32, to: u32) -> Reply<'_, Vec<(u32, RoundActs)>>;
 
-    /// The acts of one round, whole.
+    /// Complete acts of one round.
     fn round_acts(&self, episode: EpisodeKey, round: u32) -> Reply<'_, RoundActs>;
 
-    /// What one seat did in one round.
     fn act(&self, episode: EpisodeKey, round: u32, agent: AgentId) -> Reply<'_, Option<StoredAct>>;
 
-    /// The resolved rounds `from..to`.
+    /// Resolved rounds `from..to`.
     fn rounds(&self, episode: EpisodeKey, from: u32, to: u32) -> Reply<'_, Vec<StoredRound>>;
 }

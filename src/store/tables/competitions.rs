@@ -1,11 +1,13 @@
-//! The tables `competitions`, `entries` and `invitations`.
+//! The tables `competitions`, `entries`, `invitations`, and what is known of names and models that look the same.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::net::IpAddr;
 
 use futures::TryStreamExt;
+use hmac::{Hmac, KeyInit as _, Mac as _};
 use jiff::Timestamp;
 use serde_json::value::RawValue;
+use sha2::Sha256;
 
 use crate::ids::{CompetitionKey, EntryKey, EpisodeKey, RunKey, TokenHash};
 use crate::keys::OwnerKey;
@@ -65,6 +67,20 @@ pub struct RawEntrant {
     pub terms: Option<u32>,
     /// How organizers reach it.
     pub contact: Option<String>,
+    /// How often it was given another name.
+    pub renames: u32,
+}
+
+/// How organizers reach an entrant.
+#[derive(Clone, Debug)]
+pub struct StoredContact {
+    pub key: EntryKey,
+    /// The entrant's public id.
+    pub id: String,
+    pub name: String,
+    pub category: Option<String>,
+    pub status: String,
+    pub contact: Option<String>,
 }
 
 #[derive(Clone, Debug)]
@@ -90,8 +106,6 @@ pub struct StoredAttempt {
 pub struct EntrantRoom {
     /// How many take part.
     pub active: u32,
-    /// Whether an entrant has a name that looks the same.
-    pub has_name: bool,
     /// Whether an entrant has a model that looks the same and is written otherwise.
     pub has_look_of_model: bool,
     pub of_owner: u32,
@@ -116,7 +130,7 @@ fn select_entrants(declared: Declared) -> Builder<'static> {
             "coalesce(brief, declaration) AS declaration, brief IS NULL AS is_to_be_cut"
         }
     });
-    query.push(", status, reason, vouched, registered_at, address, erased_at, published, category, terms, contact FROM entries ");
+    query.push(", status, reason, vouched, registered_at, address, erased_at, published, category, terms, contact, renames FROM entries ");
     query
 }
 
@@ -130,6 +144,9 @@ pub struct StoredInvitation {
     pub created_at: Timestamp,
     pub revoked_at: Option<Timestamp>,
 }
+
+/// Bytes of a digest of a name: enough that no two names have the same.
+const DIGEST_BYTES: usize = 16;
 
 const INVITATION: &str = "
     SELECT i.hash, i.label, i.created_at, i.revoked_at,
@@ -207,24 +224,19 @@ impl Store {
     pub async fn room_for(
         &self,
         competition: CompetitionKey,
-        name: &str,
         model: &str,
         owner: Option<OwnerKey>,
     ) -> Result<EntrantRoom, StoreError> {
-        let ([name, other_name], [look, other_look]) = (looks(name), looks(model));
+        let [look, other_look] = looks(model);
         let query = query(
             "SELECT coalesce((SELECT entrants FROM competitions WHERE key = $1), 0) AS active,
-                    EXISTS (SELECT 1 FROM looks
-                            WHERE competition = $1 AND kind = 'name' AND look IN ($3, $4)) AS has_name,
-                    EXISTS (SELECT 1 FROM looks WHERE competition = $1 AND kind = 'model' AND look IN ($5, $6)
-                            AND written != $7) AS has_look_of_model,
+                    EXISTS (SELECT 1 FROM looks WHERE competition = $1 AND kind = 'model' AND look IN ($3, $4)
+                            AND written != $5) AS has_look_of_model,
                     (SELECT count(*) FROM entries INDEXED BY entries_by_owner
                      WHERE owner = $2 AND competition = $1) AS of_owner",
         )
         .bind(competition.0)
         .bind(owner.map(|owner| owner.0))
-        .bind(name)
-        .bind(other_name)
         .bind(look)
         .bind(other_look)
         .bind(model);
@@ -248,22 +260,44 @@ impl Store {
         self.fetch_one(query(text).bind(entry.0)).await
     }
 
-    /// Whether another entrant has a name that looks the same.
-    pub async fn has_name(
+    /// Whether an entrant was disqualified or erased.
+    pub async fn is_excluded(&self, entry: EntryKey) -> Result<bool, StoreError> {
+        let text =
+            "SELECT status = 'disqualified' OR erased_at IS NOT NULL FROM entries WHERE key = $1";
+        self.fetch_one(query(text).bind(entry.0)).await
+    }
+
+    /// What an entrant plays: its attempts, and what its key plays for practice, in order.
+    pub async fn playing(
+        &self,
+        entry: EntryKey,
+        owner: OwnerKey,
+        practice: &str,
+    ) -> Result<Vec<RunKey>, StoreError> {
+        let query = query(
+            "SELECT key FROM runs WHERE owner = $1 AND status = 'running' AND (entry = $2 OR suite || '' = $3)
+             ORDER BY key",
+        );
+        self.fetch_all(query.bind(owner.0).bind(entry.0).bind(practice)).await
+    }
+
+    /// Whether an entrant other than `except` has, or has had, a name that looks the same.
+    pub async fn is_name_taken(
         &self,
         competition: CompetitionKey,
-        except: EntryKey,
+        except: Option<EntryKey>,
         name: &str,
     ) -> Result<bool, StoreError> {
-        let [look, other_look] = looks(name);
+        let salt = query("SELECT salt FROM competitions WHERE key = $1").bind(competition.0);
+        let salt: Option<Vec<u8>> = self.fetch_optional(salt).await?;
+        let [look, other_look] = digests(&salt.unwrap_or_default(), name);
         let query = query(
-            "SELECT EXISTS (SELECT 1 FROM looks WHERE competition = $1 AND kind = 'name' AND look IN ($2, $3)
-                            AND written <> (SELECT name FROM entries WHERE key = $4))",
+            "SELECT EXISTS (SELECT 1 FROM used_names WHERE competition = $1 AND look IN ($2, $3) AND entry <> $4)",
         )
         .bind(competition.0)
         .bind(look)
         .bind(other_look)
-        .bind(except.0);
+        .bind(except.map_or(-1, |entry| entry.0));
         self.fetch_one(query).await
     }
 
@@ -308,6 +342,21 @@ impl Store {
         query.push(" AND key > ").push_bind(after.map_or(-1, |key| key.0));
         query.push(" ORDER BY key LIMIT ").push_bind(limit);
         self.fetch_all(query.build()).await
+    }
+
+    /// Lists how organizers reach the entrants of a competition, in the order of their keys, from the one after `after` on.
+    pub async fn list_contacts(
+        &self,
+        competition: CompetitionKey,
+        after: Option<EntryKey>,
+        limit: u32,
+    ) -> Result<Vec<StoredContact>, StoreError> {
+        let query = query(
+            "SELECT key, id, name, category, status, contact FROM entries
+             WHERE competition = $1 AND key > $2 ORDER BY key LIMIT $3",
+        );
+        let after = after.map_or(-1, |key| key.0);
+        self.fetch_all(query.bind(competition.0).bind(after).bind(limit)).await
     }
 
     /// The invitation code of a competition with this hash.
@@ -412,6 +461,17 @@ impl Store {
     ) -> Result<Option<RunKey>, StoreError> {
         let text = "SELECT key FROM runs WHERE competition = $1 ORDER BY key DESC LIMIT 1";
         self.fetch_optional(query(text).bind(competition.0)).await
+    }
+
+    /// The attempts of a competition that were voided, in the order in which they were started.
+    pub async fn voided_attempts(
+        &self,
+        competition: CompetitionKey,
+    ) -> Result<Vec<RunKey>, StoreError> {
+        let query = query(
+            "SELECT key FROM runs WHERE competition = $1 AND voided_at IS NOT NULL ORDER BY key",
+        );
+        self.fetch_all(query.bind(competition.0)).await
     }
 
     /// The attempts of a competition that have not ended, in the order in which they were started.
@@ -569,7 +629,8 @@ pub(in crate::store) async fn add_entrant(
     .bind(&row.contact)
     .one(connection)
     .await?;
-    add_looks(connection, row.competition.0, &row.name, &row.model).await?;
+    add_looks(connection, row.competition.0, &row.model).await?;
+    use_name(connection, added, &row.name).await?;
     query("UPDATE competitions SET entrants = entrants + 1 WHERE key = $1")
         .bind(row.competition.0)
         .execute(&mut *connection)
@@ -584,36 +645,52 @@ pub(in crate::store) async fn add_entrant(
     Ok(())
 }
 
-/// Inserts the looks of an entrant's name and model, by which similar ones are found.
+/// Inserts the looks of an entrant's model, by which similar ones are found.
 async fn add_looks(
     connection: &mut Connection,
     competition: i64,
-    name: &str,
     model: &str,
 ) -> Result<(), sqlx::Error> {
-    for (kind, written) in [("name", name), ("model", model)] {
-        for look in looks(written) {
-            let insert =
-                "INSERT INTO looks (competition, kind, look, written) VALUES ($1, $2, $3, $4)
-                          ON CONFLICT DO NOTHING";
-            query(insert)
-                .bind(competition)
-                .bind(kind)
-                .bind(look)
-                .bind(written)
-                .execute(&mut *connection)
-                .await?;
-        }
+    for look in looks(model) {
+        let insert =
+            "INSERT INTO looks (competition, kind, look, written) VALUES ($1, 'model', $2, $3)
+                      ON CONFLICT DO NOTHING";
+        query(insert).bind(competition).bind(look).bind(model).execute(&mut *connection).await?;
     }
     Ok(())
 }
 
-/// Inserts the looks for entrants of databases of earlier versions.
+/// Keyed digests of how a name looks, which say nothing of the name to whoever does not guess it.
+fn digests(salt: &[u8], name: &str) -> [Vec<u8>; 2] {
+    let keyed = Hmac::<Sha256>::new_from_slice(salt).expect("a key may have any length");
+    looks(name).map(|look| {
+        let digest = keyed.clone().chain_update(look).finalize().into_bytes();
+        digest[..DIGEST_BYTES].to_vec()
+    })
+}
+
+/// Keeps others from a name that an entrant has, until its competition is over and all names stay as they are.
+async fn use_name(connection: &mut Connection, entry: i64, name: &str) -> Result<(), sqlx::Error> {
+    let select = "SELECT c.key, c.salt FROM entries n JOIN competitions c ON c.key = n.competition
+                  WHERE n.key = $1 AND c.revealed_at IS NULL";
+    let found = query(select).bind(entry).fetch_optional(&mut *connection).await?;
+    let Some(found) = found else { return Ok(()) };
+    let competition: i64 = found.try_get("key")?;
+    let salt: Vec<u8> = found.try_get("salt")?;
+    for look in digests(&salt, name) {
+        let insert = "INSERT INTO used_names (competition, look, entry) VALUES ($1, $2, $3)
+                      ON CONFLICT DO NOTHING";
+        query(insert).bind(competition).bind(look).bind(entry).execute(&mut *connection).await?;
+    }
+    Ok(())
+}
+
+/// Inserts what is known of names and models for entrants of databases of earlier versions.
 pub(in crate::store) async fn add_missing_looks(
     connection: &mut Connection,
 ) -> Result<(), sqlx::Error> {
-    let entrants: Vec<(i64, String, String)> = query(
-        "SELECT competition, name, model FROM entries WHERE NOT EXISTS (SELECT 1 FROM looks)",
+    let entrants: Vec<(i64, i64, String, String)> = query(
+        "SELECT competition, key, name, model FROM entries WHERE NOT EXISTS (SELECT 1 FROM looks)",
     )
     .all(connection)
     .await?;
@@ -621,21 +698,21 @@ pub(in crate::store) async fn add_missing_looks(
         return Ok(());
     }
     let add_all = async |connection: &mut Connection| {
-        for (competition, name, model) in &entrants {
-            add_looks(connection, *competition, name, model).await?;
+        for (competition, entry, name, model) in &entrants {
+            add_looks(connection, *competition, model).await?;
+            use_name(connection, *entry, name).await?;
         }
         Ok(())
     };
     connection.transaction(Begin::Write, add_all).await
 }
 
-/// Names and models whose looks are not theirs, or are of no entrant.
+/// Models whose looks are not theirs, or are of no entrant.
 pub(in crate::store) async fn damaged_looks(
     connection: &mut Connection,
 ) -> Result<Vec<String>, sqlx::Error> {
-    let text = "SELECT l.look, l.written, EXISTS (
-                     SELECT 1 FROM entries n WHERE n.competition = l.competition
-                         AND l.written = CASE l.kind WHEN 'name' THEN n.name WHEN 'model' THEN n.model END) AS is_used
+    let text = "SELECT l.look, l.written, l.kind = 'model' AND EXISTS (
+                     SELECT 1 FROM entries n WHERE n.competition = l.competition AND l.written = n.model) AS is_used
                  FROM looks l";
     let mut rows = query(text).fetch(connection);
     let mut damaged = Vec::new();
@@ -646,6 +723,22 @@ pub(in crate::store) async fn damaged_looks(
         }
     }
     Ok(damaged)
+}
+
+/// Entrants whose names others could take.
+pub(in crate::store) async fn untaken_names(
+    connection: &mut Connection,
+) -> Result<Vec<String>, sqlx::Error> {
+    let text = "SELECT competition, look, entry FROM used_names";
+    let used: Vec<(i64, Vec<u8>, i64)> = query(text).all(connection).await?;
+    let used: BTreeSet<_> = used.into_iter().collect();
+    let text = "SELECT n.competition, n.key, n.name, c.salt FROM entries n JOIN competitions c ON c.key = n.competition
+                WHERE c.revealed_at IS NULL AND n.erased_at IS NULL";
+    let entrants: Vec<(i64, i64, String, Vec<u8>)> = query(text).all(connection).await?;
+    let is_untaken = |&(competition, entry, ref name, ref salt): &(i64, i64, String, Vec<u8>)| {
+        digests(salt, name).into_iter().any(|look| !used.contains(&(competition, look, entry)))
+    };
+    Ok(entrants.into_iter().filter(is_untaken).map(|(_, _, name, _)| name).collect())
 }
 
 pub(in crate::store) async fn set_entrant(
@@ -689,25 +782,18 @@ pub(in crate::store) async fn describe(
     Ok(())
 }
 
-/// Gives an entrant another name. The old one is free for others.
+/// Gives an entrant another name. Nobody else takes the old one.
 pub(in crate::store) async fn rename(
     connection: &mut Connection,
     entry: EntryKey,
     name: &str,
 ) -> Result<(), sqlx::Error> {
-    query(
-        "DELETE FROM looks WHERE kind = 'name' AND (competition, written) IN
-             (SELECT competition, name FROM entries WHERE key = $1)",
-    )
-    .bind(entry.0)
-    .execute(&mut *connection)
-    .await?;
-    let renamed = query("UPDATE entries SET name = $1 WHERE key = $2 RETURNING competition, model")
+    query("UPDATE entries SET name = $1, renames = renames + 1 WHERE key = $2 RETURNING key")
         .bind(name)
         .bind(entry.0)
         .fetch_one(&mut *connection)
         .await?;
-    add_looks(connection, renamed.try_get("competition")?, name, renamed.text("model")?).await
+    use_name(connection, entry.0, name).await
 }
 
 /// Erases the name of an entrant, its contact, and from where it came. A file that is published already keeps its name.
@@ -718,13 +804,14 @@ pub(in crate::store) async fn erase(
     at: Timestamp,
 ) -> Result<(), sqlx::Error> {
     query(
-        "UPDATE entries SET address = NULL, contact = NULL, erased_at = $1,
+        "UPDATE entries SET name = $3, address = NULL, contact = NULL, erased_at = $1,
              published = (SELECT entries.name FROM competitions c
                           WHERE c.key = entries.competition AND c.revealed_at IS NOT NULL)
          WHERE key = $2 AND erased_at IS NULL",
     )
     .bind(at.as_millisecond())
     .bind(entry.0)
+    .bind(name)
     .execute(&mut *connection)
     .await?;
     // Keys that were made for the entrant have its name, or those of its members.
@@ -738,7 +825,33 @@ pub(in crate::store) async fn erase(
     .bind(entry.0)
     .execute(&mut *connection)
     .await?;
-    rename(connection, entry, name).await
+    erase_label(connection, entry, name).await
+}
+
+/// Erases the label of the code with which an entrant entered: organizers write names and addresses into labels.
+async fn erase_label(
+    connection: &mut Connection,
+    entry: EntryKey,
+    name: &str,
+) -> Result<(), sqlx::Error> {
+    query(
+        "UPDATE invitations SET label = $1
+         WHERE entry = $2 AND competition = (SELECT competition FROM entries WHERE key = $2)",
+    )
+    .bind(name)
+    .bind(entry.0)
+    .execute(&mut *connection)
+    .await?;
+    // Earlier versions noted all labels in the audit log.
+    query(
+        "UPDATE audit SET detail = coalesce(shown, '{}')
+         WHERE competition = (SELECT competition FROM entries WHERE key = $1)
+             AND action IN ('competition.codes', 'competition.codes.revoke')",
+    )
+    .bind(entry.0)
+    .execute(connection)
+    .await?;
+    Ok(())
 }
 
 pub(in crate::store) async fn add_invitations(
@@ -781,6 +894,11 @@ pub(in crate::store) async fn reveal(
     .await?;
     query("UPDATE runs SET revealed = TRUE WHERE competition = $1")
         .bind(competition.0)
+        .execute(&mut *connection)
+        .await?;
+    // Names stay from now on, and the key of the digests is public.
+    query("DELETE FROM used_names WHERE competition = $1")
+        .bind(competition.0)
         .execute(connection)
         .await?;
     Ok(())
@@ -790,8 +908,9 @@ from_row! {
     RawCompetition {
         key, id, definition, salt, seeds, commitment, created_at, revealed_at, cancelled_at, cancel_reason, hidden,
     }
+    StoredContact { key, id, name, category, status, contact }
     StoredInvitation { hash, label, entrant, created_at, revoked_at }
-    EntrantRoom { active, has_name, has_look_of_model, of_owner }
+    EntrantRoom { active, has_look_of_model, of_owner }
 }
 
 impl FromRow for RawEntrant {
@@ -819,6 +938,7 @@ impl FromRow for RawEntrant {
             category: get(row, "category")?,
             terms: get(row, "terms")?,
             contact: get(row, "contact")?,
+            renames: get(row, "renames")?,
         })
     }
 }

@@ -61,7 +61,9 @@ impl Filter {
         match &self.readable {
             Readable::Public => Some(vec![Part::Public]),
             Readable::And(id) => Some(vec![Part::Public, Part::Episode(id)]),
-            Readable::AndOf(owner) => Some(vec![Part::Public, Part::Own(*owner), Part::Claimable]),
+            Readable::AndOf { owner, at } => {
+                Some(vec![Part::Public, Part::Own(*owner, *at), Part::Claimable])
+            }
             Readable::AndOfRun(run) => Some(vec![Part::Public, Part::OfRun(*run)]),
             Readable::All | Readable::OnlyOfRun(_) | Readable::Only(_) | Readable::Nothing => None,
         }
@@ -117,9 +119,9 @@ impl Filter {
                 query.push(" AND (").push(PUBLIC).push(" OR e.id = ");
                 query.push_bind(id.as_str()).push(")");
             }
-            Readable::AndOf(owner) => {
+            Readable::AndOf { owner, at } => {
                 query.push(" AND (").push(PUBLIC).push(" OR ");
-                Part::Own(*owner).push(query);
+                Part::Own(*owner, *at).push(query);
                 query.push(" OR ").push(CLAIMABLE).push(")");
             }
             Readable::AndOfRun(run) => {
@@ -156,9 +158,13 @@ pub enum Readable {
     Public,
     /// Those that anyone may read now, and this one.
     And(EpisodeId),
-    /// Those that anyone may read now, those that were created with this key, and those of which seats
-    /// may be claimed.
-    AndOf(OwnerKey),
+    /// Those that anyone may read now, those that were created with this key, and those of which seats may be claimed. Sealed
+    /// ones of the key are among them once the windows of their attempts have closed.
+    AndOf {
+        owner: OwnerKey,
+        /// The time by which windows have closed.
+        at: Timestamp,
+    },
     /// Those that anyone may read now, and those of this run.
     AndOfRun(RunKey),
     /// Those of this run alone.
@@ -172,8 +178,8 @@ pub enum Readable {
 enum Part<'a> {
     /// What anyone may read now.
     Public,
-    /// What was created with a key.
-    Own(OwnerKey),
+    /// What was created with a key, and may be read by it at a time.
+    Own(OwnerKey, Timestamp),
     Claimable,
     OfRun(RunKey),
     Episode(&'a EpisodeId),
@@ -189,9 +195,12 @@ impl<'q> Part<'q> {
             Self::Public => {
                 query.push(PUBLIC);
             }
-            Self::Own(owner) => {
+            Self::Own(owner, at) => {
                 query
-                    .push("((e.visibility <> 'sealed' OR (e.own_games AND e.ended_at IS NOT NULL)) AND e.owner = ")
+                    .push("((e.visibility <> 'sealed' OR (e.own_games AND e.ended_at IS NOT NULL AND EXISTS (
+                               SELECT 1 FROM runs o WHERE o.key = e.run AND o.closes_at <= ")
+                    .push_bind(at.as_millisecond())
+                    .push("))) AND e.owner = ")
                     .push_bind(owner.0)
                     .push(")");
             }
@@ -211,7 +220,7 @@ impl<'q> Part<'q> {
     fn leads(&self, filter: &Filter) -> Option<&'static str> {
         match self {
             Self::Public => filter.leads(),
-            Self::Own(_) | Self::Claimable | Self::OfRun(_) | Self::Episode(_) => None,
+            Self::Own(..) | Self::Claimable | Self::OfRun(_) | Self::Episode(_) => None,
         }
     }
 
@@ -226,7 +235,7 @@ impl<'q> Part<'q> {
                 Some("model") => " INDEXED BY episodes_public_by_model",
                 _ => " INDEXED BY episodes_public",
             },
-            Self::Own(_) => " INDEXED BY episodes_by_owner",
+            Self::Own(..) => " INDEXED BY episodes_by_owner",
             Self::Claimable | Self::OfRun(_) | Self::Episode(_) => "",
         }
     }
@@ -256,7 +265,8 @@ const SHORT_END: &str = "CASE WHEN octet_length(e.ending) <= 1024 THEN e.ending 
 /// Asks for episodes; the caller adds a condition.
 fn select(detail: Detail) -> Builder<'static> {
     let mut query = Builder::new(
-        "SELECT e.key AS episode, e.id, e.owner, e.run, e.revealed, coalesce(e.own_games, FALSE) AS own_games, ",
+        "SELECT e.key AS episode, e.id, e.owner, e.run, e.revealed,
+                CASE WHEN e.own_games THEN (SELECT o.closes_at FROM runs o WHERE o.key = e.run) END AS own_from, ",
     );
     query.push(if detail == Detail::Listed { listed_opening!() } else { opening!() });
     query.push(
@@ -556,7 +566,7 @@ impl FromRow for StoredEpisode {
             owner: get(row, "owner")?,
             run: get(row, "run")?,
             revealed: get(row, "revealed")?,
-            own_games: get(row, "own_games")?,
+            own_from: get(row, "own_from")?,
             opening: get(row, "opening")?,
             first_round: get(row, "first_round")?,
             seating: get(row, "seating")?,

@@ -1,5 +1,7 @@
 //! The table `keys`.
 
+use jiff::Timestamp;
+
 use crate::ids::TokenHash;
 use crate::keys::{Key, OwnerKey};
 use crate::store::Store;
@@ -9,12 +11,12 @@ use crate::store::sql::{Builder, from_row, query};
 const SELECT: &str = "SELECT number, id, role, name, created_at, expires_at, revoked_at FROM keys ";
 
 impl Store {
-    /// All keys that were ever made, in order.
+    /// All keys in order of their numbers, including revoked and expired ones.
     pub async fn keys(&self) -> Result<Vec<Key>, StoreError> {
         self.list_keys(None, u32::MAX).await
     }
 
-    /// The keys that were ever made, in order, from the one after `after` on.
+    /// A page of all keys in order of their numbers, starting after `after`.
     pub async fn list_keys(
         &self,
         after: Option<OwnerKey>,
@@ -26,20 +28,26 @@ impl Store {
         self.fetch_all(query.build()).await
     }
 
-    /// The key with this number, revoked and expired ones too.
+    /// Finds a key by number, including revoked and expired ones.
     pub async fn key(&self, number: OwnerKey) -> Result<Option<Key>, StoreError> {
         let mut query = Builder::new(SELECT);
         query.push("WHERE number = ").push_bind(number.0);
         self.fetch_optional(query.build()).await
     }
 
-    /// Whether a key was ever made.
+    /// Time at which a key was revoked, if it was.
+    pub async fn revoked_at(&self, id: &str) -> Result<Option<Timestamp>, StoreError> {
+        let text = "SELECT revoked_at FROM keys WHERE id = $1 AND revoked_at IS NOT NULL";
+        self.fetch_optional(query(text).bind(id)).await
+    }
+
+    /// Whether any key exists, revoked and expired ones included.
     pub async fn has_keys(&self) -> Result<bool, StoreError> {
         self.fetch_one(query("SELECT EXISTS (SELECT 1 FROM keys)")).await
     }
 
-    /// The key whose token has this hash, revoked and expired ones too. That of a member of a team has the number of the
-    /// team's first key, and so its rights.
+    /// Finds a key by the hash of its token, including revoked and expired ones. The key of a team's member has the number of
+    /// the team's first key, and so its permissions.
     pub async fn find_key(&self, hash: TokenHash) -> Result<Option<Key>, StoreError> {
         let query = query(
             "SELECT coalesce(acts_for, number) AS number, id, role, name, created_at, expires_at, revoked_at
@@ -48,7 +56,7 @@ impl Store {
         self.fetch_optional(query.bind(&hash.0[..])).await
     }
 
-    /// The keys of a team beside its first one, revoked ones too, in the order in which they were made.
+    /// The keys of a team except the first one, in order of creation, including revoked ones.
     pub async fn team_keys(&self, first: OwnerKey) -> Result<Vec<Key>, StoreError> {
         let mut query = Builder::new(SELECT);
         query.push("WHERE acts_for = ").push_bind(first.0).push(" ORDER BY number");

@@ -25,7 +25,7 @@ pub struct StoredRun {
     pub attempt: Option<(EntryKey, u32)>,
     /// The voided attempt that it plays again, where its seeds are spare ones.
     pub replays: Option<u32>,
-    /// The end of its window, where that was extended since its definition was written.
+    /// The end of its window as it is now; runs of earlier versions have it where it was extended.
     pub closes_at: Option<Timestamp>,
     /// The competition, where it is an attempt in one.
     pub competition: Option<CompetitionKey>,
@@ -139,7 +139,7 @@ impl Store {
         let place = (before, limit);
         match &filter.readable {
             Readable::Public | Readable::And(_) => filter.push_parts(&mut query, place, None),
-            Readable::AndOf(owner) => {
+            Readable::AndOf { owner, .. } => {
                 filter.push_parts(&mut query, place, Some(("r.owner = ", owner.0)));
             }
             Readable::AndOfRun(run) => {
@@ -237,8 +237,8 @@ pub(in crate::store) async fn open(
 ) -> Result<(), sqlx::Error> {
     query(
         "INSERT INTO runs (key, id, owner, suite, digest, definition, model, visibility, status, entry, competition,
-                           attempt, replays, created_at, idempotency_key, idempotency_body)
-         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, 'running', $9, (SELECT competition FROM entries WHERE key = $9), $10, $11, $12, $13, $14)",
+                           attempt, replays, created_at, idempotency_key, idempotency_body, closes_at)
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, 'running', $9, (SELECT competition FROM entries WHERE key = $9), $10, $11, $12, $13, $14, $15)",
     )
     .bind(row.run.0)
     .bind(&row.id)
@@ -254,6 +254,7 @@ pub(in crate::store) async fn open(
     .bind(row.at.as_millisecond())
     .bind(row.idempotency.as_ref().map(|(key, _)| key))
     .bind(row.idempotency.as_ref().map(|(_, body)| &body[..]))
+    .bind(row.closes_at.map(Timestamp::as_millisecond))
     .execute(&mut *connection)
     .await?;
     match row.token {
@@ -277,21 +278,19 @@ pub(in crate::store) async fn end(
     Ok(())
 }
 
-/// Extends the window of the running attempts with a number; the ends of games that were opened before stay.
+/// Extends the window of the attempts with a number; the ends of games that were opened before stay.
 pub(in crate::store) async fn extend(
     connection: &mut Connection,
     competition: CompetitionKey,
     number: u32,
     closes_at: Timestamp,
 ) -> Result<(), sqlx::Error> {
-    query(
-        "UPDATE runs SET closes_at = $1 WHERE attempt = $2 AND ended_at IS NULL AND competition = $3",
-    )
-    .bind(closes_at.as_millisecond())
-    .bind(number)
-    .bind(competition.0)
-    .execute(connection)
-    .await?;
+    query("UPDATE runs SET closes_at = $1 WHERE attempt = $2 AND competition = $3")
+        .bind(closes_at.as_millisecond())
+        .bind(number)
+        .bind(competition.0)
+        .execute(connection)
+        .await?;
     Ok(())
 }
 

@@ -20,7 +20,7 @@ export function Rules({ competition }) {
   const { seeds, publicSeeds } = seedsOf(competition);
   return html`<dl class="facts">
     <dt>An attempt</dt>
-    <dd>${tasks.length * seeds} games: <${Text} value=${tasks.join(", ")} />, each on ${seeds} sealed ${seeds === 1 ? "seed" : "seeds"}. ${competition.parallel} are open at a time.</dd>
+    <dd>${tasks.length * seeds} games: <${Text} value=${tasks.join(", ")} />, each on ${seeds} sealed ${seeds === 1 ? "seed" : "seeds"}${competition.seeds_by_task && " of its own"}. ${competition.parallel} are open at a time.</dd>
     <dt>Attempts</dt>
     <dd>${competition.attempts.length}. Attempt <i>n</i> has the same seeds for all, and no other attempt has these.${competition.attempts_per_day && ` An entrant may start ${competition.attempts_per_day} on one day (UTC).`}</dd>
     ${competition.spares > 0 && html`<dt>Voided attempts</dt><dd>are played again on other sealed seeds, ${competition.spares} of them at most.</dd>`}
@@ -35,7 +35,7 @@ export function Rules({ competition }) {
     <dd>${competition.entry === "codes" ? "with an invitation code from the organizer" : "for everybody"}. A key can have ${competition.entries_per_key} ${competition.entries_per_key === 1 ? "entrant" : "entrants"}.</dd>
     ${competition.categories.length > 0 && html`<dt>Categories</dt><dd>${competition.categories.map((name, index) => html`${index > 0 && ", "}<${Text} value=${name} />`)}</dd>`}
     <dt>Before the end</dt>
-    <dd>${BOARDS[competition.board]}${competition.own_games === "ended" && " Entrants read their own games once these have ended."}</dd>
+    <dd>${BOARDS[competition.board]}${competition.own_games === "ended" && " Entrants read their own games once the window of the attempt has closed."}</dd>
     <dt>Rules</dt>
     <dd>${suite.rules}; ${Object.entries(suite.settings ?? {}).map(([name, value]) => `${name.replaceAll("_", " ")} ${value}`).join(", ")}</dd>
     <dt>The closing moment</dt>

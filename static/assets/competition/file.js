@@ -36,8 +36,8 @@ export async function checkFile(stream, onProgress) {
   }
 }
 
-/** 2 has what organizers did, spare attempts, parts and rules for equal totals; 1 is without these. */
-const FORMATS = [1, 2];
+/** 3 has seeds of each task; 2 has what organizers did, spare attempts, parts and rules for equal totals; 1 is without these. */
+const FORMATS = [1, 2, 3];
 
 class File {
   /**
@@ -70,7 +70,7 @@ class File {
     const isKnown = competition.kind === "competition" && FORMATS.includes(competition.format);
     check(isKnown, "this is not the file of a competition in a format that this page knows");
     const { definition, format } = competition;
-    const seeds = await seedsOf(competition);
+    const plans = await plansOf(competition);
     const entrants = new Set();
     let record = await this.record();
     for (; record.kind === "action"; record = await this.record()) check(format > 1, "the first format has no actions");
@@ -80,7 +80,7 @@ class File {
     }
     for (; record.kind === "attempt"; record = await this.record()) {
       check(entrants.has(record.entrant), "an attempt has no entrant");
-      const own = seeds[record.attempt - 1];
+      const own = plans[record.attempt - 1];
       check(own !== undefined && !this.played.has(record.run), "an attempt has no place");
       this.played.set(record.run, { total: await this.attempt(record, definition, own), endedAt: record.ended_at });
       if (record.voided === undefined) this.attempts.set(record.entrant, (this.attempts.get(record.entrant) ?? 0) + 1);
@@ -97,10 +97,9 @@ class File {
 
   /**
    * Checks the games of an attempt; returns its total.
-   * @param {any} attempt @param {any} definition @param {number[]} seeds
+   * @param {any} attempt @param {any} definition @param {{task: string, seed: number}[]} plan
    */
-  async attempt(attempt, definition, seeds) {
-    const plan = definition.tasks.flatMap((task) => seeds.map((seed) => ({ task, seed })));
+  async attempt(attempt, definition, plan) {
     /** @type {Map<number, number>} */
     const scores = new Map();
     const voided = new Set();
@@ -115,7 +114,7 @@ class File {
       scores.set(game.slot, await this.game(game, place, attempt.run));
     }
     // The first seeds made the board before the end; the others make that of the file.
-    const isShown = (/** @type {number} */ slot) => slot % seeds.length >= (definition.public_seeds ?? 0);
+    const isShown = (/** @type {number} */ slot) => slot % definition.seeds >= (definition.public_seeds ?? 0);
     return totalOf(definition.tasks, plan, scores, voided, isShown);
   }
 
@@ -202,21 +201,27 @@ function compareShares([part, whole], [otherPart, otherWhole]) {
 }
 
 /**
- * The seeds of the rules, attempt by attempt, spare ones last, after the commitment was checked.
+ * The tasks and seeds of all games, attempt by attempt, spare ones last, after the commitment was checked.
  * @param {any} competition
  */
-async function seedsOf({ salt, seeds, commitment, definition }) {
+async function plansOf({ salt, seeds, commitment, definition }) {
   const sealed = seeds.map(bytesOf);
   const attempts = definition.attempts.length + (definition.spares ?? 0);
   check(seeds.length === definition.seeds * attempts, "it has another number of seeds than it says");
   check(hex(await sha256(bytesOf(salt), ...sealed)) === commitment, "salt and seeds do not fit the commitment");
-  const ofRules = await Promise.all(sealed.map(seedOfRules));
-  return Array.from({ length: attempts }, (_, index) => ofRules.slice(index * definition.seeds, (index + 1) * definition.seeds));
+  return Promise.all(Array.from({ length: attempts }, (_, index) => {
+    const own = sealed.slice(index * definition.seeds, (index + 1) * definition.seeds);
+    const ofTask = (/** @type {string} */ task) => own.map(async (seed) => ({ task, seed: await seedOf(seed, definition.seeds_by_task ? task : "") }));
+    return Promise.all(definition.tasks.flatMap(ofTask));
+  }));
 }
 
-/** The first 8 bytes of the hash of a sealed seed, without the last 11 bits. @param {Uint8Array<ArrayBuffer>} sealed */
-async function seedOfRules(sealed) {
-  const hash = await sha256(sealed);
+/**
+ * The first 8 bytes of the hash of a sealed seed and the name of the task, without the last 11 bits.
+ * @param {Uint8Array<ArrayBuffer>} sealed @param {string} task empty where all tasks are played on the same seeds
+ */
+async function seedOf(sealed, task) {
+  const hash = await sha256(sealed, new TextEncoder().encode(task));
   return Number(new DataView(hash.buffer).getBigUint64(0) >> 11n);
 }
 

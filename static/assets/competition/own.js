@@ -12,8 +12,8 @@ import { Accepted } from "./terms.js";
 /** What stays when an entrant is erased, and that there is no way back. */
 export const ErasingText = () => html`
   <p>
-    Erased are the name, the contact, the address from which it entered, and the keys that were made for it and its team, which are not
-    accepted any more. Before the end the entrant is also withdrawn: it has no rank, and why it had left is erased, too.
+    Erased are the name, the contact, the address from which it entered, the label of its invitation code, and the keys that were made for it and its team, which are not
+    accepted any more. Before the end the entrant is also withdrawn: its games end, it has no rank, and why it had left is erased, too.
   </p>
   <p>
     What stays: the journals of its games, with the model and all answers; the heads of their chains; and files that were published
@@ -57,7 +57,7 @@ function Own(props) {
     ${!one.erased &&
     html`${terms && html`<${Accepted} terms=${terms} one=${one} path=${path} mayAccept=${!isOver && one.status !== "disqualified"} changed=${changed} />`}
       ${one.status !== "disqualified" && html`<${Declared} ...${props} path=${path} isOver=${isOver} />`}
-      <${Team} path=${path} mayAdd=${!isOver} />
+      <${Team} path=${path} mayAdd=${!isOver && one.status === "active"} />
       <${Leave} ...${props} path=${path} isOver=${isOver} />`}
   `;
 }

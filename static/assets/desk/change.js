@@ -124,3 +124,15 @@ export function Change({ competition, changed }) {
       <//>
     </p>`;
 }
+
+/** Whether a competition that is over is in lists. @param {{competition: any, changed: () => void}} props */
+export function Listing({ competition: { id, name, hidden }, changed }) {
+  const send = (/** @type {string} */ reason) =>
+    request(route`/api/v1/competitions/${id}`, { method: "PATCH", body: { hidden: !hidden, ...(reason && { reason }) } });
+  const [label, title] = hidden ? ["Show in lists", "Show"] : ["Hide from lists", "Hide"];
+  return html`<p class="buttons">
+    <${ActButton} label=${label} title=${html`${title} <${Text} value=${name} />?`} reason="optional" isDangerous=${false} done=${changed} act=${send}>
+      <p>Who has its address finds it in any case, and everybody sees that it was ${hidden ? "shown again" : "hidden"}.</p>
+    <//>
+  </p>`;
+}

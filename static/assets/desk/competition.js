@@ -11,7 +11,7 @@ import { Text } from "../parts/text.js";
 import { Countdown } from "../parts/time.js";
 import { Announce } from "./announce.js";
 import { Attempts } from "./attempts.js";
-import { Change } from "./change.js";
+import { Change, Listing } from "./change.js";
 import { Codes } from "./codes.js";
 import { Entrants } from "./entrants.js";
 import { Exclude } from "./exclude.js";
@@ -51,10 +51,11 @@ export function View({ query }) {
     <p>
       Publish the commitment where you cannot change it unnoticed: <${Copyable} value=${value.commitment} label="the commitment" />
     </p>
-    ${isOpen && html`<${Change} key=${id} competition=${value} changed=${changed} />`}
+    ${isOpen ? html`<${Change} key=${id} competition=${value} changed=${changed} />` : html`<${Listing} competition=${value} changed=${changed} />`}
     <${Announce} id=${id} changed=${changed} />
     ${value.entry === "codes" && html`<${Codes} id=${id} names=${names} mayMake=${isOpen} />`}
     <h3>Entrants</h3>
+    <p class="buttons"><${Download} href=${`${route`/api/v1/competitions/${id}/contacts`}?format=csv`} name=${`${id}-contacts.csv`}>Contacts as CSV<//></p>
     <${Entrants} competition=${value} list=${{ ...entrants, reload: entrantsChanged }} />
     ${entrants.items.length > 0 && html`<${Exclude} id=${id} done=${entrantsChanged} />`}
     <h3>Attempts</h3>

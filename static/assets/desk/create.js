@@ -23,7 +23,7 @@ const groupsOf = () => [
   {
     legend: "When",
     fields: [
-      { name: "opens_at", label: "Opens", kind: "time", isRequired: true, initial: localTime(new Date(Date.now() + DAY_MS)), help: "From then on attempts can be started. One can enter before." },
+      { name: "opens_at", label: "Opens", kind: "time", isRequired: true, initial: localTime(new Date(Date.now() + DAY_MS)), help: "From then on attempts can be started; at once where it is past. One can enter before." },
       { name: "closes_at", label: "Closes", kind: "time", isRequired: true, initial: localTime(new Date(Date.now() + 8 * DAY_MS)), help: "From then on no round begins. Rounds that are open have their whole clock." },
     ],
   },
@@ -45,7 +45,7 @@ const groupsOf = () => [
     legend: "Results",
     fields: [
       { name: "counts", label: "Which attempt counts", kind: "choice", initial: "best", options: [["best", "the best"], ["last", "the last"], ["first", "the first"]] },
-      { name: "own_games", label: "When entrants read their own games", kind: "choice", initial: "sealed", options: [["sealed", "sealed: after the end, as everybody"], ["ended", "ended: once a game has ended"]], help: "All entrants have the same seeds, and can show each other what they read." },
+      { name: "own_games", label: "When entrants read their own games", kind: "choice", initial: "sealed", options: [["sealed", "sealed: after the end, as everybody"], ["ended", "ended: once the window of the attempt has closed"]], help: "Until a window closes others play on the same seeds." },
       { name: "tie_breaks", label: "What decides between equal totals", kind: "order", initial: [], options: TIE_BREAKS, help: "Entrants that are equal in all of it share a rank." },
       { name: "board", label: "Board before the end", kind: "choice", initial: "public", options: [["public", "public: ranks and totals"], ["hidden", "hidden"], ["frozen", "frozen from a time on"]], help: "It must be hidden where an attempt has one game only." },
       { name: "board_freezes_at", label: "Freezes", kind: "time", isRequired: true, when: ({ board }) => board === "frozen" },

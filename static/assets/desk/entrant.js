@@ -29,7 +29,7 @@ export function Details({ competition, one, done, close }) {
       ${competition.terms && html`<dt>Terms</dt><dd>${termsText(one.terms, competition.terms.version)}</dd>`}
     </dl>
     ${competition.categories.length > 0 && !isOver && !one.erased && html`<${Move} categories=${competition.categories} one=${one} path=${path} done=${done} />`}
-    <${Team} path=${path} mayAdd=${!isOver && !one.erased} />
+    <${Team} path=${path} mayAdd=${!isOver && !one.erased && one.status === "active"} />
     <p class="buttons"><button type="button" onClick=${close}>Close the details</button></p>
   </section>`;
 }

@@ -72,7 +72,7 @@ function Entrant({ id, one, columns, done, show, setMade }) {
                 <p>It cannot start attempts, and stays on the board without a rank. You can readmit it.</p>
               <//>
               <${ActButton} label="Disqualify" of=${of} title=${html`Disqualify ${name}?`} reason="required" done=${done} act=${(/** @type {string} */ reason) => change({ status: "disqualified", reason })}>
-                <p>It cannot start attempts, and stays on the board without a rank, with the reason. You can readmit it.</p>
+                <p>What it plays ends, and it cannot start attempts. It stays on the board without a rank, with the reason. You can readmit it.</p>
               <//>`
           : !one.erased &&
             html`<${ActButton} label="Readmit" of=${of} isDangerous=${false} title=${html`Readmit ${name}?`} done=${done} act=${() => change({ status: "active" })}>

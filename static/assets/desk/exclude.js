@@ -48,7 +48,7 @@ export function Exclude({ id, done }) {
       <p class="buttons">
         <${ActButton} label=${`Exclude ${entrantsText(preview.count)}`} title=${`Exclude ${entrantsText(preview.count)}?`} reason="required" done=${excluded}
           act=${(/** @type {string} */ reason) => request(path, { method: "POST", body: { ...preview.wanted, count: preview.count, reason } })}>
-          <p>They are disqualified: they cannot start attempts, and stay on the board without a rank, with the reason. You can readmit each of them.</p>
+          <p>They are disqualified: what they play ends, they cannot start attempts, and stay on the board without a rank, with the reason. You can readmit each of them.</p>
           <p>If more or fewer fit by now, nothing is done.</p>
         <//>
       </p>`}

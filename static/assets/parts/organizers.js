@@ -18,6 +18,7 @@ const ACTIONS = {
   "entrant.change": "Changed an entrant",
   "entrant.erase": "Erased an entrant",
   "entrant.key": "Replaced the key of an entrant",
+  "entrant.rename": "An entrant renamed itself",
   "key.revoke": "Revoked a key of an entrant",
   "entrants.exclude": "Excluded entrants",
   "member.add": "Added a member to a team",

@@ -25,7 +25,7 @@ export function Team({ path, mayAdd }) {
   const count = items.filter((/** @type {any} */ one) => !one.removed_at).length;
   return html`<details class="fields">
     <summary>Team${value && html`: ${count} ${count === 1 ? "member" : "members"} beside the one who entered`}</summary>
-    <p class="muted">The key of a member does what the entrant's own key does: it starts attempts, changes the entrant, and adds and removes members.</p>
+    <p class="muted">The key of a member does what the entrant's own key does: it starts attempts, changes the entrant, and adds members. Only the key that entered erases the entrant, or removes others.</p>
     ${problem && html`<${ProblemNote} problem=${problem} retry=${reload} />`}
     <div role="status">
       ${made &&
@@ -55,7 +55,7 @@ const Member = ({ path, one, done }) => html`<tr class=${one.removed_at ? "out" 
     ${!one.removed_at &&
     html`<${ActButton} label="Remove" of=${visible(one.name)} title=${html`Remove <${Text} value=${one.name} /> from the team?`} done=${done}
         act=${() => request(path + route`/members/${one.id}`, { method: "DELETE" })}>
-        <p>The key is not accepted any more, at once and for ever. Tokens of attempts stay valid: make a new one for each attempt that runs and that the member has seen.</p>
+        <p>The key is not accepted any more, at once and for ever, and neither are the tokens of attempts that run: make a new one for each.</p>
       <//>`}
   </td>
 </tr>`;

@@ -1,6 +1,7 @@
 //! Every route × every kind of token, from the OpenAPI document itself: a new route has to say here
 //! who may use it.
 
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use reqwest::Method;
@@ -110,7 +111,7 @@ impl Kind {
 }
 
 /// The episode that is asked for, and the server.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Stage {
     visibility: &'static str,
     ended: bool,
@@ -233,6 +234,7 @@ fn refusal_in_competitions(operation: &str, kind: Kind, stage: Stage) -> Option<
         | "announce"
         | "create_codes"
         | "list_codes"
+        | "list_contacts"
         | "revoke_codes"
         | "exclude_entrants"
         | "void_attempt"
@@ -313,6 +315,25 @@ struct World {
     names: AtomicU64,
     run_elsewhere: String,
     replaced_run: String,
+    /// Places of requests that are refused: these change nothing, so all of a stage have the same.
+    refused: Mutex<Vec<(Stage, Wanted, Place)>>,
+}
+
+/// Which parts of a place a request needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Wanted {
+    /// Its path names a run.
+    is_of_run: bool,
+    /// Its token is that of a run.
+    by_run: bool,
+}
+
+/// An episode in its stage, a claim of one of its seats, and a run.
+#[derive(Clone, Debug)]
+struct Place {
+    episode: Episode,
+    claimed: Value,
+    run: Value,
 }
 
 fn request(visibility: &str) -> Value {
@@ -411,6 +432,7 @@ impl World {
             names,
             run_elsewhere,
             replaced_run,
+            refused: Mutex::default(),
         }
     }
 
@@ -448,23 +470,15 @@ impl World {
         Some(format!("Bearer {token}"))
     }
 
-    /// Asks as somebody would who is entitled to.
-    async fn ask(
-        &self,
-        method: &Method,
-        path: &str,
-        operation: &str,
-        kind: Kind,
-        stage: Stage,
-    ) -> Answer {
-        let is_of_run = path.starts_with("/api/v1/runs/{id}");
-        let run =
-            if is_of_run || kind == Run { self.run(stage.visibility).await } else { json!(null) };
+    /// A new place.
+    async fn new_place(&self, stage: Stage, wanted: Wanted) -> Place {
+        let Wanted { is_of_run, by_run } = wanted;
+        let run = if is_of_run || by_run { self.run(stage.visibility).await } else { json!(null) };
         let text = |value: &Value| value.as_str().expect("a text").to_owned();
         let request = if stage.mixed { mixed } else { request };
         let created = create(&self.app, &self.owner, &request(stage.visibility)).await;
         let mut episode = Episode::of(&created);
-        if kind == Run && !stage.mixed {
+        if by_run && !stage.mixed {
             episode.id = text(&run["games"][0]["episode"]);
             episode.swarm = text(&run["swarm_token"]);
         }
@@ -481,6 +495,35 @@ impl World {
                 assert!([200, 409].contains(&ended.status), "{}", ended.text());
             }
         }
+        Place { episode, claimed, run }
+    }
+
+    async fn place(&self, stage: Stage, wanted: Wanted, is_refused: bool) -> Place {
+        let known = self.refused.lock().expect("no panics").iter().find_map(|(of, what, place)| {
+            (is_refused && (*of, *what) == (stage, wanted)).then(|| place.clone())
+        });
+        if let Some(place) = known {
+            return place;
+        }
+        let place = self.new_place(stage, wanted).await;
+        if is_refused {
+            self.refused.lock().expect("no panics").push((stage, wanted, place.clone()));
+        }
+        place
+    }
+
+    /// Asks as somebody would who is entitled to.
+    async fn ask(
+        &self,
+        (method, path, operation): (&Method, &str, &str),
+        kind: Kind,
+        stage: Stage,
+        is_refused: bool,
+    ) -> Answer {
+        let is_of_run = path.starts_with("/api/v1/runs/{id}");
+        let wanted = Wanted { is_of_run, by_run: kind == Run };
+        let Place { episode, claimed, run } = self.place(stage, wanted, is_refused).await;
+        let text = |value: &Value| value.as_str().expect("a text").to_owned();
         let id = match operation {
             "revoke_key" => self.app.key(json!({ "name": "to be revoked" })).await.1,
             "cancel_competition" => Cup::with(&self.app, json!({})).await.id,
@@ -517,9 +560,13 @@ impl World {
             "create_episode" => call.json(&request("owner")),
             "create_claim" | "change_competition" => call.json(&json!({})),
             "fork_episode" => call.json(&json!({ "round": 0 })),
-            "create_key" | "add_member" => call.json(&json!({ "name": "somebody" })),
+            "create_key" => call.json(&json!({ "name": "somebody" })),
             "create_competition" => call.json(&crate::cup::request()),
             "create_codes" => call.json(&json!({ "labels": ["somebody"] })),
+            "add_member" => {
+                let number = self.names.fetch_add(1, Ordering::Relaxed);
+                call.json(&json!({ "name": format!("somebody {number}") }))
+            }
             "register_entrant" => {
                 let number = self.names.fetch_add(1, Ordering::Relaxed);
                 call.json(&json!({ "name": format!("somebody {number}"), "model": "m" }))
@@ -564,9 +611,11 @@ async fn check_all(private: bool, mixed: bool, stages: &[(&'static str, bool)]) 
         for (method, path, operation, responses) in operations() {
             // A run has no seats for others.
             for kind in KINDS.into_iter().filter(|kind| !(mixed && *kind == Run)) {
-                let answer = world.ask(&method, &path, &operation, kind, stage).await;
+                let refused_with = refusal(&operation, kind, stage);
+                let route = (&method, path.as_str(), operation.as_str());
+                let answer = world.ask(route, kind, stage, refused_with.is_some()).await;
                 let what = || format!("{operation} with {kind:?} in {stage:?}: {}", answer.text());
-                if let Some(expected) = refusal(&operation, kind, stage) {
+                if let Some(expected) = refused_with {
                     assert_eq!(answer.status, expected, "{}", what());
                     refused += 1;
                 } else {
@@ -588,9 +637,12 @@ async fn check_tools(private: bool, mixed: bool, stages: &[(&'static str, bool)]
         let stage = Stage { visibility, ended, private, mixed };
         for (tool, operation) in [("the tool look", "get_obs"), ("the tool act", "post_act")] {
             for kind in KINDS.into_iter().filter(|kind| !(mixed && *kind == Run)) {
-                let result = result(&world.ask(&Method::POST, "/mcp", tool, kind, stage).await);
+                let refused_with = refusal(operation, kind, stage);
+                let route = (&Method::POST, "/mcp", tool);
+                let answer = world.ask(route, kind, stage, refused_with.is_some()).await;
+                let result = result(&answer);
                 let status = result["structuredContent"]["status"].as_u64();
-                if let Some(expected) = refusal(operation, kind, stage) {
+                if let Some(expected) = refused_with {
                     assert_eq!(status, Some(expected.into()), "{tool} with {kind:?} in {stage:?}");
                 } else {
                     let good = result["isError"] == false || status == Some(409);

@@ -410,6 +410,8 @@ async fn competitions(app: &TestApp, facts: &mut Facts) {
     });
     let made = app.post(&open.path("/entrants")).json(&entry).ok().await;
     let entrant = Entrant { id: text(&made["id"]), key: text(&made["key"]) };
+    let renamed = app.call(Method::PATCH, &open.path(&format!("/entrants/{}", entrant.id)));
+    renamed.token(&entrant.key).json(&json!({ "name": "an old one" })).ok().await;
     crate::cup::pass_minutes(app, 60).await;
     closed.closed(app).await;
     crate::cup::pass_minutes(app, 60).await;
@@ -517,6 +519,10 @@ fn check_same(place: &str, before: &Value, now: &Value) {
             // Intervals are computed by another method since.
             for (field, before) in before.iter().filter(|(field, _)| *field != "difference") {
                 let now = now.get(field).unwrap_or_else(|| panic!("{place} has no {field} now"));
+                // Earlier versions named a prompt of players that read none.
+                if field == "prompt" && (now == "none" || now.is_null()) {
+                    continue;
+                }
                 check_same(&format!("{place} → {field}"), before, now);
             }
         }

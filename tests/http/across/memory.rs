@@ -16,14 +16,19 @@ fn metric(text: &str, name: &str) -> u64 {
 
 /// Waits for the server's next sweep.
 pub(crate) async fn until_in_memory(app: &TestApp, expected: u64) {
+    until(app, "swarmbench_episodes_in_memory", expected).await;
+}
+
+/// Lets time pass until `/metrics` counts this many. What is stored comes first, and is counted when the server knows that it is.
+async fn until(app: &TestApp, name: &str, expected: u64) {
     for _ in 0..2_000 {
         let metrics = app.get("/metrics").send().await.text();
-        if metric(&metrics, "swarmbench_episodes_in_memory") == expected {
+        if metric(&metrics, name) == expected {
             return;
         }
         app.pass(Duration::from_secs(1));
     }
-    panic!("there are never {expected} episodes in memory");
+    panic!("{name} is never {expected}");
 }
 
 #[needs(own_server)]
@@ -85,8 +90,7 @@ async fn forgotten_episodes_are_abandoned_in_memory_or_not() {
         }
         assert_eq!(app.show(&other).await["result"]["reason"], "idle");
     }
-    let metrics = app.get("/metrics").send().await.text();
-    assert_eq!(metric(&metrics, "swarmbench_episodes_unfinished"), 0);
+    until(&app, "swarmbench_episodes_unfinished", 0).await;
 }
 
 /// A world of about 200 kB in its first round.

@@ -215,13 +215,72 @@ async fn the_guide_is_done_as_it_is_written() {
     assert_eq!(csv.lines().count(), 4);
 }
 
+const EXAMPLE: &str = include_str!("../../../examples/competition.toml");
+
 /// The example is a competition that the server takes, with every field that there is.
 #[tokio::test]
 async fn the_example_has_every_field() {
-    let example = include_str!("../../../examples/competition.toml");
     let fields = &DOCUMENT["components"]["schemas"]["CompetitionRequest"]["properties"];
     for field in fields.as_object().expect("a schema").keys() {
         let named = [format!("{field} ="), format!("[{field}]"), format!("[[{field}]]")];
-        assert!(named.iter().any(|named| example.contains(named)), "{field} is missing");
+        assert!(named.iter().any(|named| EXAMPLE.contains(named)), "{field} is missing");
     }
+}
+
+/// The field that a line of the example gives as a comment.
+fn commented(line: &str) -> Option<&str> {
+    let (name, _) = line.strip_prefix("# ")?.split_once(" = ")?;
+    name.chars().all(|letter| letter.is_ascii_lowercase() || letter == '_').then_some(name)
+}
+
+#[tokio::test]
+async fn each_commented_field_of_the_example_can_be_uncommented_where_it_stands() {
+    let app = crate::cup::server().await;
+    let shell = Shell::new(&app, Some(app.organizer.clone()));
+    let fields: Vec<&str> = EXAMPLE.lines().filter_map(commented).collect();
+    for field in ["attempts_per_day", "terms", "public_seeds", "memory", "max_delay"] {
+        assert!(fields.contains(&field), "{field} is no comment: {fields:?}");
+    }
+    let with = |is: &dyn Fn(&str) -> bool| {
+        let uncommented = |line: &'static str| match commented(line) {
+            Some(field) if is(field) => &line["# ".len()..],
+            _ => line,
+        };
+        EXAMPLE.lines().map(uncommented).collect::<Vec<_>>().join("\n")
+    };
+    let alone = fields.iter().map(|field| with(&|other| other == *field));
+    for definition in alone.chain([with(&|_| true)]) {
+        let file = shell.folder.path().join("cup.toml");
+        std::fs::write(file, definition).expect("a file");
+        shell.run("swarmbench competition create cup.toml").await;
+    }
+}
+
+#[tokio::test]
+async fn who_creates_a_competition_is_told_where_entrants_enter_and_that_it_is_open_already() {
+    let app = crate::cup::server().await;
+    let shell = Shell::new(&app, Some(app.organizer.clone()));
+    let said = shell.run("CUP=$(swarmbench competition create examples/competition.toml)").await;
+    let id = shell.variable("CUP").await;
+    assert!(said.contains("opens at 2027-03-01T12:00:00.000Z, and closes at"), "{said}");
+    assert!(said.contains(&format!("on the page /competitions/{id} of this server")), "{said}");
+    assert!(said.contains(&format!("{}/ is good on this machine alone", app.base())), "{said}");
+    let past = EXAMPLE.replacen("opens_at = 2027-", "opens_at = 2025-", 1);
+    std::fs::write(shell.folder.path().join("past.toml"), past).expect("a file");
+    let said = shell.run("swarmbench competition create past.toml").await;
+    assert!(said.contains("is open already, as its opens_at, 2025-03-01T12:00:00.000Z,"), "{said}");
+}
+
+#[tokio::test]
+async fn terms_are_given_as_a_text_or_in_a_file() {
+    let app = crate::cup::server().await;
+    let shell = prepared(&app).await;
+    let change = "swarmbench competition change \"$CUP\"";
+    let said = shell.run(&format!("{change} --terms-text 'Be fair: <b>all</b>.'")).await;
+    assert!(said.contains("version 1") && said.contains("Be fair: <b>all</b>."), "{said}");
+    let said =
+        shell.run(&format!("echo 'Be quick.' > terms.txt\n{change} --terms terms.txt")).await;
+    assert!(said.contains("version 2") && said.contains("Be quick."), "{said}");
+    let said = shell.run(&format!("{change} --terms 'Be fair.' && exit 9 || true")).await;
+    assert!(said.contains("--terms takes a file, --terms-text a text; Be fair."), "{said}");
 }

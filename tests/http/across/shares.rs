@@ -102,7 +102,7 @@ async fn practice_takes_places_of_its_competition() {
 }
 
 #[tokio::test]
-async fn a_run_of_an_excluded_entrant_opens_no_more_games_until_it_is_readmitted() {
+async fn a_run_of_an_entrant_that_has_left_opens_no_more_games_until_it_is_readmitted() {
     let mut app = TestApp::builder().manual_clock().keys().start().await;
     let cup = Cup::open(&app, json!({ "parallel": 1 })).await;
     let blue = cup.enter(&app, "blue").await;
@@ -112,7 +112,7 @@ async fn a_run_of_an_excluded_entrant_opens_no_more_games_until_it_is_readmitted
         let shown = app.get(&path).token(&app.organizer).ok().await;
         list(&shown["games"]).iter().filter(|game| !game["episode"].is_null()).count()
     };
-    cup.change(&app, &blue, json!({ "status": "disqualified", "reason": "two teams" })).await;
+    cup.change(&app, &blue, json!({ "status": "withdrawn" })).await;
     for _ in 0..3 {
         attempt.act(&app, 1).await;
     }

@@ -71,6 +71,7 @@ pub(super) fn definition(model: &str, games: usize) -> Definition {
         name: "small".to_owned(),
         tasks: vec!["Synchronization".to_owned()],
         seeds: seeds(games),
+        seeds_by_task: false,
         rules: "paper".to_owned(),
         settings,
     };
@@ -178,6 +179,7 @@ impl Offline {
             visibility: "public",
             attempt: None,
             replays: None,
+            closes_at: None,
             at: self.clock.now(),
             idempotency: None,
             token: None,

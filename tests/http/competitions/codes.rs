@@ -1,8 +1,9 @@
 //! Invitation codes.
 
+use reqwest::Method;
 use serde_json::{Value, json};
 
-use crate::app::fields;
+use crate::app::{fields, list, texts};
 use crate::cup::{Cup, pass_minutes, server};
 
 #[tokio::test]
@@ -54,4 +55,25 @@ async fn an_invitation_code_is_good_once() {
     enter("late", json!(code(1))).problem(409, "closed").await;
     let call = app.post(&cup.path("/codes")).token(&app.organizer);
     call.json(&json!({ "labels": ["late"] })).problem(409, "closed").await;
+}
+
+#[tokio::test]
+async fn the_label_of_a_code_is_erased_with_the_entrant_that_used_it() {
+    let app = server().await;
+    let cup = Cup::with(&app, json!({ "entry": "codes" })).await;
+    let labels = json!({ "labels": ["Ada L. <ada@example.org>", "grace"] });
+    let made = app.post(&cup.path("/codes")).token(&app.organizer).json(&labels).ok().await;
+    let entry = json!({ "name": "blue", "model": "m", "code": made["items"][0]["code"] });
+    let blue = app.post(&cup.path("/entrants")).json(&entry).ok().await;
+    let (id, key) = (blue["id"].as_str().expect("an id"), blue["key"].as_str().expect("a key"));
+    let path = cup.path(&format!("/entrants/{id}"));
+    app.call(Method::DELETE, &path).token(key).ok().await;
+    let codes = app.get(&cup.path("/codes")).token(&app.organizer).ok().await;
+    let mut left = texts(&list(&codes["items"]), "label");
+    left.sort();
+    assert_eq!(left, [&*format!("erased {id}"), "grace"]);
+    for read in ["/api/v1/audit", &cup.path("/actions")] {
+        let all = app.get(read).token(&app.organizer).ok().await.to_string();
+        assert!(!all.contains("Ada"), "{read}: {all}");
+    }
 }

@@ -278,7 +278,7 @@ async fn every_forgery_is_found_though_its_chain_fits() {
     let Line::Attempt(gone) = &mut forged.0[attempts[1]].0 else { panic!("no attempt") };
     gone.voided = Some("a power cut".to_owned());
     gone.games.clear();
-    refused(&forged.write(), "row ");
+    refused(&forged.write(), "no action says so");
     // One that did not count is left out altogether.
     let mut forged = file.clone();
     forged.0.drain(attempts[0]..attempts[1]);
@@ -421,8 +421,12 @@ async fn a_program_that_was_written_from_the_documents_checks_all_that_a_file_ma
     let shown: Vec<_> = rows.iter().map(|row| row["entrant"]["name"].as_str()).collect();
     assert_eq!(shown, names.iter().map(|name| Some(*name)).collect::<Vec<_>>(), "{said}");
     assert_eq!(names[2], "blue", "it has invalid answers");
-    let first = app.get(&format!("/api/v1/exports/competitions/{}?format=1", cup.id)).send().await;
-    example(&first.text()).unwrap_or_else(|problem| panic!("{problem}"));
+    for older in [1, 2] {
+        let path = format!("/api/v1/exports/competitions/{}?format={older}", cup.id);
+        let problem = app.get(&path).problem(422, "invalid").await;
+        let detail = problem["detail"].as_str().expect("a text");
+        assert!(detail.contains("seeds of its own"), "{detail}");
+    }
 
     // It finds what is changed in a file whose hashes fit.
     let known = File::read(&file);
@@ -435,7 +439,12 @@ async fn a_program_that_was_written_from_the_documents_checks_all_that_a_file_ma
 /// What is forged, and what the program says of it.
 type Forgery = (&'static str, fn(&mut Line));
 
-const FORGERIES: [Forgery; 4] = [
+const FORGERIES: [Forgery; 5] = [
+    ("seeds_by_task", |line| {
+        if let Line::Competition(competition) = line {
+            competition.format = 2;
+        }
+    }),
     ("row", |line| {
         if let Line::Competition(competition) = line {
             competition.definition.tie_breaks.clear();
@@ -457,3 +466,25 @@ const FORGERIES: [Forgery; 4] = [
         }
     }),
 ];
+
+#[tokio::test]
+async fn the_file_of_an_older_competition_has_the_format_that_it_needs() {
+    for (change, usual) in [(json!({}), 1), (json!({ "spares": 1 }), 2)] {
+        let app = server().await;
+        let cup = Cup::open_before_seeds_by_task(&app, change).await;
+        assert_eq!(cup.show(&app).await["seeds_by_task"], false);
+        let attempt = cup.start(&app, &cup.enter(&app, "blue").await).await;
+        attempt.play(&app, 1).await;
+        crate::cup::pass_minutes(&app, 90).await;
+        cup.closed(&app).await;
+        for asked in [None, Some(1), Some(2)] {
+            let query = asked.map_or(String::new(), |format: u32| format!("?format={format}"));
+            let path = format!("/api/v1/exports/competitions/{}{query}", cup.id);
+            let file = app.get(&path).send().await.text();
+            let report = check(&file, Expected::default()).expect("it is true");
+            assert_eq!(report.competition.format, asked.unwrap_or(usual));
+            assert!(!file.contains("seeds_by_task"));
+            example(&file).unwrap_or_else(|problem| panic!("{problem}"));
+        }
+    }
+}

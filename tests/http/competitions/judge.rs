@@ -50,6 +50,51 @@ async fn a_judge_reads_sealed_games_and_that_is_in_the_audit_log() {
     assert!(actions.contains(&"competition.export".to_owned()), "{actions:?}");
 }
 
+/// How often the audit log has a look at something sealed.
+async fn looks(app: &TestApp, subject: &str) -> usize {
+    let log = app.get("/api/v1/audit?limit=1000").token(&app.organizer).ok().await;
+    let is_look = |entry: &&Value| entry["action"] == "sealed.read" && entry["subject"] == subject;
+    list(&log["items"]).iter().filter(is_look).count()
+}
+
+#[tokio::test]
+async fn whoever_sees_a_sealed_seed_is_in_the_audit_log() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let blue = cup.enter(&app, "blue").await;
+    let attempt = cup.start(&app, &blue).await;
+    attempt.play(&app, 1).await;
+    let game = attempt.episodes(&app).await[0]["id"].as_str().expect("an id").to_owned();
+    for token in [&judge(&app).await, &app.organizer] {
+        let get = |path: &str| app.get(path).token(token);
+        let lists = [
+            get("/api/v1/episodes?limit=1000").ok().await,
+            get(&format!("/api/v1/episodes?run={}", attempt.run)).ok().await,
+            get("/api/v1/runs").ok().await,
+        ];
+        for item in lists.iter().flat_map(|page| list(&page["items"])) {
+            let seed = [&item["config"]["seed"], &item["suite"]["seeds"], &item["suite"]["digest"]];
+            assert!(seed.iter().all(|seed| seed.is_null()), "{item}");
+        }
+        for (subject, root, parts) in [
+            (&attempt.run, "runs", ["", "/scores", "/metrics", "/events"].as_slice()),
+            (&game, "episodes", ["", "/scores", "/metrics", "/events", "/journal"].as_slice()),
+        ] {
+            for part in parts {
+                let before = looks(&app, subject).await;
+                let path = format!("/api/v1/{root}/{subject}{part}");
+                // Events of a run that has ended end, too, but nobody needs to wait for it.
+                assert_eq!(get(&path).open().await.status(), 200, "{path}");
+                assert_eq!(looks(&app, subject).await, before + 1, "{path}");
+            }
+        }
+        let shown = get(&format!("/api/v1/runs/{}", attempt.run)).ok().await;
+        assert!(shown["suite"]["seeds"].is_array(), "{shown}");
+        let shown = get(&format!("/api/v1/episodes/{game}")).ok().await;
+        assert!(shown["config"]["seed"].is_number(), "{shown}");
+    }
+}
+
 #[tokio::test]
 async fn a_judge_changes_nothing_and_plays_nowhere() {
     let app = server().await;

@@ -81,7 +81,7 @@ async fn an_extended_window_holds_for_all_games_that_are_opened_afterwards() {
     cup.closed(&app).await;
     let file = cup.export(&app).await;
     let report = check(&file).expect("the file of an extended competition");
-    assert_eq!((report.competition.format, report.actions.len(), report.episodes), (2, 1, 4));
+    assert_eq!((report.competition.format, report.actions.len(), report.episodes), (3, 1, 4));
     // The end of a game must be one that its window had when it was opened.
     let early =
         file.replace("\"from\":\"2026-03-01T12:30:00Z\"", "\"from\":\"2026-03-01T12:29:00Z\"");
@@ -212,6 +212,32 @@ async fn texts_are_corrected_and_a_rehearsal_is_hidden() {
 }
 
 #[tokio::test]
+async fn a_rehearsal_that_is_over_is_hidden_and_nothing_else_of_it_changes() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let blue = cup.enter(&app, "blue").await;
+    cup.start(&app, &blue).await.play(&app, 0).await;
+    app.pass(Duration::from_hours(1));
+    let closed = cup.closed(&app).await;
+    let published = cup.export(&app).await;
+    let both = json!({ "hidden": true, "name": "another cup" });
+    change(&app, &cup, &both).problem(409, "closed").await;
+    change(&app, &cup, &json!({ "reason": "none" })).problem(409, "closed").await;
+    let hidden = change(&app, &cup, &json!({ "hidden": true, "reason": "a rehearsal" })).ok().await;
+    assert_eq!(
+        (&hidden["hidden"], &hidden["name"], &hidden["closes_at"]),
+        (&json!(true), &closed["name"], &closed["closes_at"])
+    );
+    let shown = async || list(&app.get("/api/v1/competitions").ok().await["items"]).len();
+    assert_eq!(shown().await, 0);
+    assert_eq!(actions(&app, &cup).await[0]["detail"]["changes"][0]["field"], "hidden");
+    assert_eq!(cup.export(&app).await, published, "its head stays");
+    check(&published).expect("the file of a hidden competition");
+    change(&app, &cup, &json!({ "hidden": false })).ok().await;
+    assert_eq!(shown().await, 1);
+}
+
+#[tokio::test]
 async fn a_cancelled_competition_ends_and_its_seeds_stay_sealed_until_its_end() {
     let app = server().await;
     let cup = Cup::open(&app, json!({})).await;
@@ -245,13 +271,14 @@ async fn a_cancelled_competition_ends_and_its_seeds_stay_sealed_until_its_end() 
         app.pass(Duration::from_millis(100));
     }
     let report = check(&cup.export(&app).await).expect("the file");
-    assert_eq!((report.competition.format, report.actions.len()), (2, 1));
+    assert_eq!((report.competition.format, report.actions.len()), (3, 1));
 }
 
 #[tokio::test]
 async fn a_voided_attempt_is_played_again_on_spare_seeds_and_marked_on_the_board() {
     let app = server().await;
-    let cup = Cup::open(&app, json!({ "attempts": 1, "spares": 1, "parallel": 4 })).await;
+    let change = json!({ "attempts": 1, "spares": 1, "parallel": 4 });
+    let cup = Cup::open_before_seeds_by_task(&app, change).await;
     let blue = cup.enter(&app, "blue").await;
     let seeds = async |attempt: &Attempt| -> BTreeSet<u64> {
         let episodes = attempt.episodes(&app).await;

@@ -3,30 +3,51 @@
 use serde_json::{Value, json};
 
 use crate::app::{TestApp, list, texts};
-use crate::cup::{Cup, server};
+use crate::cup::{Cup, pass_minutes, server};
 
 async fn games(app: &TestApp, run: &str, key: &str) -> Vec<Value> {
     list(&app.get(&format!("/api/v1/runs/{run}")).token(key).ok().await["games"])
 }
 
+/// A cup whose first window closes at 12:40, twenty minutes before the cup.
+async fn open(app: &TestApp) -> Cup {
+    let window =
+        |closes_at: &str| json!({ "opens_at": "2026-03-01T12:10:00Z", "closes_at": closes_at });
+    let attempts = [window("2026-03-01T12:40:00Z"), window("2026-03-01T13:00:00Z")];
+    Cup::open(app, json!({ "own_games": "ended", "parallel": 1, "attempts": attempts })).await
+}
+
+const PARTS: [&str; 5] = ["/journal", "/state", "/replay", "/scores", "/verification"];
+
 #[tokio::test]
-async fn an_entrant_reads_its_own_games_once_they_have_ended_where_that_is_allowed() {
+async fn an_entrant_reads_its_own_games_once_their_window_has_closed() {
     let app = server().await;
-    let cup = Cup::open(&app, json!({ "own_games": "ended", "parallel": 1 })).await;
+    let cup = open(&app).await;
     assert_eq!(cup.created["own_games"], "ended");
     let (blue, red) = (cup.enter(&app, "blue").await, cup.enter(&app, "red").await);
     let attempt = cup.start(&app, &blue).await;
-    // The first game ends, and the second one runs.
-    for _ in 0..3 {
-        attempt.act(&app, 4).await;
-    }
-    attempt.look(&app).await;
-    let own = games(&app, &attempt.run, &blue.key).await;
-    let ids = texts(&own[..2], "episode");
-    assert!(own[0]["score"].is_number() && own[0]["seed"].is_number(), "{own:?}");
-    assert!(own[1]["score"].is_null() && own[1]["seed"].is_null(), "{own:?}");
+    attempt.play(&app, 0).await;
+    let later = cup.start(&app, &blue).await;
+    later.play(&app, 0).await;
     let read = |id: &str, rest: &str| app.get(&format!("/api/v1/episodes/{id}{rest}"));
-    for rest in ["/journal", "/state", "/replay", "/scores", "/verification"] {
+    let listed = |key: &str| app.get("/api/v1/episodes").token(key);
+
+    // Red may still play on these seeds.
+    let own = games(&app, &attempt.run, &blue.key).await;
+    assert!(own.iter().all(|game| game["score"].is_null() && game["seed"].is_null()), "{own:?}");
+    let ids = texts(&own, "episode");
+    for rest in PARTS {
+        read(&ids[0], rest).token(&blue.key).problem(403, "forbidden").await;
+    }
+    assert_eq!(list(&listed(&blue.key).ok().await["items"]).len(), 0);
+
+    pass_minutes(&app, 31).await;
+    let own = games(&app, &attempt.run, &blue.key).await;
+    assert!(
+        own.iter().all(|game| game["score"].is_number() && game["seed"].is_number()),
+        "{own:?}"
+    );
+    for rest in PARTS {
         let answer = read(&ids[0], rest).token(&blue.key).send().await;
         assert_eq!(answer.status, 200, "{rest}: {}", answer.text());
         for other in [&red.key, &attempt.swarm] {
@@ -35,17 +56,63 @@ async fn an_entrant_reads_its_own_games_once_they_have_ended_where_that_is_allow
         }
         let answer = read(&ids[0], rest).send().await;
         assert!([401, 403, 404].contains(&answer.status), "{rest}: {}", answer.text());
-        let answer = read(&ids[1], rest).token(&blue.key).send().await;
-        assert!([403, 404, 409].contains(&answer.status), "it runs: {rest}: {}", answer.text());
     }
-    let listed = |key: &str| app.get("/api/v1/episodes").token(key);
-    assert_eq!(texts(&list(&listed(&blue.key).ok().await["items"]), "id"), [ids[0].as_str()]);
+    let mut found = texts(&list(&listed(&blue.key).ok().await["items"]), "id");
+    let mut expected = ids.clone();
+    found.sort();
+    expected.sort();
+    assert_eq!(found, expected, "those of the attempt whose window has closed");
     assert_eq!(list(&listed(&red.key).ok().await["items"]).len(), 0);
+    let sealed = games(&app, &later.run, &blue.key).await;
+    assert!(sealed.iter().all(|game| game["seed"].is_null()), "{sealed:?}");
+
+    let extended = json!({ "attempts": [{ "attempt": 1, "closes_at": "2026-03-01T12:50:00Z" }] });
+    let call = app.call(reqwest::Method::PATCH, &cup.path("")).token(&app.organizer);
+    let problem = call.json(&extended).problem(422, "invalid").await;
+    assert!(
+        problem["detail"].as_str().is_some_and(|text| text.contains("read their games")),
+        "{problem}"
+    );
+}
+
+#[tokio::test]
+async fn a_window_that_is_extended_keeps_its_games_sealed_for_longer() {
+    let app = server().await;
+    let cup = open(&app).await;
+    let blue = cup.enter(&app, "blue").await;
+    let attempt = cup.start(&app, &blue).await;
     attempt.play(&app, 0).await;
-    let over = app.get(&format!("/api/v1/runs/{}", attempt.run)).token(&blue.key).ok().await;
-    assert!(list(&over["games"]).iter().all(|game| game["score"].is_number()), "{over}");
-    let board = app.get(&cup.path("/board")).ok().await;
-    assert_eq!(board["shows"], "totals");
+    let extended = json!({ "attempts": [{ "attempt": 1, "closes_at": "2026-03-01T12:50:00Z" }] });
+    let call = app.call(reqwest::Method::PATCH, &cup.path("")).token(&app.organizer);
+    call.json(&extended).ok().await;
+    pass_minutes(&app, 31).await;
+    let own = games(&app, &attempt.run, &blue.key).await;
+    assert!(own.iter().all(|game| game["seed"].is_null()), "{own:?}");
+    assert_eq!(list(&app.get("/api/v1/episodes").token(&blue.key).ok().await["items"]).len(), 0);
+    pass_minutes(&app, 10).await;
+    let own = games(&app, &attempt.run, &blue.key).await;
+    assert!(own.iter().all(|game| game["seed"].is_number()), "{own:?}");
+}
+
+/// What an entrant reads of one task tells nothing of the others.
+#[tokio::test]
+async fn each_task_has_seeds_of_its_own() {
+    let app = server().await;
+    let cup = open(&app).await;
+    assert_eq!(cup.created["seeds_by_task"], true);
+    let blue = cup.enter(&app, "blue").await;
+    let attempt = cup.start(&app, &blue).await;
+    attempt.play(&app, 0).await;
+    pass_minutes(&app, 31).await;
+    let own = games(&app, &attempt.run, &blue.key).await;
+    let seeds: std::collections::BTreeSet<_> =
+        own.iter().map(|game| game["seed"].as_u64().expect("a seed")).collect();
+    assert_eq!((own.len(), seeds.len()), (4, 4), "two tasks on two seeds: {own:?}");
+    let run = app.get(&format!("/api/v1/runs/{}", attempt.run)).token(&blue.key).ok().await;
+    assert_eq!((&run["suite"]["seeds_by_task"], &run["suite"]["games"]), (&json!(true), &json!(4)));
+    let listed: Vec<_> = list(&run["suite"]["seeds"]).iter().filter_map(Value::as_u64).collect();
+    let played: Vec<_> = own.iter().filter_map(|game| game["seed"].as_u64()).collect();
+    assert_eq!(listed, played, "in the order of the plan");
 }
 
 #[tokio::test]

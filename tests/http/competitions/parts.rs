@@ -23,7 +23,7 @@ async fn the_public_seeds_make_the_board_until_the_others_make_the_final_one() {
     let app = server().await;
     let mut suite = crate::cup::request()["suite"].clone();
     suite["public_seeds"] = json!(1);
-    let cup = Cup::open(&app, json!({ "suite": suite, "parallel": 1 })).await;
+    let cup = Cup::open_before_seeds_by_task(&app, json!({ "suite": suite, "parallel": 1 })).await;
     assert_eq!(cup.created["suite"]["public_seeds"], 1);
     let blue = cup.enter(&app, "blue").await;
     let attempt = cup.start(&app, &blue).await;
@@ -61,8 +61,8 @@ async fn the_public_seeds_make_the_board_until_the_others_make_the_final_one() {
 #[tokio::test]
 async fn equal_totals_are_ordered_by_the_rules_of_the_competition() {
     let app = server().await;
-    let cup =
-        Cup::open(&app, json!({ "tie_breaks": ["invalid", "earliest"], "board": "public" })).await;
+    let change = json!({ "tie_breaks": ["invalid", "earliest"], "board": "public" });
+    let cup = Cup::open_before_seeds_by_task(&app, change).await;
     assert_eq!(cup.created["tie_breaks"], json!(["invalid", "earliest"]));
     for name in ["blue", "red"] {
         let entrant = cup.enter(&app, name).await;
@@ -80,4 +80,25 @@ async fn equal_totals_are_ordered_by_the_rules_of_the_competition() {
     let ranks = |report: &Report| report.rows.iter().map(|row| row.rank).collect::<Vec<_>>();
     assert_eq!(ranks(&file(&app, &cup, 2).await), [Some(1), Some(2)]);
     assert_eq!(ranks(&file(&app, &cup, 1).await), [Some(1), Some(1)]);
+}
+
+/// The first seeds of each task are the public ones.
+#[tokio::test]
+async fn each_task_has_public_seeds_of_its_own() {
+    let app = server().await;
+    let mut suite = crate::cup::request()["suite"].clone();
+    suite["public_seeds"] = json!(1);
+    let cup = Cup::open(&app, json!({ "suite": suite, "parallel": 1 })).await;
+    let blue = cup.enter(&app, "blue").await;
+    cup.start(&app, &blue).await.play(&app, 1).await;
+    pass_minutes(&app, 60).await;
+    cup.closed(&app).await;
+    let row = |board: &Value| list(&board["items"])[0]["tasks"].clone();
+    for part in ["public", "final"] {
+        let board = app.get(&cup.path(&format!("/board?part={part}"))).ok().await;
+        let planned: Vec<_> =
+            list(&row(&board)).iter().map(|task| task["planned"].clone()).collect();
+        assert_eq!(planned, [json!(1), json!(1)], "{board}");
+    }
+    assert_eq!(file(&app, &cup, 3).await.rows.len(), 1);
 }

@@ -161,6 +161,61 @@ async fn a_contact_is_seen_by_organizers_and_its_entrant_alone_and_erased_with_i
 }
 
 #[tokio::test]
+async fn an_organizer_reads_all_contacts_at_once_and_the_audit_log_says_so() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({ "categories": ["models"] })).await;
+    let mut keys = Vec::new();
+    for (name, contact) in [
+        ("blue", json!("=HYPERLINK(\"x\")")),
+        ("red", json!("r@example.org")),
+        ("green", Value::Null),
+    ] {
+        let more = json!({ "contact": contact, "category": "models" });
+        let made = app.post(&cup.path("/entrants")).json(&entry(name, &more)).ok().await;
+        keys.push((made["id"].as_str().expect("an id").to_owned(), made["key"].clone()));
+    }
+    let path = cup.path("/contacts");
+    let all = app.get(&path).token(&app.organizer).ok().await;
+    let items = list(&all["items"]);
+    assert_eq!(
+        (texts(&items, "name"), &all["next_cursor"]),
+        (vec!["blue".into(), "red".into(), "green".into()], &Value::Null)
+    );
+    assert_eq!(items[1]["contact"], "r@example.org");
+    assert_eq!(items[2]["contact"], Value::Null);
+    let csv = app.get(&format!("{path}?format=csv&limit=2")).token(&app.organizer).send().await;
+    assert_eq!(
+        csv.text(),
+        format!(
+            "entrant,name,category,status,contact\r\n{},blue,models,active,\"'=HYPERLINK(\"\"x\"\")\"\r\n\
+             {},red,models,active,r@example.org\r\n",
+            keys[0].0, keys[1].0
+        )
+    );
+    let next = csv.header("x-next-cursor");
+    let rest = app.get(&format!("{path}?limit=1&cursor={next}")).token(&app.organizer).ok().await;
+    assert_eq!(texts(&list(&rest["items"]), "name"), ["green"]);
+    for limit in ["0", "1001"] {
+        app.get(&format!("{path}?limit={limit}"))
+            .token(&app.organizer)
+            .problem(400, "malformed")
+            .await;
+    }
+    let request = json!({ "name": "judge", "role": "judge" });
+    let judge = app.post("/api/v1/keys").token(&app.organizer).json(&request).ok().await;
+    for other in [&judge["secret"], &keys[0].1] {
+        let other = other.as_str().expect("a key");
+        app.get(&path).token(other).problem(403, "forbidden").await;
+    }
+    app.get(&path).problem(401, "unauthorized").await;
+    let log = list(&app.get("/api/v1/audit").token(&app.organizer).ok().await["items"]);
+    let reads = log.iter().filter(|entry| entry["action"] == "entrants.contacts");
+    assert_eq!(reads.count(), 3);
+    let shown = app.get(&cup.path("/actions")).ok().await.to_string();
+    assert!(!shown.contains("entrants.contacts"), "{shown}");
+}
+
+#[tokio::test]
 async fn definitions_with_impossible_frames_are_refused() {
     let app = server().await;
     for (change, field) in [

@@ -641,6 +641,7 @@ class SuiteView(TypedDict):
     digest: str | None
     tasks: list[str]
     seeds: list[int] | None
+    seeds_by_task: bool
     games: int
     settings: SuiteSettingsView
 

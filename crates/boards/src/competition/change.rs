@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use swarmbench_protocol::competition::Terms;
 
-use super::definition::{Definition, Problem, Window};
+use super::definition::{Definition, OwnGames, Problem, Window};
 
 /// A change; what is left out stays as it is.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -62,7 +62,15 @@ impl Definition {
             let own = (*attempt as usize).checked_sub(1);
             let window = own.and_then(|own| new.attempts.get_mut(own));
             problems.extend(if let Some(window) = window {
-                extend(format!("attempts[{place}].closes_at"), &mut window.closes_at, *to)
+                let field = format!("attempts[{place}].closes_at");
+                // Entrants read their games once the window has closed, and others would still play on these seeds.
+                if self.own_games == OwnGames::Ended && window.closes_at <= now {
+                    let closed = window.closes_at;
+                    let problem = format!("cannot be moved: the window closed at {closed}, and entrants read their games since");
+                    Some((field, problem))
+                } else {
+                    extend(field, &mut window.closes_at, *to)
+                }
             } else {
                 let count = self.attempts.len();
                 let problem = format!("must be from 1 to {count}, is {attempt}");
@@ -179,6 +187,18 @@ mod tests {
             fields(old.changed(&outside, at(20)).expect_err("it ends later")),
             ["attempts[0].closes_at"]
         );
+    }
+
+    #[test]
+    fn a_window_whose_games_are_open_to_entrants_stays_closed() {
+        let mut old = definition();
+        old.attempts[0].closes_at = at(50);
+        let change = Change { windows: vec![(1, at(60))], ..Change::default() };
+        assert!(old.changed(&change, at(50)).is_ok(), "nobody has read a game");
+        old.own_games = OwnGames::Ended;
+        assert!(old.changed(&change, at(49)).is_ok());
+        let problems = old.changed(&change, at(50)).expect_err("entrants read their games");
+        assert_eq!(fields(problems), ["attempts[0].closes_at"]);
     }
 
     #[test]

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use swarmbench_engine::{Config, Seed, SettingErrors, Settings, TaskName};
 
 use super::entrant::Declaration;
+use super::sealed::{Sealed, rules_seed};
 use crate::run;
 use swarmbench_protocol::competition::Terms;
 use swarmbench_protocol::status::Visibility;
@@ -98,6 +99,10 @@ pub struct Definition {
     /// What decides between equal totals, in this order.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub tie_breaks: Vec<TieBreak>,
+    /// Whether each task has seeds of its own. It is false in competitions that were created before; there a game that has ended
+    /// tells the seeds of all tasks.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub seeds_by_task: bool,
 }
 
 swarmbench_engine::named! {
@@ -433,30 +438,42 @@ impl Definition {
         u32::try_from(self.attempts.len()).unwrap_or(u32::MAX).saturating_add(spare)
     }
 
-    /// What is played in an attempt of the competition with this id, on these seeds.
+    /// What is played in an attempt of the competition with this id, counted from 1.
     #[must_use]
-    pub fn suite(&self, id: &str, seeds: Vec<Seed>) -> Suite {
+    pub fn suite(&self, id: &str, sealed: &Sealed, attempt: u32) -> Suite {
+        let of_attempt = sealed.of_attempt(attempt, self.seeds);
+        let seeds = if self.seeds_by_task {
+            let of_task = |task| of_attempt.clone().map(move |seed| rules_seed(seed, task));
+            self.tasks.iter().flat_map(|task| of_task(task.as_str())).collect()
+        } else {
+            of_attempt.map(|seed| rules_seed(seed, "")).collect()
+        };
+        Suite { seeds_by_task: self.seeds_by_task, ..self.suite_on(id, seeds) }
+    }
+
+    /// The games of all tasks on the same seeds.
+    fn suite_on(&self, id: &str, seeds: Vec<Seed>) -> Suite {
         Suite {
             name: id.to_owned(),
             tasks: self.tasks.clone(),
             seeds,
+            seeds_by_task: false,
             rules: self.rules.clone(),
             settings: self.settings.clone(),
         }
     }
 
-    /// The run of an attempt, counted from 1, with this declaration and these seeds. `None` if the competition has
-    /// fewer attempts.
+    /// The run of an attempt, counted from 1, with this declaration. `None` if the competition has fewer attempts.
     #[must_use]
     pub fn run(
         &self,
         id: &str,
         declaration: &Declaration,
         attempt: u32,
-        seeds: Vec<Seed>,
+        sealed: &Sealed,
     ) -> Option<run::Definition> {
         let window = self.window(attempt)?;
-        let suite = self.suite(id, seeds);
+        let suite = self.suite(id, sealed, attempt);
         Some(run::Definition {
             closes_at: Some(window.closes_at),
             ..self.run_of(declaration, suite)
@@ -491,7 +508,7 @@ impl Definition {
         tasks: Vec<String>,
         seeds: Vec<Seed>,
     ) -> run::Definition {
-        let suite = Suite { name: practice_suite(id), tasks, ..self.suite(id, seeds) };
+        let suite = Suite { name: practice_suite(id), tasks, ..self.suite_on(id, seeds) };
         run::Definition {
             visibility: Visibility::Owner.name().to_owned(),
             closes_at: Some(self.closes_at),
@@ -560,6 +577,7 @@ pub(crate) mod tests {
             categories: Vec::new(),
             tie_breaks: Vec::new(),
             own_games: OwnGames::Sealed,
+            seeds_by_task: true,
         }
     }
 

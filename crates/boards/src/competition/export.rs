@@ -7,8 +7,8 @@
 //! The order: the competition; what organizers did in it; its entrants; each attempt, followed by its episodes; the board; the
 //! end.
 //!
-//! Programs that know [`FIRST_FORMAT`] only can check a file of that format. It has no [`Action`]s, and spare attempts are
-//! attempts like others in it.
+//! A file has the oldest format that can tell the competition ([`format_of`]), so that older programs check it. The
+//! [`FIRST_FORMAT`] has no [`Action`]s, and spare attempts are attempts like others in it; only [`FORMAT`] knows seeds by task.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -22,7 +22,10 @@ use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::RawRecord;
 
 /// The version of this format.
-pub const FORMAT: u32 = 2;
+pub const FORMAT: u32 = 3;
+
+/// The version without seeds of each task.
+pub const SECOND_FORMAT: u32 = 2;
 
 /// The version without what organizers did, and without spare attempts.
 pub const FIRST_FORMAT: u32 = 1;
@@ -32,6 +35,9 @@ pub const CHANGE: &str = "competition.change";
 
 /// The action that cancels a competition.
 pub const CANCEL: &str = "competition.cancel";
+
+/// The action that voids an attempt.
+pub const VOID: &str = "attempt.void";
 
 /// A record of the file; its field `kind` says which.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -104,10 +110,16 @@ pub fn in_first_format(mut definition: Definition) -> Definition {
     }
 }
 
-/// Whether a definition can be told in [`FIRST_FORMAT`] without a loss.
+/// The oldest format that can tell a competition without a loss.
 #[must_use]
-pub fn fits_first_format(definition: &Definition) -> bool {
-    in_first_format(definition.clone()) == *definition
+pub fn format_of(definition: &Definition, has_actions: bool) -> u32 {
+    if definition.seeds_by_task {
+        FORMAT
+    } else if has_actions || in_first_format(definition.clone()) != *definition {
+        SECOND_FORMAT
+    } else {
+        FIRST_FORMAT
+    }
 }
 
 /// What an organizer did.

@@ -56,20 +56,19 @@ impl Sealed {
         hash.finalize().into()
     }
 
-    /// The seeds of the rules for an attempt, counted from 1, if each attempt has `each` seeds.
-    #[must_use]
-    pub fn of_attempt(&self, attempt: u32, each: u32) -> Vec<Seed> {
+    /// The sealed seeds of an attempt, counted from 1, if each attempt has `each` of them.
+    pub fn of_attempt(&self, attempt: u32, each: u32) -> impl Iterator<Item = &SealedSeed> + Clone {
         let (attempt, each) = (attempt as usize, each as usize);
-        let first = attempt.saturating_sub(1) * each;
-        self.seeds.iter().skip(first).take(each).map(rules_seed).collect()
+        self.seeds.iter().skip(attempt.saturating_sub(1) * each).take(each)
     }
 }
 
-/// The seed of the rules that belongs to a sealed one: the first 8 bytes (big-endian) of its SHA-256, shifted
-/// right by 11. What is left are 53 bits, as many as the rules take.
+/// The seed of the rules that belongs to a sealed one: the first 8 bytes (big-endian) of the SHA-256 of the sealed seed and the
+/// name of the task, shifted right by 11. What is left are 53 bits, as many as the rules take. The name is empty where all
+/// tasks are played on the same seeds; with it nobody can tell the seed of one task from that of another.
 #[must_use]
-pub fn rules_seed(seed: &SealedSeed) -> Seed {
-    let hash = Sha256::digest(seed);
+pub fn rules_seed(seed: &SealedSeed, task: &str) -> Seed {
+    let hash = Sha256::new().chain_update(seed).chain_update(task).finalize();
     let first = hash.first_chunk::<8>().expect("a hash has 32 bytes");
     (u64::from_be_bytes(*first) >> 11).try_into().expect("53 bits")
 }
@@ -84,8 +83,9 @@ mod tests {
     #[test]
     fn seeds_and_commitment_are_those_of_another_program() {
         let seed: SealedSeed = std::array::from_fn(|byte| u8::try_from(byte).expect("small"));
-        assert_eq!(rules_seed(&seed).get(), 6_694_623_049_201_638);
-        assert_eq!(rules_seed(&[0xff; 16]).get(), 3_193_895_295_640_266);
+        assert_eq!(rules_seed(&seed, "").get(), 6_694_623_049_201_638);
+        assert_eq!(rules_seed(&[0xff; 16], "").get(), 3_193_895_295_640_266);
+        assert_eq!(rules_seed(&seed, "Foraging").get(), 2_251_721_069_523_158);
         let sealed = Sealed { salt: [7; 32], seeds: vec![seed, [0xff; 16]] };
         let commitment = data_encoding::HEXLOWER.encode(&sealed.commitment());
         assert_eq!(commitment, "5e0c35c4e99c1aa7f8185d588a66fa04ec590e975eacfdf5ebf3a26a66d86a5f");
@@ -95,11 +95,10 @@ mod tests {
     #[test]
     fn every_attempt_has_seeds_of_its_own() {
         let sealed = Sealed::draw(6, &SeededEntropy::new(3));
-        let all: std::collections::BTreeSet<_> = sealed.seeds.iter().map(rules_seed).collect();
+        let all: std::collections::BTreeSet<_> = sealed.seeds.iter().collect();
         assert_eq!(all.len(), 6);
-        let attempts: Vec<Seed> =
-            (1..=3).flat_map(|attempt| sealed.of_attempt(attempt, 2)).collect();
-        assert_eq!(attempts, sealed.seeds.iter().map(rules_seed).collect::<Vec<_>>());
-        assert!(sealed.of_attempt(4, 2).is_empty());
+        let attempts: Vec<_> = (1..=3).flat_map(|attempt| sealed.of_attempt(attempt, 2)).collect();
+        assert_eq!(attempts, sealed.seeds.iter().collect::<Vec<_>>());
+        assert_eq!(sealed.of_attempt(4, 2).count(), 0);
     }
 }

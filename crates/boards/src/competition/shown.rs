@@ -79,6 +79,7 @@ pub fn competition(
         terms: definition.terms.clone(),
         categories: definition.categories.clone(),
         own_games: definition.own_games.name().to_owned(),
+        seeds_by_task: definition.seeds_by_task,
         tie_breaks: definition.tie_breaks.iter().map(|rule| rule.name().to_owned()).collect(),
         commitment: hex(commitment),
         salt,

@@ -5,12 +5,11 @@
 //! definition.
 
 use std::cmp::Ordering;
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use swarmbench_engine::Seed;
 use swarmbench_prompt::Identity;
 use swarmbench_protocol::board::RowDifference;
 use swarmbench_protocol::failure::Failures;
@@ -67,12 +66,14 @@ impl Attempt {
     #[must_use]
     pub fn part(mut self, definition: &Definition, part: Part) -> Self {
         if definition.public_seeds > 0 {
-            let public: HashSet<Seed> = (0..definition.seeds)
+            // The plan has the seeds of one task after the other.
+            let public: BTreeSet<Slot> = (0..definition.seeds)
+                .cycle()
                 .zip(&self.plan)
-                .take(definition.public_seeds as usize)
-                .map(|(_, slot)| slot.seed)
+                .filter(|(place, _)| *place < definition.public_seeds)
+                .map(|(_, slot)| *slot)
                 .collect();
-            let is_in = |slot: &Slot| public.contains(&slot.seed) == (part == Part::Public);
+            let is_in = |slot: &Slot| public.contains(slot) == (part == Part::Public);
             self.plan.retain(is_in);
             self.games.retain(|game| is_in(&game.slot));
         }
@@ -173,6 +174,7 @@ pub fn result(definition: &Definition, entrant: &Entrant, attempt: &Attempt) -> 
         vouched: entrant.vouched,
         decentralization: decentralization(&definition.settings.control),
         is_human: is_human(&declaration.agent_meta),
+        prompt: Some(declaration.prompt().to_string()),
         answer_reader: Some(definition.settings.answer_reader.clone()),
     };
     RunResult::new(run, &attempt.plan, &attempt.games, attempt.is_over)
@@ -432,7 +434,7 @@ fn standing(
 #[cfg(test)]
 mod tests {
     use sha2::{Digest, Sha256};
-    use swarmbench_engine::TaskName;
+    use swarmbench_engine::{Seed, TaskName};
 
     use super::super::definition::tests::{at, definition};
     use swarmbench_protocol::carried::Carried;

@@ -17,7 +17,7 @@ use swarmbench_engine::physics::Solver;
 use super::change::Changed;
 use super::definition::{Definition, Window};
 use super::entrant::Entrant;
-use super::export::{self, FIRST_FORMAT, FORMAT, Line};
+use super::export::{self, FIRST_FORMAT, FORMAT, Line, VOID};
 use super::replays::{Replays, Waiting};
 use super::sealed::{SALT_BYTES, SEED_BYTES, Sealed};
 use super::standings::{Attempt, Part, Row, standings};
@@ -28,6 +28,12 @@ use swarmbench_journal::replay::{self, Report as Played, check_line};
 use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::status::RunStatus;
 use swarmbench_protocol::suite::Game as Planned;
+
+/// The first format in which the status of an attempt has to fit the ends of its games, and each voided attempt has its action.
+const FIRST_FORMAT_WITH_CHECKED_ATTEMPTS: u32 = 2;
+
+/// Why a game ended that ran when its attempt closed.
+const CLOSED: &str = "closed";
 
 /// What is wrong with a file.
 #[derive(Debug, thiserror::Error)]
@@ -218,6 +224,9 @@ fn check_competition(
     if !(FIRST_FORMAT..=FORMAT).contains(format) {
         return Err(format!("format {format} is not known, only {FIRST_FORMAT} to {FORMAT}"));
     }
+    if definition.seeds_by_task && *format < FORMAT {
+        return Err(format!("seeds_by_task needs format {FORMAT}, and the file says {format}"));
+    }
     let problems = definition.problems(competition.created_at);
     if let Some((field, problem)) = problems.first() {
         return Err(format!("{field} {problem}"));
@@ -273,6 +282,8 @@ struct Checker<'a> {
     attempts: Vec<Attempt>,
     /// The runs of all attempts.
     runs: HashSet<String>,
+    /// The runs that organizers voided, with the reasons.
+    voids: HashSet<(String, String)>,
     /// The attempts of each entrant that were not voided, and those that were.
     played: HashSet<(usize, u32)>,
     voided: HashSet<(usize, u32)>,
@@ -313,6 +324,7 @@ impl<'a> Checker<'a> {
             entrant_of: HashMap::new(),
             attempts: Vec::new(),
             runs: HashSet::new(),
+            voids: HashSet::new(),
             played: HashSet::new(),
             voided: HashSet::new(),
             spares: HashSet::new(),
@@ -374,6 +386,11 @@ impl<'a> Checker<'a> {
         if !changed.is_empty() {
             self.changes.push((action.at, changed));
         }
+        if action.action == VOID
+            && let Some(reason) = action.detail["reason"].as_str()
+        {
+            self.voids.insert((action.subject.clone(), reason.to_owned()));
+        }
         self.actions.push(action);
         Ok(())
     }
@@ -432,6 +449,8 @@ impl<'a> Checker<'a> {
         let ends = Arc::new(self.definition().ends(published.attempt, &self.changes));
         let plan = run.suite.plan();
         self.status(published, plan.len()).map_err(|what| reader.wrong(what))?;
+        check_void(self.competition.format, published, &self.voids)
+            .map_err(|what| reader.wrong(what))?;
         let slots = plan.iter().map(|game| Slot {
             task: TaskName::parse(&game.task).expect("the definition was checked"),
             seed: game.seed,
@@ -521,7 +540,8 @@ impl<'a> Checker<'a> {
         let known = &mut self.attempts[attempt].games[game];
         let game = &published.games[game];
         let (published, planned) = (&published, &planned);
-        let check = GameCheck { published, game, run: &run, window, ends: &ends, planned };
+        let format = self.competition.format;
+        let check = GameCheck { format, published, game, run: &run, window, ends: &ends, planned };
         Self::check_game(&check, &played).map_err(|what| place.wrong(0, what))?;
         self.episodes += 1;
         self.rounds += u64::from(played.rounds);
@@ -581,16 +601,15 @@ impl<'a> Checker<'a> {
             return Err(format!("its run {} is there twice", published.run));
         }
         check_time("it was started", published.created_at, window)?;
-        let seeds = self.sealed.of_attempt(published.attempt, definition.seeds);
         let id = &self.competition.id;
         let declaration = &self.entrants[number].declaration;
-        let run = definition.run(id, declaration, published.attempt, seeds);
+        let run = definition.run(id, declaration, published.attempt, &self.sealed);
         Ok((window, run.ok_or("the competition has fewer attempts")?))
     }
 
     /// Checks that a game that plays again is the one that belongs in its place.
     fn check_game(check: &GameCheck<'_>, played: &Played) -> Result<(), String> {
-        let GameCheck { published, game, run, window, ends, planned } = *check;
+        let GameCheck { format, published, game, run, window, ends, planned } = *check;
         let opening = &played.opening;
         if opening.episode != game.episode {
             return Err(format!("its journal is that of {}", opening.episode));
@@ -628,10 +647,8 @@ impl<'a> Checker<'a> {
             return Err("it has another prompt template than the entrant declared".to_owned());
         }
         check_time("it was created", opening.created_at, window)?;
-        if played.end.is_none() {
-            return Err("its journal has no end".to_owned());
-        }
-        Ok(())
+        let Some(end) = &played.end else { return Err("its journal has no end".to_owned()) };
+        check_ending(format, &published.status, &end.reason, opening.config.closes_at, ends)
     }
 
     /// The board as it follows from what was played.
@@ -655,12 +672,48 @@ impl<'a> Checker<'a> {
 /// A game, and the requirements of its place.
 #[derive(Clone, Copy)]
 struct GameCheck<'a> {
+    format: u32,
     published: &'a export::Attempt,
     game: &'a export::Game,
     run: &'a Run,
     window: Window,
     ends: &'a Ends,
     planned: &'a Planned,
+}
+
+/// Checks that organizers voided an attempt that is voided, for the same reason.
+fn check_void(
+    format: u32,
+    published: &export::Attempt,
+    voids: &HashSet<(String, String)>,
+) -> Result<(), String> {
+    let Some(reason) = &published.voided else { return Ok(()) };
+    if format < FIRST_FORMAT_WITH_CHECKED_ATTEMPTS
+        || voids.contains(&(published.run.clone(), reason.clone()))
+    {
+        return Ok(());
+    }
+    Err(format!("it was voided ({reason}), but no action says so"))
+}
+
+/// Checks that a game of a finished attempt did not close with its window. A game that closed before the window was extended was
+/// played.
+fn check_ending(
+    format: u32,
+    status: &str,
+    reason: &str,
+    closes_at: Option<Timestamp>,
+    ends: &Ends,
+) -> Result<(), String> {
+    let was_extended = || ends.last().is_some_and(|(_, end)| closes_at < Some(*end));
+    if format < FIRST_FORMAT_WITH_CHECKED_ATTEMPTS
+        || status != RunStatus::Finished.name()
+        || reason != CLOSED
+        || was_extended()
+    {
+        return Ok(());
+    }
+    Err("it closed with the window of its attempt, and the attempt is finished".to_owned())
 }
 
 /// Within the window the order of times is not checked: an organizer may have set the clock back.
@@ -688,4 +741,96 @@ fn differs<T: serde::Serialize>(what: &str, published: &T, expected: &T) -> Resu
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::super::definition::tests::{at, definition};
+    use super::super::export::{Action, Board, Writer};
+    use super::*;
+
+    const BEFORE: u32 = FIRST_FORMAT_WITH_CHECKED_ATTEMPTS - 1;
+    const NOW: u32 = FIRST_FORMAT_WITH_CHECKED_ATTEMPTS;
+
+    /// What is wrong with a file of this format in which an attempt was voided because of a power cut.
+    fn fault_of_voided(format: u32, action: Option<(&str, &str)>) -> Option<String> {
+        let definition = definition();
+        let seeds = vec![[0; SEED_BYTES]; definition.sealed_seeds()];
+        let sealed = Sealed { salt: [0; SALT_BYTES], seeds };
+        let competition = export::Competition {
+            format,
+            id: "cmp_1".to_owned(),
+            definition,
+            created_at: at(0),
+            revealed_at: Some(at(100)),
+            commitment: String::new(),
+            salt: String::new(),
+            seeds: Vec::new(),
+        };
+        let action = action.map(|(run, reason)| {
+            let (action, detail) = (VOID.to_owned(), json!({ "attempt": 1, "reason": reason }));
+            Line::Action(Action { at: at(20), action, subject: run.to_owned(), detail })
+        });
+        let declaration = json!({
+            "id": "ent_1", "name": "blue", "model": "m", "status": "active", "vouched": false, "registered_at": at(5),
+        });
+        let entrant = serde_json::from_value(declaration).expect("an entrant");
+        let attempt = export::Attempt {
+            entrant: "ent_1".to_owned(),
+            attempt: 1,
+            replays: None,
+            run: "run_1".to_owned(),
+            status: RunStatus::Aborted.name().to_owned(),
+            created_at: at(15),
+            ended_at: Some(at(20)),
+            voided: Some("a power cut".to_owned()),
+            games: Vec::new(),
+        };
+        let rest = [
+            Line::Entrant(entrant),
+            Line::Attempt(attempt),
+            Line::Board(Board { rows: Vec::new() }),
+        ];
+        let mut writer = Writer::default();
+        let text: String = action.iter().chain(&rest).map(|line| writer.line(line)).collect();
+        let (file, place) = (text.as_bytes(), String::new());
+        let mut reader = Reader { file, head: Head::START, number: 0, place, progress: |_| {} };
+        Replays::run(Solver::Flow, |replays| {
+            let read = Checker::new(competition, sealed, replays).rest(&mut reader);
+            read.err().map(|fault| fault.to_string())
+        })
+    }
+
+    #[test]
+    fn a_voided_attempt_has_its_action() {
+        assert_eq!(fault_of_voided(NOW, Some(("run_1", "a power cut"))), None);
+        for action in [None, Some(("run_2", "a power cut")), Some(("run_1", "a bad score"))] {
+            let fault = fault_of_voided(NOW, action).expect("nobody voided it");
+            assert!(fault.contains("attempt 1 of ent_1") && fault.contains("no action"), "{fault}");
+        }
+        assert_eq!(
+            fault_of_voided(BEFORE, None),
+            None,
+            "files of the first format have no actions"
+        );
+    }
+
+    #[test]
+    fn no_game_of_a_finished_attempt_has_closed_with_its_window() {
+        let extended = vec![(Timestamp::MIN, at(50)), (at(45), at(100))];
+        let check = |format, status, reason, closes_at| {
+            check_ending(format, status, reason, Some(at(closes_at)), &extended)
+        };
+        check(NOW, "finished", CLOSED, 100).expect_err("the attempt has closed, too");
+        assert_eq!(check(BEFORE, "finished", CLOSED, 100), Ok(()), "earlier files stay true");
+        assert_eq!(check(NOW, "closed", CLOSED, 100), Ok(()));
+        assert_eq!(check(NOW, "finished", "rounds_played", 100), Ok(()));
+        assert_eq!(
+            check(NOW, "finished", CLOSED, 50),
+            Ok(()),
+            "the window was extended afterwards"
+        );
+    }
 }

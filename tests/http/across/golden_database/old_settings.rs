@@ -125,6 +125,7 @@ async fn keep_old_run(app: &TestApp) -> (String, String) {
         name: "large".to_owned(),
         tasks: vec!["Synchronization".to_owned()],
         seeds: vec![7.into()],
+        seeds_by_task: false,
         rules: "paper".to_owned(),
         settings,
     };
@@ -155,6 +156,7 @@ async fn keep_old_run(app: &TestApp) -> (String, String) {
         visibility: Visibility::Public.name(),
         attempt: None,
         replays: None,
+        closes_at: None,
         at: app.now(),
         idempotency: None,
         token: Some(token.hash()),

@@ -16,7 +16,7 @@ const ON: &str = "SWARMBENCH_TEST_ON";
 /// - `root`: the test may mount file systems;
 /// - `pgbouncer`: `pgbouncer` is installed.
 ///
-/// The attribute stands above `#[test]`, `#[tokio::test]` or `#[rstest]`. The test is recompiled whenever [`ON`]
+/// The attribute stands above `#[test]`, `#[tokio::test]` or `#[rstest]`. The test is recompiled whenever `ON`
 /// changes.
 #[proc_macro_attribute]
 pub fn needs(what: TokenStream, test: TokenStream) -> TokenStream {

@@ -1,0 +1,213 @@
+//! Who may go on in a competition: not who was removed from a team, disqualified or erased.
+
+use std::time::Duration;
+
+use reqwest::Method;
+use serde_json::{Value, json};
+use swarmbench_boards::competition::verify::{Expected, verify};
+use swarmbench_engine::physics::Solver;
+
+use crate::app::{Call, TestApp, list, texts};
+use crate::cup::{Attempt, Cup, Entrant, server};
+
+fn text(value: &Value) -> String {
+    value.as_str().expect("a text").to_owned()
+}
+
+fn path(cup: &Cup, entrant: &Entrant) -> String {
+    cup.path(&format!("/entrants/{}", entrant.id))
+}
+
+/// Adds a member to a team: its id and its key.
+async fn member(app: &TestApp, cup: &Cup, of: &Entrant, name: &str) -> (String, String) {
+    let path = format!("{}/members", path(cup, of));
+    let made = app.post(&path).token(&of.key).json(&json!({ "name": name })).ok().await;
+    (text(&made["id"]), text(&made["key"]))
+}
+
+fn remove(app: &TestApp, cup: &Cup, of: &Entrant, member: &str, key: &str) -> Call {
+    let path = format!("{}/members/{member}", path(cup, of));
+    app.call(Method::DELETE, &path).token(key)
+}
+
+/// The games of a run that have not ended, and how the run and its games have ended.
+async fn state(app: &TestApp, run: &str) -> (usize, Value, Vec<Value>) {
+    let shown = app.get(&format!("/api/v1/runs/{run}")).token(&app.organizer).ok().await;
+    let opened = list(&shown["games"]).into_iter().filter(|game| !game["episode"].is_null());
+    let statuses: Vec<Value> = opened.map(|game| game["status"].clone()).collect();
+    let open = statuses.iter().filter(|status| **status == "running").count();
+    (open, shown["status"].clone(), statuses)
+}
+
+/// The code with which an act of a game that was seen before is refused; null where it is accepted.
+async fn refused(app: &TestApp, attempt: &Attempt, seen: &Value) -> Value {
+    let seen = &list(&seen["observations"])[0];
+    let act = json!({
+        "episode": seen["episode"], "agent": seen["agent"], "round": seen["round"], "action": "STAY",
+    });
+    let call = app.post("/swarm/act").token(&attempt.swarm).json(&json!({ "acts": [act] }));
+    call.ok().await["receipts"][0]["code"].clone()
+}
+
+#[tokio::test]
+async fn a_removed_member_plays_nothing_of_its_team_any_more() {
+    let mut app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let blue = cup.enter(&app, "blue").await;
+    let (ada, key) = member(&app, &cup, &blue, "Ada").await;
+    let started = app.post(&cup.path("/attempts")).token(&key).ok().await;
+    let attempt = Attempt::of(&started);
+    let practice = app.post(&cup.path("/practice")).token(&key).ok().await;
+    let practice = text(&practice["swarm_token"]);
+    attempt.act(&app, 1).await;
+    app.get("/swarm/obs").token(&practice).ok().await;
+    remove(&app, &cup, &blue, &ada, &blue.key).ok().await;
+    for token in [&attempt.swarm, &practice] {
+        let problem = app.get("/swarm/obs").token(token).problem(401, "unauthorized").await;
+        assert!(text(&problem["detail"]).contains("replaced or revoked"), "{problem}");
+    }
+    let replace = format!("/api/v1/runs/{}/token", attempt.run);
+    app.post(&replace).token(&key).problem(401, "unauthorized").await;
+    app.restart().await;
+    app.get("/swarm/obs").token(&attempt.swarm).problem(401, "unauthorized").await;
+    // The team goes on with a token of its own.
+    let swarm = text(&app.post(&replace).token(&blue.key).ok().await["swarm_token"]);
+    Attempt { swarm, ..attempt }.play(&app, 4).await;
+    let own = app.get(&cup.path("/attempts")).token(&blue.key).ok().await;
+    assert_eq!(own["items"][0]["status"], "finished");
+}
+
+#[tokio::test]
+async fn an_organizer_who_revokes_the_key_of_a_member_ends_its_tokens() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let (blue, red) = (cup.enter(&app, "blue").await, cup.enter(&app, "red").await);
+    let (ada, _) = member(&app, &cup, &blue, "Ada").await;
+    let (attempt, other) = (cup.start(&app, &blue).await, cup.start(&app, &red).await);
+    app.delete(&format!("/api/v1/keys/{ada}")).token(&app.organizer).ok().await;
+    app.get("/swarm/obs").token(&attempt.swarm).problem(401, "unauthorized").await;
+    // Those of other teams stay good.
+    other.look(&app).await;
+}
+
+#[tokio::test]
+async fn members_remove_themselves_alone_and_who_entered_removes_all() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let blue = cup.enter(&app, "blue").await;
+    let (ada, of_ada) = member(&app, &cup, &blue, "Ada").await;
+    let (grace, of_grace) = member(&app, &cup, &blue, "Grace").await;
+    let (alan, _) = member(&app, &cup, &blue, "Alan").await;
+    let problem = remove(&app, &cup, &blue, &grace, &of_ada).problem(403, "forbidden").await;
+    assert!(text(&problem["detail"]).contains("with its own key"), "{problem}");
+    remove(&app, &cup, &blue, &ada, &of_ada).ok().await;
+    remove(&app, &cup, &blue, &alan, &app.organizer).ok().await;
+
+    let erase = |key: &str| app.call(Method::DELETE, &path(&cup, &blue)).token(key);
+    let problem = erase(&of_grace).problem(403, "forbidden").await;
+    assert!(text(&problem["detail"]).contains("with which it entered"), "{problem}");
+    assert_eq!(app.get(&path(&cup, &blue)).token(&blue.key).ok().await["erased"], false);
+    erase(&blue.key).ok().await;
+    app.get(&path(&cup, &blue)).token(&of_grace).problem(401, "unauthorized").await;
+}
+
+#[tokio::test]
+async fn a_disqualified_entrant_plays_starts_and_invites_no_more() {
+    let mut app = server().await;
+    let cup = Cup::open(&app, json!({ "parallel": 1 })).await;
+    let (blue, red) = (cup.enter(&app, "blue").await, cup.enter(&app, "red").await);
+    let (attempt, other) = (cup.start(&app, &blue).await, cup.start(&app, &red).await);
+    let practice = app.post(&cup.path("/practice")).token(&blue.key).ok().await;
+    while state(&app, &attempt.run).await.2.len() < 2 {
+        attempt.act(&app, 4).await;
+    }
+    let seen = attempt.look(&app).await;
+    cup.change(&app, &blue, json!({ "status": "disqualified", "reason": "two teams" })).await;
+    assert_eq!(refused(&app, &attempt, &seen).await, "episode_over");
+    assert_eq!(attempt.look(&app).await["finished"], true);
+    let (open, status, games) = state(&app, &attempt.run).await;
+    assert_eq!((open, status), (0, json!("aborted")));
+    assert_eq!(games, ["finished", "aborted"]);
+    assert_eq!(state(&app, &text(&practice["run"])).await.1, "aborted");
+    for route in ["/attempts", "/practice"] {
+        let problem = app.post(&cup.path(route)).token(&blue.key).problem(403, "forbidden").await;
+        assert!(text(&problem["detail"]).contains("two teams"), "{problem}");
+    }
+    let members = format!("{}/members", path(&cup, &blue));
+    let add = app.post(&members).token(&blue.key).json(&json!({ "name": "Ada" }));
+    let problem = add.problem(403, "forbidden").await;
+    assert!(text(&problem["detail"]).contains("disqualified: two teams"), "{problem}");
+
+    // Who is taken back plays its next attempt; what was ended stays so, and can be voided.
+    cup.change(&app, &blue, json!({ "status": "active" })).await;
+    app.restart().await;
+    assert_eq!(state(&app, &attempt.run).await.0, 0);
+    assert_eq!(cup.start(&app, &blue).await.number, 2);
+    cup.change(&app, &blue, json!({ "status": "disqualified", "reason": "two teams" })).await;
+    other.play(&app, 4).await;
+
+    app.pass(Duration::from_hours(1));
+    cup.closed(&app).await;
+    let file = cup.export(&app).await;
+    let report = verify(file.as_bytes(), Expected::default(), Solver::Flow, |_| {});
+    let report = report.expect("the file of a competition with an excluded entrant");
+    assert_eq!((report.attempts, report.rows.len()), (3, 2));
+    let rows = cup.rows(&app, None).await;
+    assert_eq!(
+        rows.iter().map(|row| row["rank"].clone()).collect::<Vec<_>>(),
+        [json!(1), json!(null)]
+    );
+    let excluded = rows[1]["entrant"].clone();
+    assert_eq!(texts(&[excluded], "status"), ["disqualified"]);
+}
+
+#[tokio::test]
+async fn many_who_are_excluded_at_once_play_no_more() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let mut attempts = Vec::new();
+    for number in 0..3 {
+        let bot = cup.enter(&app, &format!("bot {number}")).await;
+        attempts.push(cup.start(&app, &bot).await);
+    }
+    let exclude = json!({ "name": "bot *", "count": 3, "reason": "one team" });
+    app.post(&cup.path("/exclusions")).token(&app.organizer).json(&exclude).ok().await;
+    for attempt in &attempts {
+        let (open, status, _) = state(&app, &attempt.run).await;
+        assert_eq!((open, status), (0, json!("aborted")));
+    }
+}
+
+#[tokio::test]
+async fn an_erased_entrant_plays_no_more() {
+    let mut app = server().await;
+    let cup = Cup::open(&app, json!({ "entries_per_key": 2 })).await;
+    let (own, _) = app.key(json!({ "role": "member", "name": "team" })).await;
+    let entry = json!({ "name": "blue", "model": "m" });
+    let made = app.post(&cup.path("/entrants")).token(&own).json(&entry).ok().await;
+    let blue = Entrant { id: text(&made["id"]), key: own };
+    let attempt = cup.start(&app, &blue).await;
+    attempt.act(&app, 4).await;
+    let seen = attempt.look(&app).await;
+    app.call(Method::DELETE, &path(&cup, &blue)).token(&blue.key).ok().await;
+    assert_eq!(refused(&app, &attempt, &seen).await, "episode_over");
+    let (open, status, _) = state(&app, &attempt.run).await;
+    assert_eq!((open, status), (0, json!("aborted")));
+    app.restart().await;
+    app.post(&cup.path("/attempts")).token(&blue.key).problem(403, "forbidden").await;
+}
+
+/// The server stopped after an exclusion, before the games had ended: they end with its next start.
+#[tokio::test]
+async fn what_an_excluded_entrant_plays_ends_also_after_a_stop() {
+    let mut app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let blue = cup.enter(&app, "blue").await;
+    let attempt = cup.start(&app, &blue).await;
+    attempt.act(&app, 4).await;
+    app.stop().await;
+    app.tamper("UPDATE entries SET status = 'disqualified', reason = 'two teams';").await;
+    app.start_again().await;
+    let (open, status, _) = state(&app, &attempt.run).await;
+    assert_eq!((open, status), (0, json!("aborted")));
+}
