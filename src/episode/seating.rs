@@ -16,7 +16,7 @@ use swarmbench_protocol::carried::Carried;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wanted {
     Seat(AgentId),
-    /// So many open seats, at least one, whichever they are.
+    /// A number of open seats, at least one; the server chooses which.
     Any(u16),
 }
 

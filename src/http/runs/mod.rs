@@ -61,7 +61,8 @@ impl Known {
         let (visibility, plan) = known.ok_or_else(|| {
             ApiError::new(Code::Internal, "what is stored of this run cannot be read")
         })?;
-        let own_from = definition.closes_at.filter(|_| definition.own_games);
+        // The end of the window as its games have it: runs of earlier versions may know one that was moved since.
+        let own_from = stored.closes_at.filter(|_| definition.own_games);
         let opened = Opened::at(app.time_to_open(), stored.revealed, own_from);
         Ok(Self { stored, definition, plan, visibility, opened })
     }

@@ -119,7 +119,7 @@ async fn wait_for_seats(
         let mut followed: Vec<Followed> = seated.into_iter().map(Followed::new).collect();
         loop {
             let Some((open, are_over)) = look(app, source, &mut followed, after) else { break };
-            // A run goes on when its open games are over.
+            // The run opens further games when these are over.
             let is_over = is_over.unwrap_or(are_over);
             if !open.is_empty() || is_over || is_up {
                 return Ok((open, is_over));
