@@ -1,6 +1,6 @@
 //! What holds for every command: it does not panic where nobody reads, and what it shows is there as JSON, too.
 
-use std::cell::Cell;
+use std::cell::{Cell, OnceCell};
 use std::net::TcpListener;
 use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
@@ -157,6 +157,7 @@ struct Site {
     organizer: String,
     server: Serving,
     files: Cell<usize>,
+    exported: OnceCell<String>,
 }
 
 impl Site {
@@ -177,9 +178,10 @@ impl Site {
         let created: Value = serde_json::from_slice(&created.stdout).expect("JSON");
         let organizer = string(&created["secret"]);
         let server = Serving::start(&db, &[]);
-        let site = Self { folder, organizer, server, files: Cell::new(0) };
+        let (files, exported) = (Cell::new(0), OnceCell::new());
+        let site = Self { folder, organizer, server, files, exported };
         let games =
-            "eval --player default --task foraging,synchronization --seeds 0..4 --max-round 30";
+            "eval --player default --task foraging,synchronization --seeds 0..3 --max-round 30";
         site.json(&words(games, []));
         site
     }
@@ -222,10 +224,14 @@ impl Site {
         copy
     }
 
+    /// Games as files, exported once: commands only read them.
     fn exported(&self) -> String {
-        let folder = self.new_file("exported");
-        self.json(&words("export --db", [self.db(), folder.clone()]));
-        folder
+        let export = || {
+            let folder = self.new_file("exported");
+            self.json(&words("export --db", [self.db(), folder.clone()]));
+            folder
+        };
+        self.exported.get_or_init(export).clone()
     }
 
     fn definition(&self) -> String {
