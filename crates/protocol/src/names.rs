@@ -4,7 +4,9 @@
 use std::borrow::Cow;
 use std::fmt::Write as _;
 
-use unicode_properties::{GeneralCategory, UnicodeGeneralCategory};
+use unicode_normalization::UnicodeNormalization;
+use unicode_properties::{GeneralCategory, GeneralCategoryGroup, UnicodeGeneralCategory};
+use unicode_script::{Script, UnicodeScript};
 use unicode_security::confusable_detection::skeleton;
 
 /// What the models of built-in players begin with.
@@ -32,6 +34,9 @@ const RESERVED: [&str; 15] = [
 /// What the names of erased entrants, and the ids of entrants and keys, begin with.
 const RESERVED_BEGINNINGS: [&str; 4] = [BUILT_IN, "erased", "ent_", "key_"];
 
+/// Characters of a look: looks are keys of an index, and some characters stand for 18 others. Those of 200 letters fit in.
+const LOOK_CHARS_MAX: usize = 400;
+
 /// What is wrong with a name of at most `chars_max` characters.
 ///
 /// # Errors
@@ -40,7 +45,7 @@ pub fn check(name: &str, chars_max: usize) -> Result<(), String> {
     if !(1..=chars_max).contains(&name.chars().count()) || name.chars().any(char::is_control) {
         return Err(format!("must be 1 to {chars_max} characters without control characters"));
     }
-    if name.trim().is_empty() || name.chars().any(is_invisible) {
+    if name.trim().is_empty() || name.chars().any(is_invisible) || has_stray_mark(name) {
         return Err("must be seen: it has invisible characters, or nothing else".to_owned());
     }
     Ok(())
@@ -90,18 +95,40 @@ pub fn with_single_spaces(name: &str) -> String {
     name.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Whether a name looks like a word, or its plural, but for what is neither a letter nor a digit.
+/// Whether a name looks like a word, its plural, or either after `the`, but for what is neither a letter nor a digit.
 fn is_word(name: &str, word: &str) -> bool {
     let letters = |text: &str| text.chars().filter(|c| c.is_alphanumeric()).collect::<String>();
     seen(name).iter().zip(seen(word)).any(|(name, word)| {
-        let (name, word) = (letters(name), letters(&word));
-        name.strip_suffix('s').is_some_and(|one| one == word) || name == word
+        // The end comes first: `server 5` is one of many, and `5erver` is not.
+        let one = name.trim_end_matches(|c: char| !c.is_alphanumeric()).strip_suffix('s');
+        let word = letters(&with_letters_for_digits(&word));
+        one.into_iter().chain([name.as_str()]).any(|name| {
+            let name = letters(&with_letters_for_digits(name));
+            name == word || name.strip_prefix("the").is_some_and(|rest| rest == word)
+        })
     })
 }
 
-/// Whether a name looks as if it began with a text.
+/// Whether a name looks as if it began with a text, but for quotes, brackets and the like before it.
 fn begins_like(name: &str, beginning: &str) -> bool {
-    seen(name).iter().zip(seen(beginning)).any(|(name, start)| name.starts_with(&start))
+    seen(name).iter().zip(seen(beginning)).any(|(name, start)| {
+        let name = with_letters_for_digits(name);
+        name.trim_start_matches(|c: char| !c.is_alphanumeric())
+            .starts_with(&with_letters_for_digits(&start))
+    })
+}
+
+/// What was seen of a name, with letters in place of the digits and signs that are read as one in a word. Words that are
+/// reserved are compared so, and names with each other not: `Team 5` is not `Team S`.
+fn with_letters_for_digits(seen: &str) -> String {
+    let letter = |c: char| match c {
+        '3' => 'e',
+        '4' | '@' => 'a',
+        '5' | '$' => 's',
+        '7' => 't',
+        c => c,
+    };
+    seen.chars().map(letter).collect()
 }
 
 /// How a name looks where it is shown: two names that look the same have at least one look in common. Names are compared by
@@ -118,12 +145,20 @@ pub fn is_look_alike(one: &str, other: &str) -> bool {
     looks(one).iter().zip(looks(other)).any(|(one, other)| *one == other)
 }
 
-/// What is seen of a name: one of both is the same for names that look the same. A capital I looks like a small L, which
-/// shows only before letters are made small; other pairs show only afterwards.
+/// What is seen of a name: one of both is the same for names that look the same. Letters that look alike when they are
+/// small need not when they are capital, as the Greek `ν` and `Ν`: so letters are made small before the first comparison of
+/// looks, or only after it. Characters of ASCII have one look, in either case.
 fn seen(name: &str) -> [String; 2] {
-    let name: String = with_single_spaces(name).chars().map(with_one_dash).collect();
-    let look = |text: &str| skeleton(text).map(with_one_dash).collect::<String>();
-    [look(&without_case(&name)), without_case(&look(&name))]
+    let plain: String = name.chars().map(with_one_line).nfkc().map(without_frame).collect();
+    let name = with_single_spaces(&plain);
+    [without_case(&name), name].map(|name| {
+        let look = without_case(&skeleton(&name).collect::<String>());
+        let look: String = look.chars().map(from_small_capital).collect();
+        let look: String = skeleton(&look).map(with_one_line).collect();
+        // After the skeleton `m` is `rn`, and `I`, `1` and `|` are `l`.
+        let look = without_own_dots(&look.replace('i', "l")).replace('d', "cl").replace('w', "vv");
+        look.chars().take(LOOK_CHARS_MAX).collect()
+    })
 }
 
 /// A text whose letters have one case: `ß` is `ss`, and a final `ς` is `σ`.
@@ -131,10 +166,67 @@ fn without_case(text: &str) -> String {
     text.chars().flat_map(char::to_uppercase).flat_map(char::to_lowercase).collect()
 }
 
-/// A hyphen in place of every dash, the minus sign, and the katakana mark that long dashes look like.
-fn with_one_dash(c: char) -> char {
-    let is_dash = c.general_category() == GeneralCategory::DashPunctuation;
-    if is_dash || matches!(c, '\u{2212}' | '\u{30fc}') { '-' } else { c }
+/// A hyphen in place of every dash, the minus sign, and the katakana mark that long dashes look like; a low line in place
+/// of everything like it.
+fn with_one_line(c: char) -> char {
+    match (c, c.general_category()) {
+        ('\u{2212}' | '\u{30fc}', _) | (_, GeneralCategory::DashPunctuation) => '-',
+        ('\u{2cd}' | '\u{2017}' | '\u{2581}', _) | (_, GeneralCategory::ConnectorPunctuation) => {
+            '_'
+        }
+        _ => c,
+    }
+}
+
+/// The letter that is white on a disc or a square, or a part of a flag: compatible forms of Unicode leave these out.
+fn without_frame(c: char) -> char {
+    let first = match c {
+        '\u{1f150}'..='\u{1f169}' => '\u{1f150}',
+        '\u{1f170}'..='\u{1f189}' => '\u{1f170}',
+        '\u{1f1e6}'..='\u{1f1ff}' => '\u{1f1e6}',
+        _ => return c,
+    };
+    ('a'..='z').nth(c as usize - first as usize).unwrap_or(c)
+}
+
+/// The letter of which another is the small capital, as the small letters of Cyrillic are of capitals that look Latin. These
+/// are those that the look-alikes of Unicode leave as they are.
+const fn from_small_capital(c: char) -> char {
+    match c {
+        '\u{1d00}' => 'a',
+        '\u{299}' => 'b',
+        '\u{1d05}' => 'd',
+        '\u{1d07}' => 'e',
+        '\u{a730}' => 'f',
+        '\u{262}' => 'g',
+        '\u{29c}' => 'h',
+        '\u{1d0a}' => 'j',
+        '\u{138}' => 'k',
+        '\u{29f}' => 'l',
+        '\u{28d}' => 'm',
+        '\u{274}' => 'n',
+        '\u{1d18}' => 'p',
+        '\u{280}' => 'r',
+        '\u{1d1b}' => 't',
+        c => c,
+    }
+}
+
+/// A look without dots above letters that have one anyway: above `i`, which is `l` here, and `j`.
+fn without_own_dots(look: &str) -> String {
+    let mut letter = ' ';
+    let is_kept = |c: &char| {
+        if !is_mark(*c) {
+            letter = *c;
+        }
+        *c != '\u{307}' || !matches!(letter, 'l' | 'j')
+    };
+    look.chars().filter(is_kept).collect()
+}
+
+/// Whether a character is a part of the one before it.
+fn is_mark(c: char) -> bool {
+    c.general_category_group() == GeneralCategoryGroup::Mark
 }
 
 /// A text without characters that XML forbids or that change how the text around them is read: line breaks and tabs
@@ -187,22 +279,31 @@ fn is_invisible(character: char) -> bool {
             | GeneralCategory::PrivateUse
             | GeneralCategory::Unassigned
     );
-    is_hidden || is_blank(character)
+    // A skeleton leaves out what has the property `Default_Ignorable_Code_Point`, and nothing else.
+    let is_ignorable = || skeleton(character.encode_utf8(&mut [0; 4])).next().is_none();
+    is_hidden || is_blank(character) || is_ignorable()
 }
 
-/// Letters, marks and symbols that are shown as nothing: the property `Default_Ignorable_Code_Point` of Unicode, as far
-/// as the categories do not cover it, and the blank pattern of Braille.
-fn is_blank(character: char) -> bool {
+/// Whether a mark follows what is not of its script, where fonts show nothing for many: they join or fill letters of theirs.
+fn has_stray_mark(name: &str) -> bool {
+    let mut script = Script::Common;
+    name.chars().any(|c| match c.script() {
+        own if !is_mark(c) => {
+            script = own;
+            false
+        }
+        own => own != script && !matches!(own, Script::Common | Script::Inherited),
+    })
+}
+
+/// Letters and symbols that are shown as nothing, for which Unicode has no property.
+const fn is_blank(character: char) -> bool {
     matches!(
         character,
-        '\u{34f}'                       // combining grapheme joiner
-            | '\u{115f}' | '\u{1160}'   // fillers of Hangul
-            | '\u{3164}' | '\u{ffa0}'
-            | '\u{17b4}' | '\u{17b5}'   // inherent vowels of Khmer
-            | '\u{180b}'..='\u{180f}'   // variation selectors
-            | '\u{fe00}'..='\u{fe0f}'
-            | '\u{e0100}'..='\u{e01ef}'
-            | '\u{2800}' // a pattern of Braille without dots
+        '\u{2800}'                      // a pattern of Braille without dots
+            | '\u{fffc}'                // the place of an object
+            | '\u{13441}' | '\u{13442}' // spaces between hieroglyphs
+            | '\u{1d159}' // a note without head
     )
 }
 
@@ -225,8 +326,23 @@ mod tests {
 
     #[test]
     fn names_have_to_be_seen() {
-        for good in ["team blue", "a", "模型", "ünïcode 🐜", "gpt-4 (2026)", "ㅎ한글", "⠓⠊"]
-        {
+        for good in [
+            "team blue",
+            "a",
+            "模型",
+            "ünïcode 🐜",
+            "gpt-4 (2026)",
+            "ㅎ한글",
+            "⠓⠊",
+            "हिन्दी",
+            "ខ្មែរ",
+            "ภาษาไทย",
+            "שָׁלוֹם",
+            "العَرَبِيَّة",
+            "か\u{3099}",
+            "п\u{301}",
+            "\u{18b00}\u{16fe4}\u{18b01}",
+        ] {
             assert_eq!(check(good, 20), Ok(()), "{good:?}");
         }
         for hidden in [
@@ -247,6 +363,14 @@ mod tests {
             "\u{e000}",
             "\u{feff}",
             "a\u{2028}",
+            "zoo\u{1d159} x",
+            "blue\u{fffc}",
+            "ab\u{13441}\u{13442}",
+            "ki\u{16fe4}t",
+            "\u{16fe4}",
+            "ki\u{2d7f}t",
+            "ki\u{1bc9d}t",
+            "k\u{17d2}it",
         ] {
             let problem = check(hidden, 20).expect_err(hidden);
             assert!(problem.contains("must be seen"), "{hidden:?}: {problem}");
@@ -281,26 +405,97 @@ mod tests {
             ("Team Rocket", "team \u{3000}\u{a0}Rocket "),
             ("Straße", "STRASSE"),
             ("ΣΟΦΟΣ", "σοφος"),
+            // Case and look-alikes in one name.
+            ("Mallory Il", "mallory ll"),
+            ("Kim Il", "kiM ll"),
+            ("Ilm", "IIM"),
+            ("IIM", "llrn"),
+            ("Team 1", "TEAM i"),
+            ("TEAM |", "team l"),
+            ("N0M", "norn"),
+            ("\u{3bd}icky \u{39d}orth", "VICKY NORTH"),
+            ("HOP\u{414}", "\u{43d}\u{43e}\u{440}\u{434}"),
+            ("МОСКВА", "MOCKBA"),
+            ("mockba", "МОСКВА"),
+            // Dots that a letter has anyway.
+            ("bird", "bi\u{307}rd"),
+            ("tim", "t\u{130}m"),
+            ("tim", "TI\u{307}M"),
+            ("jojo", "j\u{307}oj\u{307}o"),
+            ("l\u{328}nes", "\u{12f}\u{307}nes"),
+            // Other forms of letters.
+            ("Organic", "\u{24c4}rganic"),
+            ("kit", "\u{1d4c0}\u{1d4be}\u{1d4c9}"),
+            ("kit", "\u{ff2b}\u{ff29}\u{ff34}"),
+            ("Fire", "\u{fb01}re"),
+            ("kit", "\u{1f15a}\u{1f178}\u{1f1f9}"),
+            ("team", "\u{1d1b}\u{1d07}\u{1d00}\u{1d0d}"),
+            // Pairs of letters that look like one.
+            ("Wolf", "vvolf"),
+            ("wolf", "VVolf"),
+            ("dub", "club"),
+            ("dub", "cIub"),
+            ("CLUB", "c1ub"),
+            ("modern", "rnoclem"),
+            ("vWest", "Wvest"),
+            ("a_b", "a\u{2017}b"),
         ] {
             assert!(is_look_alike(one, other), "{one:?} {other:?}");
         }
+        for c in ' '..='~' {
+            let [first, second] = seen(&c.to_string());
+            assert_eq!(first, second, "{c:?}");
+            assert_eq!(
+                seen(&c.to_ascii_uppercase().to_string()),
+                seen(&c.to_ascii_lowercase().to_string()),
+                "{c:?}"
+            );
+        }
+        let longest = looks(&"\u{fdfa}".repeat(200));
+        assert!(longest.iter().all(|look| look.chars().count() < 2 * 200 + 10), "{longest:?}");
         let is_dash = |c: &char| c.general_category() == GeneralCategory::DashPunctuation;
         for dash in (' '..=char::MAX).filter(is_dash).chain(['\u{2212}']) {
             assert!(is_look_alike("gpt-5", &format!("GPT{dash}5")), "{dash:?}");
         }
-        for (one, other) in [("blue", "red"), ("Team Rocket", "TeamRocket")] {
+        for (one, other) in [
+            ("blue", "red"),
+            // White space is compared: only its kind and length are not.
+            ("Team Rocket", "TeamRocket"),
+            ("Foo Bar", "Foo - Bar"),
+            ("Foo Bar", "Foo-Bar"),
+            ("Illinois", "Illinoise"),
+            ("Team 1", "Team 2"),
+            ("Team 5", "Team S"),
+            ("Team A", "Team 4"),
+            ("Żaba", "Zaba"),
+            ("Muller", "Müller"),
+            ("naïve", "naive"),
+            ("12 אב", "אב 12"),
+            ("Вова", "Нона"),
+            ("ΝΙΚΟΣ", "ΝΕΚΟΣ"),
+        ] {
             assert!(!is_look_alike(one, other), "{one:?} {other:?}");
         }
     }
 
     #[test]
     fn no_entrant_is_called_like_somebody_else() {
-        let named = |name: &str| of_entrant(name, 50, ["close-in", "random"]);
+        let named = |name: &str| of_entrant(name, 50, ["close-in", "random", "step-3"]);
         for (name, shown) in [
             (" Team \u{a0} Rocket", "Team Rocket"),
             ("Entropy", "Entropy"),
             ("server room", "server room"),
             ("randomness", "randomness"),
+            ("Server 5", "Server 5"),
+            ("Judge 1", "Judge 1"),
+            ("Illinois", "Illinois"),
+            ("Eras Education", "Eras Education"),
+            ("Ent-wood", "Ent-wood"),
+            ("Keystone", "Keystone"),
+            ("The Entropy", "The Entropy"),
+            ("Theory of Judges", "Theory of Judges"),
+            ("Team organizer", "Team organizer"),
+            ("my built-in/x", "my built-in/x"),
         ] {
             assert_eq!(named(name).as_deref(), Ok(shown));
         }
@@ -316,6 +511,30 @@ mod tests {
             ("built\u{2014}in/random", "built-in/"),
             ("Close In", "close-in"),
             ("RANDOM", "random"),
+            ("Step 3", "step-3"),
+            ("0rgan1zer", "organizer"),
+            ("adm1n", "admin"),
+            ("AdmIn", "admin"),
+            ("@dmin", "admin"),
+            ("5erver", "server"),
+            ("$3rv3r", "server"),
+            ("5t4ff", "staff"),
+            (
+                "\u{24de}\u{24e1}\u{24d6}\u{24d0}\u{24dd}\u{24d8}\u{24e9}\u{24d4}\u{24e1}",
+                "organizer",
+            ),
+            ("\u{24c4}rganizer", "organizer"),
+            ("\u{1f15e}rganizer", "organizer"),
+            ("adm\u{131}\u{307}n", "admin"),
+            ("the organizer", "organizer"),
+            ("The 5ervers!", "server"),
+            ("(erased)", "erased"),
+            ("\"erased\"", "erased"),
+            (".erased", "erased"),
+            ("[built-in/x]", "built-in/"),
+            ("ent\u{2017}x", "ent_"),
+            ("ent\u{203f}x", "ent_"),
+            ("_key_x", "key_"),
         ] {
             let problem = named(name).expect_err(name);
             assert!(problem.contains(&format!("{reserved:?}")), "{name:?}: {problem}");
