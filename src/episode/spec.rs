@@ -112,6 +112,11 @@ impl Spec {
         self.round_deadline.is_some() || self.may_be_hosted()
     }
 
+    /// The longest that a round with a clock takes.
+    pub fn round_max(&self) -> Duration {
+        self.round_deadline.unwrap_or_default().saturating_add(self.bank)
+    }
+
     /// Settings, as the opening record has them.
     pub fn recorded(&self) -> RecordedConfig {
         RecordedConfig {

@@ -2,6 +2,8 @@
 //!
 //! What a caller may do follows from its token or key, and is decided here only: handlers ask `Caller`.
 
+use std::time::Duration;
+
 use axum::extract::FromRequestParts;
 use axum::http::header;
 use axum::http::request::Parts;
@@ -64,11 +66,18 @@ pub(super) enum Opened {
 }
 
 impl Opened {
-    /// Who reads it at this time: everybody once it was revealed, and its owner from `own_from` on.
-    pub(super) fn at(now: Timestamp, is_revealed: bool, own_from: Option<Timestamp>) -> Self {
+    /// Who reads it at this time: everybody once it was revealed; and its owner once the window of its attempt has closed at
+    /// `own_from`, and a round that others opened just before on the same seeds, of at most `round_max`, has ended.
+    pub(super) fn at(
+        now: Timestamp,
+        is_revealed: bool,
+        own_from: Option<Timestamp>,
+        round_max: Duration,
+    ) -> Self {
+        let have_ended = |from: Timestamp| from.checked_add(round_max).is_ok_and(|at| at <= now);
         match own_from {
             _ if is_revealed => Self::All,
-            Some(from) if from <= now => Self::Owner,
+            Some(from) if have_ended(from) => Self::Owner,
             _ => Self::Nobody,
         }
     }
@@ -83,13 +92,9 @@ impl FromRequestParts<App> for Caller {
             let may_create = !app.has_keys && (app.access.open || is_local);
             return Ok(Self::Anonymous { may_create });
         };
-        let unknown = || {
-            let detail = "the token is unknown, was replaced or revoked, or has expired";
-            ApiError::new(Code::Unauthorized, detail)
-        };
-        let token = bearer(value.to_str().map_err(|_| unknown())?)
+        let token = bearer(value.to_str().map_err(|_| unknown_token())?)
             .map_err(|problem| ApiError::new(Code::Unauthorized, problem))?;
-        let grant = app.tokens.grant(token).await?.ok_or_else(unknown)?;
+        let grant = app.tokens.grant(token).await?.ok_or_else(unknown_token)?;
         let party = app.tokens.party(&grant).await?;
         party.into_iter().for_each(Party::refine);
         let (owner, caller) = match grant {
@@ -97,7 +102,7 @@ impl FromRequestParts<App> for Caller {
             Grant::Swarm { episode, owner, seats } => (owner, Self::Swarm(episode, seats)),
             Grant::Run { run, owner, .. } => (owner, Self::Run(run)),
             Grant::Key(key) if key.is_good(app.clock.wall()) => (key.number, Self::Key(key)),
-            Grant::Key(_) => return Err(unknown()),
+            Grant::Key(_) => return Err(unknown_token()),
         };
         check_rate(app, owner)?;
         party.into_iter().for_each(token_of);
@@ -123,6 +128,12 @@ pub(super) fn bearer(value: &str) -> Result<&str, &'static str> {
             "the word Bearer is missing before the token; send it as `Authorization: Bearer TOKEN`",
         ),
     }
+}
+
+/// The refusal of a token that opens nothing.
+pub(super) fn unknown_token() -> ApiError {
+    let detail = "the token is unknown, was replaced or revoked, or has expired";
+    ApiError::new(Code::Unauthorized, detail)
 }
 
 fn check_rate(app: &App, owner: Option<OwnerKey>) -> Result<(), ApiError> {

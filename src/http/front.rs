@@ -28,6 +28,7 @@ use super::error::{ApiError, Code};
 use super::in_flight::RequestContext;
 use super::nodes::{self, Routed};
 use super::prelude::*;
+use super::revoked::SentToken;
 use super::serve::Counted;
 use super::{agent, router, stream, swarm};
 use crate::fair::Origin;
@@ -221,12 +222,19 @@ impl Front {
     async fn handle(&self, request: Request, play: Option<Play>) -> Result<Response, ApiError> {
         let Inner { app, router, .. } = &*self.inner;
         let is_get = request.method() == Method::GET;
+        // Other requests may revoke the token with which they come.
+        let may_wait = is_get || play.is_some() || request.uri().path() == "/mcp";
+        let sent = if may_wait { SentToken::of(app, &request) } else { None };
         let response = match play {
             Some(play) => play.call(app, request).await?,
             None => match router.clone().call(request).await {
                 Ok(response) => response,
                 Err(never) => match never {},
             },
+        };
+        let response = match sent {
+            Some(sent) => sent.check(app, response).await?,
+            None => response,
         };
         stream::reserve(&app.registry, is_get, response).await
     }

@@ -38,6 +38,7 @@ mod pages;
 mod ranking;
 mod rates;
 mod replay_pages;
+mod revoked;
 mod room;
 mod router;
 mod runs;

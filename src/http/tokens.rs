@@ -1,8 +1,7 @@
 //! The rights of tokens and keys. They are cached, so that most requests ask no database.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use quick_cache::sync::Cache;
+use tokio::sync::watch;
 
 use super::error::ApiError;
 use crate::fair::Party;
@@ -19,13 +18,13 @@ pub(super) struct Tokens {
     /// The competitions for which entrants' keys were made; they never change.
     entered: Cache<OwnerKey, CompetitionKey>,
     /// How often tokens were revoked.
-    revocations: AtomicU64,
+    revocations: watch::Sender<u64>,
 }
 
 impl Tokens {
     pub(super) fn new(store: Store) -> Self {
         let (grants, entered) = (Cache::new(TOKENS_CACHED), Cache::new(TOKENS_CACHED));
-        Self { store, grants, entered, revocations: AtomicU64::new(0) }
+        Self { store, grants, entered, revocations: watch::Sender::new(0) }
     }
 
     /// The rights of the token that was sent, if it is known.
@@ -55,7 +54,12 @@ impl Tokens {
 
     /// How often tokens were revoked: see [`Tokens::cache`].
     pub(super) fn revocations(&self) -> u64 {
-        self.revocations.load(Ordering::Acquire)
+        *self.revocations.borrow()
+    }
+
+    /// Tells of all later revocations.
+    pub(super) fn follow_revocations(&self) -> watch::Receiver<u64> {
+        self.revocations.subscribe()
     }
 
     /// Caches the rights of a token that was read, or made, when tokens had been revoked `revocations` times.
@@ -69,7 +73,7 @@ impl Tokens {
 
     /// Removes tokens from the cache; they must be revoked in the store already.
     pub(super) fn forget(&self, is_revoked: impl Fn(&Grant) -> bool) {
-        self.revocations.fetch_add(1, Ordering::AcqRel);
+        self.revocations.send_modify(|count| *count += 1);
         self.grants.retain(|_, grant| !is_revoked(grant));
     }
 

@@ -27,6 +27,7 @@ use crate::store::games::StoredGame;
 use crate::store::port::EpisodeStore as _;
 use crate::store::runs::StoredRun;
 use crate::store::{Store, StoreError};
+use swarmbench_boards::competition::definition::practice_suite;
 use swarmbench_clock::{Clock, Entropy};
 use swarmbench_protocol::suite::Game;
 
@@ -454,9 +455,8 @@ impl Runs {
             // The window may still be open: the run waits until the time of day is certain.
             return Ok(());
         }
-        if let Some((entry, _)) = stored.attempt
-            && store.is_excluded(entry).await?
-        {
+        let is_practice = definition.suite.name.starts_with(&practice_suite(""));
+        if (stored.attempt.is_some() || is_practice) && store.is_excluded(stored.run).await? {
             return self.keep_end(stored, RunStatus::Aborted, Vec::new()).await;
         }
         match due(&definition, &games, now) {

@@ -507,8 +507,8 @@ pub(super) async fn write(
                 competitions::set_entrant(connection, *entry, status, reason, *vouched).await?;
             }
             Entry::DescribeEntrant(facts) => competitions::describe(connection, facts).await?,
-            Entry::RenameEntrant { entry, name } => {
-                competitions::rename(connection, *entry, name).await?;
+            Entry::RenameEntrant { entry, name, by_itself } => {
+                competitions::rename(connection, *entry, name, *by_itself).await?;
             }
             Entry::EraseEntrant { entry, name, at } => {
                 competitions::erase(connection, *entry, name, *at).await?;

@@ -56,8 +56,9 @@ pub(in super::super) async fn change_entrant(
         if let Some(name) = wanted.name.filter(|name| *name != before.entrant.name) {
             check_not_over(&competition)?;
             app.check_name_is_free(&competition, Some(before.key), &name).await?;
-            entries.push(Entry::RenameEntrant { entry: before.key, name });
-            if !caller.is_organizer() {
+            let by_itself = !caller.is_organizer();
+            entries.push(Entry::RenameEntrant { entry: before.key, name, by_itself });
+            if by_itself {
                 let key = check_renames(&app, &caller, &before)?;
                 let shown = json!({ "rewritten": ["name"] });
                 let detail = json!({ "rewritten": ["name"], "competition": id });
@@ -259,11 +260,10 @@ impl Wanted {
     /// Refuses what the caller may not change of this entrant.
     fn check(&self, caller: &Caller, entrant: &StoredEntrant) -> Result<(), ApiError> {
         check_own(caller, entrant)?;
-        if entrant.entrant.erased
-            && (self.name.is_some()
-                || self.contact.is_some()
-                || self.status == Some(EntrantStatus::Active))
-        {
+        let is_again = self.name.is_some()
+            || self.contact.is_some()
+            || self.status == Some(EntrantStatus::Active);
+        if entrant.entrant.erased && (is_again || !caller.is_organizer()) {
             let detail =
                 "this entrant was erased, which cannot be undone: it may enter another competition";
             return Err(ApiError::new(Code::Closed, detail));
@@ -283,7 +283,9 @@ impl Wanted {
         if self.vouched.is_some() {
             return refused("only an organizer vouches for a model");
         }
-        if entrant.entrant.status == EntrantStatus::Disqualified {
+        let is_contact = self.contact.is_some()
+            && (&self.name, self.status, self.accepts_terms) == (&None, None, None);
+        if entrant.entrant.status == EntrantStatus::Disqualified && !is_contact {
             return refused("this entrant is disqualified: only an organizer changes it");
         }
         match self.status {

@@ -114,8 +114,8 @@ fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition,
         Attempts::Windows(windows) => windows
             .into_iter()
             .map(|AttemptWindow { opens_at: from, closes_at: to }| Window {
-                opens_at: from.map_or(opens_at, Into::into),
-                closes_at: to.map_or(closes_at, Into::into),
+                opens_at: from.map_or(opens_at, |at| whole(at.into())),
+                closes_at: to.map_or(closes_at, |at| whole(at.into())),
             })
             .collect(),
     };

@@ -80,9 +80,10 @@ pub(in super::super) async fn add_member(
     let name = problems.none_or(name)?;
     App::run_detached(async move {
         let competition = app.stored_competition(&id).await?;
-        let _lock = app.creations.lock(&format!("team {entrant}")).await;
+        // Nobody else waits behind a stranger; and a team that is erased gets no member meanwhile.
+        check_team(&caller, &app.entrant(&competition, &entrant).await?)?;
+        let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
         let stored = app.entrant(&competition, &entrant).await?;
-        check_team(&caller, &stored)?;
         check_not_over(&competition)?;
         let closed = |detail: &str| Err(ApiError::new(Code::Closed, detail));
         if stored.entrant.erased {
@@ -154,9 +155,10 @@ pub(in super::super) async fn remove_member(
     // A key that is revoked is removed from the cache, too, also if the client hangs up.
     App::run_detached(async move {
         let competition = app.stored_competition(&id).await?;
-        let _lock = app.creations.lock(&format!("team {entrant}")).await;
+        // Nobody else waits behind a stranger; and a team that is erased gets no member meanwhile.
+        check_team(&caller, &app.entrant(&competition, &entrant).await?)?;
+        let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
         let stored = app.entrant(&competition, &entrant).await?;
-        check_team(&caller, &stored)?;
         let is_own = matches!(&caller, Caller::Key(key) if key.id == member);
         if !is_own && !caller.is_organizer() && !app.is_founder(&caller, &stored).await? {
             let detail = "a member is removed with its own key, with that with which the team entered, or by an organizer";

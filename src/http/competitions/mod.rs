@@ -29,7 +29,7 @@ use super::auth::Caller;
 use super::checks::Problems;
 use super::error::{ApiError, Code};
 use crate::competitions::{self, StoredCompetition, StoredEntrant};
-use crate::ids::EntryKey;
+use crate::ids::{EntryKey, RunKey};
 use crate::keys::NAME_CHARS_MAX;
 use crate::run::RunStatus;
 use crate::store::entries::Entry;
@@ -61,7 +61,8 @@ impl App {
         found.ok_or_else(|| ApiError::not_found("the entrant"))
     }
 
-    /// Keeps what excludes entrants, and ends what they play.
+    /// Keeps what excludes entrants, and ends what they play: what is started meanwhile ends before the answer, or is ended by
+    /// who starts it ([`App::check_not_excluded`]).
     async fn exclude(
         &self,
         competition: &StoredCompetition,
@@ -69,11 +70,30 @@ impl App {
         entries: Vec<Entry>,
     ) -> Result<(), ApiError> {
         let practice = practice_suite(&competition.id);
-        let mut runs = Vec::new();
-        for StoredEntrant { key, owner, .. } in excluded {
-            runs.extend(self.store.playing(*key, *owner, &practice).await?);
+        let playing = async || {
+            let mut runs = Vec::new();
+            for StoredEntrant { key, owner, .. } in excluded {
+                runs.extend(self.store.playing(*key, *owner, &practice).await?);
+            }
+            Ok::<_, ApiError>(runs)
+        };
+        self.runs.end_all(&playing().await?, RunStatus::Aborted, entries).await?;
+        Ok(self.runs.end_all(&playing().await?, RunStatus::Aborted, Vec::new()).await?)
+    }
+
+    /// Ends a run that was just created, and refuses it, where its entrant has been excluded since the last look at its status.
+    async fn check_not_excluded(
+        &self,
+        competition: &StoredCompetition,
+        entrant: &StoredEntrant,
+        run: RunKey,
+    ) -> Result<(), ApiError> {
+        if !self.store.is_excluded(run).await? {
+            return Ok(());
         }
-        Ok(self.runs.end_all(&runs, RunStatus::Aborted, entries).await?)
+        self.runs.end(run, RunStatus::Aborted).await?;
+        start::check_active(&self.entrant(competition, &entrant.entrant.id).await?)?;
+        Err(ApiError::new(Code::Closed, "this entrant was erased, which cannot be undone"))
     }
 
     /// Whether a caller has the key with which an entrant entered, and not that of a member that was added to its team.

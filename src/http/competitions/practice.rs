@@ -88,6 +88,7 @@ pub(in super::super) async fn start_practice(
             competition.definition.practice(&competition.id, declaration, tasks, seeds);
         let games = definition.suite.plan().len();
         let (run, token) = app.runs.create(NewRun::by(party, Purpose::Usual, definition)).await?;
+        app.check_not_excluded(&competition, &found, run.run).await?;
         let token = token.ok_or_else(|| ApiError::new(Code::Internal, "the run has no token"))?;
         app.check_not_revoked(&caller).await?;
         let body = StartedPractice {

@@ -170,6 +170,7 @@ async fn start(
     let party = Party::entrant(competition.key, entrant.owner);
     let new = NewRun { party, purpose, definition, attempt, replays, idempotency };
     let (run, token) = app.runs.create(new).await?;
+    app.check_not_excluded(competition, entrant, run.run).await?;
     let token = token.ok_or_else(|| ApiError::new(Code::Internal, "the run has no token"))?;
     started(competition, entrant, chosen, run.id, &token)
 }

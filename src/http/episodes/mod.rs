@@ -79,7 +79,12 @@ impl App {
             visibility: spec.visibility,
             is_mixed: spec.is_mixed(),
             is_over,
-            opened: Opened::at(self.time_to_open(), stored.revealed, stored.own_from),
+            opened: Opened::at(
+                self.time_to_open(),
+                stored.revealed,
+                stored.own_from,
+                spec.round_max(),
+            ),
         }
     }
 

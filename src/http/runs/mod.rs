@@ -12,6 +12,7 @@ pub(super) mod suites;
 pub(super) mod token;
 
 use std::collections::VecDeque;
+use std::time::Duration;
 
 use serde_json::{Value, json};
 
@@ -29,6 +30,7 @@ use swarmbench_boards::result::task_results;
 use swarmbench_journal::Tally;
 use swarmbench_protocol::Seconds;
 use swarmbench_protocol::run::{ActTally, RunDetail, RunGame, RunSummary, SuiteView, TaskResult};
+use swarmbench_protocol::suite::SuiteSettings;
 
 impl App {
     /// What the audit log has of an attempt to which an organizer does something; nothing of other runs.
@@ -63,7 +65,10 @@ impl Known {
         })?;
         // The end of the window as its games have it: runs of earlier versions may know one that was moved since.
         let own_from = stored.closes_at.filter(|_| definition.own_games);
-        let opened = Opened::at(app.time_to_open(), stored.revealed, own_from);
+        let SuiteSettings { round_deadline_ms, bank_ms, .. } = definition.suite.settings;
+        let round_max =
+            Duration::from_millis(round_deadline_ms.unwrap_or(0).saturating_add(bank_ms));
+        let opened = Opened::at(app.time_to_open(), stored.revealed, own_from, round_max);
         Ok(Self { stored, definition, plan, visibility, opened })
     }
 

@@ -94,6 +94,8 @@ pub enum Entry {
     RenameEntrant {
         entry: EntryKey,
         name: String,
+        /// Whether it renamed itself, which counts towards the maximum.
+        by_itself: bool,
     },
     /// The name of an entrant, and from where it came, are erased. The published file of a competition that is over keeps its name.
     EraseEntrant {

@@ -16,6 +16,7 @@ use crate::store::StoreError;
 use crate::store::entries::{CompetitionRow, EntrantFacts, EntrantRow, Secret};
 use crate::store::runs::void_reason;
 use crate::store::sql::{Begin, Builder, Connection, FromRow, Row, from_row, get, query};
+use swarmbench_boards::competition::definition::practice_suite;
 use swarmbench_protocol::names::looks;
 
 #[derive(Clone, Debug)]
@@ -67,7 +68,7 @@ pub struct RawEntrant {
     pub terms: Option<u32>,
     /// How organizers reach it.
     pub contact: Option<String>,
-    /// How often it was given another name.
+    /// How often it gave itself another name.
     pub renames: u32,
 }
 
@@ -260,11 +261,17 @@ impl Store {
         self.fetch_one(query(text).bind(entry.0)).await
     }
 
-    /// Whether an entrant was disqualified or erased.
-    pub async fn is_excluded(&self, entry: EntryKey) -> Result<bool, StoreError> {
-        let text =
-            "SELECT status = 'disqualified' OR erased_at IS NOT NULL FROM entries WHERE key = $1";
-        self.fetch_one(query(text).bind(entry.0)).await
+    /// Whether the entrant that plays a run, an attempt or for practice, was disqualified or erased.
+    pub async fn is_excluded(&self, run: RunKey) -> Result<bool, StoreError> {
+        let query = query(
+            "SELECT EXISTS (
+                 SELECT 1 FROM runs r
+                 JOIN entries n ON n.owner = r.owner
+                 JOIN competitions c ON c.key = n.competition
+                 WHERE r.key = $1 AND (n.key = r.entry OR r.suite = $2 || c.id)
+                     AND (n.status = 'disqualified' OR n.erased_at IS NOT NULL))",
+        );
+        self.fetch_one(query.bind(run.0).bind(practice_suite(""))).await
     }
 
     /// What an entrant plays: its attempts, and what its key plays for practice, in order.
@@ -610,7 +617,7 @@ pub(in crate::store) async fn add_entrant(
     let added: i64 = query(
         "INSERT INTO entries (id, competition, owner, name, model, declaration, brief, template, status, vouched, registered_at,
                               address, category, terms, contact)
-         VALUES ($1, $2, (SELECT number FROM keys WHERE id = $3), $4, $5, $6, $7, $8, 'active', $9, $10, $11, $12, $13, $14)
+         VALUES ($1, $2, (SELECT coalesce(acts_for, number) FROM keys WHERE id = $3), $4, $5, $6, $7, $8, 'active', $9, $10, $11, $12, $13, $14)
          RETURNING key",
     )
     .bind(&row.id)
@@ -787,10 +794,12 @@ pub(in crate::store) async fn rename(
     connection: &mut Connection,
     entry: EntryKey,
     name: &str,
+    by_itself: bool,
 ) -> Result<(), sqlx::Error> {
-    query("UPDATE entries SET name = $1, renames = renames + 1 WHERE key = $2 RETURNING key")
+    query("UPDATE entries SET name = $1, renames = renames + $3 WHERE key = $2 RETURNING key")
         .bind(name)
         .bind(entry.0)
+        .bind(i64::from(by_itself))
         .fetch_one(&mut *connection)
         .await?;
     use_name(connection, entry.0, name).await
@@ -814,9 +823,12 @@ pub(in crate::store) async fn erase(
     .bind(name)
     .execute(&mut *connection)
     .await?;
-    // Keys that were made for the entrant have its name, or those of its members.
+    // Keys that were made for the entrant have its name, or those of its members. They stay good for other entrants of theirs.
     query(
-        "UPDATE keys SET name = $1, revoked_at = coalesce(revoked_at, $2)
+        "UPDATE keys SET name = $1, revoked_at = CASE
+             WHEN EXISTS (SELECT 1 FROM entries o
+                          WHERE o.owner = coalesce(keys.acts_for, keys.number) AND o.erased_at IS NULL)
+             THEN revoked_at ELSE coalesce(revoked_at, $2) END
          WHERE role = 'entrant'
              AND (SELECT owner FROM entries WHERE key = $3) IN (number, acts_for)",
     )

@@ -468,6 +468,19 @@ const FORGERIES: [Forgery; 5] = [
 ];
 
 #[tokio::test]
+async fn windows_are_stored_to_the_millisecond_as_games_have_them() {
+    let app = server().await;
+    let windows = json!([{ "closes_at": "2026-03-01T12:40:00.852271Z" }]);
+    let cup = Cup::open(&app, json!({ "attempts": windows })).await;
+    assert_eq!(cup.created["attempts"][0]["closes_at"], "2026-03-01T12:40:00.852Z");
+    let attempt = cup.start(&app, &cup.enter(&app, "blue").await).await;
+    attempt.play(&app, 1).await;
+    crate::cup::pass_minutes(&app, 90).await;
+    cup.closed(&app).await;
+    check(&cup.export(&app).await, Expected::default()).expect("it is true");
+}
+
+#[tokio::test]
 async fn the_file_of_an_older_competition_has_the_format_that_it_needs() {
     for (change, usual) in [(json!({}), 1), (json!({ "spares": 1 }), 2)] {
         let app = server().await;

@@ -94,6 +94,32 @@ async fn a_window_that_is_extended_keeps_its_games_sealed_for_longer() {
     assert!(own.iter().all(|game| game["seed"].is_number()), "{own:?}");
 }
 
+/// Rounds that are open when the window closes go on, as long as clocks and banks let them.
+#[tokio::test]
+async fn own_games_open_once_no_round_is_open_on_their_seeds() {
+    let app = server().await;
+    let window = json!({ "opens_at": "2026-03-01T12:10:00Z", "closes_at": "2026-03-01T12:40:00Z" });
+    let clocks = json!({ "round_deadline_s": 60, "bank_s": 300, "idle_timeout_s": 7200 });
+    let change = json!({ "own_games": "ended", "attempts": [window], "clocks": clocks });
+    let cup = Cup::open(&app, change).await;
+    let (blue, red) = (cup.enter(&app, "blue").await, cup.enter(&app, "red").await);
+    let attempt = cup.start(&app, &blue).await;
+    attempt.play(&app, 0).await;
+    pass_minutes(&app, 29).await;
+    let rival = cup.start(&app, &red).await;
+    pass_minutes(&app, 2).await;
+    let open = rival.look(&app).await;
+    assert!(!list(&open["observations"]).is_empty(), "{open}");
+    let own = games(&app, &attempt.run, &blue.key).await;
+    assert!(own.iter().all(|game| game["seed"].is_null()), "{own:?}");
+    let journal = format!("/api/v1/episodes/{}/journal", texts(&own, "episode")[0]);
+    app.get(&journal).token(&blue.key).problem(403, "forbidden").await;
+    pass_minutes(&app, 5).await;
+    let own = games(&app, &attempt.run, &blue.key).await;
+    assert!(own.iter().all(|game| game["seed"].is_number()), "{own:?}");
+    assert_eq!(rival.look(&app).await["finished"], true);
+}
+
 /// What an entrant reads of one task tells nothing of the others.
 #[tokio::test]
 async fn each_task_has_seeds_of_its_own() {

@@ -204,10 +204,168 @@ async fn what_an_excluded_entrant_plays_ends_also_after_a_stop() {
     let cup = Cup::open(&app, json!({})).await;
     let blue = cup.enter(&app, "blue").await;
     let attempt = cup.start(&app, &blue).await;
+    let practice = app.post(&cup.path("/practice")).token(&blue.key).ok().await;
     attempt.act(&app, 4).await;
     app.stop().await;
     app.tamper("UPDATE entries SET status = 'disqualified', reason = 'two teams';").await;
     app.start_again().await;
     let (open, status, _) = state(&app, &attempt.run).await;
     assert_eq!((open, status), (0, json!("aborted")));
+    assert_eq!(state(&app, &text(&practice["run"])).await.1, "aborted");
+}
+
+/// Two requests of one moment: what both answered, in whichever order they were done.
+#[tokio::test]
+async fn what_is_started_while_its_entrant_is_disqualified_is_ended() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    for number in 0..12 {
+        let blue = cup.enter(&app, &format!("team no. {number}")).await;
+        let decision = json!({ "status": "disqualified", "reason": "two teams" });
+        let start = |route: &str| app.post(&cup.path(route)).token(&blue.key).send();
+        let (decided, attempt, practice) = tokio::join!(
+            app.call(Method::PATCH, &path(&cup, &blue)).token(&app.organizer).json(&decision).ok(),
+            start("/attempts"),
+            start("/practice"),
+        );
+        assert_eq!(decided["status"], "disqualified");
+        for answer in [attempt, practice] {
+            if answer.status != 201 {
+                assert_eq!(answer.status, 403, "{}", answer.text());
+                continue;
+            }
+            assert_eq!(state(&app, &text(&answer.json()["run"])).await.1, "aborted");
+        }
+        let running = "SELECT count(*) FROM runs WHERE status = 'running'";
+        assert_eq!(app.count(running).await, 0, "of team no. {number}");
+    }
+}
+
+#[tokio::test]
+async fn a_member_that_is_added_while_its_team_is_erased_has_no_key() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    for number in 0..12 {
+        let blue = cup.enter(&app, &format!("team no. {number}")).await;
+        let (added, erased) = tokio::join!(
+            app.post(&format!("{}/members", path(&cup, &blue)))
+                .token(&blue.key)
+                .json(&json!({ "name": "Ada" }))
+                .send(),
+            app.call(Method::DELETE, &path(&cup, &blue)).token(&app.organizer).ok(),
+        );
+        assert_eq!(erased["erased"], true);
+        if added.status == 201 {
+            let key = text(&added.json()["key"]);
+            app.get(&path(&cup, &blue)).token(&key).problem(401, "unauthorized").await;
+        }
+    }
+    assert_eq!(app.count("SELECT count(*) FROM keys WHERE name = 'Ada'").await, 0);
+}
+
+/// The key with which a team entered, or that of a member: an entrant of either is of the team.
+#[tokio::test]
+async fn a_member_enters_for_its_team() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let other = Cup::open(&app, json!({ "entries_per_key": 2 })).await;
+    let blue = cup.enter(&app, "blue").await;
+    let (_, ada) = member(&app, &cup, &blue, "Ada").await;
+    let enter = |cup: &Cup, name: &str| {
+        let entry = json!({ "name": name, "model": "m" });
+        app.post(&cup.path("/entrants")).token(&ada).json(&entry)
+    };
+    enter(&cup, "green").problem(403, "forbidden").await;
+    let made = enter(&other, "green").ok().await;
+    enter(&other, "teal").ok().await;
+    let problem = enter(&other, "cyan").problem(403, "forbidden").await;
+    assert!(text(&problem["detail"]).contains("has 2 entrants already"), "{problem}");
+    let green = Entrant { id: text(&made["id"]), key: blue.key.clone() };
+    let start = json!({ "entrant": green.id });
+    app.post(&other.path("/attempts")).token(&ada).json(&start).ok().await;
+
+    // A key stays good for the entrants that are not erased.
+    app.call(Method::DELETE, &path(&other, &green)).token(&blue.key).ok().await;
+    app.post(&cup.path("/attempts")).token(&blue.key).ok().await;
+    app.get(&path(&cup, &blue)).token(&ada).ok().await;
+    for entrant in list(&app.get(&other.path("/entrants")).ok().await["items"]) {
+        let erase = other.path(&format!("/entrants/{}", text(&entrant["id"])));
+        app.call(Method::DELETE, &erase).token(&app.organizer).ok().await;
+    }
+    app.get(&path(&cup, &blue)).token(&ada).ok().await;
+    app.call(Method::DELETE, &path(&cup, &blue)).token(&app.organizer).ok().await;
+    for key in [&blue.key, &ada] {
+        app.get(&path(&cup, &blue)).token(key).problem(401, "unauthorized").await;
+    }
+}
+
+#[tokio::test]
+async fn nothing_is_written_again_of_who_was_erased() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let (own, _) = app.key(json!({ "role": "member", "name": "team" })).await;
+    let entry = json!({ "name": "blue", "model": "m" });
+    let made = app.post(&cup.path("/entrants")).token(&own).json(&entry).ok().await;
+    let blue = Entrant { id: text(&made["id"]), key: own };
+    app.call(Method::DELETE, &path(&cup, &blue)).token(&blue.key).ok().await;
+    let again = json!({ "status": "withdrawn", "reason": "Ada Lovelace" });
+    let change = app.call(Method::PATCH, &path(&cup, &blue)).token(&blue.key).json(&again);
+    change.problem(409, "closed").await;
+    // An organizer still decides about it.
+    let decision = json!({ "status": "disqualified", "reason": "two teams" });
+    assert_eq!(cup.change(&app, &blue, decision).await["reason"], "two teams");
+}
+
+#[tokio::test]
+async fn who_is_disqualified_can_still_be_reached() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let blue = cup.enter(&app, "blue").await;
+    cup.change(&app, &blue, json!({ "status": "disqualified", "reason": "two teams" })).await;
+    let change =
+        |change: Value| app.call(Method::PATCH, &path(&cup, &blue)).token(&blue.key).json(&change);
+    change(json!({ "contact": "a@b.c" })).ok().await;
+    change(json!({ "contact": "a@b.c", "name": "green" })).problem(403, "forbidden").await;
+}
+
+/// Streams and answers that are waited for were allowed to who asked; they are not sent to who may not ask any more.
+#[tokio::test]
+async fn what_is_waited_for_is_not_sent_to_a_revoked_key_or_token() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({ "parallel": 1 })).await;
+    let blue = cup.enter(&app, "blue").await;
+    let (ada, key) = member(&app, &cup, &blue, "Ada").await;
+    let attempt = Attempt::of(&app.post(&cup.path("/attempts")).token(&key).ok().await);
+    let request = json!({ "name": "judge", "role": "judge" });
+    let judge = app.post("/api/v1/keys").token(&app.organizer).json(&request).ok().await;
+    let game = text(&attempt.episodes(&app).await[0]["id"]);
+    let stream = |path: String, token: &Value| app.get(&path).token(&text(token)).open();
+    let watched = stream(format!("/api/v1/episodes/{game}/events"), &judge["secret"]).await;
+    let of_run = stream(format!("/api/v1/runs/{}/events", attempt.run), &json!(key)).await;
+    assert!(watched.status().is_success() && of_run.status().is_success());
+
+    // One seat of three has acted: the others' round is waited for.
+    let seen = &list(&attempt.look(&app).await["observations"])[0];
+    let act = json!({
+        "episode": seen["episode"], "agent": seen["agent"], "round": seen["round"], "action": "STAY",
+    });
+    let path = "/swarm/act?wait=1";
+    let waiting = app.post(path).token(&attempt.swarm).json(&json!({ "acts": [act] })).send();
+    let revoked = async {
+        tokio::task::yield_now().await;
+        remove(&app, &cup, &blue, &ada, &blue.key).ok().await;
+        app.delete(&format!("/api/v1/keys/{}", text(&judge["id"])))
+            .token(&app.organizer)
+            .ok()
+            .await;
+        app.pass(Duration::from_secs(2));
+    };
+    let (answer, ()) = tokio::join!(waiting, revoked);
+    assert_eq!(answer.status, 401, "{}", answer.text());
+    // Both streams have ended, and the game goes on.
+    for stream in [watched, of_run] {
+        let rest = tokio::time::timeout(Duration::from_secs(20), stream.text()).await;
+        assert!(!rest.expect("it ends").expect("UTF-8").contains("event: finished"));
+    }
+    assert_eq!(state(&app, &attempt.run).await.1, "running");
 }
