@@ -368,6 +368,7 @@ impl Questions<'_> {
             self.ask(&what, async |side| side.store.run(run).await).await;
             self.ask(&what, async |side| side.store.entrant(run).await).await;
             self.ask(&what, async |side| side.store.games_of(run).await).await;
+            self.ask(&what, async |side| side.store.is_excluded(run).await).await;
             self.ask(&what, async |side| side.store.run_on_boards(run).await).await;
             let owner = self.history.run().and_then(|run| run.owner).unwrap_or(OwnerKey(-1));
             self.ask(&format!("runs_of_suite {owner:?} {from}"), async |side| {
@@ -493,10 +494,6 @@ impl Questions<'_> {
             self.ask(&of("is_name_taken"), async |side| {
                 let (competition, entry) = (side.competition(competition), side.entry(entry));
                 side.store.is_name_taken(competition, Some(entry), &name).await
-            })
-            .await;
-            self.ask(&of("is_excluded"), async |side| {
-                side.store.is_excluded(side.entry(entry)).await
             })
             .await;
             if let Some(owner) = owner {

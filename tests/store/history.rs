@@ -935,7 +935,7 @@ impl History {
         let (name, at) = (self.named(), self.at());
         let status = *self.dice.pick(&["active", "withdrawn", "disqualified"]);
         vec![match self.dice.below(6) {
-            0 => Entry::RenameEntrant { entry, name },
+            0 => Entry::RenameEntrant { entry, name, by_itself: self.dice.below(2) == 0 },
             1 => Entry::EraseEntrant { entry, name: format!("Entrant {}", entry.0), at },
             2 => Entry::DescribeEntrant(Box::new(EntrantFacts {
                 entry,

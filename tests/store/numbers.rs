@@ -196,8 +196,8 @@ impl Side {
                 let entry = self.entry(facts.entry);
                 Entry::DescribeEntrant(Box::new(EntrantFacts { entry, ..*facts }))
             }
-            Entry::RenameEntrant { entry, name } => {
-                Entry::RenameEntrant { entry: self.entry(entry), name }
+            Entry::RenameEntrant { entry, name, by_itself } => {
+                Entry::RenameEntrant { entry: self.entry(entry), name, by_itself }
             }
             Entry::EraseEntrant { entry, name, at } => {
                 Entry::EraseEntrant { entry: self.entry(entry), name, at }

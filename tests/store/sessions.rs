@@ -186,7 +186,8 @@ async fn sessions_that_end_during_batches_lose_and_double_nothing() {
 async fn an_entry_about_a_row_that_is_not_there_is_refused_alone() {
     let scratch = scratch().await;
     let store = Store::open(location(&scratch)).await.expect("it opens");
-    let rename = Entry::RenameEntrant { entry: EntryKey(7), name: "nobody".to_owned() };
+    let (entry, name) = (EntryKey(7), "nobody".to_owned());
+    let rename = Entry::RenameEntrant { entry, name, by_itself: true };
     let jobs = [vec![note(1)], vec![note(2), rename], vec![note(3)]];
     let started = Instant::now();
     let kept = join_all(jobs.map(|job| store.keep(job))).await;

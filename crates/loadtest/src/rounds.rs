@@ -271,6 +271,7 @@ impl Swarm {
 
 impl Acting {
     /// All seats of an episode at a connection.
+    #[must_use]
     pub fn new(target: &Target, game: &Game, connection: Connection) -> Self {
         Self::of(target, std::slice::from_ref(game), connection)
     }
