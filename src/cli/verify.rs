@@ -199,6 +199,26 @@ fn parse_hash(option: &str, text: Option<&str>) -> anyhow::Result<Option<Head>> 
     head.map(Some).with_context(|| format!("{option} must be 64 hexadecimal digits"))
 }
 
+/// Characters of a text of others in a table.
+const CELL_CHARS_MAX: usize = 200;
+
+/// The beginning of a text that is too long for a table.
+fn cut(text: &str) -> String {
+    match text.char_indices().nth(CELL_CHARS_MAX) {
+        Some((end, _)) => format!("{} …", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
+/// What a file proves, as JSON. Actions are written as they are in the file: as a tree of values they would take up to forty times
+/// as much memory.
+#[derive(serde::Serialize)]
+struct Shown<'a> {
+    #[serde(flatten)]
+    all: serde_json::Value,
+    actions: &'a [Action],
+}
+
 fn run_competition(
     args: &Args,
     path: &Path,
@@ -227,13 +247,14 @@ fn run_competition(
                 "model": entrant.map(|entrant| &entrant.declaration.model), "attempt": row.attempt, "total": row.total,
             })
         };
-        return output::json(&json!({
+        let all = json!({
             "competition": competition.id, "name": competition.definition.name, "revealed_at": competition.revealed_at,
             "entrants": report.entrants.len(), "attempts": report.attempts, "episodes": report.episodes,
-            "rounds": report.rounds, "actions": report.actions, "board": report.rows.iter().map(row).collect::<Vec<_>>(),
+            "rounds": report.rounds, "board": report.rows.iter().map(row).collect::<Vec<_>>(),
             "commitment": competition.commitment, "commitment_is_expected": commitment.is_some(),
             "head": report.head.to_string(), "head_is_expected": head.is_some(),
-        }));
+        });
+        return output::json(&Shown { all, actions: &report.actions });
     }
     let revealed = competition.revealed_at.map_or("not yet".to_owned(), |at| at.to_string());
     let about = fields([
@@ -250,7 +271,7 @@ fn run_competition(
         let mut actions = table(&["time", "what an organizer did", "of", "details"]);
         for action in &report.actions {
             let Action { at, action, subject, detail } = action;
-            actions.add_row([&at.to_string(), action, subject, &detail.to_string()]);
+            actions.add_row([at.to_string(), cut(action), cut(subject), cut(detail.get())]);
         }
         out!("{actions}");
     }
@@ -259,8 +280,8 @@ fn run_competition(
         let entrant = entrant(&row.entrant);
         board.add_row([
             rank(row.rank),
-            cell(entrant.map(|entrant| &entrant.name)),
-            cell(entrant.map(|entrant| &entrant.declaration.model)),
+            cell(entrant.map(|entrant| cut(&entrant.name))),
+            cell(entrant.map(|entrant| cut(&entrant.declaration.model))),
             cell(row.attempt),
             total(row.total),
         ]);
@@ -275,4 +296,16 @@ fn run_competition(
         None => out!("{UNPROVEN_SEEDS}"),
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_text_of_any_length_is_cut_for_a_table() {
+        let long = "ä".repeat(CELL_CHARS_MAX);
+        assert_eq!(cut(&long), long);
+        assert_eq!(cut(&format!("{long}ää")), format!("{long} …"));
+    }
 }

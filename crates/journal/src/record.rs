@@ -3,10 +3,13 @@
 //! A record is a JSON object without line breaks. The chain hashes its bytes, so they are stored and never serialized
 //! again. A line of a journal file is `{"hash":"…","record":{…}}` with the head of the chain after the record.
 
+use std::borrow::Cow;
+use std::fmt;
+use std::marker::PhantomData;
 use std::sync::Arc;
 
-use serde::de::value::MapAccessDeserializer;
-use serde::de::{Error as _, MapAccess, Visitor};
+use serde::de::value::{CowStrDeserializer, MapAccessDeserializer};
+use serde::de::{DeserializeSeed, Error as _, IgnoredAny, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::value::RawValue;
 use swarmbench_engine::{Act, Action, AgentId, Config, Message, Seed, SettingErrors, Settings};
@@ -84,33 +87,76 @@ pub enum Record {
     End(End),
 }
 
-/// A record whose first field is its kind, as it is written. It is read in one pass, whereas [`Record`] buffers all
-/// fields until it has found the kind.
-struct KindFirst(Record);
+/// The kind of a record, which its field `kind` names, wherever it stands.
+///
+/// # Errors
+/// If the text is no object, or has no kind.
+pub fn kind_of(text: &str) -> Result<Cow<'_, str>, serde_json::Error> {
+    #[derive(Deserialize)]
+    struct Kind<'a> {
+        #[serde(borrow)]
+        kind: Cow<'a, str>,
+    }
+    // Servers write it first.
+    let first = text.strip_prefix(r#"{"kind":""#).and_then(|rest| rest.split_once('"'));
+    match first {
+        Some((kind, _)) if !kind.contains('\\') => Ok(Cow::Borrowed(kind)),
+        _ => serde_json::from_str(text).map(|Kind { kind }| kind),
+    }
+}
 
-impl<'de> Deserialize<'de> for KindFirst {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Fields;
-        impl<'de> Visitor<'de> for Fields {
-            type Value = Record;
+/// Reads all fields of a record but its kind, in one pass. The reader of an enum with a tag would buffer them, which takes up to
+/// sixty bytes of memory for each byte.
+///
+/// # Errors
+/// If the fields are others.
+pub fn fields_of<'de, T: Deserialize<'de>>(text: &'de str) -> Result<T, serde_json::Error> {
+    struct Fields<T>(PhantomData<T>);
+    impl<'de, T: Deserialize<'de>> Visitor<'de> for Fields<T> {
+        type Value = T;
 
-            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-                f.write_str("a record")
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Record, A::Error> {
-                let kind = map.next_entry::<&str, &str>()?;
-                let rest = MapAccessDeserializer::new(map);
-                match kind {
-                    Some(("kind", "opening")) => Box::deserialize(rest).map(Record::Opening),
-                    Some(("kind", "seats")) => Seats::deserialize(rest).map(Record::Seats),
-                    Some(("kind", "round")) => Round::deserialize(rest).map(Record::Round),
-                    Some(("kind", "end")) => End::deserialize(rest).map(Record::End),
-                    _ => Err(A::Error::missing_field("kind")),
-                }
-            }
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str("a record")
         }
-        deserializer.deserialize_map(Fields).map(Self)
+
+        fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<T, A::Error> {
+            T::deserialize(MapAccessDeserializer::new(WithoutKind { map, was_seen: false }))
+        }
+    }
+    let mut json = serde_json::Deserializer::from_str(text);
+    let read = json.deserialize_map(Fields(PhantomData))?;
+    json.end().map(|()| read)
+}
+
+/// The fields of a record without its kind.
+struct WithoutKind<A> {
+    map: A,
+    was_seen: bool,
+}
+
+impl<'de, A: MapAccess<'de>> MapAccess<'de> for WithoutKind<A> {
+    type Error = A::Error;
+
+    fn next_key_seed<K: DeserializeSeed<'de>>(
+        &mut self,
+        seed: K,
+    ) -> Result<Option<K::Value>, A::Error> {
+        #[derive(Deserialize)]
+        struct Name<'a>(#[serde(borrow)] Cow<'a, str>);
+        while let Some(Name(name)) = self.map.next_key()? {
+            if name != "kind" {
+                return seed.deserialize(CowStrDeserializer::new(name)).map(Some);
+            }
+            if std::mem::replace(&mut self.was_seen, true) {
+                return Err(A::Error::duplicate_field("kind"));
+            }
+            self.map.next_value::<IgnoredAny>()?;
+        }
+        Ok(None)
+    }
+
+    fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, A::Error> {
+        self.map.next_value_seed(seed)
     }
 }
 
@@ -120,8 +166,16 @@ impl Record {
     /// # Errors
     /// If the text is no record.
     pub fn parse(text: &str) -> Result<Self, serde_json::Error> {
-        let read = serde_json::from_str(text).map(|KindFirst(record)| record);
-        read.or_else(|_| serde_json::from_str(text))
+        match &*kind_of(text)? {
+            "opening" => fields_of(text).map(Record::Opening),
+            "seats" => fields_of(text).map(Record::Seats),
+            "round" => fields_of(text).map(Record::Round),
+            "end" => fields_of(text).map(Record::End),
+            other => Err(serde_json::Error::unknown_variant(
+                other,
+                &["opening", "seats", "round", "end"],
+            )),
+        }
     }
 }
 
@@ -211,6 +265,7 @@ swarmbench_protocol::game_settings! {
         pub control: String,
         pub seed: Seed,
         ..settings,
+        #[serde(deserialize_with = "Option::deserialize")]
         pub round_deadline_ms: Option<u64>,
         pub bank_ms: u64,
         pub start: String,
@@ -351,6 +406,7 @@ pub struct ActRecord {
     /// The origin.
     pub source: Source,
     /// The action, if any.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub action: Option<String>,
     /// The message, if any, as it was delivered.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -662,6 +718,44 @@ mod tests {
             let end = Frame::of_end(end, head);
             assert_eq!(format!("{}{joined}{}", end.before, end.after), whole);
         }
+    }
+
+    #[test]
+    fn a_record_has_its_kind_anywhere_and_once_and_all_its_fields() {
+        let read = |text: &str| Record::parse(text).map_err(|error| error.to_string());
+        let rest = r#""status":"aborted","reason":"aborted","rounds":0,"score":0.5,"open_acts":[]"#;
+        for text in [
+            format!(r#"{{"kind":"end",{rest}}}"#),
+            format!(r#"{{{rest},"kind":"end"}}"#),
+            format!(r#"{{{rest},"k\u0069nd":"e\u006ed"}}"#),
+        ] {
+            assert!(matches!(read(&text), Ok(Record::End(_))), "{text}");
+        }
+        let act = r#"{"agent":"Agent_0","source":"clock","valid":true}"#;
+        for (text, says) in [
+            (format!(r#"{{"kind":"end",{rest},"kind":"end"}}"#), "duplicate field `kind`"),
+            (format!(r#"{{"kind":"end",{rest},"rounds":0}}"#), "duplicate field `rounds`"),
+            (format!(r#"{{"kind":"end",{rest},"more":0}}"#), "unknown field `more`"),
+            (format!(r#"{{"kind":"end",{rest}}} 1"#), "trailing characters"),
+            (format!(r#"{{"kind":"other",{rest}}}"#), "unknown variant `other`"),
+            (format!("{{{rest}}}"), "missing field `kind`"),
+            (
+                format!(r#"{{"kind":"end",{}}}"#, rest.replace("[]", &format!("[{act}]"))),
+                "missing field `action`",
+            ),
+        ] {
+            let problem = read(&text).expect_err("it is no record");
+            assert!(problem.contains(says), "{text}: {problem}");
+        }
+    }
+
+    /// The first fault is reported where it is: nothing reads the record a second time, with more memory.
+    #[test]
+    fn a_record_that_is_wrong_is_read_once() {
+        let acts = "1,".repeat(1000);
+        let text = format!(r#"{{"kind":"round","round":0,"acts":[{acts}"#);
+        let problem = Record::parse(&text).expect_err("an act is a number").to_string();
+        assert!(problem.contains("invalid type: integer `1`"), "{problem}");
     }
 
     /// A round is joined from the bytes of its acts, but read as a whole.

@@ -5,7 +5,6 @@ use std::io::BufRead;
 use std::sync::Arc;
 
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
 use serde_json::value::RawValue;
 use swarmbench_engine::physics::{Solver, SolverError};
 use swarmbench_engine::{Act, AgentId, Config, RULES_REVISION, Scratch, World, answer};
@@ -220,7 +219,7 @@ impl Verifier {
         let Self { solver, head, lines, played } = self;
         let mut at = String::new();
         let parsed =
-            check_bytes(line, head).and_then(|record| Record::parse(record).map_err(not_a_record));
+            check_line(line, head).and_then(|record| Record::parse(record).map_err(not_a_record));
         let checked = parsed.and_then(|record| match record {
             Record::Opening(opening) if played.is_none() => {
                 see(played.insert(Player::new(*opening, *solver)?).world(), &[]);
@@ -304,21 +303,19 @@ const AFTER_RECORD: &[u8] = b"}\n";
 /// Hexadecimal digits of a hash.
 const HASH_DIGITS: usize = 64;
 
-/// Checks the bytes of a line against the chain, and advances `head` to the line's own.
-///
-/// # Errors
-/// If the line has another format, or its hash does not continue the chain.
-pub fn check_line<T: DeserializeOwned>(line: &[u8], head: &mut Head) -> Result<T, String> {
-    serde_json::from_str(check_bytes(line, head)?).map_err(not_a_record)
-}
-
+/// How a record that cannot be read is reported.
+#[must_use]
 #[expect(clippy::needless_pass_by_value, reason = "it is passed to map_err")]
-fn not_a_record(error: serde_json::Error) -> String {
+pub fn not_a_record(error: serde_json::Error) -> String {
     format!("not a record: {error}")
 }
 
-/// The record of a line whose hash continues the chain. The caller checks that it is one JSON object.
-fn check_bytes<'a>(line: &'a [u8], head: &mut Head) -> Result<&'a str, String> {
+/// The record of a line whose hash continues the chain; `head` becomes that of the line. The caller checks that it is one JSON
+/// object.
+///
+/// # Errors
+/// If the line has another format, or its hash does not continue the chain.
+pub fn check_line<'a>(line: &'a [u8], head: &mut Head) -> Result<&'a str, String> {
     let (hash, record) = parts(line).ok_or_else(|| wrong_form(line))?;
     let linked = head.link(record);
     let mut expected = [0; HASH_DIGITS];

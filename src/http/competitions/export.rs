@@ -6,6 +6,7 @@ use axum::http::{HeaderMap, header};
 use axum::response::IntoResponse;
 use serde::Deserialize;
 use serde_json::json;
+use serde_json::value::to_raw_value;
 use utoipa::IntoParams;
 
 use super::super::accept::{self, Binary};
@@ -146,7 +147,8 @@ async fn actions(app: &App, competition: &StoredCompetition) -> Result<Vec<Actio
         before = Some(last.number);
         all.extend(rows.into_iter().map(|row| {
             let ShownAction { at, action, subject, shown, .. } = row;
-            Action { at, action, subject, detail: shown }
+            let detail = to_raw_value(&shown).expect("string keys");
+            Action { at, action, subject, detail }
         }));
     }
     all.reverse();

@@ -54,7 +54,7 @@ impl File {
         let mut pieces = Vec::new();
         while let Some(line) = lines.next() {
             let line: Value = serde_json::from_str(line).expect("JSON");
-            let record: Line = serde_json::from_value(line["record"].clone()).expect("a record");
+            let record = Line::parse(&line["record"].to_string()).expect("a record");
             let count = if let Line::Episode(header) = &record { header.lines } else { 0 };
             let journal = (0..count).map(|_| lines.next().expect("a line").to_owned()).collect();
             pieces.push((record, journal));

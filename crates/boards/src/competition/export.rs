@@ -10,16 +10,19 @@
 //! A file has the oldest format that can tell the competition ([`format_of`]), so that older programs check it. The
 //! [`FIRST_FORMAT`] has no [`Action`]s, and spare attempts are attempts like others in it; only [`FORMAT`] knows seeds by task.
 
+use std::collections::BTreeMap;
+
 use jiff::Timestamp;
+use serde::de::Error as _;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::value::RawValue;
 
 use super::change::Changed;
 use super::definition::{Definition, OwnGames, Window};
 use super::entrant::Entrant;
 use super::standings::Row;
 use swarmbench_journal::chain::Head;
-use swarmbench_journal::record::RawRecord;
+use swarmbench_journal::record::{RawRecord, fields_of, kind_of};
 
 /// The version of this format.
 pub const FORMAT: u32 = 3;
@@ -39,8 +42,31 @@ pub const CANCEL: &str = "competition.cancel";
 /// The action that voids an attempt.
 pub const VOID: &str = "attempt.void";
 
+/// Actions after the end that change attempts, games or ranks: from [`FORMAT`] on a file has no others that late. They leave a
+/// published file, and its head, as they are.
+pub const AFTER_END: [&str; 4] = [VOID, "episode.void", "entrant.change", "entrants.exclude"];
+
+/// Bytes of a record that is neither an attempt nor the board, at most. The largest ones that servers write are the exclusions of
+/// all entrants at once, of 40 bytes for each.
+pub const RECORD_BYTES_MAX: usize = 4 * 1024 * 1024;
+
+/// The fields that only files from a later format on have: the object, the field, and that format.
+pub const LATER_FIELDS: [(&str, &str, u32); 11] = [
+    ("definition", "spares", SECOND_FORMAT),
+    ("definition", "attempts_per_day", SECOND_FORMAT),
+    ("definition", "public_seeds", SECOND_FORMAT),
+    ("definition", "tie_breaks", SECOND_FORMAT),
+    ("definition", "terms", SECOND_FORMAT),
+    ("definition", "own_games", SECOND_FORMAT),
+    ("definition", "categories", SECOND_FORMAT),
+    ("definition", "seeds_by_task", FORMAT),
+    ("entrant", "category", SECOND_FORMAT),
+    ("entrant", "terms", SECOND_FORMAT),
+    ("attempt", "replays", SECOND_FORMAT),
+];
+
 /// A record of the file; its field `kind` says which.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize)]
 #[serde(tag = "kind", rename_all = "lowercase")]
 pub enum Line {
     /// The first record.
@@ -59,6 +85,48 @@ pub enum Line {
     End(End),
 }
 
+impl Line {
+    /// Reads a record.
+    ///
+    /// # Errors
+    /// If the text is no record, or one of more than [`RECORD_BYTES_MAX`] bytes that is not as long as what was played.
+    pub fn parse(text: &str) -> Result<Self, serde_json::Error> {
+        let kind = kind_of(text)?;
+        if text.len() > RECORD_BYTES_MAX && !["attempt", "board"].contains(&&*kind) {
+            let bytes = text.len();
+            return Err(serde_json::Error::custom(format!(
+                "a record of this kind has at most {RECORD_BYTES_MAX} bytes (RECORD_BYTES_MAX), and this one {bytes}"
+            )));
+        }
+        match &*kind {
+            "competition" => fields_of(text).map(Self::Competition),
+            "action" => fields_of(text).map(Self::Action),
+            "entrant" => fields_of(text).map(Self::Entrant),
+            "attempt" => fields_of(text).map(Self::Attempt),
+            "episode" => fields_of(text).map(Self::Episode),
+            "board" => fields_of(text).map(Self::Board),
+            "end" => fields_of(text).map(Self::End),
+            other => Err(serde_json::Error::custom(format!("unknown kind {other:?}"))),
+        }
+    }
+}
+
+/// Finds a field of this record, or of its definition, that files of this format do not have.
+#[must_use]
+pub fn later_field(record: &str, format: u32) -> Option<String> {
+    let kind = kind_of(record).ok()?;
+    let fields: BTreeMap<String, &RawValue> = serde_json::from_str(record).ok()?;
+    let definition = fields.get("definition").map(|text| text.get()).unwrap_or_default();
+    let defined: BTreeMap<String, &RawValue> = serde_json::from_str(definition).unwrap_or_default();
+    let has = |of: &str, field: &str| match of {
+        "definition" => kind == "competition" && defined.contains_key(field),
+        _ => kind == of && fields.contains_key(field),
+    };
+    let (of, field, first) =
+        LATER_FIELDS.into_iter().find(|(of, field, first)| format < *first && has(of, field))?;
+    Some(format!("{of}: {field} needs format {first}, and the file says {format}"))
+}
+
 /// What was played.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -72,6 +140,7 @@ pub struct Competition {
     /// When it was created.
     pub created_at: Timestamp,
     /// When everything was opened to all; `None` in an export before that, for organizers.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub revealed_at: Option<Timestamp>,
     /// The published commitment, in hexadecimal.
     pub commitment: String,
@@ -132,21 +201,39 @@ pub struct Action {
     pub action: String,
     /// The id of the competition, entrant, run or game that it concerns.
     pub subject: String,
-    /// Further facts.
-    pub detail: Value,
+    /// Further facts: the text of an object, never a tree of values, which takes up to forty times as much memory.
+    pub detail: Box<RawValue>,
+}
+
+/// What a file is checked by of the detail of [`CHANGE`] and [`VOID`].
+#[derive(Debug, Default, Deserialize)]
+pub struct Decided {
+    /// What was changed of the definition.
+    #[serde(default)]
+    pub changes: Option<Vec<Changed>>,
+    /// Why.
+    #[serde(default)]
+    pub reason: Option<String>,
 }
 
 impl Action {
-    /// What it changed of the definition.
+    /// What it decided.
     ///
     /// # Errors
-    /// If the list of changes cannot be read.
-    pub fn changed(&self) -> Result<Vec<Changed>, String> {
-        if self.action != CHANGE {
-            return Ok(Vec::new());
+    /// If its detail is none.
+    pub fn decided(&self) -> Result<Decided, String> {
+        if !self.detail.get().starts_with('{') {
+            return Err("its detail is no object".to_owned());
         }
-        let changes = self.detail.get("changes").cloned().unwrap_or_default();
-        serde_json::from_value(changes).map_err(|error| format!("its changes: {error}"))
+        if ![CHANGE, VOID].contains(&self.action.as_str()) {
+            return Ok(Decided::default());
+        }
+        let decided = serde_json::from_str(self.detail.get());
+        let decided: Decided = decided.map_err(|error| format!("its detail: {error}"))?;
+        if self.action == CHANGE && decided.changes.is_none() {
+            return Err("its detail has no changes".to_owned());
+        }
+        Ok(decided)
     }
 }
 
@@ -168,6 +255,7 @@ pub struct Attempt {
     /// When it was started.
     pub created_at: Timestamp,
     /// When it ended.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub ended_at: Option<Timestamp>,
     /// Why it was voided, if it was. Then its games are left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]

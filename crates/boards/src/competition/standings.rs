@@ -97,18 +97,23 @@ pub struct Standing {
 #[serde(deny_unknown_fields)]
 pub struct Row {
     /// 1, 2, 2, 4; `None` without a counting attempt, and for entrants that withdrew or were disqualified.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub rank: Option<u32>,
     /// The entrant's id.
     pub entrant: String,
     /// The number of the attempt that counts, if one does.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub attempt: Option<u32>,
     /// Its run.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub run: Option<String>,
     /// How the run ended.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub run_status: Option<String>,
     /// Every task of the competition.
     pub tasks: Vec<TaskRow>,
     /// The sum of the means, if an attempt counts.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub total: Option<f64>,
     /// Answers that players gave in the games that count.
     pub answers: u64,
@@ -126,6 +131,7 @@ pub struct Row {
     /// Voided attempts.
     pub voided_attempts: u32,
     /// `declared` or `enforced`; `None` under centralized control.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub decentralization: Option<String>,
 }
 
@@ -136,8 +142,10 @@ pub struct TaskRow {
     /// The task.
     pub task: String,
     /// The mean of the scores.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub mean: Option<f64>,
     /// Their population standard deviation.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub deviation: Option<f64>,
     /// Games that were played and count.
     pub games: u32,

@@ -17,14 +17,14 @@ use swarmbench_engine::physics::Solver;
 use super::change::Changed;
 use super::definition::{Definition, Window};
 use super::entrant::Entrant;
-use super::export::{self, FIRST_FORMAT, FORMAT, Line, VOID};
+use super::export::{self, AFTER_END, Decided, FIRST_FORMAT, FORMAT, Line, VOID, later_field};
 use super::replays::{Replays, Waiting};
 use super::sealed::{SALT_BYTES, SEED_BYTES, Sealed};
 use super::standings::{Attempt, Part, Row, standings};
 use crate::run::Definition as Run;
 use crate::{Game, Slot};
 use swarmbench_journal::chain::Head;
-use swarmbench_journal::replay::{self, Report as Played, check_line};
+use swarmbench_journal::replay::{self, Report as Played, check_line, not_a_record};
 use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::status::RunStatus;
 use swarmbench_protocol::suite::Game as Planned;
@@ -97,8 +97,14 @@ pub fn verify(
     solver: Solver,
     progress: impl FnMut(usize),
 ) -> Result<Report, Fault> {
-    let reader =
-        Reader { file, head: Head::START, number: 0, place: "the beginning".to_owned(), progress };
+    let reader = Reader {
+        file,
+        head: Head::START,
+        format: FORMAT,
+        number: 0,
+        place: "the beginning".to_owned(),
+        progress,
+    };
     Replays::run(solver, |replays| read(reader, expected, replays))
 }
 
@@ -146,6 +152,8 @@ fn read<R: BufRead, P: FnMut(usize)>(
 struct Reader<R, P> {
     file: R,
     head: Head,
+    /// The version of the file, once its first record was read.
+    format: u32,
     /// The line that was read last.
     number: usize,
     /// What it is about.
@@ -162,11 +170,18 @@ impl<R: BufRead, P: FnMut(usize)> Reader<R, P> {
         self.number += 1;
         (self.progress)(self.number);
         let after = format!("after {}", self.place);
-        check_line(&line, &mut self.head).map(Some).map_err(|problem| Fault::Line {
-            line: self.number,
-            place: after,
-            problem,
-        })
+        let record = check_line(&line, &mut self.head).and_then(|text| {
+            let record = Line::parse(text).map_err(not_a_record)?;
+            if let Line::Competition(competition) = &record {
+                self.format = competition.format;
+            }
+            match later_field(text, self.format).filter(|_| self.format < FORMAT) {
+                Some(problem) => Err(problem),
+                None => Ok(record),
+            }
+        });
+        let wrong = |problem| Fault::Line { line: self.number, place: after, problem };
+        record.map(Some).map_err(wrong)
     }
 
     fn wrong(&self, problem: impl Into<String>) -> Fault {
@@ -223,9 +238,6 @@ fn check_competition(
     let export::Competition { format, definition, commitment, salt, seeds, .. } = competition;
     if !(FIRST_FORMAT..=FORMAT).contains(format) {
         return Err(format!("format {format} is not known, only {FIRST_FORMAT} to {FORMAT}"));
-    }
-    if definition.seeds_by_task && *format < FORMAT {
-        return Err(format!("seeds_by_task needs format {FORMAT}, and the file says {format}"));
     }
     let problems = definition.problems(competition.created_at);
     if let Some((field, problem)) = problems.first() {
@@ -374,7 +386,15 @@ impl<'a> Checker<'a> {
         if !self.entrants.is_empty() || !self.attempts.is_empty() {
             return Err("actions come before all entrants".to_owned());
         }
-        let changed = action.changed()?;
+        let is_late = self.competition.revealed_at.is_some_and(|at| at <= action.at);
+        if self.competition.format >= FORMAT
+            && is_late
+            && !AFTER_END.contains(&action.action.as_str())
+        {
+            return Err("it was done after the end, and is no part of a file".to_owned());
+        }
+        let Decided { changes, reason } = action.decided()?;
+        let changed = changes.unwrap_or_default();
         for change in &changed {
             let shortened = change.field.ends_with("closes_at")
                 && change.to.as_str().and_then(|at| at.parse::<Timestamp>().ok())
@@ -387,9 +407,9 @@ impl<'a> Checker<'a> {
             self.changes.push((action.at, changed));
         }
         if action.action == VOID
-            && let Some(reason) = action.detail["reason"].as_str()
+            && let Some(reason) = reason
         {
-            self.voids.insert((action.subject.clone(), reason.to_owned()));
+            self.voids.insert((action.subject.clone(), reason));
         }
         self.actions.push(action);
         Ok(())
@@ -417,6 +437,10 @@ impl<'a> Checker<'a> {
     fn entrant(&mut self, entrant: Entrant) -> Result<(), String> {
         if !self.attempts.is_empty() {
             return Err("entrants come before all attempts".to_owned());
+        }
+        // No server has taken one.
+        if entrant.name.chars().any(char::is_control) {
+            return Err("its name has control characters".to_owned());
         }
         let categories = &self.definition().categories;
         match &entrant.category {
@@ -746,9 +770,10 @@ fn differs<T: serde::Serialize>(what: &str, published: &T, expected: &T) -> Resu
 #[cfg(test)]
 mod tests {
     use serde_json::json;
+    use serde_json::value::to_raw_value;
 
     use super::super::definition::tests::{at, definition};
-    use super::super::export::{Action, Board, Writer};
+    use super::super::export::{Action, Board, CHANGE, RECORD_BYTES_MAX, Writer};
     use super::*;
 
     const BEFORE: u32 = FIRST_FORMAT_WITH_CHECKED_ATTEMPTS - 1;
@@ -770,7 +795,8 @@ mod tests {
             seeds: Vec::new(),
         };
         let action = action.map(|(run, reason)| {
-            let (action, detail) = (VOID.to_owned(), json!({ "attempt": 1, "reason": reason }));
+            let detail = to_raw_value(&json!({ "attempt": 1, "reason": reason })).expect("JSON");
+            let action = VOID.to_owned();
             Line::Action(Action { at: at(20), action, subject: run.to_owned(), detail })
         });
         let declaration = json!({
@@ -796,7 +822,8 @@ mod tests {
         let mut writer = Writer::default();
         let text: String = action.iter().chain(&rest).map(|line| writer.line(line)).collect();
         let (file, place) = (text.as_bytes(), String::new());
-        let mut reader = Reader { file, head: Head::START, number: 0, place, progress: |_| {} };
+        let progress = |_| {};
+        let mut reader = Reader { file, head: Head::START, format, number: 0, place, progress };
         Replays::run(Solver::Flow, |replays| {
             let read = Checker::new(competition, sealed, replays).rest(&mut reader);
             read.err().map(|fault| fault.to_string())
@@ -832,5 +859,137 @@ mod tests {
             Ok(()),
             "the window was extended afterwards"
         );
+    }
+
+    /// The first record of a true file.
+    fn competition(format: u32) -> Value {
+        let definition = Definition { seeds_by_task: false, ..definition() };
+        let seeds = vec![[0; SEED_BYTES]; definition.sealed_seeds()];
+        let sealed = Sealed { salt: [0; SALT_BYTES], seeds };
+        let hex = |bytes: &[u8]| data_encoding::HEXLOWER.encode(bytes);
+        json!({
+            "kind": "competition", "format": format, "id": "cmp_1", "definition": definition, "created_at": at(0),
+            "revealed_at": at(100), "commitment": hex(&sealed.commitment()), "salt": hex(&sealed.salt),
+            "seeds": sealed.seeds.iter().map(|seed| hex(seed)).collect::<Vec<_>>(),
+        })
+    }
+
+    fn action(minute: i64, name: &str, detail: &str) -> String {
+        let at = json!(at(minute));
+        format!(
+            r#"{{"kind":"action","at":{at},"action":"{name}","subject":"run_1","detail":{detail}}}"#
+        )
+    }
+
+    fn entrant(name: &str) -> Value {
+        json!({
+            "kind": "entrant", "id": "ent_1", "name": name, "model": "m", "status": "active", "vouched": false,
+            "registered_at": at(5),
+        })
+    }
+
+    fn attempt() -> Value {
+        json!({
+            "kind": "attempt", "entrant": "ent_1", "attempt": 1, "run": "run_1", "status": "closed", "created_at": at(15),
+            "ended_at": at(100), "games": [],
+        })
+    }
+
+    /// What is wrong with a file of these records.
+    fn fault(records: &[String]) -> String {
+        let (mut head, mut file) = (Head::START, String::new());
+        for record in records {
+            head = head.link(record.as_bytes());
+            file += &format!("{{\"hash\":\"{head}\",\"record\":{record}}}\n");
+        }
+        let verified = verify(file.as_bytes(), Expected::default(), Solver::Flow, |_| {});
+        verified.expect_err("it has no end").to_string()
+    }
+
+    /// What all files of these tests lack.
+    const NO_BOARD: &str = "the board is missing";
+
+    #[test]
+    fn a_field_of_a_later_format_is_refused_in_an_older_file() {
+        let values = json!({
+            "spares": 0, "attempts_per_day": 3, "public_seeds": 1, "tie_breaks": ["earliest"], "own_games": "ended",
+            "terms": { "version": 1, "text": "x" }, "categories": [], "seeds_by_task": false,
+        });
+        for (of, field, first) in export::LATER_FIELDS {
+            for format in FIRST_FORMAT..=FORMAT {
+                let mut records = [competition(format), entrant("blue"), attempt()];
+                // An entrant has accepted no terms.
+                let value = if of == "entrant" { Value::Null } else { values[field].clone() };
+                match of {
+                    "definition" => records[0]["definition"][field] = value,
+                    "entrant" => records[1][field] = value,
+                    _ => records[2][field] = value,
+                }
+                let found = fault(&records.map(|record| record.to_string()));
+                let says = if format < first { "needs format" } else { NO_BOARD };
+                assert!(found.contains(says), "{of}.{field} in {format}: {found}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_field_that_is_always_there_is_not_left_out() {
+        let row = json!({
+            "rank": null, "entrant": "ent_1", "attempt": null, "run": null, "run_status": null, "tasks": [], "total": null,
+            "answers": 0, "invalid": 0, "timeouts": 0, "voided_games": 0, "attempts": 0, "voided_attempts": 0,
+            "decentralization": null,
+        });
+        let board = json!({ "kind": "board", "rows": [row] });
+        let whole = [competition(FORMAT), entrant("blue"), attempt(), board];
+        let left_out = [
+            (0, "", "revealed_at"),
+            (2, "", "ended_at"),
+            (3, "/rows/0", "rank"),
+            (3, "/rows/0", "total"),
+            (3, "/rows/0", "decentralization"),
+        ];
+        for (place, object, field) in left_out {
+            let mut records = whole.clone();
+            let of = records[place].pointer_mut(object).and_then(Value::as_object_mut);
+            of.expect("an object").remove(field);
+            let found = fault(&records.map(|record| record.to_string()));
+            assert!(found.contains(&format!("missing field `{field}`")), "{field}: {found}");
+        }
+    }
+
+    #[test]
+    fn an_action_is_one_that_a_file_may_have() {
+        let check = |format, action: String, says: &str| {
+            let found = fault(&[competition(format).to_string(), action]);
+            assert!(found.contains(says), "{says}: {found}");
+        };
+        let change = r#"{"field":"name","from":"a","to":"a cup"}"#;
+        let changes = format!(r#"{{"changes":[{change}]}}"#);
+        check(FORMAT, action(50, CHANGE, &changes), NO_BOARD);
+        check(2, action(100, CHANGE, &changes), NO_BOARD);
+        check(FORMAT, action(100, "entrants.exclude", "{}"), NO_BOARD);
+        for late in [CHANGE, export::CANCEL, "competition.announce", "entrant.erase", "something"] {
+            check(FORMAT, action(100, late, &changes), "done after the end");
+        }
+        check(FORMAT, action(50, "something", "[]"), "no object");
+        check(FORMAT, action(50, CHANGE, "{}"), "no changes");
+        let twice = [
+            format!(r#"{{"changes":[],"changes":[{change}]}}"#),
+            changes.replace(r#""to":"#, r#""to":"b","to":"#),
+        ];
+        for twice in twice {
+            check(FORMAT, action(50, CHANGE, &twice), "duplicate field");
+        }
+        check(FORMAT, action(50, VOID, r#"{"reason":"a","reason":"b"}"#), "duplicate field");
+        let numbers = format!(r#"{{"n":[{}0]}}"#, "0,".repeat(RECORD_BYTES_MAX / 2));
+        check(FORMAT, action(50, "something", &numbers), "RECORD_BYTES_MAX");
+    }
+
+    #[test]
+    fn a_name_that_acts_on_a_terminal_is_refused() {
+        for (name, says) in [("blue", NO_BOARD), ("\u{1b}[2Jblue", "control characters")] {
+            let found = fault(&[competition(1).to_string(), entrant(name).to_string()]);
+            assert!(found.contains(says), "{found}");
+        }
     }
 }
