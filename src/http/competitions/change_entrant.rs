@@ -96,15 +96,27 @@ pub(in super::super) async fn change_entrant(
                 contact: contact.or(before.contact.clone()).filter(|contact| !contact.is_empty()),
             })));
         }
-        let is_decided = status.is_some() || vouched.is_some() || category.is_some();
+        let reason = if status.is_some() { reason } else { old.reason.clone() };
+        let status = status.unwrap_or(old.status);
+        let vouched = vouched.unwrap_or(old.vouched);
+        // What stays as it is is not noted.
+        let has_status = (status, &reason) != (old.status, &old.reason);
+        let is_moved = category.is_some() && category != old.category;
+        let is_decided = has_status || vouched != old.vouched || is_moved;
         let mut shown = json!({});
         if is_decided {
-            let reason = if status.is_some() { reason } else { old.reason.clone() };
-            let status = status.unwrap_or(old.status).name();
-            let vouched = vouched.unwrap_or(old.vouched);
-            shown = json!({ "status": status, "reason": reason, "vouched": vouched });
-            if let Some(to) = &category {
-                shown["category"] = json!({ "from": old.category, "to": to });
+            let status = status.name();
+            shown = json!({ "vouched": vouched });
+            // After the end an action with a status is in the published file, and no other.
+            if has_status {
+                shown["status"] = json!(status);
+                shown["reason"] = json!(reason);
+            }
+            if vouched != old.vouched {
+                shown["was_vouched"] = json!(old.vouched);
+            }
+            if is_moved {
+                shown["category"] = json!({ "from": old.category, "to": category });
             }
             entries.push(Entry::SetEntrant { entry, status, reason, vouched });
         }
@@ -114,7 +126,9 @@ pub(in super::super) async fn change_entrant(
         if is_decided || !rewritten.is_empty() {
             let mut detail = shown.clone();
             detail["competition"] = json!(id);
-            let shown = Some((competition.key, shown));
+            // How to reach an entrant concerns organizers alone.
+            let is_public = is_decided || rewritten != ["contact"];
+            let shown = is_public.then_some((competition.key, shown));
             entries.extend(caller.audit_entry(&app, "entrant.change", &entrant, detail, shown));
         }
         if is_excluded {

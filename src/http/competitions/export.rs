@@ -1,6 +1,6 @@
 //! `GET /api/v1/exports/competitions/{id}`: all that is needed to check a competition.
 
-use std::collections::{HashSet, VecDeque};
+use std::collections::{HashMap, HashSet, VecDeque};
 
 use axum::http::{HeaderMap, header};
 use axum::response::IntoResponse;
@@ -26,8 +26,8 @@ use crate::store::port::StoredEpisode;
 use swarmbench_boards::competition::definition::Definition;
 use swarmbench_boards::competition::entrant::Entrant;
 use swarmbench_boards::competition::export::{
-    Action, Attempt, Board, CANCEL, CHANGE, Competition, End, Episode, FIRST_FORMAT, FORMAT, Game,
-    Line, VOID, Writer, format_of,
+    AFTER_END, Action, Attempt, Board, CANCEL, CHANGE, Competition, End, Episode, FIRST_FORMAT,
+    FORMAT, Game, Line, Writer, format_of,
 };
 use swarmbench_boards::competition::standings::{Part, Played, standings_of};
 
@@ -83,8 +83,12 @@ pub(in super::super) async fn export_competition(
     let has_changes = known.actions.iter().any(|action| is_change(action) && !is_after(action));
     let usual = format_of(&competition.definition, has_changes);
     if usual == FORMAT {
-        let decides = |action: &Action| DECIDES_AFTER_END.contains(&action.action.as_str());
-        known.actions.retain(|action| !is_after(action) || decides(action));
+        for action in known.actions.iter().rev().filter(|action| is_after(action)) {
+            // The oldest one after the end is the last that is looked at.
+            let was = Told::of(action).was_vouched.map(|was| (action.subject.clone(), was));
+            known.vouched.extend(was);
+        }
+        known.actions.retain(|action| !is_after(action) || Told::decides(action));
     }
     let format = params.format.unwrap_or(usual);
     if usual == FORMAT && format < FORMAT {
@@ -113,9 +117,31 @@ pub(in super::super) struct ExportParams {
     format: Option<u32>,
 }
 
-/// Actions after the end that change attempts, games or ranks: the file has them. Others leave a published file, and its head, as
-/// they are.
-const DECIDES_AFTER_END: [&str; 4] = [VOID, "episode.void", "entrant.change", "entrants.exclude"];
+/// What an action tells of entrants.
+#[derive(Default, Deserialize)]
+struct Told {
+    /// Another status, or another reason for it.
+    status: Option<String>,
+    /// Whether an organizer vouched for it before, where that was changed.
+    was_vouched: Option<bool>,
+    /// Those that were excluded.
+    entrants: Option<Vec<String>>,
+}
+
+impl Told {
+    fn of(action: &Action) -> Self {
+        serde_json::from_str(action.detail.get()).unwrap_or_default()
+    }
+
+    /// Whether an action after the end changes attempts, games or ranks.
+    fn decides(action: &Action) -> bool {
+        let told = Self::of(action);
+        AFTER_END.contains(&action.action.as_str())
+            && (action.action != "entrant.change" || told.status.is_some())
+            && (action.action != "entrants.exclude"
+                || told.entrants.is_some_and(|all| !all.is_empty()))
+    }
+}
 
 /// What has happened in a competition when its export begins.
 struct Known {
@@ -125,6 +151,8 @@ struct Known {
     voided: HashSet<RunKey>,
     /// What organizers did, oldest first.
     actions: Vec<Action>,
+    /// Whether an organizer vouched for entrants when it ended, where that was changed later.
+    vouched: HashMap<String, bool>,
 }
 
 impl Known {
@@ -133,7 +161,8 @@ impl Known {
         let last = app.store.last_attempt(competition.key).await?;
         let voided = app.store.voided_attempts(competition.key).await?;
         let actions = actions(app, competition).await?;
-        Ok(Self { last, voided: voided.into_iter().collect(), actions })
+        let voided = voided.into_iter().collect();
+        Ok(Self { last, voided, actions, vouched: HashMap::new() })
     }
 }
 
@@ -217,7 +246,7 @@ impl Reader {
     async fn new(
         app: App,
         competition: StoredCompetition,
-        Known { last, voided, actions }: Known,
+        Known { last, voided, actions, vouched }: Known,
         format: u32,
     ) -> Result<Self, ApiError> {
         let hex = |bytes: &[u8]| data_encoding::HEXLOWER.encode(bytes);
@@ -253,6 +282,7 @@ impl Reader {
         for StoredEntrant { entrant, published, .. } in &entrants {
             let mut entrant = entrant.clone();
             entrant.name = published.clone().unwrap_or(entrant.name);
+            entrant.vouched = vouched.get(&entrant.id).copied().unwrap_or(entrant.vouched);
             let entrant = if is_first_format { entrant.in_first_format() } else { entrant };
             pieces.push_back(Piece::Entrant(Box::new(entrant)));
         }

@@ -481,6 +481,46 @@ async fn windows_are_stored_to_the_millisecond_as_games_have_them() {
 }
 
 #[tokio::test]
+async fn what_decides_nothing_leaves_a_published_file_as_it_is() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let blue = cup.enter(&app, "blue").await;
+    cup.start(&app, &blue).await.play(&app, 1).await;
+    cup.change(&app, &blue, json!({ "contact": "ada@example.org" })).await;
+    let actions = app.get(&cup.path("/actions")).ok().await;
+    assert!(crate::app::list(&actions["items"]).is_empty(), "{actions}");
+    let log = app.get("/api/v1/audit").token(&app.organizer).ok().await;
+    assert_eq!(log["items"][0]["action"], "entrant.change", "organizers see it");
+    crate::cup::pass_minutes(&app, 60).await;
+    cup.closed(&app).await;
+    let published = cup.export(&app).await;
+    for change in [
+        json!({ "contact": "eve@example.org" }),
+        json!({ "vouched": false }),
+        json!({ "status": "active" }),
+        json!({ "vouched": true }),
+        json!({ "vouched": false }),
+        json!({ "vouched": true, "status": "active" }),
+    ] {
+        let changed = cup.change(&app, &blue, change.clone()).await;
+        let vouched = change.get("vouched").unwrap_or(&json!(false)).clone();
+        assert_eq!(changed["vouched"], vouched);
+        assert_eq!(cup.export(&app).await, published, "{change}");
+    }
+    let actions = app.get(&cup.path("/actions")).ok().await;
+    assert_eq!(crate::app::list(&actions["items"]).len(), 3, "{actions}");
+
+    let change = json!({ "status": "disqualified", "reason": "two teams", "vouched": false });
+    cup.change(&app, &blue, change).await;
+    let decided = cup.export(&app).await;
+    assert_ne!(decided, published);
+    assert_eq!(check(&decided, Expected::default()).expect("it is true").actions.len(), 1);
+    example(&decided).unwrap_or_else(|problem| panic!("{problem}"));
+    cup.change(&app, &blue, json!({ "status": "disqualified", "reason": "two teams" })).await;
+    assert_eq!(cup.export(&app).await, decided);
+}
+
+#[tokio::test]
 async fn the_file_of_an_older_competition_has_the_format_that_it_needs() {
     for (change, usual) in [(json!({}), 1), (json!({ "spares": 1 }), 2)] {
         let app = server().await;
