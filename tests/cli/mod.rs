@@ -12,7 +12,7 @@ use swarmbench_testkit::needs;
 
 use serde_json::{Value, json};
 use swarmbench::server::{Parts, Server};
-use swarmbench_boards::competition::export::Writer;
+use swarmbench_boards::competition::export::{Line, Writer};
 use swarmbench_boards::competition::sealed::Sealed;
 use swarmbench_journal::chain::Head;
 use swarmbench_protocol::suite::SuiteSettings;
@@ -209,7 +209,9 @@ fn empty_competition() -> String {
         json!({ "kind": "end", "episodes": 0 }),
     ];
     let mut writer = Writer::default();
-    let line = |record| writer.line(&serde_json::from_value(record).expect("a record"));
+    let line = |record: serde_json::Value| {
+        writer.line(&Line::parse(&record.to_string()).expect("a record"))
+    };
     records.map(line).concat()
 }
 

@@ -900,7 +900,8 @@ mod tests {
         let (mut head, mut file) = (Head::START, String::new());
         for record in records {
             head = head.link(record.as_bytes());
-            file += &format!("{{\"hash\":\"{head}\",\"record\":{record}}}\n");
+            let line = format!("{{\"hash\":\"{head}\",\"record\":{record}}}\n");
+            file.push_str(&line);
         }
         let verified = verify(file.as_bytes(), Expected::default(), Solver::Flow, |_| {});
         verified.expect_err("it has no end").to_string()
