@@ -14,6 +14,7 @@ import struct
 import sys
 from collections import Counter, defaultdict
 from fractions import Fraction
+from unicodedata import category
 
 TASKS = ["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"]
 # The fields of all objects; those that need not be there end in a question mark.
@@ -35,6 +36,14 @@ FIELDS = {
     "act": "agent source action message? to? valid failure? response? usage? reasoning? bank_spent_ms?",
     "round": "kind round acts digest score", "end": "kind status reason rounds score open_acts",
 }
+# The fields that only files from a later format on have, and that format.
+LATER = {
+    "definition": dict.fromkeys("spares attempts_per_day public_seeds tie_breaks terms own_games categories".split(), 2)
+    | {"seeds_by_task": 3},
+    "entrant": {"category": 2, "terms": 2}, "attempt": {"replays": 2},
+}
+# Actions after everything was opened that a file of format 3 has: others decide nothing.
+AFTER_END = ("attempt.void", "episode.void", "entrant.change", "entrants.exclude")
 # From this format on the status of an attempt fits the ends of its games, and each voided attempt has its action.
 FIRST_FORMAT_WITH_CHECKED_ATTEMPTS = 2
 ENDINGS = ["finished task_done", "finished rounds_played", "aborted aborted", "aborted closed", "abandoned idle"]
@@ -49,16 +58,30 @@ def same(what, found, expected):
     check(found == expected, f"{what} is {found!r}, and should be {expected!r}")
 
 
-def has_fields(name, record):
+def has_fields(name, record, file_format=None):
     fields = FIELDS[name].split()
     wrong = record.keys() - {field.rstrip("?") for field in fields}
     wrong |= {field for field in fields if not field.endswith("?")} - record.keys()
     check(not wrong, f"{name}: these fields are missing, or unknown: {wrong}")
+    if file_format:
+        later = {field for field, first in LATER.get(name, {}).items() if field in record and file_format < first}
+        check(not later, f"{name}: format {file_format} has none of {later}")
 
 
 def object_of(pairs):
     check(len(dict(pairs)) == len(pairs), "a field stands twice")
     return dict(pairs)
+
+
+def number_of(text):
+    """JSON has no infinite numbers, and nothing that is not a number."""
+    check(math.isfinite(float(text)), f"{text} is no number of JSON")
+    return float(text)
+
+
+def shown(text):
+    """Text of others, without characters that act on a terminal."""
+    return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
 
 
 def time(text):
@@ -74,6 +97,8 @@ def in_time(what, at, earliest, end):
 class Reader:
     def __init__(self, file):
         self.file, self.number, self.head = file, 0, bytes(32)
+        # That of the file, which its first record names.
+        self.format = None
 
     def line(self, head):
         """The next record of the chain with this head, and the head after it."""
@@ -83,12 +108,13 @@ class Reader:
         check(line == b'{"hash":"' + digits + b'","record":' + record + b"}\n", "not a whole line of such a file")
         head = hashlib.sha256(head + record).digest()
         check(digits == head.hex().encode(), "the line was changed: its hash is another")
-        return json.loads(record, object_pairs_hook=object_of), head
+        read = {"object_pairs_hook": object_of, "parse_float": number_of, "parse_constant": number_of}
+        return json.loads(record, **read), head
 
     def record(self, *kinds):
         record, self.head = self.line(self.head)
         check(record["kind"] in kinds, f"a record of the kind {record['kind']!r} is out of place")
-        has_fields("end of the file" if record["kind"] == "end" else record["kind"], record)
+        has_fields("end of the file" if record["kind"] == "end" else record["kind"], record, self.format)
         return record
 
     def journal(self, lines):
@@ -103,14 +129,12 @@ def check_competition(competition):
     """Returns the plan of each attempt: a task and its seed by the rules for every slot."""
     check(competition["format"] in (1, 2, 3), f"format is {competition['format']!r}, and should be 1 to 3")
     definition = competition["definition"]
-    has_fields("definition", definition)
+    has_fields("definition", definition, competition["format"])
     has_fields("settings", definition["settings"])
     same("the tasks, sorted", sorted(definition["tasks"]), sorted(set(definition["tasks"]) & set(TASKS)))
     check(definition["counts"] in ("best", "last", "first"), "it does not say which attempt counts")
-    newer = {"spares", "attempts_per_day", "public_seeds", "tie_breaks", "terms", "own_games", "categories"}
-    check(competition["format"] > 1 or not newer & definition.keys(), f"format 1 has none of {newer}")
     by_task = definition.get("seeds_by_task", False)
-    check(not by_task or competition["format"] == 3, "seeds_by_task needs format 3")
+    check(isinstance(by_task, bool), "seeds_by_task is neither true nor false")
     check(0 <= definition.get("public_seeds", 0) < definition["seeds"], "there are no seeds for the final board")
     check(set(definition.get("tie_breaks", [])) <= set(TIE_BREAKS), "a rule for equal totals does not exist")
     if "terms" in definition:
@@ -157,6 +181,10 @@ def ends_of(definition, number, changes):
 
 def read_action(record, competition, changes, voids):
     check(competition["format"] > 1, "format 1 has no actions")
+    check(isinstance(record["detail"], dict), "the detail of an action is no object")
+    revealed_at = competition["revealed_at"]
+    if competition["format"] >= 3 and revealed_at is not None and time(record["at"]) >= time(revealed_at):
+        check(record["action"] in AFTER_END, f"{record['action']!r} after the end is no part of a file")
     if record["action"] == "attempt.void":
         voids.add((record["subject"], record["detail"]["reason"]))
     if record["action"] == "competition.change":
@@ -182,6 +210,7 @@ def check_ending(competition, record, opening, end, ends):
 
 def check_entrant(record, definition):
     check(record["status"] in ("active", "withdrawn", "disqualified"), "an entrant has no status")
+    check(not any(category(one) == "Cc" for one in record["name"]), "the name of an entrant has control characters")
     check(record.get("category") in definition.get("categories", [None]), "it has no category of the competition")
     newest = definition.get("terms", {"version": 0})["version"]
     check(record.get("terms", 0) <= newest, "an entrant accepted terms that do not exist")
@@ -383,6 +412,7 @@ def board(definition, entrants, attempts):
 def verify(reader, commitment, head):
     competition = reader.record("competition")
     plans = check_competition(competition)
+    reader.format = competition["format"]
     check(commitment in (None, competition["commitment"]), "another commitment was published")
     entrants, attempts, changes, voids = {}, defaultdict(list), [], set()
     while (record := reader.record("action", "entrant", "attempt", "board"))["kind"] != "board":
@@ -406,7 +436,7 @@ def verify(reader, commitment, head):
     check(not reader.file.readline(), "there is something after the end")
     check(head in (None, reader.head.hex()), f"another file was published: the head of this one is {reader.head.hex()}")
     for row in rows:
-        print(row["rank"] or "-", entrants[row["entrant"]]["name"], row["total"])
+        print(row["rank"] or "-", shown(entrants[row["entrant"]]["name"]), row["total"])
     print("the board follows from the scores; the rounds were not played again. Head of the file:", reader.head.hex())
     if commitment is None or head is None:
         print("not proven: that this is what was published, without its commitment and its head")
@@ -418,5 +448,5 @@ if __name__ == "__main__":
         read = Reader(opened)
         try:
             verify(read, published_commitment, published_head)
-        except (ValueError, KeyError, TypeError, AttributeError) as problem:
-            sys.exit(f"line {read.number}: {problem}")
+        except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError) as problem:
+            sys.exit(f"line {read.number}: {shown(str(problem))}")

@@ -199,8 +199,8 @@ fn parse_hash(option: &str, text: Option<&str>) -> anyhow::Result<Option<Head>> 
     head.map(Some).with_context(|| format!("{option} must be 64 hexadecimal digits"))
 }
 
-/// Characters of a text of others in a table.
-const CELL_CHARS_MAX: usize = 200;
+/// Characters of a text of others in a table: all of a reason that an organizer gives, as its length is limited by default.
+const CELL_CHARS_MAX: usize = 1000;
 
 /// The beginning of a text that is too long for a table.
 fn cut(text: &str) -> String {

@@ -1,5 +1,6 @@
 // Competitions from their creation to the check of their results, and the rest of the desk, without a command line.
 import assert from "node:assert/strict";
+import { createHash } from "node:crypto";
 import { NARROW, open, visitor } from "./support/browser.mjs";
 import { competition, play } from "./support/games.mjs";
 import { suite } from "./support/suite.mjs";
@@ -298,6 +299,51 @@ visit("a file that was changed does not pass", async ({ page }, { data }) => {
   await page.getByRole("button", { name: "Verify" }).click();
   await page.getByRole("heading", { name: "The file does not pass" }).waitFor();
   await page.getByText(/line \d+: a line was changed/).waitFor();
+});
+
+/**
+ * The file with other records, and hashes that fit; journals stay as they are.
+ * @param {string} file @param {(record: any) => any} change returns "none" for a record that is left out
+ */
+function forged(file, change) {
+  let head = Buffer.alloc(32);
+  let journal = 0;
+  const lines = file.trimEnd().split("\n").map((line) => {
+    if (journal > 0) return (journal -= 1), line;
+    const { record } = JSON.parse(line);
+    journal = record.lines ?? 0;
+    if (change(record) === "none") return "";
+    const text = JSON.stringify(record);
+    head = createHash("sha256").update(head).update(text).digest();
+    return `{"hash":"${head.toString("hex")}","record":${text}}`;
+  });
+  return lines.filter(Boolean).map((line) => `${line}\n`).join("");
+}
+
+/** What is forged, and what the page says of it. @type {[string, (record: any) => any][]} */
+const FORGERIES = [
+  ["format 1 has no spares", (record) => record.kind === "competition" && Object.assign(record, { format: 1 })],
+  ["no action says so", (record) => record.action === "attempt.void" && "none"],
+  ["an action after the end", (record) => record.action === "competition.change" && Object.assign(record, { at: "9000-01-01T00:00:00Z" })],
+  ["is running after the end", (record) => record.kind === "attempt" && !record.voided && Object.assign(record, { status: "running" })],
+  ["counts another attempt", ({ rows }) => rows && Object.assign(rows[0], { run: null, total: 1e6, rank: 1 })],
+  ["a rank is another one", ({ rows }) => rows?.forEach((/** @type {any} */ row) => Object.assign(row, { rank: null }))],
+  ["counts another attempt", ({ rows }) => rows && ([rows[0].run, rows[1].run] = [rows[1].run, rows[0].run])],
+];
+
+visit("a file that was forged does not pass, though its hashes fit", async ({ page }, { data }) => {
+  let change = (/** @type {any} */ record) => record;
+  await page.route("**/api/v1/exports/competitions/*", async (route) => {
+    await route.fulfill({ body: forged(await (await route.fetch()).text(), change) });
+  });
+  await open(page, `/competitions/${data.closed}`);
+  await page.getByRole("button", { name: "Verify" }).click();
+  await page.getByRole("heading", { name: "The file passes" }).waitFor();
+  for (const [says, forge] of FORGERIES) {
+    change = forge;
+    await page.getByRole("button", { name: "Verify" }).click();
+    await page.getByRole("alert").getByText(says).waitFor();
+  }
 });
 
 visit(

@@ -209,9 +209,7 @@ fn empty_competition() -> String {
         json!({ "kind": "end", "episodes": 0 }),
     ];
     let mut writer = Writer::default();
-    let line = |record: serde_json::Value| {
-        writer.line(&Line::parse(&record.to_string()).expect("a record"))
-    };
+    let line = |record: Value| writer.line(&Line::parse(&record.to_string()).expect("a record"));
     records.map(line).concat()
 }
 

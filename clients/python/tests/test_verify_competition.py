@@ -1,6 +1,10 @@
 """The program that was written from the documents checks how attempts of the newer formats ended."""
 
+import hashlib
 import runpy
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from conftest import ROOT
@@ -33,3 +37,45 @@ def test_no_game_of_a_finished_attempt_has_closed_with_its_window() -> None:
     check(FIRST, "finished", "closed", ENDS[0][1])
     with pytest.raises(ValueError, match="it closed with the window"):
         check(FIRST, "finished", "closed", last)
+
+
+def test_a_field_of_a_later_format_is_refused_in_an_older_file() -> None:
+    entrant = dict.fromkeys(["kind", "id", "name", "model", "status", "vouched", "registered_at"])
+    PROGRAM["has_fields"]("entrant", entrant, 1)
+    PROGRAM["has_fields"]("entrant", entrant | {"terms": 1}, 2)
+    with pytest.raises(ValueError, match="format 1 has none of"):
+        PROGRAM["has_fields"]("entrant", entrant | {"terms": 1}, 1)
+
+
+def test_an_action_after_the_end_decides_something() -> None:
+    def check(name: str, file_format: int = 3, at: str = "2027-03-01T14:00:00Z", detail: object = None) -> None:
+        record = {"action": name, "at": at, "detail": {} if detail is None else detail}
+        PROGRAM["read_action"](record, {"format": file_format, "revealed_at": "2027-03-01T14:00:00Z"}, [], set())
+
+    check("entrant.change")
+    check("competition.announce", file_format=2)
+    check("competition.announce", at="2027-03-01T13:59:59Z")
+    with pytest.raises(ValueError, match="after the end"):
+        check("competition.announce")
+    with pytest.raises(ValueError, match="is no object"):
+        check("entrant.change", detail=[])
+
+
+@pytest.mark.parametrize("value", ["NaN", "Infinity", "-Infinity", "1e999", "[" * 100_000 + "]" * 100_000])
+def test_what_is_no_record_is_an_error_and_no_traceback(value: str, tmp_path: Path) -> None:
+    record = f'{{"kind":"competition","format":{value}}}'.encode()
+    line = b'{"hash":"' + hashlib.sha256(bytes(32) + record).hexdigest().encode() + b'","record":' + record + b"}\n"
+    file = tmp_path / "cup.jsonl"
+    file.write_bytes(line)
+    program = str(ROOT / "examples" / "verify_competition.py")
+    done = subprocess.run([sys.executable, program, str(file)], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.startswith("line 1: "), done.stderr
+    assert "no number of JSON" in done.stderr or "recursion" in done.stderr
+
+
+def test_names_do_not_act_on_a_terminal() -> None:
+    assert PROGRAM["shown"]("blue\x1b[2J\u202e") == "blue\\x1b[2J\\u202e"
+    entrant = {"status": "active", "name": "blue\x1b[2J"}
+    with pytest.raises(ValueError, match="control characters"):
+        PROGRAM["check_entrant"](entrant, {})

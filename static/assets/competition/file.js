@@ -39,6 +39,23 @@ export async function checkFile(stream, onProgress) {
 /** 3 has seeds of each task; 2 has what organizers did, spare attempts, parts and rules for equal totals; 1 is without these. */
 const FORMATS = [1, 2, 3];
 
+/** The fields that only files from a later format on have, and that format. @type {Record<string, Record<string, number>>} */
+const LATER = {
+  definition: { spares: 2, attempts_per_day: 2, public_seeds: 2, tie_breaks: 2, terms: 2, own_games: 2, categories: 2, seeds_by_task: 3 },
+  entrant: { category: 2, terms: 2 },
+  attempt: { replays: 2 },
+};
+
+/** Actions after everything was opened that a file of format 3 has: others decide nothing. */
+const AFTER_END = ["attempt.void", "episode.void", "entrant.change", "entrants.exclude"];
+
+const STATUSES = ["running", "finished", "aborted", "abandoned", "closed"];
+
+/**
+ * An attempt that was not voided and is over.
+ * @typedef {{run: string, attempt: number, run_status: string, startedAt: string, endedAt: string, total: number | null}} Played
+ */
+
 class File {
   /**
    * @param {AsyncGenerator<Uint8Array<ArrayBuffer>>} lines
@@ -48,10 +65,13 @@ class File {
     this.lines = lines;
     this.progress = progress;
     this.chain = new Chain();
-    /** What was played in each run. @type {Map<string, {total: number | null, endedAt: string}>} */
+    this.runs = new Set();
+    /** What each entrant played. @type {Map<string, Played[]>} */
     this.played = new Map();
-    /** Attempts of each entrant that were not voided. @type {Map<string, number>} */
+    /** Attempts of each entrant, by the number of the one in whose place they count. @type {Map<string, {counted: Set<number>, voided: number[], spares: Set<number>}>} */
     this.attempts = new Map();
+    /** Runs that organizers voided, with the reasons. @type {Set<string>} */
+    this.voids = new Set();
   }
 
   async line() {
@@ -70,29 +90,69 @@ class File {
     const isKnown = competition.kind === "competition" && FORMATS.includes(competition.format);
     check(isKnown, "this is not the file of a competition in a format that this page knows");
     const { definition, format } = competition;
+    check(competition.revealed_at !== undefined, "the competition does not say when it was opened");
     const plans = await plansOf(competition);
-    const entrants = new Set();
+    checkFormat("definition", definition, format);
+    /** @type {Map<string, any>} */
+    const entrants = new Map();
     let record = await this.record();
-    for (; record.kind === "action"; record = await this.record()) check(format > 1, "the first format has no actions");
+    for (; record.kind === "action"; record = await this.record()) this.action(record, competition);
     for (; record.kind === "entrant"; record = await this.record()) {
+      checkFormat("entrant", record, format);
       check(!entrants.has(record.id), "an entrant is there twice");
-      entrants.add(record.id);
+      check(!/\p{Cc}/u.test(record.name), "the name of an entrant has control characters");
+      entrants.set(record.id, record);
+      this.played.set(record.id, []);
+      this.attempts.set(record.id, { counted: new Set(), voided: [], spares: new Set() });
     }
     for (; record.kind === "attempt"; record = await this.record()) {
       check(entrants.has(record.entrant), "an attempt has no entrant");
       const own = plans[record.attempt - 1];
-      check(own !== undefined && !this.played.has(record.run), "an attempt has no place");
-      this.played.set(record.run, { total: await this.attempt(record, definition, own), endedAt: record.ended_at });
-      if (record.voided === undefined) this.attempts.set(record.entrant, (this.attempts.get(record.entrant) ?? 0) + 1);
+      check(own !== undefined && !this.runs.has(record.run), "an attempt has no place");
+      this.runs.add(record.run);
+      this.place(record, competition);
+      const { run, attempt, status, created_at, ended_at } = record;
+      const total = await this.attempt(record, definition, own);
+      if (status === "running" || record.voided !== undefined) continue;
+      this.played.get(record.entrant)?.push({ run, attempt, run_status: status, startedAt: moment(created_at), endedAt: moment(ended_at), total });
     }
     check(record.kind === "board", "a record is out of place");
     const { rows } = record;
-    this.checkBoard(rows, entrants, definition.tie_breaks ?? []);
+    this.checkBoard(rows, entrants, definition);
     const end = await this.record();
     check(end.kind === "end" && end.episodes === this.progress.games, "it does not have as many games as it says");
     check(Boolean((await this.lines.next()).done), "there is something after the end");
     const { lines, games } = this.progress;
     return { commitment: competition.commitment, head: hex(this.chain.head), lines, games, entrants: entrants.size, rows };
+  }
+
+  /** @param {any} record @param {any} competition */
+  action({ at, action, subject, detail }, { format, revealed_at }) {
+    check(format > 1, "the first format has no actions");
+    check(typeof detail === "object" && detail !== null && !Array.isArray(detail), "the detail of an action is no object");
+    const isLate = format > 2 && revealed_at !== null && moment(at) >= moment(revealed_at);
+    check(!isLate || AFTER_END.includes(action), "an action after the end is no part of a file");
+    if (action === "attempt.void") this.voids.add(JSON.stringify([subject, detail.reason]));
+  }
+
+  /** Checks that an attempt may be where it is. @param {any} record @param {any} competition */
+  place(record, { definition, format, revealed_at }) {
+    checkFormat("attempt", record, format);
+    const { attempt, replays, run, status, voided, games } = record;
+    check(STATUSES.includes(status) && record.ended_at !== undefined, "an attempt has no status, or no end");
+    check(revealed_at === null || status !== "running", "an attempt is running after the end");
+    check(voided === undefined || games.length === 0, "an attempt was voided, and has games");
+    check(voided === undefined || format === 1 || this.voids.has(JSON.stringify([run, voided])), "an attempt was voided, but no action says so");
+    const own = /** @type {NonNullable<ReturnType<typeof this.attempts.get>>} */ (this.attempts.get(record.entrant));
+    check((replays !== undefined) === attempt > definition.attempts.length, "a spare attempt plays another one again");
+    if (replays !== undefined) {
+      check(own.voided.includes(replays) && !own.spares.has(attempt), "a spare attempt has no voided one, or its seeds were used before");
+      own.spares.add(attempt);
+    }
+    const number = replays ?? attempt;
+    check(voided !== undefined || !own.counted.has(number), "an attempt was played twice");
+    if (voided === undefined) own.counted.add(number);
+    else own.voided.push(number);
   }
 
   /**
@@ -113,6 +173,8 @@ class File {
       check(!scores.has(game.slot), "a game was played twice");
       scores.set(game.slot, await this.game(game, place, attempt.run));
     }
+    const isWhole = plan.every((_, slot) => scores.has(slot) || voided.has(slot));
+    check(attempt.status !== "finished" || attempt.voided !== undefined || isWhole, "a finished attempt has too few games");
     // The first seeds made the board before the end; the others make that of the file.
     const isShown = (/** @type {number} */ slot) => slot % definition.seeds >= (definition.public_seeds ?? 0);
     return totalOf(definition.tasks, plan, scores, voided, isShown);
@@ -140,26 +202,37 @@ class File {
     return end.score;
   }
 
-  /** @param {any[]} rows @param {Set<string>} entrants @param {string[]} tieBreaks */
-  checkBoard(rows, entrants, tieBreaks) {
-    check(rows.length === entrants.size, "the board does not have a row for each entrant");
+  /** @param {any[]} rows @param {Map<string, any>} entrants @param {any} definition */
+  checkBoard(rows, entrants, { counts, tie_breaks: rules = [] }) {
+    check(rows.length === entrants.size && new Set(rows.map((row) => row.entrant)).size === rows.length, "the board does not have a row for each entrant");
     for (const row of rows) {
-      check(entrants.delete(row.entrant), "the board has a row without an entrant");
-      if (row.run !== null) check(this.played.get(row.run)?.total === row.total, "a total does not follow from the scores");
-      entrants.add(row.entrant);
+      const attempts = this.attempts.get(row.entrant);
+      if (!attempts) throw new Mismatch("the board has a row without an entrant");
+      const own = this.played.get(row.entrant) ?? [];
+      const counting = countingOf(own, counts);
+      check(row.run === (counting?.run ?? null), "a row counts another attempt than it should");
+      check(row.attempt === (counting?.attempt ?? null) && row.run_status === (counting?.run_status ?? null), "a row says something else of its attempt");
+      check(row.total === (counting?.total ?? null), "a total does not follow from the scores");
+      check(row.attempts === own.length && row.voided_attempts === attempts.voided.length, "a row has another number of attempts");
     }
-    const ranked = rows.filter((row) => row.rank !== null);
-    ranked.forEach((row, index) => {
-      const above = ranked[index - 1];
-      const order = above ? this.compare(above, row, tieBreaks) : -1;
+    const isActive = (/** @type {any} */ row) => entrants.get(row.entrant).status === "active";
+    const first = rows.filter((row) => isActive(row) && row.run !== null);
+    const places = [...entrants.keys()];
+    const rest = rows.filter((row) => !first.includes(row)).map((row) => ({ row, place: (isActive(row) ? 0 : places.length) + places.indexOf(row.entrant) }));
+    check(first.every((row, index) => row === rows[index]), "entrants without a rank come last");
+    check(rest.every(({ row, place }, index) => row.rank === null && (index === 0 || place > rest[index - 1].place)), "entrants without a rank are in another order");
+    first.forEach((row, index) => {
+      const above = first[index - 1];
+      const order = above ? this.compare(above, row, rules) : -1;
       check(order <= 0, "the ranks are not in the order of the totals");
-      check(row.rank === (order === 0 ? above.rank : index + 1), "a rank is another one than its place");
+      const rank = order === 0 ? above.rank : index + 1;
+      check(row.rank === (row.total === null ? null : rank), "a rank is another one than its place");
     });
   }
 
   /** Below 0 where `a` is ahead of `b`, 0 where they share a rank. @param {any} a @param {any} b @param {string[]} tieBreaks */
   compare(a, b, tieBreaks) {
-    const byTotal = comparable(b.total) - comparable(a.total);
+    const byTotal = inOrder(comparable(b.total), comparable(a.total));
     if (byTotal !== 0) return byTotal;
     for (const rule of tieBreaks) {
       const order = this.compareBy(rule, a, b);
@@ -176,22 +249,48 @@ class File {
       case "timeouts":
         return compareShares([a.timeouts, a.answers + a.timeouts], [b.timeouts, b.answers + b.timeouts]);
       case "attempts":
-        return (this.attempts.get(a.entrant) ?? 0) - (this.attempts.get(b.entrant) ?? 0);
+        return this.attemptsOf(a) - this.attemptsOf(b);
       case "earliest":
-        return this.endOf(a) - this.endOf(b);
+        return inOrder(this.endOf(a), this.endOf(b));
       default:
         throw new Mismatch("equal totals are ordered by a rule that this page does not know");
     }
   }
 
   /** @param {any} row */
-  endOf({ run }) {
-    return Date.parse(this.played.get(run)?.endedAt ?? "");
+  attemptsOf({ entrant }) {
+    return this.attempts.get(entrant)?.counted.size ?? 0;
+  }
+
+  /** @param {any} row */
+  endOf({ entrant, run }) {
+    return this.played.get(entrant)?.find((played) => played.run === run)?.endedAt ?? "";
   }
 }
 
-/** Totals that are equal for the board are equal. @param {number} total */
-const comparable = (total) => Math.round(total * 1e9);
+/** Refuses fields of later formats. @param {string} kind @param {any} record @param {number} format */
+function checkFormat(kind, record, format) {
+  const later = Object.entries(LATER[kind]).find(([field, first]) => field in record && format < first);
+  check(!later, `format ${format} has no ${later?.[0]}`);
+}
+
+/** Times are in the order of their texts without the Z at the end, to the last digit. @param {any} text may be null */
+const moment = (text) => String(text).replace(/Z$/, "");
+
+/** Below 0 where `a` comes first. @template {string | number} T @param {T} a @param {T} b */
+const inOrder = (a, b) => Number(a > b) - Number(a < b);
+
+/** The attempt that counts. @param {Played[]} played @param {string} counts */
+function countingOf(played, counts) {
+  const own = played.toSorted((a, b) => inOrder(a.startedAt, b.startedAt) || inOrder(a.run, b.run));
+  if (counts === "first") return own.at(0);
+  if (counts === "last") return own.at(-1);
+  check(counts === "best", "it does not say which attempt counts");
+  return own.toSorted((a, b) => inOrder(comparable(b.total), comparable(a.total))).at(0);
+}
+
+/** Totals that are equal for the board are equal; null is lower than all others. @param {number | null} total */
+const comparable = (total) => (total === null ? -Infinity : Math.sign(total) * Math.round(Math.abs(total) * 1e9));
 
 /** Shares without rounding; nothing of nothing is 0. @param {[number, number]} a @param {[number, number]} b */
 function compareShares([part, whole], [otherPart, otherWhole]) {
@@ -207,6 +306,7 @@ function compareShares([part, whole], [otherPart, otherWhole]) {
 async function plansOf({ salt, seeds, commitment, definition }) {
   const sealed = seeds.map(bytesOf);
   const attempts = definition.attempts.length + (definition.spares ?? 0);
+  check([undefined, true, false].includes(definition.seeds_by_task), "seeds_by_task is neither true nor false");
   check(seeds.length === definition.seeds * attempts, "it has another number of seeds than it says");
   check(hex(await sha256(bytesOf(salt), ...sealed)) === commitment, "salt and seeds do not fit the commitment");
   return Promise.all(Array.from({ length: attempts }, (_, index) => {

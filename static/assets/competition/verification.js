@@ -67,7 +67,8 @@ export function Verification({ competition }) {
     <h3>What this page cannot check</h3>
     <p>
       That the rounds of each game follow from the answers, how many of these were invalid, and that it has the settings and times that it
-      should: for that every game has to be played again. This program does it, with no server:
+      should: for that every game has to be played again. Nor does it check means of single tasks, the order of equal rows, what
+      organizers changed, and whether a field stands twice. This program checks all of it, with no server:
     </p>
     <${Commands} label="How to verify everything" lines=${[`swarmbench verify --competition ${competition.id}.jsonl --commitment ${competition.commitment}`]} />
   `;

@@ -74,6 +74,7 @@ const Details = ({ detail, names }) => {
   const { changes = [], entrants = [], reason, status, vouched, codes, text, category, rewritten = [] } = detail;
   return html`${text && html`<${Lines} value=${text} />`}${changes.map((change) => html`<div><${Changed} ...${change} /></div>`)}
     ${status && html`<div>now ${status}${vouched && ", vouched"}</div>`}
+    ${!status && vouched !== undefined && html`<div>${vouched ? "vouched for" : "not vouched for"}</div>`}
     ${category && html`<div><${Changed} field="category" ...${category} /></div>`}
     ${rewritten.length > 0 && html`<div>another ${rewritten.join(" and another ")}</div>`}
     ${codes > 0 && html`<div>${codes === 1 ? "1 code" : `${codes} codes`}</div>`}

@@ -772,6 +772,8 @@ mod tests {
     use serde_json::json;
     use serde_json::value::to_raw_value;
 
+    use swarmbench_journal::record::RawRecord;
+
     use super::super::definition::tests::{at, definition};
     use super::super::export::{Action, Board, CHANGE, RECORD_BYTES_MAX, Writer};
     use super::*;
@@ -900,8 +902,7 @@ mod tests {
         let (mut head, mut file) = (Head::START, String::new());
         for record in records {
             head = head.link(record.as_bytes());
-            let line = format!("{{\"hash\":\"{head}\",\"record\":{record}}}\n");
-            file.push_str(&line);
+            file += &RawRecord::from_stored(record.clone()).expect("JSON").line(head);
         }
         let verified = verify(file.as_bytes(), Expected::default(), Solver::Flow, |_| {});
         verified.expect_err("it has no end").to_string()
