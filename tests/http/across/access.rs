@@ -401,7 +401,7 @@ impl World {
             json!({ "opens_at": "2026-03-01T12:00:00Z", "attempts": 100, "entries_per_key": 100 }),
         );
         let cup = cup.await;
-        let entrant = cup.enter(&app, "the entrant").await;
+        let entrant = cup.enter(&app, "a team").await;
         let attempt = cup.start(&app, &entrant).await;
         let names = AtomicU64::new(0);
         let create = || app.post("/api/v1/runs").token(&member).json(&run_request("owner"));
