@@ -73,8 +73,13 @@ impl Tokens {
 
     /// Removes tokens from the cache; they must be revoked in the store already.
     pub(super) fn forget(&self, is_revoked: impl Fn(&Grant) -> bool) {
-        self.revocations.send_modify(|count| *count += 1);
+        // Rights that were read before are not cached any more; streams look at theirs once the cache is without these.
+        self.revocations.send_if_modified(|count| {
+            *count += 1;
+            false
+        });
         self.grants.retain(|_, grant| !is_revoked(grant));
+        self.revocations.send_modify(|_| ());
     }
 
     /// The party of a token. None if the token has no owner.
