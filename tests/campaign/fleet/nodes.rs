@@ -32,7 +32,7 @@ const REASONS_OF_EXCLUDED: [&str; 3] = [
 ];
 
 /// What a server may complain about while others die, and while it does not reach them or the database.
-const REASONS: [&str; 18] = [
+const REASONS: [&str; 19] = [
     "a server is dead: the others take its work over",
     "a server may be dead, and cannot be taken over",
     "work that nobody does cannot be taken",
@@ -40,6 +40,7 @@ const REASONS: [&str; 18] = [
     "another server is not reached from this one",
     "the database does not answer: this server cannot show that it lives",
     "the database is not reached",
+    "the database does not answer, as a commit that waits for a standby",
     "sqlx_core::pool",
     "sqlx::pool::acquire",
     // A session of a dead server that has just ended by itself.
