@@ -4,8 +4,9 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::response::Sse;
+use axum::http::header;
 use axum::response::sse::{Event, KeepAlive, KeepAliveStream};
+use axum::response::{Response, Sse};
 use futures::StreamExt;
 use futures::stream::BoxStream;
 use serde::Serialize;
@@ -52,6 +53,12 @@ pub(super) fn feed(app: &App, caller: &Caller) -> Result<(Feed, Events), ApiErro
     let feed = Feed { registry, events, bytes, bytes_max, _open: open };
     let sent = ReceiverStream::new(pending).map(|pending: Pending| Ok(pending.event));
     Ok((feed, Sse::new(sent.boxed()).keep_alive(KeepAlive::default())))
+}
+
+/// Whether an answer is an event stream.
+pub(super) fn is_event_stream(response: &Response) -> bool {
+    let kind = response.headers().get(header::CONTENT_TYPE);
+    kind.is_some_and(|kind| kind.as_bytes().starts_with(b"text/event-stream"))
 }
 
 impl Feed {

@@ -1,7 +1,5 @@
 //! Requests that wait, and event streams: nothing is sent any more once the token with which they came was revoked.
 
-use std::mem;
-
 use axum::body::Body;
 use axum::extract::Request;
 use axum::http::{HeaderValue, header};
@@ -11,6 +9,7 @@ use futures::StreamExt as _;
 use super::App;
 use super::auth::{bearer, unknown_token};
 use super::error::ApiError;
+use super::feed::is_event_stream;
 use crate::store::tokens::Grant;
 
 /// The token of a request, to be looked at again when the answer is there.
@@ -29,11 +28,7 @@ impl SentToken {
     /// The answer to the request, or the refusal of a token that was revoked meanwhile. A stream of events ends when the token is
     /// revoked later.
     pub(super) async fn check(self, app: &App, response: Response) -> Result<Response, ApiError> {
-        let is_stream = response
-            .headers()
-            .get(header::CONTENT_TYPE)
-            .is_some_and(|kind| kind.as_bytes().starts_with(b"text/event-stream"));
-        if is_stream {
+        if is_event_stream(&response) {
             Box::pin(self.until_revoked(app, response)).await
         } else if self.revocations == app.tokens.revocations() || Box::pin(self.is_good(app)).await
         {
@@ -43,10 +38,10 @@ impl SentToken {
         }
     }
 
-    async fn until_revoked(mut self, app: &App, response: Response) -> Result<Response, ApiError> {
+    async fn until_revoked(self, app: &App, response: Response) -> Result<Response, ApiError> {
         let mut followed = app.tokens.follow_revocations();
         let now = *followed.borrow_and_update();
-        if mem::replace(&mut self.revocations, now) != now && !self.is_good(app).await {
+        if self.revocations != now && !self.is_good(app).await {
             return Err(unknown_token());
         }
         let app = app.clone();

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use axum::body::{Body, HttpBody as _};
 use axum::extract::Request;
-use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse as _, Response};
 use bytes::Bytes;
 use futures::StreamExt as _;
@@ -26,6 +26,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::body::{LIGHT_BODY_BYTES_MAX, too_large};
 use super::client::Client;
+use super::feed::is_event_stream;
 use super::front::is_of_a_player;
 use super::prelude::*;
 use crate::ids::{CompetitionKey, EpisodeId, Place, RunKey};
@@ -363,11 +364,6 @@ impl Nodes {
         let gone = || self.cluster.gone(to.incarnation);
         self.links.send(question, body, client, to, gone).await
     }
-}
-
-fn is_event_stream(response: &Response) -> bool {
-    let kind = response.headers().get(header::CONTENT_TYPE);
-    kind.is_some_and(|kind| kind.as_bytes().starts_with(b"text/event-stream"))
 }
 
 /// Ends an event stream when this server stops.
