@@ -21,12 +21,12 @@ def number(value: float, digits: int = 2) -> str:
 
 
 def outside(value: float) -> str:
-    """R² for players that were left out, which can be far below 0."""
+    """R² for players that were left out of the fit, which can be far below 0."""
     return "< -1000" if value < -1000 else number(value)
 
 
 def chance(value: float) -> str:
-    """A p or q."""
+    """A p or q as text."""
     return "" if pd.isna(value) else f"{value:.3f}" if value >= 0.001 else "< 0.001"
 
 
@@ -39,7 +39,7 @@ def code(name: object) -> str:
 
 
 def lines(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of pipes; columns of numbers are aligned to the right."""
+    """A Markdown table. Columns of numbers are aligned to the right."""
     numeric = [all(re.match(r"(< |-)?[\d.]|$", row[at]) for row in rows) for at in range(len(headings))]
     marks = ["---:" if right else "---" for right in numeric]
     return "".join(f"| {' | '.join(row)} |\n" for row in [headings, marks, *rows])
@@ -84,7 +84,7 @@ def tops(table: pd.DataFrame) -> str:
 
 
 def within(games: analysis.Games) -> str:
-    """The same of deviations from the mean of each player in a task, over players in whose games both differ."""
+    """The same for deviations from each player's mean in a task, over players in whose games both values differ."""
     rows = []
     for task, own in games.episodes.groupby("task"):
         found = [pair for metric in TWELVE if (pair := _within(own, metric))]
@@ -116,7 +116,7 @@ def _within(episodes: pd.DataFrame, metric: str) -> tuple[str, float, float, int
 
 
 def between(games: analysis.Games) -> str:
-    """How much of the variance of the score is between players."""
+    """The share of the score's variance that is between players."""
     rows = []
     for task, own in games.episodes.groupby("task"):
         mean = own.groupby("model")["score"].transform("mean")
@@ -217,7 +217,7 @@ def words(table: pd.DataFrame) -> str:
 
 
 def without_messages(games: analysis.Games, speaking: str, silent: str) -> str:
-    """A player and the same without messages, layout by layout."""
+    """A player compared with itself without messages, layout by layout."""
     wide = games.episodes[games.episodes["model"].isin([speaking, silent])].pivot(
         index="seed", columns="model", values="score"
     )

@@ -1,4 +1,4 @@
-"""What `.ci/perf` measured, as tables between their marks in docs/operate/load.md and docs/develop/benchmarks.md.
+"""Writes the tables of `.ci/perf` between their marks in docs/operate/load.md and docs/develop/benchmarks.md.
 
     perf_pages.py machine SETTING     prints on which machine it is measured, as JSON
     perf_pages.py criterion FOLDER    prints the estimates that criterion left there, as JSON
@@ -20,7 +20,7 @@ from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 TASKS = ["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"]
-# Goals of the engine, by what is measured.
+# Goals of the engine, by measurement.
 ROUND_GOALS = {"play": 100_000, "play_and_observe": 30_000}
 FLOCK_GOALS = {"12, 10 × 10": 5e4, "30, 16 × 16": 1e6, "100, 28 × 28": 5e7, "256, 100 × 100": 1e9}
 ROUND_NAMES = {
@@ -35,7 +35,7 @@ def output(*command: str) -> str:
 
 
 def machine(setting: str) -> dict[str, object]:
-    """The machine, what else it does, and the commit."""
+    """The machine, its other load, and the commit."""
     processor = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.M)
     return {
         "setting": setting,
@@ -96,7 +96,7 @@ def percent(share: float | None) -> str:
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]], text: int = 0) -> str:
-    """A table of pipes. All columns but that of texts are numbers."""
+    """A Markdown table. All columns except that of texts are numbers."""
     marks = ["---" if at == text else "---:" for at in range(len(headings))]
     return "".join(f"| {' | '.join(row)} |\n" for row in [headings, marks, *rows])
 
@@ -111,7 +111,7 @@ def put(page: str, name: str, text: str) -> None:
 
 
 def about(machine: dict) -> str:
-    """Where and how it was measured."""
+    """The machine and the method of the measurements."""
     setting = "" if machine["setting"] == "full" else f" (`SWARMBENCH_PERF={machine['setting']}`: few and short turns)"
     load = machine["load_average"]
     beside = "" if load < 0.5 else "; **other programs ran beside it**, so compare only numbers that were measured in turns"
@@ -213,7 +213,7 @@ def slow(report: dict) -> str:
 
 
 def rounds(rows: list[dict]) -> str:
-    """Rounds a second: a line a task, a column for each way of playing."""
+    """Rounds per second: one line per task, one column per way of playing."""
     speeds = {(row["group"], row["function"]): 1e9 / row["ns"] for row in rows}
     found = {way for way, _ in speeds}
     ways = [*(way for way in ROUND_NAMES if way in found), *sorted(found - set(ROUND_NAMES))]
@@ -274,7 +274,7 @@ def chart(reports: dict) -> str:
 
 
 def pages(folder: Path) -> str:
-    """Writes the pages. What was not measured stays as it is."""
+    """Writes the pages. Tables without a measurement stay as they are."""
     reports = {path.stem: json.loads(path.read_text()) for path in folder.glob("*.json")}
     engine = [1e9 / row["ns"] for row in reports.get("rounds", []) if (row["group"], row["function"]) == ("play", "Synchronization")]
     load, benchmarks = "operate/load.md", "develop/benchmarks.md"

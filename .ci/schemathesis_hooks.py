@@ -1,5 +1,5 @@
-"""What schemathesis cannot know of this server: which episodes exist, what is the open round, and that nothing
-must wait for long. Read by .ci/schemathesis, which sets the variables."""
+"""Facts about the server that schemathesis cannot know: existing episodes, the open round, and that no request
+may wait for long. .ci/schemathesis loads this file and sets the variables."""
 
 import os
 import random
@@ -16,7 +16,7 @@ ENDED_RUN = os.environ["SWARMBENCH_ENDED_RUN"]
 WAIT_S_MAX = 0.05
 ACTIONS = ["UP", "DOWN", "LEFT", "RIGHT", "STAY", "SWITCH"]
 
-# Follows from the seed of the run, as the cases come in the same order.
+# The draws follow from the seed of the run, as the cases come in the same order.
 dice = random.Random(os.environ.get("SCHEMATHESIS_SEED", "1"))
 
 
@@ -28,7 +28,7 @@ def is_number(value):
 
 
 def open_round(path, token):
-    """The round to which an act has to answer, asked of the server."""
+    """Asks the server for the open round, to which an act has to answer."""
     headers = {"Authorization": f"Bearer {token}"}
     seen = requests.get(BASE + path, headers=headers, timeout=10).json()
     seen = seen["observations"][0] if "observations" in seen else seen
@@ -37,7 +37,7 @@ def open_round(path, token):
 
 @schemathesis.hook
 def before_load_schema(context, raw_schema):
-    """A stream is a text to readers of OpenAPI 3.1; schemathesis compares the schema with each event of it."""
+    """Replaces schemas of streams: in OpenAPI 3.1 a stream is a text, but schemathesis compares single events."""
     for operations in raw_schema["paths"].values():
         for operation in operations.values():
             for answer in operation.get("responses", {}).values() if isinstance(operation, dict) else ():
@@ -52,7 +52,7 @@ def before_call(context, case, kwargs):
     if isinstance(query, dict) and is_number(query.get("wait")):
         query["wait"] = min(float(query["wait"]), WAIT_S_MAX)
     path, method = case.operation.path, case.method.upper()
-    # Half of the ids are those of episodes that exist. No episode is ended that another case needs. A stream of
+    # Half of the ids are those of existing episodes. No case ends an episode that another case needs. A stream of
     # events ends with its episode, so one that runs would never be read to its end: schemathesis also asks for ids
     # that it found in answers.
     if "{id}" in path and case.path_parameters:

@@ -2,9 +2,9 @@
 
     python3 verify_competition.py cup.jsonl [COMMITMENT [HEAD]]
 
-It checks both chains, the commitment, seeds, plan, settings and times of all games, counts acts, and recomputes the
-board from the final scores. It does not play the rounds again, so it believes the scores of the journals: for that an
-engine is needed, as `swarmbench verify --competition` has one. Python 3.10 or newer, nothing else.
+The program checks both chains, the commitment, and the seeds, plan, settings and times of all games, counts acts, and
+recomputes the board from the final scores. It does not replay rounds, so it believes the scores of the journals: a
+replay needs an engine, as `swarmbench verify --competition` has one. Only Python 3.10 or newer is needed.
 """
 
 import hashlib
@@ -17,7 +17,7 @@ from fractions import Fraction
 from unicodedata import category
 
 TASKS = ["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"]
-# The fields of all objects; those that need not be there end in a question mark.
+# The fields of all objects. Names of optional fields end in a question mark.
 FIELDS = {
     "window": "opens_at closes_at", "board": "kind rows", "end of the file": "kind episodes",
     "competition": "kind format id definition created_at revealed_at commitment salt seeds",
@@ -36,15 +36,15 @@ FIELDS = {
     "act": "agent source action message? to? valid failure? response? usage? reasoning? bank_spent_ms?",
     "round": "kind round acts digest score", "end": "kind status reason rounds score open_acts",
 }
-# The fields that only files from a later format on have, and that format.
+# The fields that later formats have added, each with the first format that has it.
 LATER = {
     "definition": dict.fromkeys("spares attempts_per_day public_seeds tie_breaks terms own_games categories".split(), 2)
     | {"seeds_by_task": 3},
     "entrant": {"category": 2, "terms": 2}, "attempt": {"replays": 2},
 }
-# Actions after everything was opened that a file of format 3 has: others decide nothing.
+# The actions after the opening of the results that a file of format 3 contains: all others decide nothing.
 AFTER_END = ("attempt.void", "episode.void", "entrant.change", "entrants.exclude")
-# From this format on the status of an attempt fits the ends of its games, and each voided attempt has its action.
+# The first format in which the status of an attempt fits the ends of its games, and each voided attempt has its action.
 FIRST_FORMAT_WITH_CHECKED_ATTEMPTS = 2
 ENDINGS = ["finished task_done", "finished rounds_played", "aborted aborted", "aborted closed", "abandoned idle"]
 
@@ -80,12 +80,12 @@ def number_of(text):
 
 
 def shown(text):
-    """Text of others, without characters that act on a terminal."""
+    """A text of others, without characters that control a terminal."""
     return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
 
 
 def time(text):
-    """Times are in the order of their texts without the Z at the end."""
+    """The text of a time without the final Z, which has the order of times."""
     check(text.endswith("Z"), f"{text!r} is not a time in UTC")
     return text[:-1]
 
@@ -97,7 +97,7 @@ def in_time(what, at, earliest, end):
 class Reader:
     def __init__(self, file):
         self.file, self.number, self.head = file, 0, bytes(32)
-        # That of the file, which its first record names.
+        # The format of the file, which its first record names.
         self.format = None
 
     def line(self, head):
@@ -165,13 +165,13 @@ def seed_of(sealed, task):
 
 
 def windows_of(definition):
-    """The windows of all attempts; spare ones come last, and are open for the whole time."""
+    """The windows of all attempts. Those of spare attempts come last, and are always open."""
     whole = {"opens_at": definition["opens_at"], "closes_at": definition["closes_at"]}
     return definition["attempts"] + [whole] * definition.get("spares", 0)
 
 
 def ends_of(definition, number, changes):
-    """The ends that the window of an attempt has had, each with the time from which it was known."""
+    """All ends of an attempt's window, each with the time from which it was known."""
     spare = number > len(definition["attempts"])
     field = "closes_at" if spare else f"attempts[{number - 1}].closes_at"
     own = [(at, change) for at, change in changes if change["field"] == field]
@@ -196,7 +196,7 @@ def read_action(record, competition, changes, voids):
 
 
 def check_void(competition, record, voids):
-    """Checks that organizers voided an attempt that is voided, for the same reason."""
+    """Checks that an action of organizers voided a voided attempt, for the same reason."""
     if competition["format"] >= FIRST_FORMAT_WITH_CHECKED_ATTEMPTS and "voided" in record:
         check((record["run"], record["voided"]) in voids, "it was voided, but no action says so")
 
@@ -230,15 +230,15 @@ def check_changes(definition, changes):
 class Attempt:
     def __init__(self, record, window, plan, seeds, public=0):
         self.record, self.window = record, window
-        # In whose place it counts.
+        # The attempt in whose place this one counts.
         self.number = record.get("replays", record.get("attempt"))
         self.plan = plan
-        # The first seeds made the board before the end; that of the file is made of the others.
+        # The first seeds made the public board. The board of the file is made from the other seeds.
         self.slots = [slot for slot in range(len(plan)) if slot % seeds >= public]
         self.voided = "voided" in record
         self.counts = record["status"] != "running" and not self.voided
         self.void_slots = [game["slot"] for game in record["games"] if "voided" in game and game["slot"] in self.slots]
-        # Of games that count; scores are by slot.
+        # Only of games that count; scores are by slot.
         self.scores, self.acts, self.failures = {}, {"answers": 0, "invalid": 0, "timeouts": 0}, Counter()
 
     def add(self, slot, rounds, end):
@@ -277,7 +277,7 @@ class Attempt:
 
 
 def added(numbers):
-    """The sum, rounded after each step: that of Python 3.12 is more exact."""
+    """The sum, rounded after each step: `sum` of Python 3.12 is more exact."""
     total = 0.0
     for number in numbers:
         total += number
@@ -285,7 +285,7 @@ def added(numbers):
 
 
 def comparable(total):
-    """Equal for equal totals; null is lower than all others."""
+    """A key for totals: equal for equal totals, and lowest for null."""
     if total is None:
         return -math.inf
     part, whole = math.modf(total * 1e9)
@@ -293,13 +293,13 @@ def comparable(total):
 
 
 def check_journal(opening, rounds, end, definition, entrant, attempt, game, ends):
-    """Checks that a journal is the one that belongs in its place."""
+    """Checks that a journal belongs in its place."""
     has_fields("opening", opening)
     task, seed = attempt.plan[game["slot"]]
     expected = definition["settings"] | {"task": task, "seed": seed, "start": "now", "visibility": "sealed"}
     expected |= {name: definition[name] for name in ("rules", "idle_timeout_ms")} | {"model": entrant["model"]}
     expected |= {"custom_template": "prompt_template" in entrant, "closes_at": ends[-1][1]}
-    # A game keeps the end of its window that was known when it was opened.
+    # A game keeps the end of the window that was known when the game was opened.
     known = [end for at, end in ends if at <= time(opening["created_at"])]
     if opening["config"].get("closes_at") in known:
         expected["closes_at"] = opening["config"]["closes_at"]
@@ -368,7 +368,7 @@ def row_of(entrant, own, definition):
     over = [attempt for attempt in own if attempt.counts]
     over.sort(key=lambda attempt: (time(attempt.record["created_at"]), attempt.record["run"].encode()))
     if definition["counts"] == "best":
-        over.sort(key=lambda attempt: -comparable(attempt.total()))  # the first of equal ones stays the first
+        over.sort(key=lambda attempt: -comparable(attempt.total()))  # the first of equal attempts stays the first
     attempt = over[-1 if definition["counts"] == "last" else 0] if over else None
     shown = attempt or Attempt({"status": None, "games": []}, None, [], [])
     declared = "declared" if definition["settings"]["control"] == "decentralized" else None
@@ -384,7 +384,7 @@ def share(part, whole):
     return Fraction(part, whole) if whole else Fraction(0)
 
 
-TIE_BREAKS = {  # The smaller one is ahead.
+TIE_BREAKS = {  # The smaller id is ahead.
     "invalid": lambda row, own: share(row["invalid"], row["answers"]),
     "timeouts": lambda row, own: share(row["timeouts"], row["answers"] + row["timeouts"]),
     "attempts": lambda row, own: sum(not one.voided for one in own),

@@ -120,7 +120,7 @@ async fn beat(parts: Arc<Parts>, look: watch::Sender<Seen>) {
             Err(StoreError::Failed) => return parts.store.set_excluded(),
             Err(error) => {
                 if up_since.is_some() || tick == 0 {
-                    tracing::warn!(%error, "the database does not answer: this server cannot show that it lives");
+                    tracing::warn!(%error, "the database does not answer: this server cannot renew its lease");
                 }
                 up_since = None;
                 look.send_modify(|seen| seen.up_since = None);
@@ -198,11 +198,11 @@ async fn work(parts: Arc<Parts>, mut seen: watch::Receiver<Seen>) {
         {
             let is_silent = beats.is_silent(member) && now.up_since.is_some_and(is_long_ago);
             if let Err(error) = watch_over(cluster, member, is_silent).await {
-                tracing::warn!(%error, server = member.name, "a server may be dead, and cannot be taken over");
+                tracing::warn!(%error, server = member.name, "the work of a server that may be dead cannot be taken over");
             }
         }
         if let Err(error) = continue_taken(&parts).await {
-            tracing::warn!(%error, "work that was taken cannot be continued");
+            tracing::warn!(%error, "work that this server has taken over cannot be continued");
         }
         let ready =
             now.members.iter().filter(|member| member.is_ready).map(|member| member.incarnation);
@@ -226,7 +226,9 @@ async fn work(parts: Arc<Parts>, mut seen: watch::Receiver<Seen>) {
                     known = seen_now;
                     searched = Some(Instant::now());
                 }
-                Err(error) => tracing::warn!(%error, "work that nobody does cannot be taken"),
+                Err(error) => {
+                    tracing::warn!(%error, "work that no server does cannot be taken over");
+                }
             }
         }
         if tidied.elapsed() >= TIDIES_EVERY {
@@ -236,7 +238,7 @@ async fn work(parts: Arc<Parts>, mut seen: watch::Receiver<Seen>) {
                 give_up(&parts).await
             };
             if let Err(error) = tidy.await {
-                tracing::warn!(%error, "what others are to play cannot be given up");
+                tracing::warn!(%error, "idle games and runs cannot be released");
             }
         }
         if cluster.is_oldest() && deleted.elapsed() >= DELETES_EVERY {
@@ -367,7 +369,7 @@ async fn continue_taken(parts: &Parts) -> Result<(), StoreError> {
         registry.host().quotas.note(episode, Party::within(competition, owner));
     }
     let episodes = registry.adopt(unfinished).await;
-    tracing::info!(places = places.len(), episodes, "took what nobody played");
+    tracing::info!(places = places.len(), episodes, "took over work that no server did");
     for place in places {
         if let Place::Run(run) = place {
             runs.try_advance(run).await;

@@ -16,13 +16,13 @@ swarmbench_engine::named! {
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
     pub enum Role {
-        /// Start attempts in a competition and see their results; nothing else.
+        /// Starts attempts in a competition and sees their results; nothing else.
         Entrant = "entrant",
-        /// Create episodes, and do with them what their creator may.
+        /// Creates episodes, and controls these.
         Member = "member",
-        /// Read all that organizers read but keys and contacts, and change nothing.
+        /// Reads all that organizers read except keys and contacts, and changes nothing.
         Judge = "judge",
-        /// Everything: read and end all episodes, make and revoke keys.
+        /// May do everything: read and end all episodes, create and revoke keys.
         Organizer = "organizer",
     }
 }

@@ -286,12 +286,12 @@ fn mixed_game(stored: BoardMixed) -> Result<MixedGame, StoreError> {
     let config = match stored.opening.read() {
         Ok(Record::Opening(opening)) => opening.config,
         Ok(Record::Seats(_) | Record::Round(_) | Record::End(_)) => {
-            return Err(broken("it is none".to_owned()));
+            return Err(broken("its record is no opening".to_owned()));
         }
         Err(error) => return Err(broken(error.to_string())),
     };
     let task = TaskName::parse(&config.task);
-    let task = task.ok_or_else(|| broken(format!("there is no task {:?}", config.task)))?;
+    let task = task.ok_or_else(|| broken(format!("its task {:?} is unknown", config.task)))?;
     let settings = serde_json::to_string(&settings(&config)).map_err(|e| broken(e.to_string()))?;
     let setting = Setting { task, rules: config.rules, settings };
     let model = |(name, vouched, owner)| Model { name, vouched, owner };

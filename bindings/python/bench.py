@@ -1,9 +1,9 @@
-"""How many steps a second environments make in this process, beside the engine alone in the same sitting.
+"""The steps per second of environments in this process, compared with the engine alone in the same session.
 
     python bindings/python/bench.py [--seconds 1] [--turns 5] [--no-http]
 
-It needs the wheel of a release build (`bindings/python/build`). Everything is the standard setting with memory 0 and random
-actions; numbers are medians over the turns, in which all that is measured takes its turn.
+The benchmark needs the wheel of a release build (`bindings/python/build`). All games have the standard setting with
+memory 0 and random actions. Numbers are medians over the turns; everything that is measured runs once in each turn.
 """
 
 import argparse
@@ -96,7 +96,7 @@ def prompts(task: TaskName) -> Measure:
 
 
 def memory(task: TaskName) -> float:
-    """Bytes of an environment, of 10,000 that have played an episode, with their arrays; in a process of its own."""
+    """Bytes per environment, of 10,000 that have played an episode, with their arrays; in a process of its own."""
     program = f"import bench; bench.grown({task!r})"
     told = subprocess.run([sys.executable, "-c", program], cwd=Path(__file__).parent, check=True, capture_output=True)
     return float(told.stdout)
@@ -116,12 +116,12 @@ def resident() -> int:
     """Bytes of this process in memory."""
     try:
         return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
-    except FileNotFoundError:  # macOS, which knows the most that there were
+    except FileNotFoundError:  # macOS, which only knows the maximum so far
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def timed(step: Callable[[int], object], each: int, seconds: float) -> tuple[float, float]:
-    """Steps a second by the clock, and by processor time."""
+    """Steps per second by the clock, and by processor time."""
     clock, used, count = time.perf_counter(), time.process_time(), 0
     while time.perf_counter() - clock < seconds:
         step(count)

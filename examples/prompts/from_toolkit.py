@@ -2,15 +2,16 @@
 
     python3 from_toolkit.py CHECKOUT FOLDER
 
-runs the code of the checkout that makes prompts, with marks in the place of what differs from prompt to prompt, and
+runs the code of the checkout that makes prompts, with marks in place of the parts that differ between prompts, and
 writes into FOLDER a template for each task (`Transport.j2`, ...), one for all tasks (`all.j2`) and the system message
 (`system.txt`). Use them with
 
     swarmbench eval --prompt-template FOLDER/all.j2 --system @FOLDER/system.txt \\
         --answer-reader first-marker --rules reference ...
 
-Prompts are the same to the byte but for the order of messages: here they are sorted by their text, as nobody is to know
-who sent them. The code of the checkout is run, so use one that you trust. Only Python itself is needed.
+Prompts are the same to the byte except for the order of messages: here messages are sorted by their text, so that the
+order does not reveal the senders. The program runs the code of the checkout, so use one that you trust. Only Python
+itself is needed.
 """
 
 import argparse
@@ -27,11 +28,11 @@ NAME, ROUND, SCORE, SHAPE = "Agent_<name>", "<round>", "<score>", "<shape>"
 
 
 class Problem(Exception):
-    """The checkout is not as this program knows it."""
+    """The checkout differs from the versions that this program knows."""
 
 
 def modules(checkout):
-    """The modules of the checkout that make prompts. What they import beside is not needed for that."""
+    """The modules of the checkout that make prompts. Their other imports are not needed for prompts."""
     for name in ["numpy", "scipy", "scipy.optimize", "pulp", "openai", "colorama"]:
         sys.modules[name] = mock.MagicMock()
     for name in ["framework", "swarmbench"]:
@@ -45,7 +46,7 @@ def modules(checkout):
 
 
 class View:
-    """The cells that an agent sees, with as much of an array as is used."""
+    """The cells that an agent sees, with the methods of an array that are used."""
 
     shape = (3, 3)
 
@@ -86,7 +87,7 @@ class Asking:
         return player.gen_prompt(seen, {f"<sender {n}>": "<message>" for n in range(messages)})
 
     def entry(self):
-        """What the history has of an answer without a decision."""
+        """The entry of the history for an answer without a decision."""
         player = self.agent.SwarmAgent(NAME, mock.MagicMock(), "", memory=MEMORY)
         with mock.patch("builtins.print"):
             player.to_action("nothing")
@@ -107,7 +108,7 @@ def plain(text):
 
 
 def tag(what):
-    """A tag that leaves all white space around it."""
+    """A tag that keeps all white space around it."""
     return "{%+ " + what + " +%}"
 
 
@@ -120,7 +121,7 @@ def choice(cases, otherwise):
 
 
 def ends(one, other):
-    """How many characters two texts share at the beginning, and then at the end."""
+    """The numbers of characters that two texts share at the beginning, and then at the end."""
     most = min(len(one), len(other))
     first = next((n for n in range(most) if one[n] != other[n]), most)
     last = next((n for n in range(most - first) if one[-1 - n] != other[-1 - n]), most - first)
@@ -128,7 +129,7 @@ def ends(one, other):
 
 
 def listed(asked, name, marks, variable, printed):
-    """The texts before a list, of the list as a template, and after it."""
+    """The text before a list, the list as a template, and the text after it."""
     none, one, two = (asked.prompt(**{name: count}) for count in (0, 1, 2))
     first, last = ends(none, one)
     head, tail = one[:first], one[len(one) - last:]
@@ -148,9 +149,9 @@ def listed(asked, name, marks, variable, printed):
 
 
 def pieces(asked):
-    """A template of one task in pieces; those at the same place are about the same."""
+    """A template of one task in pieces. Pieces with the same index correspond between tasks."""
     base = asked.prompt()
-    # What agents see: `<view>` as often as there are views, each with a label of its own.
+    # The views of agents: `<view>` once per view, each with a label of its own.
     labels = asked.prompt(views=MEMORY).split("<view>")
     before, after = labels[0], labels[-1]
     if base != f"{before}<view>{after}" or len(labels) != MEMORY + 1:
@@ -166,7 +167,7 @@ def pieces(asked):
     said = f"{{{{ one.message or {offset['message']!r} }}}}"
     marks = ["<past>", "<action>", "<said>"]
     past_head, past, past_tail = listed(asked, "history", marks, "history", [number, action, said])
-    # Of the text between views and messages, what depends on light or load.
+    # The part of the text between views and messages that depends on light or load.
     seen = heard_head[len(before) + len("<view>"):]
     off = asked.prompt(state=False)[len(before) + len("<view>"):]
     first, last = ends(seen, off[:len(off) - len(heard_tail)])
@@ -182,7 +183,7 @@ def pieces(asked):
 
 
 def joined(templates):
-    """One template for all tasks: what is the same in all stands once."""
+    """One template for all tasks, in which common text occurs once."""
     text = ""
     for parts in zip(*templates.values(), strict=True):
         if len(set(parts)) == 1:
@@ -194,7 +195,7 @@ def joined(templates):
 
 
 def system_message(checkout):
-    """The text that is assigned to `sys_prompt`."""
+    """The system message: the text that is assigned to `sys_prompt`."""
     tree = ast.parse((checkout / "swarmbench" / "framework.py").read_text(encoding="utf-8"))
     for node in ast.walk(tree):
         is_it = isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "sys_prompt"

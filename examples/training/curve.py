@@ -1,8 +1,8 @@
-"""Draws how policies learned, from the curves that `ppo.py` has written.
+"""Draws the learning curves of policies, from the files of `ppo.py`.
 
     python examples/training/curve.py runs/*/curve.csv --out learning.svg --data learning.csv
 
-`--data` keeps the points that are drawn, in the same form, so that the figure can be made again from them.
+`--data` writes the drawn points in the same form, so that the figure can be made again from them.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 POINTS_MAX = 120
-"""Of a curve."""
+"""The maximum number of points of a curve."""
 
 BESIDE = {
     "Foraging": {"best rule": 0.95, "best model": 5.80, "humans": 20.40},
@@ -25,7 +25,7 @@ BESIDE = {
     "Synchronization": {"best rule": 0.35, "best model": 12.60, "humans": 41.95},
     "Flocking": {"best rule": 4.68, "best model": 9.40, "humans": 11.70},
 }
-"""What the paper reports in the same setting (docs/evaluate/baselines.md)."""
+"""The paper's scores in the same setting (docs/evaluate/baselines.md)."""
 
 DASHES = {"best rule": "--", "best model": "-.", "humans": ":"}
 
@@ -45,7 +45,7 @@ Rows = list[dict[str, str]]
 
 
 def read(files: list[Path]) -> dict[str, Rows]:
-    """The rows of all files, by task, thinned to what is drawn."""
+    """The rows of all files, by task, thinned to the drawn points."""
     tasks: defaultdict[str, Rows] = defaultdict(list)
     for file in files:
         with file.open(newline="") as lines:
@@ -61,7 +61,7 @@ def _thinned(rows: Rows) -> Rows:
 
 
 def draw(axes: Axes, task: str, rows: Rows) -> None:
-    """One curve, and the lines of the paper."""
+    """Draws one curve, and the lines of the paper."""
     minutes = [float(row["processor_s"]) / 60 for row in rows]
     axes.plot(minutes, [float(row["score"]) for row in rows], color="#0072B2", linewidth=1.4)
     top = 1.05 * max(*BESIDE[task].values(), *(float(row["score"]) for row in rows))

@@ -3,8 +3,8 @@
     python examples/training/play.py runs/Foraging/policy.pt
     python examples/training/play.py runs/*/policy.pt --suite baselines
 
-The policies play over HTTP, as any other player does: they get what the server shows them, and each game has a journal
-that anybody can verify. Without `--server` a server is started for it, with the database `--db`.
+The policies play over HTTP, as any other player does: they get the server's observations, and each game has a journal
+that anybody can verify. Without `--server` the program starts a server, with the database `--db`.
 """
 
 import argparse
@@ -23,14 +23,14 @@ import swarmseat
 from swarmseat.arrays import Layout
 
 PARALLEL = 16
-"""How many games are open at once."""
+"""The number of games that are open at a time."""
 
 
 class Swarm:
     """A policy and the games that it plays.
 
     Args:
-        file: What `ppo.py` has saved.
+        file: The file that `ppo.py` has saved.
     """
 
     def __init__(self, file: Path) -> None:
@@ -44,7 +44,7 @@ class Swarm:
 
     @torch.no_grad()
     def acts(self, episode: str, seed: int, sights: list[Any]) -> list[dict[str, Any]]:
-        """What the agents of a game do that are asked.
+        """The acts of a game's agents that are asked.
 
         Args:
             episode: The game.

@@ -2,9 +2,9 @@
 
     python examples/training/ppo.py --task Foraging
 
-The policy gets what one agent may know and nothing else: its window, its position, its number, the round, and a map of
-what it has seen. Seeds below 1,000,000 are never played here: on these policies are judged (`play.py`). The folder
-`--out` gets `policy.pt`, from which `--resume` continues, and `curve.csv`.
+The policy gets only what one agent may know: its window, its position, its number, the round, and a map of the cells
+that it has seen. Seeds below 1,000,000 are never played here: they are for evaluations (`play.py`). The folder `--out`
+gets `policy.pt`, from which `--resume` continues, and `curve.csv`.
 """
 
 import argparse
@@ -24,7 +24,7 @@ import swarmseat
 from swarmseat.arrays import CHANNELS
 
 HELD_OUT = 1_000_000
-"""Seeds below are for evaluation."""
+"""The smallest seed for training. Smaller seeds are for evaluation."""
 
 AGENTS, SIDE, WINDOW, ROUNDS = 12, 10, 5, 100
 """The standard setting: agents, cells of a side of the map and of a window, rounds."""
@@ -36,23 +36,23 @@ PARTS = 20
 """The number of equal parts of the game. The policy knows the part of a round, and whether the round is even."""
 
 SAVE_S = 60.0
-"""After how many seconds the policy is saved again."""
+"""The interval between saves of the policy, in seconds."""
 
 SHOW_S = 10.0
-"""After how many seconds there is another line."""
+"""The interval between lines of output, in seconds."""
 
 Arrays = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What differs between tasks.
+    """The plan of a task.
 
     Attributes:
-        seen: The channels of the window in which there can be something.
-        remembered: Those of which an agent keeps a map.
-        rewards: As in `VecEnv`.
-        gamma: How much a reward of the next round is worth now.
+        seen: The channels of the window that can be set.
+        remembered: The channels of which an agent keeps a map.
+        rewards: The `rewards` of `VecEnv`.
+        gamma: The discount: the value of a reward of the next round.
     """
 
     seen: tuple[str, ...]
@@ -75,8 +75,8 @@ class Senses:
     """Makes the policy's input from observations, and keeps the map of each agent.
 
     Args:
-        task: What is played.
-        seats: How many agents there are, in all games together.
+        task: The name of the task.
+        seats: The number of agents in all games together.
     """
 
     def __init__(self, task: str, seats: int) -> None:
@@ -89,7 +89,7 @@ class Senses:
         self._maps = np.zeros((seats, len(self._remembered) + 1, side, side), np.uint8)
         windows = np.lib.stride_tricks.sliding_window_view(self._maps, (WINDOW, WINDOW), axis=(2, 3), writeable=True)
         self._around = windows.transpose(0, 2, 3, 1, 4, 5)
-        # Without the wall around the map, which is always the same.
+        # The wall around the map is left out, as it is always the same.
         edge = margin + 1
         self._kept = self._maps[:, :, edge:-edge, edge:-edge]
         self.size = len(self._seen) * WINDOW**2 + 2 * SIDE + AGENTS + 2 + PARTS
@@ -97,7 +97,7 @@ class Senses:
             self.size += self._kept[0].size
 
     def forget(self, seats: NDArray[np.bool_]) -> None:
-        """A new game has begun for these seats."""
+        """Clears the maps of these seats, whose new game has begun."""
         self._maps[seats] = 0
 
     def see(
@@ -111,10 +111,10 @@ class Senses:
         """The policy's input, zeros and ones: a row for each of these seats.
 
         Args:
-            seats: Which seats; the number of an agent is the remainder of its seat by 12.
+            seats: The seats. The number of an agent is the remainder of its seat by 12.
             view: (seats, 10, 5, 5), as in `VecEnv`.
             position: (seats, 2), row and column; -1, -1 for an agent that has escaped.
-            played: How many rounds have been played.
+            played: The number of rounds that have been played.
             flag: `light_on` or `carrying_food`; zeros in other tasks.
         """
         rows, columns = np.clip(position, 0, SIDE - 1).T
@@ -141,7 +141,7 @@ def _one_hot(values: NDArray[np.integer[Any]], size: int) -> NDArray[np.uint8]:
 
 
 class Policy(nn.Module):
-    """The chances of actions, and the value of what is seen."""
+    """The probabilities of actions, and the value of an observation."""
 
     def __init__(self, inputs: int, actions: int, hidden: int = 128) -> None:
         super().__init__()
@@ -152,7 +152,7 @@ class Policy(nn.Module):
         self.critic = _linear(hidden, 1, 1.0)
 
     def forward(self, seen: Tensor) -> tuple[Tensor, Tensor]:
-        """The logarithms of the chances (rows, actions), and the values (rows)."""
+        """The logarithms of the probabilities (rows, actions), and the values (rows)."""
         found = self.trunk(seen.float())
         return torch.log_softmax(self.actor(found), -1), self.critic(found).squeeze(-1)
 
@@ -165,26 +165,26 @@ def _linear(inputs: int, outputs: int, gain: float) -> nn.Linear:
 
 
 def hint(task: str, gamma: float, before: Arrays, after: Arrays) -> Any:
-    """What is added to the rewards in training: from what each agent sees itself (games, agents)."""
+    """The shaping that training adds to the rewards, from each agent's own observation (games, agents)."""
     goes_on = ~after["agent_done"]
     if task == "Foraging":
         # The difference of a potential, which is ½ while an agent carries food: it changes no best policy.
         return np.float32(0.5) * (gamma * after["carrying_food"] * goes_on - before["carrying_food"])
     if task == "Synchronization":
-        # An agent that has switched: how many of those in view have a light like its own.
+        # An agent that has switched gets the share of agents in view whose light is like its own.
         on = _count(after["view"], "marked agent")
         off = _count(after["view"], "agent")
         like = np.where(after["light_on"], on, off) / np.maximum(on + off, 1)
         return np.float32(0.1) * like * (after["light_on"] != before["light_on"]) * goes_on
     if task == "Pursuit":
-        # An agent that is beside the prey.
+        # An agent beside the prey.
         beside = np.any([_beside(after["view"], "prey", way) for way in WAYS], axis=0)
         return np.float32(0.02) * (beside & goes_on)
     return np.zeros_like(after["rewards"])
 
 
 def _beside(view: NDArray[np.uint8], channel: str, way: tuple[int, int]) -> Any:
-    """Which agents have such a cell beside them, in this direction."""
+    """For each agent, whether it has such a cell beside it in this direction."""
     middle = WINDOW // 2
     return view[:, :, CHANNELS.index(channel), middle + way[0], middle + way[1]] == 1
 
@@ -197,14 +197,14 @@ class Rollout:
     """Games that the policy plays side by side.
 
     Args:
-        task: What is played.
-        games: How many.
-        rounds: After how many rounds the policy learns from what was played.
-        seed: From where the seeds of games are drawn.
-        threads: How many threads step the games.
+        task: The name of the task.
+        games: The number of games.
+        rounds: The number of rounds from which the policy learns at once.
+        seed: The seed from which the seeds of games are drawn.
+        threads: The number of threads that step the games.
 
     Attributes:
-        scores: Those of the last games that the policy has played from their beginning to their end.
+        scores: The scores of the last games that the policy has played from their beginning to their end.
     """
 
     def __init__(self, task: str, games: int, rounds: int, seed: int, threads: int) -> None:
@@ -228,7 +228,7 @@ class Rollout:
         self.chances, self.values, self.rewards = torch.zeros(3, *shape)
         self.alive, self.ends = torch.zeros(2, *shape, dtype=torch.bool)
         self.scores: deque[float] = deque(maxlen=2 * games)
-        # Games that began at random do not tell how good the policy is.
+        # Games that began with random acts do not show how good the policy is.
         self._whole = np.zeros(games, np.bool_)
         self.ended = 0
         self.env_s = 0.0
@@ -250,7 +250,7 @@ class Rollout:
             self.env.reset(mask=held)
 
     def look(self) -> Tensor:
-        """What all agents see now."""
+        """The observations of all agents."""
         now = self._now
         flag = now[self.env.flag] if self.env.flag else self._no_flag
         return self.senses.see(
@@ -263,7 +263,7 @@ class Rollout:
 
     @torch.no_grad()
     def play(self, policy: Policy) -> Tensor:
-        """Plays the next rounds. Returns the values of what the agents see then."""
+        """Plays the next rounds. Returns the values of the agents' observations afterwards."""
         flag = self.env.flag
         for place in range(self.rounds):
             seen = self.look()
@@ -297,14 +297,14 @@ def learn(
     left: float,
     given: argparse.Namespace,
 ) -> float:
-    """Learns from what was played. Returns the mean entropy of the policy.
+    """Learns from the rounds that were played. Returns the mean entropy of the policy.
 
     Args:
-        policy: What learns.
-        optimizer: Of its weights.
-        told: What was played.
-        last: The values of what the agents see now.
-        left: The share of the time that is left: with it the steps become smaller, and the policy less curious.
+        policy: The policy.
+        optimizer: The optimizer of its weights.
+        told: The rounds that were played.
+        last: The values of the agents' current observations.
+        left: The share of the time that is left: as it falls the steps become smaller, and the policy explores less.
         given: The command line.
     """
     gamma, advantages, ahead, value = told.plan.gamma, torch.zeros_like(told.values), torch.zeros_like(last), last
@@ -339,7 +339,7 @@ def learn(
 
 
 class Training:
-    """A training: its policy, how far it is, and its files.
+    """A training: its policy, its progress, and its files.
 
     Args:
         given: The command line.
@@ -365,7 +365,7 @@ class Training:
         self.clock_s, self.processor_s, self.steps, self.games = saved["spent"]
 
     def save(self) -> None:
-        """Writes the policy, and what is needed to continue."""
+        """Writes the policy, and the state that is needed to continue."""
         made = self.given.out / "policy.pt.part"
         spent = (self.clock_s, self.processor_s, self.steps, self.games)
         state = {"policy": self.policy.state_dict(), "optimizer": self.optimizer.state_dict()}

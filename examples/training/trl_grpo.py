@@ -3,8 +3,8 @@
     pip install "$(ls bindings/python/dist/*.whl)[trl]" torch
     python examples/training/trl_grpo.py --model Qwen/Qwen3-0.6B --task Synchronization
 
-The model calls tools: `look`, `move` and `say`. A group of rollouts plays the same layout, as GRPO compares them.
-Needs a graphics card for a model of any use; `SwarmSeat` alone needs nothing but swarmseat.
+The model calls tools: `look`, `move` and `say`. A group of rollouts plays the same layout, as GRPO compares them. A
+useful model needs a graphics card; `SwarmSeat` alone needs only swarmseat.
 """
 
 import argparse
@@ -13,7 +13,7 @@ from typing import Any
 from swarmseat import TextEpisode, Turn
 
 MAX_ROUND = 20
-"""Rounds of an episode. The whole conversation has to fit into `max_completion_length`."""
+"""The maximum number of rounds of an episode. The whole conversation has to fit into `max_completion_length`."""
 
 
 class SwarmSeat:
@@ -26,7 +26,7 @@ class SwarmSeat:
 
     def reset(self, task: str = "Synchronization", seed: int = 0, seat: int = 0, **row: Any) -> str:
         """Begins the episode of a row of the data. What it returns is added to the prompt."""
-        del row  # The prompt, and what else a data set has.
+        del row  # The prompt, and the other columns of a data set.
         if self._episode is not None:
             self._episode.close()
         self._episode = TextEpisode(task, "one_seat", seat=seat, max_round=MAX_ROUND)
@@ -73,7 +73,7 @@ class SwarmSeat:
         return "It is sent with your next move."
 
     def get_reward(self) -> float:
-        """What the swarm scored, as a share of a full score."""
+        """The score of the swarm, as a share of a full score."""
         return self._gain
 
     def _playing(self) -> TextEpisode:

@@ -10,16 +10,16 @@ const PAGE_ENTRIES_MAX: usize = 1000;
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "The server asks for an organizer's key: put it into SWARMBENCH_KEY. Every entry was stored in the same \
-    transaction as the change that it describes. `local` stands for a user of the server's own machine, with `swarmbench key`."
+    after_help = "The server requires an organizer's key: put the key into SWARMBENCH_KEY. Every entry was stored in the same \
+    transaction as the change that it describes. The actor `local` is a user of the server's machine who ran `swarmbench key`."
 )]
 pub(super) struct Args {
     #[command(flatten)]
     server: ServerArgs,
-    /// The maximum number of entries, newest first.
+    /// The maximum number of entries. The newest come first.
     #[arg(long, default_value_t = 50)]
     limit: usize,
-    /// As JSON Lines, an entry a line in the shape of the API.
+    /// Print JSON Lines, one entry per line in the shape of the API.
     #[arg(long)]
     json: bool,
 }

@@ -11,18 +11,18 @@ use crate::store::backup::{Backup, back_up};
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "The server may keep running: its database is only read. An interrupted backup leaves \
+    after_help = "The server may keep running: the backup only reads its database. An interrupted backup leaves \
     FILE.partial (and FILE.partial-journal), which the next backup to the same FILE replaces.\n\n\
     To restore: stop the server; move its database away, together with the files of the same name that end in -wal \
     and -shm; copy FILE to the database's place; start the server."
 )]
 pub(super) struct Args {
-    /// The file to write; it must not exist.
+    /// The file to write, which must not exist.
     file: PathBuf,
     /// The database of the server.
     #[arg(long, env = "SWARMBENCH_DB", hide_env_values = true, default_value = "swarmbench.db")]
     db: Location,
-    /// As JSON.
+    /// Print JSON.
     #[arg(long)]
     json: bool,
 }

@@ -9,15 +9,15 @@ use crate::store::{Location, OpenError};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
-    /// Drop the results that boards show, and rebuild them from the journals; measure all games again.
+    /// Drop the results that boards show, rebuild them from the journals, and measure all games again.
     #[command(
         after_help = "The server has to be stopped. Either all results are rebuilt or none is changed. With --replay \
-        every episode of the boards is also replayed, and every hash, digest, act and score is compared, which \
-        takes longer. Then every game that has ended is replayed and measured (docs/evaluate/metrics.md); Ctrl-C \
-        ends this early, and the metrics of the other games stay as they are."
+        the command also replays every episode of the boards, and compares every hash, digest, act and score, which \
+        takes longer. Then it replays and measures every game that has ended (docs/evaluate/metrics.md). Ctrl-C \
+        ends the measuring early: games that were not measured keep their metrics."
     )]
     Rebuild {
-        /// The database, while no server uses it: a file, or `postgres://USER@HOST/DATABASE`.
+        /// The database, which no server may be using: a file, or `postgres://USER@HOST/DATABASE`.
         #[arg(
             long,
             env = "SWARMBENCH_DB",
@@ -28,10 +28,10 @@ pub(super) enum Command {
         /// Also replay every episode.
         #[arg(long)]
         replay: bool,
-        /// Leave metrics as they are.
+        /// Measure no games: metrics stay as they are.
         #[arg(long)]
         no_metrics: bool,
-        /// As JSON.
+        /// Print JSON.
         #[arg(long)]
         json: bool,
     },

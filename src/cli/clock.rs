@@ -8,8 +8,8 @@ use swarmbench_protocol::clock::ConfirmedClock;
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Look at `date -u` on the server's machine first: what a wrong clock reveals stays revealed. The server \
-    asks for an organizer's key: put it into SWARMBENCH_KEY."
+    after_help = "Look at `date -u` on the server's machine first: anything that a wrong clock reveals stays revealed. The server \
+    requires an organizer's key: put the key into SWARMBENCH_KEY."
 )]
 pub(super) struct Args {
     #[command(subcommand)]
@@ -18,11 +18,11 @@ pub(super) struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Command {
-    /// Confirm that the clock of the server's host is right, when the server doubts its time of day.
+    /// Confirm that the clock of the server's host is right, after which the server no longer doubts its time of day.
     Confirm {
         #[command(flatten)]
         server: ServerArgs,
-        /// As JSON, in the shape of the API.
+        /// Print JSON, in the shape of the API.
         #[arg(long)]
         json: bool,
     },

@@ -8,7 +8,7 @@ use clap_complete::Shell;
     swarmbench completions zsh > ~/.zfunc/_swarmbench\n  \
     swarmbench completions fish > ~/.config/fish/completions/swarmbench.fish")]
 pub(super) struct Args {
-    /// For which shell.
+    /// The shell.
     shell: Shell,
 }
 

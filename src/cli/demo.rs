@@ -19,19 +19,19 @@ use swarmbench_protocol::episode::{EpisodeRequest, EpisodeSummary};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// The database file; default: a new one in the directory for temporary files.
+    /// The database. Default: a new file in the directory for temporary files.
     #[arg(long)]
     db: Option<Location>,
-    /// The port on 127.0.0.1; default: any free one.
+    /// The port on 127.0.0.1; 0 for any free port.
     #[arg(long, default_value_t = 0)]
     port: u16,
     /// The seed of all five layouts.
     #[arg(long, default_value_t = 27)]
     seed: i64,
-    /// Exit when the scores are shown, instead of serving until Ctrl-C.
+    /// Exit after showing the scores, instead of serving until Ctrl-C.
     #[arg(long)]
     exit: bool,
-    /// The results as JSON: the address, the database, and the five games in the shape of the API.
+    /// Print the results as JSON: the address, the database, and the five games in the shape of the API.
     #[arg(long)]
     json: bool,
 }

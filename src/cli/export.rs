@@ -23,8 +23,8 @@ use crate::store::{Location, Store};
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "The database is only read; its server may keep running. An incomplete export has a name that ends in \
-    .partial.\n\nThe format `dataset` is that of the public toolkit (docs/evaluate/dataset.md): its scripts read the folder. \
+    after_help = "The export only reads the database, so its server may keep running. The name of an incomplete export ends in \
+    .partial.\n\nThe format `dataset` is that of the public toolkit, whose scripts read the folder (docs/evaluate/dataset.md). \
     `jsonl` and `parquet` write the tables episodes, acts and rounds into a folder.\n\nExamples:\n  \
     swarmbench export games --db swarmbench.db\n  \
     swarmbench export games.zip --task Transport --model my-model\n  \
@@ -35,51 +35,51 @@ use crate::store::{Location, Store};
 )]
 #[expect(clippy::struct_excessive_bools, reason = "each is an option of its own")]
 pub(super) struct Args {
-    /// The folder to create, or the archive if the name ends in .zip; it must not exist.
+    /// The folder to create, or the archive if the name ends in .zip. It must not exist.
     to: PathBuf,
     /// The database of the server.
     #[arg(long, env = "SWARMBENCH_DB", hide_env_values = true, default_value = "swarmbench.db")]
     db: Location,
-    /// Download from this server instead: all episodes that your key may read.
+    /// The address of a server from which to download instead: all episodes that your key may read.
     #[arg(long, conflicts_with = "imported")]
     server: Option<String>,
     /// Your key, for `--server`.
     #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
     key: Option<String>,
-    /// The format.
+    /// The format of the export.
     #[arg(long, value_enum, default_value = "dataset")]
     format: Format,
-    /// With jsonl or parquet, also the messages that agents received (heard), and their windows (views), which take
-    /// much room.
+    /// Further tables of jsonl or parquet: the messages that agents received (heard), and their windows (views), which take
+    /// much space.
     #[arg(long, value_enum, value_delimiter = ',', value_name = "TABLES")]
     with: Vec<MoreTable>,
-    /// Only episodes of this run.
+    /// Export only episodes of this run.
     #[arg(long)]
     run: Option<String>,
-    /// Only episodes of this task.
+    /// Export only episodes of this task.
     #[arg(long, value_parser = task)]
     task: Option<TaskName>,
-    /// Only episodes in which this model held a seat. The table acts has the acts of its seats alone.
+    /// Export only episodes in which this model held a seat. The table acts has only the acts of the model's seats.
     #[arg(long)]
     model: Option<String>,
-    /// No episodes whose seats had several holders.
+    /// Leave out episodes whose seats had several holders.
     #[arg(long)]
     no_mixed: bool,
-    /// Forks, too: games that play on from a round of another game. Without it they are left out, but for one that --episode
-    /// names.
+    /// Export forks, too: games that continue from a round of another game. Without this option forks are left out, except one
+    /// that --episode names.
     #[arg(long)]
     forks: bool,
-    /// Only episodes with this status: waiting, running, finished, aborted or abandoned. Default: all that have
-    /// ended.
+    /// Export only episodes with this status: waiting, running, finished, aborted or abandoned. Default: all episodes that
+    /// have ended.
     #[arg(long, value_parser = status)]
     status: Option<Status>,
-    /// Only this episode.
+    /// Export only this episode.
     #[arg(long)]
     episode: Option<String>,
-    /// Imported games instead of episodes of this server.
+    /// Export imported games instead of episodes of this server.
     #[arg(long, conflicts_with_all = ["run", "no_mixed", "forks", "status", "episode", "format"])]
     imported: bool,
-    /// Print as JSON what was written.
+    /// Print a summary of the export as JSON.
     #[arg(long)]
     json: bool,
 }
@@ -108,9 +108,9 @@ impl Format {
 /// A table that is written only when it is named.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum MoreTable {
-    /// Messages as they were received.
+    /// The messages that agents received.
     Heard,
-    /// What each agent saw.
+    /// The windows that agents saw.
     Views,
 }
 

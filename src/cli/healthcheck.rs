@@ -8,7 +8,7 @@ pub(super) struct Args {
     /// The address of the server.
     #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
     server: String,
-    /// As JSON, in the shape of the API.
+    /// Print JSON, in the shape of the API.
     #[arg(long)]
     json: bool,
 }

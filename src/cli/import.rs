@@ -17,19 +17,20 @@ use swarmbench_clock::{Clock, SystemClock};
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Reads what the public toolkit writes, and what `swarmbench export` writes: meta_log.json with \
+    after_help = "The command reads the files of the public toolkit, and those of `swarmbench export`: meta_log.json with \
     game_log_<run_id>.json and agent_log_<run_id>.json, in any number of folders (docs/evaluate/dataset.md). Missing and \
-    broken files are reported and skipped, the others are imported; the exit status is then 1. Importing the same data again changes nothing. Imported games \
-    are unverified: they are shown as they were recorded, at /api/v1/imports of a server on this database.\n\n\
+    broken files are reported and skipped, the others are imported; the exit code is then 1. Importing the same data again \
+    changes nothing. Imported games are unverified: a server on this database shows them as they were recorded, at \
+    /api/v1/imports.\n\n\
     Examples:\n  swarmbench import experiment_v01 --db swarmbench.db\n  swarmbench import games.zip"
 )]
 pub(super) struct Args {
     /// The folder, or the zip archive.
     from: PathBuf,
-    /// The database file, while no server uses it.
+    /// The database, which no server may be using: a file, or `postgres://USER@HOST/DATABASE`.
     #[arg(long, env = "SWARMBENCH_DB", hide_env_values = true, default_value = "swarmbench.db")]
     db: Location,
-    /// As JSON.
+    /// Print JSON.
     #[arg(long)]
     json: bool,
 }

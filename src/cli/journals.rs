@@ -39,7 +39,7 @@ impl<R> Lines<R> {
     }
 }
 
-/// How a database of SQLite begins.
+/// First bytes of a database of SQLite.
 const SQLITE: &[u8] = b"SQLite format 3\0";
 
 /// Opens a file to read it line by line. A database, which has journals but is none, is refused.

@@ -15,8 +15,8 @@ use swarmbench_protocol::key::{CreatedKey, KeyRequest};
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "A server without keys is open to every program on its machine. Once there is a key, creating \
-    episodes needs one: `Authorization: Bearer secret_…`, or SWARMBENCH_KEY for the commands \
+    after_help = "A server without keys is open to every program on its machine. Once a key exists, creating \
+    episodes requires one: `Authorization: Bearer secret_…`, or SWARMBENCH_KEY for the commands \
     of this program. Revoking all keys does not open the server again.\n\n\
     Examples:\n  \
     swarmbench key create --name alice --role organizer       (the server is stopped)\n  \
@@ -31,7 +31,7 @@ pub(super) struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Command {
-    /// Create a key. It is shown only once.
+    /// Create a key. The key is shown only once.
     Create {
         /// The name of the holder.
         #[arg(long)]
@@ -39,7 +39,7 @@ enum Command {
         /// The role of the holder.
         #[arg(long, value_enum, default_value = "member")]
         role: Role,
-        /// The expiry: a time such as 2027-01-31T12:00:00Z, or a span such as 30d. Default: never.
+        /// The expiry: a time such as 2027-01-31T12:00:00Z, or a span such as 30d. Default: the key never expires.
         #[arg(long, value_parser = expiry)]
         expires: Option<Timestamp>,
         #[command(flatten)]
@@ -50,7 +50,7 @@ enum Command {
         #[command(flatten)]
         keys: KeyStore,
     },
-    /// Revoke a key: it is no longer accepted. Episodes that were created with it continue.
+    /// Revoke a key. A revoked key is no longer accepted; episodes that were created with it continue.
     Revoke {
         /// The key's id, from `swarmbench key list`.
         id: String,
@@ -59,19 +59,19 @@ enum Command {
     },
 }
 
-/// Where the keys are stored: in a database that no server uses, or on a running server.
+/// Store of the keys: a database that no server uses, or a running server.
 #[derive(Debug, clap::Args)]
 struct KeyStore {
-    /// The database, while no server uses it: a file, or `postgres://USER@HOST/DATABASE`.
+    /// The database, which no server may be using: a file, or `postgres://USER@HOST/DATABASE`.
     #[arg(long, env = "SWARMBENCH_DB", hide_env_values = true, default_value = "swarmbench.db")]
     db: Location,
-    /// The address of the running server; needs an organizer's key.
+    /// The address of a running server, which requires an organizer's key.
     #[arg(long)]
     server: Option<String>,
     /// An organizer's key, for `--server`.
     #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
     key: Option<String>,
-    /// As JSON, in the shape of the API.
+    /// Print JSON, in the shape of the API.
     #[arg(long)]
     json: bool,
 }

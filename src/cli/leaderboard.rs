@@ -20,8 +20,8 @@ const WIDE: u16 = 132;
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Scores are means over the seeds ± population standard deviation; the total is their sum. docs/evaluate/boards.md says \
-    how everything is computed.\n\nExamples:\n  \
+    after_help = "Scores are means over the seeds ± population standard deviation; the total is the sum of the means. \
+    docs/evaluate/boards.md says how everything is computed.\n\nExamples:\n  \
     swarmbench leaderboard                             (the standard suite, on a server on this machine)\n  \
     swarmbench leaderboard --suite quick --task Pursuit --db swarmbench.db\n  \
     swarmbench leaderboard --csv > board.csv"
@@ -30,34 +30,34 @@ const WIDE: u16 = 132;
 pub(super) struct Args {
     #[command(flatten)]
     source: SourceArgs,
-    /// The suite: its name, or name@digest where several have that name (standard).
+    /// The suite: its name, or name@digest where several suites have that name (standard).
     #[arg(long)]
     suite: Option<String>,
     /// The rule set: paper or reference (paper).
     #[arg(long, value_parser = rules)]
     rules: Option<String>,
-    /// Show this task only.
+    /// Show only this task.
     #[arg(long)]
     task: Option<String>,
-    /// Rank by `total`, or by the mean of a task (total).
+    /// The score to rank by: `total`, or a task for the mean of that task (total).
     #[arg(long)]
     sort: Option<String>,
-    /// Which run of a player is its row: best, last or mean (best).
+    /// The run that a player's row shows: its best, its last, or the mean of all (best).
     #[arg(long)]
     pick: Option<String>,
     /// Hide the results of the paper.
     #[arg(long)]
     no_reference: bool,
-    /// Leave out the rows of people.
+    /// Hide the results of people.
     #[arg(long)]
     no_people: bool,
     /// Also show imported games, which this server cannot verify.
     #[arg(long)]
     imported: bool,
-    /// Write CSV, with all columns.
+    /// Print CSV, with all columns.
     #[arg(long, conflicts_with = "json")]
     csv: bool,
-    /// As JSON, in the shape of the API.
+    /// Print JSON, in the shape of the API.
     #[arg(long)]
     json: bool,
 }
@@ -67,16 +67,16 @@ pub(super) struct Args {
 pub(super) struct CrossPlayArgs {
     #[command(flatten)]
     source: SourceArgs,
-    /// Games of this task only.
+    /// Count only games of this task.
     #[arg(long, value_parser = super::play::task)]
     task: Option<TaskName>,
-    /// Games of this rule set only: paper or reference.
+    /// Count only games of this rule set: paper or reference.
     #[arg(long, value_parser = rules)]
     rules: Option<String>,
-    /// Write CSV.
+    /// Print CSV.
     #[arg(long, conflicts_with = "json")]
     csv: bool,
-    /// As JSON, in the shape of the API.
+    /// Print JSON, in the shape of the API.
     #[arg(long)]
     json: bool,
 }
@@ -85,7 +85,7 @@ pub(super) struct CrossPlayArgs {
 struct SourceArgs {
     #[command(flatten)]
     server: ServerArgs,
-    /// Instead of a server: a database that no server uses, a file or `postgres://USER@HOST/DATABASE`.
+    /// A database to read instead of a server, which no server may be using: a file, or `postgres://USER@HOST/DATABASE`.
     #[arg(long)]
     db: Option<Location>,
 }

@@ -30,65 +30,68 @@ const FILES_RESERVED: u64 = 100;
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Use it only on a server of your own: it creates thousands of episodes, which stay in the server's \
+    after_help = "Load test only a server of your own: a load test creates thousands of episodes, which stay in the server's \
     database, and uses all processors."
 )]
 pub(super) struct Args {
-    /// The scenarios; default: obs, acts and play.
+    /// The scenarios. Default: obs, acts and play.
     #[arg(value_enum)]
     scenarios: Vec<Scenario>,
     #[command(flatten)]
     server: ServerArgs,
-    /// Another server of the same cluster; may be given several times. Connections go to all of them in turn, so most requests are
-    /// forwarded. Counts are their sums.
+    /// Another server of the same cluster; may be repeated. Connections go to all servers in turn, so most requests are
+    /// forwarded. Counts are sums over the servers.
     #[arg(long, value_name = "URL")]
     node: Vec<String>,
     /// Print all measurements as JSON instead of tables.
     #[arg(long)]
     json: bool,
-    /// obs, acts, alone: how long server and bare program run in turn, in seconds.
+    /// obs, acts, alone: the duration of a turn, in seconds. The server and the bare program run in turns.
     #[arg(long, default_value_t = 3.0, value_parser = seconds)]
     turn: f64,
-    /// obs, acts, alone: how many turns each gets.
+    /// obs, acts, alone: the number of turns of each.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
     turns: u16,
-    /// obs: connections, each with one request at a time.
+    /// obs: the number of connections, each with one request at a time.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..))]
     connections: u16,
-    /// acts: how many episodes of 12 seats at once, two lines for each: the more there are, the larger are the groups.
+    /// acts: the number of concurrent episodes of 12 seats, two lines of the table for each number. More episodes make larger
+    /// groups.
     #[arg(long, value_delimiter = ',', default_value = "8,128",
           value_parser = clap::value_parser!(u16).range(1..))]
     writers: Vec<u16>,
-    /// acts, alone: where the bare writer puts its database, and a file is written; should be on the disk of the server's own.
+    /// acts, alone: the folder of the bare writer's database and of a file that is written; it should be on the same disk as the
+    /// server's database.
     #[arg(long, default_value = ".")]
     dir: PathBuf,
-    /// acts, alone: for a server with PostgreSQL. The bare writer makes a database of its own beside the one of this address, and
-    /// drops it. Its user must be allowed to create databases; a password is better in `password_file=` or PGPASSWORD.
+    /// acts, alone: the address of the database, for a server on PostgreSQL. The bare writer creates a database of its own beside
+    /// this one, and drops it afterwards. The user must be allowed to create databases; a password is better in `password_file=`
+    /// or PGPASSWORD.
     #[arg(long, value_name = "postgres://USER@HOST:PORT/DATABASE")]
     db: Option<Location>,
-    /// play: how many episodes of 12 seats at once, one line of the grid for each.
+    /// play: the number of concurrent episodes of 12 seats, one line of the grid for each number.
     #[arg(long, value_delimiter = ',', default_value = "32,128,512,2048,8192",
           value_parser = clap::value_parser!(u16).range(1..))]
     episodes: Vec<u16>,
-    /// play: rounds of each episode; default: 4 to 100, fewer for more episodes.
+    /// play: the number of rounds of each episode. Default: 4 to 100, fewer for more episodes.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     rounds: Option<u32>,
-    /// reads: requests of each kind.
+    /// reads: the number of requests of each kind.
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..))]
     reads: u32,
-    /// reads: concurrent clients.
+    /// reads: the number of concurrent clients.
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=1000))]
     readers: u16,
-    /// polls: requests that wait at once.
+    /// polls: the number of requests that wait at the same time.
     #[arg(long, default_value_t = 10_000, value_parser = clap::value_parser!(u16).range(1..))]
     polls: u16,
-    /// polls: seats of an episode, all of which wait and are woken together.
+    /// polls: the number of seats of an episode, whose requests wait and are woken together.
     #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u16).range(1..=1024))]
     seats: u16,
-    /// slow: clients that send a byte now and then, or nothing, or read nothing.
+    /// slow: the number of clients that send a byte now and then, send nothing, or read nothing.
     #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u16).range(1..))]
     slow_connections: u16,
-    /// slow: the duration in seconds; before it honest clients play alone for as long.
+    /// slow: the duration in seconds. Before it, honest clients play alone for as long.
     #[arg(long, default_value_t = 30.0, value_parser = seconds)]
     slow_time: f64,
     /// The maximum number of concurrent connections.
@@ -108,17 +111,17 @@ enum Scenario {
     Obs,
     /// Durable acts per second, compared with a bare writer that commits groups of the same size.
     Acts,
-    /// One act after the other, compared with one commit of a bare writer and one fdatasync.
+    /// Durable acts one after the other, compared with one commit of a bare writer and one fdatasync.
     Alone,
     /// A grid of games, played to the end.
     Play,
-    /// Boards, lists and look-ups of what the server has already.
+    /// Boards, lists and look-ups of the games that the server has.
     Reads,
     /// Many long polls.
     Polls,
     /// Slow clients next to honest ones.
     Slow,
-    /// All of these.
+    /// All scenarios.
     All,
 }
 

@@ -7,7 +7,7 @@ use anyhow::Context;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  swarmbench man ~/.local/share/man/man1 && man swarmbench-eval")]
 pub(super) struct Args {
-    /// The folder to write into, one page for each command; it is created if it does not exist.
+    /// The folder to write the pages into, one page per command. It is created if it does not exist.
     folder: PathBuf,
 }
 

@@ -10,8 +10,8 @@ use swarmbench_protocol::act::{ActRequest, Receipt};
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "An assistant starts this command itself: it is named in the assistant's configuration, with the seat's \
-    token in SWARMBENCH_TOKEN. The tools are `look` and `act`; docs/play/mcp.md has a configuration for some \
+    after_help = "An assistant starts this command itself: the assistant's configuration names the command, with the seat's \
+    token in SWARMBENCH_TOKEN. The tools are `look` and `act`; docs/play/mcp.md has configurations for some \
     assistants.\n\nFor Claude Code:\n\n  \
     claude mcp add --env SWARMBENCH_TOKEN=seat_… --transport stdio swarmbench \\\n         \
     -- swarmbench mcp --server http://127.0.0.1:8080\n\nAn \

@@ -20,28 +20,28 @@ const STATES: u32 = 1000;
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "docs/evaluate/metrics.md defines every metric. Values of two embedders, two definitions or two revisions cannot be \
-    compared.\n\nExamples:\n  \
+    after_help = "docs/evaluate/metrics.md defines every metric. Values are comparable only if their embedder, definition and \
+    revision are the same.\n\nExamples:\n  \
     swarmbench metrics ep_0123…                        (on a server on this machine)\n  \
     swarmbench metrics run_0123…                       (of all games of a run, with means by task)\n  \
     swarmbench metrics game.jsonl                      (a journal file, without a server)\n  \
     swarmbench metrics game.jsonl --series --format csv > states.csv"
 )]
 pub(super) struct Args {
-    /// An episode, a run, an imported game (by its id), or a journal file.
+    /// The id of an episode, of a run or of an imported game, or a journal file.
     game: String,
     #[command(flatten)]
     server: ServerArgs,
-    /// paper: the words of the paper. toolkit: what its published scripts compute.
+    /// The definition of metrics: paper follows the words of the paper, toolkit computes what its published scripts compute.
     #[arg(long, default_value = "paper", value_parser = definition)]
     definition: Definition,
-    /// Also the values of every state.
+    /// Also show the values of every state.
     #[arg(long)]
     series: bool,
-    /// How to print.
+    /// The format of the output.
     #[arg(long, value_enum, default_value = "table")]
     format: Format,
-    /// The same as --format json.
+    /// Print JSON: the same as --format json.
     #[arg(long, conflicts_with = "format")]
     json: bool,
 }
@@ -50,9 +50,9 @@ pub(super) struct Args {
 enum Format {
     /// Tables for a terminal.
     Table,
-    /// JSON, as the server sends it.
+    /// JSON, in the shape of the API.
     Json,
-    /// A row for each metric and game; with --series a row for each state.
+    /// CSV: one row per metric and game; with --series one row per state.
     Csv,
 }
 

@@ -11,8 +11,8 @@ use crate::store::copy::{Copied, CopiedTable, Step, copy};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-It moves all data of a server to a database of the other engine. (The tables of a new version are none of its business: \
-`swarmbench serve` brings those up to date by itself.) FROM stays as it is, so going back is starting the server on it again.
+The command copies all data of a server to a database of the other engine. (It is not needed after an update: `swarmbench \
+serve` migrates the tables of an older version by itself.) FROM stays as it is, so you go back by starting the server on it.
 
 From SQLite to PostgreSQL:
   1. stop the server, and make a backup: swarmbench backup swarmbench-before.db --db swarmbench.db
@@ -23,19 +23,20 @@ Back:
   swarmbench migrate --from postgres://swarmbench@db.example/swarmbench --to swarmbench.db
 
 TO is an empty database, or a file that does not exist. If the command is interrupted, run it again: it continues where it \
-stopped, and no server starts on a copy that is not finished. To begin again instead, remove the file, or `dropdb` and \
-`createdb`. At the end every row of both sides is compared, and every journal of the copy is replayed, as `swarmbench verify \
---db TO` does. Do not start a server on FROM before that: what it writes would be missing in TO, and the comparison fails.
+stopped, and no server starts on an unfinished copy. To begin again instead, remove the file, or `dropdb` and `createdb` the \
+database. At the end the command compares every row of both databases, and replays every journal of the copy, as `swarmbench \
+verify --db TO` does. Do not start a server on FROM before the end: TO would lack what that server writes, and the comparison \
+would fail.
 
-The password of PostgreSQL is that of PGPASSWORD or ~/.pgpass, or in the file of ?password_file=FILE behind the address.")]
+The password of PostgreSQL comes from PGPASSWORD, from ~/.pgpass, or from a file: ?password_file=FILE after the address.")]
 pub(super) struct Args {
     /// The database of the stopped server: a file, or `postgres://USER@HOST/DATABASE`.
     #[arg(long)]
     from: Location,
-    /// The database that becomes a copy of it.
+    /// The database that becomes the copy: an empty one of the other engine.
     #[arg(long)]
     to: Location,
-    /// As JSON.
+    /// Print JSON.
     #[arg(long)]
     json: bool,
 }
@@ -61,10 +62,10 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     }
     let [rows, episodes, rounds] = [rows, checked.episodes, checked.rounds].map(HumanCount);
     let continued = if is_continued { " (an interrupted copy was continued)" } else { "" };
-    out!("{to}: {rows} rows in {} tables, each as in {from}{continued}", tables.len());
+    out!("{to}: {rows} rows in {} tables, all equal to those of {from}{continued}", tables.len());
     out!("sound: {episodes} episodes with {rounds} rounds were played again");
     out!(
-        "Now start the server with --db {to}, and keep {from} until you are content: it is as it was."
+        "Now start the server with --db {to}, and keep {from}, which is unchanged, until you are content."
     );
     Ok(())
 }

@@ -43,7 +43,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// Whether language models can act as a swarm, measured over HTTP.
+/// SwarmBench measures over HTTP whether language models can act as a swarm.
 #[derive(Debug, Parser)]
 #[command(
     name = "swarmbench",
@@ -61,7 +61,7 @@ pub(in crate::cli) struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Start a server with a fresh database, play the five tasks side by side, show the scores.
+    /// Start a server with a new database, play the five tasks at the same time, and show the scores.
     Demo(demo::Args),
     /// Run the server.
     Serve(serve::Args),
@@ -69,15 +69,15 @@ enum Command {
     Key(key::Args),
     /// Create and manage competitions, and publish their results.
     Competition(Box<competition::Args>),
-    /// Show the audit log: what organizers did.
+    /// Show the audit log: the actions of organizers.
     Audit(audit::Args),
-    /// Confirm the clock of a server that doubts its time of day.
+    /// Confirm the host's clock when a server doubts its time of day.
     Clock(clock::Args),
     /// Create an episode, or a run of a whole suite, on a server and play it with built-in players.
     Play(play::Args),
-    /// Let an assistant play a seat: a server of tools (MCP) over standard input and output.
+    /// Let an assistant play a seat: run an MCP server, with tools for the game, over standard input and output.
     Mcp(mcp::Args),
-    /// Evaluate language models or built-in players: tasks by seeds by settings, resumed where it stopped.
+    /// Evaluate language models or built-in players on tasks, seeds and settings; the same command resumes an evaluation.
     Eval(Box<eval::Args>),
     /// Replay a journal file, a competition or a whole database, and check every hash, digest, act and score.
     Verify(verify::Args),
@@ -85,16 +85,16 @@ enum Command {
     Leaderboard(leaderboard::Args),
     /// Show how well models play together.
     CrossPlay(leaderboard::CrossPlayArgs),
-    /// Make the paper's tables, or others, from any games.
+    /// Make tables from any games: those of the paper, or others.
     Table(Box<table::Args>),
     /// Show how metrics of games correlate with their scores.
     Correlations(Box<correlations::Args>),
     /// Rebuild the results that boards show from the journals.
     #[command(subcommand)]
     Board(board::Command),
-    /// Show what the swarm did: metrics of an episode, a run, an imported game or a journal file.
+    /// Show metrics of what the swarm did: in an episode, a run, an imported game or a journal file.
     Metrics(metrics::Args),
-    /// Copy the database of a server, also while the server runs.
+    /// Copy the database of a server, even while the server runs.
     Backup(backup::Args),
     /// Move all data of a stopped server to another database: from SQLite to PostgreSQL, or back.
     Migrate(migrate::Args),
@@ -108,7 +108,7 @@ enum Command {
     Import(import::Args),
     /// Load test your own server, and compare it with minimal programs on the same machine.
     Loadtest(Box<loadtest::Args>),
-    /// Make a large database, and measure the server on it.
+    /// Make a large database, and measure a server on it.
     #[command(subcommand)]
     Capacity(capacity::Command),
     /// Print the OpenAPI document of the server.

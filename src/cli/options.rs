@@ -12,7 +12,7 @@ pub(super) struct ServerArgs {
     /// The address of the server.
     #[arg(long, global = true, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
     pub(super) server: String,
-    /// Your key, if the server asks for one.
+    /// Your key, if the server requires one.
     #[arg(long, global = true, env = "SWARMBENCH_KEY", hide_env_values = true)]
     pub(super) key: Option<String>,
 }

@@ -40,7 +40,7 @@ macro_rules! note {
 /// First error of standard output, other than a reader that has gone.
 static FAILED: OnceLock<io::Error> = OnceLock::new();
 
-/// How often a line tells the progress where there is no terminal.
+/// Interval between lines of progress if there is no terminal.
 pub(super) const LINE_EVERY: Duration = Duration::from_mins(1);
 
 /// Whether a [`Stream`] has lost its reader.

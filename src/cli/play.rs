@@ -19,10 +19,9 @@ use swarmbench_protocol::run::{RunDetail, RunRequest, SuiteRequest};
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Built-in players: `random` plays every task; each task has one of its own, \
-    which is used where none is named.\n\nWith --suite a whole run is played, and with --run the rest of a run: \
-    its token is taken from SWARMBENCH_RUN_TOKEN, or else its creator gets a new one, and the earlier token is \
-    no longer valid."
+    after_help = "Built-in players: `random` plays every task. Each task also has a player of its own, the default of \
+    --player.\n\nWith --suite the command plays a whole run, with --run the rest of a run. It takes the run's token from \
+    SWARMBENCH_RUN_TOKEN; without that the creator of the run gets a new token, and the earlier one is no longer valid."
 )]
 pub(super) struct Args {
     #[command(flatten)]
@@ -30,7 +29,7 @@ pub(super) struct Args {
     /// The task: Transport, Pursuit, Synchronization, Foraging or Flocking.
     #[arg(long, value_parser = task, required_unless_present_any = ["suite", "run"])]
     task: Option<TaskName>,
-    /// Play all games of a suite instead: standard or quick.
+    /// Play all games of a suite instead of one task: standard or quick.
     #[arg(long, conflicts_with_all = ["task", "run", "seed", "num_agents", "width", "height", "view_size", "max_round"])]
     suite: Option<String>,
     /// Play the rest of the run with this id.
@@ -39,16 +38,16 @@ pub(super) struct Args {
     /// The token of that run.
     #[arg(long, env = "SWARMBENCH_RUN_TOKEN", hide_env_values = true, hide = true)]
     run_token: Option<String>,
-    /// With --suite: how many games are open at a time (4).
+    /// The number of games that are open at a time, with --suite (4).
     #[arg(long, requires = "suite")]
     parallel: Option<u32>,
-    /// The name of the model to record; default: built-in/PLAYER.
+    /// The name of the model that the server records. Default: built-in/PLAYER.
     #[arg(long, conflicts_with = "run")]
     model: Option<String>,
-    /// The seed of the layout; random by default.
+    /// The seed of the layout. Default: a random one.
     #[arg(long)]
     seed: Option<i64>,
-    /// The built-in player for every seat.
+    /// The built-in player of every seat. Default: the task's own.
     #[arg(long)]
     player: Option<String>,
     /// The seed of the players' own choices.
@@ -57,22 +56,22 @@ pub(super) struct Args {
     /// The rule set: paper or reference.
     #[arg(long, value_parser = rules)]
     rules: Option<String>,
-    /// How many agents play (12).
+    /// The number of agents (12).
     #[arg(long)]
     num_agents: Option<i64>,
-    /// Columns of the map (10).
+    /// The width of the map, in cells (10).
     #[arg(long)]
     width: Option<i64>,
-    /// Rows of the map (10).
+    /// The height of the map, in cells (10).
     #[arg(long)]
     height: Option<i64>,
-    /// Rows and columns of an agent's window (5).
+    /// The side of an agent's window, in cells (5).
     #[arg(long)]
     view_size: Option<i64>,
     /// The maximum number of rounds of the episode (100).
     #[arg(long)]
     max_round: Option<i64>,
-    /// The result as JSON, in the shape of the API: an episode, or with --suite and --run a run.
+    /// Print the result as JSON, in the shape of the API: an episode, or with --suite and --run a run.
     #[arg(long)]
     json: bool,
 }

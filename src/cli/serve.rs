@@ -19,64 +19,66 @@ pub(super) struct Args {
     /// The address and port to listen on.
     #[arg(long, env = "SWARMBENCH_ADDR", default_value = "127.0.0.1:8080")]
     addr: SocketAddr,
-    /// The database, which one server at a time can use: a file of SQLite, created if it does not exist; or
+    /// The database: a file of SQLite, created if it does not exist, which one server at a time can use; or
     /// `postgres://USER@HOST/DATABASE`, with the password in PGPASSWORD, in ~/.pgpass, or in a file: `?password_file=FILE`.
     #[arg(long, env = "SWARMBENCH_DB", hide_env_values = true, default_value = "swarmbench.db")]
     db: Location,
-    /// While no keys exist, let everyone who can reach the server create, watch and abort
-    /// episodes, not only programs on this machine.
+    /// Open server: while no keys exist, everyone who can reach the server may create, watch and abort episodes, not only
+    /// programs on this machine.
     #[arg(long, env = "SWARMBENCH_OPEN", value_parser = clap::builder::FalseyValueParser::new())]
     open: bool,
-    /// Private server: without a key or a token of the episode nothing can be read, not even episodes that have ended.
+    /// Private server: every read needs a key or a token of the episode, even of episodes that have ended.
     #[arg(long, env = "SWARMBENCH_PRIVATE", value_parser = clap::builder::FalseyValueParser::new())]
     private: bool,
-    /// A trusted proxy, by address or network (10.0.0.0/8): its X-Forwarded-For header is believed.
+    /// The address or network (10.0.0.0/8) of a trusted proxy: the server believes its X-Forwarded-For header.
     #[arg(long, env = "SWARMBENCH_TRUSTED_PROXY", value_delimiter = ',', value_name = "NETWORK", value_parser = network)]
     trusted_proxy: Vec<IpNet>,
-    /// A name by which clients reach this server, such as swarm.example.org: /mcp answers to these names, to addresses and
-    /// to localhost only.
+    /// A name by which clients reach this server, such as swarm.example.org: /mcp answers requests for these names, for
+    /// addresses and for localhost only.
     #[arg(long, env = "SWARMBENCH_HOST", value_delimiter = ',', value_name = "NAME", value_parser = host)]
     host: Vec<String>,
-    /// Rate limit: requests per second from one address, on average; 0 for no limit. This machine itself is not limited.
+    /// Rate limit: requests per second from one address, on average; 0 for no limit. Programs on this machine are not limited.
     #[arg(long, env = "SWARMBENCH_ADDRESS_REQUESTS_PER_S", default_value_t = Limits::default().address_requests_per_s_max)]
     address_requests_per_s: u32,
     /// Rate limit: requests per second with one key and the tokens of its episodes; 0 for no limit.
     #[arg(long, env = "SWARMBENCH_KEY_REQUESTS_PER_S", default_value_t = Limits::default().key_requests_per_s_max)]
     key_requests_per_s: u32,
-    /// Rate limit: entries in competitions per hour from one address without an invitation; 0 for no limit. This machine itself is not limited.
+    /// Rate limit: entries in competitions per hour from one address without an invitation; 0 for no limit. Programs on this
+    /// machine are not limited.
     #[arg(long, env = "SWARMBENCH_ENTRIES_PER_ADDRESS_H", default_value_t = Limits::default().entries_per_address_h_max)]
     entries_per_address_h: u32,
-    /// Unfinished episodes of the whole server at a time.
+    /// The maximum number of unfinished episodes on the server at a time.
     #[arg(long, env = "SWARMBENCH_EPISODES_MAX", default_value_t = Limits::default().episodes_unfinished_max)]
     episodes_max: usize,
-    /// Unfinished episodes that one key may have at a time.
+    /// The maximum number of unfinished episodes of one key at a time.
     #[arg(long, env = "SWARMBENCH_EPISODES_PER_KEY", default_value_t = Limits::default().episodes_per_key_max)]
     episodes_per_key: usize,
-    /// Bytes that the acts of all episodes of one key may take; those of a competition may take four times as many.
+    /// The maximum number of bytes of acts in all episodes of one key; all acts of a competition may take four times as many.
     #[arg(long, env = "SWARMBENCH_JOURNAL_BYTES_PER_KEY", default_value_t = Limits::default().journal_bytes_per_key_max)]
     journal_bytes_per_key: u64,
-    /// Free space of the disk below which nothing new is created, in percent; a disk with 2 GiB free is never full. 0 for
-    /// no limit.
+    /// The free space of the disk, in percent, below which nothing new is created; a disk with 2 GiB free is never full. 0
+    /// for no limit.
     #[arg(long, env = "SWARMBENCH_DISK_FREE_PERCENT_MIN", default_value_t = Limits::default().disk_free_percent_min)]
     disk_free_percent_min: u32,
-    /// Memory limit of all worlds and answers together, such as 6GiB; the process takes at most twice as much, from 512MiB on.
-    /// Default: half of the memory of the machine or the control group.
+    /// The memory limit of all worlds and large answers together, such as 6GiB. With 512MiB or more the process takes at most
+    /// twice as much. Default: half of the memory of the machine or the control group.
     #[arg(long, env = "SWARMBENCH_MEMORY_MAX", value_name = "BYTES", value_parser = bytes)]
     memory_max: Option<usize>,
-    /// Serve the files of pages from this folder in the place of those in the program, for work on them.
+    /// Serve the files of pages from this folder instead of those in the program: for developers of the pages.
     #[arg(long, env = "SWARMBENCH_PAGES", value_name = "FOLDER")]
     pages: Option<PathBuf>,
-    /// Play together with other servers on the same database of PostgreSQL: host and port where they reach this one. This address
-    /// must not be reachable from outside.
+    /// Join other servers on the same PostgreSQL database: the host and port where they reach this server. The address must
+    /// not be reachable from outside.
     #[arg(long, env = "SWARMBENCH_NODE", value_name = "HOST:PORT", requires = "cluster_secret_file", value_parser = node)]
     node: Option<String>,
-    /// Where to listen for the other servers, if it is not the address of --node. Default for a name: all addresses, at the same port.
+    /// The address and port on which to listen for the other servers, if they differ from --node. Default where --node has a
+    /// name: all addresses, at the same port.
     #[arg(long, env = "SWARMBENCH_NODE_LISTEN", value_name = "ADDR:PORT", requires = "node")]
     node_listen: Option<SocketAddr>,
-    /// Take no games: answer what is in the database, and let the other servers answer the rest.
+    /// Play no games: answer from the database, and forward all other requests to the other servers.
     #[arg(long, env = "SWARMBENCH_FORWARD_ONLY", requires = "node", value_parser = clap::builder::FalseyValueParser::new())]
     forward_only: bool,
-    /// A file with the secret that all servers of the cluster have, 16 bytes at least: `openssl rand -hex 32` makes one.
+    /// A file with the shared secret of the cluster, at least 16 bytes: `openssl rand -hex 32` makes one.
     #[arg(long, env = "SWARMBENCH_CLUSTER_SECRET_FILE", value_name = "FILE", requires = "node")]
     cluster_secret_file: Option<PathBuf>,
     /// The log format; `RUST_LOG` sets the log level.

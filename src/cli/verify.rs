@@ -25,9 +25,9 @@ use swarmbench_journal::replay::verify;
     curl -s http://127.0.0.1:8080/api/v1/episodes/EPISODE/journal > game.jsonl\n\
     and a competition that is closed with\n  \
     swarmbench competition export COMPETITION > cup.jsonl\n\
-    A database is checked with --db, whether its server runs or not: its pages, the references between its rows, every \
+    With --db the command checks a database, whether its server runs or not: its pages, the references between its rows, every \
     journal by replaying it, and the results of boards and competitions. Names, labels, times of acts and \
-    hashes of tokens do not follow from other data, so a change of these is not found.")]
+    hashes of tokens do not follow from other data, so the check cannot find a change of these.")]
 pub(super) struct Args {
     /// The journal file; - for the standard input.
     #[arg(required_unless_present = "db")]
@@ -35,26 +35,26 @@ pub(super) struct Args {
     /// Check a whole database instead.
     #[arg(long, conflicts_with_all = ["file", "competition", "head", "commitment", "solver", "parent"])]
     db: Option<Location>,
-    /// The file is the export of a competition: check its commitment and that every game has the seed and the
-    /// settings of its place in the plan, replay all games, and recompute the board.
+    /// Check the export of a competition: its commitment, the seed and the settings that the plan gives each game, a replay
+    /// of all games, and the board, which is computed again.
     #[arg(long)]
     competition: bool,
-    /// The expected head of the hash chain: of the journal, as the server shows it for a finished episode, or of the
-    /// export, as the organizer published it. Without it only consistency is checked, not the origin of the file.
+    /// The expected head of the hash chain: of a journal, the head that the server shows for the finished episode; of an
+    /// export, the head that the organizer published. Without a head only the consistency of the file is checked, not its origin.
     #[arg(long)]
     head: Option<String>,
-    /// The journal of the parent, where the file is the journal of a fork: check that the fork took over what its parent
+    /// The journal of the parent, if the file to verify is the journal of a fork: check that the fork took over what its parent
     /// played.
     #[arg(long, value_name = "FILE", conflicts_with = "competition")]
     parent: Option<PathBuf>,
     /// The commitment that was published before the competition was played, in hexadecimal.
     #[arg(long, requires = "competition")]
     commitment: Option<String>,
-    /// How physics decides which agents move: by the exact flow, by the integer linear program of the paper
-    /// (slower), or by both, which must agree.
+    /// The solver with which physics decides which agents move: the exact flow, the integer linear program of the paper
+    /// (slower), or both, which must agree.
     #[arg(long, default_value = "flow")]
     solver: SolverName,
-    /// As JSON.
+    /// Print JSON.
     #[arg(long)]
     json: bool,
 }
@@ -210,8 +210,8 @@ fn cut(text: &str) -> String {
     }
 }
 
-/// What a file proves, as JSON. Actions are written as they are in the file: as a tree of values they would take up to forty times
-/// as much memory.
+/// Report of a competition's file, as JSON. Actions are copied from the file: as a tree of values they would take up to forty
+/// times as much memory.
 #[derive(serde::Serialize)]
 struct Shown<'a> {
     #[serde(flatten)]

@@ -1,7 +1,6 @@
-//! What a server does with competitions whose time is over: it ends their runs once the last rounds have been played,
-//! and then opens everything to all.
+//! Closing of competitions whose time is over: their runs end after the last rounds, and then everything becomes public.
 //!
-//! What was opened cannot be closed again. So nothing of this happens while the time of day is in doubt.
+//! Publication cannot be undone, so nothing of this happens while the time of day is in doubt.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -16,13 +15,13 @@ use crate::store::entries::Entry;
 use crate::store::{Store, StoreError};
 use swarmbench_clock::{Clock, after};
 
-/// How often it looks.
+/// Interval of the loop.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// The longest pause before a competition that could not be closed is tried again.
+/// Maximum pause before a competition that could not be closed is tried again.
 const PAUSE_MAX: Duration = Duration::from_mins(1);
 
-/// Looks after competitions that have closed, for ever.
+/// Closes competitions whose time is over; never returns.
 pub async fn run(store: &Store, runs: &Runs, clock: &dyn Clock) {
     let mut failed = Failed::default();
     loop {
@@ -36,19 +35,18 @@ pub async fn run(store: &Store, runs: &Runs, clock: &dyn Clock) {
 /// Competitions that could not be closed, by their public ids.
 type Failed = BTreeMap<String, Failure>;
 
-/// Why a competition could not be closed, and when it is tried again.
+/// Error of a competition that could not be closed, and the time of the next try.
 struct Failure {
     error: String,
     pause: Duration,
     again_at: Timestamp,
 }
 
-/// Closes each competition by itself: one that cannot be closed does not delay others. Returns those that
-/// could not be closed.
+/// Closes each competition independently, so that one failure does not delay others. Returns those that could not be closed.
 async fn close_all(store: &Store, runs: &Runs, clock: &dyn Clock, mut before: Failed) -> Failed {
     let closing = match store.closing_competitions(clock.wall()).await {
         Ok(closing) => closing,
-        // That the database is away is logged once, by the writer.
+        // The writer logs once that the database is away.
         Err(StoreError::Away) => return before,
         Err(error) => {
             tracing::error!(%error, "competitions that have closed cannot be listed");
@@ -72,7 +70,7 @@ async fn close_all(store: &Store, runs: &Runs, clock: &dyn Clock, mut before: Fa
     failed
 }
 
-/// Notes that a competition could not be closed; it is logged if the reason is another than before.
+/// Records that a competition could not be closed; logs the error if it differs from the last one.
 fn failure(id: &str, error: String, last: Option<Failure>, now: Timestamp) -> Failure {
     metrics::counter!("swarmbench_closing_failures_total").increment(1);
     if last.as_ref().is_none_or(|last| last.error != error) {
@@ -82,23 +80,23 @@ fn failure(id: &str, error: String, last: Option<Failure>, now: Timestamp) -> Fa
     Failure { error, pause, again_at: after(now, pause) }
 }
 
-/// Does what can be done now to close a competition.
+/// Takes all steps to close a competition that are possible now.
 async fn close(store: &Store, runs: &Runs, clock: &dyn Clock, id: &str) -> Result<(), RunError> {
-    // What cannot be read is not opened: it could not be closed again.
+    // An unreadable competition stays sealed, as publication cannot be undone.
     let Some(competition) = super::find(store, id).await? else { return Ok(()) };
     if !is_here(store, Place::Competition(competition.key)).await? {
         return Ok(());
     }
     for attempt in store.running_attempts(competition.key).await? {
-        // A run ends with its last game; where none is open it may not know yet that its time is over.
+        // A run without an open game has not noticed that its time is over.
         runs.advance(attempt).await?;
     }
-    // Attempts whose start began in time have been started.
+    // The lock waits for attempts whose start began in time.
     let _closed = runs.block_entries().await;
     reveal_if_over(store, clock, &competition).await
 }
 
-/// Whether this server closes a competition, of several that share the database.
+/// Whether this server closes the competition, among several that share the database.
 async fn is_here(store: &Store, place: Place) -> Result<bool, StoreError> {
     match store.cluster() {
         Some(cluster) if !cluster.has(place) && !cluster.is_preferred(place) => Ok(false),
@@ -106,7 +104,7 @@ async fn is_here(store: &Store, place: Place) -> Result<bool, StoreError> {
     }
 }
 
-/// Opens everything to all once all games have ended.
+/// Publishes everything once all games have ended.
 async fn reveal_if_over(
     store: &Store,
     clock: &dyn Clock,

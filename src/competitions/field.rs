@@ -1,4 +1,4 @@
-//! Entrants of a competition with what they have played, as it is stored.
+//! Stored entrants of a competition, with their attempts.
 
 use crate::competitions::{StoredCompetition, StoredEntrant};
 use crate::run::RunStatus;
@@ -10,13 +10,13 @@ use swarmbench_boards::competition::entrant::Entrant;
 use swarmbench_boards::competition::standings::{self, Attempt, Part};
 use swarmbench_protocol::competition::AttemptSummary;
 
-/// Some attempts of a competition, with their entrants and their games.
+/// Some attempts of a competition, with their entrants and games.
 #[derive(Debug)]
 pub struct Field<'a> {
     competition: &'a StoredCompetition,
-    /// In the order in which they registered, which is that of their numbers.
+    /// Entrants in the order of registration, which is that of their keys.
     entrants: &'a [StoredEntrant],
-    /// In the order in which they were started.
+    /// Attempts in the order of their starts.
     pub attempts: Vec<(StoredAttempt, RunGames)>,
 }
 
@@ -40,7 +40,7 @@ impl<'a> Field<'a> {
         Ok(Self { competition, entrants, attempts })
     }
 
-    /// All that some entrants have played.
+    /// Reads all attempts of some entrants.
     pub async fn of_entrants(
         store: &Store,
         competition: &'a StoredCompetition,
@@ -54,7 +54,7 @@ impl<'a> Field<'a> {
         Self::read(store, competition, entrants, attempts).await
     }
 
-    /// The place of an attempt's entrant; none where it is not among them.
+    /// Index of an attempt's entrant; `None` for an entrant of another field.
     pub fn place_of(&self, attempt: &StoredAttempt) -> Option<usize> {
         self.entrants.binary_search_by_key(&attempt.entry, |entrant| entrant.key).ok()
     }
@@ -65,7 +65,7 @@ impl<'a> Field<'a> {
         Ok(&self.entrants[place].entrant)
     }
 
-    /// An attempt as far as the board is concerned.
+    /// Attempt in the form that the board takes.
     pub fn attempt(
         &self,
         (attempt, games): &(StoredAttempt, RunGames),
@@ -89,7 +89,7 @@ impl<'a> Field<'a> {
         })
     }
 
-    /// The attempts as they are shown. Before the end entrants see what the public seeds make, and organizers `all`.
+    /// Attempts as they are shown. Before the end, entrants see the results on the public seeds, and organizers those on `all`.
     pub fn summaries(&self, all: bool) -> Result<Vec<AttemptSummary>, StoreError> {
         let is_final = all || self.competition.revealed_at.is_some();
         let part = if is_final { Part::Final } else { Part::Public };

@@ -1,4 +1,4 @@
-//! The competitions of a server: what the rows of its database mean, how they are closed ([`closing`]), and what boards are made of ([`standings`]).
+//! Competitions of a server: their stored rows, their closing ([`closing`]), and their standings ([`standings`]).
 
 pub mod closing;
 pub mod field;
@@ -21,12 +21,10 @@ use swarmbench_boards::competition::sealed::{SEED_BYTES, Sealed};
 use swarmbench_boards::competition::standings::Part;
 use swarmbench_clock::Entropy;
 
-/// A new public id of a competition.
 pub fn new_id(now: Timestamp, entropy: &dyn Entropy) -> String {
     dated_id("cmp_", now, entropy)
 }
 
-/// A new public id of an entrant.
 pub fn new_entrant_id(now: Timestamp, entropy: &dyn Entropy) -> String {
     dated_id("ent_", now, entropy)
 }
@@ -35,18 +33,16 @@ pub fn new_entrant_id(now: Timestamp, entropy: &dyn Entropy) -> String {
 pub struct StoredCompetition {
     pub key: CompetitionKey,
     pub id: String,
-    /// What was decided about it.
     pub definition: Definition,
-    /// Its secret.
     pub sealed: Sealed,
-    /// What was published of the secret.
+    /// Published commitment to the secret.
     pub commitment: [u8; 32],
     pub created_at: Timestamp,
-    /// When everything was opened to all, if it was.
+    /// Time at which everything became public.
     pub revealed_at: Option<Timestamp>,
-    /// When and why it was cancelled, if it was.
+    /// Time and reason of the cancellation.
     pub cancelled: Option<(Timestamp, String)>,
-    /// Whether it is in no list but the organizers'.
+    /// Whether only organizers see the competition in lists.
     pub hidden: bool,
 }
 
@@ -55,20 +51,20 @@ pub struct StoredEntrant {
     pub key: EntryKey,
     pub competition: CompetitionKey,
     pub owner: OwnerKey,
-    /// The address or network from which it registered, for organizers.
+    /// Address or network of the registration, shown to organizers.
     pub address: Option<IpAddr>,
-    /// Its name in the published file, where it was erased after the end.
+    /// Name in the published file, if the entrant was erased after the end.
     pub published: Option<String>,
-    /// How organizers reach it.
+    /// Contact for organizers.
     pub contact: Option<String>,
-    /// How often it was given another name.
+    /// Number of renames.
     pub renames: u32,
-    /// All that others see of it, and what it declared.
+    /// Public data and declaration.
     pub entrant: Entrant,
 }
 
 impl StoredCompetition {
-    /// Which seeds make the board that everybody sees, and of what was over at which time; none if nothing is shown.
+    /// Seeds that make the public board, and the time before which attempts must have ended. `None` if no board is public.
     pub fn part_shown_to_all(&self, now: Timestamp) -> Option<(Part, Option<Timestamp>)> {
         let of_all = self.definition.public_seeds == 0;
         match board_view(&self.definition, self.revealed_at.is_some(), now) {
@@ -82,7 +78,7 @@ impl StoredCompetition {
     }
 }
 
-/// How the check of a database reads what was stored of competitions.
+/// Parsers of stored competitions for the check of a database.
 pub const FORMATS: Formats = Formats {
     competition: |raw| {
         let StoredCompetition { definition, sealed, .. } = competition(raw)?;
@@ -95,7 +91,6 @@ pub const FORMATS: Formats = Formats {
     },
 };
 
-/// Finds a competition by its public id.
 pub async fn find(store: &Store, id: &str) -> Result<Option<StoredCompetition>, StoreError> {
     let found = store.find_competition(id).await?;
     found.map(competition).transpose().map_err(StoreError::decode)
@@ -112,7 +107,6 @@ pub async fn list(
     found.into_iter().map(competition).collect::<Result<_, _>>().map_err(StoreError::decode)
 }
 
-/// Finds an entrant of a competition by its public id.
 pub async fn find_entrant(
     store: &Store,
     competition: CompetitionKey,
@@ -122,7 +116,7 @@ pub async fn find_entrant(
     found.map(entrant).transpose().map_err(StoreError::decode)
 }
 
-/// The entrants of a competition: all, or those of one key; see [`Store::entrants`].
+/// Entrants of a competition: all, or those of one key; see [`Store::entrants`].
 pub async fn entrants(
     store: &Store,
     competition: CompetitionKey,
@@ -143,7 +137,7 @@ pub async fn list_entrants(
     read_entrants(store.list_entrants(competition, owner, after, limit).await?)
 }
 
-/// These entrants of a competition; see [`Store::entrants_among`].
+/// Entrants of a competition by their keys; see [`Store::entrants_among`].
 pub async fn entrants_among(
     store: &Store,
     competition: CompetitionKey,

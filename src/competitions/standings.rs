@@ -1,5 +1,5 @@
-//! What the entrants of competitions have played, read once and kept up to date with what is committed: a game that ends
-//! costs one entrant's attempts, however many others there are.
+//! Standings of all competitions, read once and updated with what is committed. The end of a game costs one entrant's attempts,
+//! however many other entrants there are.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -19,29 +19,28 @@ use swarmbench_boards::competition::definition::Definition;
 use swarmbench_boards::competition::entrant::Entrant;
 use swarmbench_boards::competition::standings::{Attempt, Part, Played};
 
-/// Boards that are expected: a competition has one, or a few where a part of it is hidden.
+/// Expected boards: one per competition, or a few if a part of it is hidden.
 const BOARDS: usize = 100;
 
-/// Attempts, entrants or changes that are read at once.
+/// Rows of one query: attempts, entrants or changes.
 const CHUNK: u32 = 256;
 
-/// An entrant, with what it has played.
+/// Entrant with its attempts.
 pub type Place = (Arc<Entrant>, Arc<Played>);
 
-/// What the entrants of all competitions have played.
 #[derive(Debug)]
 pub struct CompetitionStandings {
     store: Store,
     boards: Cache<Key, Cached, ByBytes>,
-    /// The versions that there were of all boards.
+    /// Number of versions of all boards so far.
     versions: AtomicU64,
 }
 
-/// What the entrants of a board have played, compared with an earlier moment: the same number says the same.
+/// Version of a board: equal versions have equal content.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Version(u64);
 
-/// A board: some seeds of a competition, and what was over at a time.
+/// Identity of a board: the part of the seeds, and the time before which attempts must have ended.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Key {
     competition: CompetitionKey,
@@ -49,7 +48,7 @@ struct Key {
     before: Option<Timestamp>,
 }
 
-/// A board, with its size when it was put into the cache.
+/// Board, with its bytes at the time when it entered the cache.
 #[derive(Clone, Debug)]
 struct Cached {
     board: Arc<Mutex<Content>>,
@@ -59,13 +58,13 @@ struct Cached {
 #[derive(Debug)]
 struct Content {
     version: Version,
-    /// Up to where the log of changes is included.
+    /// Position in the log of changes up to which changes are included.
     position: LogPosition,
     first_read: FirstRead,
     places: BTreeMap<EntryKey, Place>,
 }
 
-/// How far the first read has come: a request that is dropped leaves it to the next one.
+/// Progress of the first read. It survives a dropped request, so that the next one continues.
 #[derive(Clone, Copy, Debug)]
 enum FirstRead {
     /// Attempts up to this one were read.
@@ -92,8 +91,8 @@ impl CompetitionStandings {
         Version(self.versions.fetch_add(1, Ordering::Relaxed) + 1)
     }
 
-    /// All entrants with what they have played on some of the seeds, of all that was over at a time or of all that is; with
-    /// everything that is durable now. None if nothing differs from the version that is known.
+    /// Entrants with their attempts on a part of the seeds, as far as they ended before a time or at all, including everything
+    /// that is durable now. `None` if the content still has the known version.
     pub async fn places(
         &self,
         competition: &StoredCompetition,
@@ -119,13 +118,13 @@ impl CompetitionStandings {
         let bytes = content.bytes();
         drop(content);
         if bytes != cached.bytes {
-            // One that is too large for the cache is read again for each request.
+            // Updates the weight. A board that is too large for the cache is read again by each request.
             self.boards.insert(key, Cached { board: cached.board, bytes });
         }
         Ok(Some((version, places)))
     }
 
-    /// Reads what has changed. The caller may be dropped at any moment: what was not read yet is read by the next one.
+    /// Reads the changes since the last call. The caller may be dropped at any moment; the next one continues.
     async fn catch_up(
         &self,
         competition: &StoredCompetition,
@@ -134,7 +133,7 @@ impl CompetitionStandings {
     ) -> Result<(), StoreError> {
         let log = self.store.writer().changes();
         let (end, missed) = log.since(content.position);
-        // What an organizer may change of a competition does not change what its games are worth.
+        // Changes of a definition by an organizer do not concern scores.
         if missed.is_none() {
             *content = Content::new(end, self.new_version());
         }
@@ -163,7 +162,7 @@ impl CompetitionStandings {
             let entrants = entrants_among(&self.store, competition.key, some).await?;
             for stored in entrants {
                 let place = self.place(competition, key, &stored).await?;
-                // Most games that end are not the last of their attempt.
+                // Most games that end are not the last of their attempt, and change nothing here.
                 if content.places.get(&stored.key) != Some(&place) {
                     content.places.insert(stored.key, place);
                     content.version = self.new_version();
@@ -174,7 +173,7 @@ impl CompetitionStandings {
         Ok(())
     }
 
-    /// Adds the entrants that registered since the last one.
+    /// Adds the entrants that registered since the last call.
     async fn add_entrants(
         &self,
         competition: &StoredCompetition,
@@ -194,7 +193,7 @@ impl CompetitionStandings {
         }
     }
 
-    /// The entrants, perhaps of other competitions too, whom some changes concern.
+    /// Entrants that some changes concern, perhaps including those of other competitions.
     async fn changed_entrants(
         &self,
         competition: CompetitionKey,
@@ -218,7 +217,7 @@ impl CompetitionStandings {
         Ok(entries.into_iter().collect())
     }
 
-    /// One entrant with all that it has played.
+    /// Reads an entrant with all of its attempts.
     async fn place(
         &self,
         competition: &StoredCompetition,
@@ -237,7 +236,7 @@ impl CompetitionStandings {
 }
 
 impl Key {
-    /// What of an attempt this board shows.
+    /// Part of an attempt that this board shows.
     fn part_of(&self, definition: &Definition, attempt: Attempt) -> Attempt {
         let mut attempt = attempt.part(definition, self.part);
         if let Some(before) = self.before {
@@ -252,7 +251,7 @@ impl Content {
         Self { version, position, first_read: FirstRead::UpTo(None), places: BTreeMap::new() }
     }
 
-    /// About how many bytes it takes in memory.
+    /// Approximate bytes in memory.
     fn bytes(&self) -> u64 {
         let place = |(entrant, played): &Place| {
             size_of::<Place>() + size_of::<EntryKey>() + entrant.bytes() + played.bytes()

@@ -46,14 +46,14 @@ const BUFFER_BYTES: usize = 64 * 1024;
 pub enum ExportError {
     #[error(transparent)]
     Journal(#[from] StoreError),
-    #[error("it cannot be written: {0}")]
+    #[error("the export cannot be written: {0}")]
     Io(#[from] io::Error),
     #[error("the table cannot be written: {0}")]
     Table(#[from] parquet::errors::ParquetError),
     #[error("there is no episode {0}")]
     Unknown(String),
     /// The receiver of the export has hung up.
-    #[error("it was stopped")]
+    #[error("the export was stopped")]
     Stopped,
 }
 

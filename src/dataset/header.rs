@@ -27,7 +27,7 @@ impl Header {
             Some(record) => match record.read().map_err(|error| error.to_string())? {
                 Record::Seats(seats) => seats,
                 Record::Opening(_) | Record::Round(_) | Record::End(_) => {
-                    return Err("its record of seats is another one".to_owned());
+                    return Err("its record of seats is a record of another kind".to_owned());
                 }
             },
             None => all_of_the_creator(&opening),

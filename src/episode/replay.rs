@@ -110,7 +110,7 @@ impl Piece {
         let mut stored = self.rounds.map(|rounds| rounds.into_iter().peekable());
         for round in replayer.world().round()..self.to {
             if cancelled.is_cancelled() {
-                return Err("nobody waits for it any more".to_owned());
+                return Err("nobody waits for the replay any more".to_owned());
             }
             let digest = match &mut stored {
                 Some(stored) => {

@@ -65,7 +65,7 @@ impl Slot {
         let Some(handle) = self.handle.get().filter(|handle| handle.is_dead() && !is_early) else {
             return;
         };
-        tracing::warn!(episode = %handle.id, "its actor has ended: it is recovered from the journal");
+        tracing::warn!(episode = %handle.id, "the actor of an episode has ended: the episode is recovered from the journal");
         metrics::counter!("swarmbench_episodes_revived_total").increment(1);
         self.revived_at = Some(now);
         self.vacate(now);

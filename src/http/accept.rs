@@ -6,7 +6,7 @@ use axum::response::Response;
 /// A type by which any file can be requested. Generated clients that do not know a file's own type ask for it.
 const BYTES: &str = "application/octet-stream";
 
-/// The bytes of a file; this type only describes them.
+/// Bytes of a file; this type only describes them.
 #[derive(utoipa::ToSchema)]
 #[schema(value_type = String, format = Binary)]
 #[expect(dead_code, reason = "a file is streamed, not made of this type")]

@@ -13,7 +13,7 @@ use crate::store::audit::StoredAuditEntry;
 use crate::store::entries::{AuditRow, Entry};
 use swarmbench_protocol::competition::{AuditEntry, AuditLog};
 
-/// List what organizers did, newest first.
+/// List the audit log, newest first: actions of organizers, what judges read of sealed games, and entrants' own renames.
 #[utoipa::path(
     get,
     path = "/api/v1/audit",
@@ -23,7 +23,7 @@ use swarmbench_protocol::competition::{AuditEntry, AuditLog};
     security(("key" = [])),
     responses(
         (status = 200, description = "A page of the audit log", body = AuditLog),
-        (status = 403, description = "`forbidden`: not an organizer's key"),
+        (status = 403, description = "`forbidden`: not the key of an organizer or a judge"),
     )
 )]
 pub(super) async fn list_audit(

@@ -15,9 +15,9 @@ use swarmbench_protocol::clock::ConfirmedClock;
 
 /// Confirm that the clock of the server's host is right.
 ///
-/// While the time of day is in doubt (`/readyz` says so) nothing is revealed, closed or abandoned because of it and no
-/// attempt starts. From now on the server goes by the host's clock. Look at that clock first: what is revealed by a
-/// wrong one stays revealed.
+/// While the time of day is in doubt (`/readyz` reports it), the server reveals, closes and abandons nothing because of it, and
+/// no attempt starts. After the confirmation the server uses the host's clock. Check that clock first: what is revealed because
+/// of a wrong clock stays revealed.
 #[utoipa::path(
     post,
     path = "/api/v1/clock/confirm",
@@ -25,7 +25,7 @@ use swarmbench_protocol::clock::ConfirmedClock;
     tag = "host",
     security(("key" = [])),
     responses(
-        (status = 200, description = "The server goes by the host's clock", body = ConfirmedClock),
+        (status = 200, description = "The time of day, from the host's clock", body = ConfirmedClock),
         (status = 403, description = "`forbidden`: not an organizer's key"),
     )
 )]

@@ -15,40 +15,42 @@ use super::error::{ApiError, Code};
 use crate::host::DiskSpace;
 use crate::telemetry;
 
-/// How the server does.
+/// Health of the server.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub(super) struct Health {
-    /// `ok`
+    /// Always `ok`.
     status: &'static str,
-    /// The server's version.
+    /// Version of the server.
     version: &'static str,
 }
 
 const OK: Health = Health { status: "ok", version: env!("CARGO_PKG_VERSION") };
 
-/// Whether the process lives.
+/// Check that the process is alive.
 #[utoipa::path(
     get,
     path = "/healthz",
     operation_id = "show_health",
     tag = "host",
-    responses((status = 200, description = "It does", body = Health))
+    responses((status = 200, description = "The process is alive", body = Health))
 )]
 pub(super) async fn show_health() -> Json<Health> {
     Json(OK)
 }
 
-/// Whether the server can be used: the database answers, its files are where they were, no commit has
-/// failed, and the episodes that were running before a restart run again, but for those that take long to
-/// play again. Where it cannot, the detail names every problem.
+/// Check whether the server can be used.
+///
+/// The server can be used while the database answers, its files are where they were, no commit has failed or waits for long, the
+/// time of day is certain, a server of a cluster has its lease, and the episodes that were running before a restart run again, except
+/// those that take long to replay. Otherwise the detail names every problem.
 #[utoipa::path(
     get,
     path = "/readyz",
     operation_id = "show_readiness",
     tag = "host",
     responses(
-        (status = 200, description = "It can", body = Health),
-        (status = 503, description = "`unavailable`: not yet, or not any more; `overloaded`"),
+        (status = 200, description = "The server can be used", body = Health),
+        (status = 503, description = "`unavailable`: the server cannot be used yet, or not any more; `overloaded`"),
     )
 )]
 pub(super) async fn show_readiness(State(app): State<App>) -> Result<Json<Health>, ApiError> {
@@ -86,13 +88,13 @@ fn problems(app: &App) -> Vec<String> {
     problems
 }
 
-/// Metrics for Prometheus.
+/// Show metrics for Prometheus.
 #[utoipa::path(
     get,
     path = "/metrics",
     operation_id = "show_metrics",
     tag = "host",
-    responses((status = 200, description = "The Prometheus text format", body = String, content_type = "text/plain"))
+    responses((status = 200, description = "Metrics in the Prometheus text format", body = String, content_type = "text/plain"))
 )]
 pub(super) async fn show_metrics(State(app): State<App>) -> Response {
     #[expect(clippy::cast_precision_loss, reason = "a gauge is a double")]

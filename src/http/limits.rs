@@ -60,14 +60,14 @@ limits! {
         anonymous_body_bytes_max: usize = 64 * 1024,
         /// Bytes of a body for `/mcp` without the token of a seat.
         mcp_anonymous_body_bytes_max: usize = 16 * 1024,
-        /// Bytes of all bodies that are arriving or being handled, with what is made of them; as many again are for requests
-        /// with a token.
+        /// Bytes of all bodies that are arriving or being handled, parsed values included; requests with a token have as many
+        /// again.
         bodies_bytes_max: usize = 256 * 1024 * 1024,
         /// Acts in one body.
         acts_max: usize = 1024,
         /// Observations in one answer.
         observations_max: usize = 1024,
-        /// Bytes of an answer that is made in memory: lists and observations continue in the next one.
+        /// Bytes of an answer that is made in memory: lists and observations continue in the next answer.
         answer_bytes_max: usize = 8_000_000,
         /// Items of one page, and scores of one series.
         page_items_max: u32 = 1000,
@@ -79,9 +79,9 @@ limits! {
         episodes_unfinished_max: usize = 20_000,
         /// Episodes of one key that have not ended.
         episodes_per_key_max: usize = 5_000,
-        /// Percent of all connections, episodes and entrants of a competition that are reserved for those who have none. Half as many
-        /// episodes are for organizers and for the next games of runs, and as many places again in a competition for those with
-        /// an invitation code and for organizers.
+        /// Percent of all connections, episodes and entrants of a competition that are reserved for parties without any. Half as many
+        /// episodes are reserved for organizers and for the next games of runs, and as many places again in a competition for
+        /// holders of an invitation code and for organizers.
         reserved_percent: u32 = 10,
         /// Games of one run.
         run_games_max: usize = 1000,
@@ -91,11 +91,11 @@ limits! {
         fork_rounds_max: u32 = 10_000,
         /// Forks that one request makes.
         fork_count_max: u32 = 64,
-        /// Members of a team at a time, beside the one who entered.
+        /// Members of a team at a time, beside its founder.
         members_max: usize = 20,
         /// Members of a team that were ever added: removed ones stay in the list.
         members_ever_max: usize = 100,
-        /// Times that an entrant may be given another name, by itself.
+        /// Renames of an entrant by itself.
         renames_max: u32 = 10,
         /// Practice runs that a key may start in 24 hours.
         practice_runs_per_day_max: usize = 100,
@@ -103,38 +103,36 @@ limits! {
         fork_seats_max: u64 = 4096,
         /// Acts that the forks of one request take over together.
         fork_acts_max: u64 = 262_144,
-        /// Bytes that the acts of one episode may take in the journal; small acts are taken beyond it.
+        /// Bytes that the acts of one episode may take in the journal; small acts are taken beyond this limit.
         journal_bytes_per_episode_max: u64 = 64 * 1024 * 1024,
-        /// Bytes that the acts of all episodes of a key may take in the journal; four times as many of a competition.
+        /// Bytes that the acts of all episodes of a key may take in the journal; the acts of a competition may take four times as many.
         journal_bytes_per_key_max: u64 = 16 * 1024 * 1024 * 1024,
-        /// Bytes of large acts a second of an entrant, a key or an address, on average, and four times as many of all entrants of a
-        /// competition; 0 for no limit.
+        /// Bytes of large acts per second of an entrant, a key or an address, on average; all entrants of a competition together
+        /// may send four times as many. 0 for no limit.
         journal_bytes_per_key_s_max: u64 = 1024 * 1024,
-        /// How much of the disk must be free for anything new, in percent.
+        /// Free space of the disk that anything new requires, in percent.
         disk_free_percent_min: u32 = 5,
-        /// Requests a second from one address, on average; 0 for no limit. Twice as many may come
-        /// at once. Programs on this machine are not limited.
+        /// Requests per second from one address, on average; 0 for no limit. Twice as many may come at once. Programs on this
+        /// machine are not limited.
         address_requests_per_s_max: u32 = 2_000,
-        /// Requests a second with one key and the tokens of its episodes; 0 for no limit.
+        /// Requests per second with one key and the tokens of its episodes; 0 for no limit.
         key_requests_per_s_max: u32 = 10_000,
         /// Bytes of the jobs that are queued for the writer before acts are refused.
         backlog_bytes_max: usize = 256 * 1024 * 1024,
         /// Connections at once.
         connections_max: usize = 16_000,
-        /// Connections at once from one address, or one /64 network of IPv6, and its requests behind a proxy that are not answered
-        /// yet; this host may have all. Of this and whatever else is counted by address a /48 may have `networks_per_site_max` times
-        /// as much.
+        /// Connections at once from one address, or one /64 network of IPv6, and its unanswered requests behind a proxy; this host may
+        /// have all. A /48 network may have `networks_per_site_max` times as many connections, as with all counts by address.
         connections_per_address_max: usize = 2000,
         /// Milliseconds in which a client has to send the head of a request, from its first byte on.
         head_ms_max: u64 = 10_000,
-        /// Milliseconds in which a client has to send the body of a request, and some more for each of
-        /// its bytes.
+        /// Milliseconds in which a client has to send the body of a request; `body_bytes_per_s_min` adds time for its bytes.
         body_ms_max: u64 = 5000,
         /// Bytes of a body for which a client gets one more second.
         body_bytes_per_s_min: u64 = 32 * 1024,
-        /// Milliseconds in which a client has to take some more of an answer.
+        /// Milliseconds in which a client has to take the next bytes of an answer.
         write_ms_max: u64 = 10_000,
-        /// Bytes a second of an answer that a client has to take, on average of the time in which some wait for it.
+        /// Bytes per second of an answer that a client has to take, on average over the time in which bytes wait for it.
         write_bytes_per_s_min: u64 = 4096,
         /// Milliseconds after which an idle connection is closed.
         idle_ms_max: u64 = 75_000,
@@ -148,13 +146,13 @@ limits! {
         agent_meta_bytes_max: usize = 16 * 1024,
         /// Bytes of all worlds and all large answers together.
         memory_bytes_max: usize = 2 * 1024 * 1024 * 1024,
-        /// Bytes of a part of a journal or an export that is read at once; one record more may come on top.
+        /// Bytes of a part of a journal or an export that is read at once; a part may exceed this by one record.
         stream_part_bytes_max: usize = 256 * 1024,
-        /// Exports that are made, or of which a piece waits for its reader.
+        /// Exports that are being made, or a piece of which waits for its reader.
         exports_open_max: usize = 16,
         /// Requests of one kind of heavy work that run at once.
         heavy_at_once_max: usize = HEAVY_AT_ONCE_MAX,
-        /// States of earlier rounds that are made at once, and games that are recovered.
+        /// Replays that run at once: states of earlier rounds, and recoveries of games.
         replays_max: usize = REPLAYS_MAX,
     }
     fixed {
@@ -181,11 +179,11 @@ limits! {
         event_streams_max: usize = 4096,
         /// Events that wait for a slow reader before it is dropped.
         events_pending_max: usize = 64,
-        /// Bytes of them.
+        /// Bytes of the events that wait for a slow reader.
         events_pending_bytes_max: usize = 1024 * 1024,
         /// Entrants of a competition.
         entrants_max: usize = 10_000,
-        /// Entries in competitions an hour from one address, or one /64 network of IPv6, without an invitation; 0 for no
+        /// Entries in competitions per hour from one address, or one /64 network of IPv6, without an invitation; 0 for no
         /// limit. Programs on this machine are not limited.
         entries_per_address_h_max: u32 = 100,
     }

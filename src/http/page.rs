@@ -165,15 +165,15 @@ pub(super) fn items(app: &App, name: &str, asked: u32) -> Result<u32, ApiError> 
     Ok(asked)
 }
 
-/// The page of a list that is shown as a whole if it fits into one answer.
+/// Page of a list that is shown as a whole if it fits into one answer.
 #[derive(Debug, Default, serde::Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct PageParams {
-    /// How many at most, up to 1,000; all that fit into one answer where it is left out.
+    /// Maximum number of items, up to 1,000; as many as fit into one answer by default.
     #[param(minimum = 1, maximum = 1000)]
     pub(super) limit: Option<u32>,
-    /// The `next_cursor` of the page before.
+    /// Cursor: the `next_cursor` of the previous page.
     pub(super) cursor: Option<String>,
 }
 
@@ -196,10 +196,10 @@ macro_rules! list_params {
         #[into_params(parameter_in = Query)]
         pub(in crate::http) struct $name {
             $($(#[$about_filter])* $filter: Option<String>,)*
-            /// How many at most, up to 1,000; 50 where it is left out.
+            /// Maximum number of items, up to 1,000; 50 by default.
             #[param(minimum = 1, maximum = 1000)]
             limit: Option<u32>,
-            /// The `next_cursor` of the page before.
+            /// Cursor: the `next_cursor` of the previous page.
             cursor: Option<String>,
         }
 
@@ -218,7 +218,7 @@ macro_rules! list_params {
 pub(super) use list_params;
 
 list_params! {
-    /// Which page is to be shown.
+    /// Page of a list, newest first.
     NewestParams {}
 }
 

@@ -127,7 +127,10 @@ pub async fn serve(
     connections.close();
     let drain = Duration::from_millis(limits.drain_ms_max);
     if tokio::time::timeout(drain, connections.wait()).await.is_err() {
-        tracing::warn!(open = connections.len(), "connections were cut");
+        tracing::warn!(
+            open = connections.len(),
+            "connections that outlived the grace period were cut"
+        );
         ending.cut.cancel();
         connections.wait().await;
     }

@@ -279,64 +279,64 @@ async fn references(database: &mut Connection, checked: &mut Checked) {
 /// Invariants of rows: a problem, and a query for the names of rows that have it.
 const STATEMENTS: [(&str, &str); 13] = [
     (
-        "its status does not fit its times",
+        "its status contradicts its times",
         "SELECT id FROM episodes WHERE CASE
              WHEN status IN ('waiting', 'running') THEN ended_at IS NOT NULL OR ending IS NOT NULL OR reason IS NOT NULL
              WHEN status IN ('finished', 'aborted', 'abandoned') THEN ended_at IS NULL OR ending IS NULL OR reason IS NULL
              ELSE TRUE END",
     ),
     (
-        "it was voided with no reason, or the other way round",
+        "it is voided without a reason, or has a reason without being voided",
         "SELECT id FROM episodes WHERE (voided_at IS NULL) <> (void_reason IS NULL) OR revealed NOT IN (FALSE, TRUE)
          UNION ALL SELECT id FROM runs WHERE (voided_at IS NULL) <> (void_reason IS NULL)",
     ),
     (
-        "its place in a run is not known",
+        "its place in a run or in a competition is incomplete",
         "SELECT id FROM episodes WHERE (run IS NULL) <> (slot IS NULL)
          UNION ALL SELECT id FROM runs WHERE (entry IS NULL) <> (attempt IS NULL)
          UNION ALL SELECT id FROM runs r
              WHERE competition IS DISTINCT FROM (SELECT competition FROM entries WHERE key = r.entry)",
     ),
     (
-        "it is open to all and its competition is not, or the other way round",
+        "it is revealed and its competition is not, or the other way round",
         "SELECT id FROM runs r WHERE revealed <> coalesce(
              (SELECT c.revealed_at IS NOT NULL FROM competitions c WHERE c.key = r.competition), FALSE)",
     ),
     (
-        "it is a fork of no episode, or of no round",
+        "its parent is named without a round, or the other way round, or is a later episode",
         "SELECT id FROM episodes WHERE (fork_of IS NULL) <> (fork_round IS NULL) OR fork_of >= key",
     ),
     (
-        "a name for its creation has no hash, or the other way round",
+        "its Idempotency-Key is stored without the hash of its body, or the other way round",
         "SELECT id FROM episodes WHERE (idempotency_key IS NULL) <> (idempotency_body IS NULL)
              OR length(idempotency_body) <> 32
          UNION ALL SELECT id FROM runs WHERE (idempotency_key IS NULL) <> (idempotency_body IS NULL)
              OR length(idempotency_body) <> 32",
     ),
     (
-        "its status does not fit its times",
+        "its status contradicts its times",
         "SELECT id FROM runs WHERE CASE
              WHEN status = 'running' THEN ended_at IS NOT NULL
              WHEN status IN ('finished', 'aborted', 'abandoned', 'closed') THEN ended_at IS NULL
              ELSE TRUE END",
     ),
     (
-        "it is finished, and has a game that is not",
+        "its status is finished, but one of its games has not ended",
         "SELECT r.id FROM runs r WHERE r.status = 'finished' AND EXISTS (
              SELECT 1 FROM episodes e WHERE e.run = r.key AND e.ended_at IS NULL AND e.voided_at IS NULL)",
     ),
     (
-        "it is no key",
+        "its id, role or hash is not that of a key",
         "SELECT id FROM keys WHERE role NOT IN ('member', 'judge', 'organizer', 'entrant') OR length(hash) <> 32
              OR substr(id, 1, 4) <> 'key_'",
     ),
     (
-        "its times are in no order",
+        "its times are out of order, or it is cancelled without a reason",
         "SELECT id FROM competitions WHERE opens_at >= closes_at OR revealed_at < closes_at
              OR (cancelled_at IS NULL) <> (cancel_reason IS NULL) OR hidden NOT IN (FALSE, TRUE)",
     ),
     (
-        "its status is none",
+        "its status is unknown",
         "SELECT id FROM entries
          WHERE status NOT IN ('active', 'withdrawn', 'disqualified') OR vouched NOT IN (FALSE, TRUE)",
     ),
@@ -348,7 +348,7 @@ const STATEMENTS: [(&str, &str); 13] = [
                                                 WHEN record LIKE '%\"source\":\"clock\"%' THEN 1 END",
     ),
     (
-        "its seats and its claims do not fit",
+        "one of its seats belongs to no claim",
         "SELECT 'episode ' || s.episode FROM seats s WHERE NOT EXISTS (
              SELECT 1 FROM claims c WHERE c.episode = s.episode AND c.holder = s.holder AND c.model = s.model
                  AND c.owner IS NOT DISTINCT FROM s.owner AND c.player IS NOT DISTINCT FROM s.player)",
@@ -358,10 +358,13 @@ const STATEMENTS: [(&str, &str); 13] = [
 /// [`STATEMENTS`] for rows named by a hash.
 const OF_HASHES: [(&str, &str); 2] = [
     (
-        "it is no token of an episode or a run",
+        "this token does not belong to exactly one episode or run, or its hash does not have 32 bytes",
         "SELECT hash FROM tokens WHERE length(hash) <> 32 OR (episode IS NULL) = (run IS NULL)",
     ),
-    ("it is no invitation", "SELECT hash FROM invitations WHERE length(hash) <> 32"),
+    (
+        "the hash of this invitation does not have 32 bytes",
+        "SELECT hash FROM invitations WHERE length(hash) <> 32",
+    ),
 ];
 
 /// Queries for name and text of rows whose text must be JSON of any content.
@@ -375,13 +378,13 @@ const JSON_TEXTS: [&str; 3] = [
 async fn texts(database: &mut Connection, checked: &mut Checked) {
     match templates::damaged(database).await {
         Ok(keys) => keys.into_iter().for_each(|key| {
-            checked.note(format!("template {key}"), "its hash is not that of its text");
+            checked.note(format!("template {key}"), "its hash differs from that of its text");
         }),
         Err(error) => checked.note("the table templates", unreadable(&error)),
     }
     match damaged_looks(database).await {
         Ok(names) => names.into_iter().for_each(|name| {
-            checked.note(name, "its row in `looks` is not the one of an entrant");
+            checked.note(name, "its row in `looks` belongs to no entrant");
         }),
         Err(error) => checked.note("the table looks", unreadable(&error)),
     }
@@ -407,7 +410,7 @@ async fn texts(database: &mut Connection, checked: &mut Checked) {
         Ok(if is_same {
             Ok(())
         } else {
-            Err("what replays read of it is not its record".to_owned())
+            Err("its brief form, which replays read, differs from its record".to_owned())
         })
     })
     .await;
@@ -480,7 +483,7 @@ async fn definitions(database: &mut Connection, formats: &Formats, checked: &mut
         Ok(if is_same {
             Ok(())
         } else {
-            Err("its suite or model is not that of its list".to_owned())
+            Err("its suite or model differs from its definition".to_owned())
         })
     })
     .await;
@@ -492,10 +495,10 @@ async fn definitions(database: &mut Connection, formats: &Formats, checked: &mut
         let published = raw.commitment;
         let (times, commitment) = (formats.competition)(raw).map_err(decode)?;
         if commitment != published {
-            return Ok(Err("its seeds are not those of its commitment".to_owned()));
+            return Ok(Err("its seeds do not fit its commitment".to_owned()));
         }
         if times != [get(row, "opens_at")?, get(row, "closes_at")?] {
-            return Ok(Err("its times are not those of its definition".to_owned()));
+            return Ok(Err("its times differ from its definition".to_owned()));
         }
         Ok(Ok(()))
     })
@@ -505,7 +508,9 @@ async fn definitions(database: &mut Connection, formats: &Formats, checked: &mut
         let declaration: String = get(row, "declaration")?;
         let brief = row.try_get::<Option<String>>("brief")?;
         if brief.is_some() && without_texts(&declaration).ok() != brief {
-            return Ok(Err("what lists read of its declaration is not in it".to_owned()));
+            return Ok(Err(
+                "its brief declaration, which lists read, differs from its declaration".to_owned(),
+            ));
         }
         let (model, template) = (formats.declaration)(declaration).map_err(decode)?;
         let is_same =
@@ -603,7 +608,7 @@ async fn import(
     drop(rounds);
     let expected = Some((row.try_get("rounds")?, row.try_get("score")?));
     if get::<[u8; 32]>(row, "digest")? != digest.finish() || last != expected {
-        return Ok(Err("it is not the game of its digest".to_owned()));
+        return Ok(Err("its rounds or its score do not fit its digest".to_owned()));
     }
     Ok(Ok(()))
 }
@@ -777,7 +782,7 @@ fn columns(
         }
     }
     if row.try_get::<u32>("first_round")? != opening.first_round() {
-        return Ok(Err("it is a fork of another round than its journal tells".to_owned()));
+        return Ok(Err("it is a fork of another round than its journal says".to_owned()));
     }
     if let Some(end) = end
         && row.text("status")? != end.status
@@ -785,14 +790,17 @@ fn columns(
         return Ok(Err("its status is not the one in its journal".to_owned()));
     }
     if config.round_deadline_ms.is_some() && !row.try_get::<bool>("clocked")? {
-        return Ok(Err("it has a clock, and would not be taken up for it".to_owned()));
+        return Ok(Err(
+            "it has a clock, but its row says that it has none: a restart would not recover it"
+                .to_owned(),
+        ));
     }
     let has_open_seats = !config.open_seats.is_empty();
     if row.try_get::<Option<bool>>("open_seats")?.is_some_and(|open| open != has_open_seats) {
         return Ok(Err("whether it has open seats is not as in its journal".to_owned()));
     }
     if row.try_get::<i64>("created_at")? != opening.created_at.as_millisecond() {
-        return Ok(Err("it was created at another time than its journal tells".to_owned()));
+        return Ok(Err("it was created at another time than its journal says".to_owned()));
     }
     Ok(Ok(()))
 }
@@ -810,7 +818,7 @@ async fn seats(
         None => None,
         Some(Record::Seats(record)) => Some(record),
         Some(Record::Opening(_) | Record::Round(_) | Record::End(_)) => {
-            return Ok(Err("its record of seats is another one".to_owned()));
+            return Ok(Err("its record of seats is a record of another kind".to_owned()));
         }
     };
     for row in rows {
@@ -849,7 +857,7 @@ async fn open_acts(
         acts.push(act);
     }
     let is_same = report.end.as_ref().is_none_or(|end| end.open_acts == acts);
-    Ok(if is_same { Ok(()) } else { Err("its open acts are not those of its end".to_owned()) })
+    Ok(if is_same { Ok(()) } else { Err("its open acts differ from those in its end".to_owned()) })
 }
 
 /// Compares the row in `results` with the one computed from the journal.

@@ -1,21 +1,20 @@
-//! The one task that writes: it takes everything that is queued into one commit.
+//! The writer: the one task that writes. It takes all queued jobs into one commit.
 //!
-//! Under load a commit carries what came in while the one before was on its way to the disk, so the
-//! cost of a commit is shared. Appended entries of running games go first; a commit carries [`KEPT_ROWS_MAX`] rows of kept
-//! entries, such as tokens, registrations and new games. Four things can go wrong, and each costs as little as it can:
+//! Under load a commit carries the jobs that arrived during the previous one, so its cost is shared. Appended entries of
+//! running games go first; a commit carries [`KEPT_ROWS_MAX`] rows of kept entries, such as tokens, registrations and new
+//! games. Four failures are possible, and each costs as little as it can:
 //!
-//! - A statement is refused, by a constraint say. The transaction is rolled back and its jobs are
-//!   written again, each behind a savepoint: that job alone gets an error, the others are committed.
-//!   Nothing was acknowledged yet, so this is safe, and a group without such a job costs nothing more.
-//! - Another program holds the lock of a file of SQLite. Beginning is tried again for [`PATIENCE`].
-//! - PostgreSQL is not reached, or ends the transaction for a reason of its own, such as a full disk. The group is tried
-//!   again, for [`PATIENCE`] or until it is known whether it was committed (`postgres::group`).
-//! - The disk fails, or a commit of SQLite, or another server has taken the database. Nothing is acknowledged any more, as
-//!   nobody can know what is still stored: the writer refuses everything until the server is restarted.
+//! - A statement is refused, for instance by a constraint. The transaction is rolled back and its jobs are written again, each
+//!   behind a savepoint: only the refused job gets an error, the others are committed. Nothing was acknowledged yet, so this is
+//!   safe, and a group without such a job costs nothing more.
+//! - Another program holds the lock of a file of SQLite. The begin of the transaction is repeated for [`PATIENCE`].
+//! - PostgreSQL is unreachable, or ends the transaction for its own reasons, such as a full disk. The group is repeated for
+//!   [`PATIENCE`], or until it is known whether it was committed (`postgres::group`).
+//! - The disk or a commit of SQLite fails, or another server has taken the database. The stored state is unknown then, so
+//!   nothing is acknowledged any more: the writer refuses everything until the server is restarted.
 //!
-//! The records of an episode are a chain. After one of its jobs was refused, all later ones would
-//! leave a gap in the chain, so they are refused, too, until the episode was recovered from what is
-//! on the disk ([`WriterState::recovered`]).
+//! The records of an episode are a chain. After a refused job, later ones would leave a gap in the chain, so they are refused,
+//! too, until the episode is recovered from the disk ([`WriterState::recovered`]).
 
 use std::collections::HashSet;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -37,27 +36,27 @@ use crate::keys::KeyRow;
 use crate::store::entries::{EndRow, Entry, OpeningRow, TokenRow};
 use crate::store::port::Committed;
 
-/// Jobs that one transaction takes at most, so that the first does not wait for ever.
+/// Maximum jobs of a transaction; it bounds the wait of the first one.
 const GROUP_MAX: usize = 1024;
 
-/// Rows that a transaction changes for jobs for which no game waits, each KiB of them counting as one more; the last job may go
-/// beyond it. Acts wait no longer than that takes.
+/// Maximum rows of a transaction for jobs for which no game waits; each KiB counts as a row. The last job may exceed it. It
+/// bounds the delay of acts by such jobs.
 const KEPT_ROWS_MAX: usize = 128;
 
-/// How long a commit is tried again in all, while another program holds the lock or the database is not reached.
+/// Total time for which a commit is repeated while another program holds the lock or the database is unreachable.
 const PATIENCE: Duration = Duration::from_mins(1);
 
 /// Entries that are written together or not at all, and the callback for the outcome.
 struct Job {
     entries: Vec<Entry>,
-    /// Bytes in the queue, of appended entries.
+    /// Bytes in the queue; 0 for kept jobs.
     bytes: usize,
-    /// For whom it is kept, and the rows that it counts; `None` if it was appended, and running games wait for it.
+    /// Party and counted rows of a kept job; `None` for an appended one, for which running games wait.
     kept: Option<(Party, usize)>,
     committed: Committed,
 }
 
-/// Jobs for which no game waits: parties take turns, so that the many of one do not delay those of others.
+/// Queue of jobs for which no game waits. Parties take turns, so that the many jobs of one do not delay those of others.
 struct Kept(FairQueue<(usize, Job)>);
 
 impl Kept {
@@ -65,7 +64,7 @@ impl Kept {
         Self(FairQueue::new(Shares::of(usize::MAX)))
     }
 
-    /// Takes the kept jobs out of those that came.
+    /// Moves kept jobs from `jobs` into the queue.
     fn take(&mut self, jobs: &mut Vec<Job>) {
         for job in jobs.extract_if(.., |job| job.kept.is_some()) {
             let (party, rows) = job.kept.unwrap_or((Party::SERVER, 0));
@@ -73,7 +72,8 @@ impl Kept {
         }
     }
 
-    /// Adds kept jobs for a transaction of `rows_max` rows. Parties pay for rows: a pause of the database is nobody's fault.
+    /// Moves kept jobs of about `rows_max` rows into `jobs`. Parties are charged for rows instead of time: a pause of the
+    /// database is nobody's fault.
     fn choose(&mut self, jobs: &mut Vec<Job>, rows_max: usize) {
         let mut rows = 0;
         while rows < rows_max
@@ -88,17 +88,17 @@ impl Kept {
 
 pub(super) type Outcome = Result<(), StoreError>;
 
-/// Why a transaction, or a part of it, was not written.
+/// Reason why a transaction, or a part of it, was not written.
 pub(super) enum Failure {
-    /// What is stored, or will be, is not known, or belongs to another server.
+    /// The stored state is unknown, or belongs to another server.
     Fatal(Box<dyn std::error::Error + Send + Sync>),
     /// A statement was refused; the transaction can be rolled back.
     Refused(sqlx::Error),
-    /// The database is not reached, or has ended the transaction: the same may be done again.
+    /// The database is unreachable, or has ended the transaction; the transaction may be repeated.
     Away(sqlx::Error),
 }
 
-/// Why nothing can be written for a while.
+/// Reason why nothing can be written for a while.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Blocked {
     #[error("another program has locked the database: nothing can be written")]
@@ -115,7 +115,7 @@ pub enum Blocked {
     Full,
 }
 
-/// Bytes for which a queued job counts at least: so their bytes bound their number, too, and the time until they are stored.
+/// Minimum bytes that a queued job counts, so that the limit of bytes also bounds the number of jobs and their delay.
 const JOB_BYTES_MIN: usize = 4096;
 
 /// The state of the writer, shared with readers.
@@ -127,7 +127,7 @@ pub struct WriterState {
     backlog_jobs: AtomicUsize,
     backlog_bytes: AtomicUsize,
     changes: Changes,
-    /// Episodes of which a job was refused and that were not recovered since.
+    /// Episodes with a refused job that were not recovered since.
     broken: StdMutex<HashSet<EpisodeKey>>,
 }
 
@@ -142,17 +142,17 @@ impl WriterState {
         &self.failed
     }
 
-    /// Cancelled when other servers have taken over what this one had: it may join them anew.
+    /// Cancelled when other servers have taken over this server's places; it may join them again.
     pub fn excluded(&self) -> &CancellationToken {
         &self.excluded
     }
 
-    /// Why nothing can be written at the moment, if so.
+    /// Reason why nothing can be written at the moment, if so.
     pub fn blocked(&self) -> Option<Blocked> {
         self.blocking().map(|(blocked, _)| blocked)
     }
 
-    /// What boards have to read again.
+    /// Changes that boards have to read again.
     pub fn changes(&self) -> &Changes {
         &self.changes
     }
@@ -161,13 +161,12 @@ impl WriterState {
         self.backlog_jobs.load(Ordering::Relaxed)
     }
 
-    /// How many bytes the queued jobs take.
     pub fn backlog_bytes(&self) -> usize {
         self.backlog_bytes.load(Ordering::Relaxed)
     }
 
-    /// Accepts jobs of an episode again. To be called when its old actor has ended, all that it handed
-    /// over was answered, and before anybody continues with what is on the disk.
+    /// Accepts jobs of an episode again. The caller makes sure that the old actor has ended, all of its jobs were answered, and
+    /// nobody has continued from the disk yet.
     pub fn recovered(&self, episode: EpisodeKey) {
         self.broken().remove(&episode);
     }
@@ -188,7 +187,7 @@ impl WriterState {
     }
 
     fn note_refused(&self, entries: &[Entry]) {
-        // Nothing comes after an opening before it was kept.
+        // No entry follows an opening before it was kept, so a refused opening leaves no gap.
         let opens = entries.iter().any(|entry| matches!(entry, Entry::Open(_)));
         if !opens {
             self.broken().extend(entries.iter().filter_map(Entry::chain));
@@ -205,7 +204,7 @@ impl WriterState {
         self.backlog_bytes.fetch_sub(bytes, Ordering::Relaxed);
     }
 
-    /// Notes that nothing can be written; logged once.
+    /// Records that nothing can be written; logs it once.
     pub(super) fn set_blocked(&self, why: Blocked, error: &dyn std::fmt::Display) {
         let mut blocking = self.blocking();
         if let Some((earlier, _)) = &mut *blocking {
@@ -216,7 +215,7 @@ impl WriterState {
         }
     }
 
-    /// Notes that something was written again.
+    /// Records that writing works again.
     pub(super) fn set_unblocked(&self) {
         if let Some((_, since)) = self.blocking().take() {
             let waited_ms = swarmbench_clock::millis(since.elapsed());
@@ -224,7 +223,7 @@ impl WriterState {
         }
     }
 
-    /// Notes that other servers have taken over what this one had.
+    /// Records that other servers have taken over this server's places.
     pub(super) fn exclude(&self, error: &dyn std::fmt::Display) {
         if !self.excluded.is_cancelled() {
             metrics::counter!("swarmbench_fenced_total").increment(1);
@@ -236,7 +235,7 @@ impl WriterState {
     pub(super) fn fail(&self, error: &dyn std::fmt::Display) {
         if !self.has_failed() {
             self.failed.cancel();
-            // Whatever it waited for, it does not any more.
+            // A failed writer is not blocked any more.
             self.blocking().take();
             metrics::counter!("swarmbench_commit_failures_total").increment(1);
             tracing::error!(%error, "a commit failed: nothing is acknowledged until a restart");
@@ -244,7 +243,7 @@ impl WriterState {
     }
 }
 
-/// Who commits groups of jobs, by engine.
+/// Committer of groups of jobs, by engine.
 pub(super) enum Group {
     Sqlite(Connection, Files),
     Postgres(Box<postgres::group::Node>),
@@ -258,8 +257,8 @@ impl Group {
         }
     }
 
-    /// Writes jobs in one commit, which is tried until the deadline, and not for long after `stop`; the outcome of each, in
-    /// their order.
+    /// Writes jobs in one commit, and repeats it until the deadline, but not for long after `stop`. Returns the outcomes in the
+    /// order of the jobs.
     async fn keep(
         &mut self,
         state: &WriterState,
@@ -275,7 +274,7 @@ impl Group {
         }
     }
 
-    /// Waits until it is time to see whether the database is still there. The file of SQLite is looked at elsewhere.
+    /// Waits until the next check of the database. The file of SQLite is checked elsewhere.
     async fn watch_pause(&self) {
         match self {
             Self::Sqlite(..) => std::future::pending().await,
@@ -283,7 +282,7 @@ impl Group {
         }
     }
 
-    /// Notes what is durable now.
+    /// Tells the cluster about durable entries.
     fn note(&self, entries: &[Entry]) {
         if let Self::Postgres(node) = self
             && let Some(cluster) = node.cluster()
@@ -324,7 +323,7 @@ impl Writer {
         Self { queue, state, stop, task: Arc::new(Mutex::new(Some(task))) }
     }
 
-    /// A writer that refuses everything.
+    /// Writer that refuses everything.
     pub(super) fn none() -> Self {
         let (queue, _) = mpsc::unbounded_channel();
         let (state, stop) = (Arc::default(), CancellationToken::new());
@@ -335,7 +334,7 @@ impl Writer {
         &self.state
     }
 
-    /// Queues a job, of running games or `kept_for` somebody.
+    /// Queues a job of running games, or one that is kept for a party.
     pub(super) fn append(
         &self,
         entries: Vec<Entry>,
@@ -345,7 +344,7 @@ impl Writer {
         let bytes = entries.iter().map(Entry::bytes).sum::<usize>();
         let kept = kept_for
             .map(|party| (party, entries.iter().map(Entry::rows).sum::<usize>() + bytes / 1024));
-        // Acts are not refused for what others keep.
+        // Kept jobs count no bytes, so that acts are never refused because of them.
         let bytes = if kept.is_some() { 0 } else { bytes.max(JOB_BYTES_MIN) };
         self.state.add_backlog(bytes);
         let job = Job { entries, bytes, kept, committed };
@@ -355,7 +354,7 @@ impl Writer {
         }
     }
 
-    /// Commits what is queued and ends.
+    /// Commits all queued jobs and ends.
     pub(super) async fn stop(&self) {
         self.stop.cancel();
         if let Some(task) = self.task.lock().await.take() {
@@ -388,14 +387,14 @@ async fn run(
             }
         };
         kept.take(&mut jobs);
-        // Acts pass all kept jobs that came before them.
+        // Acts overtake all kept jobs that arrived before them.
         while jobs.len() < GROUP_MAX
             && let Ok(job) = queue.try_recv()
         {
             jobs.push(job);
             kept.take(&mut jobs);
         }
-        // All kept jobs share the patience of one transaction where nothing can be written, or when the server stops.
+        // While writing is blocked, or when the server stops, all kept jobs share one transaction and its patience.
         let is_urgent = stop.is_cancelled() || state.blocked().is_some();
         kept.choose(&mut jobs, if is_urgent { usize::MAX } else { KEPT_ROWS_MAX });
         if taken == 0 && jobs.is_empty() {
@@ -406,7 +405,7 @@ async fn run(
         let outcomes = group.keep(&state, &jobs, Instant::now() + PATIENCE, &stop).await;
         for (entries, outcome) in jobs.iter().zip(&outcomes) {
             if outcome.is_ok() {
-                // Before the senders are notified: a client that knows of an end finds it on the board.
+                // Changes are noted before senders are notified, so that a client that knows of an end finds it on the board.
                 state.changes.note(entries);
                 group.note(entries);
             }
@@ -416,7 +415,7 @@ async fn run(
             committed(outcome);
         }
     }
-    // After a failure it often cannot be: the others end the sessions of a server that they exclude.
+    // Closing often fails after a failure: other servers end the sessions of a server that they exclude.
     if let Err(error) = group.close().await
         && !state.has_failed()
     {
@@ -424,13 +423,13 @@ async fn run(
     }
 }
 
-/// The outcome of a job that is not written.
+/// Outcome of a job that is not written.
 pub(super) fn refuse(state: &WriterState, job: &[Entry], error: StoreError) -> Outcome {
     state.note_refused(job);
     if job.is_empty() { Ok(()) } else { Err(error) }
 }
 
-/// Writes the entries of one job behind a savepoint of the open transaction; one that is refused leaves no trace.
+/// Writes the entries of one job behind a savepoint of the open transaction; a refused job leaves no trace.
 pub(super) async fn write_alone(
     connection: &mut Connection,
     state: &WriterState,
@@ -441,7 +440,7 @@ pub(super) async fn write_alone(
         return Ok(refuse(state, job, StoreError::Gap));
     }
     let fatal = |error| match failure(error) {
-        // The transaction needs these statements.
+        // A failure of these statements breaks the whole transaction.
         Failure::Refused(error) => Failure::Fatal(error.into()),
         other => other,
     };
@@ -460,7 +459,6 @@ pub(super) async fn write_alone(
     Ok(refuse(state, job, error.into()))
 }
 
-/// Writes entries into the open transaction.
 pub(super) async fn write(
     connection: &mut Connection,
     entries: impl Iterator<Item = &Entry>,
@@ -669,7 +667,7 @@ async fn add_key(connection: &mut Connection, row: &KeyRow) -> Result<(), sqlx::
     Ok(())
 }
 
-/// Revokes a key; one that was revoked keeps its time.
+/// Revokes a key; a revoked key keeps its time.
 async fn revoke_key(
     connection: &mut Connection,
     id: &str,
@@ -680,7 +678,7 @@ async fn revoke_key(
         .bind(id)
         .execute(&mut *connection)
         .await?;
-    // A member knows the tokens of what its team plays.
+    // A removed member knows the tokens of its team's runs.
     let delete = "DELETE FROM tokens WHERE run IN (
                       SELECT r.key FROM keys k JOIN runs r ON r.owner = k.acts_for
                       WHERE k.id = $1 AND r.status = 'running')";
@@ -688,7 +686,7 @@ async fn revoke_key(
     Ok(())
 }
 
-/// Deletes the tokens of a holder for these agents, the first and the last of them; agent -1 is all seats.
+/// Deletes the tokens of a holder for a range of agents, first to last; agent -1 is all seats.
 async fn delete_tokens(
     connection: &mut Connection,
     episode: EpisodeKey,
@@ -755,13 +753,13 @@ pub(super) mod tests {
         (folder, store)
     }
 
-    /// Hands jobs over at once, and returns which were kept.
+    /// Queues jobs at once; returns for each whether it was kept.
     async fn kept(store: &Store, jobs: Vec<Vec<Entry>>) -> Vec<bool> {
         let pending: Vec<_> = jobs.into_iter().map(|job| store.keep(job)).collect();
         join_all(pending).await.iter().map(Result::is_ok).collect()
     }
 
-    /// The rounds of which an episode has acts.
+    /// Rounds with acts of an episode.
     async fn rounds(store: &Store, episode: i64) -> Vec<u32> {
         let acts = store.acts(EpisodeKey(episode), 0, u32::MAX).await.expect("it can be read");
         acts.into_iter().map(|(round, _)| round).collect()
@@ -770,7 +768,7 @@ pub(super) mod tests {
     #[tokio::test]
     async fn a_refused_job_fails_alone_and_leaves_no_gap() {
         let (_folder, store) = store().await;
-        // The second act of a seat in a round is refused; all are in one transaction.
+        // The second act of a seat in a round is refused; all jobs are in one transaction.
         let jobs = vec![
             vec![act(1, 0)],
             vec![act(2, 0)],
@@ -784,7 +782,7 @@ pub(super) mod tests {
         assert_eq!(kept(&store, jobs).await, expected);
         assert!(!store.writer().has_failed());
         assert_eq!(store.writer().backlog_jobs() + store.writer().backlog_bytes(), 0);
-        // Nor later, as long as nobody looked at what is on the disk.
+        // Later jobs are refused, too, until the episode is recovered.
         assert_eq!(kept(&store, vec![vec![act(1, 1)], vec![act(2, 3)]]).await, [false, true]);
         store.recovered(EpisodeKey(1));
         assert_eq!(kept(&store, vec![vec![act(1, 1)]]).await, [true]);
@@ -798,7 +796,7 @@ pub(super) mod tests {
         let (_folder, store) = store().await;
         let jobs = (0..3_000).map(|n| vec![act(n % 100, u32::try_from(n / 200).expect("small"))]);
         let kept = kept(&store, jobs.collect()).await;
-        // Of each episode the first act is kept; its second is of the same round, and nothing comes after that.
+        // The first act of each episode is kept; the second is of the same round, and nothing may follow it.
         assert!(
             kept.iter().take(100).all(|kept| *kept) && !kept.iter().skip(100).any(|kept| *kept)
         );

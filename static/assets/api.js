@@ -1,6 +1,6 @@
 // Requests to the server. Keys and tokens are kept for one tab, and sent in one header only.
 
-/** An answer that is not a success, or the lack of one. */
+/** An unsuccessful answer, or no answer. */
 export class Problem extends Error {
   /**
    * @param {number} status the status of the answer; 0 where none came
@@ -21,7 +21,7 @@ export class Problem extends Error {
 
 const PREFIX = "swarmbench:";
 
-/** What a tab remembers until it is closed; memory alone where the browser has no storage. */
+/** The storage of a tab until it is closed; only memory if the browser has no storage. */
 const memory = new Map();
 
 /** @param {string} name */
@@ -52,7 +52,7 @@ export function remember(name, value) {
 const listeners = new Set();
 
 /**
- * Calls back when something remembered changes. Returns what ends that.
+ * Calls back when a stored value changes. Returns a function that stops this.
  * @param {(name: string) => void} listener
  */
 export function onRemembered(listener) {
@@ -63,11 +63,11 @@ export function onRemembered(listener) {
 /** Pages that other sites show in a frame send no tokens. */
 const isEmbedded = location.pathname.startsWith("/embed/");
 
-/** The key of this tab, if somebody entered one. */
+/** The key of this tab, if one was entered. */
 export const key = () => (isEmbedded ? null : remembered("key"));
 
 /**
- * The token with which a game is read or played: one of the game itself, or the key.
+ * The token for a game: the game's own, or the key.
  * @param {string} [id]
  */
 export const tokenOf = (id) => (isEmbedded ? null : ((id && remembered(`token:${id}`)) ?? key()));
@@ -83,7 +83,7 @@ export const tokenOf = (id) => (isEmbedded ? null : ((id && remembered(`token:${
  */
 
 /**
- * Sends a request. Throws a Problem for everything that is not a success.
+ * Sends a request. Throws a Problem unless it succeeds.
  * @param {string} path
  * @param {Options} [options]
  * @returns {Promise<Response>}
@@ -132,7 +132,7 @@ export const route = (parts, ...values) =>
   String.raw({ raw: parts }, ...values.map((value) => encodeURIComponent(value)));
 
 /**
- * Adds a query to a path; what is undefined, null or empty is left out.
+ * Adds a query to a path, without undefined, null and empty values.
  * @param {string} path
  * @param {Record<string, string | number | boolean | null | undefined>} query
  */
@@ -145,7 +145,7 @@ export function withQuery(path, query) {
 const FIRST_PAUSE_MS = 500;
 const LONGEST_PAUSE_MS = 15_000;
 
-/** Characters of an event that has not come to its end; a longer one breaks the stream off. */
+/** The maximum length of an unfinished event; a longer one ends the stream. */
 const EVENT_CHARS_MAX = 16_000_000;
 
 /**
@@ -175,7 +175,7 @@ export async function stream(path, { onEvent, onState, signal, token, lastId = "
     } catch (error) {
       if (signal.aborted) return;
       const problem = error instanceof Problem ? error : new Problem(0, { detail: "The connection broke off." });
-      // Nothing will change by asking again.
+      // A retry would get the same answer.
       if (problem.status >= 400 && problem.status < 500 && problem.status !== 429) throw problem;
       onState?.("lost", problem);
     }

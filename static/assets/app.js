@@ -113,7 +113,7 @@ function App() {
     const loaded = Promise.all([import(`./pages/${page}.js`), found?.route.style && style(page)]);
     const show = (/** @type {any} */ Page) => {
       if (!isCurrent) return;
-      // Before the page is shown, which may say it better.
+      // A default title: the page may set a better one.
       document.title = found?.route.title ?? "No such page";
       setShown({ address, found, Page });
     };
@@ -151,7 +151,7 @@ function App() {
   `;
 }
 
-/** The files of this version are gone: the server was updated while the page was open. */
+/** Shown when the files of this version are gone: the server was updated while the page was open. */
 const Outdated = () => html`
   <h1>This page cannot be loaded</h1>
   <p>The server does not answer, or it was updated since this page was opened.</p>

@@ -1,4 +1,4 @@
-// The entry of a page that is one file: a game that opens without a server. All of it is in the document.
+// The entry of a page that is one file: a game that opens without a server. The document contains everything.
 import { html, render, useEffect } from "./ui.js";
 import { collectMarks } from "./parts/pieces.js";
 import { Facts } from "./game/about.js";
@@ -58,7 +58,7 @@ class FileGame {
 
   async scores() {
     const scores = this.states.map((state) => state.score);
-    // The curve of the whole game is of no use where the file has a part of it.
+    // The curve of the whole game is useless if the file has only a part.
     return this.curve && this.states.length > this.head.rounds ? this.curve : { rounds: this.last, every: 1, first: this.first, scores };
   }
 

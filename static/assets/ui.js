@@ -1,4 +1,4 @@
-// What every module of the pages imports: elements, hooks, and nothing that turns text into markup.
+// The imports of every module: elements and hooks, and nothing that turns text into markup.
 import { Fragment, createContext, h, render } from "./vendor/preact.mjs";
 import htm from "./vendor/htm.mjs";
 

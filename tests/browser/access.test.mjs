@@ -8,7 +8,7 @@ import { suite } from "./support/suite.mjs";
 
 const AXE = await readFile(new URL("../node_modules/axe-core/axe.min.js", import.meta.url), "utf8");
 
-/** How far a page may be too wide: rounding. */
+/** The tolerance of a page's width, for rounding. */
 const SLACK_PX = 1;
 
 const { visit } = suite({ keys: true }, full);
@@ -23,7 +23,7 @@ async function violations(page) {
   return found.join("\n");
 }
 
-/** What makes a page wider than the window. @param {import("playwright-core").Page} page @param {number} slack */
+/** The elements that make a page wider than the window. @param {import("playwright-core").Page} page @param {number} slack */
 const tooWide = (page, slack) =>
   page.evaluate((slack) => {
     const { scrollWidth, clientWidth } = document.documentElement;

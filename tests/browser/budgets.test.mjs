@@ -1,5 +1,5 @@
-// What pages cost: bytes of the first load, bytes of a game, time of a frame. What is measured is printed. Time is that of
-// the processor, so that a busy machine fails no test.
+// The cost of pages: bytes of the first load, bytes of a game, time of a frame. Measurements are printed. Times are processor
+// times, so that a busy machine fails no test.
 import assert from "node:assert/strict";
 import { gzipSync } from "node:zlib";
 import { open } from "./support/browser.mjs";
@@ -15,7 +15,7 @@ const REPLAY_BYTES = 60_000;
 /** Milliseconds for 60 frames a second with 12 agents, and for 20 with 1,024; slow processors may take three times as long. */
 const FRAME_MS = { small: (1000 / 60) * 3, large: (1000 / 20) * 3 };
 
-/** Files of a folder come as they are; those of the program without comments. */
+/** Whether files come from the program, without comments. Files of a folder come as they are. */
 const AS_SENT = !process.env.SWARMBENCH_PAGES;
 
 const QUIET_MS = 4_000;
@@ -34,7 +34,7 @@ const { visit } = suite({ keys: true }, async (program) => {
   };
 });
 
-/** Waits until a page loads nothing more; one that follows a game always does. @param {import("playwright-core").Page} page */
+/** Waits until a page loads nothing more; a page that follows a game always loads. @param {import("playwright-core").Page} page */
 const quiet = (page) => page.waitForLoadState("networkidle", { timeout: QUIET_MS }).catch(() => {});
 
 /**
@@ -112,7 +112,7 @@ async function frame(page, address) {
 
 /** Runs in the page. @param {any} slider @param {number} ms */
 async function scrub(slider, ms) {
-  // The setter of the element itself: that of preact would take the event for no change.
+  // The setter of the element itself is used: with preact's setter the event would be no change.
   const set = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value")?.set;
   const rounds = Number(slider.max);
   const begin = performance.now();

@@ -9,7 +9,7 @@ const AS = { asOrganizer: true };
 
 const SMALL = { tasks: ["Pursuit", "Foraging"], seeds: 1, settings: { num_agents: 4, max_round: 5 } };
 
-/** How long the revealed competition is open: its games are played by then. */
+/** The time that the revealed competition is open: its games are played by then. */
 const SHORT_MS = 5000;
 
 /** A competition that is over. @param {import("./support/program.mjs").Program} program */
@@ -29,7 +29,7 @@ async function revealed(program) {
   const entrant = await program.post(`${base}/entrants`, { name: "grey", model: "m" }, { token: "" });
   const attempt = await program.post(`${base}/attempts`, {}, { token: entrant.key });
   await play(program, attempt.swarm_token, () => ({ action: "STAY" }));
-  // Equal totals: the second one is behind, and its first attempt is played again on other seeds.
+  // Equal totals: the second entrant is behind, and its first attempt is played again on other seeds.
   const second = await program.post(`${base}/entrants`, { name: "beige", model: "m" }, { token: "" });
   const voided = await program.post(`${base}/attempts`, {}, { token: second.key });
   await program.post(`${base}/attempts/${voided.run}/void`, { reason: "the disk was full" });
@@ -206,7 +206,7 @@ visit(
     const { items } = await program.get(`${base}/entrants`);
     assert.deepEqual(items.map((one) => one.status), ["active", "disqualified", "active"]);
 
-    // On spare seeds first; then none are left, and what the entrant has seen is said.
+    // The first void leads to spare seeds. Then none are left, and the page says which seeds the entrant has seen.
     await page.getByRole("button", { name: "Void attempt 1" }).click();
     await confirm(page, "Void", "the disk was full");
     await page.getByText("the disk was full").first().waitFor();
@@ -320,7 +320,7 @@ function forged(file, change) {
   return lines.filter(Boolean).map((line) => `${line}\n`).join("");
 }
 
-/** What is forged, and what the page says of it. @type {[string, (record: any) => any][]} */
+/** Forgeries, and the page's messages about them. @type {[string, (record: any) => any][]} */
 const FORGERIES = [
   ["format 1 has no spares", (record) => record.kind === "competition" && Object.assign(record, { format: 1 })],
   ["no action says so", (record) => record.action === "attempt.void" && "none"],

@@ -1,14 +1,14 @@
-// What a competition asks of its entrants, and what they and organizers change: terms, categories, contacts, teams, ranks.
+// Requirements of a competition for its entrants, and changes by them and organizers: terms, categories, contacts, teams, ranks.
 import assert from "node:assert/strict";
 import { NARROW, enterKey, open, visitor } from "./support/browser.mjs";
 import { competition, play } from "./support/games.mjs";
 import { suite } from "./support/suite.mjs";
 
-/** How long the revealed competition is open: its games are played by then. */
+/** The time that the revealed competition is open: its games are played by then. */
 const SHORT_MS = 5000;
 
 /**
- * A competition that is over. All play the same and have equal totals, but some of red's answers are invalid.
+ * A competition that is over. All entrants play the same and have equal totals, but some of red's answers are invalid.
  * @param {import("./support/program.mjs").Program} program
  */
 async function revealed(program) {
@@ -58,7 +58,7 @@ async function create(page) {
   for (const [place, rule] of ["timeouts", "invalid", "earliest"].entries()) {
     await order.getByRole("combobox").nth(place).selectOption(rule);
   }
-  // What is taken away makes room for what follows.
+  // A cleared tie break moves the following ones up.
   await order.getByRole("combobox").first().selectOption("");
   await page.getByLabel("Sealed seeds of each attempt").fill("5");
   await page.getByLabel("Seeds that make the board before the end").fill("2");
@@ -69,7 +69,7 @@ async function create(page) {
 }
 
 /**
- * Reads what it is about and enters, while the terms change; returns the key.
+ * Reads a competition's page and enters, while the terms change. Returns the key.
  * @param {Page} page
  * @param {string} id
  * @param {() => Promise<unknown>} changeTerms
@@ -126,7 +126,7 @@ visit(
     const key = await enter(own, id, () => program.call("PATCH", base, { body: { terms: "One entrant for each team, at most." } }));
     const [{ id: entrant, category, terms }] = (await program.get(`${base}/entrants`)).items;
     assert.deepEqual([category, terms], ["people", 2]);
-    // With a key of its own, which no team shares.
+    // This entrant has a key of its own, which no team shares.
     await program.post(`${base}/entrants`, { name: "olga", model: "m", category: "models", accepts_terms: 2 });
 
     await open(page, `/desk?view=competition&id=${id}`);
@@ -176,7 +176,7 @@ visit(
     await own.getByRole("button", { name: "Remove Ada" }).waitFor({ state: "hidden" });
     await assert.rejects(program.get(`${base}/attempts`, { token: ada }), /401/);
     await own.getByRole("button", { name: "Remove Bea" }).waitFor();
-    // Somebody else of the team sees the same, also before the first attempt.
+    // Another member of the team sees the same, even before the first attempt.
     await enterKey(own, bea);
     await open(own, `/competitions/${id}`);
     await own.getByText(/^Team: 1 member beside/).waitFor();
@@ -245,7 +245,7 @@ visit("an entrant practises on open seeds, and sees how its games go", async ({ 
   await page.getByRole("link", { name: "see how they go" }).click();
   await page.getByRole("heading", { name: "m on practice for" }).waitFor();
 
-  // The games of an attempt are behind how many have ended.
+  // The number of ended games opens the list of an attempt's games.
   const attempt = await program.post(`${base}/attempts`, {}, { token: key });
   await play(program, attempt.swarm_token, () => ({ action: "STAY" }));
   await open(page, `/competitions/${made.id}`);

@@ -1,4 +1,4 @@
-// A game as one file: it opens without a server or a network, and what strangers wrote in it is text.
+// A game as one file: it opens without a server or a network, and strangers' texts in it are never markup.
 import assert from "node:assert/strict";
 import { spawnSync } from "node:child_process";
 import { statSync } from "node:fs";

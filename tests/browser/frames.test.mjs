@@ -31,7 +31,7 @@ visit("a game is shown in a frame of another site", async ({ page, watch }, { pr
   const frame = page.frameLocator("iframe");
   await frame.getByText("Pursuit").first().waitFor();
   assert.equal(await frame.getByRole("navigation", { name: "Pages" }).count(), 0);
-  // What leads out of the frame does not load in it.
+  // Links out of the frame do not load in it.
   for (const link of await frame.getByRole("link").all()) {
     assert.equal(await link.getAttribute("target"), "_blank", await link.innerText());
   }

@@ -1,4 +1,4 @@
-// Whatever strangers write is text: it is shown as it is, and nothing of it runs, loads, or turns the text around it.
+// Strangers' texts are shown as they are: no part of them runs, loads, or turns the text around it.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { open } from "./support/browser.mjs";
@@ -6,7 +6,7 @@ import { HOSTILE, MARK } from "./support/hostile.mjs";
 import { PLACES, expectedAt, full } from "./support/site.mjs";
 import { suite } from "./support/suite.mjs";
 
-/** Pages that show nothing that a stranger wrote. */
+/** Pages without texts of strangers. */
 const WITHOUT = new Set(["desk", "desk-create", "missing"]);
 
 /** Characters that turn text around; pages show symbols in their place. */

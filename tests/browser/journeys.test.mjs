@@ -1,4 +1,4 @@
-// From one page to the next, as somebody does who sees the server for the first time.
+// From one page to the next, as a first visitor goes.
 import assert from "node:assert/strict";
 import { open } from "./support/browser.mjs";
 import { full } from "./support/site.mjs";
@@ -22,7 +22,7 @@ visit("from the front page over a board, a player and a run to a round", async (
   await page.getByRole("link", { name: /^Foraging, seed 42/ }).click();
   await page.waitForURL("**/episodes/ep_*");
   await page.getByRole("slider", { name: "Round" }).waitFor();
-  // Back leads to where one came from.
+  // Back leads to the previous page.
   await page.goBack();
   await page.waitForURL(`**/runs/${data.built}`);
   await page.getByRole("link", { name: /^Foraging, seed 42/ }).waitFor();

@@ -8,7 +8,7 @@ const { visit } = suite({ keys: true }, full);
 visit(
   "pages without scripts link to their data",
   async ({ page, context, watch }, { program, data }) => {
-    // Without scripts Chromium does not load them ahead either.
+    // Without scripts Chromium does not preload them either.
     watch.expect(/^failed: .*\.m?js csp$/);
     for (const { name, address } of PLACES.filter(({ name }) => name !== "missing")) {
       await page.goto(address(data));

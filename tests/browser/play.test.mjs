@@ -1,4 +1,4 @@
-// A person at a seat: what it shows, what it asks the server for, and what happens when something goes wrong.
+// A person at a seat: the page, its requests to the server, and failures.
 import assert from "node:assert/strict";
 import { open } from "./support/browser.mjs";
 import { suite } from "./support/suite.mjs";
@@ -7,7 +7,7 @@ const { visit } = suite({ keys: true }, async (program) => program);
 
 const AS = { asOrganizer: true };
 
-/** Routes that tell more than an agent may know. */
+/** Routes whose answers have more than an agent may know. */
 const BEYOND = /\/(state|events|replay|journal|metrics|scores|rounds)\b/;
 
 /** @param {import("playwright-core").Page} page */

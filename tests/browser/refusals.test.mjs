@@ -1,4 +1,4 @@
-// Addresses that lead nowhere, and what may not be read: each has a page that says what happened and what to do.
+// Unknown addresses and forbidden reads: each has a page that says what happened and what to do.
 import assert from "node:assert/strict";
 import { open } from "./support/browser.mjs";
 import { hosted } from "./support/games.mjs";

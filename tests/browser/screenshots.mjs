@@ -1,6 +1,6 @@
 // Takes a picture of every page, wide and narrow, light and dark, of a server with the same games each time.
 //   npm run screenshots -- [FOLDER]            all pages into out/screenshots, or FOLDER
-//   npm run screenshots -- --docs              those that the documents show, into docs/pages
+//   npm run screenshots -- --docs              the pictures of the documents, into docs/pages
 //   npm run screenshots -- --hostile [FOLDER]  all pages with hostile texts
 import { mkdir } from "node:fs/promises";
 import path from "node:path";
@@ -21,7 +21,7 @@ const SHOWN = new Set([
   ...["game-wide-dark", "game-narrow-light", "board-narrow-dark"],
 ]);
 
-/** How long a page may load what it draws after its text. */
+/** The maximum time in which a page draws after its text. */
 const QUIET_MS = 2_000;
 
 const given = process.argv.slice(2);

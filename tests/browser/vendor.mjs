@@ -1,5 +1,5 @@
 // Makes static/assets/vendor from the packages that package-lock.json names: bare imports become relative ones, as import
-// maps are inline scripts, which the policy of the pages forbids. With --check nothing is written: it fails where the
+// maps are inline scripts, which the policy of the pages forbids. With --check the script writes nothing, and fails if the
 // committed files differ.
 import { mkdir, readFile, writeFile } from "node:fs/promises";
 import { fileURLToPath } from "node:url";
@@ -18,7 +18,7 @@ const LICENSED = ["preact", "htm"];
 
 /** @param {string} source */
 const relative = (source) =>
-  // Its types are not checked: it is minified.
+  // Types of vendored files are not checked, as they are minified.
   `// @ts-nocheck\n${source}`
     .replaceAll(/from\s*"preact"/g, 'from"./preact.mjs"')
     .replaceAll(/\n?\/\/# sourceMappingURL=\S+\s*$/g, "\n");

@@ -19,7 +19,7 @@ pub(crate) struct Buffers {
     seed: Py<PyArrayDyn<i64>>,
 }
 
-/// The same for what is earned.
+/// The arrays of rewards into which a batch writes.
 pub(crate) struct Earned {
     rewards: Py<PyArrayDyn<f32>>,
     team_reward: Py<PyArrayDyn<f32>>,
@@ -96,7 +96,7 @@ fn borrow<'py, T: Element>(
     })
 }
 
-/// Borrowed arrays; they are given back when this is dropped.
+/// Borrowed arrays, which are returned when this is dropped.
 pub(crate) struct Borrowed<'py> {
     view: PyReadwriteArrayDyn<'py, u8>,
     agents: PyReadwriteArrayDyn<'py, i16>,

@@ -27,7 +27,7 @@ struct Open {
     earned: Option<Earned>,
 }
 
-/// Environments that are stepped together. `swarmseat.VecEnv` is made of it.
+/// Environments that are stepped together: the core of `swarmseat.VecEnv`.
 #[pyclass(frozen, module = "swarmseat._native")]
 pub(crate) struct Batch {
     inner: Mutex<Option<Open>>,
@@ -36,10 +36,10 @@ pub(crate) struct Batch {
 /// The place of an action among those of the task or -1 for none, a message, and a commander's receiver.
 type Told = (i64, Option<String>, Option<u16>);
 
-/// The same of an answer, and why it does not count.
+/// A parsed answer: action, message, receiver, and the reason why it does not count.
 type Read = (i64, Option<String>, Option<u16>, Option<&'static str>);
 
-/// The same of an agent.
+/// A decision of an agent: its number, action, message and receiver.
 type Decided = (u16, i64, Option<String>, Option<u16>);
 
 /// A message as it comes from Python: environment, agent, text, and a commander's receiver.
@@ -130,7 +130,7 @@ impl Batch {
         Ok(sizes)
     }
 
-    /// Gives the arrays into which everything is written from now on.
+    /// Sets the arrays into which everything is written from now on.
     fn bind(
         &self,
         now: &Bound<'_, PyDict>,
@@ -261,7 +261,7 @@ impl Batch {
         get(&guard)?.environments.prompt(index, agent, template).map_err(raised)
     }
 
-    /// What an answer of a language model means: action, message and receiver, or why it does not count.
+    /// Parses an answer of a language model: action, message and receiver, or the reason why it does not count.
     fn read_answer(&self, agent: usize, text: &str) -> PyResult<Read> {
         let guard = self.lock()?;
         let environments = &get(&guard)?.environments;
@@ -277,7 +277,7 @@ impl Batch {
         Ok(Partners(Mutex::new(made)))
     }
 
-    /// What the partners on the map do in this round: agent, action, message and receiver.
+    /// The decisions of the partners on the map in this round: agent, action, message and receiver.
     fn decide(&self, py: Python<'_>, index: usize, partners: &Partners) -> PyResult<Vec<Decided>> {
         let guard = self.lock()?;
         let environments = &get(&guard)?.environments;
@@ -371,7 +371,7 @@ fn raised(error: BatchError) -> PyErr {
     }
 }
 
-/// A message; none for a text without anything in it.
+/// A message; none for an empty text.
 fn read((environment, agent, text, to): Words) -> Option<PyResult<Said>> {
     let text = Message::new(&text)?;
     let number = |agent: usize| {

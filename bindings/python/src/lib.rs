@@ -22,8 +22,8 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<batch::Batch>()
 }
 
-/// Plays rounds with the engine alone, and writes the windows of all agents as symbols: what a batch is measured against
-/// (`bindings/python/bench.py`). Environments are played by turns, as a batch does it.
+/// Plays rounds with the engine alone, and writes the windows of all agents as symbols: the baseline of a batch in
+/// `bindings/python/bench.py`. Environments are played in turns, as in a batch.
 #[pyfunction]
 fn play_engine(py: Python<'_>, task: &str, environments: u32, rounds: u32) -> PyResult<()> {
     let task = TaskName::parse(task).ok_or_else(|| PyValueError::new_err("an unknown task"))?;

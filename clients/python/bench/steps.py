@@ -1,4 +1,4 @@
-"""How many steps a second an environment makes on a server of its own: `python bench/steps.py [--steps 1000]`.
+"""The steps per second of an environment on a server of its own: `python bench/steps.py [--steps 1000]`.
 
 `TMPDIR=/dev/shm` puts the database into memory. `SWARMBENCH_BINARY` names the program, which should be a release build.
 """
@@ -20,14 +20,14 @@ SETTINGS: list[dict[str, Any]] = [
 
 
 def commits(client: swarmseat.Client) -> float:
-    """How long the server's commits took together, in seconds."""
+    """The total duration of the server's commits, in seconds."""
     metrics = client.send(call("GET", "/metrics", read=bytes.decode))
     found = re.search(r"^swarmbench_commit_seconds_sum (\S+)$", metrics, re.MULTILINE)
     return float(found[1]) if found else 0.0
 
 
 def measure(server: swarmseat.Server, steps: int, settings: dict[str, Any]) -> None:
-    """Plays random acts, and prints what a step took."""
+    """Plays random acts, and prints the duration of a step."""
     env = swarmseat.parallel_env("Foraging", seed=27, server=server, **settings)
     env.reset()
     with server.client() as client:

@@ -1,4 +1,4 @@
-"""A server for all tests. Which program is tested says SWARMBENCH_BINARY, or else it is that of the checkout."""
+"""A server for all tests. SWARMBENCH_BINARY names the program under test. Default: that of the checkout."""
 
 import itertools
 import os
@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 @pytest.fixture(scope="session", autouse=True)
 def _environment() -> None:
-    """What whoever runs the tests has set for servers of their own is not for these."""
+    """Removes the variables that the user has set for servers of their own."""
     for name in list(os.environ):
         if name.startswith("SWARMBENCH_") and name != "SWARMBENCH_BINARY":
             del os.environ[name]
@@ -61,7 +61,7 @@ class Cup:
             self.id: str = client.request("POST", "/api/v1/competitions", body=asked)["id"]
 
     def enter(self) -> str:
-        """The key of a new entrant."""
+        """Enters a new entrant, and returns its key."""
         entry = {"name": next(self._names), "model": "by hand"}
         with Client(self.url, "") as client:
             made: dict[str, str] = client.request("POST", f"/api/v1/competitions/{self.id}/entrants", body=entry)

@@ -1,4 +1,4 @@
-"""Whether a value has the shape of a type of `swarmseat.wire`, and lacks nothing and has nothing more."""
+"""Comparison of a value with a type of `swarmseat.wire`: fields may neither be missing nor be added."""
 
 import types
 from collections.abc import Mapping, Sequence
@@ -27,7 +27,7 @@ def is_record(shape: Any) -> bool:
 
 
 def differences(value: Any, shape: Any, place: str = "answer") -> list[str]:
-    """Where the value is not of that shape."""
+    """The places where the value differs from the shape."""
     if shape is Any:
         return []
     if is_record(shape):

@@ -1,7 +1,7 @@
 """Small stand-ins for the frameworks, with the parts of them that the adapters use.
 
-`.ci/frameworks` tests the adapters against the real packages. These are for everywhere else, and are used only where
-the real package is not installed.
+`.ci/frameworks` tests the adapters against the real packages. Stand-ins are used only if the real package is not
+installed.
 """
 
 import pickle
@@ -107,7 +107,7 @@ class ProgramResult:
 
 @dataclass
 class Trace:
-    """What is recorded of a seat."""
+    """The record of a seat."""
 
     id: str
     rewards: dict[str, float] = field(default_factory=dict)
@@ -215,7 +215,7 @@ def openenv() -> None:
     })  # fmt: skip
 
 
-# PyTorch: what plays a policy, and nothing that learns
+# PyTorch: the part that plays a policy, without learning
 
 
 class Tensor(np.ndarray[Any, Any]):

@@ -82,7 +82,7 @@ def _play(rows: dict[str, list[dict[str, Any]]], task: str, model: str, quality:
                 rows["heard"].append(head | heard | {"message": text, "own": sender == receiver})
         said = [f"agent {agent} of {model}, going {random.choice(list(MOVES))}?" for agent in range(AGENTS)]
         for agent, place in enumerate(list(at)):
-            # Along the wall, so that the window says what is done.
+            # Agents walk along the wall, so that the window determines the action.
             action = "RIGHT" if place[1] < SIZE - 2 else str(random.choice(["UP", "LEFT", "STAY"]))
             act = {"round": number, "agent": agent, "i": place[0], "j": place[1], "action": action}
             rows["acts"].append(head | act | {"message": said[agent], "valid": True})

@@ -1,4 +1,4 @@
-"""The analysis of small exports: what it reads, computes, writes and refuses."""
+"""The analysis of small exports: its input, results, files and errors."""
 
 import json
 import re
@@ -140,7 +140,7 @@ def test_correlations_are_those_of_the_columns(games: analysis.Games) -> None:
     matrix = analysis.correlation_matrix(games, "Pursuit")
     assert matrix.loc["score", "pushes"] == pytest.approx(expected.r)
     assert np.diag(matrix) == pytest.approx(1.0)
-    # The values of the other definition are all the same in these tables.
+    # All values of the other definition are the same in these tables.
     with pytest.raises(analysis.ConstantError):
         analysis.correlations(games, definition="toolkit")
 
@@ -227,7 +227,7 @@ def test_a_random_block_has_no_importance_and_the_cause_has() -> None:
     # Nothing predicts these actions.
     lost = attribution.attribute({"noise": block(noise)}, actions, episodes, trees=40)
     assert lost.f1 < 0.45
-    # Always the most frequent of three: at most a third of what is possible.
+    # Guessing the most frequent of three actions reaches at most a third of the maximum.
     assert 0 < lost.guess_most <= 1 / 3
 
 
@@ -345,7 +345,7 @@ ACTS = pd.DataFrame(
 
 
 class Encoder:
-    """Stands for a sentence model: right angles between texts of different length."""
+    """A stand-in for a sentence model: vectors of texts of different length are orthogonal."""
 
     def encode(self, texts: Sequence[str], *, show_progress_bar: bool) -> NDArray[Any]:
         assert not show_progress_bar
@@ -571,7 +571,7 @@ def test_a_server_is_read_and_windows_are_what_agents_saw(
         rebuilt = views.windows(views.seats_of(own), maps)
         expected = ["\n".join(" ".join(row) for row in seen[keys[at]]) for at in own.index]
         assert (rebuilt == views.encode_views(expected, own["agent"])).all(), task
-    # What the server measured with the same embedder.
+    # The server measured with the same embedder.
     if "homogeneity" in games.table("rounds"):
         ours = analysis.homogeneity(acts, analysis.Hash1())
         both = ours.merge(games.table("rounds", ["round", "homogeneity"]), on=["episode", "round"])

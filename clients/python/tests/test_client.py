@@ -1,4 +1,4 @@
-"""Every call, by both clients, against a real server. Each answer must have the shape that its type says."""
+"""Every call, by both clients, against a real server. Each answer must have the shape of its type."""
 
 import asyncio
 import inspect
@@ -29,7 +29,7 @@ SMALL: dict[str, Any] = {"task": "Synchronization", "num_agents": 2, "max_round"
 
 
 class Checked:
-    """A client whose answers are compared with their types. Of an `AsyncClient` each call runs a loop to its end."""
+    """A client whose answers are compared with their types. Each call of an `AsyncClient` runs a loop to its end."""
 
     asked: set[str] = set()  # noqa: RUF012 - shared by all on purpose
 
@@ -61,7 +61,7 @@ class Checked:
         return self.all_of(client.every(getattr(client, name), **query))
 
     def all_of(self, stream: Any) -> list[Any]:
-        """All that a stream or an iterator of either client gives."""
+        """All items of a stream or an iterator of either client."""
         if isinstance(self.client, Client):
             return list(stream)
 
@@ -293,7 +293,7 @@ def test_the_rest_is_within_reach(checked: Checked) -> None:
     assert checked.health()["status"] == "ok"
     assert checked.ready()["status"] == "ok"
     assert checked.request("GET", "/api/v1/competitions", query={"limit": 1})["items"] == []
-    # It takes an organizer's key, which a server without keys cannot know.
+    # The call needs an organizer's key, and a server without keys knows none.
     with pytest.raises(ApiError) as error:
         checked.void_episode(checked.create_episode(**SMALL)["id"], "a power cut")
     assert error.value.code in {"unauthorized", "forbidden"}
@@ -301,7 +301,7 @@ def test_the_rest_is_within_reach(checked: Checked) -> None:
 
 def test_every_call_was_made() -> None:
     made = {name for name, value in vars(Operations).items() if isinstance(value, Operation)}
-    # That one only answers who has a key.
+    # That server only answers requests with a key.
     assert made - Checked.asked == {"void_episode"}
 
 
@@ -329,7 +329,7 @@ def test_a_proxy_of_the_environment_is_not_asked_for_this_machine(
         assert client.health()["status"] == "ok"
 
 
-# How failures are tried again, without any network. Pauses are noted and not slept.
+# Retries without any network. Pauses are noted, not slept.
 
 
 @pytest.fixture
@@ -354,7 +354,7 @@ def ok() -> httpx.Response:
 
 
 def answering(*answers: httpx.Response | Exception) -> tuple[httpx.MockTransport, list[httpx.Request]]:
-    """What gives these answers one after the other, and what it was asked."""
+    """A transport that gives these answers one after the other, and the requests that it got."""
     left, asked = list(answers), []
 
     def handle(request: httpx.Request) -> httpx.Response:
@@ -392,7 +392,7 @@ def test_temporary_failures_are_tried_again(kind: str, pauses: list[float]) -> N
     )
     assert ask(kind, transport, lambda client: client.health())["status"] == "ok"
     assert len(asked) == 6
-    # What the server asks for is waited for, to the millisecond where it says so.
+    # The client waits for the pause that the server names, exact to the millisecond if the server is.
     assert pauses[:2] == [1.5, 7.0]
     assert all(0.05 * 2**n <= pause <= 0.1 * 2**n for n, pause in enumerate(pauses) if n >= 2)
 
@@ -551,7 +551,7 @@ def test_a_broken_stream_is_resumed(kind: str, pauses: list[float]) -> None:
 
 @both
 def test_types_are_known_to_editors(kind: str) -> None:
-    """Read by mypy: each line that says `ignore` would be told if it were right."""
+    """mypy reads this test: it reports each `ignore` that is not needed."""
     created = {"id": "ep_1", "status": "running", "config": {}, "seats": [], "swarm_token": "swarm_1"}
 
     def blocking(client: Client) -> None:

@@ -1,4 +1,4 @@
-"""Connections to a server on this machine: what becomes of them, and how they fail."""
+"""Connections to a server on this machine: their reuse, and their errors."""
 
 import socket
 import threading
@@ -17,7 +17,7 @@ Talk = Callable[[socket.socket], None]
 
 @contextmanager
 def host(*talks: Talk) -> Iterator[str]:
-    """A host that does one of these with each of its connections, one after the other."""
+    """A host that handles its connections, one after the other, each in the given way."""
 
     def serve() -> None:
         for talk in talks:

@@ -1,4 +1,4 @@
-"""Both distributions of the package, with and without Rust, say the same of it; none is a stranger's by its name."""
+"""Both distributions of the package, with and without Rust, describe it alike; neither has a stranger's name."""
 
 import re
 import subprocess
@@ -16,7 +16,7 @@ STRANGERS = "swarmbench"
 """The distribution of this name on the Python package index is another project's."""
 OWN = ("clients/python/src/", "clients/python/tests/")
 INSTALLS = re.compile(r"\b(?:pipx?|uv|poetry|conda) (?:pip )?(?:install|add|download)\b([^\n`#]*)")
-# A name that is looked up, with its extras: not a part of a path or of another name.
+# The name of a package with its extras, not a part of a path or of another name.
 LOOKED_UP = re.compile(rf"(?<![\w./-])(?:{STRANGERS}|{NAME})(?:\[[\w,-]*\])?(?![\w/-]|\.\w)")
 
 
@@ -25,7 +25,7 @@ def table(folder: str) -> Any:
 
 
 def texts() -> list[tuple[str, str]]:
-    """All files of the repository that are text, but the games that are kept."""
+    """All text files of the repository, except stored games."""
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, check=True, capture_output=True, text=True).stdout
     names = [name for name in listed.split("\0") if name and not name.startswith("tests/golden/")]
     found = []
@@ -50,7 +50,7 @@ def test_what_is_imported_has_the_name_of_what_is_installed() -> None:
     assert here["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"] == [f"src/{name}" for name in packages]
     assert there["tool"]["maturin"]["python-packages"] == packages
     assert there["tool"]["maturin"]["module-name"] == f"{NAME}._native"
-    # Nothing has the old name, which would hide the other project's package.
+    # No file has the old name, which would hide the other project's package.
     assert sorted(path.name for path in (ROOT / "clients/python/src").iterdir()) == packages
     installed = {Path(file).parts[0] for file in distribution(NAME).files or () if file.suffix == ".py"}
     assert installed == set(packages)

@@ -19,7 +19,7 @@ def test_the_page_works_from_top_to_bottom(capsys: pytest.CaptureFixture[str]) -
     names: dict[str, object] = {}
     blocks = [(found.start(), found[2]) for found in BLOCK.finditer(PAGE) if found[1] == "python"]
     for place, block in blocks:
-        # A failure is told with the line of the page.
+        # A failure names the line of the page.
         lines = "\n" * (PAGE.count("\n", 0, place) + 1)
         exec(compile(lines + block, "docs/play/python.md", "exec"), names)
     assert len(blocks) >= 8
@@ -38,7 +38,7 @@ def test_the_training_learns_with_other_seeds(seed: int, capsys: pytest.CaptureF
     seeded = block.replace("seed=1", f"seed={seed}").replace("default_rng(1)", f"default_rng({seed})")
     assert seeded.count(str(seed)) > block.count(str(seed)) + 1
     server = Server().start()
-    # No more than the steps that the page names: 5 games, 10 of training and 5 more, each of 30 rounds.
+    # At most the steps that the page names: 5 games, 10 of training and 5 more, each of 30 rounds.
     assert block.count("range(5)") == 2
     assert "range(10)" in block
     exec(f"import swarmseat\n{seeded}", {"server": server, "client": server.client()})
@@ -49,7 +49,7 @@ def test_the_training_learns_with_other_seeds(seed: int, capsys: pytest.CaptureF
 
 def test_the_page_works_in_a_notebook(tmp_path: Path) -> None:
     cells = [block for language, block in BLOCK.findall(PAGE) if language == "python"]
-    # Before the last cell, which stops the server: what the page says of a notebook's own loop.
+    # The page's statements about a notebook's own loop are inserted before the last cell, which stops the server.
     own_loop = "asyncio.get_running_loop()\nawait main()\nkept = swarmseat.AsyncClient(server.url)"
     cells[-1:-1] = [own_loop, "print(await kept.health())\nawait kept.aclose()"]
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])

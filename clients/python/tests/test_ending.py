@@ -1,4 +1,4 @@
-"""Environments that are closed, and that nobody closes."""
+"""Environments that are closed, and environments that are not."""
 
 import gc
 import os
@@ -42,7 +42,7 @@ def test_one_that_is_collected_ends_its_episode_and_warns(server: Server, client
     gc.collect()
     with pytest.warns(ResourceWarning, match=r"unclosed environment parallel_env\('Foraging'\): call close") as told:
         envs.clear()
-    # Its sockets were closed, and do not warn as well.
+    # The environment's sockets were closed, and cause no warning of their own.
     assert len(told) == 1
     assert states(client, f"collected {kind}") == ["aborted"]
     assert client.health()["status"] == "ok"

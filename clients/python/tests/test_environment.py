@@ -1,4 +1,4 @@
-"""Episodes as PettingZoo environments: PettingZoo's own tests, and what they do not ask."""
+"""Episodes as PettingZoo environments: PettingZoo's own tests, and further ones."""
 
 import json
 import warnings
@@ -37,7 +37,7 @@ def make(server: Server) -> Iterator[Make]:
         env.close()
 
 
-# What it advises: arrays, and names in lower case. Ours are dictionaries, and the names are those of the server.
+# PettingZoo advises arrays, and names in lower case. Ours are dictionaries, and the names are those of the server.
 advice = pytest.mark.filterwarnings(
     "ignore:Observation is not a NumPy array",
     "ignore:Observation space for each agent probably",
@@ -76,7 +76,7 @@ def test_forks_play_on_from_the_same_state(make: Make) -> None:
 
 
 @advice
-@pytest.mark.parametrize("settings", [{}, {"messages": True}], ids=str)  # It knows no observations that are a text.
+@pytest.mark.parametrize("settings", [{}, {"messages": True}], ids=str)  # It knows no text observations.
 def test_it_is_a_turn_based_environment(make: Make, settings: dict[str, Any]) -> None:
     api_test(parallel_to_aec(make("Pursuit", num_agents=3, **settings)), num_cycles=30)
 
@@ -205,7 +205,7 @@ def test_the_commander_speaks_to_one_or_to_all(make: Make) -> None:
 
 
 def recorded(client: Client, **settings: Any) -> tuple[float, list[dict[str, str | None]]]:
-    """The score of a game, and what each agent did in each round."""
+    """The score of a game, and the acts of all agents in all rounds."""
     created = client.create_episode(**settings)
     result = list(client.events(created["id"]))[-1].data
     records = [json.loads(line)["record"] for line in client.journal(created["id"]).splitlines()]
@@ -214,7 +214,7 @@ def recorded(client: Client, **settings: Any) -> tuple[float, list[dict[str, str
 
 
 def beside_prey(client: Client, env: SwarmEnv) -> set[str]:
-    """Who stands beside the cell where the prey was before this round, as spectators see it."""
+    """The agents beside the cell where the prey was before this round, as spectators see it."""
     round = next(iter(env.seen.values()))["round"]
     before, after = (client.state(env.episode or "", round=number) for number in (round - 1, round))
     prey = before["prey"]
@@ -244,7 +244,7 @@ def test_a_team_shares_its_score(client: Client, make: Make) -> None:
 def test_rewards_are_what_was_scored(client: Client, make: Make, task: wire.TaskName, player: str, rules: str) -> None:
     score, rounds = recorded(client, task=task, seed=27, player=player, rules=rules, max_round=60)
     assert score > 0
-    # A prompt is there also for who has escaped.
+    # An agent that has escaped has a prompt, too.
     shown = "both" if task == "Transport" else "array"
     own = make(task, max_round=60, rules=rules, rewards="individual", observations=shown)
     own.reset(seed=27)
@@ -338,7 +338,7 @@ def test_acts_without_a_place_are_sent_again(server: Server, monkeypatch: pytest
     sizes: list[int] = []
 
     def handle(request: httpx.Request) -> httpx.Response:
-        """Keeps the last act from the server at first, and says that it had no place for it."""
+        """Withholds the last act from the server at first, and answers that the server had no place for it."""
         content, more, url = request.content, [], request.url
         if request.url.path == "/swarm/act":
             acts = json.loads(content)["acts"]

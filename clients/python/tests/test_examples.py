@@ -27,13 +27,13 @@ NEEDED = {"minimal.py": [], "minimal.sh": ["bash", "curl", "jq"], "minimal.mjs":
 @pytest.fixture(params=sorted(PROGRAMS))
 def agent(request: pytest.FixtureRequest) -> Path:
     missing = [program for program in NEEDED[request.param] if shutil.which(program) is None]
-    # Not skipped: an example that nobody ran is not known to work.
+    # A missing tool is a failure: an example that did not run may not work.
     assert not missing, f"install {' and '.join(missing)} for this test, on Debian: apt-get install jq nodejs curl"
     return AGENTS / str(request.param)
 
 
 def play(agent: Path, server: Server, created: wire.CreatedEpisode) -> list[str]:
-    """What the agents said at the end, each of which played a seat."""
+    """Plays a seat with each agent, and returns their output at the end."""
     running = [
         subprocess.Popen(
             [*PROGRAMS[agent.name], str(agent)],
@@ -73,7 +73,7 @@ def test_it_knows_every_task(agent: Path, server: Server, client: Client, task: 
 
 
 def test_it_carries_food(agent: Path, server: Server, client: Client) -> None:
-    # On this layout it walks past the food, and then past the nest.
+    # On this layout the agent walks past the food, and then past the nest.
     created = client.create_episode(task="Foraging", num_agents=1, max_round=30, seed=1)
     play(agent, server, created)
     assert client.episode(created["id"])["score"] == 1.0
@@ -86,7 +86,7 @@ def test_it_waits_for_holders_of_other_seats(agent: Path, server: Server, client
 
 
 class Standin(BaseHTTPRequestHandler):
-    """A server behind the load balancer, which answers or dies with each request that is not about its health."""
+    """A server behind the load balancer, which answers or dies at each request other than a health check."""
 
     dies = False
     seen: list[str]
@@ -110,7 +110,7 @@ class Standin(BaseHTTPRequestHandler):
 
 @contextmanager
 def standin(dies: bool) -> Iterator[tuple[str, list[str]]]:
-    """Its address, and the requests that came."""
+    """The address of a stand-in, and the requests that it got."""
     handler = type("Handler", (Standin,), {"dies": dies, "seen": []})
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
@@ -120,7 +120,7 @@ def standin(dies: bool) -> Iterator[tuple[str, list[str]]]:
 
 @contextmanager
 def balancer(*nodes: str) -> Iterator[str]:
-    """The load balancer of the example, before these servers."""
+    """The load balancer of the example, in front of these servers."""
     assert shutil.which("haproxy"), "install haproxy for this test, on Debian: apt-get install haproxy"
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

@@ -1,4 +1,4 @@
-"""The adapters for frameworks that train language models, with stand-ins; `.ci/frameworks` has the real packages."""
+"""The adapters for frameworks that train language models, with stand-ins; `.ci/frameworks` runs the real packages."""
 
 import asyncio
 import json
@@ -31,7 +31,7 @@ import swarmseat.verifiers as seated  # noqa: E402
 
 
 def play(task: str, seed: int, replies: Any, **options: Any) -> tuple[TextEpisode, float]:
-    """The same game without a framework."""
+    """Plays the same game without a framework."""
     episode = TextEpisode(task, num_agents=4, max_round=6, **options)  # type: ignore[arg-type]
     turn = episode.reset(seed)
     while not turn.done:
@@ -260,7 +260,7 @@ def test_nemo_gym_has_rows() -> None:
 
 
 def test_pages_blocks_run() -> None:
-    """Blocks of docs/play/frameworks.md that need no framework."""
+    """Runs the blocks of docs/play/frameworks.md that need no framework."""
     page = (ROOT / "docs" / "play" / "frameworks.md").read_text()
     blocks = re.findall(r"^```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
     names: dict[str, object] = {}

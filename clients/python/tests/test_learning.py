@@ -1,4 +1,4 @@
-"""`examples/training/play.py` plays on a server what `ppo.py` saves. Without PyTorch a stand-in plays the policy."""
+"""`examples/training/play.py` plays policies of `ppo.py` on a server. Without PyTorch a stand-in plays the policy."""
 
 import importlib
 import sys

@@ -1,4 +1,4 @@
-"""The package in programs with a running event loop, as notebooks are. test_docs.py runs a real notebook."""
+"""The package in programs with a running event loop, such as notebooks. test_docs.py runs a real notebook."""
 
 import asyncio
 import contextvars

@@ -1,4 +1,4 @@
-"""What new users get wrong: each error is one of the package and names what is wrong."""
+"""Mistakes of new users: each error is one of the package and names the mistake."""
 
 import json
 import math

@@ -168,7 +168,7 @@ def test_two_threads_step_two_batches() -> None:
     (lambda env: env.reset(seed=2**53 - 1), "seed must be a whole number from 0 to 9007199254740991, is 9007"),
     (lambda env: env.reset(seed=[1]), "one number for each of 2 environments, has 1"),
     (lambda env: env.reset(seed="27"), "seed"),
-    (lambda env: env.reset(mask=[True]), "mask must be 2 truths"),
+    (lambda env: env.reset(mask=[True]), "mask must be 2 booleans"),
     (lambda env: env.fork(2, 0), "the environment must be a whole number from 0 to 1, is 2"),
     (lambda env: env.fork(0, [5]), "there is no environment 5"),
     (lambda env: env.load(0, b"{}"), "not the bytes of a state"),
@@ -259,7 +259,7 @@ def test_forks_are_the_same_on_a_server_and_here(server: Server, settings: dict[
             other = forks[1].step(acts(forks[1], 2))
             assert same(forks[3].step(acts(forks[3], 2)), other)
             assert not same(other, told)
-        # Later episodes have the seeds that those of the first have.
+        # Later episodes have the same seeds as those of the original.
         seeds = [env.reset() and env.seed for env in envs]
         assert len(set(seeds)) == 1
         while here.agents:
@@ -375,7 +375,7 @@ def test_one_episode_alone_is_refused_with_what_to_use() -> None:
 
 
 def test_a_server_is_not_needed(server: Server) -> None:
-    """Everything else here starts one; the environments do not ask it."""
+    """All other tests here start a server; native environments send it no requests."""
     env = VecEnv("Synchronization", 2, num_agents=1, seed=1)
     env.reset()
     for _ in range(4):

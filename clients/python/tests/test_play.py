@@ -53,7 +53,7 @@ def test_all_seats_play_to_the_end(play: Callable[..., None], server: Server, cl
     assert (ended["status"], ended["score"]) == ("finished", 4.0)
     assert len(prompts) == 8
     assert all(prompt.startswith("You are Agent_") for prompt in prompts)
-    # Once more: all is over.
+    # A second call returns at once: all games are over.
     play(server.url, created["swarm_token"], decide)
 
 

@@ -1,4 +1,4 @@
-"""Servers of one's own start, tell what is wrong, and never outlive the program that needed them."""
+"""Servers of one's own start, report what is wrong, and never outlive the program that needed them."""
 
 import os
 import select
@@ -109,7 +109,7 @@ def test_where_it_is_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("swarmseat.server.__file__", str(tmp_path / "site-packages" / "swarmseat" / "server.py"))
     with pytest.raises(ServerError, match="cargo build --release"):
         find_binary()
-    # From the last place to the first, each before the one that was found.
+    # Places from the last to the first: each comes before the one that was found.
     places = [checkout / "target" / build / "swarmbench" for build in ("debug", "release")]
     for place in [*places, tmp_path / "bin" / "swarmbench"]:
         place.parent.mkdir(parents=True)
@@ -168,7 +168,7 @@ def test_it_ends_with_a_program_that_ends(end: str) -> None:
     assert process.stdin is not None
     process.stdin.write(b"x")
     process.stdin.flush()
-    # In the last case the program lives, and only lets go of the server.
+    # In the last case the program lives, and only closes its pipe to the server.
     assert is_gone(server)
     assert is_gone(keeper)
     process.communicate()

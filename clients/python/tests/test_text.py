@@ -21,14 +21,14 @@ WORDS = ("UP", "DOWN", "LEFT", "RIGHT", "STAY", "SWITCH", "JUMP", "")
 
 
 def answer(agent: int, round: int) -> str:
-    """An answer as models write them: good, with a message, with a wrong action, or none at all."""
+    """An answer as models write it: valid, with a message, with a wrong action, or empty."""
     word = WORDS[(agent * 5 + round * 3) % len(WORDS)]
     said = f"\n**MSG:** round {round}" if (agent + round) % 3 == 0 else ""
     return f"I think.\n- ACTION: {word}{said}" if word else f"Let me see.{said}"
 
 
 def played(episode: TextEpisode, turn: Turn) -> Turn:
-    """Plays to the end with these answers, whatever the mode."""
+    """Plays to the end with these answers, in any mode."""
     while not turn.done:
         if episode.mode in {"seats", "joint"}:
             turn = episode.step({agent: answer(agent, turn.round) for agent in turn.asked})
@@ -146,7 +146,7 @@ def test_a_joint_answer_has_a_line_for_each_agent() -> None:
 
 
 def test_who_escapes_is_asked_no_more_and_earns_on() -> None:
-    """Built-in players that know the way play one seat through the texts; it leaves before the others."""
+    """Built-in players that know the way play one seat through the texts; its agent leaves before the others."""
     leader = TextEpisode("Transport", "one_seat", seat=0, partners="default")
     turn = leader.reset(27)
     guide = leader.world.partners
@@ -192,7 +192,7 @@ def test_an_episode_is_repeated_by_its_seed() -> None:
         assert played(other, other.reset(seed)) == first
         assert other.world.world_digest(0) == digest
         assert other.seed == seed
-        # And once more with the same object.
+        # The same object plays a second episode.
         assert played(episode, episode.reset(seed)) == first
 
 

@@ -1,4 +1,4 @@
-"""Every Python block of docs/play/training.md runs, and both distributions say the same of themselves."""
+"""Every Python block of docs/play/training.md runs, and both distributions describe themselves alike."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""The program that was written from the documents checks how attempts of the newer formats ended."""
+"""`examples/verify_competition.py`, which follows the documents, checks the ends of attempts in newer formats."""
 
 import hashlib
 import runpy
@@ -11,7 +11,7 @@ from conftest import ROOT
 
 PROGRAM = runpy.run_path(str(ROOT / "examples" / "verify_competition.py"))
 FIRST = PROGRAM["FIRST_FORMAT_WITH_CHECKED_ATTEMPTS"]
-# The end of a window, and a later one that was known from minute 45 on.
+# The end of a window, and a later end that was known from minute 45 on.
 ENDS = [("", "2027-03-01T12:50:00Z"), ("2027-03-01T12:45:00", "2027-03-01T13:40:00Z")]
 
 

@@ -22,7 +22,7 @@ PAGES = {
     "CrossPlay": wire.Page[wire.CrossPlayPair],
 }
 QUERIES = {"/api/v1/leaderboard": wire.LeaderboardQuery, "/api/v1/cross-play": wire.CrossPlayQuery}
-# What is sent. Everything else is answered.
+# Bodies of requests. All other types are answers.
 SENT = {"EpisodeRequest", "ClaimRequest", "RunRequest", "OwnSuite", "OwnSettings", "ActRequest", "SwarmActRequest"}
 SENT |= {"SwarmAct", "Usage", "ForkRequest"}
 RECORDS = {
@@ -45,7 +45,7 @@ def resolved(schema: dict[str, Any]) -> dict[str, Any]:
 
 
 def kinds_of_schema(schema: dict[str, Any]) -> set[str]:
-    """What a value may be: names of types of JSON, with those of records."""
+    """The allowed kinds of a value: names of types of JSON, and of records."""
     if "$ref" in schema:
         name = schema["$ref"].rsplit("/", 1)[1]
         if resolved(SCHEMAS[name]).get("type") == "object":
@@ -84,7 +84,7 @@ def test_a_type_has_the_fields_of_the_document(name: str) -> None:
         told, ours = kinds_of_schema(schema["properties"][field]), kinds_of_type(shape)
         # A required field that is null is refused in the server's own words, so the document lets it be null.
         assert ours == told or (is_sent and field in required and ours | {"null"} == told), field
-        # Of answers the document tells no more than which fields are never null; test_client.py looks at real ones.
+        # The document only says which fields of answers are never null; test_client.py looks at real answers.
         assert may_be_absent == (field not in required) if is_sent else not (may_be_absent and field in required), field
         if told >= {"array"}:
             lists = [choice for choice in (shape, *get_args(shape)) if get_origin(choice) in {list, Sequence}]
@@ -92,7 +92,7 @@ def test_a_type_has_the_fields_of_the_document(name: str) -> None:
 
 
 def kinds_of_items(items: dict[str, Any]) -> set[str]:
-    # What may be a receipt or a problem has a name of its own in the document.
+    # The union of receipt and problem has a name of its own in the document.
     return (
         kinds_of_schema(resolved(items)) if "$ref" in items and "oneOf" in resolved(items) else kinds_of_schema(items)
     )
@@ -113,6 +113,6 @@ def test_names_of_states_are_those_of_the_server() -> None:
 
 
 def test_all_that_the_client_returns_is_compared() -> None:
-    # One that is missed here would be a name that the document does not know.
+    # A parameter that is missing here would be a name that the document does not know.
     assert set(RECORDS) <= SCHEMAS.keys()
     assert len(RECORDS) > 45

@@ -141,9 +141,9 @@ pub struct Run {
     pub decentralization: Option<Decentralization>,
     /// Whether the owner declares that people played.
     pub is_human: bool,
-    /// The name of its prompt; `None` for players that read none, and for games of files.
+    /// Name of the prompt; `None` for players that read none, and for games of files.
     pub prompt: Option<String>,
-    /// The name of the reader of its answers; `None` for games of files.
+    /// Name of the reader of answers; `None` for games of files.
     pub answer_reader: Option<String>,
 }
 

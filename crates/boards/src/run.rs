@@ -95,7 +95,7 @@ impl Definition {
         Identity::of(self.prompt_template.as_deref(), revision, self.meta.get(SYSTEM_MESSAGE))
     }
 
-    /// The name of that prompt, if the player reads prompts.
+    /// Name of that prompt, if the player reads prompts.
     #[must_use]
     pub fn prompt_name(&self) -> Option<String> {
         self.reads_prompts().then(|| self.prompt().to_string())
@@ -108,7 +108,7 @@ impl Definition {
         !is_built_in && !is_human(&self.meta)
     }
 
-    /// The digest of the prompt template: the first 12 hexadecimal digits of SHA-256; `None` for the built-in one.
+    /// Digest of the prompt template: the first 12 hexadecimal digits of SHA-256; `None` for the built-in one.
     #[must_use]
     pub fn template_digest(&self) -> Option<String> {
         self.prompt_template.as_deref().map(digest_of_template)

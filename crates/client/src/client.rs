@@ -1,4 +1,4 @@
-//! A client of the wire contract, as far as the built-in players need it.
+//! Client of the wire contract, as far as the built-in players need it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,16 +22,16 @@ use swarmbench_protocol::loopback::is_loopback;
 use swarmbench_protocol::problem::Problem;
 use swarmbench_protocol::run::{CreatedRun, RunDetail, RunRequest, RunToken};
 
-/// How long one request may take beyond its `wait`.
+/// Time of a request beyond its `wait`, which is at most 60 s: the timeout of all requests is three times this.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// How often a request that may be repeated is sent again after temporary errors.
+/// Maximum retries of a repeatable request after temporary errors.
 const REPEATS_MAX: usize = 5;
 
-/// How long a server may take to say that it is alive, which it does before all else.
+/// Timeout of a health check, which a server answers before all else.
 const HEALTH_PATIENCE: Duration = Duration::from_secs(10);
 
-/// A request failed.
+/// Failure of a request.
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
     /// The server did not answer.
@@ -41,44 +41,44 @@ pub enum ClientError {
         if url.scheme() == "https" && error.is_connect() { ", which speaks http://" } else { "" }
     )]
     Transport {
-        /// The requested address.
+        /// Requested address.
         url: Url,
-        /// Why.
+        /// Cause.
         error: reqwest::Error,
     },
     /// The server refused.
     #[error("{url} answered {status}: {}", problem.detail)]
     Refused {
-        /// The requested address.
+        /// Requested address.
         url: Url,
-        /// The status.
+        /// Status of the answer.
         status: StatusCode,
-        /// What it said.
+        /// Problem in the body.
         problem: Box<Problem>,
     },
-    /// A proxy answered in place of the server, as it does where the server died with the request.
+    /// A proxy answered in place of the server, as when the server dies during a request.
     #[error("{url}: {} of a proxy: {said}", status.as_u16())]
     Proxy {
-        /// The requested address.
+        /// Requested address.
         url: Url,
-        /// The status.
+        /// Status of the answer.
         status: StatusCode,
-        /// The first text of its page.
+        /// First text of the page.
         said: Box<str>,
-        /// How many seconds it asked to wait.
+        /// Seconds after which to retry.
         retry_after_s: Option<u32>,
     },
     /// The answer does not follow the contract.
     #[error("{url} answered {status} with something that is not of the contract: {what}")]
     Strange {
-        /// The requested address.
+        /// Requested address.
         url: Url,
-        /// The status.
+        /// Status of the answer.
         status: StatusCode,
-        /// What was wrong.
+        /// Violation of the contract.
         what: String,
     },
-    /// It is no address of a server.
+    /// The text is no address of a server.
     #[error(
         "{0:?} is not the address of a server; it looks like http://127.0.0.1:8080, without a path"
     )]
@@ -106,7 +106,7 @@ impl ClientError {
         }
     }
 
-    /// How long the server asked to wait.
+    /// Pause that the server asked for.
     fn retry_after(&self) -> Option<Duration> {
         match self {
             Self::Refused { problem, .. } => problem.retry_after_ms.map(Duration::from_millis),
@@ -120,7 +120,7 @@ impl ClientError {
     }
 }
 
-/// The innermost cause: the errors around it repeat the address.
+/// Innermost cause: the errors around it repeat the address.
 fn cause(error: &reqwest::Error) -> String {
     let mut cause: &dyn std::error::Error = error;
     while let Some(inner) = cause.source() {
@@ -129,7 +129,7 @@ fn cause(error: &reqwest::Error) -> String {
     cause.to_string()
 }
 
-/// The head of an answer.
+/// Head of an answer.
 struct Head {
     url: Url,
     status: StatusCode,
@@ -143,7 +143,7 @@ impl Head {
         Self { url, status: answer.status(), retry_after_s }
     }
 
-    /// The body of an answer, unless it is an error.
+    /// Body of an answer, unless it is an error.
     fn checked<B: AsRef<[u8]>>(self, body: B) -> Result<B, ClientError> {
         if self.status.is_success() { Ok(body) } else { Err(self.refused(body.as_ref())) }
     }
@@ -163,17 +163,17 @@ impl Head {
     }
 }
 
-/// A client of one server. Cloning shares its connections.
+/// Client of one server. Clones share its connections.
 #[derive(Clone, Debug)]
 pub struct Client {
     http: reqwest::Client,
     base: Url,
     key: Option<Secret>,
-    /// Whether the server has answered. One that never did is more likely not there than restarting.
+    /// Whether the server has ever answered. A server that never did is more likely absent than restarting.
     answered: Arc<AtomicBool>,
 }
 
-/// A key, which `Debug` does not show.
+/// Key, which `Debug` does not show.
 #[derive(Clone)]
 struct Secret(String);
 
@@ -188,7 +188,7 @@ impl std::fmt::Debug for Secret {
     reason = "every method fails as the variants of `ClientError` say"
 )]
 impl Client {
-    /// A client of the server at `base`, such as `http://127.0.0.1:8080`.
+    /// Client of the server at `base`, such as `http://127.0.0.1:8080`.
     pub fn new(base: &str) -> Result<Self, ClientError> {
         let is_server = |url: &Url| {
             let has_more = url.path() != "/" || url.query().is_some() || url.fragment().is_some();
@@ -206,7 +206,7 @@ impl Client {
         Ok(Self { http, base, key: None, answered: Arc::default() })
     }
 
-    /// Sends this key with requests that have no token.
+    /// Client that sends this key with requests that have no token.
     #[must_use]
     pub fn with_key(self, key: String) -> Self {
         Self { key: Some(Secret(key)), ..self }
@@ -216,7 +216,7 @@ impl Client {
         self.signed_with(call, None)
     }
 
-    /// With a token, or else with the key, if there is one.
+    /// Adds the token, or else the key, if there is one.
     fn signed_with(&self, call: RequestBuilder, token: Option<&str>) -> RequestBuilder {
         match token.or(self.key.as_ref().map(|Secret(key)| key.as_str())) {
             Some(token) => call.bearer_auth(token),
@@ -224,14 +224,14 @@ impl Client {
         }
     }
 
-    /// The address of the server.
+    /// Address of the server.
     #[must_use]
     pub const fn base(&self) -> &Url {
         &self.base
     }
 
-    /// Writes an answer to `out` piece by piece, and returns the cursor of the next page, if any. An answer that breaks
-    /// off is an error.
+    /// Writes an answer to `out` piece by piece, and returns the cursor of the next page, if there is one. A truncated answer
+    /// is an error.
     pub async fn download(
         &self,
         path: &str,
@@ -274,12 +274,12 @@ impl Client {
         self.ask(Method::GET, &path, |call| self.signed(call)).await
     }
 
-    /// Starts a run. A retry after a lost answer returns the same one.
+    /// Creates a run. A retry after a lost answer returns the same one.
     pub async fn create_run(&self, request: &RunRequest) -> Result<CreatedRun, ClientError> {
         self.create("/api/v1/runs", request).await
     }
 
-    /// Creates something where the server takes an `Idempotency-Key`: a retry after a lost answer returns the same one.
+    /// Creates an object at a path that accepts an `Idempotency-Key`: a retry after a lost answer returns the same one.
     pub async fn create<T: DeserializeOwned>(
         &self,
         path: &str,
@@ -292,7 +292,7 @@ impl Client {
         .await
     }
 
-    /// Shows a run: with its own token, or else with the key.
+    /// Shows a run, with its own token or else with the key.
     pub async fn run(&self, id: &str, token: Option<&str>) -> Result<RunDetail, ClientError> {
         let path = format!("/api/v1/runs/{id}");
         self.ask(Method::GET, &path, |call| self.signed_with(call, token)).await
@@ -304,8 +304,8 @@ impl Client {
         self.ask(Method::POST, &path, |call| self.signed(call)).await
     }
 
-    /// The current observation of a seat, as it was written, with the text for a language model where `prompt` is set.
-    /// With `after` it comes once the round is past that one, the episode is over, or `wait` has passed.
+    /// Current observation of a seat as raw JSON, with the text for a language model if `prompt` is set. With `after` the
+    /// server answers once the round is past that one, the episode is over, or `wait` has passed.
     pub async fn obs(
         &self,
         token: &str,
@@ -328,8 +328,8 @@ impl Client {
         self.ask(Method::POST, "/act", |call| call.bearer_auth(token).json(act)).await
     }
 
-    /// The observations that wait for an act and were opened since `after`, at most `limit` of them; with the texts for
-    /// language models where `prompt` is set.
+    /// Observations that wait for an act and were opened since `after`, at most `limit`; with the texts for language models if
+    /// `prompt` is set.
     pub async fn swarm_obs(
         &self,
         token: &str,
@@ -346,7 +346,7 @@ impl Client {
         .await
     }
 
-    /// The journal of an episode: readable with a token of its creator, and by everybody once it has ended.
+    /// Journal of an episode. Reading requires a token of its creator before the end, and none after it.
     pub async fn journal(&self, id: &str, token: Option<&str>) -> Result<Vec<u8>, ClientError> {
         let path = format!("/api/v1/episodes/{id}/journal");
         self.ask_bytes(&path, |call| self.signed_with(call, token)).await
@@ -367,7 +367,7 @@ impl Client {
         self.once(Method::POST, "/api/v1/keys", |call| self.signed(call).json(request)).await
     }
 
-    /// All keys that were ever made.
+    /// All keys, including revoked ones.
     pub async fn keys(&self) -> Result<KeyList, ClientError> {
         self.ask(Method::GET, "/api/v1/keys", |call| self.signed(call)).await
     }
@@ -377,12 +377,12 @@ impl Client {
         self.delete(&format!("/api/v1/keys/{id}")).await
     }
 
-    /// Reads something.
+    /// Sends a GET request.
     pub async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
         self.get_with(path, &[]).await
     }
 
-    /// Reads something, with a query.
+    /// Sends a GET request with a query.
     pub async fn get_with<T: DeserializeOwned>(
         &self,
         path: &str,
@@ -391,7 +391,7 @@ impl Client {
         self.ask(Method::GET, path, |call| self.signed(call).query(query)).await
     }
 
-    /// Sends a creation. It is not retried: a second attempt would create a second one.
+    /// Sends a POST request. It is not retried: a second attempt would create a second object.
     pub async fn post<T: DeserializeOwned>(
         &self,
         path: &str,
@@ -400,7 +400,7 @@ impl Client {
         self.once(Method::POST, path, |call| self.signed(call).json(body)).await
     }
 
-    /// Deletes something, and returns what is left of it.
+    /// Sends a DELETE request; returns the remaining state of the object.
     ///
     /// # Errors
     /// See [`ClientError`].
@@ -408,7 +408,7 @@ impl Client {
         self.ask(Method::DELETE, path, |call| self.signed(call)).await
     }
 
-    /// Changes something.
+    /// Sends a PATCH request.
     pub async fn patch<T: DeserializeOwned>(
         &self,
         path: &str,
@@ -417,7 +417,7 @@ impl Client {
         self.ask(Method::PATCH, path, |call| self.signed(call).json(body)).await
     }
 
-    /// A whole board, page by page.
+    /// Whole board, read page by page.
     pub async fn leaderboard(&self, question: &Question) -> Result<Leaderboard, ClientError> {
         let Question { suite, rules, task, sort, pick, no_reference, no_people, imported } =
             question;
@@ -443,7 +443,7 @@ impl Client {
         Ok(board)
     }
 
-    /// All pairs of models that played together, page by page.
+    /// All pairs of models that played together, read page by page.
     pub async fn cross_play(
         &self,
         task: Option<&str>,
@@ -473,12 +473,12 @@ impl Client {
         .await
     }
 
-    /// Whether the server is alive.
+    /// Health of the server.
     pub async fn health(&self) -> Result<serde_json::Value, ClientError> {
         self.once(Method::GET, "/healthz", |call| call.timeout(HEALTH_PATIENCE)).await
     }
 
-    /// Sends a request that may be repeated, and retries it after temporary errors.
+    /// Sends a repeatable request, and retries it after temporary errors.
     async fn ask<T: DeserializeOwned>(
         &self,
         method: Method,
@@ -488,7 +488,7 @@ impl Client {
         self.again(|| self.once(method.clone(), path, &fill)).await
     }
 
-    /// Reads something as it was written.
+    /// Sends a GET request; returns the raw body.
     async fn ask_bytes(
         &self,
         path: &str,
@@ -511,7 +511,7 @@ impl Client {
             .await
     }
 
-    /// Whether there is no server at the address, as far as this client knows.
+    /// Whether this client has found no server at the address so far.
     fn is_absent(&self, error: &ClientError) -> bool {
         let ClientError::Transport { error, .. } = error else { return false };
         error.is_connect() && !self.answered.load(Ordering::Relaxed)
@@ -549,14 +549,14 @@ impl Client {
     }
 }
 
-/// The pause before a retry: as long as the server `asked`, but after about two retries at least about as long as
-/// pauses have `grown`. The server does not know how often it has asked, nor how many clients.
+/// Pause before a retry: as long as the server `asked`, but after about two retries at least about as long as pauses have
+/// `grown`. The server does not know how often it has asked, nor how many clients it has.
 fn pause_after(asked: Option<Duration>, grown: Duration) -> Duration {
     const AT_ITS_WORD: Duration = Duration::from_secs(2);
     asked.map_or(grown, |asked| asked.max(grown.saturating_sub(AT_ITS_WORD)))
 }
 
-/// A unique idempotency key.
+/// Unique idempotency key.
 fn uuid_text() -> String {
     use swarmbench_clock::{Entropy, SystemEntropy};
     let mut bytes = [0; 16];

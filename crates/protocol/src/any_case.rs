@@ -1,5 +1,5 @@
-//! Requests may write the names of tasks, rule sets and controls in upper or lower case. They are read as they are written
-//! everywhere else; other texts stay as they are, for the check that refuses them.
+//! Names of tasks, rule sets and controls in requests, which may be in upper or lower case. Known names are read in their
+//! canonical form; other texts are kept for the check that refuses them.
 
 use serde::{Deserialize, Deserializer};
 use swarmbench_engine::{Control, RuleSet, TaskName};
@@ -7,7 +7,7 @@ use swarmbench_engine::{Control, RuleSet, TaskName};
 /// Reads the name of a task, for `deserialize_with`.
 ///
 /// # Errors
-/// As for a text.
+/// Same errors as for a string.
 pub fn task<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<String>, D::Error> {
     named(deserializer, TaskName::canonical)
 }
@@ -15,7 +15,7 @@ pub fn task<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<String>
 /// Reads names of tasks, as [`task`].
 ///
 /// # Errors
-/// As for a list of texts.
+/// Same errors as for a list of strings.
 pub fn tasks<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Vec<String>>, D::Error> {
     let names = Option::<Vec<String>>::deserialize(deserializer)?;
     Ok(names.map(|names| names.into_iter().map(TaskName::canonical).collect()))
@@ -24,7 +24,7 @@ pub fn tasks<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Vec<St
 /// Reads the name of a rule set, as [`task`].
 ///
 /// # Errors
-/// As for a text.
+/// Same errors as for a string.
 pub fn rules<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<String>, D::Error> {
     named(deserializer, RuleSet::canonical)
 }
@@ -32,7 +32,7 @@ pub fn rules<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<String
 /// Reads the name of a control, as [`task`].
 ///
 /// # Errors
-/// As for a text.
+/// Same errors as for a string.
 pub fn control<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<String>, D::Error> {
     named(deserializer, Control::canonical)
 }

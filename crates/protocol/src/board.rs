@@ -9,154 +9,154 @@ use super::metrics::MetricsMethod;
 use super::table::{Table, maybe, names, text};
 use crate::time::Timestamp;
 
-/// A board, or a page of one.
+/// Board, or a page of one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Leaderboard {
-    /// The suite's name.
+    /// Name of the suite.
     #[cfg_attr(feature = "openapi", schema(example = "standard"))]
     pub suite: String,
-    /// The first 12 hexadecimal digits of SHA-256 of the suite. Suites of the same name with other tasks, seeds,
-    /// settings or rules have another one, and a board of their own.
+    /// First 12 hexadecimal digits of SHA-256 of the suite. Suites of the same name with other tasks, seeds, settings or rules
+    /// have another digest and a board of their own.
     #[cfg_attr(feature = "openapi", schema(example = "0123456789ab"))]
     pub digest: String,
-    /// The rule set: `paper` or `reference`.
+    /// Rule set: `paper` or `reference`.
     pub rules: String,
-    /// The tasks that are shown, in the order of the suite.
+    /// Tasks that are shown, in the order of the suite.
     pub tasks: Vec<String>,
-    /// What rows are ranked by: `total`, or the mean of this task.
+    /// Value by which rows are ranked: `total`, or the name of a task for the mean of this task.
     pub sort: String,
-    /// Which run of a player makes its row: `best`, `last` or `mean`.
+    /// Run of a player that makes its row: `best`, `last` or `mean`.
     pub pick: String,
-    /// How many rows the whole board has.
+    /// Number of rows of the whole board.
     pub rows: u32,
-    /// The metrics that were asked for, in that order.
+    /// Requested metrics, in the requested order.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub metrics: Vec<String>,
-    /// How their values were computed.
+    /// Method by which the metrics were computed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub metrics_method: Option<MetricsMethod>,
-    /// Rows, the highest first.
+    /// Rows, highest first.
     pub items: Vec<BoardRow>,
-    /// Where the next page begins; null on the last.
+    /// Cursor of the next page; null on the last page.
     pub next_cursor: Option<String>,
 }
 
-/// A row of a board.
+/// Row of a board.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct BoardRow {
-    /// 1, 2, 2, 4. Null where the row has no value to be ranked by.
+    /// Rank: 1, 2, 2, 4. Null if the row has no value by which it could be ranked.
     pub rank: Option<u32>,
-    /// The id of the row. A player has the same id on every board.
+    /// Id of the row. A player has the same id on every board.
     pub id: String,
-    /// Whether it is a row of the paper.
+    /// Whether the row comes from the paper.
     pub reference: bool,
-    /// Whether it shows games that were read from files.
+    /// Whether the row shows games that were read from files.
     pub imported: bool,
-    /// The table of the paper: `models`, `rules` or `humans`; null for other rows.
+    /// Table of the paper: `models`, `rules` or `humans`; null for other rows.
     pub table: Option<String>,
-    /// The source of the numbers; null for rows that were played here.
+    /// Source of the numbers; null for rows that were played here.
     pub note: Option<String>,
-    /// The owner of the key; null without a key.
+    /// Owner of the key; null without a key.
     pub owner: Option<String>,
-    /// The model's name.
+    /// Name of the model.
     pub model: String,
-    /// The sampling temperature, as declared.
+    /// Sampling temperature, as declared.
     pub temperature: Option<f64>,
-    /// The nucleus of sampling, as declared.
+    /// Nucleus of sampling (top-p), as declared.
     pub top_p: Option<f64>,
-    /// The first 12 hexadecimal digits of SHA-256 of the prompt template; null for the built-in one.
+    /// First 12 hexadecimal digits of SHA-256 of the prompt template; null for the built-in template.
     pub prompt_template: Option<String>,
-    /// The name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `prompt_template`; `default:1` for
-    /// the words of an earlier revision. A system message adds `+system:` and the first digits of its SHA-256. Null for
-    /// built-in players and people, who read none, and for rows of the paper and of files.
+    /// Name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `prompt_template`; `default:1` for the
+    /// words of an earlier revision. A system message adds `+system:` and the first digits of its SHA-256. Null for built-in
+    /// players and people, who read no prompt, and for rows of the paper and of files.
     #[serde(default)]
     pub prompt: Option<String>,
-    /// How answers were read: `last-marker` or `first-marker`; null for rows of the paper and of files.
+    /// Reader of answers: `last-marker` or `first-marker`; null for rows of the paper and of files.
     #[serde(default)]
     pub answer_reader: Option<String>,
-    /// False if only its owner says that this was the model. Null for rows of the paper.
+    /// Whether the model is vouched for; false if only its owner declares it. Null for rows of the paper.
     pub vouched: Option<bool>,
-    /// `declared` if one holder had all seats, and so could pool what they saw; `enforced` if that was impossible;
-    /// null under centralized control, and for rows of the paper.
+    /// `declared` if one holder had all seats, and so could pool what they saw; `enforced` if that was impossible; null under
+    /// centralized control, and for rows of the paper.
     pub decentralization: Option<String>,
-    /// `human` if its owner declares that people played, by `agent_meta.kind`, and for the people of the paper; null for
-    /// others.
+    /// `human` if the owner declares that people played, by `agent_meta.kind`, and for the people of the paper; null for other
+    /// rows.
     #[serde(default)]
     pub kind: Option<String>,
-    /// How many runs the player has on this board.
+    /// Number of runs of the player on this board.
     pub runs: Option<u32>,
-    /// The run that is shown; with `mean`, the last one.
+    /// Id of the run that is shown; with `mean`, of the last run.
     pub run: Option<String>,
-    /// How that run ended: `finished`, `aborted`, `abandoned` or `closed`. With `mean`: that of a run
-    /// that is not `finished`, if there is one.
+    /// End of that run: `finished`, `aborted`, `abandoned` or `closed`. With `mean`: the end of a run that is not `finished`,
+    /// if there is one.
     pub status: Option<String>,
-    /// When that run was started.
+    /// Time at which that run was started.
     pub started_at: Option<Timestamp>,
-    /// The sum of the means of the tasks that are shown; null if one is missing.
+    /// Sum of the means of the tasks that are shown; null if one is missing.
     pub total: Option<f64>,
-    /// The rule set by which it was played.
+    /// Rule set by which the row was played.
     #[serde(default)]
     pub rules: String,
-    /// The tasks whose scores were converted from the scale of those rules to that of the board.
+    /// Tasks whose scores were converted from the scale of those rules to that of the board.
     #[serde(default)]
     pub converted: Vec<String>,
-    /// The tasks that those rules define in another way than the rules of the board, so that scores cannot simply be
-    /// compared.
+    /// Tasks that those rules define in another way than the rules of the board, so that scores cannot simply be compared.
     #[serde(default)]
     pub other_rules: Vec<String>,
-    /// The scores by task.
+    /// Scores by task.
     pub tasks: BTreeMap<String, TaskScore>,
-    /// How far it is below the nearest row above that was played here.
+    /// Distance below the nearest row above that was played here.
     pub difference: Option<RowDifference>,
-    /// The share of invalid answers among all answers of players; null without answers.
+    /// Share of invalid answers among all answers of players; null without answers.
     pub invalid_share: Option<f64>,
-    /// How many answers were invalid, by the reason. Games of earlier versions do not tell it.
+    /// Invalid answers, counted by reason. Games of earlier versions did not record reasons.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", schema(value_type = BTreeMap<String, u64>))]
     pub failures: Failures,
-    /// The share of moves that timed out; null without moves.
+    /// Share of moves that timed out; null without moves.
     #[serde(default)]
     pub timeout_share: Option<f64>,
-    /// The old name of `timeout_share`.
+    /// Old name of `timeout_share`.
     pub clock_out_share: Option<f64>,
-    /// Voided games, which do not count.
+    /// Number of voided games, which do not count.
     pub voided: Option<u32>,
-    /// Of each task the metrics that were asked for: means over the games of the run that is named in `run`. Null where
-    /// no game has a value, or none was measured yet; empty for rows without a run.
+    /// Requested metrics by task: means over the games of the run that is named in `run`. Null if no game has a value, or none
+    /// was measured yet; empty for rows without a run.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub metrics: BTreeMap<String, BTreeMap<String, Option<f64>>>,
 }
 
-/// The games of one task.
+/// Games of one task.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct TaskScore {
-    /// The mean over the seeds.
+    /// Mean over the seeds.
     pub mean: Option<f64>,
-    /// The population standard deviation over the seeds.
+    /// Population standard deviation over the seeds.
     pub deviation: Option<f64>,
     /// Games that were played and count.
     pub games: Option<u32>,
-    /// Planned games, without voided ones. Those that were not played count as 0.
+    /// Planned games, without voided ones. Planned games that were not played count as 0.
     pub planned: Option<u32>,
 }
 
-/// How far a row is below another.
+/// Distance of a row below another.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct RowDifference {
-    /// The `id` of the row above; of the entrant, on the board of a competition.
+    /// The `id` of the row above; on the board of a competition, the id of the entrant.
     pub to: String,
-    /// By how much that one is better on the seeds that both have; in a task without such a seed, by the means.
+    /// Difference in favour of the row above on the seeds that both have; in a task without such a seed, difference of the
+    /// means.
     pub mean: f64,
-    /// The lower end of the interval of 95 %, by Student's t. If it is below 0, the order of the two rows is
-    /// uncertain. Null if a task has fewer than three seeds that both have.
+    /// Lower end of the 95 % interval, by Student's t. If it is below 0, the order of the two rows is uncertain. Null if a task
+    /// has fewer than three seeds that both have.
     pub low: Option<f64>,
-    /// Its upper end; null where `low` is.
+    /// Upper end of the interval; null if `low` is null.
     pub high: Option<f64>,
-    /// How many seeds both have, over all tasks.
+    /// Number of seeds that both have, over all tasks.
     pub pairs: u32,
 }
 
@@ -240,7 +240,7 @@ impl Table for Leaderboard {
             maybe(row.prompt.as_deref().map(text)),
             maybe(row.answer_reader.as_deref().map(text)),
         ]);
-        // Nobody knows it of rows whose answers were not counted.
+        // Rows whose answers were not counted have empty cells instead of zeros.
         let is_known = row.invalid_share.is_some();
         cells.extend(row.failures.cells().map(|cell| if is_known { cell } else { String::new() }));
         for task in &self.tasks {
@@ -257,9 +257,9 @@ impl Table for Leaderboard {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CrossPlay {
-    /// Pairs of models, by task, rules and settings, the best first.
+    /// Pairs of models, by task, rules and settings, best first.
     pub items: Vec<CrossPlayPair>,
-    /// Where the next page begins; null on the last.
+    /// Cursor of the next page; null on the last page.
     pub next_cursor: Option<String>,
 }
 
@@ -267,26 +267,26 @@ pub struct CrossPlay {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CrossPlayPair {
-    /// The task.
+    /// Name of the task.
     pub task: String,
-    /// The rule set.
+    /// Rule set: `paper` or `reference`.
     pub rules: String,
     /// All other settings except the seed. Games with other settings belong to another pair.
     #[cfg_attr(feature = "openapi", schema(value_type = Object))]
     pub settings: serde_json::Map<String, serde_json::Value>,
-    /// The two models, in order of their names; the same name twice if two holders used the same model.
+    /// Names of the two models, in order; the same name twice if two holders used the same model.
     pub models: [String; 2],
-    /// False if in one of the games only the holder says that this was the model.
+    /// Whether both models are vouched for in all games; false if in one of them only the holder declares the model.
     pub vouched: bool,
-    /// Finished games in which both took part, perhaps beside others.
+    /// Number of finished games in which both took part, perhaps beside others.
     pub games: u32,
-    /// The mean score of these games.
+    /// Mean score of these games.
     pub mean: f64,
-    /// Its population standard deviation.
+    /// Population standard deviation of these scores.
     pub deviation: f64,
 }
 
-/// The first columns of cross-play; settings follow.
+/// First columns of cross-play; the settings follow.
 const PAIR_COLUMNS: &str = "task rules model_a model_b vouched games mean deviation";
 
 impl Table for CrossPlay {

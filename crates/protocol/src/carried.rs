@@ -1,4 +1,5 @@
-//! JSON of others that is only carried: text, never a tree of values, which takes up to eighty times as much memory.
+//! JSON of others that the program only stores and forwards: kept as text, as a tree of values takes up to eighty times as much
+//! memory.
 
 use std::fmt;
 use std::ops::Range;
@@ -9,19 +10,19 @@ use serde::{Deserialize, Serialize, Serializer};
 use serde_json::value::RawValue;
 use serde_json::{Map, Value, json};
 
-/// A JSON object of somebody else, as journals have it: without spaces, the members of every object sorted by their names,
-/// the last one of several with the same name. Clones share the text.
+/// JSON object of somebody else in the form of journals: without spaces, the members of every object sorted by name, and only
+/// the last of several members with the same name. Clones share the text.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Carried(pub Arc<str>);
 
 impl Carried {
-    /// Whether it has no members.
+    /// Whether the object has no members.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         &*self.0 == "{}"
     }
 
-    /// How many objects and lists are in each other, itself included.
+    /// Nesting depth of objects and lists, the outer object included.
     #[must_use]
     pub fn depth(&self) -> usize {
         let (mut depth, mut most) = (0_usize, 0);
@@ -36,7 +37,7 @@ impl Carried {
         most
     }
 
-    /// The text of a member's value.
+    /// Text of a member's value.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<&str> {
         let mut found = None;
@@ -44,7 +45,7 @@ impl Carried {
         found
     }
 
-    /// Shows the names of all members, and the texts of their values.
+    /// Calls `see` with the name and the text of the value of every member.
     pub fn each<'a>(&'a self, see: impl FnMut(&str, &'a str)) {
         struct Members<F>(F);
         impl<'de, F: FnMut(&str, &'de str)> Visitor<'de> for Members<F> {
@@ -65,7 +66,7 @@ impl Carried {
         json.deserialize_map(Members(see)).expect("it is the text of an object");
     }
 
-    /// The same with the numbers that there are, in the place of members with their names.
+    /// Copy with these numbers as members; they replace members of the same names. `None` leaves a member as it is.
     #[must_use]
     pub fn with(&self, numbers: &[(&str, Option<f64>)]) -> Self {
         let numbers = numbers.iter().filter_map(|(name, number)| Some((name, (*number)?)));
@@ -76,7 +77,7 @@ impl Carried {
         serde_json::from_str(&text).expect("it is the text of an object")
     }
 
-    /// All of it as values, for programs that look into what they wrote themselves.
+    /// Parsed values, for programs that read what they wrote themselves.
     #[must_use]
     pub fn values(&self) -> Map<String, Value> {
         serde_json::from_str(&self.0).unwrap_or_default()
@@ -111,7 +112,7 @@ impl<'de> Deserialize<'de> for Carried {
     }
 }
 
-/// How many values and names a JSON text has about: each begins the text, or follows a comma, a colon or a bracket.
+/// Approximate number of values and names in a JSON text: each begins the text, or follows a comma, a colon or a bracket.
 #[must_use]
 pub fn count_values(json: &[u8]) -> usize {
     let mut count = 1;
@@ -119,7 +120,7 @@ pub fn count_values(json: &[u8]) -> usize {
     count
 }
 
-/// Shows the bytes of a JSON text that are not in quotes.
+/// Calls `see` with every byte of a JSON text outside of strings.
 fn scan(json: &[u8], mut see: impl FnMut(u8)) {
     let (mut is_text, mut is_escaped) = (false, false);
     for &byte in json {
@@ -133,10 +134,10 @@ fn scan(json: &[u8], mut see: impl FnMut(u8)) {
     }
 }
 
-/// Whether a text is JSON, and the object if it is one.
+/// Checks that a text is JSON, and returns the object if it is one.
 ///
 /// # Errors
-/// What is wrong with it.
+/// The text is not JSON.
 pub fn any_json(json: &[u8]) -> Result<Option<Carried>, serde_json::Error> {
     let mut text = Vec::new();
     let mut json = serde_json::Deserializer::from_slice(json);
@@ -146,7 +147,7 @@ pub fn any_json(json: &[u8]) -> Result<Option<Carried>, serde_json::Error> {
     Ok(text.starts_with('{').then(|| Carried(text.into())))
 }
 
-/// Copies any value to the end of a text. `serde_json` ends those that are nested too deep.
+/// Appends any value to a text. `serde_json` rejects values that are nested too deep.
 struct Copying<'a>(&'a mut Vec<u8>);
 
 impl Copying<'_> {
@@ -167,7 +168,7 @@ impl<'de> Visitor<'de> for Copying<'_> {
     type Value = ();
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // Only objects are asked for by their kind.
+        // Objects are the only kind that is asked for by name, so this message concerns them alone.
         f.write_str("a map")
     }
 
@@ -226,13 +227,13 @@ impl<'de> Visitor<'de> for Copying<'_> {
     }
 }
 
-/// Where the name of a member is among all names, and where its text is.
+/// Ranges of a member: of its name among all names, and of its text in the output.
 struct Member {
     name: Range<usize>,
     text: Range<usize>,
 }
 
-/// Sorts the members at the end of a text, and leaves out those of which there is a later one.
+/// Sorts the members at the end of a text, and removes those that a later member of the same name replaces.
 fn sort(text: &mut Vec<u8>, members: &mut [Member], names: &str) {
     let begins = members.first().map_or(text.len(), |first| first.text.start);
     let written = text.split_off(begins);
@@ -253,7 +254,7 @@ mod tests {
             let list = format!(r#"{{"x":[{}]}}"#, vec![part; 16_000 / part.len()].join(","));
             check(&list, most);
         }
-        // An object remembers where its members are until they are sorted.
+        // Objects take more, as the positions of their members are kept until they are sorted.
         let names = |name: &dyn Fn(usize) -> String| {
             let members: Vec<_> = (0..2000).map(|place| format!("{:?}:0", name(place))).collect();
             format!("{{{}}}", members.join(","))
@@ -265,7 +266,7 @@ mod tests {
         }
     }
 
-    /// Reads it with at most so many times its bytes at once, and keeps it in no more than it has.
+    /// Reads the text with a peak of at most `most` times its bytes, and a result that is no larger than the text.
     fn check(json: &str, most: u64) {
         let mut read = None;
         let counted = allocation_counter::measure(|| {

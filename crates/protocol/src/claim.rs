@@ -7,66 +7,66 @@ use super::status::Status;
 use crate::carried::Carried;
 use crate::time::Timestamp;
 
-/// A claim to open seats, and who plays there.
+/// Claim to open seats, and the player of these seats.
 #[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({"seats": 2, "model": "my-model"})))]
 pub struct ClaimRequest {
-    /// The agent whose seat is wanted; by default any open seat.
+    /// Agent whose seat is claimed; any open seat by default.
     #[cfg_attr(feature = "openapi", schema(example = "Agent_7"))]
     pub agent: Option<String>,
-    /// How many open seats are wanted. The claim gets all of them, or is refused.
+    /// Number of open seats to claim. The claim gets all of them, or is refused.
     #[cfg_attr(feature = "openapi", schema(default = 1, minimum = 1, maximum = 1024))]
     pub seats: Option<i64>,
-    /// Who plays; at most 200 characters.
+    /// Name of the model that plays; at most 200 characters.
     #[cfg_attr(feature = "openapi", schema(default = "unnamed"))]
     pub model: Option<String>,
-    /// What else is known of who plays; at most 16 KiB of JSON.
+    /// Further facts about the player; at most 16 KiB of JSON.
     #[cfg_attr(feature = "openapi", schema(value_type = Option<serde_json::Map<String, serde_json::Value>>))]
     pub agent_meta: Option<Carried>,
 }
 
-/// Claimed seats, with tokens that are shown this once.
+/// Claimed seats, with tokens that are shown only once.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CreatedClaim {
-    /// The episode.
+    /// Id of the episode.
     pub episode: String,
-    /// Its status now: the last open seat starts it.
+    /// Status of the episode now: the claim of the last open seat starts it.
     pub status: Status,
-    /// The number of the claim in its episode, from 1.
+    /// Number of the claim in its episode, from 1.
     pub claim: u32,
-    /// A token for each of the seats.
+    /// Tokens of the claimed seats, one for each seat.
     pub seats: Vec<SeatToken>,
-    /// A token for all of them, and for no others.
+    /// Token for all of these seats, and for no others.
     pub swarm_token: String,
 }
 
-/// Who holds which seat of an episode.
+/// Holders of the seats of an episode.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SeatList {
-    /// How many seats are unclaimed.
+    /// Number of unclaimed seats.
     pub open: u16,
     /// All seats, in order of the agents' numbers.
     pub seats: Vec<SeatHolder>,
 }
 
-/// Who holds a seat. All but the agent is null where it is open.
+/// Holder of a seat. All fields but the agent are null while the seat is open.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SeatHolder {
-    /// The agent.
+    /// Name of the agent.
     pub agent: String,
-    /// The number of the claim; 0 is the creator.
+    /// Number of the claim; 0 is the creator.
     pub claim: Option<u32>,
-    /// The name on the holder's key, if a key was sent; `server` if the server plays.
+    /// Name on the key of the claim, if one was sent; `server` if the server plays. Seats of the creator have none.
     pub holder: Option<String>,
-    /// Who plays.
+    /// Name of the model that plays.
     pub model: Option<String>,
-    /// The built-in player that the server hosts here.
+    /// Built-in player that the server hosts on this seat.
     pub player: Option<String>,
-    /// Since when.
+    /// Time from which the holder has the seat.
     pub claimed_at: Option<Timestamp>,
 }

@@ -1,17 +1,17 @@
-//! The server's clock.
+//! Clock of the server.
 
 use serde::{Deserialize, Serialize};
 
 use crate::time::Timestamp;
 
-/// The time of day that the server goes by.
+/// Time of day of the server after a confirmation.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ConfirmedClock {
-    /// The time of day from now on: that of the host.
+    /// Time of day that the server uses from now on: that of the host.
     pub now: Timestamp,
-    /// By how many milliseconds the server's time of day was set; negative where it was set back.
+    /// Milliseconds by which the server's time of day was moved; negative if it was set back.
     pub moved_ms: i64,
-    /// Why the time of day was in doubt; null where it was not.
+    /// Reason for which the time of day was in doubt; null if it was not.
     pub doubt: Option<String>,
 }

@@ -1,4 +1,4 @@
-//! Competitions, their entrants, attempts and boards; and what organizers did.
+//! Competitions, their entrants, attempts and boards, and the actions of organizers.
 
 use std::collections::BTreeMap;
 
@@ -16,7 +16,7 @@ use crate::metrics::MetricsMethod;
 use crate::table::{self, Table};
 use crate::time::Timestamp;
 
-/// What a competition is to be. The same shape in TOML is what `swarmbench competition create` takes.
+/// Definition of a new competition. `swarmbench competition create` takes the same shape in TOML.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({
@@ -25,82 +25,85 @@ use crate::time::Timestamp;
     "attempts": 2, "entry": "codes", "board": "hidden"
 })))]
 pub struct CompetitionRequest {
-    /// 1 to 100 characters.
+    /// Name of the competition: 1 to 100 characters.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub name: Option<String>,
-    /// What entrants should know; at most 10,000 characters.
+    /// Information for entrants; at most 10,000 characters.
     pub description: Option<String>,
-    /// When attempts can first be started; at once where that is not in the future.
+    /// Time from which attempts can be started; a time that is not in the future means at once.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub opens_at: Option<Timestamp>,
-    /// No round begins at or after this time; open rounds may end.
+    /// Time from which no round begins; open rounds may end.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub closes_at: Option<Timestamp>,
-    /// What is played in each attempt.
+    /// Games of each attempt.
     pub suite: Option<SealedSuite>,
-    /// The clocks of all games; `round_deadline_s` is required, so that a round that is open at the closing time ends.
+    /// Clocks of all games; `round_deadline_s` is required, so that a round that is open at the closing time ends.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub clocks: Option<Clocks>,
-    /// `anybody` or `codes`.
+    /// Entry: `anybody`, or `codes` for holders of invitation codes.
     #[cfg_attr(feature = "openapi", schema(default = "anybody"))]
     pub entry: Option<String>,
-    /// How many attempts an entrant has, all open for the whole time; or the window of each.
+    /// Number of attempts of an entrant, all open for the whole time; or the window of each attempt.
     #[cfg_attr(feature = "openapi", schema(default = 1))]
     pub attempts: Option<Attempts>,
-    /// How many attempts on other sealed seeds an entrant has in place of voided ones; 100 with the attempts at most.
+    /// Number of attempts on other sealed seeds that an entrant has in place of voided ones; together with the attempts at most
+    /// 100.
     #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 99))]
     pub spares: Option<u32>,
-    /// How many games of an attempt are open at a time.
+    /// Number of games of an attempt that are open at a time.
     #[cfg_attr(feature = "openapi", schema(default = 5, minimum = 1, maximum = 100))]
     pub parallel: Option<u32>,
-    /// Which attempt counts: `best`, `last` or `first`.
+    /// Attempt that counts: `best`, `last` or `first`.
     #[cfg_attr(feature = "openapi", schema(default = "best"))]
     pub counts: Option<String>,
-    /// What is shown of the board before the end: `public`, `hidden` or `frozen`.
+    /// Board before the end: `public`, `hidden` or `frozen`.
     #[cfg_attr(feature = "openapi", schema(default = "public"))]
     pub board: Option<String>,
-    /// When a frozen board stops changing.
+    /// Time at which a frozen board stops changing.
     pub board_freezes_at: Option<Timestamp>,
-    /// How many entrants one key may have.
+    /// Number of entrants that one key may have.
     #[cfg_attr(feature = "openapi", schema(default = 1, minimum = 1, maximum = 100))]
     pub entries_per_key: Option<u32>,
-    /// How many attempts an entrant may start on one day in UTC; as many as it has where this is left out.
+    /// Number of attempts that an entrant may start on one day in UTC; no daily limit by default.
     #[cfg_attr(feature = "openapi", schema(minimum = 1, maximum = 100))]
     pub attempts_per_day: Option<u32>,
-    /// What entrants accept when they enter: 1 to 20,000 characters.
+    /// Terms that entrants accept when they enter: 1 to 20,000 characters.
     pub terms: Option<String>,
-    /// The categories of entrants, each of which is in one of them: at most 20, each of 1 to 40 characters.
+    /// Categories, one of which every entrant is in: at most 20, each of 1 to 40 characters.
     #[cfg_attr(feature = "openapi", schema(example = json!(["models", "people", "rules"])))]
     pub categories: Option<Vec<String>>,
-    /// What decides between equal totals, in this order: `invalid` (the smaller share of invalid answers), `timeouts` (the smaller
-    /// share of moves that timed out), `attempts` (fewer attempts), `earliest` (the attempt that counts ended earlier).
+    /// Criteria that decide between equal totals, in this order: `invalid` (smaller share of invalid answers), `timeouts`
+    /// (smaller share of moves that timed out), `attempts` (fewer attempts), `earliest` (the attempt that counts ended
+    /// earlier).
     #[cfg_attr(feature = "openapi", schema(example = json!(["invalid", "earliest"])))]
     pub tie_breaks: Option<Vec<String>>,
-    /// When entrants read states, journals and scores of their own games: `sealed` (with everybody, after the end) or `ended` (once
-    /// the window of the attempt has closed).
+    /// Time from which entrants read states, journals and scores of their own games: `sealed` (with everybody, after the end)
+    /// or `ended` (once the window of the attempt has closed).
     #[cfg_attr(feature = "openapi", schema(default = "sealed"))]
     pub own_games: Option<String>,
 }
 
-/// What is played in each attempt: every task once on each of its sealed seeds.
+/// Games of each attempt: every task once on each of its sealed seeds.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct SealedSuite {
-    /// Names of tasks; all five by default.
+    /// Names of the tasks; all five by default.
     #[serde(default, deserialize_with = "crate::any_case::tasks")]
     pub tasks: Option<Vec<String>>,
-    /// How many sealed seeds each attempt has.
+    /// Number of sealed seeds of each attempt.
     #[cfg_attr(feature = "openapi", schema(default = 5, minimum = 1, maximum = 100))]
     pub seeds: Option<u32>,
-    /// How many of these make the board before the end; then the others make the final one. With 0 all make both.
+    /// Number of these seeds that make the board before the end; the other seeds then make the final board. With 0 all seeds
+    /// make both.
     #[cfg_attr(feature = "openapi", schema(default = 0, maximum = 99))]
     pub public_seeds: Option<u32>,
-    /// `paper` or `reference`.
+    /// Rule set: `paper` or `reference`.
     #[cfg_attr(feature = "openapi", schema(default = "paper"))]
     #[serde(default, deserialize_with = "crate::any_case::rules")]
     pub rules: Option<String>,
-    /// The settings of all games; by default those of the standard setting.
+    /// Settings of all games; those of the standard setting by default.
     pub settings: Option<SealedSettings>,
 }
 
@@ -120,30 +123,30 @@ game_settings! {
     }
 }
 
-/// The clocks of all games.
+/// Clocks of all games.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Clocks {
-    /// How long a round lasts for a seat before its bank is touched.
+    /// Seconds that a seat has in a round before its bank is used.
     #[cfg_attr(feature = "openapi", schema(required, minimum = 0.05, maximum = 86400))]
     pub round_deadline_s: Option<Seconds>,
-    /// What a seat may overspend in all rounds of a game together.
+    /// Seconds that a seat may overspend in all rounds of a game together.
     #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 604_800))]
     pub bank_s: Option<Seconds>,
-    /// The time without any act after which a game ends as abandoned.
+    /// Seconds without any act after which a game ends as abandoned.
     #[cfg_attr(feature = "openapi", schema(default = 86_400, minimum = 1, maximum = 31_536_000))]
     pub idle_timeout_s: Option<Seconds>,
 }
 
-/// How many attempts, or when each may be played.
+/// Number of attempts, or the window of each.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(untagged)]
 pub enum Attempts {
-    /// The number of attempts, all open for the whole time.
+    /// Number of attempts, all open for the whole time.
     Count(u32),
-    /// The window of each, in order.
+    /// Window of each attempt, in order.
     Windows(Vec<AttemptWindow>),
 }
 
@@ -176,192 +179,193 @@ impl<'de> Deserialize<'de> for Attempts {
     }
 }
 
-/// When an attempt may be played.
+/// Window in which an attempt may be played.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct AttemptWindow {
-    /// When it can first be started; by default when the competition opens.
+    /// Time from which the attempt can be started; by default the opening of the competition.
     pub opens_at: Option<Timestamp>,
-    /// No round of it begins at or after this time; by default the time at which the competition closes.
+    /// Time from which no round of the attempt begins; by default the closing of the competition.
     pub closes_at: Option<Timestamp>,
 }
 
-/// A competition as everybody sees it.
+/// Competition as everybody sees it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Competition {
-    /// Its id.
+    /// Id of the competition.
     #[cfg_attr(feature = "openapi", schema(example = "cmp_0198f2c55cf77c3e8f1be8a0c1a2b3c4"))]
     pub id: String,
-    /// Its name.
+    /// Name of the competition.
     pub name: String,
-    /// What entrants should know.
+    /// Information for entrants.
     pub description: String,
-    /// `announced`, `open`, `closing` (the last rounds still run), `closed` (everything is open to all) or `cancelled`.
+    /// Phase: `announced`, `open`, `closing` (the last rounds still run), `closed` (everything is open to all) or `cancelled`.
     pub phase: String,
-    /// When attempts can first be started.
+    /// Time from which attempts can be started.
     pub opens_at: Timestamp,
-    /// No round begins at or after this time.
+    /// Time from which no round begins.
     pub closes_at: Timestamp,
-    /// What is played in each attempt.
+    /// Games of each attempt.
     pub suite: SealedSuite,
-    /// The clocks of all games.
+    /// Clocks of all games.
     pub clocks: Clocks,
-    /// `anybody` or `codes`.
+    /// Entry: `anybody`, or `codes` for holders of invitation codes.
     pub entry: String,
-    /// The window of each attempt, in order.
+    /// Window of each attempt, in order.
     pub attempts: Vec<AttemptWindow>,
-    /// How many attempts on other sealed seeds an entrant has in place of voided ones.
+    /// Number of attempts on other sealed seeds that an entrant has in place of voided ones.
     #[serde(default)]
     pub spares: u32,
-    /// How many games of an attempt are open at a time.
+    /// Number of games of an attempt that are open at a time.
     pub parallel: u32,
-    /// Which attempt counts.
+    /// Attempt that counts: `best`, `last` or `first`.
     pub counts: String,
-    /// What is shown of the board before the end.
+    /// Board before the end: `public`, `hidden` or `frozen`.
     pub board: String,
-    /// When a frozen board stops changing.
+    /// Time at which a frozen board stops changing.
     pub board_freezes_at: Option<Timestamp>,
-    /// How many entrants one key may have.
+    /// Number of entrants that one key may have.
     pub entries_per_key: u32,
-    /// How many attempts an entrant may start on one day in UTC; null: as many as it has.
+    /// Number of attempts that an entrant may start on one day in UTC; null without a daily limit.
     #[serde(default)]
     pub attempts_per_day: Option<u32>,
-    /// What entrants accept when they enter.
+    /// Terms that entrants accept when they enter.
     #[serde(default)]
     pub terms: Option<Terms>,
-    /// The categories of entrants, each of which is in one of them.
+    /// Categories, one of which every entrant is in.
     #[serde(default)]
     pub categories: Vec<String>,
-    /// What decides between equal totals, in this order.
+    /// Criteria that decide between equal totals, in this order.
     #[serde(default)]
     pub tie_breaks: Vec<String>,
-    /// When entrants read their own games: `sealed` or `ended`.
+    /// Time from which entrants read their own games: `sealed` or `ended`.
     #[serde(default)]
     pub own_games: String,
-    /// Whether each task is played on seeds of its own; false in competitions that were created before servers drew these.
+    /// Whether each task is played on its own seeds; false in competitions of servers that did not draw such seeds yet.
     #[serde(default)]
     pub seeds_by_task: bool,
-    /// SHA-256 of the salt and then all sealed seeds, in hexadecimal: published before anybody plays, so that
-    /// everybody can check afterwards that no seed was changed.
+    /// SHA-256 of the salt and then all sealed seeds, in hexadecimal. It is published before anybody plays, so that everybody
+    /// can check afterwards that no seed was changed.
     pub commitment: String,
-    /// The salt in hexadecimal, once the competition is closed.
+    /// Salt in hexadecimal; null until the competition is closed.
     pub salt: Option<String>,
-    /// The sealed seeds in hexadecimal, attempt by attempt, once the competition is closed.
+    /// Sealed seeds in hexadecimal, attempt by attempt; null until the competition is closed.
     pub seeds: Option<Vec<String>>,
-    /// When it was created.
+    /// Time of creation.
     pub created_at: Timestamp,
-    /// When everything was opened to all.
+    /// Time at which everything was opened to all.
     pub revealed_at: Option<Timestamp>,
-    /// When the organizer cancelled it, if so.
+    /// Time at which an organizer cancelled the competition; null if none did.
     #[serde(default)]
     pub cancelled_at: Option<Timestamp>,
-    /// Why it was cancelled.
+    /// Reason of the cancellation.
     #[serde(default)]
     pub cancel_reason: Option<String>,
-    /// Whether it is in no list but the organizers'.
+    /// Whether only organizers and judges see the competition in lists.
     #[serde(default)]
     pub hidden: bool,
-    /// Another text after each change of what organizers may change: for `if_revision`. Empty from servers of earlier versions.
+    /// Revision for `if_revision`: changes with every change that organizers may make. Empty from servers of earlier versions.
     #[serde(default)]
     pub revision: String,
 }
 
-/// What entrants accept when they enter.
+/// Terms that entrants accept when they enter.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Terms {
-    /// From 1; each change makes the next one. Entrants keep the version that they accepted.
+    /// Version, from 1; each change of the terms makes the next one. Entrants keep the version that they accepted.
     pub version: u32,
-    /// The text.
+    /// Text of the terms.
     pub text: String,
 }
 
-/// What an organizer changes about a competition that has not closed. Fields that are left out do not change.
+/// Changes of a competition that has not closed, by an organizer. Fields that are left out do not change.
 #[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct CompetitionChange {
-    /// Another name.
+    /// New name.
     pub name: Option<String>,
-    /// Another description.
+    /// New description.
     pub description: Option<String>,
-    /// A later end, for games that are opened afterwards. Windows that end with the competition end with it again.
+    /// Later end, for games that are opened afterwards. Windows that end with the competition are extended with it.
     pub closes_at: Option<Timestamp>,
     /// Later ends of the windows of single attempts, for games that are opened afterwards.
     pub attempts: Option<Vec<WindowExtension>>,
-    /// Whether it is in no list but the organizers': for a rehearsal.
+    /// Whether only organizers and judges see the competition in lists: for a rehearsal.
     pub hidden: Option<bool>,
-    /// Other terms, as their next version: 1 to 20,000 characters. Who has entered keeps the version that it accepted.
+    /// New terms, as the next version: 1 to 20,000 characters. Entrants keep the version that they accepted.
     pub terms: Option<String>,
-    /// The `revision` of the competition as the organizer saw it: where it has another by now, nothing is changed (409 `changed`).
+    /// The `revision` of the competition that the organizer saw. If the competition has another revision by now, nothing is
+    /// changed (409 `changed`).
     pub if_revision: Option<String>,
-    /// Why; everybody sees it. 1 to 500 characters.
+    /// Reason, which everybody sees: 1 to 500 characters.
     pub reason: Option<String>,
 }
 
-/// A later end of the window of an attempt.
+/// Later end of the window of an attempt.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct WindowExtension {
-    /// The attempt, from 1.
+    /// Number of the attempt, from 1.
     #[cfg_attr(feature = "openapi", schema(minimum = 1))]
     pub attempt: u32,
-    /// No round of it begins at or after this time.
+    /// Time from which no round of the attempt begins.
     pub closes_at: Timestamp,
 }
 
-/// Why an organizer cancels a competition.
+/// Cancellation of a competition by an organizer.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct CancelRequest {
-    /// The reason, which everybody sees: 1 to 500 characters.
+    /// Reason, which everybody sees: 1 to 500 characters.
     #[cfg_attr(feature = "openapi", schema(min_length = 1, max_length = 500))]
     pub reason: String,
 }
 
-/// What an organizer did in a competition, as everybody sees it.
+/// Action of an organizer in a competition, as everybody sees it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct OrganizerAction {
-    /// When.
+    /// Time of the action.
     pub at: Timestamp,
-    /// What was done.
+    /// Name of the action.
     #[cfg_attr(feature = "openapi", schema(example = "competition.change"))]
     pub action: String,
-    /// The id of the competition, entrant, run or game that it concerns.
+    /// Id of the competition, entrant, run or game that the action concerns.
     pub subject: String,
-    /// Further facts: what was changed from what to what, and why.
+    /// Further facts: old and new values, and the reason.
     pub detail: Value,
 }
 
 page! {
-    /// What organizers did in a competition, newest first.
+    /// Actions of organizers in a competition, newest first.
     OrganizerActions of OrganizerAction
 }
 
-/// What an organizer announces to all who follow a competition.
+/// New announcement to all who follow a competition.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct AnnouncementRequest {
-    /// 1 to 2,000 characters of plain text.
+    /// Plain text: 1 to 2,000 characters.
     #[cfg_attr(feature = "openapi", schema(example = "Attempt 2 opens an hour later."))]
     pub text: String,
 }
 
-/// What an organizer announced.
+/// Announcement of an organizer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Announcement {
-    /// When.
+    /// Time of the announcement.
     pub at: Timestamp,
-    /// What.
+    /// Text of the announcement.
     pub text: String,
 }
 
@@ -371,51 +375,51 @@ page! {
 }
 
 page! {
-    /// A page of competitions, newest first.
+    /// Page of competitions, newest first.
     CompetitionList of Competition
 }
 
-/// Invitation codes that an organizer asks for.
+/// Order of invitation codes by an organizer.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct CodesRequest {
-    /// The receiver of each code, shown to organizers alone. 1 to 1,000 labels of 1 to 100 characters.
+    /// Receivers of the codes, one label for each; only organizers see them. 1 to 1,000 labels of 1 to 100 characters.
     #[cfg_attr(feature = "openapi", schema(required, example = json!(["team blue", "team red"])))]
     pub labels: Vec<String>,
 }
 
-/// An invitation code.
+/// Invitation code.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct InvitationCode {
-    /// Its receiver.
+    /// Receiver of the code.
     pub label: String,
-    /// The code: good for one entrant, and shown this once.
+    /// Code, good for one entrant and shown only once.
     pub code: String,
 }
 
-/// New invitation codes, shown this once.
+/// New invitation codes, shown only once.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct InvitationCodes {
-    /// One for each label.
+    /// Codes, one for each label.
     pub items: Vec<InvitationCode>,
 }
 
-/// An invitation code as organizers see it later: without the code itself.
+/// Invitation code as organizers see it later: without the code itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct InvitationSummary {
-    /// Its receiver.
+    /// Receiver of the code.
     pub label: String,
-    /// `unused`, `used` or `revoked`.
+    /// State: `unused`, `used` or `revoked`.
     pub state: String,
-    /// The entrant that used it.
+    /// Id of the entrant that used the code.
     pub entrant: Option<String>,
-    /// When it was made.
+    /// Time of creation.
     pub created_at: Timestamp,
-    /// When it was revoked.
+    /// Time at which the code was revoked.
     pub revoked_at: Option<Timestamp>,
 }
 
@@ -424,7 +428,7 @@ page! {
     InvitationList of InvitationSummary
 }
 
-/// Which unused invitation codes are revoked: those with a label, and those that are named themselves.
+/// Unused invitation codes to revoke: all with one of the labels, and single codes.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
@@ -433,222 +437,222 @@ pub struct RevokeCodesRequest {
     #[serde(default)]
     #[cfg_attr(feature = "openapi", schema(example = json!(["team blue"])))]
     pub labels: Vec<String>,
-    /// Codes.
+    /// Single codes.
     #[serde(default)]
     pub codes: Vec<String>,
 }
 
-/// Which entrants an organizer excludes at once: those that fit all fields that are given.
+/// Entrants that an organizer excludes at once: those that match all fields that are given.
 #[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ExclusionRequest {
-    /// The address or network from which they registered, like `203.0.113.7` or `2001:db8::/32`.
+    /// Address or network from which the entrants registered, like `203.0.113.7` or `2001:db8::/32`.
     pub address: Option<String>,
-    /// They registered at this time or later.
+    /// Time of registration: this time or later.
     pub registered_from: Option<Timestamp>,
-    /// They registered before this time.
+    /// Time of registration: before this time.
     pub registered_before: Option<Timestamp>,
-    /// A pattern of names in any case: `*` stands for any characters, `?` for one.
+    /// Pattern of names, case-insensitive: `*` stands for any characters, `?` for one.
     #[cfg_attr(feature = "openapi", schema(example = "bot-*"))]
     pub name: Option<String>,
-    /// How many entrants they are, from the preview; left out, they are shown, and nothing is done.
+    /// Number of matching entrants, from the preview. If it is left out, the answer is the preview, and nothing is done.
     pub count: Option<u32>,
-    /// The reason, which everybody sees: 1 to 500 characters. Required where `count` is given.
+    /// Reason, which everybody sees: 1 to 500 characters. Required if `count` is given.
     pub reason: Option<String>,
 }
 
-/// The entrants that were excluded, or would be.
+/// Entrants that were excluded, or would be.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Exclusion {
-    /// Whether they were excluded; else this is a preview.
+    /// Whether the entrants were excluded; false in a preview.
     pub excluded: bool,
-    /// How many they are.
+    /// Number of these entrants.
     pub count: u32,
-    /// The first 1,000 of them, in the order in which they registered.
+    /// First 1,000 of these entrants, in the order in which they registered.
     pub items: Vec<EntrantSummary>,
 }
 
-/// Who wants to take part, and what plays. None of it changes later: another model is another entrant.
+/// New entrant and its player. The declaration of the player never changes: another model is another entrant.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct EntrantRequest {
-    /// The name on the board: 1 to 100 characters that no other entrant has.
+    /// Name on the board: 1 to 100 characters that do not look like a name that another entrant has or had.
     #[cfg_attr(
         feature = "openapi",
         schema(example = "team blue", min_length = 1, max_length = 100)
     )]
     pub name: String,
-    /// The model's name: 1 to 200 characters.
+    /// Name of the model: 1 to 200 characters.
     #[cfg_attr(feature = "openapi", schema(example = "my-model"))]
     pub model: String,
-    /// The sampling temperature.
+    /// Sampling temperature.
     #[cfg_attr(feature = "openapi", schema(minimum = 0))]
     pub temperature: Option<f64>,
-    /// The nucleus of sampling.
+    /// Nucleus of sampling (top-p).
     #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
     pub top_p: Option<f64>,
-    /// What else is known of who plays; at most 16 KiB of JSON.
+    /// Further facts about the player; at most 16 KiB of JSON.
     #[cfg_attr(feature = "openapi", schema(value_type = Option<serde_json::Map<String, serde_json::Value>>))]
     pub agent_meta: Option<Carried>,
-    /// A prompt template of its own.
+    /// Prompt template of the entrant's own.
     pub prompt_template: Option<String>,
-    /// The invitation code, if the competition asks for one. Where anybody may enter it takes a reserved place.
+    /// Invitation code, if the competition requires one. If anybody may enter, the code takes a reserved place.
     pub code: Option<String>,
-    /// One of the competition's categories, if it has some.
+    /// Category of the entrant, if the competition has categories.
     pub category: Option<String>,
-    /// The version of the terms that the entrant accepts, if the competition has terms.
+    /// Version of the terms that the entrant accepts, if the competition has terms.
     #[cfg_attr(feature = "openapi", schema(minimum = 1))]
     pub accepts_terms: Option<u32>,
-    /// How organizers reach it, an address of mail for instance: 1 to 200 characters. Organizers and the entrant see it, nobody else.
+    /// Contact for organizers, such as an email address: 1 to 200 characters. Only organizers and the entrant see it.
     pub contact: Option<String>,
 }
 
-/// An entrant as everybody sees it.
+/// Entrant as everybody sees it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EntrantSummary {
-    /// Its id.
+    /// Id of the entrant.
     #[cfg_attr(feature = "openapi", schema(example = "ent_0198f2c55cf77c3e8f1be8a0c1a2b3c4"))]
     pub id: String,
-    /// Its name.
+    /// Name of the entrant.
     pub name: String,
-    /// The model's name, as declared.
+    /// Name of the model, as declared.
     pub model: String,
-    /// The sampling temperature, as declared.
+    /// Sampling temperature, as declared.
     pub temperature: Option<f64>,
-    /// The nucleus of sampling, as declared.
+    /// Nucleus of sampling (top-p), as declared.
     pub top_p: Option<f64>,
-    /// The digest of the prompt template; null for the built-in one.
+    /// Digest of the prompt template; null for the built-in template.
     pub prompt_template: Option<String>,
-    /// The name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `prompt_template`. A declared system
+    /// Name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `prompt_template`. A declared system
     /// message (`system_message` in `agent_meta`) adds `+system:` and the first digits of its SHA-256.
     #[serde(default)]
     pub prompt: String,
-    /// `active`, `withdrawn` or `disqualified`.
+    /// Status: `active`, `withdrawn` or `disqualified`.
     pub status: String,
-    /// Why it withdrew or was disqualified.
+    /// Reason of the withdrawal or disqualification.
     pub reason: Option<String>,
     /// Whether an organizer vouches for the model.
     pub vouched: bool,
-    /// When it registered.
+    /// Time of registration.
     pub registered_at: Timestamp,
-    /// Its category, if the competition has some.
+    /// Category of the entrant, if the competition has categories.
     #[serde(default)]
     pub category: Option<String>,
-    /// The version of the terms that it accepted last, if the competition has terms.
+    /// Version of the terms that the entrant accepted last, if the competition has terms.
     #[serde(default)]
     pub terms: Option<u32>,
-    /// Whether its personal data were erased.
+    /// Whether the personal data of the entrant were erased.
     #[serde(default)]
     pub erased: bool,
 }
 
-/// A new entrant.
+/// New entrant.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CreatedEntrant {
     /// The entrant.
     #[serde(flatten)]
     pub entrant: EntrantSummary,
-    /// The entrant's key, shown this once; null where the entrant registered with a key of its own.
+    /// Key of the entrant, shown only once; null if the entrant registered with a key of its own.
     pub key: Option<String>,
 }
 
-/// Another member of an entrant's team, who gets a key.
+/// New member of an entrant's team, who gets a key.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct MemberRequest {
-    /// The member's name, which the team, organizers and judges see: 1 to 100 characters.
+    /// Name of the member, which the team, organizers and judges see: 1 to 100 characters.
     #[cfg_attr(feature = "openapi", schema(example = "Ada", min_length = 1, max_length = 100))]
     pub name: String,
 }
 
-/// A member of a team.
+/// Member of a team.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct MemberSummary {
-    /// The id of the member's key.
+    /// Id of the member's key.
     #[cfg_attr(feature = "openapi", schema(example = "key_0198f2c55cf77c3e8f1be8a0c1a2b3c4"))]
     pub id: String,
-    /// The member's name.
+    /// Name of the member.
     pub name: String,
-    /// When it was added.
+    /// Time at which the member was added.
     pub added_at: Timestamp,
-    /// When it was removed, if it was.
+    /// Time at which the member was removed; null while it is a member.
     pub removed_at: Option<Timestamp>,
 }
 
-/// The members of a team that were added, in that order. Who entered is none of them.
+/// Added members of a team, in the order in which they were added. The one who entered is not among them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct MemberList {
-    /// All of them, removed ones too.
+    /// Members of the team, removed ones included.
     pub items: Vec<MemberSummary>,
 }
 
-/// A new member of a team.
+/// New member of a team.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CreatedMember {
     /// The member.
     #[serde(flatten)]
     pub member: MemberSummary,
-    /// The member's key, shown this once. It does what the entrant's own key does.
+    /// Key of the member, shown only once. It has the same rights as the entrant's own key.
     pub key: String,
 }
 
-/// A new key in place of one that an entrant has lost.
+/// New key that replaces one which an entrant has lost.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ReplacedKey {
-    /// The entrant.
+    /// Id of the entrant.
     pub entrant: String,
-    /// The key, shown this once. The one before is good for nothing any more.
+    /// New key, shown only once. The previous key is no longer valid.
     pub key: String,
 }
 
 page! {
-    /// All entrants, in the order in which they registered.
+    /// Entrants, in the order in which they registered.
     EntrantList of EntrantSummary
 }
 
-/// An entrant with its own results.
+/// Entrant with its own results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EntrantDetail {
     /// The entrant.
     #[serde(flatten)]
     pub entrant: EntrantSummary,
-    /// How organizers reach it; null for judges.
+    /// Contact for organizers; null for judges.
     #[serde(default)]
     pub contact: Option<String>,
-    /// Its attempts, in the order in which they were started; the last 1,000 of them.
+    /// Attempts of the entrant, in the order in which they were started; the last 1,000 of them.
     pub attempts: Vec<AttemptSummary>,
 }
 
-/// How organizers reach an entrant.
+/// Contact of an entrant, for organizers.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EntrantContact {
-    /// The entrant's id.
+    /// Id of the entrant.
     pub entrant: String,
-    /// Its name.
+    /// Name of the entrant.
     pub name: String,
-    /// Its category, if the competition has some.
+    /// Category of the entrant, if the competition has categories.
     pub category: Option<String>,
-    /// `active`, `withdrawn` or `disqualified`.
+    /// Status: `active`, `withdrawn` or `disqualified`.
     pub status: String,
-    /// How organizers reach it; null where it left none or was erased.
+    /// Contact of the entrant; null if it left none or was erased.
     pub contact: Option<String>,
 }
 
 page! {
-    /// How organizers reach the entrants, in the order in which they registered.
+    /// Contacts of the entrants, in the order in which they registered.
     ContactList of EntrantContact
 }
 
@@ -679,37 +683,37 @@ impl Table for ContactList {
     }
 }
 
-/// What an organizer changes about an entrant, or the entrant about itself: it may rename and withdraw itself. Fields that are
-/// left out do not change.
+/// Changes of an entrant, by an organizer or by the entrant, which may rename and withdraw itself. Fields that are left out do
+/// not change.
 #[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct EntrantChange {
-    /// Another name, that no other entrant has, until the competition closes.
+    /// New name, until the competition closes; it does not look like a name that another entrant has or had.
     pub name: Option<String>,
-    /// `active`, `withdrawn` or `disqualified`.
+    /// New status: `active`, `withdrawn` or `disqualified`.
     pub status: Option<String>,
-    /// Why; everybody sees it. 1 to 500 characters; a disqualification needs one.
+    /// Reason, which everybody sees: 1 to 500 characters. Required for a disqualification.
     pub reason: Option<String>,
-    /// Whether you vouch for it that the declared model plays.
+    /// Whether the organizer vouches for the declared model.
     pub vouched: Option<bool>,
-    /// Another of the competition's categories; organizers only.
+    /// New category of the competition's; organizers only.
     pub category: Option<String>,
-    /// The newest version of the terms, which the entrant accepts.
+    /// Newest version of the terms, which the entrant accepts.
     pub accepts_terms: Option<u32>,
-    /// Another contact; an empty one removes it.
+    /// New contact; an empty one removes it.
     pub contact: Option<String>,
 }
 
-/// Games on open seeds, to practise.
+/// Practice games on open seeds.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct PracticeRequest {
-    /// The entrant; required if the key has several.
+    /// Id of the entrant; required if the key has several.
     pub entrant: Option<String>,
-    /// Seeds, on each of which every task is played once: 1 to 10 of them; by default a single one that the server draws.
+    /// Seeds, 1 to 10, on each of which every task is played once; by default one seed that the server draws.
     #[cfg_attr(feature = "openapi", schema(example = json!([7])))]
     pub seeds: Option<Vec<i64>>,
     /// Tasks of the competition; all by default.
@@ -717,111 +721,111 @@ pub struct PracticeRequest {
     pub tasks: Option<Vec<String>>,
 }
 
-/// A practice run that was started.
+/// New practice run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct StartedPractice {
-    /// Whose it is.
+    /// Id of the entrant.
     pub entrant: String,
-    /// Its run.
+    /// Id of the run.
     #[cfg_attr(feature = "openapi", schema(example = "run_0198f2c55cf77c3e8f1be8a0c1a2b3c4"))]
     pub run: String,
-    /// Its seeds.
+    /// Seeds of the run.
     pub seeds: Vec<u64>,
-    /// How many games it has.
+    /// Number of games.
     pub games: usize,
-    /// No round begins at or after this time.
+    /// Time from which no round begins.
     pub closes_at: Timestamp,
-    /// The token of all seats of all its games, shown this once: play with it over `/swarm/obs` and `/swarm/act`.
+    /// Token of all seats of all games, shown only once: play with it over `/swarm/obs` and `/swarm/act`.
     pub swarm_token: String,
 }
 
-/// Which attempt is to be started.
+/// Attempt to start.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct AttemptRequest {
-    /// The entrant; required if the key has several.
+    /// Id of the entrant; required if the key has several.
     pub entrant: Option<String>,
-    /// Its number, from 1; by default the next open one.
+    /// Number of the attempt, from 1; by default the next open one.
     #[cfg_attr(feature = "openapi", schema(minimum = 1))]
     pub attempt: Option<u32>,
 }
 
-/// An attempt that was started.
+/// New attempt.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct StartedAttempt {
-    /// Its number.
+    /// Number of the attempt.
     pub attempt: u32,
-    /// Whether it is played on spare seeds, in place of a voided one.
+    /// Whether the attempt is played on spare seeds, in place of a voided one.
     #[serde(default)]
     pub on_spare_seeds: bool,
-    /// Whose it is.
+    /// Id of the entrant.
     pub entrant: String,
-    /// Its run.
+    /// Id of the attempt's run.
     #[cfg_attr(feature = "openapi", schema(example = "run_0198f2c55cf77c3e8f1be8a0c1a2b3c4"))]
     pub run: String,
-    /// How many games it has.
+    /// Number of games.
     pub games: usize,
-    /// No round begins at or after this time.
+    /// Time from which no round begins.
     pub closes_at: Timestamp,
-    /// The token of all seats of all its games, shown this once: play with it over `/swarm/obs` and `/swarm/act`.
+    /// Token of all seats of all games, shown only once: play with it over `/swarm/obs` and `/swarm/act`.
     pub swarm_token: String,
 }
 
-/// An attempt as its entrant sees it.
+/// Attempt as its entrant sees it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct AttemptSummary {
-    /// Whose it is.
+    /// Id of the entrant.
     pub entrant: String,
-    /// Its number.
+    /// Number of the attempt.
     pub attempt: u32,
-    /// Whether it is played on spare seeds, in place of a voided one.
+    /// Whether the attempt is played on spare seeds, in place of a voided one.
     #[serde(default)]
     pub on_spare_seeds: bool,
-    /// Its run.
+    /// Id of the attempt's run.
     pub run: String,
-    /// `running`, `finished`, `aborted`, `abandoned` or `closed`.
+    /// Status: `running`, `finished`, `aborted`, `abandoned` or `closed`.
     pub status: String,
-    /// When it was started.
+    /// Time at which the attempt was started.
     pub created_at: Timestamp,
-    /// When it ended.
+    /// Time at which the attempt ended; null before.
     pub ended_at: Option<Timestamp>,
-    /// How many games it has.
+    /// Number of games.
     pub games: usize,
-    /// How many of them have ended.
+    /// Number of games that have ended.
     pub games_ended: usize,
-    /// Why it was voided, if it was; then it may be started again.
+    /// Reason for which the attempt was voided; null if it was not. A voided attempt may be started again.
     pub voided: Option<String>,
-    /// The result of each task, once it is over.
+    /// Result of each task, once the attempt is over.
     pub tasks: Option<Vec<TaskMean>>,
-    /// The sum of the means, once it is over.
+    /// Sum of the means, once the attempt is over.
     pub total: Option<f64>,
 }
 
-/// An attempt that was voided.
+/// Attempt that was voided.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct VoidedAttempt {
     /// The attempt.
     #[serde(flatten)]
     pub attempt: AttemptSummary,
-    /// How much of its seeds the entrant has seen, where it will play again on the same: the competition has no spare seeds, or
-    /// the entrant has used all.
+    /// Part of the seeds that the entrant has seen, if it will play again on the same seeds: the competition has no spare
+    /// seeds, or the entrant has used all.
     pub seen: Option<SeenSeeds>,
 }
 
-/// How much an entrant has seen of seeds on which it will play again.
+/// Part of the seeds that an entrant has seen and on which it will play again.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SeenSeeds {
-    /// How many games of the attempt were opened, of `games`.
+    /// Number of games of the attempt that were opened, of `games`.
     pub games_opened: usize,
-    /// How many rounds of them were played, in all.
+    /// Number of rounds that were played in these games together.
     pub rounds: u64,
-    /// What that means, in a sentence.
+    /// Explanation of the consequences, in a sentence.
     pub warning: String,
 }
 
@@ -830,119 +834,118 @@ page! {
     AttemptList of AttemptSummary
 }
 
-/// The result of an attempt in a task.
+/// Result of an attempt in a task.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct TaskMean {
-    /// The task.
+    /// Name of the task.
     pub task: String,
-    /// The mean of its scores; null if all games were voided.
+    /// Mean of the scores; null if all games were voided.
     pub mean: Option<f64>,
-    /// Their population standard deviation.
+    /// Population standard deviation of the scores.
     pub deviation: Option<f64>,
     /// Games that were played and count.
     pub games: u32,
-    /// Planned games, without voided ones. Those that were not played count as 0.
+    /// Planned games, without voided ones. Planned games that were not played count as 0.
     pub planned: u32,
-    /// Voided games; they do not count.
+    /// Number of voided games, which do not count.
     pub voided: u32,
 }
 
-/// The board of a competition.
+/// Board of a competition.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CompetitionBoard {
-    /// What is shown: `all`; `totals` while seeds are sealed; or `nothing`.
+    /// Contents of the board: `all`; `totals` while seeds are sealed; or `nothing`.
     pub shows: String,
-    /// Which seeds make it: `all`; `public` or `final` where the competition has public seeds.
+    /// Seeds that make the board: `all`; `public` or `final` if the competition has public seeds.
     #[serde(default)]
     pub part: String,
-    /// The category of the entrants that it ranks, if one was asked for.
+    /// Category to which the board is limited; null for all entrants.
     #[serde(default)]
     pub category: Option<String>,
-    /// A frozen board shows attempts that were over before this time.
+    /// Time at which the board was frozen: it shows only attempts that were over before.
     pub frozen_at: Option<Timestamp>,
-    /// The metrics that were asked for, in that order.
+    /// Requested metrics, in the requested order.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub metrics: Vec<String>,
-    /// How their values were computed.
+    /// Method by which the metrics were computed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub metrics_method: Option<MetricsMethod>,
-    /// Entrants with a rank, then those without a counting attempt, then those who withdrew or were disqualified.
+    /// Rows: entrants with a rank, then those without a counting attempt, then those who withdrew or were disqualified.
     pub items: Vec<CompetitionRow>,
-    /// Where the next page begins; null on the last.
+    /// Cursor of the next page; null on the last page.
     pub next_cursor: Option<String>,
 }
 
-/// A row of the board.
+/// Row of the board.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CompetitionRow {
-    /// 1, 2, 2, 4; null without a counting attempt.
+    /// Rank: 1, 2, 2, 4. Null without a counting attempt.
     pub rank: Option<u32>,
     /// The entrant.
     pub entrant: EntrantSummary,
-    /// The number of the attempt that counts.
+    /// Number of the attempt that counts.
     pub attempt: Option<u32>,
-    /// Whether that was played on spare seeds, in place of a voided one.
+    /// Whether that attempt was played on spare seeds, in place of a voided one.
     #[serde(default)]
     pub on_spare_seeds: bool,
-    /// Its run.
+    /// Id of that attempt's run.
     pub run: Option<String>,
-    /// How the run ended.
+    /// Status of that run.
     pub run_status: Option<String>,
-    /// The result of each task; empty while seeds are sealed.
+    /// Result of each task; empty while seeds are sealed.
     pub tasks: Vec<TaskMean>,
-    /// The sum of the means.
+    /// Sum of the means.
     pub total: Option<f64>,
-    /// How far it is below the nearest row above, with an interval of 95 %; `to` is that entrant's id. Null while seeds
-    /// are sealed, for the first row, and for rows without a rank.
+    /// Distance below the nearest row above, with a 95 % interval; `to` is the id of that row's entrant. Null while seeds are
+    /// sealed, for the first row, and for rows without a rank.
     #[serde(default)]
     pub difference: Option<RowDifference>,
-    /// The share of invalid answers.
+    /// Share of invalid answers.
     pub invalid_share: f64,
-    /// How many answers were invalid, by the reason; empty while seeds are sealed. Games of earlier versions do not tell it.
+    /// Invalid answers, counted by reason; empty while seeds are sealed. Games of earlier versions did not record reasons.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", schema(value_type = BTreeMap<String, u64>))]
     pub failures: Failures,
-    /// The share of moves that timed out.
+    /// Share of moves that timed out.
     #[serde(default)]
     pub timeout_share: f64,
-    /// The old name of `timeout_share`.
+    /// Old name of `timeout_share`.
     pub clock_share: f64,
     /// Voided games of the attempt.
     pub voided_games: u32,
-    /// Attempts that are over and were not voided.
+    /// Number of attempts that are over and were not voided.
     pub attempts: u32,
-    /// Voided attempts.
+    /// Number of voided attempts.
     pub voided_attempts: u32,
-    /// `declared`: the entrant has all seats, and so can pool what they see; `enforced`: it cannot; null under
-    /// centralized control.
+    /// `declared` if the entrant has all seats, and so can pool what they see; `enforced` if it cannot; null under centralized
+    /// control.
     pub decentralization: Option<String>,
-    /// Of each task the metrics that were asked for: means over the games of the attempt that counts. Empty while seeds are
-    /// sealed.
+    /// Requested metrics by task: means over the games of the attempt that counts. Empty while seeds are sealed.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub metrics: BTreeMap<String, BTreeMap<String, Option<f64>>>,
 }
 
-/// An action of an organizer in the audit log.
+/// Entry of the audit log: an action of an organizer, a judge's look at a sealed game, or an entrant's own rename.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = Deed))]
 pub struct AuditEntry {
-    /// When.
+    /// Time of the action.
     pub at: Timestamp,
-    /// The id of the organizer's key, or `local` for work on the server's own machine.
+    /// Id of the key, or `local` for work on the server's own machine.
     pub who: String,
-    /// What was done.
+    /// Name of the action.
     #[cfg_attr(feature = "openapi", schema(example = "entrant.change"))]
     pub action: String,
-    /// The id of the competition, entrant, … that the action concerns.
+    /// Id of the competition, entrant, … that the action concerns.
     pub subject: String,
     /// Further facts.
     pub detail: Value,
 }
 
 page! {
-    /// A page of the audit log, newest first.
+    /// Page of the audit log, newest first.
     AuditLog of AuditEntry
 }

@@ -1,4 +1,4 @@
-//! Episodes: requests and responses.
+//! Requests and responses for episodes.
 
 use serde::{Deserialize, Serialize};
 use swarmbench_engine::{AgentState, Seed, SpectatorView};
@@ -9,38 +9,38 @@ use crate::carried::Carried;
 use crate::game_settings;
 use crate::time::Timestamp;
 
-/// How an episode ended.
+/// End of an episode.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EpisodeResult {
-    /// `task_done`, `rounds_played`, `aborted` or `idle`.
+    /// Reason of the end: `task_done`, `rounds_played`, `aborted`, `closed` (the window of its attempt closed) or `idle`.
     #[cfg_attr(feature = "openapi", schema(example = "rounds_played"))]
     pub reason: String,
-    /// The final score.
+    /// Final score.
     pub score: f64,
-    /// How many rounds were resolved.
+    /// Number of resolved rounds.
     pub rounds: u32,
-    /// The head of the journal's chain, which identifies the journal.
+    /// Head of the journal's hash chain, which identifies the journal.
     pub journal_head: String,
 }
 
 game_settings! {
     partial
-    /// What an episode is to be. Everything but `task` has a default.
+    /// Settings of a new episode. All but `task` have defaults.
     #[serde_with::skip_serializing_none]
     #[derive(Clone, Debug, Default, Serialize, Deserialize)]
     #[serde(deny_unknown_fields)]
     #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({"task": "Transport", "seed": 27, "model": "my-model"})))]
     pub struct EpisodeRequest {
-        /// `Transport`, `Pursuit`, `Synchronization`, `Foraging` or `Flocking`.
+        /// Task: `Transport`, `Pursuit`, `Synchronization`, `Foraging` or `Flocking`.
         #[serialize_always]
         #[cfg_attr(feature = "openapi", schema(required))]
         #[serde(default, deserialize_with = "crate::any_case::task")]
         pub task: Option<String>,
-        /// The seed of the layout, 0 to 2⁵³ − 1; drawn at random where it is left out.
+        /// Seed of the layout, 0 to 2⁵³ − 1; drawn at random by default.
         #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 9_007_199_254_740_991_i64))]
         pub seed: Option<i64>,
-        /// `paper` or `reference`.
+        /// Rule set: `paper` or `reference`.
         #[cfg_attr(feature = "openapi", schema(default = "paper"))]
         #[serde(default, deserialize_with = "crate::any_case::rules")]
         pub rules: Option<String>,
@@ -50,40 +50,40 @@ game_settings! {
             #[serde(default, deserialize_with = "crate::any_case::control")]
             pub control: Option<String>
         },
-        /// A round's clock in seconds; none by default.
+        /// Clock of a round in seconds; none by default.
         #[cfg_attr(feature = "openapi", schema(minimum = 0.05, maximum = 86_400))]
         pub round_deadline_s: Option<f64>,
-        /// What a seat may overspend in all rounds together, in seconds.
+        /// Time that a seat may overspend in all rounds together, in seconds.
         #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 604_800))]
         pub bank_s: Option<f64>,
-        /// `now` or `manual`.
+        /// Start of the episode: `now` or `manual`.
         #[cfg_attr(feature = "openapi", schema(default = "now"))]
         pub start: Option<String>,
         /// Seconds without any act after which the episode ends as abandoned.
         #[cfg_attr(feature = "openapi", schema(default = 86_400, minimum = 1, maximum = 31_536_000))]
         pub idle_timeout_s: Option<f64>,
-        /// `public` or `owner`: who reads state, events and resolved rounds before the end.
+        /// Readers of state, events and resolved rounds before the end: `public` (anyone) or `owner` (the creator).
         #[cfg_attr(feature = "openapi", schema(default = "public"))]
         pub visibility: Option<String>,
-        /// Who plays; at most 200 characters.
+        /// Name of the model that plays; at most 200 characters.
         #[cfg_attr(feature = "openapi", schema(default = "unnamed"))]
         pub model: Option<String>,
-        /// What else is known of who plays; at most 16 KiB of JSON.
+        /// Further facts about the player; at most 16 KiB of JSON.
         #[cfg_attr(feature = "openapi", schema(value_type = Option<serde_json::Map<String, serde_json::Value>>))]
         pub agent_meta: Option<Carried>,
-        /// A prompt template of the episode's own; at most 32 KiB.
+        /// Prompt template of the episode's own; at most 32 KiB.
         pub prompt_template: Option<String>,
-        /// How many seats are open to claims, those of the last agents; the creator gets no tokens for them.
+        /// Number of seats that are open to claims, those of the last agents; the creator gets no tokens for them.
         #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 1024))]
         pub open_seats: Option<i64>,
         /// Seconds after which built-in players take the unclaimed seats; never by default.
         #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 604_800))]
         pub fill_after_s: Option<f64>,
-        /// The built-in player that takes unclaimed seats; `default` is the task's own.
+        /// Built-in player that takes unclaimed seats; `default` is the task's own player.
         #[cfg_attr(feature = "openapi", schema(default = "default"))]
         pub fill_with: Option<String>,
-        /// The built-in player that the server hosts on the creator's seats, which then have no tokens; `default` is the
-        /// task's own.
+        /// Built-in player that the server hosts on the creator's seats, which then have no tokens; `default` is the task's own
+        /// player.
         pub player: Option<String>,
     }
 }
@@ -96,7 +96,7 @@ game_settings! {
     #[expect(missing_docs, reason = "the same as in the request")]
     pub struct EpisodeConfig {
         pub task: String,
-        /// Null while the caller may not know it.
+        /// Seed of the layout; null while the caller may not know it.
         #[cfg_attr(feature = "openapi", schema(value_type = Option<u64>))]
         pub seed: Option<Seed>,
         pub rules: String,
@@ -109,7 +109,7 @@ game_settings! {
         pub model: String,
         #[cfg_attr(feature = "openapi", schema(value_type = serde_json::Map<String, serde_json::Value>))]
         pub agent_meta: Carried,
-        /// Null for the built-in template; the journal has the text of either.
+        /// Prompt template of the episode's own; null for the built-in template. The journal has the text of either.
         pub prompt_template: Option<String>,
         #[serde(default)]
         pub open_seats: u16,
@@ -122,65 +122,66 @@ game_settings! {
     }
 }
 
-/// From where a fork plays on, and how. What is left out is as for a new episode, but for the visibility and the prompt
-/// template, which are those of the parent. The settings of the simulation are the parent's and cannot be named.
+/// Start and settings of a fork. Settings that are left out are as for a new episode, except the visibility and the prompt
+/// template, which are the parent's. The settings of the simulation are the parent's and cannot be named.
 #[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({"round": 12, "model": "my-model"})))]
 pub struct ForkRequest {
-    /// How many rounds are taken over: from 0 to those that were resolved; also the first round to be played.
+    /// Number of rounds that are taken over, from 0 to the number of resolved rounds; also the first round to be played.
     #[serialize_always]
     #[cfg_attr(feature = "openapi", schema(required, minimum = 0, maximum = 10_000))]
     pub round: Option<i64>,
-    /// How many forks of the same state are made.
+    /// Number of forks of the same state.
     #[cfg_attr(feature = "openapi", schema(default = 1, minimum = 1, maximum = 64))]
     pub count: Option<i64>,
-    /// A round's clock in seconds; none by default. Banks are full, whatever was used before the fork.
+    /// Clock of a round in seconds; none by default. Banks are full, whatever was used before the fork.
     #[cfg_attr(feature = "openapi", schema(minimum = 0.05, maximum = 86_400))]
     pub round_deadline_s: Option<f64>,
-    /// What a seat may overspend in all rounds together, in seconds.
+    /// Time that a seat may overspend in all rounds together, in seconds.
     #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 604_800))]
     pub bank_s: Option<f64>,
-    /// `now` or `manual`.
+    /// Start of the fork: `now` or `manual`.
     #[cfg_attr(feature = "openapi", schema(default = "now"))]
     pub start: Option<String>,
     /// Seconds without any act after which the episode ends as abandoned.
     #[cfg_attr(feature = "openapi", schema(default = 86_400, minimum = 1, maximum = 31_536_000))]
     pub idle_timeout_s: Option<f64>,
-    /// `public` or `owner`: who reads state, events and resolved rounds before the end; the parent's by default.
+    /// Readers of state, events and resolved rounds before the end: `public` (anyone) or `owner` (the creator); the parent's
+    /// by default.
     pub visibility: Option<String>,
-    /// Who plays; at most 200 characters.
+    /// Name of the model that plays; at most 200 characters.
     #[cfg_attr(feature = "openapi", schema(default = "unnamed"))]
     pub model: Option<String>,
-    /// What else is known of who plays; at most 16 KiB of JSON.
+    /// Further facts about the player; at most 16 KiB of JSON.
     #[cfg_attr(feature = "openapi", schema(value_type = Option<serde_json::Map<String, serde_json::Value>>))]
     pub agent_meta: Option<Carried>,
-    /// A prompt template of the fork's own; at most 32 KiB. The parent's by default.
+    /// Prompt template of the fork's own; at most 32 KiB. The parent's by default.
     pub prompt_template: Option<String>,
-    /// How many seats are open to claims, those of the last agents; the creator gets no tokens for them.
+    /// Number of seats that are open to claims, those of the last agents; the creator gets no tokens for them.
     #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 1024))]
     pub open_seats: Option<i64>,
     /// Seconds after which built-in players take the unclaimed seats; never by default.
     #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 604_800))]
     pub fill_after_s: Option<f64>,
-    /// The built-in player that takes unclaimed seats; `default` is the task's own.
+    /// Built-in player that takes unclaimed seats; `default` is the task's own player.
     #[cfg_attr(feature = "openapi", schema(default = "default"))]
     pub fill_with: Option<String>,
-    /// The built-in player that the server hosts on the creator's seats, which then have no tokens; `default` is the
-    /// task's own.
+    /// Built-in player that the server hosts on the creator's seats, which then have no tokens; `default` is the task's own
+    /// player.
     pub player: Option<String>,
 }
 
-/// Where an episode continues another one.
+/// Point at which an episode continues another one.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Fork {
-    /// The id of the other episode, its parent.
+    /// Id of the other episode, the parent.
     pub episode: String,
-    /// How many rounds of the parent were taken over.
+    /// Number of rounds of the parent that were taken over.
     pub round: u32,
-    /// The head of the parent's chain before that round; null while the caller may not know the seed.
+    /// Head of the parent's hash chain before that round; null while the caller may not know the seed.
     pub head: Option<String>,
 }
 
@@ -188,147 +189,147 @@ pub struct Fork {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CreatedForks {
-    /// Where they continue their parent.
+    /// Point at which the forks continue their parent.
     pub fork: Fork,
-    /// The forks: as many as were asked for.
+    /// Forks, as many as requested.
     pub episodes: Vec<CreatedEpisode>,
 }
 
-/// A new episode, with tokens that are shown this once.
+/// New episode, with tokens that are shown only once.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CreatedEpisode {
-    /// Its id.
+    /// Id of the episode.
     pub id: String,
-    /// Its status.
+    /// Status of the episode.
     pub status: Status,
-    /// All its settings.
+    /// All settings of the episode.
     pub config: EpisodeConfig,
-    /// A token for each seat of the creator.
+    /// Tokens of the creator's seats, one for each seat.
     pub seats: Vec<SeatToken>,
-    /// A token for all of these seats. It has the rights of the creator, too, so it exists even without any seat.
+    /// Token for all of these seats. It also has the rights of the creator, so it exists even without any seat.
     pub swarm_token: String,
 }
 
-/// The token of one agent.
+/// Token of one agent.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SeatToken {
-    /// The agent's name.
+    /// Name of the agent.
     pub agent: String,
-    /// Its token.
+    /// Token of the agent.
     pub token: String,
 }
 
-/// An episode as it is listed.
+/// Episode as it is listed.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EpisodeSummary {
-    /// Its id.
+    /// Id of the episode.
     pub id: String,
-    /// Its status.
+    /// Status of the episode.
     pub status: Status,
-    /// The task.
+    /// Name of the task.
     pub task: String,
-    /// Who plays.
+    /// Name of the model that plays.
     pub model: String,
-    /// The id of its run; null without a run.
+    /// Id of the episode's run; null without a run.
     pub run: Option<String>,
-    /// How many rounds were resolved.
+    /// Number of resolved rounds.
     pub round: u32,
-    /// The score so far.
+    /// Score so far.
     pub score: f64,
-    /// When it was created.
+    /// Time of creation.
     pub created_at: Timestamp,
-    /// When it ended.
+    /// Time at which the episode ended; null before.
     pub ended_at: Option<Timestamp>,
-    /// How it ended.
+    /// End of the episode; null before.
     pub result: Option<EpisodeResult>,
-    /// Why it was voided, if it was.
+    /// Reason for which the episode was voided; null if it was not.
     pub void_reason: Option<String>,
-    /// Where it continues another episode, if it is a fork.
+    /// Point at which the episode continues another one; null if it is no fork.
     #[serde(default)]
     pub fork: Option<Fork>,
-    /// All its settings.
+    /// All settings of the episode.
     pub config: EpisodeConfig,
 }
 
-/// Why an episode is voided.
+/// Reason for voiding an episode.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({"reason": "power cut in round 40"})))]
 pub struct VoidRequest {
-    /// What went wrong: 1 to 500 characters. It is shown to everybody who may see the episode.
+    /// Fault that happened: 1 to 500 characters. It is shown to everybody who may see the episode.
     #[cfg_attr(feature = "openapi", schema(min_length = 1, max_length = 500))]
     pub reason: String,
 }
 
 page! {
-    /// A page of episodes, newest first.
+    /// Page of episodes, newest first.
     EpisodeList of EpisodeSummary
 }
 
-/// The whole world after some round.
+/// Whole world after some round.
 #[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct State {
-    /// How many rounds were resolved.
+    /// Number of resolved rounds.
     pub round: u32,
-    /// The score so far.
+    /// Score so far.
     pub score: f64,
-    /// One character a cell, row by row: `.` `W` `B` `P` `F` `N`, agents `A`.
+    /// Rows of the map, one character a cell: `.` `W` `B` `P` `F` `N`, agents `A`.
     pub grid: Vec<String>,
     /// All agents.
     pub agents: Vec<StateAgent>,
-    /// Where the prey is (Pursuit).
+    /// Position of the prey (Pursuit).
     pub prey: Option<Position>,
-    /// The top-left cell of the block's shape (Transport).
+    /// Top-left cell of the block's shape (Transport).
     pub block: Option<Position>,
-    /// The cost of the placement (Flocking).
+    /// Cost of the placement (Flocking).
     pub distance: Option<f64>,
 }
 
-/// An agent as a spectator sees it.
+/// Agent as a spectator sees it.
 #[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct StateAgent {
-    /// Its name.
+    /// Name of the agent.
     pub agent: String,
-    /// Its row; after an escape the row of the exit.
+    /// Row of the agent; after an escape the row of the exit.
     pub i: i32,
-    /// Its column.
+    /// Column of the agent.
     pub j: i32,
-    /// Whether it is on the map.
+    /// Whether the agent is on the map.
     pub alive: bool,
-    /// Whether its light is on (Synchronization).
+    /// Whether the agent's light is on (Synchronization).
     pub light_on: Option<bool>,
-    /// Whether it carries food (Foraging).
+    /// Whether the agent carries food (Foraging).
     pub carrying_food: Option<bool>,
 }
 
-/// What spectators get of a resolved round; the grid is in the state.
+/// Event of a resolved round for spectators; the grid is in the state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct RoundEvent {
-    /// How many rounds were resolved with it.
+    /// Number of resolved rounds, this one included.
     pub round: u32,
-    /// The score after it.
+    /// Score after the round.
     pub score: f64,
-    /// All agents after it.
+    /// All agents after the round.
     pub agents: Vec<StateAgent>,
 }
 
-/// The fields of one Server-Sent Event. This type only describes them: a stream writes its events itself.
+/// Fields of one Server-Sent Event. This type only describes them: a stream writes its events itself.
 #[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct StreamedEvent {
-    /// `round` or `finished`.
+    /// Kind of the event: `round` or `finished`.
     #[cfg_attr(feature = "openapi", schema(example = "round"))]
     pub event: String,
-    /// How many rounds were resolved; left out in `finished`.
+    /// Number of resolved rounds; left out in `finished`.
     #[cfg_attr(feature = "openapi", schema(example = "12"))]
     pub id: Option<String>,
     /// JSON: a `RoundEvent`, or in `finished` the `EpisodeResult`.

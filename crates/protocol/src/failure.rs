@@ -1,4 +1,4 @@
-//! Why an answer of a language model did not count, and how many did not, kind by kind.
+//! Reasons for which answers of language models did not count, and counts of each.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -8,10 +8,10 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use swarmbench_engine::answer::Fault;
 
 swarmbench_engine::named! {
-    /// Why an answer of a language model did not count, so that its agent did nothing.
+    /// Reason for which an answer of a language model did not count, so that its agent did nothing.
     ///
-    /// The first six are known to the client that asked the model, and it may send them with the answer. The last three
-    /// are read from the answer's text, by the rules.
+    /// The first six are known to the client that asked the model, and it may send them with the answer. The last three are
+    /// read from the answer's text, by the rules.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
     #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
     #[serde(rename_all = "snake_case")]
@@ -38,7 +38,7 @@ swarmbench_engine::named! {
 }
 
 impl Failure {
-    /// Why an answer does not count whose text is invalid in this way: what the client says, or else what the text shows.
+    /// Reason for an invalid text with this fault: the one that the client gave, or else the one that the text shows.
     #[must_use]
     pub fn of(said: Option<Self>, fault: Fault) -> Self {
         said.filter(|said| said.is_of_client()).unwrap_or(match fault {
@@ -48,13 +48,13 @@ impl Failure {
         })
     }
 
-    /// Whether only the client that asked the model can know it; the others follow from the text.
+    /// Whether only the client that asked the model can know the reason; the others follow from the text.
     #[must_use]
     pub const fn is_of_client(self) -> bool {
         !matches!(self, Self::Empty | Self::NoMarker | Self::UnknownAction)
     }
 
-    /// What happened, for people: a few words that follow a count, as in `3 cut at the token limit`.
+    /// Words for people that follow a count, as in `3 cut at the token limit`.
     #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
@@ -77,45 +77,45 @@ impl fmt::Display for Failure {
     }
 }
 
-/// How many answers did not count, kind by kind. In JSON an object with the kinds that occurred.
+/// Counts of answers that did not count, by reason. In JSON an object with the reasons that occurred.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Failures([u64; Failure::ALL.len()]);
 
 impl Failures {
-    /// None.
+    /// No failures.
     pub const EMPTY: Self = Self([0; Failure::ALL.len()]);
 
-    /// Counts one more.
+    /// Counts one more failure.
     pub fn count(&mut self, failure: Failure) {
         self.0[failure as usize] = self.0[failure as usize].saturating_add(1);
     }
 
-    /// Adds all of others.
+    /// Adds the counts of others.
     pub fn add(&mut self, others: Self) {
         for (sum, more) in self.0.iter_mut().zip(others.0) {
             *sum = sum.saturating_add(more);
         }
     }
 
-    /// How many of a kind.
+    /// Count of one reason.
     #[must_use]
     pub const fn of(&self, failure: Failure) -> u64 {
         self.0[failure as usize]
     }
 
-    /// Whether there are none.
+    /// Whether there are no failures.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
 
-    /// All of them.
+    /// Sum of all counts.
     #[must_use]
     pub fn total(&self) -> u64 {
         self.0.iter().fold(0, |sum, &more| sum.saturating_add(more))
     }
 
-    /// The kinds that occurred and how many of each, the most frequent first.
+    /// Reasons that occurred and their counts, most frequent first.
     #[must_use]
     pub fn most_frequent(&self) -> Vec<(Failure, u64)> {
         let mut kinds: Vec<_> = self.iter().filter(|&(_, count)| count > 0).collect();
@@ -123,12 +123,12 @@ impl Failures {
         kinds
     }
 
-    /// How many of each kind, in the order of [`Failure::ALL`].
+    /// Counts of all reasons, in the order of [`Failure::ALL`].
     pub fn iter(&self) -> impl Iterator<Item = (Failure, u64)> + '_ {
         Failure::ALL.into_iter().zip(self.0)
     }
 
-    /// For people, the most frequent first, as in `3 refused, 1 empty`; empty without any.
+    /// Text for people, most frequent first, as in `3 refused, 1 empty`; empty without failures.
     #[must_use]
     pub fn words(&self) -> String {
         let kinds = self.most_frequent().into_iter();
@@ -138,12 +138,12 @@ impl Failures {
             .join(", ")
     }
 
-    /// The names of columns with one count for each kind: `failed_refusal` and so on.
+    /// Names of columns with one count for each reason: `failed_refusal` and so on.
     pub fn columns() -> impl Iterator<Item = String> {
         Failure::ALL.into_iter().map(|kind| format!("failed_{kind}"))
     }
 
-    /// The counts as texts, in the order of [`Failures::columns`].
+    /// Counts as texts, in the order of [`Failures::columns`].
     pub fn cells(&self) -> impl Iterator<Item = String> + '_ {
         self.0.iter().map(u64::to_string)
     }

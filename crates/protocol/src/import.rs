@@ -6,36 +6,36 @@ use serde_json::{Map, Value, json};
 use crate::game_settings;
 use crate::time::Timestamp;
 
-/// An imported game. It is not verified: everything in it comes from its files.
+/// Imported game. It is not verified: everything in it comes from its files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ImportSummary {
-    /// Its id.
+    /// Id of the game.
     #[cfg_attr(feature = "openapi", schema(example = "imp_5f0c1e6a7d9b48f2a3c4d5e6f7081920"))]
     pub id: String,
-    /// As its files call it.
+    /// Name of the game in its files.
     pub run_id: String,
-    /// Always false: this server neither received its acts nor computed its states.
+    /// Always false: this server neither received the acts nor computed the states.
     pub verified: bool,
-    /// The task.
+    /// Name of the task.
     pub task: String,
-    /// Who played, as the files say.
+    /// Name of the model that played, as the files say.
     pub model: String,
-    /// The seed.
+    /// Seed of the game.
     pub seed: u64,
-    /// The last score.
+    /// Last score.
     pub score: f64,
-    /// How many rounds were resolved.
+    /// Number of resolved rounds.
     pub rounds: u32,
-    /// How many acts it has; 0 if the file with them was missing or broken.
+    /// Number of acts; 0 if the file with them was missing or broken.
     pub acts: u64,
-    /// The settings that the files contain.
+    /// Settings that the files contain.
     pub settings: ImportConfig,
-    /// When it was imported.
+    /// Time of the import.
     pub imported_at: Timestamp,
 }
 
-/// The settings of an imported game. The toolkit's files contain only the first five.
+/// Settings of an imported game. The toolkit's files contain only the first five.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[expect(missing_docs, reason = "the same as of an episode")]
@@ -56,12 +56,12 @@ pub struct ImportConfig {
 
 game_settings! {
     partial
-    /// Settings of games, as far as they are known.
+    /// Known settings of games.
     #[serde_with::skip_serializing_none]
     #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
     #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
     pub struct KnownSettings {
-        /// `paper` or `reference`.
+        /// Rule set: `paper` or `reference`.
         pub rules: Option<String>,
         /// `decentralized` or `centralized`.
         pub control: Option<String>,
@@ -70,7 +70,7 @@ game_settings! {
 }
 
 impl KnownSettings {
-    /// Whether all that both know is equal.
+    /// Whether all settings that both know are equal.
     #[must_use]
     pub fn agrees(&self, other: &Self) -> bool {
         let (one, other) = (self.by_name(), other.by_name());
@@ -90,6 +90,6 @@ impl From<&ImportConfig> for KnownSettings {
 }
 
 page! {
-    /// A page of imported games, newest first.
+    /// Page of imported games, newest first.
     ImportList of ImportSummary
 }

@@ -1,53 +1,53 @@
-//! Keys for people.
+//! Keys of people.
 
 use serde::{Deserialize, Serialize};
 
 use crate::time::Timestamp;
 
-/// A key that an organizer creates for somebody.
+/// New key, which an organizer creates for somebody.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct KeyRequest {
-    /// Whose it is: 1 to 100 characters.
+    /// Name of the holder: 1 to 100 characters.
     #[cfg_attr(
         feature = "openapi",
         schema(example = "team blue", min_length = 1, max_length = 100)
     )]
     pub name: String,
-    /// `entrant`, `member` (the default), `judge` or `organizer`.
+    /// Role: `entrant`, `member` (the default), `judge` or `organizer`.
     #[cfg_attr(feature = "openapi", schema(example = "member"))]
     pub role: Option<String>,
-    /// When it expires; never by default.
+    /// Time at which the key expires; never by default.
     pub expires_at: Option<Timestamp>,
 }
 
-/// A key as it is shown: all but the key itself.
+/// Key as it is shown: everything except the key itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct KeySummary {
-    /// Its id.
+    /// Id of the key.
     #[cfg_attr(feature = "openapi", schema(example = "key_0198f2c55cf77c3e8f1be8a0c1a2b3c4"))]
     pub id: String,
-    /// Whose it is.
+    /// Name of the holder.
     pub name: String,
-    /// `entrant`, `member`, `judge` or `organizer`.
+    /// Role: `entrant`, `member`, `judge` or `organizer`.
     pub role: String,
-    /// `good`, `expired` or `revoked`.
+    /// State: `good`, `expired` or `revoked`.
     pub state: String,
-    /// When it was made.
+    /// Time of creation.
     pub created_at: Timestamp,
-    /// When it expires.
+    /// Time at which the key expires; null if it never does.
     pub expires_at: Option<Timestamp>,
-    /// When it was revoked.
+    /// Time at which the key was revoked; null if it was not.
     pub revoked_at: Option<Timestamp>,
 }
 
-/// A new key, shown this once.
+/// New key, shown only once.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CreatedKey {
-    /// What is stored of it.
+    /// Stored facts about the key.
     #[serde(flatten)]
     pub key: KeySummary,
     /// The key itself, to be sent as `Authorization: Bearer …`; it cannot be shown again.

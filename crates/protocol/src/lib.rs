@@ -1,8 +1,8 @@
-//! What the server and its clients exchange: the shapes of the JSON, suites, and the rules for names.
+//! Types that the server and its clients exchange: shapes of the JSON, suites, and the rules for names.
 //!
-//! A crate of its own so that a client is built without the server. The shapes are fixed by the wire contract
-//! (`docs/protocol.md`); a program with types of its own converts them explicitly, so that its types can change. With the
-//! feature `openapi` they describe themselves.
+//! The crate is separate so that clients build without the server. The shapes are fixed by the wire contract
+//! (`docs/protocol.md`); programs with types of their own convert them explicitly, so that these types can change. The feature
+//! `openapi` adds the descriptions for the OpenAPI document.
 
 /// Defines a page of a list.
 macro_rules! page {
@@ -11,9 +11,9 @@ macro_rules! page {
         #[derive(Clone, Debug, Serialize, Deserialize)]
         #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
         pub struct $name {
-            /// The items of this page.
+            /// Items of this page.
             pub items: Vec<$item>,
-            /// Where the next page begins; null on the last.
+            /// Cursor of the next page; null on the last page.
             pub next_cursor: Option<String>,
         }
     };
@@ -47,13 +47,13 @@ pub mod time;
 use serde::{Deserialize, Serialize};
 use swarmbench_engine::Pos;
 
-/// A cell: row `i` grows downward, column `j` to the right.
+/// Cell of the map: row `i` grows downward, column `j` to the right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Position {
-    /// The row.
+    /// Row of the cell.
     pub i: i32,
-    /// The column.
+    /// Column of the cell.
     pub j: i32,
 }
 
@@ -69,13 +69,13 @@ impl From<Position> for Pos {
     }
 }
 
-/// A duration in seconds; whole numbers are written without a fraction.
+/// Duration in seconds; whole numbers are written without a fraction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(value_type = f64))]
 pub struct Seconds(pub f64);
 
 impl Seconds {
-    /// The seconds of a duration.
+    /// Seconds of a duration.
     #[must_use]
     pub fn of(duration: std::time::Duration) -> Self {
         Self(duration.as_secs_f64())

@@ -1,45 +1,46 @@
-//! The servers that play together on one database.
+//! Servers that share one database.
 
 use serde::{Deserialize, Serialize};
 
 use crate::time::Timestamp;
 
-/// A server.
+/// Server.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Node {
-    /// Its number: a server that is started again gets another. 0 for a server that plays alone.
+    /// Number of the server: a server that is started again gets another. 0 for a server that plays alone.
     pub id: i64,
     /// Host and process.
     pub name: String,
-    /// Where the other servers reach it; none for a server that plays alone.
+    /// Address at which the other servers reach it; none for a server that plays alone.
     pub address: Option<String>,
-    /// The version of the program.
+    /// Version of the program.
     pub version: String,
-    /// Whether it is the server that answers this.
+    /// Whether this is the server that answers the request.
     pub is_this: bool,
-    /// Whether it takes games that nobody plays.
+    /// Whether the server takes games that nobody plays.
     pub ready: bool,
-    /// Whether the database has its session. A server without one has lost its connection, or its process is gone.
+    /// Whether the database has the server's session. A server without one has lost its connection, or its process is gone.
     pub connected: bool,
-    /// When it was started.
+    /// Time at which the server was started.
     pub started_at: Timestamp,
-    /// How long ago it was seen, in milliseconds, by the clock of the database. After 6,000 the others take over what it plays.
+    /// Milliseconds since the server was last seen, by the clock of the database. After 6,000 the others take over what it
+    /// plays.
     pub seen_ms_ago: u64,
-    /// How far its clock is ahead of that of the database, in milliseconds.
+    /// Milliseconds by which the server's clock is ahead of that of the database.
     pub clock_offset_ms: i64,
-    /// Episodes in its memory.
+    /// Number of episodes in memory.
     pub episodes: u32,
-    /// Games, runs and competitions that it has taken.
+    /// Number of games, runs and competitions that the server has taken.
     pub places: u32,
 }
 
-/// The servers of a database, the oldest first. The first one does what only one does: it measures games, and deletes what is old.
+/// Servers of a database, oldest first. The first server does what only one does: it measures games, and deletes what is old.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct NodeList {
     /// Whether several servers may play on this database.
     pub cluster: bool,
-    /// All of them.
+    /// All servers.
     pub items: Vec<Node>,
 }

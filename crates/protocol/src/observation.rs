@@ -1,4 +1,4 @@
-//! What an agent observes.
+//! Observations of agents.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use swarmbench_engine::{self as engine, Action, AgentId, Message, Seen, TaskName};
@@ -8,128 +8,127 @@ use super::episode::EpisodeResult;
 use super::status::Status;
 use crate::time::Timestamp;
 
-/// The current observation of one agent: all that it may know.
+/// Current observation of one agent: all that it may know.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Observation {
-    /// What does not change while the round is open.
+    /// Part that does not change while the round is open.
     #[serde(flatten)]
     pub sight: Sight,
-    /// What changes while the round is open.
+    /// Part that changes while the round is open.
     #[serde(flatten)]
     pub moment: Moment,
 }
 
-/// The part of an observation that does not change while the round is open.
+/// Part of an observation that does not change while the round is open.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Sight {
-    /// The episode's id.
+    /// Id of the episode.
     #[cfg_attr(feature = "openapi", schema(example = "ep_0199f0c2a1d87c3e9b5a4d6f10e2b3c4"))]
     pub episode: String,
-    /// The agent's name.
+    /// Name of the agent.
     #[cfg_attr(feature = "openapi", schema(example = "Agent_3"))]
     pub agent: String,
-    /// The status of the episode.
+    /// Status of the episode.
     pub status: Status,
-    /// The round to be answered: how many rounds were resolved.
+    /// Round to be answered: the number of resolved rounds.
     pub round: u32,
-    /// After how many rounds the episode ends.
+    /// Number of rounds after which the episode ends.
     pub max_round: u32,
-    /// What is to be done.
+    /// Task of the swarm.
     pub task: Task,
-    /// The score of the whole swarm so far.
+    /// Score of the whole swarm so far.
     pub score: f64,
     /// False once the agent has escaped.
     pub alive: bool,
-    /// Where the agent is; null once it has escaped.
+    /// Position of the agent; null once it has escaped.
     pub position: Option<Position>,
-    /// What it sees; null once it has escaped.
+    /// View of the agent; null once it has escaped.
     pub view: Option<View>,
-    /// Whether its light is on (Synchronization only).
+    /// Whether the agent's light is on (Synchronization only).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub light_on: Option<bool>,
-    /// Whether it carries food (Foraging only).
+    /// Whether the agent carries food (Foraging only).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub carrying_food: Option<bool>,
-    /// The messages delivered to it, sorted and without their senders.
+    /// Messages delivered to the agent, sorted and without their senders.
     pub messages: Vec<String>,
-    /// The actions that the task knows.
+    /// Actions of the task.
     pub actions: Vec<String>,
-    /// What it did lately, newest first, at most as many rounds as it remembers.
+    /// Past acts of the agent, newest first, of at most as many rounds as it remembers.
     pub history: Vec<HistoryEntry>,
-    /// What it saw lately, newest first, at most one fewer than it remembers.
+    /// Past views of the agent, newest first, at most one fewer than the rounds that it remembers.
     pub past_views: Vec<PastView>,
-    /// How the episode ended, once it has.
+    /// End of the episode; left out before.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub result: Option<EpisodeResult>,
 }
 
-/// The part of an observation that changes while the round is open.
+/// Part of an observation that changes while the round is open.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Moment {
     /// Whether this seat has answered the round.
     pub acted: bool,
-    /// When the seat's clock expires: the opening of the round plus its deadline and the bank. Null without a clock.
+    /// Time at which the seat's clock expires: the opening of the round plus its deadline and the bank. Null without a clock.
     pub deadline: Option<Timestamp>,
-    /// The time until `deadline`. Null without a clock.
+    /// Milliseconds until `deadline`. Null without a clock.
     pub remaining_ms: Option<u64>,
-    /// What is left of the seat's bank; `remaining_ms` includes it, and it is used last. Null without a clock.
+    /// Milliseconds left in the seat's bank; `remaining_ms` includes them, and they are used last. Null without a clock.
     pub bank_ms: Option<u64>,
-    /// The text for a language model; only if requested.
+    /// Text for a language model; only if requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prompt: Option<String>,
 }
 
-/// A task, as it is described to an agent.
+/// Task, as it is described to an agent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Task {
-    /// Its name.
+    /// Name of the task.
     #[cfg_attr(feature = "openapi", schema(example = "Transport"))]
     pub name: String,
-    /// What is to be done, in words.
+    /// Description of the task, in words.
     pub description: String,
 }
 
-/// A rectangle of cells.
+/// Rectangle of cells.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct View {
-    /// The top-left cell; may lie outside the map.
+    /// Top-left cell; may lie outside the map.
     pub origin: Position,
-    /// `cells[a][b]` is the cell `(origin.i + a, origin.j + b)`: `.` empty, `W` wall, `B` block,
-    /// `P` prey, `N` nest, `F` food, `*` outside the map, `Y` the agent itself, other agents by
-    /// number, after a `$` if they have a mark.
+    /// Cells: `cells[a][b]` is the cell `(origin.i + a, origin.j + b)`: `.` empty, `W` wall, `B` block, `P` prey, `N` nest, `F`
+    /// food, `*` outside the map, `Y` the agent itself, other agents by number, after a `$` if they have a mark.
     pub cells: Vec<Vec<Cell>>,
 }
 
-/// What the agent did in an earlier round.
+/// Act of the agent in an earlier round.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct HistoryEntry {
-    /// The round.
+    /// Round of the act.
     pub round: u32,
-    /// Its action; null without one.
+    /// Action of the agent; null without one.
     pub action: Option<String>,
-    /// Its message; null without one.
+    /// Message of the agent; null without one.
     pub message: Option<String>,
 }
 
-/// What the agent saw in an earlier round.
+/// View of the agent in an earlier round.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct PastView {
-    /// The round.
+    /// Round of the view.
     pub round: u32,
-    /// The top-left cell.
+    /// Top-left cell.
     pub origin: Position,
-    /// The cells, as in a view.
+    /// Cells, as in a view.
     pub cells: Vec<Vec<Cell>>,
 }
 
-/// A cell as it is written: a short symbol.
+/// Cell as it is written: a short symbol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(value_type = String, example = "$11"))]
 pub struct Cell(pub Seen);
@@ -170,7 +169,7 @@ fn rows(view: &engine::View) -> Vec<Vec<Cell>> {
 }
 
 impl Sight {
-    /// Writes out what the engine lets an agent see.
+    /// Observation on the wire, from the engine's.
     #[must_use]
     pub fn of(
         seen: &engine::Observation,
@@ -216,7 +215,7 @@ impl Sight {
         }
     }
 
-    /// Reads back what a built-in player is shown.
+    /// Observation for a built-in player; none if a name in it is unknown.
     #[must_use]
     pub fn to_engine(&self) -> Option<engine::Observation> {
         let task = TaskName::parse(&self.task.name)?;

@@ -1,4 +1,4 @@
-//! Runs: requests and responses.
+//! Requests and responses for runs.
 
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{MapAccess, Visitor};
@@ -13,61 +13,60 @@ use crate::game_settings;
 use crate::time::Timestamp;
 use swarmbench_engine::{Seed, Settings};
 
-/// What a run is to be. Everything but `suite` and `model` has a default.
+/// Settings of a new run. All but `suite` and `model` have defaults.
 #[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({"suite": "quick", "model": "my-model", "temperature": 0.7})))]
 pub struct RunRequest {
-    /// The name of a built-in suite, or one of your own.
+    /// Name of a built-in suite, or a suite of your own.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub suite: Option<SuiteRequest>,
-    /// `paper` or `reference`.
+    /// Rule set: `paper` or `reference`.
     #[cfg_attr(feature = "openapi", schema(default = "paper"))]
     #[serde(default, deserialize_with = "crate::any_case::rules")]
     pub rules: Option<String>,
-    /// Which model plays; at most 200 characters.
+    /// Name of the model that plays; at most 200 characters.
     #[cfg_attr(feature = "openapi", schema(required, example = "my-model"))]
     pub model: Option<String>,
-    /// The sampling temperature.
+    /// Sampling temperature.
     #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 10))]
     pub temperature: Option<f64>,
-    /// The nucleus of sampling.
+    /// Nucleus of sampling (top-p).
     #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
     pub top_p: Option<f64>,
-    /// What else is known of who plays; at most 16 KiB of JSON.
+    /// Further facts about the player; at most 16 KiB of JSON.
     #[cfg_attr(feature = "openapi", schema(value_type = Option<serde_json::Map<String, serde_json::Value>>))]
     pub agent_meta: Option<Carried>,
-    /// A prompt template of the run's own; at most 32 KiB.
+    /// Prompt template of the run's own; at most 32 KiB.
     pub prompt_template: Option<String>,
-    /// How many games are open at a time.
+    /// Number of games that are open at a time.
     #[cfg_attr(feature = "openapi", schema(default = 4, minimum = 1, maximum = 64))]
     pub parallel: Option<u32>,
-    /// A round's clock in seconds; none by default.
+    /// Clock of a round in seconds; none by default.
     #[cfg_attr(feature = "openapi", schema(minimum = 0.05, maximum = 86_400))]
     pub round_deadline_s: Option<f64>,
-    /// What a seat may overspend in all rounds of a game together, in seconds.
+    /// Time that a seat may overspend in all rounds of a game together, in seconds.
     #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 604_800))]
     pub bank_s: Option<f64>,
     /// Seconds without any act after which a game ends as abandoned, and its run with it.
     #[cfg_attr(feature = "openapi", schema(default = 86_400, minimum = 1, maximum = 31_536_000))]
     pub idle_timeout_s: Option<f64>,
-    /// `public` or `owner`: who sees the run, and reads its games, before their end.
+    /// Readers of the run and of its games before their end: `public` (anyone) or `owner` (the creator).
     #[cfg_attr(feature = "openapi", schema(default = "public"))]
     pub visibility: Option<String>,
-    /// The built-in player with which the server plays all seats; `default` is each task's own. Such a run has no
-    /// token.
+    /// Built-in player with which the server plays all seats; `default` is each task's own player. Such a run has no token.
     pub player: Option<String>,
 }
 
-/// Which games a run plays.
+/// Suite of a run.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(untagged)]
 pub enum SuiteRequest {
-    /// The name of a built-in suite: `standard` or `quick`.
+    /// Name of a built-in suite: `standard`, `quick` or `baselines`.
     Named(String),
-    /// One of your own.
+    /// Suite of your own.
     Own(Box<OwnSuite>),
 }
 
@@ -95,20 +94,20 @@ impl<'de> Deserialize<'de> for SuiteRequest {
     }
 }
 
-/// A suite of one's own: every task is played once on each seed.
+/// Suite of one's own: every task is played once on each seed.
 #[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({"name": "two seeds", "tasks": ["Foraging"], "seeds": [1, 2], "settings": {"max_round": 50}})))]
 pub struct OwnSuite {
-    /// Its name: 1 to 100 characters, and not that of a built-in one.
+    /// Name of the suite: 1 to 100 characters, and not that of a built-in suite.
     pub name: String,
-    /// The tasks, in the order in which they are played; all five where they are left out.
+    /// Tasks, in the order in which they are played; all five by default.
     #[serde(default, deserialize_with = "crate::any_case::tasks")]
     pub tasks: Option<Vec<String>>,
-    /// The seeds, each 0 to 2⁵³ − 1.
+    /// Seeds, each 0 to 2⁵³ − 1.
     pub seeds: Vec<i64>,
-    /// The settings of all games; those that are left out are those of the standard setting.
+    /// Settings of all games; settings that are left out are those of the standard setting.
     pub settings: Option<OwnSettings>,
 }
 
@@ -128,35 +127,34 @@ game_settings! {
     }
 }
 
-/// A suite as it is shown. Only runs with the same name, digest and rules can be compared.
+/// Suite as it is shown. Only runs with the same name, digest and rules can be compared.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SuiteView {
-    /// Its name.
+    /// Name of the suite.
     #[cfg_attr(feature = "openapi", schema(example = "standard"))]
     pub name: String,
-    /// The first 12 hexadecimal digits of SHA-256 of the suite with its rules, seeds and settings. Null
-    /// while the seeds are null.
+    /// First 12 hexadecimal digits of SHA-256 of the suite with its rules, seeds and settings. Null while the seeds are null.
     pub digest: Option<String>,
-    /// `paper` or `reference`.
+    /// Rule set: `paper` or `reference`.
     pub rules: String,
-    /// The tasks, in the order in which they are played.
+    /// Tasks, in the order in which they are played.
     pub tasks: Vec<String>,
-    /// The seeds; null while the caller may not know them.
+    /// Seeds; null while the caller may not know them.
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<u64>>))]
     pub seeds: Option<Vec<Seed>>,
-    /// Whether each task has seeds of its own: those of the first task come first in `seeds`.
+    /// Whether each task has its own seeds: those of the first task come first in `seeds`.
     #[serde(default)]
     pub seeds_by_task: bool,
-    /// How many games it has.
+    /// Number of games.
     pub games: u32,
-    /// The settings of all games.
+    /// Settings of all games.
     pub settings: SuiteSettingsView,
 }
 
 game_settings! {
     complete
-    /// The settings of all games of a suite.
+    /// Settings of all games of a suite.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
     #[expect(missing_docs, reason = "the same as of an episode")]
@@ -169,14 +167,14 @@ game_settings! {
 }
 
 impl SuiteView {
-    /// A suite, with its seeds or without.
+    /// View of a suite, with its seeds or without.
     #[must_use]
     pub fn of(suite: &Suite, with_seeds: bool) -> Self {
         let settings = &suite.settings;
         let seconds = |millis| Seconds::of(std::time::Duration::from_millis(millis));
         Self {
             name: suite.name.clone(),
-            // From the digest the seeds could be found by trying.
+            // The digest would allow guessing the seeds by trial.
             digest: with_seeds.then(|| suite.digest()),
             rules: suite.rules.clone(),
             tasks: suite.tasks.clone(),
@@ -192,98 +190,98 @@ impl SuiteView {
     }
 }
 
-/// The built-in suites.
+/// Built-in suites.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SuiteList {
-    /// Each suite by each rule set.
+    /// Suites, each by each rule set.
     pub items: Vec<SuiteView>,
     /// Always null: all suites are on one page.
     pub next_cursor: Option<String>,
 }
 
-/// A run as it is listed.
+/// Run as it is listed.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct RunSummary {
-    /// Its id.
+    /// Id of the run.
     #[cfg_attr(feature = "openapi", schema(example = "run_0199f0c2a1d87c3e9b5a4d6f10e2b3c4"))]
     pub id: String,
-    /// `running`, `finished`, `aborted`, `abandoned` or `closed`.
+    /// Status: `running`, `finished`, `aborted`, `abandoned` or `closed`.
     pub status: String,
-    /// What is played.
+    /// Suite of the run.
     pub suite: SuiteView,
-    /// The model that plays, as declared; temperature, `top_p` and `agent_meta` are declared, too.
+    /// Name of the model that plays, as declared; temperature, `top_p` and `agent_meta` are declared, too.
     pub model: String,
-    /// Its temperature.
+    /// Sampling temperature.
     pub temperature: Option<f64>,
-    /// Its nucleus of sampling.
+    /// Nucleus of sampling (top-p).
     pub top_p: Option<f64>,
-    /// What else is known of who plays.
+    /// Further facts about the player.
     #[cfg_attr(feature = "openapi", schema(value_type = serde_json::Map<String, serde_json::Value>))]
     pub agent_meta: Carried,
-    /// The digest of the prompt template; null for the built-in one.
+    /// Digest of the prompt template; null for the built-in template.
     pub template_digest: Option<String>,
-    /// The name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `template_digest`; `default:1` for
-    /// the words of an earlier revision. A system message adds `+system:` and the first digits of its SHA-256. `none` for
-    /// built-in players and people, who read no prompts.
+    /// Name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `template_digest`; `default:1` for the
+    /// words of an earlier revision. A system message adds `+system:` and the first digits of its SHA-256. `none` for built-in
+    /// players and people, who read no prompts.
     #[serde(default)]
     pub prompt: String,
-    /// The built-in player with which the server plays all seats.
+    /// Built-in player with which the server plays all seats.
     pub player: Option<String>,
-    /// How many games are open at a time.
+    /// Number of games that are open at a time.
     pub parallel: u32,
-    /// `public`, `owner` or `sealed`.
+    /// Visibility: `public`, `owner` or `sealed`.
     pub visibility: String,
-    /// The time without an act after which a game ends as abandoned.
+    /// Seconds without any act after which a game ends as abandoned.
     pub idle_timeout_s: Seconds,
-    /// No new round begins at or after this time.
+    /// Time from which no new round begins.
     pub closes_at: Option<Timestamp>,
-    /// The number of the attempt, if the run belongs to a competition.
+    /// Number of the attempt, if the run belongs to a competition.
     pub attempt: Option<u32>,
-    /// Why it was voided as an attempt, if it was.
+    /// Reason for which the run was voided as an attempt; null if it was not.
     pub void_reason: Option<String>,
-    /// When it was created.
+    /// Time of creation.
     pub created_at: Timestamp,
-    /// When it ended.
+    /// Time at which the run ended; null before.
     pub ended_at: Option<Timestamp>,
-    /// How many games have ended and count.
+    /// Number of games that have ended and count.
     pub played: u32,
-    /// How many games of the plan count.
+    /// Number of games of the plan that count.
     pub planned: u32,
-    /// How many games were voided.
+    /// Number of voided games.
     pub voided: u32,
-    /// The results, task by task.
+    /// Results, task by task.
     pub tasks: Vec<TaskResult>,
-    /// The sum of the tasks' means; null while a mean is missing or the caller may not know it.
+    /// Sum of the tasks' means; null while a mean is missing or the caller may not know it.
     pub total: Option<f64>,
-    /// The acts of all games that have ended and count.
+    /// Acts of all games that have ended and count.
     pub acts: ActTally,
-    /// The limit that keeps the run from opening more games now; null while no limit does.
+    /// Limit that keeps the run from opening more games now; null while no limit does.
     #[serde(default)]
     pub waits_for: Option<Limit>,
 }
 
-/// The result of a run in one task. While it is running these are means over what has ended; once it is over, a
-/// game that was never played counts as 0.
+/// Result of a run in one task. While the run is running, the values are means over the games that have ended; once it is over,
+/// a game that was never played counts as 0.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct TaskResult {
-    /// The task.
+    /// Name of the task.
     pub task: String,
-    /// The mean score over the seeds.
+    /// Mean score over the seeds.
     pub mean: Option<f64>,
-    /// The population standard deviation over the seeds.
+    /// Population standard deviation over the seeds.
     pub deviation: Option<f64>,
-    /// How many games have ended and count.
+    /// Number of games that have ended and count.
     pub played: u32,
-    /// How many games of the plan count.
+    /// Number of games of the plan that count.
     pub planned: u32,
-    /// How many games were voided.
+    /// Number of voided games.
     pub voided: u32,
 }
 
-/// Acts, counted.
+/// Counts of acts.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ActTally {
@@ -291,21 +289,22 @@ pub struct ActTally {
     pub sent: u64,
     /// Invalid answers of language models among them.
     pub invalid: u64,
-    /// The share of invalid answers in all acts that were sent; null before the first act.
+    /// Share of invalid answers in all acts that were sent; null before the first act.
     pub invalid_share: Option<f64>,
-    /// Why they were invalid, by kind. Games of earlier versions do not tell it, so these may be fewer than `invalid`.
+    /// Invalid answers, counted by reason. Games of earlier versions did not record reasons, so the sum may be less than
+    /// `invalid`.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", schema(value_type = std::collections::BTreeMap<String, u64>))]
     pub failures: Failures,
-    /// How often a clock expired.
+    /// Number of expired clocks.
     #[serde(default)]
     pub timeouts: u64,
-    /// The share of expired clocks in all acts that were due; null before the first act.
+    /// Share of expired clocks in all acts that were due; null before the first act.
     #[serde(default)]
     pub timeout_share: Option<f64>,
-    /// The old name of `timeouts`.
+    /// Old name of `timeouts`.
     pub clock_outs: u64,
-    /// The old name of `timeout_share`.
+    /// Old name of `timeout_share`.
     pub clock_out_share: Option<f64>,
     /// Tokens of prompts, as reported by players.
     pub prompt_tokens: u64,
@@ -313,77 +312,76 @@ pub struct ActTally {
     pub completion_tokens: u64,
 }
 
-/// A run with its games.
+/// Run with its games.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct RunDetail {
     /// The run.
     #[serde(flatten)]
     pub run: RunSummary,
-    /// Its games in the order of the plan. A voided game comes before its replacement. If the answer would be too
-    /// large, replaced games are left out, beginning with the first slot.
+    /// Games in the order of the plan. A voided game comes before its replacement. If the answer would be too large, replaced
+    /// games are left out, beginning with the first slot.
     pub games: Vec<RunGame>,
 }
 
-/// A game of a run.
+/// Game of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct RunGame {
-    /// Its place in the plan, from 0.
+    /// Place of the game in the plan, from 0.
     pub slot: u32,
-    /// The task.
+    /// Name of the task.
     pub task: String,
-    /// The seed; null while the caller may not know it.
+    /// Seed of the game; null while the caller may not know it.
     #[cfg_attr(feature = "openapi", schema(value_type = Option<u64>))]
     pub seed: Option<Seed>,
-    /// The id of its episode; null before it is opened.
+    /// Id of the game's episode; null before it is opened.
     pub episode: Option<String>,
-    /// The status of its episode; `planned` before it is opened.
+    /// Status of the episode; `planned` before it is opened.
     pub status: String,
-    /// Why it ended; null before, and where the caller may not know it.
+    /// Reason of the end; null before, and if the caller may not know it.
     pub reason: Option<String>,
-    /// How many rounds were resolved.
+    /// Number of resolved rounds.
     pub round: u32,
-    /// The score so far; null before the game is opened, and while the caller may not know it.
+    /// Score so far; null before the game is opened, and while the caller may not know it.
     pub score: Option<f64>,
-    /// Why it was voided, if it was.
+    /// Reason for which the game was voided; null if it was not.
     pub void_reason: Option<String>,
 }
 
-/// A new run.
+/// New run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CreatedRun {
     /// The run.
     #[serde(flatten)]
     pub run: RunDetail,
-    /// A token for all seats of all its games, shown this once; null where the server itself plays.
+    /// Token for all seats of all games, shown only once; null if the server itself plays.
     pub swarm_token: Option<String>,
 }
 
-/// A new token of a run.
+/// New token of a run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct RunToken {
-    /// The run's id.
+    /// Id of the run.
     pub id: String,
-    /// A token for all seats of all its games, shown this once. The earlier one is revoked.
+    /// Token for all seats of all games, shown only once. The earlier token is revoked.
     pub swarm_token: String,
 }
 
 page! {
-    /// A page of runs, newest first.
+    /// Page of runs, newest first.
     RunList of RunSummary
 }
 
-/// One Server-Sent Event of a run, by the names of its fields. It is only described here: a stream writes its
-/// events itself.
+/// Fields of one Server-Sent Event of a run. This type only describes them: a stream writes its events itself.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct StreamedRunEvent {
-    /// `game` or `finished`.
+    /// Kind of the event: `game` or `finished`.
     #[cfg_attr(feature = "openapi", schema(example = "game"))]
     pub event: String,
-    /// JSON: a `RunGame`, or the `RunDetail` where it is `finished`.
+    /// JSON: a `RunGame`, or in `finished` the `RunDetail`.
     pub data: String,
 }

@@ -1,15 +1,15 @@
-//! The settings of a game, as fields of several structs.
+//! Settings of a game, as fields of several structs.
 
 /// Defines a struct with the settings of `swarmbench_engine::for_each_setting` in the place of `..settings`, and its
-/// conversions. It is written as any other struct, after one of these words:
+/// conversions. The struct is written as any other, after one of these words:
 ///
 /// - `partial`: each setting is an `Option`. `over(usual)` fills in those that are `None`; from [`Settings`].
 /// - `complete`: unchecked values of all settings. From [`Settings`] and back.
 /// - `checked`: the types of checked settings. From a [`Config`], and back to [`Settings`].
 ///
-/// Where a struct is made from settings, its other fields have their defaults. It has a field `control`, optional in
-/// partial structs; where the wire has it after `max_round`, it is written `..settings { pub control: String }`. After the
-/// settings comes `answer_reader`, which old journals and suites do not have.
+/// Conversions from settings leave the struct's other fields at their defaults. The struct has a field `control`, optional in
+/// partial structs; if it follows `max_round` on the wire, it is written `..settings { pub control: String }`. The settings
+/// end with `answer_reader`, which old journals and suites lack.
 ///
 /// [`Config`]: swarmbench_engine::Config
 /// [`Settings`]: swarmbench_engine::Settings
@@ -56,14 +56,14 @@ macro_rules! game_settings {
                 )*
                 $($inner)*
             )*
-            /// How answers of language models are read: `last-marker` or `first-marker`.
+            /// Reader of language models' answers: `last-marker` or `first-marker`.
             #[cfg_attr(feature = "openapi", schema(default = "last-marker"))]
             pub answer_reader: Option<String>,
             $($after)*
         }
 
         impl $name {
-            /// These settings, and those that were left out as in `usual`.
+            /// Settings of the engine: these, and those of `usual` for the ones that are `None`.
             #[must_use]
             pub fn over(&self, usual: swarmbench_engine::Settings) -> swarmbench_engine::Settings {
                 swarmbench_engine::Settings {
@@ -153,7 +153,7 @@ macro_rules! game_settings {
                 $($(#[$setting_meta])* pub $setting: $type,)*
                 $($inner)*
             )*
-            /// How answers of language models are read, `last-marker` or `first-marker`; left out where it is `last-marker`.
+            /// Reader of language models' answers, `last-marker` or `first-marker`; left out if it is `last-marker`.
             #[serde(
                 default = "swarmbench_engine::AnswerReader::usual",
                 skip_serializing_if = "swarmbench_engine::AnswerReader::is_usual"

@@ -1,9 +1,9 @@
-//! Words of the wire for episodes and runs that several shapes share.
+//! Words of the wire that several shapes of episodes and runs share.
 
 use serde::{Deserialize, Serialize};
 
 swarmbench_engine::named! {
-    /// The status of an episode.
+    /// Status of an episode.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
     #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = StatusName))]
     #[serde(rename_all = "lowercase")]
@@ -14,7 +14,7 @@ swarmbench_engine::named! {
         Running = "running",
         /// Played to its end.
         Finished = "finished",
-        /// Ended by its creator.
+        /// Ended by its creator or an organizer, or by the close of its competition.
         Aborted = "aborted",
         /// Ended by its idle timeout.
         Abandoned = "abandoned",
@@ -22,7 +22,7 @@ swarmbench_engine::named! {
 }
 
 impl Status {
-    /// Whether it has ended.
+    /// Whether the episode has ended.
     #[must_use]
     pub const fn is_over(self) -> bool {
         match self {
@@ -33,7 +33,7 @@ impl Status {
 }
 
 swarmbench_engine::named! {
-    /// The status of a run.
+    /// Status of a run.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub enum RunStatus {
         /// Games are played, or are still to be opened.
@@ -50,14 +50,14 @@ swarmbench_engine::named! {
 }
 
 swarmbench_engine::named! {
-    /// Who reads state, events and resolved rounds of an episode before its end.
+    /// Readers of state, events and resolved rounds of an episode before its end.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub enum Visibility {
         /// Anyone.
         Public = "public",
-        /// Its creator.
+        /// The creator.
         Owner = "owner",
-        /// Organizers alone, also after its end, until its competition is revealed.
+        /// Organizers and judges, also after the end, until the competition is revealed.
         Sealed = "sealed",
     }
 }

@@ -6,68 +6,67 @@ use swarmbench_engine::{RuleSet, Seed, Settings, TaskName};
 
 use crate::game_settings;
 
-/// Which games are played, and by which settings.
+/// Games of a run, and their settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Suite {
-    /// Its name.
+    /// Name of the suite.
     pub name: String,
-    /// Names of tasks, in the order in which they are played.
+    /// Names of the tasks, in the order in which they are played.
     pub tasks: Vec<String>,
-    /// Every task is played once on each of these; with `seeds_by_task` on its own ones.
+    /// Seeds, on each of which every task is played once; with `seeds_by_task` only the seeds of the task.
     pub seeds: Vec<Seed>,
-    /// Whether `seeds` has those of the first task, then as many of the second, and so on.
+    /// Whether `seeds` has the seeds of the first task, then as many of the second, and so on.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub seeds_by_task: bool,
-    /// The rule set.
+    /// Name of the rule set.
     pub rules: String,
-    /// The settings of all games.
+    /// Settings of all games.
     pub settings: SuiteSettings,
 }
 
 game_settings! {
     complete
-    /// The settings of all games of a suite: those of an episode but task, seed and rules.
+    /// Settings of all games of a suite: those of an episode except task, seed and rules.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields)]
     pub struct SuiteSettings {
         /// `decentralized` or `centralized`.
         pub control: String,
         ..settings,
-        /// A round's clock, if it has one.
+        /// Clock of a round; none without one.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pub round_deadline_ms: Option<u64>,
-        /// What a seat may overspend in all rounds together.
+        /// Time that a seat may overspend in all rounds together.
         #[serde(default)]
         pub bank_ms: u64,
     }
 }
 
 impl Default for SuiteSettings {
-    /// The standard setting.
+    /// Standard setting.
     fn default() -> Self {
         Self::from(&Settings::default())
     }
 }
 
-/// One game of a plan.
+/// Game of a plan.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Game {
-    /// Its place in the plan, from 0.
+    /// Place of the game in the plan, from 0.
     pub slot: u32,
-    /// The task's name.
+    /// Name of the task.
     pub task: String,
-    /// The seed.
+    /// Seed of the game.
     pub seed: Seed,
 }
 
 impl Suite {
-    /// The names of the built-in suites.
+    /// Names of the built-in suites.
     pub const BUILT_IN: [&str; 3] = ["standard", "quick", "baselines"];
 
-    /// A built-in suite by these rules: `standard` is the setting of the paper's main tables, five
-    /// tasks by five seeds; `quick` is a short look at all tasks; `baselines` is the setting of the paper's baselines,
-    /// five tasks by the seeds 0 to 19.
+    /// Built-in suite by these rules: `standard` is the setting of the paper's main tables, five tasks by five seeds; `quick`
+    /// is a short look at all tasks; `baselines` is the setting of the paper's baselines, five tasks by the seeds 0 to 19.
     #[must_use]
     pub fn built_in(name: &str, rules: &str) -> Option<Self> {
         let tasks = TaskName::ALL.map(|task| task.name().to_owned()).to_vec();
@@ -98,14 +97,14 @@ impl Suite {
         pairs.filter_map(|(name, rules)| Self::built_in(name, rules.name()))
     }
 
-    /// Seeds on which each task is played.
+    /// Number of seeds on which each task is played.
     #[must_use]
     pub fn seeds_each(&self) -> usize {
         let tasks = if self.seeds_by_task { self.tasks.len().max(1) } else { 1 };
         self.seeds.len() / tasks
     }
 
-    /// Seeds of the task with this place, from 0.
+    /// Seeds of the task at this place, from 0.
     fn seeds_of(&self, place: usize) -> &[Seed] {
         let first = if self.seeds_by_task { place * self.seeds_each() } else { 0 };
         self.seeds.get(first..first + self.seeds_each()).unwrap_or_default()
@@ -124,7 +123,7 @@ impl Suite {
             .collect()
     }
 
-    /// All settings of the engine for one of its games.
+    /// Settings of the engine for a game of the suite.
     #[must_use]
     pub fn settings_of(&self, game: &Game) -> Settings {
         Settings {
@@ -135,7 +134,7 @@ impl Suite {
         }
     }
 
-    /// The first 12 hexadecimal digits of SHA-256 of the whole suite. Suites of the same name can differ in it.
+    /// First 12 hexadecimal digits of SHA-256 of the whole suite. Suites of the same name can differ in it.
     #[must_use]
     pub fn digest(&self) -> String {
         let json = serde_json::to_vec(self).expect("a suite has string keys");
@@ -143,7 +142,7 @@ impl Suite {
     }
 }
 
-/// The first 12 hexadecimal digits of SHA-256 of the text of a prompt template.
+/// First 12 hexadecimal digits of SHA-256 of a prompt template's text.
 #[must_use]
 pub fn digest_of_template(text: &str) -> String {
     data_encoding::HEXLOWER.encode(&Sha256::digest(text)[..6])

@@ -2,52 +2,52 @@
 
 use serde::Serialize;
 
-/// A list that is written as JSON or as CSV.
+/// List that is written as JSON or as CSV.
 pub trait Table: Serialize {
-    /// An item of it.
+    /// Item of the list.
     type Row: Serialize;
 
-    /// How lines of CSV end.
+    /// Line ending of the CSV.
     const LINES_END: csv::Terminator = csv::Terminator::CRLF;
 
-    /// Its items.
+    /// Items of the list.
     fn rows(&self) -> &[Self::Row];
 
-    /// Where the next page begins.
+    /// Cursor of the next page; none on the last page.
     fn next_cursor(&self) -> Option<&str>;
 
-    /// The names of the columns.
+    /// Names of the columns.
     fn columns(&self) -> Vec<String>;
 
-    /// A row in these columns.
+    /// Cells of a row in these columns.
     fn record(&self, columns: &[String], row: &Self::Row) -> Vec<String>;
 
-    /// All of it as CSV, a row for each item.
+    /// Whole list as CSV, a row for each item.
     fn csv(&self) -> String {
         let columns = self.columns();
         let records = self.rows().iter().map(|row| self.record(&columns, row));
         write_lines(std::iter::once(columns.clone()).chain(records), Self::LINES_END)
     }
 
-    /// A row as a line of CSV.
+    /// Row as a line of CSV.
     fn csv_line(&self, columns: &[String], row: &Self::Row) -> String {
         write_lines([self.record(columns, row)].into_iter(), Self::LINES_END)
     }
 }
 
-/// The names of columns, from a list with spaces between them.
+/// Names of columns, from a list with spaces between them.
 pub fn names(list: &'static str) -> impl Iterator<Item = String> {
     list.split_whitespace().map(str::to_owned)
 }
 
-/// A value as a cell; empty without a value.
+/// Value as a cell; empty without a value.
 #[must_use]
 pub fn maybe<T: ToString>(value: Option<T>) -> String {
     value.map_or_else(String::new, |value| value.to_string())
 }
 
-/// A text as a cell. Names come from strangers, and spreadsheets run what begins like a formula: such a text gets an
-/// apostrophe before it, which they do not show.
+/// Text as a cell. Names come from strangers, and spreadsheets evaluate texts that begin like a formula: such a text gets a
+/// leading apostrophe, which spreadsheets do not show.
 #[must_use]
 pub fn text(cell: &str) -> String {
     if cell.trim_start().starts_with(['=', '+', '-', '@', '\t', '\r', '\n', '＝', '＋', '－', '＠'])
@@ -58,7 +58,7 @@ pub fn text(cell: &str) -> String {
     }
 }
 
-/// Records below the names of their columns, with lines that end as in RFC 4180.
+/// CSV of records below the names of their columns, with the line endings of RFC 4180.
 #[must_use]
 pub fn write_csv(columns: &[String], records: impl Iterator<Item = Vec<String>>) -> String {
     write_lines(std::iter::once(columns.to_vec()).chain(records), csv::Terminator::CRLF)

@@ -7,8 +7,8 @@ use std::ops::Deref;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// A time: RFC 3339 in UTC, always with three digits of milliseconds, so that all times of a column have one form.
-/// Any time of RFC 3339 is read.
+/// Time in RFC 3339 in UTC, always with three digits of milliseconds, so that all times of a column have one form. Any time of
+/// RFC 3339 is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Timestamp(jiff::Timestamp);
 

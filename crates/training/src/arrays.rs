@@ -1,7 +1,7 @@
 //! The arrays into which environments write.
 //!
-//! All arrays are row by row, environments first; [`Shape`](crate::Shape) has the sizes. They are split at
-//! environments, so that threads write into parts of their own.
+//! All arrays are row by row, environments first; [`Shape`](crate::Shape) has the sizes. Each thread writes into its own part,
+//! split between environments.
 
 use crate::options::Shape;
 

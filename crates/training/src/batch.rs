@@ -12,7 +12,7 @@ use crate::environment::{Desk, Environment, NO_ACTION, Plan, action};
 use crate::options::{Autoreset, Options, Shape};
 use crate::record::{Recording, StateError};
 
-/// Number of environments up to which one thread steps all: that is faster than waking up another thread.
+/// Maximum environments that one thread steps alone: that is faster than waking another thread.
 const ALONE_MAX: usize = 32;
 
 /// Number of parts of a batch for each thread, so that a slow part does not keep the other threads waiting.
@@ -113,7 +113,7 @@ pub struct Turn<'a> {
     pub messages: Vec<Said>,
 }
 
-/// Environments of the same settings, stepped together. The results do not depend on the number of threads.
+/// Environments of the same settings, stepped together. Results do not depend on the number of threads.
 #[derive(Debug)]
 pub struct Batch {
     plan: Plan,

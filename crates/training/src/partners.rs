@@ -11,8 +11,7 @@ pub struct Partners {
     seats: Vec<(AgentId, Box<dyn Player>)>,
     /// The seed of the layout that they play.
     seed: Seed,
-    /// The next round that they are shown; they need every round, as a player's decisions depend on all earlier
-    /// observations.
+    /// Next round for the players. They need every round, as a player's decisions depend on all earlier observations.
     round: u32,
 }
 

@@ -1,4 +1,4 @@
-//! The acts of an episode, and their products: states that can be loaded elsewhere, and journals.
+//! Acts of an episode, and their products: states that can be loaded elsewhere, and journals.
 
 use serde::{Deserialize, Serialize};
 use swarmbench_engine::{

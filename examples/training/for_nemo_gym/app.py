@@ -2,8 +2,8 @@
 
     python app.py --rows 20 > data/example.jsonl     # rows: a task, a seed, a mode, settings
 
-It speaks NeMo Gym's Gymnasium protocol. NeMo Gym's own adapter for OpenEnv drops the first observation and the seed of
-a row; this server has both.
+The server speaks NeMo Gym's Gymnasium protocol. NeMo Gym's own adapter for OpenEnv drops the first observation and the
+seed of a row; this server has both.
 """
 
 import argparse
@@ -16,11 +16,11 @@ try:
     from nemo_gym.openai_utils import NeMoGymResponse
     from resources_servers.gymnasium import GymnasiumServer, extract_text
 except ModuleNotFoundError:
-    # Rows can be made without NeMo Gym.
+    # Printing rows does not need NeMo Gym.
     GymnasiumServer, extract_text, NeMoGymResponse = object, None, Any
 
 SESSIONS_MAX = 4_096
-"""Episodes that are played at the same time: 24 kB each at the start, 160 kB after 100 rounds of agents that talk."""
+"""The maximum number of open episodes: 24 kB each at the start, 160 kB after 100 rounds of agents that talk."""
 
 
 class SwarmGym(GymnasiumServer):
@@ -30,7 +30,7 @@ class SwarmGym(GymnasiumServer):
     """
 
     def checkpoint_state_enabled(self) -> bool:
-        """An episode is played again from its row."""
+        """Whether sessions can be saved: no, as an episode is played again from its row."""
         return False
 
     async def reset(self, metadata: dict[str, Any], session_id: str | None = None) -> tuple[str | None, dict[str, Any]]:
@@ -48,7 +48,7 @@ class SwarmGym(GymnasiumServer):
         self, action: NeMoGymResponse, metadata: dict[str, Any], session_id: str | None = None
     ) -> tuple[str | None, float, bool, bool, dict[str, Any]]:
         """Takes an answer. The rewards of an episode add up to a share of a full score."""
-        del metadata  # It is that of the reset.
+        del metadata  # The row is that of the reset.
         episode = self.session_state.get(session_id)
         if episode is None:
             raise RuntimeError("this session has no episode: reset it first")

@@ -36,7 +36,7 @@ impl Drop for Killed {
 /// A process that ended successfully.
 pub(super) struct Finished {
     pub(super) seconds: f64,
-    /// Its standard output.
+    /// Standard output of the child.
     pub(super) output: Vec<u8>,
     /// Peak memory, if the host reports it.
     pub(super) memory_bytes: Option<u64>,

@@ -12,38 +12,38 @@ use crate::store::{Location, Store, rebuild};
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "The games are played by drawn acts, and written as the server writes them: every journal can be \
+    after_help = "The games are played with random acts, and stored as the server stores games: every journal can be \
     verified, and boards, lists and competitions have rows. The same options and seed make the same games.\n\nExamples:\n  \
     swarmbench capacity fill --db big.db\n  \
     swarmbench capacity fill --db small.db --episodes 2000 --agents 12 --rounds 100\n  \
     swarmbench capacity fill --db cup.db --episodes 1000 --entrants 10000 --attempts 100"
 )]
 pub(in crate::cli) struct Args {
-    /// The database to make; it must not exist.
+    /// The database to make, which must not exist.
     #[arg(long)]
     db: Location,
-    /// Episodes; a few more are made, so that all runs are complete.
+    /// The number of episodes. The command makes a few more, so that all runs are complete.
     #[arg(long, default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
     episodes: u64,
-    /// More episodes that wait for their first act.
+    /// The number of additional episodes, which wait for their first act.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=10_000_000))]
     unfinished: u64,
-    /// Entrants of one more competition, which stays open for 30 days.
+    /// The number of entrants of an additional competition, which stays open for 30 days.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=100_000))]
     entrants: u32,
-    /// Attempts of each of them, of two games each.
+    /// The number of attempts of each of these entrants. An attempt has two games.
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=100))]
     attempts: u32,
-    /// Agents of each.
+    /// The number of agents of each game.
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u16).range(2..=16))]
     agents: u16,
-    /// Rounds of each, at most.
+    /// The maximum number of rounds of each game.
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
-    /// Games, names and tokens follow from it.
+    /// The seed of games, names and tokens.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// As JSON.
+    /// Print JSON.
     #[arg(long)]
     json: bool,
 }

@@ -25,38 +25,39 @@ const LOOK_AGAIN: Duration = Duration::from_millis(2);
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "It starts a server of its own on the database, reads boards, lists and look-ups, exports and verifies its \
-    first competition, stops the server and rebuilds the results of the boards. No other server may use the database.\n\n\
-    With --ends it measures the newest competition that is open, and nothing else: it lets new entrants play there, in the places \
-    of others, reads all its pages meanwhile, then exports and verifies it. That changes the database: name a copy.\n\n\
+    after_help = "The command starts a server of its own on the database, reads boards, lists and look-ups, exports and verifies \
+    the first competition, stops the server and rebuilds the results of the boards. No other server may use the database.\n\n\
+    With --ends the command measures only the newest open competition: it lets new entrants play there, in the places \
+    of others, reads all pages of the competition meanwhile, then exports and verifies it. This changes the database, so name a \
+    copy.\n\n\
     Examples:\n  \
     swarmbench capacity fill --db big.db && swarmbench capacity measure --db big.db\n  \
     swarmbench capacity measure --db copy-of-cup.db --ends 10\n  \
     swarmbench capacity measure --db small.db --reads 100 --json"
 )]
 pub(in crate::cli) struct Args {
-    /// The database, such as `swarmbench capacity fill` makes it.
+    /// The database, such as one of `swarmbench capacity fill`.
     #[arg(long)]
     db: PathBuf,
-    /// Reads of each kind.
+    /// The number of reads of each kind.
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..))]
     reads: u32,
-    /// Concurrent clients.
+    /// The number of concurrent clients.
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=1000))]
     readers: u16,
-    /// Games that end in a second, in an open competition, while its pages are read; 0 for none.
+    /// The number of games per second that end in an open competition while its pages are read; 0 for none.
     #[arg(long, default_value_t = 0.0, value_parser = ends)]
     ends: f64,
-    /// How long its pages are read then, in seconds.
+    /// The time during which these pages are read, with --ends.
     #[arg(long, default_value_t = 60, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=600))]
     reading: u64,
-    /// With --ends: the competition is neither exported nor verified, which takes long and as much disk as its journals.
+    /// Neither export nor verify the competition, with --ends: both take long, and as much disk as its journals.
     #[arg(long, requires = "ends")]
     no_export: bool,
-    /// Where the export of the competition is written for a while.
+    /// The folder of the temporary export of the competition.
     #[arg(long, default_value = ".")]
     dir: PathBuf,
-    /// As JSON.
+    /// Print JSON.
     #[arg(long)]
     json: bool,
 }

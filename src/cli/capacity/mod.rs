@@ -4,12 +4,11 @@ mod child;
 mod fill;
 mod measure;
 
-/// The commands about large databases.
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
-    /// Make a database of small games that have ended, by default a million.
+    /// Make a database of small games that have ended, a million by default.
     Fill(fill::Args),
-    /// Measure a server on a database: start, memory, boards, lists, look-ups, export, verification, rebuild.
+    /// Measure a server on a database: its start, memory, boards, lists, look-ups, export, verification and rebuild.
     Measure(measure::Args),
 }
 

@@ -17,18 +17,18 @@ use super::{CompetitionId, EntrantOf, changed, path, show, tables, tell_changed}
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
-    /// Extend a competition or windows of it, correct its texts, renew its terms, or hide it from lists.
+    /// Extend a competition or the windows of its attempts, correct its texts, renew its terms, or hide it from lists.
     #[command(
-        after_help = "A window is extended, never shortened. Games that are open keep their end; all that are opened afterwards \
-        have the new one. Everybody sees what was changed, in `swarmbench competition actions`. After the end --hide and --unhide \
-        alone are accepted.\n\n\
+        after_help = "A window can be extended, never shortened. Open games keep their deadline; games that are opened later \
+        have the new one. Everybody sees the change, in `swarmbench competition actions`. After the end only --hide and --unhide \
+        are accepted.\n\n\
         Examples:\n  \
         swarmbench competition change cmp_… --closes-at 2027-03-09T12:00:00Z --reason 'an hour without the server'\n  \
         swarmbench competition change cmp_… --window 1=2027-03-05T12:00:00Z\n  \
         swarmbench competition change cmp_… --hide"
     )]
     Change(Change),
-    /// End a competition early: nobody enters or starts an attempt any more, and running attempts end.
+    /// End a competition early: nobody can enter or start an attempt any more, and running attempts end.
     Cancel {
         /// The competition's id.
         id: String,
@@ -36,19 +36,19 @@ pub(super) enum Command {
         #[arg(long)]
         reason: String,
     },
-    /// Show what organizers did in a competition, as everybody may see it.
+    /// Show the actions of organizers in a competition, which everybody may see.
     Actions(CompetitionId),
     /// Announce something to all who follow a competition.
     Announce {
         /// The competition's id.
         id: String,
-        /// The announcement: 1 to 2,000 characters. It stays as it is; correct a mistake by another one.
+        /// The announcement: 1 to 2,000 characters. It cannot be changed later; another announcement corrects a mistake.
         #[arg(long)]
         text: String,
     },
     /// Show the announcements of a competition.
     Announcements(CompetitionId),
-    /// Show which invitation codes were used, and by whom.
+    /// List the invitation codes: which were used, and by whom.
     ListCodes(CompetitionId),
     /// Revoke invitation codes that nobody has used, by their labels or the codes themselves.
     RevokeCodes {
@@ -57,7 +57,7 @@ pub(super) enum Command {
         /// Labels; each revokes all unused codes that have it.
         #[arg(required_unless_present = "code")]
         labels: Vec<String>,
-        /// A code itself; may be repeated.
+        /// The code itself; may be repeated.
         #[arg(long)]
         code: Vec<String>,
     },
@@ -69,7 +69,7 @@ pub(super) enum Command {
         #[arg(long)]
         name: String,
     },
-    /// Erase an entrant's name, address and key, as the entrant or an organizer. It cannot be undone.
+    /// Erase an entrant's name, address and key, as the entrant or an organizer. An erasure cannot be undone.
     Erase {
         #[command(flatten)]
         entrant: EntrantOf,
@@ -79,7 +79,7 @@ pub(super) enum Command {
         #[command(flatten)]
         entrant: EntrantOf,
     },
-    /// Exclude all entrants that fit a description: first a preview, then with --count.
+    /// Exclude all entrants that fit a description. Without --count the command shows a preview.
     #[command(after_help = "Examples:\n  \
         swarmbench competition exclude cmp_… --name 'bot-*'\n  \
         swarmbench competition exclude cmp_… --name 'bot-*' --count 7 --reason 'one team under seven names'\n  \
@@ -91,35 +91,35 @@ pub(super) enum Command {
 pub(super) struct Change {
     /// The competition's id.
     id: String,
-    /// Another name.
+    /// The new name.
     #[arg(long)]
     name: Option<String>,
-    /// Another description.
+    /// The new description.
     #[arg(long)]
     description: Option<String>,
-    /// A later end.
+    /// The new, later end of the competition.
     #[arg(long, value_name = "TIME")]
     closes_at: Option<Timestamp>,
-    /// A later end of the window of an attempt; may be repeated.
+    /// The new, later end of an attempt's window; may be repeated.
     #[arg(long, value_name = "ATTEMPT=TIME", value_parser = window)]
     window: Vec<(u32, Timestamp)>,
-    /// Leave it out of lists: a rehearsal.
+    /// Hide the competition from lists: a rehearsal.
     #[arg(long, conflicts_with = "unhide")]
     hide: bool,
-    /// Show it in lists again.
+    /// Show the competition in lists again.
     #[arg(long)]
     unhide: bool,
-    /// A file with other terms; who has entered keeps the version that it accepted.
+    /// A file with the new terms. Entrants keep the version that they accepted.
     #[arg(long, value_name = "FILE", conflicts_with = "terms_text")]
     terms: Option<PathBuf>,
-    /// The text of other terms.
+    /// The text of the new terms.
     #[arg(long, value_name = "TEXT")]
     terms_text: Option<String>,
-    /// The revision that you saw, from `swarmbench competition show`: if somebody has changed the competition since, nothing is
-    /// changed. Default: the revision that it has when this command starts.
+    /// The revision that you saw, from `swarmbench competition show`: if somebody has changed the competition since, the command
+    /// changes nothing. Default: the competition's revision when this command starts.
     #[arg(long, value_name = "REVISION")]
     if_revision: Option<String>,
-    /// Why, visible to all.
+    /// The reason, visible to all.
     #[arg(long)]
     reason: Option<String>,
 }
@@ -128,19 +128,19 @@ pub(super) struct Change {
 pub(super) struct Exclude {
     /// The competition's id.
     id: String,
-    /// The address or network from which they registered.
+    /// Entrants that registered from this address or network.
     #[arg(long)]
     address: Option<String>,
-    /// They registered at this time or later.
+    /// Entrants that registered at this time or later.
     #[arg(long, value_name = "TIME")]
     registered_from: Option<Timestamp>,
-    /// They registered before this time.
+    /// Entrants that registered before this time.
     #[arg(long, value_name = "TIME")]
     registered_before: Option<Timestamp>,
-    /// A pattern of names: * stands for any characters, ? for one.
+    /// Entrants whose name matches this pattern: * stands for any characters, ? for one.
     #[arg(long)]
     name: Option<String>,
-    /// How many they are, as the preview says; without it nothing is done.
+    /// The number of these entrants, from the preview. Without it nobody is excluded.
     #[arg(long, requires = "reason")]
     count: Option<u32>,
     /// The reason, visible to all.
@@ -222,9 +222,7 @@ pub(super) async fn run(client: &Client, json: bool, command: Command) -> anyhow
             let replaced: ReplacedKey = client.post(&path, &serde_json::json!({})).await?;
             show(json, &replaced, |replaced| {
                 out!("{}", replaced.key);
-                note!(
-                    "The key before is good for nothing any more. This one cannot be shown again."
-                );
+                note!("The earlier key is no longer accepted. The new key cannot be shown again.");
             })
         }
         Command::Exclude(exclude) => {
@@ -283,12 +281,12 @@ fn tell_excluded(found: &Exclusion) {
     out!("{}", tables::entrants(&found.items));
     if found.excluded {
         note!(
-            "{} entrants are disqualified. `swarmbench competition readmit` takes one back.",
+            "{} entrants are disqualified. `swarmbench competition readmit` readmits an entrant.",
             found.count
         );
     } else {
         note!(
-            "{} entrants fit, and nothing was done. To exclude them, add --count {} and --reason.",
+            "{} entrants fit, and none was excluded. To exclude them, add --count {} and --reason.",
             found.count,
             found.count
         );

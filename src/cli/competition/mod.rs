@@ -25,10 +25,10 @@ use swarmbench_protocol::loopback::is_loopback;
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "A competition is played on sealed seeds: the server draws them when it is created, shows a commitment to \
-    them at once and the seeds themselves after the end. docs/organise/organizer.md walks through one, from the TOML file to \
-    the published results.\n\n\
-    The server asks for a key, an organizer's or that of an entrant: put it into SWARMBENCH_KEY.\n\n\
+    after_help = "A competition is played on sealed seeds. The server draws the seeds when the competition is created, shows a \
+    commitment to them at once, and shows the seeds themselves after the end. docs/organise/organizer.md walks through a \
+    competition, from the TOML file to the published results.\n\n\
+    The server requires a key, an organizer's or an entrant's: put the key into SWARMBENCH_KEY.\n\n\
     Examples:\n  \
     swarmbench competition create examples/competition.toml\n  \
     swarmbench competition codes cmp_… 'team blue' 'team red'\n  \
@@ -42,26 +42,26 @@ pub(super) struct Args {
     command: Command,
     #[command(flatten)]
     server: ServerArgs,
-    /// As JSON, in the shape of the API; an export is JSON Lines in any case.
+    /// Print JSON, in the shape of the API. An export is JSON Lines in any case.
     #[arg(long, global = true)]
     json: bool,
 }
 
 #[derive(Debug, clap::Subcommand)]
 enum Command {
-    /// Create a competition from a TOML file, and show its id and its commitment: publish that.
+    /// Create a competition from a TOML file, and show its id and its commitment. Publish the commitment.
     Create {
-        /// The file, like examples/competition.toml; - for the standard input.
+        /// The TOML file, such as examples/competition.toml; - for the standard input.
         file: PathBuf,
     },
     /// List all competitions.
     List,
-    /// Show a competition; after its end with its seeds and its salt.
+    /// Show a competition, after its end with its seeds and its salt.
     Show {
         /// The competition's id.
         id: String,
     },
-    /// Create invitation codes, one for each entrant. They are shown only once.
+    /// Create invitation codes, one for each entrant. A code is shown only once.
     Codes {
         /// The competition's id.
         id: String,
@@ -69,37 +69,37 @@ enum Command {
         #[arg(required = true)]
         labels: Vec<String>,
     },
-    /// Enter a competition, and show the new key for it, only once. If you have a key, enter with that.
+    /// Enter a competition. The entrant's new key is shown only once; if you have a key, you enter with that one.
     Enter {
         /// The competition's id.
         id: String,
         #[command(flatten)]
         entrant: Declaration,
     },
-    /// Start an attempt, and show its swarm token: play with it over /swarm/obs and /swarm/act.
+    /// Start an attempt, and show its swarm token, with which you play over /swarm/obs and /swarm/act.
     Attempt {
         /// The competition's id.
         id: String,
         /// The entrant, if the key has several.
         #[arg(long)]
         entrant: Option<String>,
-        /// The number of the attempt; default: the next one that is open.
+        /// The number of the attempt. Default: the next one that is open.
         #[arg(long)]
         attempt: Option<u32>,
     },
-    /// Show your own attempts and their results; an organizer sees all.
+    /// Show your own attempts and their results. An organizer sees all attempts.
     Attempts(CompetitionId),
     /// List the entrants.
     Entrants(CompetitionId),
-    /// Show how organizers reach all entrants: for organizers. The audit log says that they were read.
+    /// Show the contacts of all entrants, as an organizer. The audit log records that they were read.
     Contacts {
         /// The competition's id.
         id: String,
-        /// As CSV.
+        /// Print CSV.
         #[arg(long)]
         csv: bool,
     },
-    /// Exclude an entrant: it stays on the board without a rank, with the reason.
+    /// Exclude an entrant. It stays on the board without a rank, with the reason.
     Disqualify {
         #[command(flatten)]
         entrant: EntrantOf,
@@ -107,7 +107,7 @@ enum Command {
         #[arg(long)]
         reason: String,
     },
-    /// Withdraw an entrant: it stays on the board without a rank.
+    /// Withdraw an entrant. It stays on the board without a rank.
     Withdraw {
         #[command(flatten)]
         entrant: EntrantOf,
@@ -120,21 +120,22 @@ enum Command {
         #[command(flatten)]
         entrant: EntrantOf,
     },
-    /// Vouch that the model that an entrant declared is the one that plays.
+    /// Vouch that an entrant plays with the model that it declared.
     Vouch {
         #[command(flatten)]
         entrant: EntrantOf,
-        /// Withdraw this confirmation.
+        /// Withdraw the confirmation.
         #[arg(long)]
         not: bool,
     },
-    /// Void an attempt that failed because of the server: it does not count, and may be repeated, on spare seeds if there are some.
+    /// Void an attempt that failed because of the server. A void attempt does not count and may be repeated, on spare seeds if
+    /// the competition has some.
     Void {
         /// The competition's id.
         id: String,
         /// The id of the attempt's run, from the board or the entrant.
         run: String,
-        /// What happened, visible to all.
+        /// The reason, visible to all.
         #[arg(long)]
         reason: String,
     },
@@ -142,21 +143,21 @@ enum Command {
     Board {
         /// The competition's id.
         id: String,
-        /// As CSV.
+        /// Print CSV.
         #[arg(long)]
         csv: bool,
-        /// The entrants of this category alone, with ranks among themselves.
+        /// Only the entrants of this category, with ranks among themselves.
         #[arg(long)]
         category: Option<String>,
-        /// What the public seeds make, or all others.
+        /// The part of the board: scores on the public seeds, or on all other seeds (final).
         #[arg(long, value_parser = ["public", "final"])]
         part: Option<String>,
     },
-    /// Export a competition to the standard output, for `swarmbench verify --competition`.
+    /// Write a competition to the standard output, as a file for `swarmbench verify --competition`.
     Export {
         /// The competition's id.
         id: String,
-        /// The version of the format; 1 for programs that know no other.
+        /// The version of the format; 1 for programs that know only that one.
         #[arg(long)]
         format: Option<u32>,
     },
@@ -206,7 +207,7 @@ struct Declaration {
     /// The version of the terms that you accept, from `swarmbench competition show`.
     #[arg(long, value_name = "VERSION")]
     accepts_terms: Option<u32>,
-    /// How organizers reach you; nobody else sees it.
+    /// Your contact, such as an email address: only organizers see it.
     #[arg(long)]
     contact: Option<String>,
 }
@@ -343,7 +344,7 @@ fn tell_created(client: &Client, created: &Competition) {
     );
 }
 
-/// When attempts can first be started; a time that is past is likely a mistake.
+/// The time from which attempts can be started; a time in the past is likely a mistake.
 fn opening(created: &Competition) -> String {
     let Competition { opens_at, created_at, .. } = created;
     if opens_at <= created_at {
@@ -353,7 +354,7 @@ fn opening(created: &Competition) -> String {
     }
 }
 
-/// Where entrants enter. An organizer may reach the server in a way in which nobody else does.
+/// The page and the command for entrants. Entrants may reach the server at another address than the organizer.
 fn entering(client: &Client, id: &str) -> String {
     let base = client.base();
     let page = format!("competitions/{id}");

@@ -16,7 +16,7 @@ pub(super) enum Command {
         swarmbench competition describe cmp_… ent_… --accepts-terms 2\n  \
         swarmbench competition describe cmp_… ent_… --category models")]
     Describe(Describe),
-    /// Play for practice on open seeds, and show the swarm token: it counts nowhere. A run that was started before ends.
+    /// Start a practice run on open seeds, and show its swarm token. Practice counts nowhere; an earlier practice run ends.
     Practice {
         /// The competition's id.
         id: String,
@@ -26,16 +26,16 @@ pub(super) enum Command {
         /// A seed; may be repeated. By default the server draws one.
         #[arg(long = "seed")]
         seeds: Vec<i64>,
-        /// A task of the competition; may be repeated. By default all of them.
+        /// A task of the competition; may be repeated. By default all tasks.
         #[arg(long = "task")]
         tasks: Vec<String>,
     },
-    /// Show the members of a team that were added to it.
+    /// List the members that were added to a team.
     Members {
         #[command(flatten)]
         entrant: EntrantOf,
     },
-    /// Add a member to a team, and show the member's key, only once: it does what the entrant's own key does.
+    /// Add a member to a team. The member's key is shown only once; it has the rights of the entrant's own key.
     AddMember {
         #[command(flatten)]
         entrant: EntrantOf,
@@ -43,7 +43,7 @@ pub(super) enum Command {
         #[arg(long)]
         name: String,
     },
-    /// Remove a member from a team: its key, and the tokens of what the team plays, are good for nothing any more.
+    /// Remove a member from a team. The member's key, and the tokens of the team's open games, are no longer accepted.
     RemoveMember {
         #[command(flatten)]
         entrant: EntrantOf,
@@ -63,13 +63,13 @@ pub(super) struct Describe {
 #[derive(Debug, clap::Args)]
 #[group(required = true, multiple = true)]
 struct Facts {
-    /// Another of the competition's categories.
+    /// The new category, one of the competition's.
     #[arg(long)]
     category: Option<String>,
-    /// The newest version of the terms.
+    /// The version of the terms that the entrant accepts: the newest.
     #[arg(long, value_name = "VERSION")]
     accepts_terms: Option<u32>,
-    /// How organizers reach the entrant; '' removes it.
+    /// The entrant's contact, which only organizers see; '' removes it.
     #[arg(long)]
     contact: Option<String>,
 }
@@ -121,7 +121,7 @@ pub(super) async fn run(client: &Client, json: bool, command: Command) -> anyhow
             let removed: MemberSummary = client.delete(&path).await?;
             show(json, &removed, |removed| {
                 out!("{}", removed.id);
-                note!("The key of {:?} is good for nothing any more.", removed.name);
+                note!("The key of {:?} is no longer accepted.", removed.name);
             })
         }
     }

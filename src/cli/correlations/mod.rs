@@ -35,8 +35,8 @@ const SCORE: &str = "score";
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "r is Pearson's coefficient with its two-sided p (* below 0.05, ** below 0.01, *** below 0.001), q the false \
-    discovery rate over all tests of a table, rho Spearman's coefficient. docs/evaluate/tables.md says how they are \
-    read.\n\nExamples:\n  \
+    discovery rate over all tests of a table, rho Spearman's coefficient. docs/evaluate/tables.md says how to read \
+    these.\n\nExamples:\n  \
     swarmbench correlations --db swarmbench.db --where task=Pursuit\n  \
     swarmbench correlations --from games --matrix --format csv > matrix.csv\n  \
     swarmbench correlations --from games --convergence --format latex"
@@ -45,16 +45,16 @@ pub(super) struct Args {
     /// The metrics: columns of the table of episodes. Default: the twelve of the paper.
     #[arg(long, value_name = "METRIC,…", value_delimiter = ',', conflicts_with_all = ["failures", "convergence"])]
     metrics: Vec<String>,
-    /// paper, or toolkit: what the public toolkit's scripts compute.
+    /// The definition of metrics: paper, or toolkit for what the public toolkit's scripts compute.
     #[arg(long, default_value = "paper", value_parser = definition)]
     definition: Definition,
-    /// All pairs of metrics, with the score as the last row.
+    /// Correlate all pairs of metrics, with the score as the last row.
     #[arg(long, conflicts_with_all = ["failures", "convergence"])]
     matrix: bool,
-    /// The metrics of three failure modes, each in its task.
+    /// Show the metrics of three failure modes, each in its task.
     #[arg(long, conflicts_with = "convergence")]
     failures: bool,
-    /// Whether messages become alike: by task, and by model over all tasks.
+    /// Show whether messages become alike: by task, and by model over all tasks.
     #[arg(long)]
     convergence: bool,
     #[command(flatten)]

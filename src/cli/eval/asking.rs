@@ -30,83 +30,84 @@ pub(super) struct Asking {
     #[arg(
         long,
         value_name = "URL",
-        help = "The endpoint, up to /chat/completions, such as https://api.openai.com/v1 [env: OPENAI_BASE_URL]"
+        help = "The address of the endpoint, without /chat/completions, such as https://api.openai.com/v1 [env: OPENAI_BASE_URL]"
     )]
     api_base: Option<String>,
     #[arg(
         long,
         value_name = "NAME",
-        help = "The environment variable that holds its key (OPENAI_API_KEY; ANTHROPIC_API_KEY with --api anthropic)"
+        help = "The environment variable with the endpoint's key (OPENAI_API_KEY; ANTHROPIC_API_KEY with --api anthropic)"
     )]
     api_key_env: Option<String>,
-    /// Its interface: openai for chat completions, anthropic for Anthropic's messages (openai).
+    /// The interface of the endpoint: openai for chat completions, anthropic for Anthropic's messages (openai).
     #[arg(long)]
     api: Option<Api>,
     #[arg(
         long = "header",
         value_name = "NAME: VALUE",
         value_parser = header,
-        help = "A further header of each request. $NAME in its value is an environment variable, so quote it: \
-                --header 'api-key: $AZURE_OPENAI_API_KEY'. Several are allowed"
+        help = "An additional header of each request; may be repeated. $NAME in the value is an environment variable, so quote \
+                the header: --header 'api-key: $AZURE_OPENAI_API_KEY'"
     )]
     headers: Vec<(String, String)>,
-    /// How freely a model draws; not sent where it is left out. Several are several runs.
+    /// The sampling temperature of models. Default: none is sent. Each of several values is a run of its own.
     #[arg(long, value_delimiter = ',')]
     pub(super) temperature: Vec<f64>,
-    /// From which share of the likeliest tokens it draws; not sent where it is left out. Several are several runs.
+    /// The nucleus sampling (top-p) of models. Default: none is sent. Each of several values is a run of its own.
     #[arg(long, value_delimiter = ',')]
     pub(super) top_p: Vec<f64>,
-    /// How many tokens an answer may have; not sent where it is left out.
+    /// The maximum number of tokens of an answer. Default: none is sent.
     #[arg(long, value_name = "TOKENS")]
     max_tokens: Option<u64>,
     #[arg(
         long,
         value_name = "JSON",
         value_parser = object,
-        help = "Further fields of each request as a JSON object, such as '{\"reasoning_effort\": \"low\"}'"
+        help = "Additional fields of each request, as a JSON object such as '{\"reasoning_effort\": \"low\"}'"
     )]
     extra: Option<Map<String, Value>>,
     #[arg(
         long,
         value_name = "TEXT|@FILE",
-        help = "The system message, sent before each prompt: a text, or @ and a file that has it; none where it is left out"
+        help = "The system message, sent before each prompt: a text, or @ and the name of a file. Default: none is sent"
     )]
     system: Option<String>,
-    /// Questions at once to each endpoint, over all its models and games (16).
+    /// The maximum number of concurrent requests to each endpoint, over all its models and games (16).
     #[arg(long, value_name = "QUESTIONS", value_parser = clap::value_parser!(u32).range(1..=i64::from(REQUESTS_MAX)))]
     requests: Option<u32>,
-    /// Models of one endpoint that play at the same time (1). Models of different endpoints always do.
+    /// The number of models of one endpoint that play at the same time (1). Models of different endpoints always do.
     #[arg(long, value_name = "MODELS", value_parser = clap::value_parser!(u32).range(1..=i64::from(MODELS_AT_ONCE_MAX)))]
     models_at_once: Option<u32>,
-    /// The token budget of this call, prompts and answers: stop when it is spent. The same command resumes with a new one.
+    /// The token budget of this command, prompts and answers together: the evaluation stops when it is spent. The same command
+    /// resumes with a new budget.
     #[arg(long, value_name = "TOKENS", value_parser = clap::value_parser!(u64).range(1..))]
     budget: Option<u64>,
     #[arg(
         long,
         value_name = "SHARE",
         value_parser = share,
-        help = "Stop a run when more than this share of a model's answers fails in one way: 0.5, or off [default: 0.5]"
+        help = "The share of a model's answers that may fail in one way before its run stops: 0.5, or off [default: 0.5]"
     )]
     stop_share: Option<f64>,
     #[arg(
         long,
         value_name = "IN,OUT",
-        help = "What a million tokens of prompts and of answers cost, such as 0.15,0.6: shown by --dry-run and on the board"
+        help = "The price of a million tokens of prompts and of answers, such as 0.15,0.6. --dry-run and the board show the cost"
     )]
     price: Option<Price>,
-    /// Seconds that one request may take.
+    /// The maximum duration of a request.
     #[arg(long, value_name = "SECONDS", default_value_t = Settings::TIMEOUT.as_secs(), value_parser = clap::value_parser!(u64).range(1..))]
     timeout: u64,
-    /// How often a question is asked again that the endpoint did not answer.
+    /// The maximum number of retries of a request that the endpoint did not answer.
     #[arg(long, value_name = "TIMES", default_value_t = Settings::RETRIES)]
     retries: u32,
-    /// Seconds that one pause before the next try may take.
+    /// The maximum pause before a retry.
     #[arg(long, value_name = "SECONDS", default_value_t = Settings::PATIENCE.as_secs(), value_parser = clap::value_parser!(u64).range(1..))]
     patience: u64,
-    /// Record all answers in this file; those that are in it already are taken from there.
+    /// The file in which to record all answers. Answers that it already has are taken from there.
     #[arg(long, value_name = "FILE", conflicts_with = "replay")]
     cassette: Option<PathBuf>,
-    /// Answer from this recording alone, and ask no endpoint.
+    /// The recording from which all answers are taken: no endpoint is asked.
     #[arg(long, value_name = "FILE")]
     replay: Option<PathBuf>,
 }

@@ -13,7 +13,8 @@ use swarmbench_protocol::run::{RunDetail, RunSummary};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Attempt {
-    /// Play an attempt in this competition, with the key of its entrant: the one that was begun, or else the next that is open.
+    /// The competition in which to play an attempt, with the entrant's key: the attempt that was begun, or else the next open
+    /// one.
     #[arg(long = "attempt", value_name = "COMPETITION")]
     pub(super) competition: Option<String>,
     /// The entrant, if the key has several.
@@ -43,7 +44,7 @@ impl Attempt {
         let found: Vec<String> = options.chain(fields).collect();
         ensure!(
             found.is_empty(),
-            "what an attempt plays is decided by the competition {competition}, so leave out {}",
+            "the competition {competition} decides which games an attempt plays, so leave out {}",
             found.join(", ")
         );
         Ok(())

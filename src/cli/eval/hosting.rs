@@ -22,16 +22,17 @@ pub(super) struct Hosting {
         long,
         value_name = "URL",
         conflicts_with = "db",
-        help = "Join the server at this address [env: SWARMBENCH_SERVER]"
+        help = "The address of a server to play on [env: SWARMBENCH_SERVER]"
     )]
     server: Option<String>,
-    /// Your key, where the server asks for one.
+    /// Your key, if the server requires one.
     #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
     key: Option<String>,
-    /// Or play on a server of one's own over this database; created where there is none (swarmbench.db).
+    /// The database of a temporary server, which the command starts unless --server names one. The database is created if it
+    /// does not exist (swarmbench.db).
     #[arg(long, value_name = "DATABASE")]
     db: Option<Location>,
-    /// Games at once (4).
+    /// The number of games that are open at a time (4).
     #[arg(long, value_name = "GAMES", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub(super) parallel: Option<u32>,
 }
@@ -149,7 +150,7 @@ impl Hosted {
         drop(self.stop);
         self.serving.await??;
         if self.failed.is_cancelled() {
-            bail!("a commit failed, so nothing more could be kept");
+            bail!("a commit failed, so nothing more could be stored");
         }
         Ok(())
     }

@@ -58,68 +58,69 @@ const WAITING_EVERY: Duration = Duration::from_secs(10);
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Every combination of a model (or player) and settings is a run on a server. Every seat is a conversation of its \
-        own: each round the model is shown the server's prompt for that seat and nothing else. Whatever stops it, the \
-        same command resumes where it stopped; what was played is shown, not played again.\n\n\
+        own: each round the model sees the server's prompt for that seat and nothing else. Whatever stops an evaluation, the \
+        same command resumes it; completed games are shown, not played again.\n\n\
         Examples:\n  \
         swarmbench eval --task all --seeds 27,42,57,72,87 --model gpt-4o --api-base https://api.openai.com/v1\n  \
         swarmbench eval --task Foraging --seeds 0..5 --model llama3.1:8b,qwen3:8b --api-base http://127.0.0.1:11434/v1\n  \
         swarmbench eval --player default --seeds 0..20 --verify\n  \
         swarmbench eval examples/eval/noise.toml --model my-model --api-base http://127.0.0.1:8000/v1 --dry-run\n  \
         swarmbench eval --attempt cmp_… --model my-model --api-base http://127.0.0.1:8000/v1 --server https://cup.example\n\n\
-        The key of an endpoint comes from an environment variable, OPENAI_API_KEY or the one that --api-key-env names; it \
-        is kept nowhere. Lists may be given with commas or by naming an option several times.\n\n\
-        Exit codes: 0 all was played; 1 something has to be mended; 2 the command line; 3 it stopped and the same command \
-        resumes (a budget, answers that mostly fail, an endpoint or a server that does not answer); 130 it was interrupted, the same.\n\n\
+        The key of an endpoint comes from an environment variable: OPENAI_API_KEY, or the variable that --api-key-env names. The \
+        key is stored nowhere. Values of a list are separated by commas, or the option is repeated.\n\n\
+        Exit codes: 0, everything was played; 1, something has to be fixed first; 2, the command line is wrong; 3, the evaluation \
+        stopped and the same command resumes it (a budget, answers that mostly fail, an endpoint or a server that does not \
+        answer); 130, the evaluation was interrupted and the same command resumes it.\n\n\
         docs/evaluate/eval.md says more, and examples/eval has the experiments of the paper."
 )]
 pub(super) struct Args {
     /// An experiment as a TOML file; options on the command line override it.
     file: Option<PathBuf>,
-    #[command(flatten, next_help_heading = "What is played")]
+    #[command(flatten, next_help_heading = "Games")]
     games: Games,
-    #[command(flatten, next_help_heading = "Who plays")]
+    #[command(flatten, next_help_heading = "Players")]
     who: WhoArgs,
     #[command(flatten, next_help_heading = "Attempts in competitions")]
     attempt: Attempt,
-    #[command(flatten, next_help_heading = "How models are asked")]
+    #[command(flatten, next_help_heading = "Requests to models")]
     asking: Asking,
-    #[command(flatten, next_help_heading = "Where it is played")]
+    #[command(flatten, next_help_heading = "Server")]
     hosting: Hosting,
-    #[command(flatten, next_help_heading = "What is shown")]
+    #[command(flatten, next_help_heading = "Output")]
     showing: Showing,
-    /// Dry run: show what would be played, the maximum number of model requests, and an estimate of their tokens and cost;
-    /// play nothing.
+    /// Play nothing: show the games that would be played, the maximum number of requests to models, and an estimate of their
+    /// tokens and cost.
     #[arg(long)]
     dry_run: bool,
-    /// Play again what was completed before; of attempts, play the next one.
+    /// Play completed runs again; with --attempt, play the next attempt.
     #[arg(long)]
     again: bool,
-    /// Replay all journals at the end, and fail if anything differs from what the server reports.
+    /// Replay all journals at the end, and fail if anything differs from the server's reports.
     #[arg(long)]
     verify: bool,
 }
 
 #[derive(Debug, clap::Args)]
 struct Games {
-    /// Tasks: Transport, Pursuit, Synchronization, Foraging, Flocking, or all (all).
+    /// The tasks: Transport, Pursuit, Synchronization, Foraging, Flocking, or all (all).
     #[arg(long = "task", alias = "tasks", value_delimiter = ',', value_name = "TASK")]
     task: Vec<String>,
-    /// Seeds, and ranges of them such as 0..20 for 0 to 19 (27,42,57,72,87).
+    /// The seeds, or ranges of seeds such as 0..20 for 0 to 19 (27,42,57,72,87).
     #[arg(long, alias = "seed", value_delimiter = ',')]
     seeds: Vec<Seeds>,
     #[command(flatten)]
     settings: Axes,
-    /// A prompt template for models instead of the server's own: a file, or the name toolkit; docs/play/prompts.md.
+    /// The prompt template for models, instead of the server's own: a file, or the name toolkit (docs/play/prompts.md).
     #[arg(long, value_name = "FILE|toolkit")]
     prompt_template: Option<PathBuf>,
 }
 
 #[derive(Debug, clap::Args)]
 struct WhoArgs {
-    /// Language models, as their endpoint calls them.
+    /// The language models, by the names that their endpoint has for them.
     #[arg(long = "model", alias = "models", value_delimiter = ',', value_name = "MODEL")]
     model: Vec<String>,
-    /// Built-in players: names (docs/evaluate/baselines.md), default for the best of each task, or all.
+    /// The built-in players: names (docs/evaluate/baselines.md), default for the best of each task, or all.
     #[arg(long = "player", alias = "players", value_delimiter = ',', value_name = "NAME")]
     player: Vec<String>,
     /// The seed of built-in players' own choices (1).
@@ -383,8 +384,8 @@ async fn verify_all(client: &Client, plan: &Plan, played: &mut [Played]) -> anyh
         let checked = verify_run(client, planned, run, || bar.inc(1)).await;
         let checked = checked.map_err(|fault| {
             let what = match &fault {
-                Fault::Client(_) => "what was played could not be read again",
-                Fault::Wrong { .. } => "what was played does not verify",
+                Fault::Client(_) => "the games that were played could not be read again",
+                Fault::Wrong { .. } => "the games that were played do not verify",
             };
             anyhow!(fault).context(what)
         })?;
@@ -412,7 +413,7 @@ fn stop_when_asked(stop: CancellationToken, models: Vec<Option<Model>>) {
             0 => note!("stopping: acts that were decided are sent. Ctrl-C again stops at once"),
             asked => note!(
                 "stopping: no more questions are asked. Waiting for the answers to {asked}, at most {} s; their acts are \
-                 sent. Ctrl-C again stops at once, and they are lost",
+                 sent. Ctrl-C again stops at once, and these answers are lost",
                 longest.as_secs()
             ),
         }

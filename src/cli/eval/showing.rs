@@ -24,16 +24,17 @@ const SUITES_TOLD: usize = 3;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Showing {
-    /// How the board is written.
+    /// The format of the board.
     #[arg(long, default_value = "table")]
     format: Format,
-    /// The same as --format json.
+    /// Print JSON: the same as --format json.
     #[arg(long, conflicts_with = "format")]
     json: bool,
-    /// wide: a row for each run, a column for each task; long: a row for each run and task, with least and most (wide).
+    /// The shape of the board: wide has a row per run and a column per task, long has a row per run and task, with minimum and
+    /// maximum (wide).
     #[arg(long)]
     pub(super) board: Option<Board>,
-    /// Write the board into this file, in that format; the terminal shows a table in any case.
+    /// The file to write the board into, in the format of --format. The terminal shows a table in any case.
     #[arg(long, value_name = "FILE")]
     output: Option<PathBuf>,
 }
@@ -104,7 +105,7 @@ impl Showing {
                 std::fs::write(path, text).with_context(|| format!("{}", path.display()))?;
                 note!("the board is in {}", path.display());
             }
-            Some(path) => note!("not all was played, so {} is not written", path.display()),
+            Some(path) => note!("not all games were played, so {} is not written", path.display()),
             None if self.format() == Format::Table => {}
             None => super::super::output::data(&text),
         }
@@ -323,7 +324,7 @@ fn show_planned(plan: &Plan) -> anyhow::Result<()> {
             out!("the seeds are sealed, so the estimate is of seed {SEALED_ESTIMATE_SEED}");
         }
     }
-    out!("nothing was played; without --dry-run it is");
+    out!("nothing was played: leave out --dry-run to play");
     Ok(())
 }
 

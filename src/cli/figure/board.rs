@@ -19,13 +19,13 @@ const ROWS_MAX: usize = 100;
 pub(super) struct Args {
     #[command(flatten)]
     games: Choice,
-    /// Of a server: the suite, its name, or name@digest where several have that name (standard).
+    /// The suite, for results of a server: its name, or name@digest where several suites have that name (standard).
     #[arg(long, conflicts_with_all = ["from", "db", "conditions"])]
     suite: Option<String>,
-    /// Of a server: the rule set, paper or reference (paper).
+    /// The rule set, for results of a server: paper or reference (paper).
     #[arg(long, value_parser = rules, conflicts_with_all = ["from", "db", "conditions"])]
     rules: Option<String>,
-    /// Of a server: hide the results of the paper.
+    /// Hide the results of the paper, which a server adds.
     #[arg(long, conflicts_with_all = ["from", "db", "conditions"])]
     no_reference: bool,
 }

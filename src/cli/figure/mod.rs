@@ -30,7 +30,7 @@ const MOMENTS_MAX: usize = 24;
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "The same games give the same bytes. docs/evaluate/figures.md shows every figure.\n\nExamples:\n  \
+    after_help = "The same games always give the same bytes. docs/evaluate/figures.md shows every figure.\n\nExamples:\n  \
     swarmbench export games --format jsonl\n  \
     swarmbench figure trends --from games --out trends.svg --data trends.csv\n  \
     swarmbench figure dynamics --db swarmbench.db --task Pursuit --model my-model --out dynamics.png\n  \
@@ -39,30 +39,30 @@ const MOMENTS_MAX: usize = 24;
 pub(super) struct Args {
     #[command(subcommand)]
     figure: Kind,
-    /// The file to write: its name ends in .svg or .png.
+    /// The file to write. Its name ends in .svg or .png.
     #[arg(long, global = true)]
     out: Option<PathBuf>,
     /// Also write the numbers behind the figure, as CSV.
     #[arg(long, global = true, value_name = "FILE")]
     data: Option<PathBuf>,
-    /// Pixels of a PNG for each unit of the figure.
+    /// The number of pixels of a PNG per unit of the figure.
     #[arg(long, global = true, default_value_t = 2.0, value_parser = scale)]
     scale: f64,
 }
 
 #[derive(Debug, clap::Subcommand)]
 enum Kind {
-    /// How scores rise over a game: a panel a task, a line a model.
+    /// Draw scores over the rounds of a game: one panel per task, one line per model.
     Trends(Choice),
-    /// Score, messages, choices and positions of a model in a task, round by round.
+    /// Draw score, messages, choices and positions of a model in a task, round by round.
     Dynamics(DynamicsArgs),
-    /// Moments of a game: the map, and what the agents chose.
+    /// Draw moments of a game: the map, and the agents' choices.
     Frame(FrameArgs),
-    /// How the final score depends on two settings.
+    /// Draw how the final score depends on two settings.
     Sensitivity(SensitivityArgs),
-    /// Final scores: a row a model, a panel a task.
+    /// Draw final scores: one row per model, one panel per task.
     Board(board::Args),
-    /// Charts of correlations, which the Python package draws: for one release this command says so.
+    /// Refuses: the Python package draws charts of correlations. The command exists for one release, to say so.
     #[command(hide = true)]
     Correlations {
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
@@ -103,7 +103,7 @@ struct SensitivityArgs {
     /// The setting along the horizontal axis.
     #[arg(long, default_value = "num_agents")]
     across: String,
-    /// The setting in which the lines differ.
+    /// The setting that distinguishes the lines.
     #[arg(long, default_value = "view_size")]
     lines: String,
 }

@@ -337,7 +337,7 @@ impl From<&str> for Value {
     }
 }
 
-/// As JSON has it: whole numbers without decimals.
+/// Whole numbers become JSON numbers without decimals.
 impl From<&Value> for Json {
     fn from(value: &Value) -> Self {
         match value {
@@ -351,7 +351,7 @@ impl From<&Value> for Json {
     }
 }
 
-/// As `--where` takes it.
+/// Values are written as `--where` accepts them.
 impl fmt::Display for Value {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -22,7 +22,7 @@ struct Rounds {
     places: BTreeMap<String, usize>,
     /// Series in the order of `places`.
     series: Vec<Series>,
-    /// Which of the columns exist.
+    /// Whether each column exists.
     found: Vec<bool>,
     values: usize,
 }

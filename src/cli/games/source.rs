@@ -17,14 +17,14 @@ use crate::store::episodes::{Filter, Readable};
 use crate::store::port::StoredEpisode;
 use crate::store::{Location, Store};
 
-/// Where games are.
+/// Source of games.
 #[derive(Clone, Debug, clap::Args)]
 pub(in super::super) struct Source {
-    /// Instead of a server: a folder of `swarmbench export FOLDER --format jsonl` (or parquet), or its file of episodes.
-    /// May be given several times.
+    /// The games of an export instead of a server's: a folder of `swarmbench export FOLDER --format jsonl` (or parquet), or
+    /// its file of episodes. May be repeated.
     #[arg(long, value_name = "PATH", conflicts_with = "db")]
     from: Vec<PathBuf>,
-    /// Instead of a server: its database. It is only read; its server may keep running.
+    /// The games of a database instead of a server's. The database is only read, so its server may keep running.
     #[arg(long)]
     db: Option<Location>,
     #[command(flatten)]
@@ -35,11 +35,11 @@ pub(in super::super) struct Source {
 pub(in super::super) struct Choice {
     #[command(flatten)]
     pub(in super::super) source: Source,
-    /// Only games in which this column has this value, or one of several: `view_size=5`, `temperature=0,1`. `none` stands for
-    /// a missing value. A value with commas stands in double quotes: `suite="a, b"`. May be given several times.
+    /// Use only games in which this column has this value, or one of several: `view_size=5`, `temperature=0,1`. `none` stands
+    /// for a missing value. A value with commas stands in double quotes: `suite="a, b"`. May be repeated.
     #[arg(long = "where", value_name = "COLUMN=VALUE,…")]
     conditions: Vec<Condition>,
-    /// Columns of `agent_meta` that do not change how a model plays: its games may differ in them.
+    /// Columns of `agent_meta` that do not change how a model plays: games of one model may differ in these.
     #[arg(long, value_name = "COLUMN,…", value_delimiter = ',')]
     pub(in super::super) ignore: Vec<String>,
 }

@@ -29,8 +29,8 @@ const PNG_SCALE: f64 = 2.0;
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Frame s shows state s, what the agents chose in round s, and with --messages what they said in it. An \
-    arrow is a chosen move; an empty arrow with a bar is a move that was blocked; ? is an agent without an action, S one that \
+    after_help = "Frame s shows state s, the agents' choices in round s, and with --messages their messages in round s. An \
+    arrow is a chosen move; an empty arrow with a bar is a blocked move; ? is an agent without an action, S an agent that \
     switches its light.\n\nExamples:\n  \
     swarmbench replay EPISODE --gif game.gif --messages\n  \
     swarmbench replay game.jsonl --gif start.gif --rounds 0..20 --scale 48\n  \
@@ -43,7 +43,7 @@ pub(super) struct Args {
     game: String,
     #[command(flatten)]
     output: Output,
-    /// The one frame to draw, with --svg or --png.
+    /// The frame to draw, with --svg or --png.
     #[arg(long, conflicts_with_all = ["rounds", "gif", "y4m"])]
     round: Option<u32>,
     /// The first and the last frame, such as 10..60; either may be left out.
@@ -55,13 +55,13 @@ pub(super) struct Args {
     /// Show the windows of all agents.
     #[arg(long)]
     views: bool,
-    /// With --html: the prompts, too, which take most of the space.
+    /// Include the prompts in the page of --html, most of whose size they are.
     #[arg(long, requires = "html")]
     prompts: bool,
-    /// Pixels along a side of a cell of the map (by default as many as make a map of about 400 pixels, 4 to 32).
+    /// The side of a cell of the map, in pixels. Default: 4 to 32, so that the map has about 400 pixels.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
     scale: Option<u16>,
-    /// Frames a second.
+    /// The number of frames per second.
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=i64::from(FRAMES_PER_SECOND_MAX)))]
     fps: u16,
     #[command(flatten)]
@@ -74,7 +74,7 @@ struct Output {
     /// Write an animated GIF.
     #[arg(long)]
     gif: Option<PathBuf>,
-    /// Write uncompressed video, which ffmpeg reads; - for the standard output.
+    /// Write uncompressed video, a format that ffmpeg reads; - for the standard output.
     #[arg(long)]
     y4m: Option<PathBuf>,
     /// Write each frame as an SVG into this folder, which must not exist.

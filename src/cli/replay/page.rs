@@ -30,7 +30,7 @@ pub(super) struct GamePage {
     /// Data common to all wanted states.
     page: ReplayPage,
     states: Vec<ReplayState>,
-    /// What agents knew and did, by round and agent.
+    /// Observations and acts, by round and agent.
     acts: BTreeMap<String, Value>,
     bytes: usize,
 }
@@ -109,7 +109,7 @@ impl GamePage {
         Ok(())
     }
 
-    /// What an agent knew before a round and did in it.
+    /// Observation of an agent before a round, and its act in the round.
     fn known(&self, begun: &Begun, agent: AgentId, act: ActRecord) -> AgentRound {
         let (opening, world) = (&self.outline.opening, &begun.before);
         let config = world.config();

@@ -17,21 +17,21 @@ pub(super) enum Format {
     Table,
     Csv,
     Markdown,
-    /// With the rules of the package booktabs.
+    /// A LaTeX table with the rules of the package booktabs.
     Latex,
-    /// Numbers in full precision, row by row.
+    /// JSON, row by row, with numbers in full precision.
     Json,
 }
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Showing {
-    /// How the table is written.
+    /// The format of the table.
     #[arg(long, value_enum, default_value = "table")]
     format: Format,
-    /// The same as --format json.
+    /// Print JSON: the same as --format json.
     #[arg(long, conflicts_with = "format")]
     json: bool,
-    /// Write it into this file.
+    /// The file to write the table into.
     #[arg(long, value_name = "FILE")]
     output: Option<PathBuf>,
 }
@@ -80,9 +80,9 @@ pub(super) struct Column {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Row {
-    /// As many as the sheet has heads.
+    /// One value per head of the sheet.
     pub(super) heads: Vec<Value>,
-    /// As many as the sheet has columns.
+    /// One cell per column of the sheet.
     pub(super) cells: Vec<Cell>,
 }
 

@@ -13,25 +13,25 @@ const BUILT_IN: &str = "built-in/";
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "A cell is the mean ± population standard deviation (number of games). Games of different settings are refused, \
-    not averaged. docs/evaluate/tables.md has an example of each table.\n\nExamples:\n  \
+    after_help = "A cell is the mean ± population standard deviation (number of games). The command refuses to average games of \
+    different settings. docs/evaluate/tables.md has an example of each table.\n\nExamples:\n  \
     swarmbench table main --db swarmbench.db\n  \
     swarmbench table sensitivity --where model=gpt-4o --format latex > sensitivity.tex\n  \
     swarmbench table --by model,task --value pushes --from games\n  \
     swarmbench table --rows task,temperature --columns top_p --from games --format csv"
 )]
 pub(super) struct Args {
-    /// A table of the paper.
+    /// The table of the paper.
     #[arg(value_enum, required_unless_present_any = ["by", "rows"])]
     name: Option<Name>,
-    /// The columns of the games that rows and columns of the table are made of: settings, or keys of `agent_meta` such as
-    /// temperature.
+    /// The columns of the games by which to group: settings, or keys of `agent_meta` such as temperature. The column task, or
+    /// else the last of several, becomes the columns of the table; all others become its rows.
     #[arg(long, value_name = "COLUMN,…", value_delimiter = ',', conflicts_with_all = ["name", "rows", "columns"])]
     by: Vec<String>,
-    /// Those of the rows alone.
+    /// The columns of the games that become the rows of the table.
     #[arg(long, value_name = "COLUMN,…", value_delimiter = ',')]
     rows: Vec<String>,
-    /// Those of the columns alone.
+    /// The columns of the games that become the columns of the table.
     #[arg(
         long,
         value_name = "COLUMN,…",
@@ -40,7 +40,7 @@ pub(super) struct Args {
         conflicts_with = "name"
     )]
     columns: Vec<String>,
-    /// What is averaged: the score, a metric, or any other column of numbers.
+    /// The column of the games to average: the score, a metric, or any other column of numbers.
     #[arg(long, value_name = "COLUMN", default_value = "score")]
     value: String,
     #[command(flatten)]
@@ -51,7 +51,7 @@ pub(super) struct Args {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Name {
-    /// Models by tasks, with totals.
+    /// Scores of models by tasks, with totals.
     Main,
     /// The built-in players of each task.
     Rules,

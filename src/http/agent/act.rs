@@ -27,9 +27,9 @@ pub(in super::super) struct ActParams {
     wait: Option<f64>,
 }
 
-/// Act: what the token's agent does in the open round.
+/// Act in the open round, for the token's agent.
 ///
-/// The answer comes once the act is durable. The same act again gets the same receipt, at any time.
+/// The answer is sent once the act is durable. A repeat of the same act gets the same receipt, at any time.
 #[utoipa::path(
     post,
     path = "/act",

@@ -17,18 +17,18 @@ use swarmbench_protocol::observation::Observation;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct ObsParams {
-    /// With `wait`: wait until the round is past this one.
+    /// Round for `wait`: wait until the open round is later.
     after: Option<u32>,
-    /// Seconds to wait at most, up to 60; the answer is then the current observation.
+    /// Maximum number of seconds to wait, up to 60; after that the answer is the current observation.
     wait: Option<f64>,
-    /// Add the text for a language model.
+    /// Whether to add the text for a language model.
     #[serde(default, deserialize_with = "flag")]
     prompt: bool,
 }
 
-/// Look: the current observation of the token's agent.
+/// Get the current observation of the token's agent.
 ///
-/// Never changes anything and never costs a move.
+/// A look never changes anything and never costs a move.
 #[utoipa::path(
     get,
     path = "/obs",
@@ -39,7 +39,7 @@ pub(in super::super) struct ObsParams {
     responses(
         (status = 200, description = "The current observation", body = Observation),
         (status = 403, description = "`forbidden`: not a seat token"),
-        (status = 422, description = "`template_failed`: a prompt was asked for and cannot be made"),
+        (status = 422, description = "`template_failed`: a prompt was requested and cannot be made"),
     )
 )]
 pub(in super::super) async fn get_obs(

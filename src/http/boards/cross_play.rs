@@ -19,25 +19,25 @@ use swarmbench_protocol::board::CrossPlay;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct CrossPlayParams {
-    /// A task's name; all tasks where it is left out.
+    /// Name of a task; all tasks by default.
     #[serde(default, deserialize_with = "any_case::task")]
     task: Option<String>,
-    /// `paper` or `reference`; both where it is left out.
+    /// Rule set: `paper` or `reference`; both by default.
     #[serde(default, deserialize_with = "any_case::rules")]
     rules: Option<String>,
-    /// `json` or `csv`; where it is left out, the header `Accept` decides.
+    /// Format: `json` or `csv`; the header `Accept` decides by default.
     format: Option<String>,
-    /// How many pairs at most, up to 1,000; where it is left out 50, and of CSV 1,000.
+    /// Maximum number of pairs, up to 1,000; by default 50, and 1,000 for CSV.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
-    /// The `next_cursor` of the page before.
+    /// Cursor: the `next_cursor` of the previous page.
     cursor: Option<String>,
 }
 
-/// Which models did how well together.
+/// Show the scores of pairs of models that played together.
 ///
-/// Pairs of models that had seats of the same episode, as different holders, over all finished episodes of equal
-/// settings. A page that is not the last names the next in `next_cursor`, and in the header `X-Next-Cursor`.
+/// The models had seats of the same episode, as different holders. Each pair covers all its finished episodes of equal
+/// settings. All pages except the last name the next one in `next_cursor` and in the header `X-Next-Cursor`.
 #[utoipa::path(
     get,
     path = "/api/v1/cross-play",

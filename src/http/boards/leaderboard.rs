@@ -22,44 +22,43 @@ use swarmbench_protocol::board::Leaderboard;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct BoardParams {
-    /// The suite's name; `name@digest` where several have that name. `standard` where it is left out.
+    /// Name of the suite; `name@digest` if several suites have that name. `standard` by default.
     suite: Option<String>,
-    /// `paper` (where it is left out) or `reference`.
+    /// Rule set: `paper` (the default) or `reference`.
     #[serde(default, deserialize_with = "any_case::rules")]
     rules: Option<String>,
-    /// The only task to show.
+    /// Only task to show.
     #[serde(default, deserialize_with = "any_case::task")]
     task: Option<String>,
-    /// By what rows are ranked: `total` (where it is left out), or the mean of this task.
+    /// Value by which rows are ranked: `total` (the default), or the name of a task for the mean of this task.
     sort: Option<String>,
-    /// Which run of a player makes its row: `best` (where it is left out), `last` or `mean`.
+    /// Run of a player that makes its row: `best` (the default), `last` or `mean`.
     pick: Option<String>,
-    /// Whether the rows of the paper are shown; they are where it is left out.
+    /// Whether the rows of the paper are shown; true by default.
     #[serde(default, deserialize_with = "optional_flag")]
     reference: Option<bool>,
-    /// Whether the rows of people are shown; they are where it is left out.
+    /// Whether the rows of people are shown; true by default.
     #[serde(default, deserialize_with = "optional_flag")]
     people: Option<bool>,
-    /// Whether games that were read from files are shown, too; they are not where it is left out.
+    /// Whether games that were read from files are shown, too; false by default.
     #[serde(default, deserialize_with = "optional_flag")]
     imported: Option<bool>,
-    /// Metrics that are shown for each task, by their names and with commas between them; 16 at most.
+    /// Metrics that are shown for each task: names separated by commas, 16 at most.
     metrics: Option<String>,
-    /// `json` or `csv`; where it is left out, the header `Accept` decides.
+    /// Format: `json` or `csv`; the header `Accept` decides by default.
     format: Option<String>,
-    /// How many rows at most, up to 1,000; where it is left out 50, and of CSV 1,000.
+    /// Maximum number of rows, up to 1,000; by default 50, and 1,000 for CSV.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
-    /// The `next_cursor` of the page before.
+    /// Cursor: the `next_cursor` of the previous page.
     cursor: Option<String>,
 }
 
-/// The leaderboard of a suite.
+/// Show the leaderboard of a suite.
 ///
-/// A row for each player: owner, model, temperature, `top_p` and prompt template, as declared. Runs that are over
-/// count, also those that were broken off; planned games that were not played count as 0. `docs/evaluate/boards.md` says how
-/// everything is computed. A page that is not the last names the next in `next_cursor`, and in the header
-/// `X-Next-Cursor`.
+/// The board has a row for each player: owner, model, temperature, `top_p` and prompt template, as declared. Runs that are over
+/// count, also those that ended early; planned games that were not played count as 0. `docs/evaluate/boards.md` defines all
+/// values. All pages except the last name the next one in `next_cursor` and in the header `X-Next-Cursor`.
 #[utoipa::path(
     get,
     path = "/api/v1/leaderboard",

@@ -18,9 +18,9 @@ use swarmbench_protocol::episode::SeatToken;
 
 /// Claim open seats of an episode.
 ///
-/// The tokens are shown this once, and stand for these seats alone. A repeat with the same
-/// `Idempotency-Key` and body gives the same seats with fresh tokens, and the earlier ones are revoked.
-/// With the last open seat the episode starts, unless its creator wants to start it.
+/// The tokens are shown only once, and are valid for these seats alone. A repeat with the same `Idempotency-Key` and body
+/// returns the same seats with new tokens and revokes the earlier ones. The claim of the last open seat starts the episode,
+/// unless its creator wants to start it.
 #[utoipa::path(
     post,
     path = "/api/v1/episodes/{id}/claims",
@@ -34,8 +34,8 @@ use swarmbench_protocol::episode::SeatToken;
     security((), ("key" = [])),
     responses(
         (status = 201, description = "The seats, with their tokens", body = CreatedClaim),
-        (status = 403, description = "`forbidden`: a token of an episode claims no seats; a server without keys is open to programs on its own machine only"),
-        (status = 409, description = "`seat_taken`: the seat has a holder, or fewer seats are open than were asked for; `episode_over`"),
+        (status = 403, description = "`forbidden`: the token of an episode cannot claim seats; a server without keys is open only to programs on its own machine"),
+        (status = 409, description = "`seat_taken`: the seat has a holder, or fewer seats are open than requested; `episode_over`"),
     )
 )]
 pub(in super::super) async fn create_claim(

@@ -6,7 +6,7 @@ use swarmbench_engine::AgentId;
 use super::super::prelude::*;
 use swarmbench_protocol::claim::{SeatHolder, SeatList};
 
-/// List who holds which seat of an episode.
+/// List the seats of an episode with their holders.
 #[utoipa::path(
     get,
     path = "/api/v1/episodes/{id}/claims",

@@ -1,11 +1,11 @@
-//! `GET /api/v1/competitions/{id}/actions`: what organizers did in a competition.
+//! `GET /api/v1/competitions/{id}/actions`: actions of organizers.
 
 use super::super::page::{NewestParams, ROWS_MAX};
 use super::super::prelude::*;
 use crate::store::audit::ShownAction;
 use swarmbench_protocol::competition::{OrganizerAction, OrganizerActions};
 
-/// List what organizers did in a competition, newest first, as everybody may see it.
+/// List the actions of organizers in a competition, newest first, as everybody may see them.
 #[utoipa::path(
     get,
     path = "/api/v1/competitions/{id}/actions",

@@ -10,10 +10,10 @@ use crate::store::audit::ShownAction;
 use swarmbench_protocol::competition::{Announcement, AnnouncementRequest, Announcements};
 use swarmbench_protocol::names::is_plain_text;
 
-/// The action of an announcement.
+/// Action in the audit log.
 const ANNOUNCE: &str = "competition.announce";
 
-/// Characters of an announcement.
+/// Maximum characters of an announcement.
 const ANNOUNCEMENT_CHARS_MAX: usize = 2_000;
 
 /// List the announcements of a competition, newest first.
@@ -47,7 +47,7 @@ pub(in super::super) async fn list_announcements(
 
 /// Announce something to all who follow a competition.
 ///
-/// An announcement stays as it is; a mistake is corrected by another one. It is a part of what organizers did
+/// An announcement never changes; correct a mistake with another one. Announcements are part of the organizers' actions
 /// (`GET …/actions`) and of the published file.
 #[utoipa::path(
     post,

@@ -40,7 +40,7 @@ pub(in super::super) async fn list_attempts(
     }
 }
 
-/// A page of the attempts of a competition, or of those of one key, in the order in which they were started.
+/// Page of the attempts of a competition, or of one key, in the order of their starts.
 async fn page(
     app: &App,
     params: &PageParams,

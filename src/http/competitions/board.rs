@@ -27,36 +27,36 @@ use swarmbench_protocol::competition::{CompetitionBoard, CompetitionRow};
 use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::table::{Table, maybe, text as safe_cell};
 
-/// Rows of a page that are written at once: less than a millisecond.
+/// Maximum rows of a page that is written on the async thread: less than a millisecond.
 const ROWS_INLINE_MAX: usize = 100;
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct BoardParams {
-    /// Metrics that are shown for each task, by their names and with commas between them; 16 at most. While seeds are
-    /// sealed only organizers see them.
+    /// Metrics that are shown for each task: names separated by commas, 16 at most. While seeds are sealed only organizers and judges see
+    /// them.
     metrics: Option<String>,
-    /// One of the competition's categories: its entrants alone, with ranks among themselves.
+    /// Category of the competition: only its entrants are shown, ranked among themselves.
     category: Option<String>,
-    /// `public` or `final`: what the public seeds make, or all others. Before the end only organizers and judges see the final
-    /// part, which is theirs where this is left out.
+    /// Part of the board: `public` (from the public seeds) or `final` (from all others). Before the end only organizers and
+    /// judges see the final part, which is their default.
     part: Option<String>,
-    /// `json` or `csv`.
+    /// Format: `json` or `csv`.
     #[param(example = "json")]
     format: Option<String>,
-    /// How many rows at most, up to 1,000; all that fit into one answer where it is left out.
+    /// Maximum number of rows, up to 1,000; as many as fit into one answer by default.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
-    /// The `next_cursor` of the page before.
+    /// Cursor: the `next_cursor` of the previous page.
     cursor: Option<String>,
 }
 
 /// Show the board of a competition, as JSON or CSV.
 ///
-/// As long as seeds are sealed it shows ranks and totals, or nothing, as the organizer decided; organizers see all of
-/// it at any time. A game that was planned and not played counts as 0; a voided one does not count.
-/// A page that is not the last names the next in `next_cursor`, and in the header `X-Next-Cursor`.
+/// While seeds are sealed, the board shows ranks and totals, or nothing, as the organizer decided; organizers and judges see all of it at
+/// any time. A planned game that was not played counts as 0; a voided game does not count. All pages except the last name the
+/// next one in `next_cursor` and in the header `X-Next-Cursor`.
 #[utoipa::path(
     get,
     path = "/api/v1/competitions/{id}/board",
@@ -119,7 +119,7 @@ pub(in super::super) async fn show_board(
         BoardView::All => ("all", None),
     };
     let start = Start { limit, after };
-    // Games are measured after their results are known.
+    // Metrics are measured after the end of a game, so their count is a part of the cache key.
     let measured = (!metrics.is_empty()).then(|| app.store.writer().changes().measured());
     let what = (part, category.clone());
     let question =
@@ -150,21 +150,21 @@ pub(in super::super) async fn show_board(
             };
             format.page(bytes_max, start.limit, page)
         };
-        // Less work than it is to wait for a thread.
+        // A short page takes less time than the wait for a worker thread.
         if start.limit <= ROWS_INLINE_MAX { Ok(write()) } else { app.heavy.render(write).await }
     };
     app.answers.answer_of(question, of, Box::pin(make)).await
 }
 
-/// The part of a board that is asked for.
+/// Requested page.
 #[derive(Debug)]
 struct Start {
     limit: usize,
-    /// The last entrant of the page before, and how many rows there were up to it.
+    /// Last entrant of the previous page, and the number of rows up to it.
     after: Option<(String, usize)>,
 }
 
-/// Where a page ends: how many rows there were, and the last one's entrant.
+/// Cursor: the number of rows up to the end of the page, and the entrant of its last row.
 fn write_cursor(rows: usize, entrant: &str) -> String {
     format!("c{rows:x}-{entrant}")
 }
@@ -175,7 +175,7 @@ fn read_cursor(text: &str) -> Option<(String, usize)> {
 }
 
 impl App {
-    /// The board of a competition in one view. All its pages, and both formats, are parts of the same ranking.
+    /// Ranking of a competition in one view. All pages and both formats are made from it.
     async fn ranking(
         &self,
         competition: StoredCompetition,
@@ -216,7 +216,7 @@ impl App {
     }
 }
 
-/// The rows of a board as they are shown, with the results in each task or without.
+/// Rows of a board, with or without the results by task.
 fn ranking(definition: &Definition, places: &[Place], with_tasks: bool) -> Vec<CompetitionRow> {
     let places: Vec<_> = places.iter().map(|(entrant, played)| (&**entrant, &**played)).collect();
     let entrants: HashMap<_, _> =
@@ -229,10 +229,10 @@ fn ranking(definition: &Definition, places: &[Place], with_tasks: bool) -> Vec<C
     rows.collect()
 }
 
-/// A page of a board.
+/// Page of a board.
 struct Shown<'a> {
     board: CompetitionBoard,
-    /// The same on all pages: these are columns.
+    /// Tasks of the whole board: CSV has the same columns on all pages.
     tasks: &'a [String],
 }
 
@@ -266,7 +266,7 @@ impl<'a> Shown<'a> {
         self
     }
 
-    /// Adds metrics to the rows with an attempt that counts.
+    /// Adds metrics to the rows with a counting attempt.
     fn with_metrics(mut self, metrics: &[Metric], means: &Means) -> Self {
         if !metrics.is_empty() {
             self.board.metrics = metrics.iter().map(|metric| metric.name().to_owned()).collect();
@@ -288,7 +288,7 @@ impl Serialize for Shown<'_> {
     }
 }
 
-/// As CSV the tasks are in columns of their own.
+/// CSV has separate columns for each task.
 impl Table for Shown<'_> {
     type Row = CompetitionRow;
 

@@ -10,9 +10,10 @@ use crate::store::entries::Entry;
 use swarmbench_boards::competition::export::CANCEL;
 use swarmbench_protocol::competition::{CancelRequest, Competition};
 
-/// Cancel a competition that has not closed: nobody enters or starts an attempt any more, and running attempts end.
+/// Cancel a competition that has not closed: nobody can enter or start an attempt any more, and running attempts end.
 ///
-/// Its seeds are published at the time at which it would have closed. Doing it again changes nothing; the first reason stays.
+/// The seeds are published at the time at which the competition would have closed. A repeat changes nothing, and the first
+/// reason stays.
 #[utoipa::path(
     post,
     path = "/api/v1/competitions/{id}/cancel",
@@ -24,7 +25,7 @@ use swarmbench_protocol::competition::{CancelRequest, Competition};
     responses(
         (status = 200, description = "The competition", body = Competition),
         (status = 403, description = "`forbidden`: not an organizer's key"),
-        (status = 409, description = "`closed`: it has closed already"),
+        (status = 409, description = "`closed`: the competition has closed already"),
     )
 )]
 pub(in super::super) async fn cancel_competition(
@@ -39,7 +40,7 @@ pub(in super::super) async fn cancel_competition(
     let reason = problems.none_or(Some(reason))?;
     App::run_detached(async move {
         let cancelled = {
-            // Attempts that are being started are started before.
+            // The lock waits for attempts that are being started, and blocks further ones.
             let _closed = app.runs.block_entries().await;
             let competition = app.stored_competition(&id).await?;
             let at = app.clock.wall();
@@ -53,7 +54,7 @@ pub(in super::super) async fn cancel_competition(
             }
             competition.key
         };
-        // A repeat ends what a stop of the server has left.
+        // A repeated request ends the runs that were left when the server stopped.
         for attempt in app.store.running_attempts(cancelled).await? {
             app.runs.end(attempt, RunStatus::Aborted).await?;
         }

@@ -15,9 +15,9 @@ use swarmbench_protocol::competition::{Competition, CompetitionChange};
 
 /// Change a competition: extend it or the windows of its attempts, correct its texts, renew its terms, or hide it.
 ///
-/// Once it has closed, only `hidden` changes. A window is never shortened. Games that are open keep the end that they have; all that
-/// are opened afterwards have the new one, also those of attempts that are running. Everybody sees what was changed (`GET …/actions`).
-/// With `if_revision` nothing is changed where somebody else has changed it meanwhile.
+/// Once the competition has closed, only `hidden` can change. Windows are never shortened. Open games keep their end; games
+/// that are opened afterwards have the new one, also those of running attempts. Everybody sees the changes (`GET …/actions`).
+/// With `if_revision` nothing is changed if somebody else has changed the competition meanwhile.
 #[utoipa::path(
     patch,
     path = "/api/v1/competitions/{id}",
@@ -27,9 +27,9 @@ use swarmbench_protocol::competition::{Competition, CompetitionChange};
     request_body(content = CompetitionChange, description = "At most 256 KiB"),
     security(("key" = [])),
     responses(
-        (status = 200, description = "The competition as it is now", body = Competition),
+        (status = 200, description = "The competition after the change", body = Competition),
         (status = 403, description = "`forbidden`: not an organizer's key"),
-        (status = 409, description = "`closed`: it has closed, or was cancelled, and something else than `hidden` is to change; `changed`: it has another revision than `if_revision`"),
+        (status = 409, description = "`closed`: the competition has closed or was cancelled, and the request changes more than `hidden`; `changed`: its revision is not `if_revision`"),
     )
 )]
 pub(in super::super) async fn change_competition(
@@ -65,11 +65,11 @@ pub(in super::super) async fn change_competition(
         terms,
     };
     App::run_detached(async move {
-        // No attempt is started, and nothing is revealed, while windows change.
+        // The lock keeps attempts from starting, and the competition from being revealed, while windows change.
         let _closed = app.runs.block_entries().await;
         let competition = app.stored_competition(&id).await?;
         let now = app.clock.wall();
-        // Lists are no part of what was played and published.
+        // Hiding concerns only lists, so it is allowed after the end.
         if hidden.is_none() || change != Change::default() {
             check_open(&competition, now)?;
         }

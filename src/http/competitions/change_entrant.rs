@@ -13,10 +13,10 @@ use swarmbench_boards::competition::EntrantStatus;
 use swarmbench_boards::competition::entrant::CONTACT_CHARS_MAX;
 use swarmbench_protocol::competition::{EntrantChange, EntrantSummary};
 
-/// Change an entrant: organizers decide about it, and it may rename and withdraw itself.
+/// Change an entrant: organizers decide about it, and an entrant may rename and withdraw itself.
 ///
-/// An entrant that is withdrawn or disqualified stays on the board without a rank, with the reason. Organizers take it back
-/// with the status `active`, and answer for its model. What an entrant plays ends when it is disqualified.
+/// An entrant that is withdrawn or disqualified stays on the board without a rank, with the reason. Organizers reinstate it
+/// with the status `active`, and vouch for its model. A disqualification ends everything that the entrant plays.
 #[utoipa::path(
     patch,
     path = "/api/v1/competitions/{id}/entrants/{entrant}",
@@ -29,9 +29,9 @@ use swarmbench_protocol::competition::{EntrantChange, EntrantSummary};
     request_body(content = EntrantChange, description = "At most 256 KiB"),
     security(("key" = [])),
     responses(
-        (status = 200, description = "The entrant as it is now", body = EntrantSummary),
-        (status = 403, description = "`forbidden`: not the key of an organizer or of this entrant, or a field that only organizers change; it has renamed itself as often as it may"),
-        (status = 409, description = "`closed`: the competition is over, and names stay; or the entrant was erased"),
+        (status = 200, description = "The entrant after the change", body = EntrantSummary),
+        (status = 403, description = "`forbidden`: not the key of an organizer or of this entrant; a field that only organizers change; the entrant has used up its renamings"),
+        (status = 409, description = "`closed`: the competition is over, and names no longer change; or the entrant was erased"),
     )
 )]
 pub(in super::super) async fn change_entrant(
@@ -45,13 +45,13 @@ pub(in super::super) async fn change_entrant(
     let competition = app.stored_competition(&id).await?;
     wanted.check(&caller, &app.entrant(&competition, &entrant).await?)?;
     App::run_detached(async move {
-        // What is decided at once is decided one after the other; and nobody enters with the same name meanwhile.
+        // The lock serializes decisions about entrants, and keeps others from entering with the same name.
         let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
         let before = app.entrant(&competition, &entrant).await?;
         wanted.check(&caller, &before)?;
         let mut entries = Vec::new();
         let has_contact = wanted.contact.is_some();
-        // What it was and is called is not noted: it may be erased.
+        // The audit log does not name the old or the new name: they may be erased.
         let mut rewritten = Vec::new();
         if let Some(name) = wanted.name.filter(|name| *name != before.entrant.name) {
             check_not_over(&competition)?;
@@ -71,7 +71,7 @@ pub(in super::super) async fn change_entrant(
             rewritten.push("contact");
         }
         let Wanted { status, reason, vouched, category, accepts_terms, contact, .. } = wanted;
-        // What is in the published file stays as it is, but for what organizers decide.
+        // Only organizers change what is in the published file.
         if accepts_terms.is_some() || (status.is_some() && !caller.is_organizer()) {
             check_not_over(&competition)?;
         }
@@ -99,7 +99,7 @@ pub(in super::super) async fn change_entrant(
         let reason = if status.is_some() { reason } else { old.reason.clone() };
         let status = status.unwrap_or(old.status);
         let vouched = vouched.unwrap_or(old.vouched);
-        // What stays as it is is not noted.
+        // Unchanged fields are not logged.
         let has_status = (status, &reason) != (old.status, &old.reason);
         let is_moved = category.is_some() && category != old.category;
         let is_decided = has_status || vouched != old.vouched || is_moved;
@@ -107,7 +107,7 @@ pub(in super::super) async fn change_entrant(
         if is_decided {
             let status = status.name();
             shown = json!({ "vouched": vouched });
-            // After the end an action with a status is in the published file, and no other.
+            // After the end the published file contains actions with a status, and no others.
             if has_status {
                 shown["status"] = json!(status);
                 shown["reason"] = json!(reason);
@@ -126,7 +126,7 @@ pub(in super::super) async fn change_entrant(
         if is_decided || !rewritten.is_empty() {
             let mut detail = shown.clone();
             detail["competition"] = json!(id);
-            // How to reach an entrant concerns organizers alone.
+            // Contacts concern organizers alone.
             let is_public = is_decided || rewritten != ["contact"];
             let shown = is_public.then_some((competition.key, shown));
             entries.extend(caller.audit_entry(&app, "entrant.change", &entrant, detail, shown));
@@ -144,9 +144,9 @@ pub(in super::super) async fn change_entrant(
 
 /// Erase the personal data of an entrant: its name, the address from which it entered, and the key that was made for it.
 ///
-/// An entrant that is erased before the end is withdrawn. Journals stay as they are, and so does the published file of a
-/// competition that is over, with the name. What it plays ends. Organizers and who entered may erase it, other members of its team
-/// may not; it cannot be undone.
+/// An entrant that is erased before the end is withdrawn. Everything that it plays ends. Journals stay unchanged, and so does
+/// the published file of a competition that is over, which includes the name. Organizers and the one who entered may erase an
+/// entrant, other members of its team may not; it cannot be undone.
 #[utoipa::path(
     delete,
     path = "/api/v1/competitions/{id}/entrants/{entrant}",
@@ -159,7 +159,7 @@ pub(in super::super) async fn change_entrant(
     security(("key" = [])),
     responses(
         (status = 200, description = "The entrant as it is shown from now on", body = EntrantSummary),
-        (status = 403, description = "`forbidden`: not the key of an organizer or that with which this entrant entered"),
+        (status = 403, description = "`forbidden`: neither an organizer's key nor the key with which this entrant entered"),
     )
 )]
 pub(in super::super) async fn erase_entrant(
@@ -168,7 +168,7 @@ pub(in super::super) async fn erase_entrant(
     Ids(id, entrant): Ids,
     _: Params<Nothing>,
 ) -> Result<axum::Json<EntrantSummary>, ApiError> {
-    // Nobody else waits behind a stranger.
+    // Rights are checked before the lock is taken, so that a stranger makes nobody wait.
     let competition = app.stored_competition(&id).await?;
     let own = app.entrant(&competition, &entrant).await?;
     check_own(&caller, &own)?;
@@ -180,13 +180,13 @@ pub(in super::super) async fn erase_entrant(
         let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
         let before = app.entrant(&competition, &entrant).await?;
         if !before.entrant.erased {
-            // A competition that is being revealed is revealed before or after.
+            // The lock keeps the competition from being revealed meanwhile.
             let _open = app.runs.block_reveal().await;
             let (entry, at) = (before.key, app.clock.wall());
             let name = format!("erased {entrant}");
             let mut entries = vec![Entry::EraseEntrant { entry, name, at }];
             let competition = app.stored_competition(&id).await?;
-            // The reason of one that has left may be its own words. What an organizer decided stays.
+            // The reason of a withdrawal may be the entrant's own words, and is replaced; an organizer's decision stays.
             let stays = before.entrant.status == EntrantStatus::Disqualified;
             if competition.revealed_at.is_none() && !stays {
                 let status = EntrantStatus::Withdrawn.name();
@@ -199,7 +199,7 @@ pub(in super::super) async fn erase_entrant(
             entries.extend(caller.audit_entry(&app, "entrant.erase", &entrant, detail, shown));
             app.exclude(&competition, std::slice::from_ref(&before), entries).await?;
         }
-        // The key that was made for it is good for nothing any more.
+        // The key that was made for the entrant is no longer valid.
         let is_own =
             |grant: &Grant| matches!(grant, Grant::Key(key) if key.number == Some(before.owner));
         app.revoked(is_own).await?;
@@ -209,7 +209,7 @@ pub(in super::super) async fn erase_entrant(
     .await
 }
 
-/// Refuses all but organizers and the holder of the entrant's key.
+/// Refuses callers other than organizers and the holder of the entrant's key.
 fn check_own(caller: &Caller, entrant: &StoredEntrant) -> Result<(), ApiError> {
     caller.check_not_judge()?;
     let key = caller.needs_key()?;
@@ -220,7 +220,7 @@ fn check_own(caller: &Caller, entrant: &StoredEntrant) -> Result<(), ApiError> {
     Err(ApiError::new(Code::Forbidden, detail))
 }
 
-/// A change whose values are known to be possible.
+/// Checked change.
 struct Wanted {
     name: Option<String>,
     status: Option<EntrantStatus>,
@@ -271,7 +271,7 @@ impl Wanted {
         }))
     }
 
-    /// Refuses what the caller may not change of this entrant.
+    /// Refuses changes of this entrant that the caller may not make.
     fn check(&self, caller: &Caller, entrant: &StoredEntrant) -> Result<(), ApiError> {
         check_own(caller, entrant)?;
         let is_again = self.name.is_some()
@@ -312,7 +312,7 @@ impl Wanted {
     }
 }
 
-/// The key of an entrant that may rename itself once more.
+/// Key of an entrant that may rename itself once more.
 fn check_renames<'c>(
     app: &App,
     caller: &'c Caller,

@@ -1,4 +1,4 @@
-//! `/api/v1/competitions/{id}/codes`: invitation codes are made, listed and revoked.
+//! `/api/v1/competitions/{id}/codes`: creation, listing and revocation of invitation codes.
 
 use axum::http::StatusCode;
 use serde_json::{Value, json};
@@ -18,12 +18,12 @@ use swarmbench_protocol::competition::{
 };
 use swarmbench_protocol::names;
 
-/// Codes that are made at once.
+/// Maximum codes of one request.
 const CODES_MAX: usize = 1000;
 
 /// Make invitation codes, each good for one entrant.
 ///
-/// They are shown only once; only their hashes are stored.
+/// The codes are shown only once; the server stores only their hashes.
 #[utoipa::path(
     post,
     path = "/api/v1/competitions/{id}/codes",
@@ -35,7 +35,7 @@ const CODES_MAX: usize = 1000;
     responses(
         (status = 201, description = "The codes", body = InvitationCodes),
         (status = 403, description = "`forbidden`: not an organizer's key"),
-        (status = 409, description = "`closed`: nobody enters it any more"),
+        (status = 409, description = "`closed`: the competition takes no more entrants"),
     )
 )]
 pub(in super::super) async fn create_codes(
@@ -74,7 +74,7 @@ pub(in super::super) async fn create_codes(
     Ok(with_tokens(StatusCode::CREATED, body))
 }
 
-/// List the invitation codes of a competition, by their labels, with who used them.
+/// List the invitation codes of a competition by their labels, with the entrants that used them.
 #[utoipa::path(
     get,
     path = "/api/v1/competitions/{id}/codes",
@@ -84,7 +84,7 @@ pub(in super::super) async fn create_codes(
     security(("key" = [])),
     responses(
         (status = 200, description = "The codes, without the codes themselves", body = InvitationList),
-        (status = 403, description = "`forbidden`: not an organizer's key"),
+        (status = 403, description = "`forbidden`: not the key of an organizer or a judge"),
     )
 )]
 pub(in super::super) async fn list_codes(
@@ -110,9 +110,9 @@ pub(in super::super) async fn list_codes(
     .await
 }
 
-/// Revoke invitation codes that nobody has used: those with a label, or codes themselves.
+/// Revoke unused invitation codes: all with a label, or single codes.
 ///
-/// Who has entered with a code stays; exclude the entrant instead. Revoking a code again changes nothing.
+/// An entrant that has entered with a code stays; exclude the entrant instead. Revoking a code again changes nothing.
 #[utoipa::path(
     post,
     path = "/api/v1/competitions/{id}/codes/revoke",
@@ -141,7 +141,7 @@ pub(in super::super) async fn revoke_codes(
     }
     App::run_detached(async move {
         let stored = app.stored_competition(&id).await?;
-        // Nobody enters with one of them meanwhile.
+        // The lock keeps entrants from using the codes meanwhile.
         let _lock = app.creations.lock(&format!("enter {}", stored.id)).await;
         let mut found = Vec::new();
         for (place, label) in labels.iter().enumerate() {
@@ -178,12 +178,12 @@ pub(in super::super) async fn revoke_codes(
     .await
 }
 
-/// What the audit log notes of codes. Their labels may have to be erased.
+/// Detail of the audit log. It omits labels, which may have to be erased.
 fn codes_detail(count: usize) -> Value {
     json!({ "codes": count })
 }
 
-/// The code itself, unless it was used; the error says what is wrong with it.
+/// Unused code of this competition, or the problem with it.
 async fn named(
     app: &App,
     competition: &StoredCompetition,

@@ -15,20 +15,20 @@ use swarmbench_protocol::competition::{ContactList, EntrantContact};
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct ContactParams {
-    /// `json` or `csv`.
+    /// Format: `json` or `csv`.
     #[param(example = "csv")]
     format: Option<String>,
-    /// How many at most, up to 1,000, which is also the number where it is left out.
+    /// Maximum number of entrants, up to 1,000, which is also the default.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
-    /// The `next_cursor` of the page before.
+    /// Cursor: the `next_cursor` of the previous page.
     cursor: Option<String>,
 }
 
 /// List the contacts of all entrants of a competition, as JSON or CSV.
 ///
-/// Entrants without a contact are there, too. The audit log has each answer. A page that is not the last names the next in
-/// `next_cursor`, and in the header `X-Next-Cursor`.
+/// The list includes entrants without a contact. The audit log records every answer. All pages except the last name the next
+/// one in `next_cursor` and in the header `X-Next-Cursor`.
 #[utoipa::path(
     get,
     path = "/api/v1/competitions/{id}/contacts",
@@ -55,7 +55,7 @@ pub(in super::super) async fn list_contacts(
     let after = read_cursor(params.cursor.as_deref())?.map(EntryKey);
     let competition = app.stored_competition(&id).await?;
     let _permit = app.heavy.large_answer().await?;
-    // One more than the page has tells whether there is another page.
+    // One contact more than the page has shows whether there is a next page.
     let found = app.store.list_contacts(competition.key, after, limit + 1).await?;
     let bytes_max = app.limits.answer_bytes_max;
     let write = move || {
@@ -68,7 +68,7 @@ pub(in super::super) async fn list_contacts(
     Ok(answer)
 }
 
-/// The first `limit` of the entrants that were found.
+/// Page of the first `limit` contacts.
 fn page(found: &[StoredContact], limit: usize) -> ContactList {
     let shown = &found[..limit.min(found.len())];
     let last = shown.last().filter(|_| shown.len() < found.len());

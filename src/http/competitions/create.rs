@@ -21,7 +21,7 @@ use swarmbench_protocol::suite::SuiteSettings;
 
 /// Create a competition on sealed seeds, which the server draws now.
 ///
-/// What is played never changes; texts and ends of windows may (`PATCH`). The answer has the commitment: publish it before anybody
+/// The games never change; texts and ends of windows may (`PATCH`). The answer has the commitment: publish it before anybody
 /// plays.
 #[utoipa::path(
     post,
@@ -65,7 +65,7 @@ pub(in super::super) async fn create_competition(
     Ok(answer::created(&format!("/api/v1/competitions/{id}"), shown(&stored, now)))
 }
 
-/// Validates the request; all errors are reported at once.
+/// Validates the request; reports all errors at once.
 fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition, ApiError> {
     let mut problems = Problems::default();
     let clocks = request.clocks.unwrap_or_default();
@@ -101,7 +101,7 @@ fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition,
         let found = one_of(Some(name), TieBreak::ALL, TieBreak::name, "tie_breaks", &mut refuse);
         tie_breaks.extend(found);
     }
-    // A missing time is reported already, and is replaced here. Times are stored to the millisecond.
+    // A missing time is already reported, and replaced here. Times are stored to the millisecond.
     let whole = |at: Timestamp| Timestamp::from_millisecond(at.as_millisecond()).unwrap_or(at);
     let opens_at = whole(request.opens_at.map_or(now, Into::into));
     let closes_at = whole(request.closes_at.map_or(Timestamp::MAX, Into::into));
@@ -161,7 +161,7 @@ fn settings(asked: &SealedSettings, deadline_ms: u64, bank_ms: u64) -> SuiteSett
     }
 }
 
-/// The value with this name, if any was asked for.
+/// Value with the requested name, if there is a request.
 fn one_of<T: Copy, const N: usize>(
     asked: Option<String>,
     all: [T; N],

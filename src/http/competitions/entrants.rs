@@ -12,7 +12,7 @@ use crate::competitions::{self, StoredEntrant};
 use crate::ids::EntryKey;
 use swarmbench_protocol::competition::{EntrantDetail, EntrantList, EntrantSummary};
 
-/// Attempts that are shown with their entrant: with the longest texts less than 4 MB. An entrant has more only if an
+/// Maximum attempts that are shown with their entrant: less than 4 MB with the longest texts. An entrant has more only if an
 /// organizer voids attempts again and again; the list of attempts has all.
 const ATTEMPTS_SHOWN_MAX: usize = 1000;
 
@@ -20,13 +20,13 @@ const ATTEMPTS_SHOWN_MAX: usize = 1000;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct EntrantParams {
-    /// Only those of the caller's key.
+    /// Whether only the entrants of the caller's key are listed.
     #[serde(default, deserialize_with = "optional_flag")]
     own: Option<bool>,
-    /// How many at most, up to 1,000; all that fit into one answer where it is left out.
+    /// Maximum number of entrants, up to 1,000; as many as fit into one answer by default.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
-    /// The `next_cursor` of the page before.
+    /// Cursor: the `next_cursor` of the previous page.
     cursor: Option<String>,
 }
 
@@ -65,7 +65,7 @@ pub(in super::super) async fn list_entrants(
     app.answers.answer_of_entrants(format!("entrants of {id} {params:?}"), Box::pin(make)).await
 }
 
-/// Show an entrant with its own results, to its holder and to organizers.
+/// Show an entrant with its own results, to its team, organizers and judges.
 #[utoipa::path(
     get,
     path = "/api/v1/competitions/{id}/entrants/{entrant}",
@@ -78,7 +78,7 @@ pub(in super::super) async fn list_entrants(
     security(("key" = [])),
     responses(
         (status = 200, description = "The entrant", body = EntrantDetail),
-        (status = 403, description = "`forbidden`: not the key of this entrant"),
+        (status = 403, description = "`forbidden`: not the key of this entrant, an organizer or a judge"),
     )
 )]
 pub(in super::super) async fn show_entrant(

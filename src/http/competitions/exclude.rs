@@ -1,4 +1,4 @@
-//! `POST /api/v1/competitions/{id}/exclusions`: many entrants are excluded at once.
+//! `POST /api/v1/competitions/{id}/exclusions`: exclusion of many entrants at once.
 
 use std::net::IpAddr;
 
@@ -15,13 +15,13 @@ use crate::store::entries::Entry;
 use swarmbench_boards::competition::EntrantStatus;
 use swarmbench_protocol::competition::{Exclusion, ExclusionRequest};
 
-/// Entrants that an answer shows.
+/// Maximum entrants in an answer.
 const SHOWN_MAX: usize = 1000;
 
-/// Disqualify all active entrants that fit a description, after a preview.
+/// Disqualify all active entrants that match a description, after a preview.
 ///
-/// Without `count` the answer shows who they are, and nothing is done. With the `count` of the preview they are disqualified; if
-/// they are more or fewer by then, nothing is done.
+/// Without `count` the answer is a preview: it shows the matching entrants, and nothing is done. With the `count` of the
+/// preview they are disqualified; if their number has changed since, nothing is done.
 #[utoipa::path(
     post,
     path = "/api/v1/competitions/{id}/exclusions",
@@ -31,9 +31,9 @@ const SHOWN_MAX: usize = 1000;
     request_body(content = ExclusionRequest, description = "At most 256 KiB"),
     security(("key" = [])),
     responses(
-        (status = 200, description = "Who was excluded, or would be", body = Exclusion),
+        (status = 200, description = "The entrants that were excluded, or would be", body = Exclusion),
         (status = 403, description = "`forbidden`: not an organizer's key"),
-        (status = 409, description = "`closed`: other entrants fit than in the preview"),
+        (status = 409, description = "`closed`: another number of entrants matches than in the preview"),
     )
 )]
 pub(in super::super) async fn exclude_entrants(
@@ -46,7 +46,7 @@ pub(in super::super) async fn exclude_entrants(
     let wanted = Description::of(&app, &request)?;
     App::run_detached(async move {
         let competition = app.stored_competition(&id).await?;
-        // Nobody enters, and what two organizers decide at once is decided one after the other.
+        // The lock keeps others from entering, and serializes decisions of organizers.
         let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
         let all =
             competitions::entrants(&app.store, competition.key, None, Declared::Short).await?;
@@ -90,9 +90,9 @@ pub(in super::super) async fn exclude_entrants(
     .await
 }
 
-/// Which entrants are meant.
+/// Description of the entrants.
 struct Description {
-    /// As it was sent, for the audit log.
+    /// Description as it was sent, for the audit log.
     text: serde_json::Value,
     network: Option<IpNet>,
     from: Option<Timestamp>,

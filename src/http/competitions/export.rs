@@ -1,4 +1,4 @@
-//! `GET /api/v1/exports/competitions/{id}`: all that is needed to check a competition.
+//! `GET /api/v1/exports/competitions/{id}`: the file by which a competition is verified.
 
 use std::collections::{HashMap, HashSet, VecDeque};
 
@@ -31,10 +31,10 @@ use swarmbench_boards::competition::export::{
 };
 use swarmbench_boards::competition::standings::{Part, Played, standings_of};
 
-/// Export a competition (JSON Lines): its seeds and salt, its entrants, every attempt with the complete journals of
-/// its games, and the board.
+/// Export a competition (JSON Lines): its seeds and salt, its entrants, every attempt with the complete journals of its games,
+/// and the board.
 ///
-/// Once the competition is closed anybody may read it; before, organizers alone. `swarmbench verify --competition FILE`
+/// Anybody may read it once the competition is closed; before that, organizers and judges. `swarmbench verify --competition FILE`
 /// checks all of it.
 #[utoipa::path(
     get,
@@ -44,9 +44,9 @@ use swarmbench_boards::competition::standings::{Part, Played, standings_of};
     params(("id" = String, Path, description = "The competition's id"), ExportParams),
     security((), ("key" = [])),
     responses(
-        (status = 200, description = "One record a line", content((String = "application/x-ndjson"), (Binary = "application/octet-stream"))),
-        (status = 403, description = "`forbidden`: until the competition is closed only organizers may read it, as it holds the seeds"),
-        (status = 422, description = "`invalid`: a format that cannot tell this competition"),
+        (status = 200, description = "One record per line", content((String = "application/x-ndjson"), (Binary = "application/octet-stream"))),
+        (status = 403, description = "`forbidden`: until the competition is closed only organizers and judges may read the export, as it holds the seeds"),
+        (status = 422, description = "`invalid`: a format that cannot represent this competition"),
     )
 )]
 pub(in super::super) async fn export_competition(
@@ -71,7 +71,7 @@ pub(in super::super) async fn export_competition(
             json!({}),
             Some((competition.key, json!({}))),
         ) else {
-            let detail = "an export contains the seeds: until the competition is closed only organizers may read it";
+            let detail = "an export contains the seeds: until the competition is closed only organizers and judges may read it";
             return Err(ApiError::new(Code::Forbidden, detail));
         };
         app.store.keep(vec![audit_entry]).await?;
@@ -79,12 +79,12 @@ pub(in super::super) async fn export_competition(
     let mut known = Known::read(&app, &competition).await?;
     let is_after = |action: &Action| competition.revealed_at.is_some_and(|at| at <= action.at);
     let is_change = |action: &Action| [CHANGE, CANCEL].contains(&action.action.as_str());
-    // A competition is hidden after its end without another format of the file, whose head was published.
+    // Hiding a competition after its end must not change the format of the file, whose head was published.
     let has_changes = known.actions.iter().any(|action| is_change(action) && !is_after(action));
     let usual = format_of(&competition.definition, has_changes);
     if usual == FORMAT {
         for action in known.actions.iter().rev().filter(|action| is_after(action)) {
-            // The oldest one after the end is the last that is looked at.
+            // The oldest action after the end is visited last, so its value remains.
             let was = Told::of(action).was_vouched.map(|was| (action.subject.clone(), was));
             known.vouched.extend(was);
         }
@@ -111,20 +111,20 @@ pub(in super::super) async fn export_competition(
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct ExportParams {
-    /// The version of the format: 3 has seeds of each task; 2 has what organizers did, spare attempts, terms, categories,
-    /// tie-breaks and public seeds. Where it is left out, the oldest one that can tell the competition.
+    /// Version of the format: 3 has seeds of each task; 2 has organizers' actions, spare attempts, terms, categories,
+    /// tie-breaks and public seeds. By default the oldest version that can represent the competition.
     #[param(minimum = 1, maximum = 3)]
     format: Option<u32>,
 }
 
-/// What an action tells of entrants.
+/// Facts about entrants in an action.
 #[derive(Default, Deserialize)]
 struct Told {
-    /// Another status, or another reason for it.
+    /// New status, or new reason of the status.
     status: Option<String>,
-    /// Whether an organizer vouched for it before, where that was changed.
+    /// Whether an organizer vouched for the model before, if that changed.
     was_vouched: Option<bool>,
-    /// Those that were excluded.
+    /// Excluded entrants.
     entrants: Option<Vec<String>>,
 }
 
@@ -143,21 +143,21 @@ impl Told {
     }
 }
 
-/// What has happened in a competition when its export begins.
+/// State of a competition when its export begins.
 struct Known {
-    /// The last attempt.
+    /// Last attempt.
     last: Option<RunKey>,
-    /// Attempts that were voided.
+    /// Voided attempts.
     voided: HashSet<RunKey>,
-    /// What organizers did, oldest first.
+    /// Actions of organizers, oldest first.
     actions: Vec<Action>,
-    /// Whether an organizer vouched for entrants when it ended, where that was changed later.
+    /// Whether an organizer vouched for entrants at the end, for those where that changed later.
     vouched: HashMap<String, bool>,
 }
 
 impl Known {
     async fn read(app: &App, competition: &StoredCompetition) -> Result<Self, ApiError> {
-        // In this order: no attempt that is exported plays one again that is voided later, and each voided one has its action.
+        // The order matters: each voided attempt has its action, and no exported attempt replaces one that is voided later.
         let last = app.store.last_attempt(competition.key).await?;
         let voided = app.store.voided_attempts(competition.key).await?;
         let actions = actions(app, competition).await?;
@@ -166,7 +166,7 @@ impl Known {
     }
 }
 
-/// What organizers did in a competition, oldest first.
+/// Actions of organizers in a competition, oldest first.
 async fn actions(app: &App, competition: &StoredCompetition) -> Result<Vec<Action>, ApiError> {
     let mut all = Vec::new();
     let mut before = None;
@@ -184,47 +184,48 @@ async fn actions(app: &App, competition: &StoredCompetition) -> Result<Vec<Actio
     Ok(all)
 }
 
-/// Bytes that an entrant, an attempt or a game takes in memory until it is written.
+/// Bytes of an entrant, an attempt or a game in memory until it is written.
 const RECORD_BYTES: usize = 512;
 
-/// Bytes of the result of an attempt that counts, without its games, and of one of these.
+/// Bytes of the result of a counting attempt without its games, and of one of its games.
 const RESULT_BYTES: usize = 2048;
 const SCORE_BYTES: usize = 16;
 
-/// Attempts that are read at once.
+/// Attempts of one query.
 const ATTEMPTS_AT_ONCE: u32 = 64;
 
-/// Writes an export piece by piece: it keeps what counts of each entrant, but only a few attempts and a few rounds of a game.
+/// Writer of an export, piece by piece. It keeps the counting result of each entrant, but only a few attempts and a few rounds
+/// of a game.
 struct Reader {
     app: App,
     writer: Writer,
     competition: StoredCompetition,
-    /// As the file has it.
+    /// Definition as the file expresses it.
     definition: Definition,
     is_first_format: bool,
-    /// Attempts that were voided when the export began; others that are voided meanwhile are exported as they were.
+    /// Attempts that were voided when the export began. Those that are voided meanwhile are exported as they were.
     voided: HashSet<RunKey>,
-    /// Without what they declared at length.
+    /// Entrants without their long declarations.
     entrants: Vec<StoredEntrant>,
-    /// What each of them has played, of the attempts that were read.
+    /// Attempts of each entrant, as far as they were read.
     played: Vec<Played>,
     left: Left,
-    /// What comes next, but for the journals of games.
+    /// Next pieces, without the journals of games.
     pieces: VecDeque<Piece>,
-    /// The next games, whose journals were read or begun.
+    /// Next games, whose journals were read in part or whole.
     begun: VecDeque<(u32, StoredJournal)>,
     journal: Option<JournalReader>,
     episodes: usize,
-    /// The memory of all this.
+    /// Memory of all this.
     _room: Reservation,
 }
 
-/// What is to be read of the attempts.
+/// Part of the attempts that is still to be read.
 #[derive(Clone, Copy, Debug)]
 enum Left {
     Attempts {
         after: Option<RunKey>,
-        /// The last one when the export began: each up to it has its entrant.
+        /// Last attempt when the export began. The entrants of all attempts up to it are known.
         last: RunKey,
     },
     Board,
@@ -233,7 +234,7 @@ enum Left {
 
 enum Piece {
     Record(Box<Line>),
-    /// What it declared is read when it is written.
+    /// Entrant whose long declarations are read when the record is written.
     Entrant(Box<Entrant>),
     Episode {
         slot: u32,
@@ -250,7 +251,7 @@ impl Reader {
         format: u32,
     ) -> Result<Self, ApiError> {
         let hex = |bytes: &[u8]| data_encoding::HEXLOWER.encode(bytes);
-        // Entrants after the last attempt: each attempt has its entrant, also if another one registers meanwhile.
+        // Entrants are read after the last attempt, so that each attempt has its entrant even if others register meanwhile.
         let entrants =
             competitions::entrants(&app.store, competition.key, None, Declared::Short).await?;
         let StoredCompetition {
@@ -288,7 +289,7 @@ impl Reader {
         }
         let of_entrant = 2 * RECORD_BYTES + RESULT_BYTES + games * SCORE_BYTES;
         let of_attempts = ATTEMPTS_AT_ONCE as usize * (1 + games) * RECORD_BYTES;
-        // Journals that were read take about as much as one part of the export.
+        // Journals in memory take about as much as one part of the export.
         let bytes = entrants.len() * of_entrant
             + of_attempts
             + voided.len() * RECORD_BYTES
@@ -311,7 +312,7 @@ impl Reader {
         })
     }
 
-    /// Reads what comes next of the attempts, or makes the board; false if all was read.
+    /// Reads the next attempts, or makes the board; false at the end.
     async fn read(&mut self) -> Result<bool, StoreError> {
         match self.left {
             Left::Attempts { after, last } => {
@@ -382,7 +383,7 @@ impl Reader {
         Ok(())
     }
 
-    /// Reads the journals of the next games, about as many as `bytes_max` bytes have room for.
+    /// Reads the journals of the next games, in about `bytes_max` bytes.
     async fn begin(&mut self, bytes_max: usize) -> Result<(), StoreError> {
         let next = self.pieces.iter().filter_map(|piece| match piece {
             Piece::Episode { slot, id } => Some((*slot, id.clone())),
@@ -394,7 +395,7 @@ impl Reader {
         Ok(())
     }
 
-    /// The line of the next piece, if that is no game.
+    /// Line of the next piece, unless it is a game.
     async fn line(&mut self) -> Result<Option<String>, StoreError> {
         let line = match self.pieces.pop_front_if(|piece| !matches!(piece, Piece::Episode { .. })) {
             None | Some(Piece::Episode { .. }) => return Ok(None),
@@ -414,7 +415,7 @@ impl Reader {
     }
 }
 
-/// The record before a journal.
+/// Record before a journal.
 fn episode_record(slot: u32, stored: &StoredEpisode) -> Episode {
     let end = usize::from(stored.ended_at.is_some());
     Episode {

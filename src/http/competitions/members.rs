@@ -1,4 +1,4 @@
-//! The members of a team: `/api/v1/competitions/{id}/entrants/{entrant}/members`.
+//! Members of a team: `/api/v1/competitions/{id}/entrants/{entrant}/members`.
 
 use axum::Json as JsonBody;
 use axum::http::StatusCode;
@@ -15,7 +15,7 @@ use crate::store::entries::Entry;
 use swarmbench_protocol::competition::{CreatedMember, MemberList, MemberRequest, MemberSummary};
 use swarmbench_protocol::names::is_look_alike;
 
-/// List the members of a team, to the team, to organizers and to judges.
+/// List the members of a team, for the team, organizers and judges.
 #[utoipa::path(
     get,
     path = "/api/v1/competitions/{id}/entrants/{entrant}/members",
@@ -47,10 +47,10 @@ pub(in super::super) async fn list_members(
     Ok(JsonBody(MemberList { items: members.iter().map(summary).collect() }))
 }
 
-/// Add a member to a team: a key of its own, which does what the entrant's key does.
+/// Add a member to a team: it gets its own key, with the same rights as the entrant's key.
 ///
-/// The team does it, or an organizer, until the competition is over. A team has at most 20 members beside the one who entered, and
-/// its entrant entered without a key of its own.
+/// The team or an organizer adds members until the competition is over. A team has at most 20 members besides the one who
+/// entered, and its entrant entered without a key of its own.
 #[utoipa::path(
     post,
     path = "/api/v1/competitions/{id}/entrants/{entrant}/members",
@@ -63,8 +63,8 @@ pub(in super::super) async fn list_members(
     request_body(content = MemberRequest, description = "At most 256 KiB"),
     security(("key" = [])),
     responses(
-        (status = 201, description = "The member, with its key, shown this once", body = CreatedMember),
-        (status = 403, description = "`forbidden`: not a key of this team or of an organizer; the team is full, was disqualified or has withdrawn"),
+        (status = 201, description = "The member, with its key, shown only once", body = CreatedMember),
+        (status = 403, description = "`forbidden`: neither a key of this team nor of an organizer; the team is full, was disqualified or has withdrawn"),
         (status = 409, description = "`closed`: the competition is over; the entrant was erased, or entered with a key of its own"),
     )
 )]
@@ -80,7 +80,8 @@ pub(in super::super) async fn add_member(
     let name = problems.none_or(name)?;
     App::run_detached(async move {
         let competition = app.stored_competition(&id).await?;
-        // Nobody else waits behind a stranger; and a team that is erased gets no member meanwhile.
+        // Rights are checked before the lock is taken, so that a stranger makes nobody wait. The lock keeps the team from being
+        // erased meanwhile.
         check_team(&caller, &app.entrant(&competition, &entrant).await?)?;
         let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
         let stored = app.entrant(&competition, &entrant).await?;
@@ -127,9 +128,10 @@ pub(in super::super) async fn add_member(
     .await
 }
 
-/// Remove a member from a team: its key is good for nothing any more, nor is the token of anything that the team plays.
+/// Remove a member from a team: revokes its key and the tokens of everything that the team plays.
 ///
-/// The team goes on with new tokens: `POST /runs/{id}/token`. Organizers and who entered remove any member, others themselves alone.
+/// The team continues with new tokens: `POST /runs/{id}/token`. Organizers and the one who entered remove any member; other
+/// members remove only themselves.
 #[utoipa::path(
     delete,
     path = "/api/v1/competitions/{id}/entrants/{entrant}/members/{member}",
@@ -143,7 +145,7 @@ pub(in super::super) async fn add_member(
     security(("key" = [])),
     responses(
         (status = 200, description = "The member", body = MemberSummary),
-        (status = 403, description = "`forbidden`: not the key of this member, of who entered, or of an organizer"),
+        (status = 403, description = "`forbidden`: not the key of this member, of the one who entered, or of an organizer"),
     )
 )]
 pub(in super::super) async fn remove_member(
@@ -152,10 +154,11 @@ pub(in super::super) async fn remove_member(
     ThreeIds(id, entrant, member): ThreeIds,
     _: Params<Nothing>,
 ) -> Result<JsonBody<MemberSummary>, ApiError> {
-    // A key that is revoked is removed from the cache, too, also if the client hangs up.
+    // A detached task removes the revoked key from the cache, even if the client hangs up.
     App::run_detached(async move {
         let competition = app.stored_competition(&id).await?;
-        // Nobody else waits behind a stranger; and a team that is erased gets no member meanwhile.
+        // Rights are checked before the lock is taken, so that a stranger makes nobody wait. The lock keeps the team from being
+        // erased meanwhile.
         check_team(&caller, &app.entrant(&competition, &entrant).await?)?;
         let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
         let stored = app.entrant(&competition, &entrant).await?;
@@ -183,7 +186,7 @@ pub(in super::super) async fn remove_member(
     .await
 }
 
-/// Refuses all but the team and organizers.
+/// Refuses callers other than the team and organizers.
 fn check_team(caller: &Caller, entrant: &StoredEntrant) -> Result<(), ApiError> {
     caller.check_not_judge()?;
     let key = caller.needs_key()?;

@@ -40,13 +40,13 @@ use swarmbench_protocol::competition::Competition;
 use swarmbench_protocol::names;
 
 impl App {
-    /// A competition of which the caller may know.
+    /// Competition of which the caller may know.
     async fn competition(&self, caller: &Caller, id: &str) -> Result<StoredCompetition, ApiError> {
         caller.may_look_around(&self.access)?;
         self.stored_competition(id).await
     }
 
-    /// A competition, for callers whose rights are checked already.
+    /// Competition, for callers whose rights are checked already.
     async fn stored_competition(&self, id: &str) -> Result<StoredCompetition, ApiError> {
         let found = competitions::find(&self.store, id).await?;
         found.ok_or_else(|| ApiError::not_found("the competition"))
@@ -61,8 +61,8 @@ impl App {
         found.ok_or_else(|| ApiError::not_found("the entrant"))
     }
 
-    /// Keeps what excludes entrants, and ends what they play: what is started meanwhile ends before the answer, or is ended by
-    /// who starts it ([`App::check_not_excluded`]).
+    /// Stores the entries that exclude entrants, and ends their runs. A run that starts meanwhile is ended before the answer,
+    /// or by the request that starts it ([`App::check_not_excluded`]).
     async fn exclude(
         &self,
         competition: &StoredCompetition,
@@ -81,7 +81,7 @@ impl App {
         Ok(self.runs.end_all(&playing().await?, RunStatus::Aborted, Vec::new()).await?)
     }
 
-    /// Ends a run that was just created, and refuses it, where its entrant has been excluded since the last look at its status.
+    /// Ends and refuses a new run whose entrant was excluded after its status was checked.
     async fn check_not_excluded(
         &self,
         competition: &StoredCompetition,
@@ -96,13 +96,13 @@ impl App {
         Err(ApiError::new(Code::Closed, "this entrant was erased, which cannot be undone"))
     }
 
-    /// Whether a caller has the key with which an entrant entered, and not that of a member that was added to its team.
+    /// Whether a caller has the key with which an entrant entered, instead of that of a later member of its team.
     async fn is_founder(&self, caller: &Caller, entrant: &StoredEntrant) -> Result<bool, ApiError> {
         let first = self.store.key(entrant.owner).await?;
         Ok(matches!((caller, first), (Caller::Key(key), Some(first)) if key.id == first.id))
     }
 
-    /// Refuses a name that looks like one that another entrant has, or has had.
+    /// Refuses a name that looks like a present or past name of another entrant.
     async fn check_name_is_free(
         &self,
         competition: &StoredCompetition,
@@ -115,7 +115,7 @@ impl App {
         Ok(())
     }
 
-    /// The name of an entrant or a member as it is stored, if they may have it.
+    /// Stored form of the name of an entrant or a member, if the name is allowed.
     fn entrant_name(problems: &mut Problems, name: &str) -> Option<String> {
         let players = swarmbench_players::all().map(|player| player.name);
         let checked = names::of_entrant(name, NAME_CHARS_MAX, players.chain([DEFAULT_PLAYER]));
@@ -123,7 +123,7 @@ impl App {
     }
 }
 
-/// Refuses what nobody does any more in a competition that was cancelled, or whose seeds are public.
+/// Refuses requests after the cancellation or the publication of a competition.
 fn check_not_over(competition: &StoredCompetition) -> Result<(), ApiError> {
     let closed = |detail: String| Err(ApiError::new(Code::Closed, detail));
     match &competition.cancelled {
@@ -135,7 +135,7 @@ fn check_not_over(competition: &StoredCompetition) -> Result<(), ApiError> {
     }
 }
 
-/// Refuses what nobody does any more in a competition that has closed or was cancelled.
+/// Refuses requests after the closing time or the cancellation of a competition.
 fn check_open(competition: &StoredCompetition, now: Timestamp) -> Result<(), ApiError> {
     check_not_over(competition)?;
     let closes_at = competition.definition.closes_at;
@@ -146,7 +146,7 @@ fn check_open(competition: &StoredCompetition, now: Timestamp) -> Result<(), Api
     Ok(())
 }
 
-/// A competition as it is shown to everybody.
+/// Public view of a competition.
 fn shown(stored: &StoredCompetition, now: Timestamp) -> Competition {
     let revealed = stored.revealed_at.map(|at| Revealed {
         at,

@@ -19,27 +19,28 @@ use crate::run::manager::NewRun;
 use swarmbench_boards::competition::definition::practice_suite;
 use swarmbench_protocol::competition::{PracticeRequest, StartedPractice};
 
-/// Seeds of a practice run.
+/// Maximum seeds of a practice run.
 const SEEDS_MAX: usize = 10;
 
 const DAY: Duration = Duration::from_hours(24);
 
 /// Play for practice: the tasks and settings of the competition on open seeds, with the entrant's key.
 ///
-/// It counts nowhere in the competition, and is possible from its announcement until it closes, beside attempts. A run that was
-/// started before ends. Its entrant reads all of it; its games are open to all once they have ended, as those of other runs.
+/// Practice never counts in the competition. It is possible from the announcement until the competition closes, beside
+/// attempts. An earlier practice run that is still running ends. The entrant reads all of the run; its games are open to all
+/// once they have ended, like those of other runs.
 #[utoipa::path(
     post,
     path = "/api/v1/competitions/{id}/practice",
     operation_id = "start_practice",
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id")),
-    request_body(content = Option<PracticeRequest>, description = "At most 256 KiB; nothing plays all tasks on one drawn seed"),
+    request_body(content = Option<PracticeRequest>, description = "At most 256 KiB; an empty body plays all tasks on one drawn seed"),
     security(("key" = [])),
     responses(
         (status = 201, description = "The run, with its swarm token", body = StartedPractice),
-        (status = 403, description = "`forbidden`: not the key of an entrant; the entrant was withdrawn or disqualified; as many were started in 24 hours as may be"),
-        (status = 409, description = "`closed`: the competition has closed, or was cancelled"),
+        (status = 403, description = "`forbidden`: not the key of an entrant; the entrant was withdrawn or disqualified; the maximum number of practice runs was started within 24 hours"),
+        (status = 409, description = "`closed`: the competition has closed or was cancelled"),
     )
 )]
 pub(in super::super) async fn start_practice(
@@ -55,9 +56,9 @@ pub(in super::super) async fn start_practice(
     let found = entrant(&app, &competition, owner, request.entrant.as_deref()).await?;
     check_active(&found)?;
     let (tasks, seeds) = checked(&app, &competition, request)?;
-    // That of the competition, where the key was made for it.
+    // The party is the competition if the key was made for it.
     let party = Party::current();
-    // It completes although the client hangs up; and a key starts one at a time.
+    // A detached task completes the start even if the client hangs up. The lock admits one start per key at a time.
     App::run_detached(async move {
         let owner = found.owner;
         let _lock = app.creations.lock(&format!("practice of {}", owner.0)).await;
@@ -104,7 +105,7 @@ pub(in super::super) async fn start_practice(
     .await
 }
 
-/// What is played; all errors at once.
+/// Tasks and seeds of the run; reports all errors at once.
 fn checked(
     app: &App,
     competition: &StoredCompetition,

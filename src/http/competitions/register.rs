@@ -21,8 +21,8 @@ use swarmbench_protocol::competition::{CreatedEntrant, EntrantRequest};
 
 /// Enter a competition.
 ///
-/// A caller with a key enters with that; a caller without one gets a key, shown only once, that starts the entrant's attempts
-/// and shows its results, and does nothing else. What is declared never changes: another model is another entrant.
+/// A caller with a key enters with it; a caller without one gets a key, shown only once, that only starts the entrant's
+/// attempts and shows its results. The declaration of the player never changes: another model is another entrant.
 #[utoipa::path(
     post,
     path = "/api/v1/competitions/{id}/entrants",
@@ -32,10 +32,10 @@ use swarmbench_protocol::competition::{CreatedEntrant, EntrantRequest};
     request_body(content = EntrantRequest, description = "At most 256 KiB"),
     security((), ("key" = [])),
     responses(
-        (status = 201, description = "The entrant, with its key where it needed one", body = CreatedEntrant),
-        (status = 403, description = "`forbidden`: a token of an episode enters nothing; the invitation code is missing, unknown or used up; the key has as many entrants as it may"),
-        (status = 429, description = "`rate_limited`: as many have entered from this address as may in an hour"),
-        (status = 409, description = "`closed`: nobody enters it any more"),
+        (status = 201, description = "The entrant, with its key if one was made", body = CreatedEntrant),
+        (status = 403, description = "`forbidden`: the token of an episode cannot enter; the invitation code is missing, unknown or used up; the key has the maximum number of entrants"),
+        (status = 429, description = "`rate_limited`: the maximum number of entrants per hour has entered from this address"),
+        (status = 409, description = "`closed`: the competition takes no more entrants"),
     )
 )]
 pub(in super::super) async fn register_entrant(
@@ -56,24 +56,24 @@ pub(in super::super) async fn register_entrant(
             return Err(ApiError::new(Code::Forbidden, detail));
         }
     };
-    // A competition whose id is known may be entered, also on a private server.
+    // A competition whose id is known may be entered, even on a private server.
     let competition = app.stored_competition(&id).await?;
     check_open(&competition, app.clock.wall())?;
     let (request, body) = request.read::<EntrantRequest>(&app).await?;
     let name = check(&request, &app)?;
     let request = EntrantRequest { name, ..request };
-    // Concurrent entries are counted, and a code is valid once.
+    // The lock makes the limits exact under concurrent entries, and codes usable once.
     App::run_detached(async move {
         let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
         let registered = register(&app, &competition, own_key, client.address, request).await;
-        // Its memory is reserved also while it waits and its client is gone.
+        // The memory of the body stays reserved while the request waits, even if its client is gone.
         drop(body);
         registered
     })
     .await
 }
 
-/// What is wrong with a declaration, all at once; or else the name as it is stored.
+/// Stored form of the name; reports all errors of the declaration at once.
 fn check(request: &EntrantRequest, app: &App) -> Result<String, ApiError> {
     let mut problems = Problems::default();
     let name = App::entrant_name(&mut problems, &request.name);
@@ -103,7 +103,7 @@ async fn register(
     request: EntrantRequest,
 ) -> Result<Response, ApiError> {
     app.check_disk()?;
-    // Nothing is revealed meanwhile.
+    // The lock keeps the competition from being revealed meanwhile.
     let _open = app.runs.block_reveal().await;
     let now = app.clock.wall();
     let competition = &app.stored_competition(&competition.id).await?;
@@ -117,13 +117,13 @@ async fn register(
     let number = own_key.as_ref().and_then(|key| key.number);
     let room = app.store.room_for(competition.key, &request.model, number).await?;
     let most = app.limits.entrants_max;
-    // An excluded entrant does not count for the limit.
+    // Excluded entrants do not count towards the limit.
     if room.active as usize >= most {
         let detail = "the competition has the maximum number of entrants; ask the organizer";
         return Err(ApiError::limit(Code::Forbidden, "entrants_max", most, detail));
     }
     app.check_name_is_free(competition, None, &request.name).await?;
-    // Many may play with one model; then all of them write it in the same way.
+    // Entrants with the same model must spell it in the same way.
     if room.has_look_of_model {
         let problem = "looks like the model of another entrant and is written otherwise: write it as that one, or name it so \
                        that it can be told apart";
@@ -191,8 +191,7 @@ async fn register(
     Ok(with_tokens(StatusCode::CREATED, body))
 }
 
-/// Refuses an entry without an invitation where the places that are left are for others. Programs on this machine are not
-/// limited.
+/// Refuses an entry without an invitation if the remaining places are reserved. Programs on this machine are exempt.
 async fn check_reserve(
     app: &App,
     competition: &StoredCompetition,
@@ -206,7 +205,7 @@ async fn check_reserve(
         return Ok(());
     }
     let near = neighbourhood(address);
-    // Excluded entrants count, too: a network that was abused does not become a new one.
+    // Excluded entrants count, too: a network stays known after abuse.
     let known = app.store.entry_addresses(competition.key).await?;
     if left > reserved && !known.iter().any(|known| near.contains(known)) {
         return Ok(());
@@ -216,7 +215,7 @@ async fn check_reserve(
     Err(ApiError::limit(Code::Forbidden, "reserved_percent", percent, detail))
 }
 
-/// The invitation of a code. Where anybody may enter it is for places that are reserved.
+/// Invitation of a code. In a competition that anybody may enter, codes are for reserved places.
 async fn invitation(
     app: &App,
     competition: &StoredCompetition,

@@ -11,7 +11,7 @@ use crate::store::entries::Entry;
 use crate::store::tokens::Grant;
 use swarmbench_protocol::competition::ReplacedKey;
 
-/// Make a new key for an entrant that has lost its own, which is good for nothing any more.
+/// Make a new key for an entrant that has lost its own; the lost key is no longer valid.
 ///
 /// An entrant that entered with a key of its own gets no other here: revoke that key, and make another one with the same role.
 #[utoipa::path(
@@ -25,7 +25,7 @@ use swarmbench_protocol::competition::ReplacedKey;
     ),
     security(("key" = [])),
     responses(
-        (status = 201, description = "The new key, shown this once", body = ReplacedKey),
+        (status = 201, description = "The new key, shown only once", body = ReplacedKey),
         (status = 403, description = "`forbidden`: not an organizer's key"),
         (status = 409, description = "`closed`: the entrant was erased, or entered with a key of its own"),
     )

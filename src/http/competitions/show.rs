@@ -6,7 +6,7 @@ use super::super::prelude::*;
 use super::shown;
 use swarmbench_protocol::competition::Competition;
 
-/// Show a competition: its seeds and salt only after its end.
+/// Show a competition; its seeds and salt only after its end.
 #[utoipa::path(
     get,
     path = "/api/v1/competitions/{id}",

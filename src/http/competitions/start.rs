@@ -20,13 +20,13 @@ use swarmbench_boards::competition::EntrantStatus;
 use swarmbench_boards::competition::phase::{Started, attempt as choose};
 use swarmbench_protocol::competition::{AttemptRequest, StartedAttempt};
 
-/// After how long it is worth a try again where the time of day is in doubt.
+/// Value of `Retry-After` while the time of day is in doubt.
 const DOUBT_PAUSE: Duration = Duration::from_secs(5);
 
-/// Start an attempt: the next one that is open, or the one that is asked for.
+/// Start an attempt: the next one that is open, or the requested one.
 ///
-/// Its swarm token is shown this once. A repeat with the same `Idempotency-Key` and body gives the same attempt with a
-/// fresh token.
+/// The swarm token is shown only once. A repeat with the same `Idempotency-Key` and body returns the same attempt with a new
+/// token.
 #[utoipa::path(
     post,
     path = "/api/v1/competitions/{id}/attempts",
@@ -36,7 +36,7 @@ const DOUBT_PAUSE: Duration = Duration::from_secs(5);
         ("id" = String, Path, description = "The competition's id"),
         ("Idempotency-Key" = Option<String>, Header, description = "Any text of at most 200 characters that names this start"),
     ),
-    request_body(content = Option<AttemptRequest>, description = "At most 256 KiB; nothing starts the next attempt that is open"),
+    request_body(content = Option<AttemptRequest>, description = "At most 256 KiB; an empty body starts the next attempt that is open"),
     security(("key" = [])),
     responses(
         (status = 201, description = "The attempt, with its swarm token", body = StartedAttempt),
@@ -58,13 +58,13 @@ pub(in super::super) async fn start_attempt(
     let competition = app.competition(&caller, &id).await?;
     let entrant = entrant(&app, &competition, owner, request.entrant.as_deref()).await?;
     let idempotency = idempotency(&headers, owner, &body, &app.limits)?;
-    // Each entrant has keys of its own: two of one owner start attempts at the same time, and each finds its own.
+    // Idempotency keys are per entrant: two entrants of one owner may use the same key at the same time.
     let of = |key| format!("{}/{key}", entrant.entrant.id);
     let idempotency = idempotency.map(|(key, body)| (of(key), body));
-    // The start of an attempt completes although the client hangs up; and an entrant starts one at a time.
+    // A detached task completes the start even if the client hangs up. The lock admits one start per entrant at a time.
     App::run_detached(async move {
         let _lock = app.creations.lock(&format!("attempt {}", entrant.entrant.id)).await;
-        // It may have been excluded while others started.
+        // The entrant may have been excluded while the request waited for the lock.
         check_active(&app.entrant(&competition, &entrant.entrant.id).await?)?;
         let find = |key| app.store.run_created_with(key);
         let started = match created_before(idempotency.as_ref(), find).await? {
@@ -95,7 +95,7 @@ async fn replace_token(
     started(competition, entrant, before, run.id, &token)
 }
 
-/// The entrant of the key: the one that is named, or the only one.
+/// Entrant of the key: the named one, or the only one.
 pub(super) async fn entrant(
     app: &App,
     competition: &StoredCompetition,
@@ -141,7 +141,8 @@ async fn start(
     idempotency: Option<Idempotency>,
 ) -> Result<Response, ApiError> {
     let entrant = &app.entrant(competition, &entrant.entrant.id).await?;
-    // Nothing is revealed, and no window is changed, between the look at the clock and the new run.
+    // The lock keeps the competition from being revealed, and windows from changing, between the check of the time and the new
+    // run.
     let _open = app.runs.block_reveal().await;
     let competition = &app.stored_competition(&competition.id).await?;
     check_not_over(competition)?;

@@ -14,10 +14,10 @@ use swarmbench_protocol::episode::VoidRequest;
 
 /// Void an attempt after a fault of the server: it ends, does not count, and may be started again.
 ///
-/// It is played again on spare seeds. Where the competition has none, or the entrant has used all, it is played on the same
-/// seeds, and `seen` says how much of them the entrant has seen.
+/// The attempt is played again on spare seeds. If the competition has none, or the entrant has used all, it is played on the
+/// same seeds, and `seen` tells how much of them the entrant has seen.
 ///
-/// Doing it again changes nothing; the first reason stays.
+/// A repeat changes nothing, and the first reason stays.
 #[utoipa::path(
     post,
     path = "/api/v1/competitions/{id}/attempts/{run}/void",
@@ -30,7 +30,7 @@ use swarmbench_protocol::episode::VoidRequest;
     request_body(content = VoidRequest, description = "At most 256 KiB"),
     security(("key" = [])),
     responses(
-        (status = 200, description = "The attempt does not count", body = VoidedAttempt),
+        (status = 200, description = "The attempt, which no longer counts", body = VoidedAttempt),
         (status = 403, description = "`forbidden`: not an organizer's key"),
     )
 )]
@@ -66,7 +66,7 @@ pub(in super::super) async fn void_attempt(
                 app.store.keep(audit_entries).await?;
             }
         } else if attempt.ended_at.is_none() || attempt.unfinished > 0 {
-            // The server that plays it did not answer the last time.
+            // The server that plays the attempt did not answer the first request.
             app.runs.end(attempt.run, RunStatus::Aborted).await?;
         }
         let field = Field::of_entrants(&app.store, &competition, &entrants).await?;
@@ -79,7 +79,7 @@ pub(in super::super) async fn void_attempt(
     .await
 }
 
-/// What the entrant of a voided attempt has seen of its seeds; none if it will play again on spare seeds.
+/// Seeds of a voided attempt as far as its entrant has seen them; `None` if it will play again on spare seeds.
 fn seen(definition: &Definition, field: &Field<'_>, run: &str) -> Option<SeenSeeds> {
     let (_, games) = field.attempts.iter().find(|(attempt, _)| attempt.id == run)?;
     let used = field.attempts.iter().filter(|(attempt, _)| attempt.replays.is_some()).count();

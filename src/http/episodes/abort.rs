@@ -8,9 +8,9 @@ use crate::episode::Status;
 use crate::episode::spec::Visibility;
 use swarmbench_protocol::episode::EpisodeSummary;
 
-/// Abort an episode. What was played stays in the journal.
+/// Abort an episode; the journal keeps the rounds that were played.
 ///
-/// Aborting one that was aborted changes nothing.
+/// Aborting an aborted episode changes nothing.
 #[utoipa::path(
     delete,
     path = "/api/v1/episodes/{id}",
@@ -19,9 +19,9 @@ use swarmbench_protocol::episode::EpisodeSummary;
     params(("id" = String, Path, description = "The episode's id")),
     security((), ("swarm" = []), ("key" = [])),
     responses(
-        (status = 200, description = "The episode is aborted", body = EpisodeSummary),
+        (status = 200, description = "The aborted episode", body = EpisodeSummary),
         (status = 403, description = "`forbidden`: not the creator"),
-        (status = 409, description = "`episode_over`: it has ended otherwise"),
+        (status = 409, description = "`episode_over`: the episode has ended in another way"),
     )
 )]
 pub(in super::super) async fn abort_episode(

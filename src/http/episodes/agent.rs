@@ -18,10 +18,10 @@ use swarmbench_prompt::tasks;
 use swarmbench_protocol::observation::Sight;
 use swarmbench_protocol::replay::{AgentRound, InboxMessage};
 
-/// Show what an agent knew in a round, and what it did.
+/// Show the knowledge of an agent in a round, and its act.
 ///
-/// Its observation, the messages that it read with their senders, the text for a language model, and its act with the
-/// answer and the reasons. Who may read the journal may read this.
+/// The answer has its observation, the messages that it read with their senders, the text for a language model, and its act
+/// with the answer and the reasons. Whoever may read the journal may read this.
 #[utoipa::path(
     get,
     path = "/api/v1/episodes/{id}/rounds/{round}/agents/{agent}",
@@ -34,7 +34,7 @@ use swarmbench_protocol::replay::{AgentRound, InboxMessage};
     ),
     security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
-        (status = 200, description = "What it knew and did", body = AgentRound),
+        (status = 200, description = "The knowledge of the agent and its act", body = AgentRound),
         (status = 403, description = "`forbidden`: only the creator may read it before the end"),
         (status = 404, description = "`not_found`: no such episode or agent, or the round has not come yet"),
         (status = 503, description = "`overloaded`: too many episodes are being replayed"),

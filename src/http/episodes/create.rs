@@ -18,8 +18,8 @@ use swarmbench_protocol::episode::{CreatedEpisode, EpisodeRequest};
 
 /// Create an episode.
 ///
-/// The tokens are shown this once. A repeat with the same `Idempotency-Key` and body gives the same
-/// episode with fresh tokens, and the earlier ones are revoked.
+/// The tokens are shown only once. A repeat with the same `Idempotency-Key` and body returns the same episode with new tokens
+/// and revokes the earlier ones.
 #[utoipa::path(
     post,
     path = "/api/v1/episodes",
@@ -30,7 +30,7 @@ use swarmbench_protocol::episode::{CreatedEpisode, EpisodeRequest};
     security((), ("key" = [])),
     responses(
         (status = 201, description = "The episode, with its tokens", body = CreatedEpisode),
-        (status = 403, description = "`forbidden`: a token of an episode creates none; a server without keys is open to programs on its own machine only; the key's share of the journal is used up"),
+        (status = 403, description = "`forbidden`: the token of an episode cannot create one; a server without keys is open only to programs on its own machine; the key's share of the journal is used up"),
     )
 )]
 pub(in super::super) async fn create_episode(

@@ -19,15 +19,15 @@ use swarmbench_protocol::episode::{RoundEvent, StreamedEvent};
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct EventsParams {
-    /// Only rounds after this one; all of them where neither this nor `Last-Event-ID` says otherwise.
+    /// Round after which events begin; all events if neither this nor `Last-Event-ID` is given.
     after: Option<u32>,
 }
 
 /// Listen to resolved rounds (Server-Sent Events).
 ///
-/// One `round` event a resolved round, from the first on; its number is the id and the `round` of
-/// the state after it. `finished` comes at the end, with how the episode ended. `Last-Event-ID`
-/// resumes. A reader that is too slow is dropped and may resume.
+/// Each resolved round is a `round` event, from the first on; the id of the event is the `round` of the state after it. The
+/// last event is `finished`, with the end of the episode. `Last-Event-ID` resumes. A reader that is too slow is disconnected
+/// and may resume.
 #[utoipa::path(
     get,
     path = "/api/v1/episodes/{id}/events",

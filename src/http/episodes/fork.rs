@@ -30,11 +30,11 @@ const ACT_BYTES: usize = 512;
 
 /// Fork an episode: play on from one of its rounds.
 ///
-/// Makes one or several new episodes that begin with the state of this one before round `round`, all or none. Who may create
-/// episodes and may read the journal now may fork; sealed games can be forked after the reveal, those of several holders after
-/// their end. The journal of a fork has the acts of the rounds before, without the answers of models. Forks never count on
-/// boards. The tokens are shown this once. A repeat with the same `Idempotency-Key` and body gives the same forks with fresh
-/// tokens, and the earlier ones are revoked.
+/// The request makes one or several new episodes that begin with the state of this one before round `round`, all or none.
+/// Whoever may create episodes and may read the journal now may fork; sealed games can be forked after the reveal, games of
+/// several holders after their end. The journal of a fork has the acts of the rounds before, without the answers of models.
+/// Forks never count on boards. The tokens are shown only once. A repeat with the same `Idempotency-Key` and body returns the
+/// same forks with new tokens and revokes the earlier ones.
 #[utoipa::path(
     post,
     path = "/api/v1/episodes/{id}/fork",
@@ -48,7 +48,7 @@ const ACT_BYTES: usize = 512;
     security((), ("key" = [])),
     responses(
         (status = 201, description = "The forks, with their tokens", body = CreatedForks),
-        (status = 403, description = "`forbidden`: a token of an episode creates none; the caller may not read the journal now; the game is sealed, or has several holders and has not ended; the key's share of the journal is used up"),
+        (status = 403, description = "`forbidden`: the token of an episode cannot create one; the caller may not read the journal now; the game is sealed, or has several holders and has not ended; the key's share of the journal is used up"),
     )
 )]
 pub(in super::super) async fn fork_episode(

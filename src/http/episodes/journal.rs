@@ -20,9 +20,9 @@ const ROUNDS: u32 = 256;
 
 /// Read an episode's journal (JSON Lines).
 ///
-/// First the opening (configuration, rules revision, prompt template), then every resolved round
-/// with its acts and the digest of the state after it, at last the end. Each line holds the head of
-/// the chain of hashes after it. `swarmbench verify FILE` plays it again.
+/// The journal has the opening (configuration, rules revision, prompt template), then every resolved round with its acts and
+/// the digest of the state after it, and finally the end. Each line has the head of the hash chain after it.
+/// `swarmbench verify FILE` replays and checks the journal.
 #[utoipa::path(
     get,
     path = "/api/v1/episodes/{id}/journal",
@@ -31,7 +31,7 @@ const ROUNDS: u32 = 256;
     params(("id" = String, Path, description = "The episode's id")),
     security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
-        (status = 200, description = "One record a line", content((String = "application/x-ndjson"), (Binary = "application/octet-stream"))),
+        (status = 200, description = "One record per line", content((String = "application/x-ndjson"), (Binary = "application/octet-stream"))),
         (status = 403, description = "`forbidden`: only the creator may read it before the end, as it holds the seed"),
     )
 )]
@@ -158,7 +158,7 @@ impl JournalReader {
             return match line.left {
                 None => Ok(Position::Before(line.round + 1)),
                 Some(0) => Ok(Position::Done),
-                Some(_) => Err(self.broken("its end has other acts")),
+                Some(_) => Err(self.broken("its open acts differ from those in its end")),
             };
         };
         let comma = if line.has_acts { "," } else { "" };

@@ -13,16 +13,16 @@ use swarmbench_protocol::episode::EpisodeList;
 
 list_params! {
     ListParams {
-        /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
+        /// Status: `waiting`, `running`, `finished`, `aborted` or `abandoned`.
         status,
-        /// A task's name.
+        /// Name of a task.
         #[serde(default, deserialize_with = "any_case::task")]
         task,
-        /// A model's name.
+        /// Name of a model.
         model,
-        /// A run's id.
+        /// Id of a run.
         run,
-        /// The id of an episode: its forks.
+        /// Id of an episode: only its forks are listed.
         fork_of,
     }
 }

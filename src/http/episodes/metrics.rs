@@ -23,14 +23,14 @@ pub(in super::super) const SERIES_STATES_MAX: u32 = 1000;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct MetricsParams {
-    /// `paper` (where it is left out) or `toolkit`.
+    /// Definition: `paper` (the default) or `toolkit`.
     pub(in super::super) definition: Option<String>,
-    /// Whether the values of states are wanted beside those of the game.
+    /// Whether to add the values of states to those of the game.
     #[serde(default, deserialize_with = "optional_flag")]
     series: Option<bool>,
-    /// The first state of the series; 0, the layout, where it is left out.
+    /// First state of the series; by default 0, the layout.
     from: Option<u32>,
-    /// How many states of the series, up to 1,000, which is also the number where it is left out.
+    /// Number of states of the series, up to 1,000, which is also the default.
     #[param(minimum = 1, maximum = 1000)]
     states: Option<u32>,
 }
@@ -79,8 +79,8 @@ impl Wanted {
 
 /// Show the metrics of an episode.
 ///
-/// Whole numbers and means that say what the swarm did: how it spoke, chose and moved (`docs/evaluate/metrics.md`). Of a
-/// running episode they are those of the rounds so far.
+/// Metrics are whole numbers and means that describe how the swarm spoke, chose and moved (`docs/evaluate/metrics.md`). A
+/// running episode has those of its rounds so far.
 #[utoipa::path(
     get,
     path = "/api/v1/episodes/{id}/metrics",

@@ -29,13 +29,12 @@ const MICROS_OF_AN_AGENT: u64 = 10;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct ReplayParams {
-    /// The first state: 0, the layout, where it is left out.
+    /// First state; by default 0, the layout.
     pub(in super::super) from: Option<u32>,
-    /// How many rounds after it, up to 100, which is also the number where it is left out. Games of many agents have fewer on
-    /// a page.
+    /// Number of rounds after it, up to 100, which is also the default. Pages of games of many agents have fewer.
     #[param(minimum = 1, maximum = 100)]
     rounds: Option<u32>,
-    /// Whether what never moves is wanted; it is where this is left out.
+    /// Whether to add the cells that never change; true by default.
     #[serde(default, deserialize_with = "optional_flag")]
     ground: Option<bool>,
 }
@@ -64,8 +63,8 @@ impl ReplayParams {
 
 /// Read the states of an episode, a page of rounds at a time.
 ///
-/// Positions, what was decided, messages and who reads them, and metrics of each round. While several holders play, what
-/// was decided is left out. Pages overlap by one state; the open round is never shown.
+/// A page has positions, decisions, messages with their readers, and metrics of each round. While several holders play,
+/// decisions are left out. Pages overlap by one state; the open round is never shown.
 #[utoipa::path(
     get,
     path = "/api/v1/episodes/{id}/replay",

@@ -16,7 +16,7 @@ const POINTS_USUAL: u32 = 200;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct ScoresParams {
-    /// How many scores at most beside the first and the newest, up to 1,000; 200 where it is left out.
+    /// Maximum number of scores besides the first and the newest, up to 1,000; 200 by default.
     #[param(minimum = 1, maximum = 1000)]
     points: Option<u32>,
 }

@@ -7,7 +7,7 @@ use swarmbench_protocol::episode::EpisodeSummary;
 
 /// Start an episode that was created with `"start": "manual"`.
 ///
-/// Starting one that runs changes nothing.
+/// Starting a running episode changes nothing.
 #[utoipa::path(
     post,
     path = "/api/v1/episodes/{id}/start",
@@ -16,9 +16,9 @@ use swarmbench_protocol::episode::EpisodeSummary;
     params(("id" = String, Path, description = "The episode's id")),
     security((), ("swarm" = []), ("key" = [])),
     responses(
-        (status = 200, description = "The episode runs", body = EpisodeSummary),
+        (status = 200, description = "The running episode", body = EpisodeSummary),
         (status = 403, description = "`forbidden`: not the creator"),
-        (status = 409, description = "`episode_over`; `seats_open`: seats of it can still be claimed"),
+        (status = 409, description = "`episode_over`; `seats_open`: some of its seats can still be claimed"),
     )
 )]
 pub(in super::super) async fn start_episode(

@@ -11,7 +11,7 @@ use swarmbench_protocol::episode::State as StateBody;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct StateParams {
-    /// After how many rounds; the current state where it is left out.
+    /// Number of rounds that led to the state; the current state by default.
     pub(in super::super) round: Option<u32>,
 }
 
@@ -27,7 +27,7 @@ pub(in super::super) struct StateParams {
         (status = 200, description = "The state", body = StateBody),
         (status = 403, description = "`forbidden`: only the creator may read it before the end"),
         (status = 404, description = "`not_found`: no such episode, or the round has not come yet"),
-        (status = 503, description = "`overloaded`: too many states of earlier rounds are asked for"),
+        (status = 503, description = "`overloaded`: too many states of earlier rounds are requested"),
     )
 )]
 pub(in super::super) async fn show_state(

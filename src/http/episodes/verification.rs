@@ -27,8 +27,8 @@ pub(in super::super) type Verifications = Cache<(EpisodeKey, Head), Arc<Verifica
 
 /// Verify an episode: the server plays its journal again.
 ///
-/// Every hash, digest, act and score is checked. Before the end these are those of the resolved rounds. It is done once for
-/// each head of the chain. Who may read the journal may ask for it; `swarmbench verify` does the same with a file.
+/// The server checks every hash, digest, act and score; before the end, those of the resolved rounds. It verifies each head of
+/// the hash chain once. Whoever may read the journal may request it; `swarmbench verify` does the same with a file.
 #[utoipa::path(
     get,
     path = "/api/v1/episodes/{id}/verification",
@@ -37,7 +37,7 @@ pub(in super::super) type Verifications = Cache<(EpisodeKey, Head), Arc<Verifica
     params(("id" = String, Path, description = "The episode's id")),
     security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
-        (status = 200, description = "What was found", body = Verification),
+        (status = 200, description = "The result of the verification", body = Verification),
         (status = 403, description = "`forbidden`: only the creator may read the journal before the end"),
         (status = 503, description = "`overloaded`: too many episodes are being replayed"),
     )

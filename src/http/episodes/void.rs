@@ -11,8 +11,8 @@ use swarmbench_protocol::episode::{EpisodeSummary, VoidRequest};
 
 /// Void an episode after a fault of the server: it counts nowhere.
 ///
-/// One that has not ended is aborted. While its run is running, the game is played again. Voiding an
-/// episode again changes nothing.
+/// An episode that has not ended is aborted. While its run is running, the game is played again. Voiding an episode again
+/// changes nothing.
 #[utoipa::path(
     post,
     path = "/api/v1/episodes/{id}/void",
@@ -22,7 +22,7 @@ use swarmbench_protocol::episode::{EpisodeSummary, VoidRequest};
     request_body(content = VoidRequest, description = "At most 256 KiB"),
     security(("key" = [])),
     responses(
-        (status = 200, description = "The episode counts nowhere", body = EpisodeSummary),
+        (status = 200, description = "The episode, which counts nowhere", body = EpisodeSummary),
         (status = 403, description = "`forbidden`: not an organizer's key"),
     )
 )]

@@ -48,22 +48,22 @@ const ROW_GROUP_BYTES: usize = 20 * 1024 * 1024;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct ExportParams {
-    /// A run's id.
+    /// Id of a run.
     run: Option<String>,
-    /// A task's name.
+    /// Name of a task.
     #[serde(default, deserialize_with = "any_case::task")]
     task: Option<String>,
-    /// The name of a model that held a seat; of acts those of its seats alone are exported.
+    /// Name of a model that held a seat; acts are limited to those of its seats.
     model: Option<String>,
-    /// Whether the seats had several holders; all where it is left out.
+    /// Whether the seats had several holders; both kinds by default.
     #[serde(default, deserialize_with = "optional_flag")]
     mixed: Option<bool>,
-    /// `waiting`, `running`, `finished`, `aborted` or `abandoned`; all that have ended where it is left out.
+    /// Status: `waiting`, `running`, `finished`, `aborted` or `abandoned`; by default all episodes that have ended.
     status: Option<String>,
-    /// Whether forks are exported, too; without it they are left out, but for one that `episode` names.
+    /// Whether forks are exported, too; by default they are left out, except one that `episode` names.
     #[serde(default, deserialize_with = "optional_flag")]
     forks: Option<bool>,
-    /// An episode's id.
+    /// Id of an episode.
     episode: Option<String>,
 }
 
@@ -118,10 +118,10 @@ impl File {
 
 /// Export episodes that have ended.
 ///
-/// `dataset.zip` has the files of the public toolkit: `meta_log.json`, `game_log_<run_id>.json` and
-/// `agent_log_<run_id>.json`. `episodes`, `acts` and `rounds` are tables, one row an episode, an act or a state, as JSON
-/// Lines (`.jsonl`) or Parquet (`.parquet`). Episodes that the caller may not read are left out. An answer that
-/// breaks off is not whole. With `Accept: application/octet-stream` any file comes as plain bytes.
+/// `dataset.zip` has the files of the public toolkit: `meta_log.json`, `game_log_<run_id>.json` and `agent_log_<run_id>.json`.
+/// `episodes`, `acts`, `rounds`, `heard` and `views` are tables with one row for each episode, act, state, received message or window,
+/// as JSON Lines (`.jsonl`) or Parquet (`.parquet`). Episodes that the caller may not read are left out. An answer that breaks off is incomplete. With
+/// `Accept: application/octet-stream` any file comes as plain bytes.
 #[utoipa::path(
     get,
     path = "/api/v1/exports/{file}",

@@ -18,9 +18,9 @@ use swarmbench_protocol::act::Usage;
 use swarmbench_protocol::failure::Failure;
 use swarmbench_protocol::replay::{AgentRound, ShownAct};
 
-/// Show what an agent of an imported game did in a round, as far as the files have it.
+/// Show the prompt, answer and act of an agent of an imported game in a round, as far as the files have them.
 ///
-/// Its prompt, answer and act. The files do not have its messages with their senders.
+/// The files do not have its messages with their senders.
 #[utoipa::path(
     get,
     path = "/api/v1/imports/{id}/rounds/{round}/agents/{agent}",
@@ -33,9 +33,9 @@ use swarmbench_protocol::replay::{AgentRound, ShownAct};
     ),
     security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
-        (status = 200, description = "What it did", body = AgentRound),
+        (status = 200, description = "The act of the agent, with its prompt and answer", body = AgentRound),
         (status = 404, description = "`not_found`: no such game, round or agent"),
-        (status = 422, description = "`invalid`: an earlier version stored more than is read, `import_state_bytes_max`"),
+        (status = 422, description = "`invalid`: an earlier version stored more than the limit `import_state_bytes_max`"),
     )
 )]
 pub(in super::super) async fn show_import_agent_round(

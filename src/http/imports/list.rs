@@ -11,12 +11,12 @@ use swarmbench_protocol::any_case;
 use swarmbench_protocol::import::{ImportList, ImportSummary};
 
 list_params! {
-    /// Which games to list.
+    /// Filters and page of the list.
     ImportParams {
-        /// A task's name.
+        /// Name of a task.
         #[serde(default, deserialize_with = "any_case::task")]
         task,
-        /// A model's name.
+        /// Name of a model.
         model,
     }
 }

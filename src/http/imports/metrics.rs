@@ -15,7 +15,8 @@ const CHUNK: u32 = 64;
 
 /// Show the metrics of an imported game.
 ///
-/// As those of an episode; what the files of a game do not tell (who heard a message, what was remembered) is null.
+/// The metrics are those of an episode; values that the files of a game lack (who heard a message, what was remembered) are
+/// null.
 #[utoipa::path(
     get,
     path = "/api/v1/imports/{id}/metrics",
@@ -26,7 +27,7 @@ const CHUNK: u32 = 64;
     responses(
         (status = 200, description = "The metrics", body = GameMetrics),
         (status = 404, description = "`not_found`: no such game, or no such state"),
-        (status = 422, description = "`invalid`: an earlier version stored more than is read, `import_state_bytes_max`"),
+        (status = 422, description = "`invalid`: an earlier version stored more than the limit `import_state_bytes_max`"),
         (status = 503, description = "`overloaded`: too many games are being measured"),
     )
 )]

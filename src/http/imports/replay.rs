@@ -17,7 +17,7 @@ const CHUNK: u32 = 8;
 
 /// Read the states of an imported game, a page of rounds at a time.
 ///
-/// As those of an episode; who heard a message is not in the files of a game.
+/// The states are those of an episode, but the files of a game lack the readers of messages.
 #[utoipa::path(
     get,
     path = "/api/v1/imports/{id}/replay",
@@ -28,7 +28,7 @@ const CHUNK: u32 = 8;
     responses(
         (status = 200, description = "The states", body = Replay),
         (status = 404, description = "`not_found`: no such game, or no such state"),
-        (status = 422, description = "`invalid`: an earlier version stored more than is read, `import_state_bytes_max`"),
+        (status = 422, description = "`invalid`: an earlier version stored more than the limit `import_state_bytes_max`"),
         (status = 503, description = "`overloaded`: too many games are being replayed"),
     )
 )]

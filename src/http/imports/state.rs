@@ -18,8 +18,8 @@ use swarmbench_protocol::episode::State as StateBody;
     security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The state", body = StateBody),
-        (status = 404, description = "`not_found`: no such game, or it has no such round"),
-        (status = 422, description = "`invalid`: an earlier version stored more than is read, `import_state_bytes_max`"),
+        (status = 404, description = "`not_found`: no such game, or no such round of it"),
+        (status = 422, description = "`invalid`: an earlier version stored more than the limit `import_state_bytes_max`"),
     )
 )]
 pub(in super::super) async fn show_imported_state(

@@ -11,8 +11,7 @@ use swarmbench_protocol::key::{CreatedKey, KeyRequest};
 
 /// Make a key for somebody.
 ///
-/// The key is shown this once. The first key of a server is made on its machine, with
-/// `swarmbench key create`.
+/// The key is shown only once. The first key of a server is made on its machine, with `swarmbench key create`.
 #[utoipa::path(
     post,
     path = "/api/v1/keys",

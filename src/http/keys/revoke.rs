@@ -8,10 +8,10 @@ use crate::keys::Role;
 use crate::store::entries::Entry;
 use swarmbench_protocol::key::KeySummary;
 
-/// Revoke a key: from now on it opens nothing.
+/// Revoke a key: it gives no access any more.
 ///
-/// Episodes that were created with it continue, and their tokens stay valid; an organizer may abort them.
-/// Revoking a key again changes nothing.
+/// Episodes that were created with it continue, and their tokens stay valid; an organizer may abort them. Revoking a key again
+/// changes nothing.
 #[utoipa::path(
     delete,
     path = "/api/v1/keys/{id}",
@@ -20,7 +20,7 @@ use swarmbench_protocol::key::KeySummary;
     params(("id" = String, Path, description = "The key's id")),
     security(("key" = [])),
     responses(
-        (status = 200, description = "The key is revoked", body = KeySummary),
+        (status = 200, description = "The revoked key", body = KeySummary),
         (status = 403, description = "`forbidden`: not an organizer's key"),
     )
 )]

@@ -236,7 +236,7 @@ impl Links {
             }
             Err(error) if error.is_connect() => Err(Failed::NotSent),
             Err(error) => {
-                tracing::debug!(%error, to = to.address, "a request was forwarded and not answered");
+                tracing::debug!(%error, to = to.address, "a forwarded request was not answered");
                 Err(Failed::Unknown)
             }
         }

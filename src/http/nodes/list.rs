@@ -7,7 +7,7 @@ use crate::store::Member;
 use jiff::Timestamp;
 use swarmbench_protocol::node::{Node, NodeList};
 
-/// List the servers that play on this database, oldest first.
+/// List the servers that share this database, oldest first.
 #[utoipa::path(
     get,
     path = "/api/v1/nodes",
@@ -15,7 +15,7 @@ use swarmbench_protocol::node::{Node, NodeList};
     tag = "host",
     security(("key" = [])),
     responses(
-        (status = 200, description = "The servers; one that plays alone is the only one", body = NodeList),
+        (status = 200, description = "The servers; a server that plays alone is the only item", body = NodeList),
         (status = 403, description = "`forbidden`: neither an organizer's nor a judge's key"),
     )
 )]

@@ -132,7 +132,10 @@ impl Nodes {
             )),
             // The other server is unreachable, which is no fault of this one's address.
             Ok(None) | Err(_) => {
-                tracing::warn!(server = one.address, "another server is not reached from this one");
+                tracing::warn!(
+                    server = one.address,
+                    "another server cannot be reached from this one"
+                );
                 Ok(())
             }
         }
@@ -165,7 +168,7 @@ impl Nodes {
                 if self.hello(&at).await == Some(incarnation) {
                     Ok(().into_response())
                 } else {
-                    Err(ApiError::new(Code::Unavailable, "it is not reached from here"))
+                    Err(ApiError::new(Code::Unavailable, "this server does not reach the address"))
                 }
             }
             (&Method::POST, Some("runs"), Some(run), Some(what), status) => {
@@ -190,5 +193,5 @@ impl Nodes {
 }
 
 fn unknown() -> ApiError {
-    ApiError::not_found("what another server asks for")
+    ApiError::not_found("the route between servers")
 }

@@ -7,9 +7,9 @@ use crate::run::RunStatus;
 use crate::store::runs::StoredRun;
 use swarmbench_protocol::run::RunDetail;
 
-/// Abort a run and its open games. What was played stays, and counts.
+/// Abort a run and its open games; games that were played stay, and count.
 ///
-/// Aborting one that was aborted changes nothing.
+/// Aborting an aborted run changes nothing.
 #[utoipa::path(
     delete,
     path = "/api/v1/runs/{id}",
@@ -18,9 +18,9 @@ use swarmbench_protocol::run::RunDetail;
     params(("id" = String, Path, description = "The run's id")),
     security((), ("swarm" = []), ("key" = [])),
     responses(
-        (status = 200, description = "The run is aborted", body = RunDetail),
-        (status = 403, description = "`forbidden`: not the creator; an attempt in a competition is ended by an organizer alone"),
-        (status = 409, description = "`episode_over`: it has ended otherwise"),
+        (status = 200, description = "The aborted run", body = RunDetail),
+        (status = 403, description = "`forbidden`: not the creator; only an organizer ends an attempt in a competition"),
+        (status = 409, description = "`episode_over`: the run has ended in another way"),
     )
 )]
 pub(in super::super) async fn abort_run(

@@ -24,9 +24,8 @@ const RUN_PARALLEL_DEFAULT: u32 = 4;
 
 /// Start a run: a suite of games for one model.
 ///
-/// The answer has one token for all seats of all its games, shown this once. Games are opened in the order of
-/// the plan as others end. A repeat with the same `Idempotency-Key` and body gives the same run with a fresh
-/// token, and the earlier one is revoked.
+/// The answer has one token for all seats of all games, shown only once. Games are opened in the order of the plan as others
+/// end. A repeat with the same `Idempotency-Key` and body returns the same run with a new token and revokes the earlier one.
 #[utoipa::path(
     post,
     path = "/api/v1/runs",
@@ -37,7 +36,7 @@ const RUN_PARALLEL_DEFAULT: u32 = 4;
     security((), ("key" = [])),
     responses(
         (status = 201, description = "The run, with its token", body = CreatedRun),
-        (status = 403, description = "`forbidden`: a token of an episode creates none; a server without keys is open to programs on its own machine only; the key's share of the journal is used up"),
+        (status = 403, description = "`forbidden`: the token of an episode cannot create one; a server without keys is open only to programs on its own machine; the key's share of the journal is used up"),
     )
 )]
 pub(in super::super) async fn create_run(

@@ -12,9 +12,9 @@ use swarmbench_protocol::run::StreamedRunEvent;
 
 /// Watch a run (Server-Sent Events).
 ///
-/// A `game` event for each game that is opened, and another when it has ended or was voided; first
-/// come the games that there are already. `finished` comes when the run is over, with all of it. The rounds
-/// of a game are in the events of its episode.
+/// Each game has a `game` event when it is opened, and another when it has ended or was voided; the stream begins with the
+/// games that exist already. The last event is `finished` when the run is over, with the whole run. The rounds of a game are in
+/// the events of its episode.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{id}/events",

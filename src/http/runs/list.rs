@@ -11,11 +11,11 @@ use swarmbench_protocol::run::RunList;
 
 list_params! {
     ListParams {
-        /// `running`, `finished`, `aborted`, `abandoned` or `closed`.
+        /// Status: `running`, `finished`, `aborted`, `abandoned` or `closed`.
         status,
-        /// A model's name.
+        /// Name of a model.
         model,
-        /// A suite's name.
+        /// Name of a suite.
         suite,
     }
 }

@@ -15,18 +15,18 @@ use swarmbench_protocol::metrics::RunMetrics;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct RunMetricsParams {
-    /// `paper` (where it is left out) or `toolkit`.
+    /// Definition: `paper` (the default) or `toolkit`.
     definition: Option<String>,
-    /// How many games at most, up to 200; 50 where it is left out.
+    /// Maximum number of games, up to 200; 50 by default.
     #[param(minimum = 1, maximum = 200)]
     limit: Option<u32>,
-    /// The `next_cursor` of the page before.
+    /// Cursor: the `next_cursor` of the previous page.
     cursor: Option<String>,
 }
 
 /// Show the metrics of the games of a run.
 ///
-/// Games that have ended and were not voided, with their means by task over the games of this page.
+/// The page has the games that have ended and were not voided, with means by task over its games.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{id}/metrics",

@@ -16,19 +16,19 @@ const POINTS_USUAL: u32 = 50;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct RunScoresParams {
-    /// How many scores of a game at most beside the first and the newest, up to 1,000; 50 where it is left out.
+    /// Maximum number of scores of a game besides the first and the newest, up to 1,000; 50 by default.
     #[param(minimum = 1, maximum = 1000)]
     points: Option<u32>,
-    /// How many games at most, up to 200; 50 where it is left out.
+    /// Maximum number of games, up to 200; 50 by default.
     #[param(minimum = 1, maximum = 200)]
     limit: Option<u32>,
-    /// The `next_cursor` of the page before.
+    /// Cursor: the `next_cursor` of the previous page.
     cursor: Option<String>,
 }
 
 /// Show the scores of the games of a run in equal steps of rounds.
 ///
-/// Games that were opened and not voided, running ones too, as far as the caller may read them.
+/// The page has the games that were opened and not voided, running ones too, as far as the caller may read them.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{id}/scores",

@@ -7,7 +7,7 @@ use super::super::extract::{Nothing, Params};
 use swarmbench_protocol::run::{SuiteList, SuiteView};
 use swarmbench_protocol::suite::Suite;
 
-/// Show the built-in suites, completely, by each rule set.
+/// Show the built-in suites in full, by each rule set.
 #[utoipa::path(
     get,
     path = "/api/v1/suites",

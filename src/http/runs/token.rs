@@ -10,7 +10,7 @@ use crate::store::entries::Entry;
 use crate::store::tokens::Grant;
 use swarmbench_protocol::run::RunToken;
 
-/// Get a new token for a run, in place of one that was lost.
+/// Get a new token for a run, in place of a lost one.
 ///
 /// The earlier token is revoked. The games continue.
 #[utoipa::path(
@@ -22,7 +22,7 @@ use swarmbench_protocol::run::RunToken;
     security((), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The new token", body = RunToken),
-        (status = 403, description = "`forbidden`: not the creator, or the server itself plays this run"),
+        (status = 403, description = "`forbidden`: not the creator, or the server itself plays the run"),
     )
 )]
 pub(in super::super) async fn replace_run_token(

@@ -25,18 +25,18 @@ use swarmbench_protocol::act::{SwarmAct, SwarmActRequest, SwarmActResponse, Swar
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct SwarmActParams {
-    /// Seconds to wait, up to 60, until every episode that was acted in shows its next round or is over; the next
+    /// Seconds to wait, up to 60, until every episode with one of these acts shows its next round or is over; the next
     /// observations of the seats are added.
     wait: Option<f64>,
-    /// With `wait`: add the texts for a language model.
+    /// Whether to add the texts for a language model, with `wait`.
     #[serde(default, deserialize_with = "flag")]
     prompt: bool,
 }
 
-/// Act for several seats, and see what they see next.
+/// Act for several seats, and get their next observations.
 ///
-/// Each act is taken or refused for itself; the receipts come in the same order, once all that was
-/// taken is durable. With `wait` one request is a whole step.
+/// Each act is accepted or refused independently; the receipts are in the order of the acts, and are sent once all accepted
+/// acts are durable. With `wait` one request is a whole step.
 #[utoipa::path(
     post,
     path = "/swarm/act",

@@ -26,22 +26,22 @@ const OBSERVATIONS_DEFAULT: usize = 256;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct SwarmObsParams {
-    /// Return only what was opened since the answer that had this cursor.
+    /// Cursor of an earlier answer: return only what was opened since.
     after: Option<String>,
     /// Seconds to wait for at least one observation, up to 60.
     wait: Option<f64>,
-    /// How many observations at most, up to 1,024; 256 where it is left out.
+    /// Maximum number of observations, up to 1,024; 256 by default.
     #[param(minimum = 1, maximum = 1024)]
     limit: Option<usize>,
-    /// Add the texts for a language model.
+    /// Whether to add the texts for a language model.
     #[serde(default, deserialize_with = "flag")]
     prompt: bool,
 }
 
-/// Look for several seats: the observations that wait for an act, oldest first.
+/// Get the observations of several seats that wait for an act, oldest first.
 ///
-/// At least one, unless the time was up or all is over. An answer has at most 8 MB: it may have fewer
-/// observations than `limit`, and its cursor is that of its last one.
+/// The answer has at least one observation, unless the time is up or all episodes are over. It has at most 8 MB: it may have
+/// fewer observations than `limit`, and its cursor is that of its last one.
 #[utoipa::path(
     get,
     path = "/swarm/obs",
@@ -52,7 +52,7 @@ pub(in super::super) struct SwarmObsParams {
     responses(
         (status = 200, description = "The observations that wait for an act", body = SwarmObsResponse),
         (status = 403, description = "`forbidden`: not a swarm token"),
-        (status = 422, description = "`template_failed`: prompts were asked for and cannot be made"),
+        (status = 422, description = "`template_failed`: prompts were requested and cannot be made"),
     )
 )]
 pub(in super::super) async fn get_swarm_obs(

@@ -1,4 +1,4 @@
-//! What is written: each entry is a row, or a change of one.
+//! Entries of the writer: each is a row, or a change of one.
 
 use jiff::Timestamp;
 use swarmbench_engine::{AgentId, Seed};
@@ -12,37 +12,38 @@ use swarmbench_journal::record::{ActRecord, RawRecord, Source};
 use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::import::ImportConfig;
 
-/// One change of the database.
+/// A change of the database.
 #[derive(Clone, Debug)]
 pub enum Entry {
     Open(Box<OpeningRow>),
-    /// The acts and rounds of these forks come in this commit and in later ones; an [`Entry::Open`] each comes with the last.
+    /// The first commit of forks. Their acts and rounds come in this commit and in later ones, and an [`Entry::Open`] for each
+    /// in the last.
     BeginForks(Vec<EpisodeKey>),
     Start {
         episode: EpisodeKey,
         at: Timestamp,
     },
-    /// What a seat did in a round, or that its clock ran out.
+    /// The act of a seat in a round, or the expiry of its clock.
     Act(ActRow),
     Round(RoundRow),
     End(EndRow),
     Claim(Box<ClaimRow>),
-    /// All seats are claimed: the final record of their holders.
+    /// The final record of the holders, when all seats are claimed.
     Seat(SeatingRow),
-    /// New tokens in place of those that a holder of seats had for some of them.
+    /// New tokens of a holder, in place of those for some of its seats.
     ReplaceTokens {
         episode: EpisodeKey,
-        /// The number of the claim; none for the creator.
+        /// Number of the claim; `None` for the creator.
         holder: Option<u32>,
-        /// The first and the last of these agents; the token of all seats is that of agent -1.
+        /// First and last of the agents; the token of all seats has the agent -1.
         agents: (i64, i64),
-        /// The holder's tokens for them from now on.
+        /// New tokens of the holder for these agents.
         tokens: Vec<TokenRow>,
     },
     AddKey(Box<KeyRow>),
-    /// A key is good for nothing any more; nor are the tokens of running runs of a team, where it is that of a member.
+    /// Revocation of a key. It includes the tokens of a team's running runs if the key is that of a member.
     RevokeKey {
-        /// The public id of the key.
+        /// Public id of the key.
         id: String,
         at: Timestamp,
     },
@@ -52,26 +53,26 @@ pub enum Entry {
         at: Timestamp,
     },
     OpenRun(Box<RunRow>),
-    /// The end of a run; one that has ended is left as it is.
+    /// The end of a run; one that has ended stays as it is.
     EndRun {
         run: RunKey,
-        /// The name of how it ended.
+        /// Name of the ending.
         status: &'static str,
         at: Timestamp,
     },
-    /// A new token in place of the one that a run had.
+    /// A new token of a run, in place of the old one.
     ReplaceRunToken {
         run: RunKey,
-        /// The hash of its token from now on.
+        /// Hash of the new token.
         hash: TokenHash,
     },
-    /// An episode was voided after a fault of the server: it counts nowhere. Voiding it again keeps the first reason.
+    /// Voiding of an episode after a fault of the server: it counts nowhere. A repeat keeps the first reason.
     VoidEpisode {
         episode: EpisodeKey,
         reason: String,
         at: Timestamp,
     },
-    /// A run was voided after a fault of the server: it does not count as an attempt. Voiding it again keeps the first reason.
+    /// Voiding of a run after a fault of the server: it does not count as an attempt. A repeat keeps the first reason.
     VoidRun {
         run: RunKey,
         reason: String,
@@ -79,53 +80,53 @@ pub enum Entry {
     },
     AddCompetition(Box<CompetitionRow>),
     AddEntrant(Box<EntrantRow>),
-    /// What an organizer decided about an entrant.
+    /// An organizer's decision about an entrant.
     SetEntrant {
         entry: EntryKey,
-        /// The name of its status from now on.
+        /// Name of the new status.
         status: &'static str,
         reason: Option<String>,
-        /// Whether an organizer vouches for its model.
+        /// Whether an organizer vouches for the model.
         vouched: bool,
     },
-    /// What else is stored of an entrant, from now on.
+    /// New values of an entrant's other columns.
     DescribeEntrant(Box<EntrantFacts>),
-    /// An entrant has another name from now on.
+    /// A rename of an entrant.
     RenameEntrant {
         entry: EntryKey,
         name: String,
-        /// Whether it renamed itself, which counts towards the maximum.
+        /// Whether the entrant renamed itself, which counts towards the maximum.
         by_itself: bool,
     },
-    /// The name of an entrant, and from where it came, are erased. The published file of a competition that is over keeps its name.
+    /// Erasure of the name and address of an entrant. The published file of a competition that is over keeps the name.
     EraseEntrant {
         entry: EntryKey,
-        /// The name in place of the erased one.
+        /// Name in place of the erased one.
         name: String,
         at: Timestamp,
     },
-    /// A key gets a new token in place of the one that was lost.
+    /// A new token of a key, in place of the lost one.
     ReplaceKey {
         id: String,
-        /// The hash of its token from now on.
+        /// Hash of the new token.
         hash: TokenHash,
     },
-    /// What an organizer changed about a competition.
+    /// An organizer's change of a competition.
     ChangeCompetition {
         competition: CompetitionKey,
-        /// JSON: what is decided about it from now on.
+        /// New definition, as JSON.
         definition: String,
         closes_at: Timestamp,
-        /// Whether it is in no list but the organizers'.
+        /// Whether only organizers see the competition in lists.
         hidden: bool,
     },
-    /// The running attempts with this number may be played until then.
+    /// A later end of the running attempts with this number.
     ExtendAttempts {
         competition: CompetitionKey,
         number: u32,
         closes_at: Timestamp,
     },
-    /// A competition was cancelled. Cancelling it again keeps the first reason.
+    /// Cancellation of a competition. A repeat keeps the first reason.
     CancelCompetition {
         competition: CompetitionKey,
         reason: String,
@@ -133,32 +134,32 @@ pub enum Entry {
     },
     AddInvitations {
         competition: CompetitionKey,
-        /// The hash of each code, and what the organizer calls it.
+        /// Hash of each code, and its label.
         codes: Vec<(TokenHash, String)>,
         at: Timestamp,
     },
-    /// Invitation codes that nobody has used are good for nobody any more.
+    /// Revocation of unused invitation codes.
     RevokeInvitations {
         hashes: Vec<TokenHash>,
         at: Timestamp,
     },
-    /// A competition, and all its episodes, are open to all from now on.
+    /// Publication of a competition and all of its episodes.
     Reveal {
         competition: CompetitionKey,
         at: Timestamp,
     },
-    /// A game that has ended was measured, or cannot be.
+    /// The measurement of an ended game, or its failure.
     Measured {
-        /// Its number in the queue, if it was taken from there.
+        /// Number in the queue, if the game was taken from there.
         number: Option<i64>,
         metrics: Option<Box<MetricsRow>>,
     },
-    /// What an organizer did.
+    /// An action of an organizer.
     Audit(Box<AuditRow>),
 }
 
 impl Entry {
-    /// The episode whose journal it continues, if any: after a refused entry, later ones would leave a gap.
+    /// Episode whose journal the entry continues. After a refused entry, later ones of the episode would leave a gap.
     pub fn chain(&self) -> Option<EpisodeKey> {
         match self {
             Self::Open(row) => Some(row.episode),
@@ -172,7 +173,7 @@ impl Entry {
         }
     }
 
-    /// About how many rows of the database it changes.
+    /// Approximate number of changed rows.
     pub fn rows(&self) -> usize {
         match self {
             Self::Open(row) => 1 + row.tokens.len(),
@@ -184,7 +185,7 @@ impl Entry {
         }
     }
 
-    /// About how many bytes it takes in the queue of the writer.
+    /// Approximate bytes in the queue of the writer.
     pub fn bytes(&self) -> usize {
         let text = match self {
             Self::Open(row) => row.record.as_str().len() + row.tokens.len() * size_of::<TokenRow>(),
@@ -226,12 +227,12 @@ impl std::fmt::Debug for Secret {
 #[derive(Clone, Debug)]
 pub struct CompetitionRow {
     pub id: String,
-    /// JSON: what was decided about it.
+    /// Definition as JSON.
     pub definition: String,
     pub salt: Secret,
-    /// Its sealed seeds, one after the other.
+    /// Sealed seeds, concatenated.
     pub seeds: Secret,
-    /// What is published of both.
+    /// Published commitment to salt and seeds.
     pub commitment: [u8; 32],
     pub opens_at: Timestamp,
     pub closes_at: Timestamp,
@@ -242,36 +243,36 @@ pub struct CompetitionRow {
 pub struct EntrantRow {
     pub id: String,
     pub competition: CompetitionKey,
-    /// The public id of the key to which it belongs.
+    /// Public id of the owner's key.
     pub owner: String,
     pub name: String,
     pub model: String,
-    /// JSON: what it declared of who plays.
+    /// Declaration of the player, as JSON.
     pub declaration: String,
-    /// Tells prompt templates apart; none for the built-in one.
+    /// Digest of the prompt template; `None` for the built-in one.
     pub template: Option<String>,
-    /// Whether an organizer vouches for its model.
+    /// Whether an organizer vouches for the model.
     pub vouched: bool,
-    /// The hash of the invitation code that it uses up, if any.
+    /// Hash of the invitation code that the entrant uses up.
     pub invitation: Option<TokenHash>,
-    /// The address or network from which it registered, for organizers.
+    /// Address or network of the registration, shown to organizers.
     pub address: Option<String>,
     pub category: Option<String>,
-    /// The version of the terms that it accepts.
+    /// Accepted version of the terms.
     pub terms: Option<u32>,
-    /// How organizers reach it.
+    /// Contact for organizers.
     pub contact: Option<String>,
     pub at: Timestamp,
 }
 
-/// What an entrant, or an organizer, may change of it beside its name and its status.
+/// Facts of an entrant that it or an organizer may change, besides name and status.
 #[derive(Clone, Debug)]
 pub struct EntrantFacts {
     pub entry: EntryKey,
     pub category: Option<String>,
-    /// The version of the terms that it accepted.
+    /// Accepted version of the terms.
     pub terms: Option<u32>,
-    /// How organizers reach it.
+    /// Contact for organizers.
     pub contact: Option<String>,
 }
 
@@ -279,41 +280,41 @@ pub struct EntrantFacts {
 pub struct RunRow {
     pub run: RunKey,
     pub id: String,
-    /// The key with which it is created; `None` on a server without keys.
+    /// Key of the creator; `None` on a server without keys.
     pub owner: Option<OwnerKey>,
     pub suite: String,
     pub digest: String,
-    /// JSON: what was decided about it.
+    /// Definition as JSON.
     pub definition: String,
     pub model: String,
-    /// Who may see it before its end, as for its episodes.
+    /// Readers of the run and its episodes before their end.
     pub visibility: &'static str,
-    /// Of an attempt in a competition: the entry, and the attempt's number, from 1.
+    /// Entry and attempt number, from 1, of an attempt in a competition.
     pub attempt: Option<(EntryKey, u32)>,
-    /// The voided attempt that it plays again, where its seeds are spare ones.
+    /// Voided attempt that this spare attempt replaces.
     pub replays: Option<u32>,
-    /// The end of its window, if it has one.
+    /// End of the window, if there is one.
     pub closes_at: Option<Timestamp>,
     pub at: Timestamp,
-    /// The key by which a repeated creation finds it, and the hash of the body that came with it.
+    /// Idempotency key of the creation, and the hash of its body.
     pub idempotency: Option<(String, [u8; 32])>,
-    /// The hash of its token; `None` where the server itself plays.
+    /// Hash of the token; `None` if the server itself plays.
     pub token: Option<TokenHash>,
 }
 
-/// What an organizer did.
+/// Action of an organizer in the audit log.
 #[derive(Clone, Debug)]
 pub struct AuditRow {
     pub at: Timestamp,
-    /// The id of the key, or `local` for work on the server's own machine.
+    /// Id of the key, or `local` for work on the server's own machine.
     pub who: String,
-    /// What was done, like `key.create`.
+    /// Kind of the action, such as `key.create`.
     pub action: &'static str,
-    /// The id of what it was done to.
+    /// Id of the object of the action.
     pub subject: String,
-    /// Further details, as JSON.
+    /// Further details.
     pub detail: serde_json::Value,
-    /// The competition that it concerns, and what everybody may see of the details.
+    /// Competition that the action concerns, and the public part of the details.
     pub shown: Option<(CompetitionKey, serde_json::Value)>,
 }
 
@@ -322,107 +323,106 @@ pub struct AuditRow {
 pub struct OpeningRow {
     pub episode: EpisodeKey,
     pub id: EpisodeId,
-    /// The key with which it is created; `None` on a server without keys.
+    /// Key of the creator; `None` on a server without keys.
     pub owner: Option<OwnerKey>,
-    /// The run to which it belongs, and which game of the run's plan it is.
+    /// Run of the episode, and the place of the game in the run's plan.
     pub run: Option<(RunKey, u32)>,
-    /// The parent of a fork, and how many rounds of it were taken over.
+    /// Parent of a fork, and the number of rounds that were taken over.
     pub fork: Option<(EpisodeKey, u32)>,
     pub record: RawRecord,
-    /// The head of the chain before the first round of its own.
+    /// Chain head before the first round of the episode itself.
     pub head: Head,
-    /// What lists filter by.
+    /// Task, a filter of lists.
     pub task: &'static str,
-    /// What lists filter by.
+    /// Model, a filter of lists.
     pub model: String,
-    /// Who reads it before the end.
+    /// Readers of the episode before its end.
     pub visibility: &'static str,
-    /// Whether it waits for a manual start.
+    /// Whether the episode waits for a manual start.
     pub waiting: bool,
-    /// Whether seats of it can be claimed.
+    /// Whether seats can be claimed.
     pub has_open_seats: bool,
-    /// Whether its owner reads it once it has ended, also while it is sealed.
+    /// Whether the owner reads the ended episode while it is sealed.
     pub own_games: bool,
-    /// Whether its rounds have a deadline; those are recovered first.
+    /// Whether rounds have a deadline; such episodes are recovered first.
     pub clocked: bool,
     pub at: Timestamp,
-    /// The key by which a repeated creation finds it, and the hash of the body that came with it.
+    /// Idempotency key of the creation, and the hash of its body.
     pub idempotency: Option<(String, [u8; 32])>,
     pub tokens: Vec<TokenRow>,
 }
 
-/// Who holds seats of an episode.
+/// Holder of seats of an episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Holder {
-    /// The number of the claim in its episode; 0 is the creator.
+    /// Number of the claim in the episode; 0 is the creator.
     pub number: u32,
-    /// The holder's key; `None` on a server without keys.
+    /// Key of the holder; `None` on a server without keys.
     pub owner: Option<OwnerKey>,
-    /// The public id of that key.
+    /// Public id of that key.
     pub key: Option<String>,
     pub model: String,
     /// Further declarations about the player.
     pub agent_meta: Carried,
-    /// The built-in player that the server hosts on these seats.
+    /// Built-in player that the server hosts on these seats.
     pub player: Option<String>,
-    /// When the seats were claimed.
+    /// Time of the claim.
     pub at: Timestamp,
 }
 
 pub type Held = (Holder, Vec<AgentId>);
 
-/// Seats that have a holder now.
+/// Claim of seats.
 #[derive(Clone, Debug)]
 pub struct ClaimRow {
     pub episode: EpisodeKey,
     pub holder: Holder,
-    /// The seats; empty where the creator holds all of them, which needs no rows.
+    /// Claimed seats; empty if the creator holds all seats, which needs no rows.
     pub agents: Vec<AgentId>,
     pub tokens: Vec<TokenRow>,
-    /// The key by which a repeated claim finds it, and the hash of the body that came with it.
+    /// Idempotency key of the claim, and the hash of its body.
     pub idempotency: Option<(String, [u8; 32])>,
 }
 
-/// The final record of who holds which seat of an episode.
+/// Final record of the holders of an episode's seats.
 #[derive(Clone, Debug)]
 pub struct SeatingRow {
     pub episode: EpisodeKey,
     pub record: RawRecord,
-    /// The head of the chain after it.
+    /// Chain head after the record.
     pub head: Head,
 }
 
-/// A token, as far as it is stored.
+/// Stored part of a token.
 #[derive(Clone, Copy, Debug)]
 pub struct TokenRow {
     pub hash: TokenHash,
-    /// The seat that it authorizes; none for several seats of the episode.
+    /// Seat of the token; `None` for several seats of the episode.
     pub agent: Option<AgentId>,
-    /// Which holder's seats those are, by the number of the claim; none for the creator's.
+    /// Holder of those seats, by the number of the claim; `None` for the creator.
     pub holder: Option<u32>,
 }
 
-/// What a seat did in a round.
+/// Act of a seat in a round.
 #[derive(Clone, Debug)]
 pub struct ActRow {
     pub episode: EpisodeKey,
     pub round: u32,
     pub agent: AgentId,
-    /// How many seats the round waited for after this act.
+    /// Number of seats without an act after this one.
     pub waiting_for: u32,
-    /// Who decided.
     pub source: Source,
     pub at: Timestamp,
     pub record: RawRecord,
-    /// What is read in place of a large record by whoever needs none of its texts; see [`brief_of`].
+    /// Record without its texts, for readers that need none of a large record; see [`brief_of`].
     pub brief: Option<RawRecord>,
 }
 
-/// Records of more bytes are stored a second time without their texts, if they have any. Those of fewer are read as they
-/// are, which costs less.
+/// Maximum bytes of a record that is stored once. A larger one with texts is stored a second time without them; a smaller one
+/// costs less to read whole.
 const WHOLE_BYTES_MAX: usize = 512;
 
-/// What is stored beside a record: where it is large, the same without its texts, which `brief` gives; none if it has no texts.
+/// Brief record to store beside a large record: the same without its texts. `None` if the record is small or has no texts.
 pub fn brief_of(
     record: &RawRecord,
     brief: impl FnOnce() -> Option<ActRecord>,
@@ -431,7 +431,7 @@ pub fn brief_of(
     is_large.then(brief).flatten().map(|brief| RawRecord::write(&brief))
 }
 
-/// Who decided, as the table of acts has it.
+/// Code of the source in the table of acts.
 pub(in crate::store) const fn source_code(source: Source) -> u8 {
     match source {
         Source::Player => 0,
@@ -444,11 +444,11 @@ pub(in crate::store) const fn source_code(source: Source) -> u8 {
 pub struct RoundRow {
     pub episode: EpisodeKey,
     pub round: u32,
-    /// The digest of the state after it.
+    /// Digest of the state after the round.
     pub digest: [u8; 32],
-    /// The score after it.
+    /// Score after the round.
     pub score: f64,
-    /// The head of the chain after it.
+    /// Chain head after the round.
     pub head: Head,
     pub at: Timestamp,
 }
@@ -458,59 +458,59 @@ pub struct EndRow {
     pub episode: EpisodeKey,
     /// `finished`, `aborted` or `abandoned`.
     pub status: &'static str,
-    /// Why; the name of an ending.
+    /// Name of the ending.
     pub reason: &'static str,
     pub record: RawRecord,
-    /// The head of the whole chain.
+    /// Head of the whole chain.
     pub head: Head,
-    /// Bytes that its acts take.
+    /// Bytes of all acts.
     pub bytes: u64,
     pub score: f64,
     pub rounds: u32,
     pub seed: Seed,
     pub tally: Tally,
-    /// Whether boards count it: it belongs to a run, or several holders played it.
+    /// Whether boards count the episode: it belongs to a run, or several holders played it.
     pub counts: bool,
     pub at: Timestamp,
 }
 
-/// A game as it is stored.
+/// Stored imported game.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImportRow {
-    /// Its public id; it follows from the digest.
+    /// Public id, derived from the digest.
     pub id: String,
-    /// Of its name, its settings and its states.
+    /// Digest of name, settings and states.
     pub digest: [u8; 32],
-    /// As its files call it.
+    /// Name of the game in its files.
     pub run_id: String,
-    /// Its entry in the index, as JSON.
+    /// Entry in the index, as JSON.
     pub meta: String,
     pub model: String,
     pub task: String,
     pub seed: u64,
-    /// The settings that make games comparable.
+    /// Settings that make games comparable.
     pub settings: ImportConfig,
-    /// The score after the last round.
+    /// Score after the last round.
     pub score: f64,
     pub resolved: u32,
     pub acts: u64,
-    /// Its states, the layout first.
+    /// States, the layout first.
     pub rounds: Vec<ImportedRound>,
 }
 
-/// A state, and what was done in it.
+/// State, and the acts in it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImportedRound {
-    /// How many rounds were resolved; also the round that was decided in this state.
+    /// Number of resolved rounds, which is also the round that was decided in this state.
     pub round: u32,
     pub score: f64,
-    /// The state, as JSON.
+    /// State as JSON.
     pub state: String,
     pub acts: Option<Vec<u8>>,
 }
 
 impl ImportedRound {
-    /// As they are stored.
+    /// Stored bytes.
     pub fn bytes(&self) -> u64 {
         (self.state.len() + self.acts.as_ref().map_or(0, Vec::len)) as u64
     }

@@ -310,7 +310,7 @@ impl Node {
         match (is_sent, is_done) {
             (true, true) => {
                 self.witness().await.map_err(in_doubt)?;
-                tracing::info!("a commit whose answer was lost is done");
+                tracing::info!("the answer to a commit was lost: the commit was done");
                 self.committed += 1;
                 Ok(sent.take().map(|sent| sent.outcomes))
             }
@@ -319,7 +319,9 @@ impl Node {
                 Err(Excluded::Lost { found, known }.into())
             }
             (true, false) => {
-                tracing::info!("a commit whose answer was lost is not done, and made again");
+                tracing::info!(
+                    "the answer to a commit was lost: the commit was not done, and is repeated"
+                );
                 if let Some(sent) = sent {
                     sent.is_undone = true;
                 }

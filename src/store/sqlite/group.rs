@@ -45,7 +45,7 @@ fn has_code(error: &sqlx::Error, codes: &[u32]) -> bool {
 pub(in crate::store) async fn set_up(connection: &mut Connection) {
     let busy_timeout = format!("PRAGMA busy_timeout = {}", BUSY_TIMEOUT.as_millis());
     if let Err(error) = Statement::of(busy_timeout).execute(connection).await {
-        tracing::warn!(%error, "a locked database is noticed late");
+        tracing::warn!(%error, "the timeout for a locked database cannot be set");
     }
 }
 

@@ -1,4 +1,4 @@
-//! The tables `competitions`, `entries`, `invitations`, and what is known of names and models that look the same.
+//! The tables `competitions`, `entries` and `invitations`, and those of similar names and models.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::IpAddr;
@@ -23,20 +23,20 @@ use swarmbench_protocol::names::looks;
 pub struct RawCompetition {
     pub key: CompetitionKey,
     pub id: String,
-    /// JSON: what was decided about it.
+    /// Definition as JSON.
     pub definition: String,
     pub salt: Secret,
-    /// Its sealed seeds, one after the other.
+    /// Sealed seeds, concatenated.
     pub seeds: Secret,
-    /// What was published of both.
+    /// Published commitment to salt and seeds.
     pub commitment: [u8; 32],
     pub created_at: Timestamp,
-    /// When everything was opened to all, if it was.
+    /// Time at which everything became public.
     pub revealed_at: Option<Timestamp>,
     pub cancelled_at: Option<Timestamp>,
-    /// Why it was cancelled, if it was.
+    /// Reason of the cancellation.
     pub cancel_reason: Option<String>,
-    /// Whether it is in no list but the organizers'.
+    /// Whether only organizers see the competition in lists.
     pub hidden: bool,
 }
 
@@ -47,36 +47,36 @@ pub struct RawEntrant {
     pub competition: CompetitionKey,
     pub owner: OwnerKey,
     pub name: String,
-    /// JSON: what it declared of who plays.
+    /// Declaration of the player, as JSON.
     pub declaration: String,
-    /// Tells prompt templates apart; none for the built-in one.
+    /// Digest of the prompt template; `None` for the built-in one.
     pub template: Option<String>,
     pub status: String,
-    /// Why it does not take part, if it does not.
+    /// Reason of a status other than `active`.
     pub reason: Option<String>,
-    /// Whether an organizer vouches for its model.
+    /// Whether an organizer vouches for the model.
     pub vouched: bool,
     pub registered_at: Timestamp,
-    /// The address or network from which it registered; none of entrants of earlier versions.
+    /// Address or network of the registration; `None` for entrants of earlier versions.
     pub address: Option<String>,
-    /// When its name was erased, if it was.
+    /// Time of the erasure of the name.
     pub erased_at: Option<Timestamp>,
-    /// Its name in the published file, where it was erased after the end.
+    /// Name in the published file, if the entrant was erased after the end.
     pub published: Option<String>,
     pub category: Option<String>,
-    /// The version of the terms that it accepted last.
+    /// Version of the terms that was accepted last.
     pub terms: Option<u32>,
-    /// How organizers reach it.
+    /// Contact for organizers.
     pub contact: Option<String>,
-    /// How often it gave itself another name.
+    /// Number of renames by the entrant itself.
     pub renames: u32,
 }
 
-/// How organizers reach an entrant.
+/// Contact of an entrant.
 #[derive(Clone, Debug)]
 pub struct StoredContact {
     pub key: EntryKey,
-    /// The entrant's public id.
+    /// Public id of the entrant.
     pub id: String,
     pub name: String,
     pub category: Option<String>,
@@ -87,27 +87,27 @@ pub struct StoredContact {
 #[derive(Clone, Debug)]
 pub struct StoredAttempt {
     pub run: RunKey,
-    /// The public id of its run.
+    /// Public id of the run.
     pub id: String,
     pub entry: EntryKey,
     pub number: u32,
-    /// The voided attempt that it plays again, where its seeds are spare ones.
+    /// Voided attempt that this spare attempt replaces.
     pub replays: Option<u32>,
-    /// The name of the run's status.
+    /// Name of the run's status.
     pub status: String,
     pub created_at: Timestamp,
     pub ended_at: Option<Timestamp>,
     pub void_reason: Option<String>,
-    /// How many of its episodes have not ended, without voided ones.
+    /// Number of unfinished episodes, without voided ones.
     pub unfinished: u32,
 }
 
-/// What decides whether a competition takes another entrant.
+/// Facts that decide whether a competition accepts another entrant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EntrantRoom {
-    /// How many take part.
+    /// Number of active entrants.
     pub active: u32,
-    /// Whether an entrant has a model that looks the same and is written otherwise.
+    /// Whether an entrant has a model that looks the same and is spelled differently.
     pub has_look_of_model: bool,
     pub of_owner: u32,
 }
@@ -115,11 +115,11 @@ pub struct EntrantRoom {
 const COMPETITION: &str = "SELECT key, id, definition, salt, seeds, commitment, created_at, \
                            revealed_at, cancelled_at, cancel_reason, hidden FROM competitions ";
 
-/// How much of what entrants declared is read.
+/// Part of the declarations that is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Declared {
     Whole,
-    /// All but the prompt template and the free metadata, which may be large.
+    /// Without the prompt template and the free metadata, which may be large.
     Short,
 }
 
@@ -135,18 +135,18 @@ fn select_entrants(declared: Declared) -> Builder<'static> {
     query
 }
 
-/// An invitation code, without the code itself.
+/// Invitation code, without the code itself.
 #[derive(Clone, Debug)]
 pub struct StoredInvitation {
     pub hash: TokenHash,
     pub label: String,
-    /// The public id of the entrant that used it.
+    /// Public id of the entrant that used the code.
     pub entrant: Option<String>,
     pub created_at: Timestamp,
     pub revoked_at: Option<Timestamp>,
 }
 
-/// Bytes of a digest of a name: enough that no two names have the same.
+/// Bytes of a digest of a name: enough against collisions.
 const DIGEST_BYTES: usize = 16;
 
 const INVITATION: &str = "
@@ -162,14 +162,13 @@ const ATTEMPT: &str = "
     FROM runs r ";
 
 impl Store {
-    /// Finds a competition by its public id.
     pub async fn find_competition(&self, id: &str) -> Result<Option<RawCompetition>, StoreError> {
         let mut query = Builder::new(COMPETITION);
         query.push("WHERE id = ").push_bind(id);
         self.fetch_optional(query.build()).await
     }
 
-    /// Lists competitions, newest first, from the one after `before` on; hidden ones only where `all` are asked for.
+    /// Lists competitions, newest first, starting after `before`; hidden ones only with `all`.
     pub async fn list_competitions(
         &self,
         all: bool,
@@ -183,7 +182,7 @@ impl Store {
         self.fetch_all(query.build()).await
     }
 
-    /// The public ids of the competitions that have closed and are not open to all yet.
+    /// Public ids of closed competitions that are not public yet.
     pub async fn closing_competitions(&self, now: Timestamp) -> Result<Vec<String>, StoreError> {
         let query = query(
             "SELECT id FROM competitions WHERE revealed_at IS NULL AND closes_at <= $1 ORDER BY key",
@@ -191,7 +190,6 @@ impl Store {
         self.fetch_all(query.bind(now.as_millisecond())).await
     }
 
-    /// Finds an entrant of a competition by its public id.
     pub async fn find_entrant(
         &self,
         competition: CompetitionKey,
@@ -203,7 +201,7 @@ impl Store {
         self.fetch_optional(query.build()).await
     }
 
-    /// The entrants of a competition in the order in which they registered: all, or those of one key.
+    /// Entrants of a competition in the order of registration: all, or those of one key.
     pub async fn entrants(
         &self,
         competition: CompetitionKey,
@@ -211,7 +209,7 @@ impl Store {
         declared: Declared,
     ) -> Result<Vec<RawEntrant>, StoreError> {
         let mut query = select_entrants(declared);
-        // One of several entrants is found by the key.
+        // The `+` makes SQLite look up entrants by their owner, who has few.
         query.push(if owner.is_some() { "WHERE +competition = " } else { "WHERE competition = " });
         query.push_bind(competition.0);
         if let Some(owner) = owner {
@@ -221,7 +219,7 @@ impl Store {
         self.fetch_all(query.build()).await
     }
 
-    /// Whether a competition takes another entrant, and of whom.
+    /// Facts that decide whether a competition accepts this entrant.
     pub async fn room_for(
         &self,
         competition: CompetitionKey,
@@ -244,7 +242,6 @@ impl Store {
         self.fetch_one(query).await
     }
 
-    /// The addresses from which the entrants of a competition registered.
     pub async fn entry_addresses(
         &self,
         competition: CompetitionKey,
@@ -255,13 +252,13 @@ impl Store {
         Ok(all.iter().filter_map(|address| address.parse().ok()).collect())
     }
 
-    /// Whether an entrant was not excluded and has not withdrawn.
+    /// Whether an entrant is neither excluded nor withdrawn.
     pub async fn is_active(&self, entry: EntryKey) -> Result<bool, StoreError> {
         let text = "SELECT status = 'active' FROM entries WHERE key = $1";
         self.fetch_one(query(text).bind(entry.0)).await
     }
 
-    /// Whether the entrant that plays a run, an attempt or for practice, was disqualified or erased.
+    /// Whether the entrant of a run, an attempt or practice, was disqualified or erased.
     pub async fn is_excluded(&self, run: RunKey) -> Result<bool, StoreError> {
         let query = query(
             "SELECT EXISTS (
@@ -274,7 +271,7 @@ impl Store {
         self.fetch_one(query.bind(run.0).bind(practice_suite(""))).await
     }
 
-    /// What an entrant plays: its attempts, and what its key plays for practice, in order.
+    /// Runs of an entrant in order: its attempts, and its key's practice.
     pub async fn playing(
         &self,
         entry: EntryKey,
@@ -288,7 +285,7 @@ impl Store {
         self.fetch_all(query.bind(owner.0).bind(entry.0).bind(practice)).await
     }
 
-    /// Whether an entrant other than `except` has, or has had, a name that looks the same.
+    /// Whether an entrant other than `except` has or had a name that looks the same.
     pub async fn is_name_taken(
         &self,
         competition: CompetitionKey,
@@ -308,7 +305,7 @@ impl Store {
         self.fetch_one(query).await
     }
 
-    /// The competition for which a key was made, if it is that of an entrant.
+    /// Competition for which an entrant's key was made.
     pub async fn competition_of(
         &self,
         owner: OwnerKey,
@@ -317,7 +314,7 @@ impl Store {
         self.fetch_optional(query(text).bind(owner.0)).await
     }
 
-    /// The competition for which a key was made, or that of a member of a team, and the public id of its entrant there.
+    /// Competition for which a key was made, that of a team's member included, and the public id of its entrant there.
     pub async fn entrant_of_key(
         &self,
         key: OwnerKey,
@@ -330,8 +327,8 @@ impl Store {
         self.fetch_optional(query.bind(key.0)).await
     }
 
-    /// Lists the entrants of a competition, or those of one key, in the order in which they registered, from the one after
-    /// `after` on; without what only they themselves are shown.
+    /// Lists the entrants of a competition, or those of one key, in the order of registration, starting after `after`; without
+    /// the data that only the entrants themselves see.
     pub async fn list_entrants(
         &self,
         competition: CompetitionKey,
@@ -340,7 +337,7 @@ impl Store {
         limit: u32,
     ) -> Result<Vec<RawEntrant>, StoreError> {
         let mut query = select_entrants(Declared::Short);
-        // One of several entrants is found by the key.
+        // The `+` makes SQLite look up entrants by their owner, who has few.
         query.push(if owner.is_some() { "WHERE +competition = " } else { "WHERE competition = " });
         query.push_bind(competition.0);
         if let Some(owner) = owner {
@@ -351,7 +348,7 @@ impl Store {
         self.fetch_all(query.build()).await
     }
 
-    /// Lists how organizers reach the entrants of a competition, in the order of their keys, from the one after `after` on.
+    /// Lists the contacts of a competition's entrants in the order of their keys, starting after `after`.
     pub async fn list_contacts(
         &self,
         competition: CompetitionKey,
@@ -366,7 +363,6 @@ impl Store {
         self.fetch_all(query.bind(competition.0).bind(after).bind(limit)).await
     }
 
-    /// The invitation code of a competition with this hash.
     pub async fn find_invitation(
         &self,
         competition: CompetitionKey,
@@ -378,7 +374,7 @@ impl Store {
         self.fetch_optional(query.build()).await
     }
 
-    /// The unused invitation codes of a competition with this label.
+    /// Unused invitation codes of a competition with this label.
     pub async fn unused_invitations(
         &self,
         competition: CompetitionKey,
@@ -391,7 +387,7 @@ impl Store {
         self.fetch_all(query.build()).await
     }
 
-    /// Lists the invitation codes of a competition in the order in which they were made, without the first `skip`.
+    /// Lists the invitation codes of a competition in the order of creation, without the first `skip`.
     pub async fn list_invitations(
         &self,
         competition: CompetitionKey,
@@ -405,7 +401,7 @@ impl Store {
         self.fetch_all(query.build()).await
     }
 
-    /// These entrants of a competition, in the order in which they registered; others are left out.
+    /// Entrants of a competition among these keys, in the order of registration.
     pub async fn entrants_among(
         &self,
         competition: CompetitionKey,
@@ -418,15 +414,14 @@ impl Store {
         self.fetch_all(query.build()).await
     }
 
-    /// The attempts of an entrant in the order in which they were started.
+    /// Attempts of an entrant in the order of their starts.
     pub async fn attempts_of(&self, entry: EntryKey) -> Result<Vec<StoredAttempt>, StoreError> {
         let mut query = Builder::new(ATTEMPT);
         query.push("WHERE r.entry = ").push_bind(entry.0).push(" ORDER BY r.key");
         self.fetch_all(query.build()).await
     }
 
-    /// Lists the attempts of a competition, or those of one key, in the order in which they were started, from the one after
-    /// `after` on.
+    /// Lists the attempts of a competition, or those of one key, in the order of their starts, starting after `after`.
     pub async fn list_attempts(
         &self,
         competition: CompetitionKey,
@@ -437,7 +432,7 @@ impl Store {
         let mut query = Builder::new(ATTEMPT);
         match owner {
             None => query.push("WHERE r.competition = ").push_bind(competition.0),
-            // The few attempts of one key are found by its entrants.
+            // The few attempts of a key are looked up by its entrants.
             Some(owner) => query
                 .push("WHERE r.entry IN (SELECT key FROM entries WHERE owner = ")
                 .push_bind(owner.0)
@@ -449,7 +444,6 @@ impl Store {
         self.fetch_all(query.build()).await
     }
 
-    /// Finds an attempt of a competition by the public id of its run.
     pub async fn find_attempt(
         &self,
         competition: CompetitionKey,
@@ -461,7 +455,7 @@ impl Store {
         self.fetch_optional(query.build()).await
     }
 
-    /// The attempt of a competition that was started last.
+    /// Attempt of a competition that was started last.
     pub async fn last_attempt(
         &self,
         competition: CompetitionKey,
@@ -470,7 +464,7 @@ impl Store {
         self.fetch_optional(query(text).bind(competition.0)).await
     }
 
-    /// The attempts of a competition that were voided, in the order in which they were started.
+    /// Voided attempts of a competition in the order of their starts.
     pub async fn voided_attempts(
         &self,
         competition: CompetitionKey,
@@ -481,7 +475,7 @@ impl Store {
         self.fetch_all(query.bind(competition.0)).await
     }
 
-    /// The attempts of a competition that have not ended, in the order in which they were started.
+    /// Running attempts of a competition in the order of their starts.
     pub async fn running_attempts(
         &self,
         competition: CompetitionKey,
@@ -493,7 +487,7 @@ impl Store {
         self.fetch_all(query.bind(competition.0)).await
     }
 
-    /// Whether an attempt of a competition, or a game of one, has not ended. Voided games do not matter.
+    /// Whether an attempt of a competition, or a game of one, has not ended. Voided games are ignored.
     pub async fn has_open_attempts(&self, competition: CompetitionKey) -> Result<bool, StoreError> {
         let query = query(
             "SELECT EXISTS (SELECT 1 FROM runs INDEXED BY runs_open
@@ -505,7 +499,7 @@ impl Store {
         self.fetch_one(query.bind(competition.0)).await
     }
 
-    /// The entrants of a competition to whom some of these runs and episodes belong.
+    /// Entrants of a competition that own some of these runs and episodes.
     pub async fn entrants_of(
         &self,
         competition: CompetitionKey,
@@ -520,13 +514,13 @@ impl Store {
         );
         query.push_list(episodes.iter().map(|episode| episode.0));
         query.push(" AND +r.competition = ").push_bind(competition.0);
-        // In the order that a UNION of SQLite has by itself.
+        // SQLite returns a UNION in this order without a further sort.
         query.push(" ORDER BY 1");
         self.fetch_all(query.build()).await
     }
 }
 
-/// What an entrant declared, without the prompt template and the free metadata, which may be large.
+/// Declaration without the prompt template and the free metadata, which may be large.
 pub(in crate::store) fn without_texts(declaration: &str) -> Result<String, serde_json::Error> {
     let mut fields: BTreeMap<String, Box<RawValue>> = serde_json::from_str(declaration)?;
     for large in ["prompt_template", "agent_meta"] {
@@ -667,7 +661,7 @@ async fn add_looks(
     Ok(())
 }
 
-/// Keyed digests of how a name looks, which say nothing of the name to whoever does not guess it.
+/// Keyed digests of the looks of a name. They reveal the name only to those who guess it.
 fn digests(salt: &[u8], name: &str) -> [Vec<u8>; 2] {
     let keyed = Hmac::<Sha256>::new_from_slice(salt).expect("a key may have any length");
     looks(name).map(|look| {
@@ -676,7 +670,7 @@ fn digests(salt: &[u8], name: &str) -> [Vec<u8>; 2] {
     })
 }
 
-/// Keeps others from a name that an entrant has, until its competition is over and all names stay as they are.
+/// Reserves the name of an entrant until the competition is revealed, after which names never change.
 async fn use_name(connection: &mut Connection, entry: i64, name: &str) -> Result<(), sqlx::Error> {
     let select = "SELECT c.key, c.salt FROM entries n JOIN competitions c ON c.key = n.competition
                   WHERE n.key = $1 AND c.revealed_at IS NULL";
@@ -692,7 +686,7 @@ async fn use_name(connection: &mut Connection, entry: i64, name: &str) -> Result
     Ok(())
 }
 
-/// Inserts what is known of names and models for entrants of databases of earlier versions.
+/// Inserts the looks of models, and the reserved names, of entrants of earlier versions.
 pub(in crate::store) async fn add_missing_looks(
     connection: &mut Connection,
 ) -> Result<(), sqlx::Error> {
@@ -714,7 +708,7 @@ pub(in crate::store) async fn add_missing_looks(
     connection.transaction(Begin::Write, add_all).await
 }
 
-/// Models whose looks are not theirs, or are of no entrant.
+/// Models whose stored looks are wrong, or belong to no entrant.
 pub(in crate::store) async fn damaged_looks(
     connection: &mut Connection,
 ) -> Result<Vec<String>, sqlx::Error> {
@@ -732,7 +726,7 @@ pub(in crate::store) async fn damaged_looks(
     Ok(damaged)
 }
 
-/// Entrants whose names others could take.
+/// Names of entrants that are not reserved.
 pub(in crate::store) async fn untaken_names(
     connection: &mut Connection,
 ) -> Result<Vec<String>, sqlx::Error> {
@@ -789,7 +783,7 @@ pub(in crate::store) async fn describe(
     Ok(())
 }
 
-/// Gives an entrant another name. Nobody else takes the old one.
+/// Renames an entrant. The old name stays reserved.
 pub(in crate::store) async fn rename(
     connection: &mut Connection,
     entry: EntryKey,
@@ -805,7 +799,7 @@ pub(in crate::store) async fn rename(
     use_name(connection, entry.0, name).await
 }
 
-/// Erases the name of an entrant, its contact, and from where it came. A file that is published already keeps its name.
+/// Erases the name, contact and address of an entrant. A published file keeps the name.
 pub(in crate::store) async fn erase(
     connection: &mut Connection,
     entry: EntryKey,
@@ -823,7 +817,8 @@ pub(in crate::store) async fn erase(
     .bind(name)
     .execute(&mut *connection)
     .await?;
-    // Keys that were made for the entrant have its name, or those of its members. They stay good for other entrants of theirs.
+    // Keys that were made for the entrant have its name or those of its members. They stay valid for other entrants of their
+    // owner.
     query(
         "UPDATE keys SET name = $1, revoked_at = CASE
              WHEN EXISTS (SELECT 1 FROM entries o
@@ -840,7 +835,7 @@ pub(in crate::store) async fn erase(
     erase_label(connection, entry, name).await
 }
 
-/// Erases the label of the code with which an entrant entered: organizers write names and addresses into labels.
+/// Erases the label of the entrant's invitation code: organizers write names and addresses into labels.
 async fn erase_label(
     connection: &mut Connection,
     entry: EntryKey,
@@ -854,7 +849,7 @@ async fn erase_label(
     .bind(entry.0)
     .execute(&mut *connection)
     .await?;
-    // Earlier versions noted all labels in the audit log.
+    // Earlier versions recorded all labels in the audit log.
     query(
         "UPDATE audit SET detail = coalesce(shown, '{}')
          WHERE competition = (SELECT competition FROM entries WHERE key = $1)
@@ -886,7 +881,7 @@ pub(in crate::store) async fn add_invitations(
     Ok(())
 }
 
-/// Opens a competition and all its episodes to all.
+/// Makes a competition and all of its episodes public.
 pub(in crate::store) async fn reveal(
     connection: &mut Connection,
     competition: CompetitionKey,
@@ -908,7 +903,7 @@ pub(in crate::store) async fn reveal(
         .bind(competition.0)
         .execute(&mut *connection)
         .await?;
-    // Names stay from now on, and the key of the digests is public.
+    // Names never change from now on, and the key of the digests is public.
     query("DELETE FROM used_names WHERE competition = $1")
         .bind(competition.0)
         .execute(connection)

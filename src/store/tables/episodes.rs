@@ -12,30 +12,30 @@ use crate::store::sql::{Builder, FromRow, LISTED_AT_ONCE, Row, get, query};
 use crate::store::templates::{listed_opening, opening};
 use swarmbench_journal::record::{End, RawRecord, RecordedConfig, end_record};
 
-/// What a list of episodes is filtered by.
+/// Filter of a list of episodes.
 #[derive(Clone, Debug, Default)]
 pub struct Filter {
     /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
     pub status: Option<String>,
     pub task: Option<String>,
-    /// The creator's.
+    /// Model of the creator.
     pub model: Option<String>,
-    /// A model that held a seat. Before an episode begins only its creator's counts.
+    /// Model that held a seat. Before an episode starts only the creator's counts.
     pub played_by: Option<String>,
     /// Whether the seats had several holders.
     pub mixed: Option<bool>,
     pub run: Option<RunKey>,
-    /// The public id of the episode of which they are forks.
+    /// Public id of the episode that was forked.
     pub fork_of: Option<String>,
-    /// Whether they are forks of any episode.
+    /// Whether the episodes are forks.
     pub forks: Option<bool>,
-    /// Which of them the caller may read.
+    /// Episodes that the caller may read.
     pub readable: Readable,
 }
 
 impl Filter {
-    /// Which of status, task and model chooses the index, if any: that of the fewest episodes, as far as can be known. SQLite
-    /// would take one of many and read all its episodes to find a few.
+    /// Column among status, task and model that chooses the index: the one with the fewest episodes, as far as is known. SQLite
+    /// alone would choose an index with many episodes and scan all of them to find a few.
     fn leads(&self) -> Option<&'static str> {
         let is_unfinished = matches!(self.status.as_deref(), Some("waiting" | "running"));
         if self.run.is_some() || self.fork_of.is_some() {
@@ -51,9 +51,8 @@ impl Filter {
         }
     }
 
-    /// The parts of what is listed, each of which has an index in the order of the list: with a condition that is one or another,
-    /// a list would walk through all sealed games of a large competition. None where an index by something else finds the few
-    /// that there are.
+    /// Parts of the list, each of which has an index in the order of the list. With an OR condition the query would scan all
+    /// sealed games of a large competition. `None` if the index of another column finds the few episodes.
     fn parts(&self) -> Option<Vec<Part<'_>>> {
         if self.run.is_some() || self.fork_of.is_some() {
             return None;
@@ -69,7 +68,7 @@ impl Filter {
         }
     }
 
-    /// Adds what is filtered by, but for who may read it. The column that leads is looked up in an index.
+    /// Adds all conditions except readability. The column `leads` is looked up in an index.
     fn push<'q>(
         &'q self,
         query: &mut Builder<'q>,
@@ -82,7 +81,7 @@ impl Filter {
         {
             if let Some(value) = value {
                 query.push(" AND e.").push(column);
-                // SQLite takes no index for a text that is made.
+                // SQLite uses no index for a computed text.
                 query.push(if leads == Some(column) { " = " } else { " || '' = " });
                 query.push_bind(value);
             }
@@ -108,7 +107,7 @@ impl Filter {
         }
     }
 
-    /// Adds who may read it, as one condition.
+    /// Adds readability as one condition.
     fn push_readable<'q>(&'q self, query: &mut Builder<'q>) {
         match &self.readable {
             Readable::All => {}
@@ -142,50 +141,50 @@ impl Filter {
         }
     }
 
-    /// What is exported of forks: nothing, as games that begin in the same way are no independent games. All where they are
-    /// asked for, or one episode is named.
+    /// Filter of an export for forks: by default forks are left out, as games with the same beginning are not independent. All
+    /// episodes if forks are requested, or one episode is named.
     pub fn of_forks(wanted: bool, is_named: bool) -> Option<bool> {
         if wanted || is_named { None } else { Some(false) }
     }
 }
 
-/// Which episodes somebody may read.
+/// Episodes that a caller may read.
 #[derive(Clone, Debug, Default)]
 pub enum Readable {
     All,
-    /// Those that anyone may read now.
+    /// Public episodes.
     #[default]
     Public,
-    /// Those that anyone may read now, and this one.
+    /// Public episodes, and this one.
     And(EpisodeId),
-    /// Those that anyone may read now, those that were created with this key, and those of which seats may be claimed. Sealed
-    /// ones of the key are among them once the windows of their attempts have closed.
+    /// Public episodes, those that were created with this key, and those with claimable seats. Sealed episodes of the key are
+    /// included once the windows of their attempts have closed.
     AndOf {
         owner: OwnerKey,
-        /// The time by which windows have closed.
+        /// Time by which windows have closed.
         at: Timestamp,
     },
-    /// Those that anyone may read now, and those of this run.
+    /// Public episodes, and those of this run.
     AndOfRun(RunKey),
-    /// Those of this run alone.
+    /// Episodes of this run alone.
     OnlyOfRun(RunKey),
-    /// This one alone.
+    /// This episode alone.
     Only(EpisodeId),
     Nothing,
 }
 
-/// A part of what a list shows.
+/// Part of a list.
 enum Part<'a> {
-    /// What anyone may read now.
+    /// Public episodes.
     Public,
-    /// What was created with a key, and may be read by it at a time.
+    /// Episodes of a key that it may read at a time.
     Own(OwnerKey, Timestamp),
     Claimable,
     OfRun(RunKey),
     Episode(&'a EpisodeId),
 }
 
-/// What anyone may read now, in the words of the indexes that have it.
+/// Public episodes, in the exact words of the partial indexes.
 const PUBLIC: &str = "(e.visibility = 'public' OR (e.ended_at IS NOT NULL
                         AND (e.visibility <> 'sealed' OR e.revealed)))";
 
@@ -216,7 +215,7 @@ impl<'q> Part<'q> {
         }
     }
 
-    /// The column of the filter that is looked up in an index.
+    /// Column of the filter that is looked up in an index.
     fn leads(&self, filter: &Filter) -> Option<&'static str> {
         match self {
             Self::Public => filter.leads(),
@@ -224,7 +223,7 @@ impl<'q> Part<'q> {
         }
     }
 
-    /// The index, where SQLite might take another.
+    /// Index, where SQLite might choose another.
     fn hint(&self, filter: &Filter) -> &'static str {
         match self {
             Self::Public => match filter.leads() {
@@ -241,28 +240,28 @@ impl<'q> Part<'q> {
     }
 }
 
-/// Which part of an episode is read.
+/// Columns of an episode that are read.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Detail {
-    /// What lists show of it: the text of a built-in prompt template is left out.
+    /// Columns of lists: without the text of a built-in prompt template.
     Listed,
-    /// What is shown of it.
+    /// All columns except the end record and the time of the last act.
     Summary,
-    /// Also the end record, and when the last act came, for which its acts have to be looked through.
+    /// All columns. The time of the last act costs a scan of the acts.
     All,
 }
 
-/// The end record. The text of a large one is not read: it is made again without its open acts, which are among the acts
-/// of the episode.
+/// End record. The text of a large one is not read: it is rebuilt without its open acts, which are among the acts of the
+/// episode.
 const END: &str = "
     CASE WHEN octet_length(e.ending) <= 65536 THEN e.ending END AS \"end\",
     coalesce(octet_length(e.ending) > 65536, FALSE) AS has_large_end, ";
 
-/// The end record unless it is long: it tells the rounds and the score, so that a list reads no rounds of episodes that have
-/// ended, each of which is on a page of its own.
+/// End record unless it is long. It has the number of rounds and the score, so that a list reads no rounds of ended episodes,
+/// each of which is on a page of its own.
 const SHORT_END: &str = "CASE WHEN octet_length(e.ending) <= 1024 THEN e.ending END";
 
-/// Asks for episodes; the caller adds a condition.
+/// Query of episodes; the caller adds a condition.
 fn select(detail: Detail) -> Builder<'static> {
     let mut query = Builder::new(
         "SELECT e.key AS episode, e.id, e.owner, e.run, e.revealed,
@@ -300,21 +299,21 @@ fn select(detail: Detail) -> Builder<'static> {
     query
 }
 
-/// Where it waits and has, or had, open seats: every holder of a key may claim one.
+/// Condition: the episode waits and has, or had, open seats. Every holder of a key may claim one.
 const CLAIMABLE: &str = "(e.status = 'waiting' AND e.visibility <> 'sealed'
                           AND coalesce(e.open_seats, FALSE))";
 
-/// Whether the record of seats tells who holds them. It tells what the table of seats has; where that has no rows, the creator
-/// holds all of them, for a player that the server hosts.
+/// Condition: the record of seats names their holders. It has the rows of the table `seats`; without rows the creator holds all
+/// seats, for a hosted player.
 const IS_SEATED: &str =
     "(e.seating IS NOT NULL AND EXISTS (SELECT 1 FROM seats s WHERE s.episode = e.key))";
 
-/// Whether the record of seats has several holders.
+/// Condition: the record of seats names several holders.
 const IS_MIXED: &str = "
     (e.seating IS NOT NULL
      AND coalesce((SELECT min(s.holder) < max(s.holder) FROM seats s WHERE s.episode = e.key), FALSE))";
 
-/// When records came, the newest of which is looked for.
+/// Times of records, of which the newest is wanted.
 const TIMES: &str = "
     e.started_at, e.ended_at AS over_at, r.at AS round_at,
     (SELECT max(a.at) FROM acts a WHERE a.episode = e.key AND a.round >= coalesce(r.round, 0)) AS act_at, ";
@@ -323,8 +322,8 @@ const NO_TIMES: &str = "
     CAST(NULL AS BIGINT) AS started_at, CAST(NULL AS BIGINT) AS over_at, CAST(NULL AS BIGINT) AS round_at,
     CAST(NULL AS BIGINT) AS act_at, ";
 
-/// The last act of a player, or else the manual start: a clock that runs out is no act. Acts of early versions tell only in
-/// their records who decided; there the quotes of a text are escaped.
+/// Time of the last act of a player, or else of the manual start; the expiry of a clock is no act. Acts of early versions have
+/// their source only in the record, where quotes inside a text are escaped.
 const LAST_ACT_AT: &str = "
     coalesce((SELECT a.at FROM acts a
               WHERE a.episode = e.key
@@ -332,30 +331,29 @@ const LAST_ACT_AT: &str = "
               ORDER BY a.round DESC, a.at DESC LIMIT 1),
              e.started_at)";
 
-/// For whom unfinished episodes are counted.
+/// Parties that unfinished episodes are charged to.
 const ACCOUNTS: &str = concat!(
     "SELECT e.key, e.owner, ",
     competition_of_run!(),
     " FROM episodes e LEFT JOIN runs r ON r.key = e.run WHERE e.status IN ('waiting', 'running')"
 );
 
-/// Episodes that have not ended, to be followed by a condition or an order.
+/// Unfinished episodes; a condition or an order follows.
 const UNFINISHED: &str = "SELECT key, id, owner, run, clocked, CASE WHEN clocked THEN opening END AS opening,
             CASE WHEN clocked THEN (SELECT max(round) + 1 FROM rounds WHERE episode = key) END AS rounds
      FROM episodes WHERE status IN ('waiting', 'running')";
 
 impl Store {
-    /// Finds an episode by its public id.
     pub async fn find_episode(&self, id: &EpisodeId) -> Result<Option<StoredEpisode>, StoreError> {
         self.find(id, Detail::All).await
     }
 
-    /// What is shown of an episode: all but its end record and when its last act came.
+    /// An episode without its end record and the time of its last act.
     pub async fn find_summary(&self, id: &EpisodeId) -> Result<Option<StoredEpisode>, StoreError> {
         self.find(id, Detail::Summary).await
     }
 
-    /// The numbers of an episode, and of the run to which it belongs, if any.
+    /// Keys of an episode and of its run.
     pub async fn keys_of(
         &self,
         id: &EpisodeId,
@@ -364,7 +362,7 @@ impl Store {
             .await
     }
 
-    /// What is shown of these episodes, in any order.
+    /// [`Store::find_summary`] of several episodes, in any order.
     pub(in crate::store) async fn summaries(
         &self,
         ids: &[EpisodeId],
@@ -375,7 +373,7 @@ impl Store {
         self.fetch_all(query.build()).await
     }
 
-    /// What is shown of the episode with this key.
+    /// [`Store::find_summary`] by key.
     pub async fn summary_of(&self, key: EpisodeKey) -> Result<Option<StoredEpisode>, StoreError> {
         let mut query = select(Detail::Summary);
         query.push("e.key = ").push_bind(key.0);
@@ -392,7 +390,7 @@ impl Store {
         self.fetch_optional(query.build()).await
     }
 
-    /// Lists episodes that may be read, newest first, from the one after `before` on.
+    /// Lists readable episodes, newest first, starting after `before`.
     pub async fn list_episodes(
         &self,
         filter: &Filter,
@@ -402,8 +400,7 @@ impl Store {
         self.list(Detail::Summary, filter, before, limit).await
     }
 
-    /// As [`Store::list_episodes`], for a list that shows no prompt template: the text of a built-in one is missing
-    /// in the openings.
+    /// [`Store::list_episodes`] without the text of a built-in prompt template in the openings.
     pub async fn list_episodes_without_templates(
         &self,
         filter: &Filter,
@@ -436,7 +433,7 @@ impl Store {
                     query.push(" AND ");
                     part.push(&mut query);
                     query.push(" ORDER BY e.key DESC LIMIT ").push_bind(limit);
-                    // PostgreSQL wants a name for it.
+                    // PostgreSQL requires a name of the subquery.
                     query.push(") AS part");
                 }
                 query.push(")");
@@ -446,14 +443,14 @@ impl Store {
         self.fetch_all(query.build()).await
     }
 
-    /// All episodes that have not ended, those with a round clock first.
+    /// Unfinished episodes, clocked ones first.
     pub async fn unfinished_episodes(&self) -> Result<Vec<Unfinished>, StoreError> {
         let mut query = Builder::new(UNFINISHED);
         query.push(" ORDER BY clocked DESC, key");
         self.fetch_all(query.build()).await
     }
 
-    /// The same of these places.
+    /// [`Store::unfinished_episodes`] of these places.
     pub async fn unfinished_at(&self, places: &[Place]) -> Result<Vec<Unfinished>, StoreError> {
         let mut unfinished = Vec::new();
         let games = places.iter().filter_map(|place| match place {
@@ -476,7 +473,7 @@ impl Store {
         Ok(unfinished)
     }
 
-    /// How many bytes the acts of all episodes of each key take.
+    /// Bytes of the acts of all episodes, by key.
     pub async fn bytes_by_owner(&self) -> Result<Vec<(OwnerKey, u64)>, StoreError> {
         let query = query(
             "SELECT owner, CAST(sum(bytes) AS BIGINT) FROM (
@@ -489,14 +486,14 @@ impl Store {
         self.fetch_all(query).await
     }
 
-    /// The episodes that have not ended, each with its key and its competition, if any.
+    /// Unfinished episodes with their keys and competitions.
     pub async fn accounts(
         &self,
     ) -> Result<Vec<(EpisodeKey, Option<OwnerKey>, Option<CompetitionKey>)>, StoreError> {
         self.fetch_all(query(ACCOUNTS)).await
     }
 
-    /// The same of these episodes.
+    /// [`Store::accounts`] of these episodes.
     pub async fn accounts_of(
         &self,
         episodes: &[EpisodeKey],
@@ -510,8 +507,8 @@ impl Store {
         Ok(accounts)
     }
 
-    /// How many bytes the acts of all episodes of each competition take that is not open to all yet. The joins are in this
-    /// order, from the few competitions on: SQLite would begin with all episodes.
+    /// Bytes of the acts of all episodes, by competition that is not public yet. The joins start at the few competitions:
+    /// SQLite would start at all episodes.
     pub async fn bytes_by_competition(&self) -> Result<Vec<(CompetitionKey, u64)>, StoreError> {
         let query = query(
             "SELECT competition, CAST(coalesce(sum(bytes), 0) AS BIGINT) FROM (
@@ -525,12 +522,12 @@ impl Store {
         self.fetch_all(query).await
     }
 
-    /// The number of the newest episode, 0 where there is none.
+    /// Number of the newest episode; 0 without episodes.
     pub async fn last_key(&self) -> Result<i64, StoreError> {
         self.fetch_one(query("SELECT coalesce(max(key), 0) FROM episodes")).await
     }
 
-    /// The episode that was created with an idempotency key, and the hash of the body sent then.
+    /// Episode that was created with an idempotency key, and the hash of the request's body.
     pub async fn created_with(
         &self,
         key: &str,
@@ -545,7 +542,7 @@ impl FromRow for StoredEpisode {
         let (mut rounds, mut score) = (get(row, "rounds")?, get(row, "score")?);
         if let Some(end) = get::<Option<RawRecord>>(row, "short_end")? {
             let end: Standing = end.read().map_err(|error| sqlx::Error::Decode(error.into()))?;
-            // A layout may have a score, but before the first round none is shown.
+            // A layout may have a score, but none is shown before the first round.
             (rounds, score) = (end.rounds, if end.rounds > 0 { end.score } else { 0.0 });
         }
         let (status, reason): (String, Option<String>) = (get(row, "status")?, get(row, "reason")?);
@@ -586,20 +583,20 @@ impl FromRow for StoredEpisode {
     }
 }
 
-/// An end record without the acts of the open round.
+/// End record without the acts of the open round.
 fn end_without_acts(status: &str, reason: Option<&str>, rounds: u32, score: f64) -> RawRecord {
     let (status, reason) = (status.to_owned(), reason.unwrap_or_default().to_owned());
     end_record(End { status, reason, rounds, score, open_acts: Vec::new() })
 }
 
-/// What an end record tells of the rounds.
+/// Fields of an end record about the rounds.
 #[derive(Deserialize)]
 struct Standing {
     rounds: u32,
     score: f64,
 }
 
-/// What an opening tells of the settings.
+/// Field of an opening with the settings.
 #[derive(Deserialize)]
 struct Configured {
     config: RecordedConfig,
@@ -607,7 +604,7 @@ struct Configured {
 
 impl FromRow for Unfinished {
     fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
-        // Settings that cannot be read are reported by the recovery of the episode.
+        // Unreadable settings are reported by the recovery of the episode.
         let config = get::<Option<String>>(row, "opening")?
             .and_then(|opening| serde_json::from_str(&opening).ok())
             .map(|Configured { config }| config);

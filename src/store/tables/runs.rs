@@ -14,36 +14,36 @@ use crate::store::sql::{Builder, Connection, FromRow, Row, get, query};
 pub struct StoredRun {
     pub run: RunKey,
     pub id: String,
-    /// The key with which it was created, if any.
+    /// Key that created the run.
     pub owner: Option<OwnerKey>,
-    /// What was decided about it, as JSON.
+    /// Definition as JSON.
     pub definition: String,
     pub digest: String,
-    /// `running`, or the name of how it ended.
+    /// `running`, or the name of the ending.
     pub status: String,
-    /// Of an attempt in a competition: the entry, and the attempt's number, from 1.
+    /// Entry and attempt number, from 1, of an attempt in a competition.
     pub attempt: Option<(EntryKey, u32)>,
-    /// The voided attempt that it plays again, where its seeds are spare ones.
+    /// Voided attempt that this spare attempt replaces.
     pub replays: Option<u32>,
-    /// The end of its window as it is now; runs of earlier versions have it where it was extended.
+    /// Current end of the window. Runs of earlier versions have it only if it was extended.
     pub closes_at: Option<Timestamp>,
-    /// The competition, where it is an attempt in one.
+    /// Competition of an attempt.
     pub competition: Option<CompetitionKey>,
-    /// Why it was voided as an attempt, if it was.
+    /// Reason of the voiding of the attempt.
     pub void_reason: Option<String>,
-    /// Whether it was sealed and is open to all now.
+    /// Whether the run was sealed and is now public.
     pub revealed: bool,
     pub created_at: Timestamp,
     pub ended_at: Option<Timestamp>,
 }
 
-/// What a list of runs is filtered by.
+/// Filter of a list of runs.
 #[derive(Clone, Debug, Default)]
 pub struct RunFilter {
     pub status: Option<String>,
     pub model: Option<String>,
     pub suite: Option<String>,
-    /// Which of them the caller may know of.
+    /// Runs that the caller may know of.
     pub readable: Readable,
 }
 
@@ -53,12 +53,12 @@ const SELECT: &str = "
            r.competition, r.revealed
     FROM runs r WHERE ";
 
-/// Runs that anybody may see, in the words of the indexes that have them.
+/// Public runs, in the exact words of the partial indexes.
 const PUBLIC: &str = "(r.visibility = 'public' OR (r.ended_at IS NOT NULL
                         AND (r.visibility <> 'sealed' OR r.revealed)))";
 
 impl RunFilter {
-    /// Which of model, suite and status chooses the index, if any: that of the fewest runs, as far as can be known.
+    /// Column among model, suite and status that chooses the index: the one with the fewest runs, as far as is known.
     const fn leads(&self) -> Option<&'static str> {
         match self {
             Self { model: Some(_), .. } => Some("model"),
@@ -75,15 +75,14 @@ impl RunFilter {
         {
             if let Some(value) = value {
                 query.push(" AND r.").push(column);
-                // SQLite takes no index for a text that is made.
+                // SQLite uses no index for a computed text.
                 query.push(if leads == Some(column) { " = " } else { " || '' = " });
                 query.push_bind(value);
             }
         }
     }
 
-    /// Adds the runs that anybody may see, and those for which `own` is a condition with an index: each part has its own, as for
-    /// a list of episodes.
+    /// Adds public runs, and those with the indexed condition `own`. Each part has its own subquery, as in a list of episodes.
     fn push_parts<'q>(
         &'q self,
         query: &mut Builder<'q>,
@@ -94,7 +93,7 @@ impl RunFilter {
             None => " INDEXED BY runs_public",
             Some("model") => " INDEXED BY runs_public_by_model",
             Some("status") => " INDEXED BY runs_public_by_status",
-            // Those of competitions have no names of others.
+            // Runs of competitions share no suite name with others, so the index does not pass over sealed ones.
             Some(_) => " INDEXED BY runs_by_suite",
         };
         query
@@ -115,7 +114,6 @@ impl RunFilter {
 }
 
 impl Store {
-    /// Finds a run by its public id.
     pub async fn find_run(&self, id: &str) -> Result<Option<StoredRun>, StoreError> {
         let mut query = Builder::new(SELECT);
         query.push("r.id = ").push_bind(id);
@@ -128,7 +126,7 @@ impl Store {
         self.fetch_optional(query.build()).await
     }
 
-    /// Lists the runs that the caller may see, newest first, from the one after `before` on.
+    /// Lists readable runs, newest first, starting after `before`.
     pub async fn list_runs(
         &self,
         filter: &RunFilter,
@@ -158,7 +156,8 @@ impl Store {
         self.fetch_all(query.build()).await
     }
 
-    /// The runs of a suite that a key has started since `from`, or that have not ended, in order: each with whether it runs.
+    /// Runs of a suite that a key has started since `from`, or that are still running, in order, each with whether it is
+    /// running.
     pub async fn runs_of_suite(
         &self,
         owner: OwnerKey,
@@ -173,7 +172,7 @@ impl Store {
         self.fetch_all(query).await
     }
 
-    /// The runs that have not ended, and those of which a game has not, in order.
+    /// Running runs, and ended ones with an unfinished game, in order.
     pub async fn unfinished_runs(&self) -> Result<Vec<RunKey>, StoreError> {
         let query = query(
             "SELECT key FROM runs WHERE status = 'running'
@@ -185,12 +184,12 @@ impl Store {
         self.fetch_all(query).await
     }
 
-    /// The number of the newest run, 0 where there is none.
+    /// Number of the newest run; 0 without runs.
     pub async fn last_run_key(&self) -> Result<i64, StoreError> {
         self.fetch_one(query("SELECT coalesce(max(key), 0) FROM runs")).await
     }
 
-    /// The run that was created with an idempotency key, and the hash of the body sent then.
+    /// Run that was created with an idempotency key, and the hash of the request's body.
     pub async fn run_created_with(
         &self,
         key: &str,
@@ -224,7 +223,7 @@ impl FromRow for StoredRun {
     }
 }
 
-/// Why something was voided, if it was.
+/// Reason of a voiding.
 pub(in crate::store) fn void_reason(row: &Row) -> Result<Option<String>, sqlx::Error> {
     let voided: Option<Timestamp> = get(row, "voided_at")?;
     let reason: Option<String> = get(row, "void_reason")?;
@@ -278,7 +277,7 @@ pub(in crate::store) async fn end(
     Ok(())
 }
 
-/// Extends the window of the attempts with a number; the ends of games that were opened before stay.
+/// Extends the window of the attempts with a number; games that are already open keep their ends.
 pub(in crate::store) async fn extend(
     connection: &mut Connection,
     competition: CompetitionKey,
@@ -294,7 +293,7 @@ pub(in crate::store) async fn extend(
     Ok(())
 }
 
-/// Voids a run; voiding it again keeps the first reason.
+/// Voids a run; a repeat keeps the first reason.
 pub(in crate::store) async fn void(
     connection: &mut Connection,
     run: RunKey,

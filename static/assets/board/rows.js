@@ -70,7 +70,7 @@ function scores(rows, board) {
   /** @type {string[]} */
   const tasks = board.tasks;
   const each = tasks.map((task) => ({ key: task, name: task, tasks: [task] }));
-  // Of one task alone the total is its mean.
+  // The total of a single task is its mean.
   const groups = tasks.length === 1 ? [{ ...each[0], key: "total" }] : [{ key: "total", name: "Total", tasks }, ...each];
   return groups.map(({ key, name, tasks }) => {
     const intervals = new Map(rows.map((row) => [row, interval(samples(row, tasks))]));
@@ -120,7 +120,7 @@ const metrics = (board) =>
   );
 
 /**
- * Rows by a column; those without a value come last.
+ * Sorts rows by a column; rows without a value come last.
  * @param {any[]} rows @param {Column[]} columns @param {string} key
  */
 function order(rows, columns, key) {

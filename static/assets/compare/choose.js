@@ -1,4 +1,4 @@
-// Which two games are compared.
+// The choice of two games to compare.
 import { html, useState } from "../ui.js";
 import { visit } from "../app.js";
 import { request, withQuery } from "../api.js";
@@ -8,7 +8,7 @@ import { ProblemNote } from "../parts/problem.js";
 import { Text, visible } from "../parts/text.js";
 import { readId } from "./pair.js";
 
-/** Games that are read, and those of them that are shown. */
+/** The numbers of games that are read, and that are shown. */
 const READ = 100;
 const LISTED = 25;
 
@@ -72,5 +72,5 @@ async function candidates(a, signal) {
   return items.filter((/** @type {any} */ other) => other.id !== a).sort((/** @type {any} */ x, /** @type {any} */ y) => Number(isOfSeed(y)) - Number(isOfSeed(x)));
 }
 
-/** A game in a line, for titles. @param {import("../parts/game.js").Game} game */
+/** A game in one line, for titles. @param {import("../parts/game.js").Game} game */
 export const nameOf = ({ head, summary }) => `${head.task} by ${visible(summary.model)}`;

@@ -1,4 +1,4 @@
-// Two games in step: what differs between them in a round, and where they part.
+// Two games in step: their differences in a round, and the round where they part.
 import { actionOf } from "../parts/actions.js";
 import { openGame } from "../parts/game.js";
 
@@ -6,10 +6,10 @@ import { openGame } from "../parts/game.js";
 /** @typedef {import("../parts/game.js").State} State */
 /** @typedef {import("../parts/game.js").Head} Head */
 
-/** Rounds between two reports of a search. */
+/** The number of rounds between two reports of a search. */
 const REPORT_ROUNDS = 50;
 
-/** What an address, a link or a person says of a game. @param {string} text */
+/** Parses a game in an address, a link or an input. @param {string} text */
 export function readId(text) {
   const found = /(?:ep|imp)_[0-9a-zA-Z]+/.exec(text);
   return found?.[0] ?? text.trim();
@@ -24,7 +24,7 @@ const kindOf = (id) => (id.startsWith("imp_") ? "imports" : "episodes");
 /** The page of a game. @param {string} id */
 export const pageOf = (id) => `/${kindOf(id)}/${encodeURIComponent(id)}`;
 
-/** Both games as one, for what plays a game: as long as the longer one. */
+/** Both games as one for the playback, as long as the longer one. */
 export class Pair {
   first = 0;
 
@@ -38,7 +38,7 @@ export class Pair {
     return Math.max(this.a.last, this.b.last);
   }
 
-  /** The last round that both have. */
+  /** The last round of both games. */
   get common() {
     return Math.min(this.a.last, this.b.last);
   }
@@ -56,7 +56,7 @@ export class Pair {
 }
 
 /**
- * Why agents and places of two games cannot be compared; empty where they can.
+ * The reason why agents and places of two games cannot be compared, or an empty text.
  * @param {Head} a
  * @param {Head} b
  */
@@ -74,7 +74,7 @@ const has = (list, agent) => Boolean(list?.includes(agent));
 export const saidBy = (next, agent) => next?.said?.find(({ from }) => from === agent)?.text ?? "";
 
 /**
- * In what an agent differs: where it is, and what it decides.
+ * The differences of an agent: its place and its decision.
  * @param {{state: State, next: State | null}} a
  * @param {{state: State, next: State | null}} b
  * @param {number} agent
@@ -87,7 +87,7 @@ export function agentDiffers(a, b, agent) {
     (!isGone && (one.at[2 * agent] !== other.at[2 * agent] || one.at[2 * agent + 1] !== other.at[2 * agent + 1])) ||
     has(one.lit, agent) !== has(other.lit, agent) ||
     has(one.loaded, agent) !== has(other.loaded, agent);
-  // Where one of the games has ended, nothing was decided.
+  // A game that has ended has no decisions.
   const both = Boolean(a.next && b.next);
   const action = both && actionOf(a.next, agent)?.name !== actionOf(b.next, agent)?.name;
   const message = both && saidBy(a.next, agent) !== saidBy(b.next, agent);
@@ -98,7 +98,7 @@ export function agentDiffers(a, b, agent) {
 const elsewhere = (a, b) => String(a) !== String(b);
 
 /**
- * All that differs in a round; `isPlaced` where it is more than what is decided and said.
+ * All differences in a round; `isPlaced` if it is more than decisions and messages.
  * @param {Head} head
  * @param {{state: State, next: State | null}} a
  * @param {{state: State, next: State | null}} b

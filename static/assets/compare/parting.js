@@ -48,7 +48,7 @@ function useSearch(pair, onFound) {
       const round = await findDifference(pair, from.current, 1, aborted.signal, { onRound: seen });
       const places = round === null ? null : await findDifference(pair, round, 1, aborted.signal, { onlyPlaces: true });
       if (aborted.signal.aborted) return;
-      // What was decided in the newest round is not known yet.
+      // The decisions of the newest round are not known yet.
       from.current = common;
       setState({ round, places, seen: common, problem: false });
       onFound(round);
@@ -59,7 +59,7 @@ function useSearch(pair, onFound) {
   return { ...state, again: () => setCount(count + 1) };
 }
 
-/** What the first agent that differs does, in both. @param {{pair: import("./pair.js").Pair, round: number}} props */
+/** The acts of the first agent that differs, in both games. @param {{pair: import("./pair.js").Pair, round: number}} props */
 function How({ pair, round }) {
   const at = (/** @type {import("../parts/game.js").Game} */ game) => ({ state: game.peek(round), next: game.peek(round + 1) });
   const [a, b] = [at(pair.a), at(pair.b)];

@@ -1,4 +1,4 @@
-// The scores of both games over each other, which is also where one goes to another round.
+// The scores of both games over each other, on which a click goes to a round.
 import { html, useMemo } from "../ui.js";
 import { extent, short } from "../parts/chart.js";
 import { color, dashes } from "../parts/colors.js";
@@ -7,7 +7,7 @@ import { useLoaded } from "../parts/load.js";
 const [WIDTH, HEIGHT] = [1000, 80];
 const PAD = 5;
 
-/** The curves are read again while a game runs. */
+/** The interval between reads of the curves while a game runs. */
 const RELOAD_MS = 10_000;
 
 /**

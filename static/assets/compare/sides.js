@@ -1,4 +1,4 @@
-// The two games beside each other: who they are, their maps, and the agents that differ.
+// The two games side by side: their names, their maps, and the agents that differ.
 import { html, useState } from "../ui.js";
 import { actionOf, resultOf } from "../parts/actions.js";
 import { short } from "../parts/chart.js";
@@ -7,10 +7,10 @@ import { GameMap } from "../parts/map.js";
 import { Text } from "../parts/text.js";
 import { pageOf, saidBy } from "./pair.js";
 
-/** Agents that are listed at first. */
+/** The number of agents listed at first. */
 const LISTED = 30;
 
-/** Settings that are shown where they differ. */
+/** Settings that are shown if they differ. */
 const SETTINGS = ["seed", "rules", "num_agents", "width", "height", "view_size", "memory", "max_round", "control", "noise", "max_delay", "round_deadline_s", "bank_s", "prompt_template"];
 
 /**
@@ -43,7 +43,7 @@ export function Side({ name, game, moment, round, agent, marks, messages, onChoo
   </section>`;
 }
 
-/** What an agent does, in both games. @param {{agent: number, a: any, b: any, differs?: any}} props */
+/** An agent's acts in both games. @param {{agent: number, a: any, b: any, differs?: any}} props */
 function AgentRow({ agent, a, b, differs = {} }) {
   const cells = (/** @type {any} */ { state, next }) => {
     const isGone = state.gone?.includes(agent);

@@ -1,10 +1,10 @@
-// What the organizers of a competition announce.
+// Announcements of a competition's organizers.
 import { html } from "../ui.js";
 import { More } from "../parts/pages.js";
 import { Lines } from "../parts/text.js";
 import { Time } from "../parts/time.js";
 
-/** Nothing before the first one. @param {{list: ReturnType<typeof import("../parts/pages.js").usePages>}} props */
+/** Empty before the first announcement. @param {{list: ReturnType<typeof import("../parts/pages.js").usePages>}} props */
 export function Announcements({ list }) {
   if (list.items.length === 0) return null;
   return html`<section aria-labelledby="announcements">

@@ -72,7 +72,7 @@ const Attempt = ({ attempt, name, renew }) => html`<tr>
 function Start({ competition, entrants, started }) {
   const [entrant, setEntrant] = useState("");
   const [needsEntrant, setNeedsEntrant] = useState(false);
-  // The same start, if the answer is lost on its way.
+  // A retry after a lost answer is the same start.
   const start = useRef(newName());
   const send = async () => {
     try {
@@ -100,7 +100,7 @@ function Start({ competition, entrants, started }) {
   </div>`;
 }
 
-/** A name that no other start has. */
+/** A unique name of a start. */
 const newName = () => Array.from(crypto.getRandomValues(new Uint32Array(4)), (part) => part.toString(36)).join("-");
 
 /** @param {{run: string, token: string, label?: string}} props */

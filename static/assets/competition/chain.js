@@ -1,7 +1,7 @@
 // Lines of a file, and the chain of their hashes.
 import { Problem } from "../api.js";
 
-/** Bytes of one line that are read; a longer one ends the check. */
+/** The maximum bytes of a line; a longer one ends the check. */
 const LINE_BYTES_MAX = 128 * 1024 * 1024;
 
 const HASH_BYTES = 32;
@@ -9,7 +9,7 @@ const BEFORE_HASH = '{"hash":"';
 const AFTER_HASH = '","record":';
 const RECORD_START = BEFORE_HASH.length + 2 * HASH_BYTES + AFTER_HASH.length;
 
-/** Why a file does not pass. */
+/** The reason why a file fails. */
 export class Mismatch extends Error {}
 
 /** @param {boolean} holds @param {string} problem */
@@ -41,7 +41,7 @@ function joined(parts) {
 }
 
 /**
- * The lines of a stream, without their line feeds. Memory is that of one line.
+ * The lines of a stream, without line feeds. One line is in memory.
  * @param {ReadableStream<Uint8Array<ArrayBuffer>>} stream
  * @param {(bytes: number) => void} onBytes
  * @returns {AsyncGenerator<Uint8Array<ArrayBuffer>>}
@@ -81,7 +81,7 @@ export class Chain {
   head = new Uint8Array(HASH_BYTES);
 
   /**
-   * The record of a line as text, after its hash was checked.
+   * Checks the hash of a line. Returns its record as text.
    * @param {Uint8Array<ArrayBuffer>} line
    */
   async next(line) {

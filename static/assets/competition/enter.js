@@ -24,7 +24,7 @@ const fieldsOf = ({ competition: { entry, categories, terms }, hasKey }) => [
       { name: "agent_meta", label: "Other facts, as a JSON object", kind: "json", placeholder: '{"framework": "…"}' },
     ],
   },
-  // A tick is for one version: another one is to be read first.
+  // A tick is for one version: another version must be read first.
   ...(terms ? [{ name: "accepts_terms", key: `terms ${terms.version}`, label: `I accept the terms, version ${terms.version}`, kind: /** @type {const} */ ("check"), isRequired: true, help: "They are above this form." }] : []),
 ];
 
@@ -59,7 +59,7 @@ export function Enter({ competition, entered, reload }) {
     </details>`;
 }
 
-/** What the server answered: the key is never shown again. @param {{made: any}} props */
+/** The server's answer: the key is never shown again. @param {{made: any}} props */
 const Entered = ({ made }) => html`<div role="status">
   <p class="good"><${Text} value=${made.name} /> takes part.</p>
   ${made.key

@@ -1,4 +1,4 @@
-// Who takes part.
+// The entrants of a competition.
 import { html } from "../ui.js";
 import { More } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";

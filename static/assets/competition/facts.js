@@ -1,4 +1,4 @@
-// How a competition is played, and its commitment.
+// The settings of a competition, and its commitment.
 import { html } from "../ui.js";
 import { Copyable } from "../parts/copy.js";
 import { seedsOf, tieBreaksText } from "../parts/rules.js";

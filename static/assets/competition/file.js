@@ -1,4 +1,4 @@
-// Checks the file of a competition in the browser. Everything but the rounds themselves: they are not played again.
+// Checks the file of a competition in the browser: everything except the rounds, which are not replayed.
 import { TASKS } from "../parts/tasks.js";
 import { Chain, Mismatch, bytesOf, check, hex, linesOf, parsed, sha256 } from "./chain.js";
 
@@ -13,7 +13,7 @@ import { Chain, Mismatch, bytesOf, check, hex, linesOf, parsed, sha256 } from ".
  */
 
 /**
- * Reads a file to its end. Throws a Mismatch where something in it does not fit.
+ * Reads a file to its end. Throws a Mismatch if something in it is wrong.
  * @param {ReadableStream<Uint8Array<ArrayBuffer>>} stream
  * @param {(progress: {bytes: number, lines: number, games: number}) => void} onProgress
  * @returns {Promise<Findings>}
@@ -36,7 +36,7 @@ export async function checkFile(stream, onProgress) {
   }
 }
 
-/** 3 has seeds of each task; 2 has what organizers did, spare attempts, parts and rules for equal totals; 1 is without these. */
+/** Format 3 has seeds of each task; 2 added actions, spare attempts, parts and rules for equal totals to 1. */
 const FORMATS = [1, 2, 3];
 
 /** The fields that only files from a later format on have, and that format. @type {Record<string, Record<string, number>>} */
@@ -46,7 +46,7 @@ const LATER = {
   attempt: { replays: 2 },
 };
 
-/** Actions after everything was opened that a file of format 3 has: others decide nothing. */
+/** Actions after the opening that a file of format 3 has: all others decide nothing. */
 const AFTER_END = ["attempt.void", "episode.void", "entrant.change", "entrants.exclude"];
 
 const STATUSES = ["running", "finished", "aborted", "abandoned", "closed"];
@@ -66,7 +66,7 @@ class File {
     this.progress = progress;
     this.chain = new Chain();
     this.runs = new Set();
-    /** What each entrant played. @type {Map<string, Played[]>} */
+    /** The played attempts by entrant. @type {Map<string, Played[]>} */
     this.played = new Map();
     /** Attempts of each entrant, by the number of the one in whose place they count. @type {Map<string, {counted: Set<number>, voided: number[], spares: Set<number>}>} */
     this.attempts = new Map();
@@ -175,7 +175,7 @@ class File {
     }
     const isWhole = plan.every((_, slot) => scores.has(slot) || voided.has(slot));
     check(attempt.status !== "finished" || attempt.voided !== undefined || isWhole, "a finished attempt has too few games");
-    // The first seeds made the board before the end; the others make that of the file.
+    // The first seeds made the public board; the others make the board of the file.
     const isShown = (/** @type {number} */ slot) => slot % definition.seeds >= (definition.public_seeds ?? 0);
     return totalOf(definition.tasks, plan, scores, voided, isShown);
   }
@@ -300,7 +300,7 @@ function compareShares([part, whole], [otherPart, otherWhole]) {
 }
 
 /**
- * The tasks and seeds of all games, attempt by attempt, spare ones last, after the commitment was checked.
+ * Checks the commitment. Returns the tasks and seeds of all games by attempt, spare ones last.
  * @param {any} competition
  */
 async function plansOf({ salt, seeds, commitment, definition }) {
@@ -317,7 +317,7 @@ async function plansOf({ salt, seeds, commitment, definition }) {
 }
 
 /**
- * The first 8 bytes of the hash of a sealed seed and the name of the task, without the last 11 bits.
+ * The seed of a game: the first 8 bytes of the hash of sealed seed and task name, without the last 11 bits.
  * @param {Uint8Array<ArrayBuffer>} sealed @param {string} task empty where all tasks are played on the same seeds
  */
 async function seedOf(sealed, task) {
@@ -326,7 +326,7 @@ async function seedOf(sealed, task) {
 }
 
 /**
- * The sum of the means of an attempt, in the order of tasks on boards: a game that was not played counts as 0, one that was voided alone does not count.
+ * The sum of the means of an attempt, in the order of tasks on boards: an unplayed game counts as 0, a voided game does not count.
  * @param {string[]} tasks
  * @param {{task: string, seed: number}[]} plan
  * @param {Map<number, number>} scores by slot

@@ -1,4 +1,4 @@
-// What an entrant changes about itself, with its key.
+// Changes that an entrant makes to itself, with its key.
 import { html, useState } from "../ui.js";
 import { Problem, key, remember, request, route } from "../api.js";
 import { ActButton } from "../parts/act.js";
@@ -9,7 +9,7 @@ import { Team } from "../parts/team.js";
 import { Text, visible } from "../parts/text.js";
 import { Accepted } from "./terms.js";
 
-/** What stays when an entrant is erased, and that there is no way back. */
+/** The warning before an entrant is erased. */
 export const ErasingText = () => html`
   <p>
     Erased are the name, the contact, the address from which it entered, the label of its invitation code, and the keys that were made for it and its team, which are not
@@ -22,7 +22,7 @@ export const ErasingText = () => html`
   <p>It cannot return to this competition, and nobody can undo this.</p>
 `;
 
-/** How organizers reach an entrant. @type {import("../parts/form.js").Field} */
+/** The contact of an entrant. @type {import("../parts/form.js").Field} */
 export const CONTACT_FIELD = { name: "contact", label: "Contact", max: 200, placeholder: "an address of mail, for instance", help: "How organizers reach you. Only they see it, and your team." };
 
 /**
@@ -68,7 +68,7 @@ const nameFields = (name) => [{ name: "name", label: "Name on the board", isRequ
 /** @param {string} contact @returns {import("../parts/form.js").Field[]} */
 const contactFields = (contact) => [{ ...CONTACT_FIELD, initial: contact }];
 
-/** Its name and its contact. @param {Props & {isOver: boolean}} props */
+/** The entrant's name and contact. @param {Props & {isOver: boolean}} props */
 function Declared({ one, path, isOver, changed }) {
   const { value, problem, reload } = useLoaded((signal) => request(path, { signal }), [path]);
   const [note, setNote] = useState("");

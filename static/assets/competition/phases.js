@@ -1,9 +1,9 @@
-// When a competition opens, freezes, closes and is revealed.
+// The times of a competition: opening, freeze, close, reveal.
 import { html } from "../ui.js";
 import { Text } from "../parts/text.js";
 import { Countdown, Time, duration } from "../parts/time.js";
 
-/** What a phase means for visitors. */
+/** Phases in words for visitors. */
 const MEANING = {
   announced: "Nobody can play yet. One can enter.",
   open: "Attempts can be started and played.",
@@ -12,10 +12,10 @@ const MEANING = {
   cancelled: "The organizer has ended it early. Nobody plays any more; its seeds are published at the time at which it would have closed.",
 };
 
-/** More windows than this are listed apart. */
+/** The number of windows above which they have a list of their own. */
 const WINDOWS_SHOWN = 3;
 
-/** Beyond this difference the clock of a computer misleads. */
+/** The difference above which a computer's clock is misleading. */
 const CLOCK_DIFFERENCE_MS = 5000;
 
 /**

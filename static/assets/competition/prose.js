@@ -2,7 +2,7 @@
 import { html } from "../ui.js";
 import { visible } from "../parts/text.js";
 
-/** A longer text scrolls, so that what follows stays near. */
+/** A longer text scrolls, so that the content below stays near. */
 const SHOWN_CHARS = 800;
 
 /** @param {{text: string, label: string}} props label: for those who hear that it scrolls */

@@ -22,7 +22,7 @@ export function Standings({ competition }) {
   return html`<${Filters} competition=${competition} ...${asked} change=${change} /><${Board} competition=${competition} ...${asked} />`;
 }
 
-/** Which entrants the board has, and, once that may be seen, on which seeds. @param {{competition: any, category: string, part: string, change: (changes: Record<string, string>) => void}} props */
+/** Chooses the entrants of the board, and its seeds once these are shown. @param {{competition: any, category: string, part: string, change: (changes: Record<string, string>) => void}} props */
 function Filters({ competition, category, part, change }) {
   const { categories, revealed_at } = competition;
   const { publicSeeds } = seedsOf(competition);
@@ -40,7 +40,7 @@ function Filters({ competition, category, part, change }) {
   </div>`;
 }
 
-/** Which seeds make a board. @param {string} part @param {any} competition */
+/** The seeds of a board. @param {string} part @param {any} competition */
 function partText(part, competition) {
   const { seeds, publicSeeds } = seedsOf(competition);
   const others = seeds - publicSeeds;

@@ -12,7 +12,7 @@ export const Terms = ({ terms }) => html`<section aria-labelledby="terms">
 </section>`;
 
 /**
- * Which version an entrant has accepted, and a button that accepts a newer one.
+ * The version that an entrant has accepted, and a button that accepts a newer one.
  * @param {{terms: {version: number, text: string}, one: any, path: string, mayAccept: boolean, changed: () => void}} props path: of the entrant
  */
 export function Accepted({ terms, one, path, mayAccept, changed }) {
@@ -22,7 +22,7 @@ export function Accepted({ terms, one, path, mayAccept, changed }) {
   return html`<div class="inset">
     <p><strong>The terms have changed.</strong> ${one.terms ? `Version ${one.terms} was accepted` : "None was accepted"}; the newest is version ${version}.</p>
     ${mayAccept &&
-    // Another version is another dialog: nobody accepts a text that has changed while it was read.
+    // Each version has its own dialog: nobody accepts a text that changed while it was read.
     html`<p><${ActButton} key=${version} label=${`Accept version ${version}`} of=${`of the terms for ${visible(one.name)}`} isDangerous=${false} title=${`Accept version ${version} of the terms?`} done=${changed} act=${accept}>
       <${Prose} text=${terms.text} label=${`Version ${version} of the terms`} />
     <//></p>`}

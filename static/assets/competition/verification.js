@@ -1,4 +1,4 @@
-// Checks the published file of a competition while it is downloaded, and says what was checked.
+// Checks the published file of a competition during the download, and lists the checks.
 import { html, useEffect, useRef, useState } from "../ui.js";
 import { route, send } from "../api.js";
 import { Commands, Copyable } from "../parts/copy.js";

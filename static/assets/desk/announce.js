@@ -1,4 +1,4 @@
-// Announcing something to all who follow a competition.
+// Announcements to all who follow a competition.
 import { html, useState } from "../ui.js";
 import { request, route } from "../api.js";
 import { Form } from "../parts/form.js";

@@ -41,7 +41,7 @@ export function Attempts({ competition, names }) {
   `;
 }
 
-/** What an entrant knows of seeds on which it will play again. @param {Seen} props */
+/** The entrant's knowledge of seeds on which it will play again. @param {Seen} props */
 const SeenNote = ({ name, attempt, games, seen }) => html`<div class="problem">
   <p>
     <strong>Warning: <${Text} value=${name} /> has seen seeds of attempt ${attempt}.</strong> ${seen.games_opened} of ${games} games were opened, and
@@ -50,7 +50,7 @@ const SeenNote = ({ name, attempt, games, seen }) => html`<div class="problem">
   <p><${Text} value=${seen.warning} /></p>
 </div>`;
 
-/** What follows for the seeds. @param {number} spares */
+/** The consequences for the seeds. @param {number} spares */
 const voidedText = (spares) =>
   spares > 0
     ? "The entrant may start it again, as long as the competition is open: on spare seeds, or, if it has used all of them, on the same ones within its window."

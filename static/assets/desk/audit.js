@@ -1,4 +1,4 @@
-// What organizers did.
+// The audit log.
 import { html, useState } from "../ui.js";
 import { request } from "../api.js";
 import { useLoaded } from "../parts/load.js";

@@ -38,13 +38,13 @@ const windowField = (window, place) => ({
 /** An end that was typed; what was left as it is shown is the exact one. @param {string} typed @param {string} known */
 const endOf = (typed, known) => (shownEnd(typed) === shownEnd(known) ? known : typed);
 
-/** What differs from a competition. @param {any} competition @param {any} body what the form has */
+/** The changes to a competition. @param {any} competition @param {any} body what the form has */
 export function changeOf(competition, body) {
   const closes_at = endOf(body.closes_at, competition.closes_at);
   const description = body.description ?? "";
   const hidden = body.hidden ?? false;
   const terms = body.terms ?? "";
-  // Windows that end with the competition end with it again, unless they were given another end.
+  // Windows that end with the competition follow its new end, unless they got another one.
   const followed = (/** @type {string} */ end) => (end === competition.closes_at ? closes_at : end);
   const ends = competition.attempts.map((window, place) => endOf(body[`attempts[${place}]`] ?? window.closes_at, window.closes_at));
   const hasEnds = ends.some((end, place) => end !== competition.attempts[place].closes_at);
@@ -53,7 +53,7 @@ export function changeOf(competition, body) {
     ...(description !== competition.description && { description }),
     ...(terms !== (competition.terms?.text ?? "") && { terms }),
     ...(closes_at !== competition.closes_at && { closes_at }),
-    // All of them, so that what the server says of attempts[1] is about attempt 2.
+    // All windows are sent, so that the server's attempts[1] is attempt 2.
     ...(hasEnds && { attempts: ends.map((end, place) => ({ attempt: place + 1, closes_at: followed(end) })) }),
     ...(hidden !== competition.hidden && { hidden }),
     ...(body.reason && { reason: body.reason }),
@@ -64,7 +64,7 @@ export function changeOf(competition, body) {
 const single = (fields) => fields.flatMap((one) => ("fields" in one ? one.fields : [one]));
 
 /**
- * The fields of a competition that somebody else has changed meanwhile, with what was typed, and the labels of what they changed.
+ * The fields of a competition that another organizer has changed meanwhile, with the typed values, and the labels of those changes.
  * @param {any} base what was typed into @param {any} now @param {any} body what the form has
  */
 export function together(base, now, body) {
@@ -79,7 +79,7 @@ export function together(base, now, body) {
 
 /** @param {{competition: any, changed: () => void}} props */
 export function Change({ competition, changed }) {
-  // What is typed is not lost when the competition is loaded again.
+  // Typed values survive a reload of the competition.
   const [base, setBase] = useState(competition);
   const [note, setNote] = useState("");
   /** @param {any} body */
@@ -125,7 +125,7 @@ export function Change({ competition, changed }) {
     </p>`;
 }
 
-/** Whether a competition that is over is in lists. @param {{competition: any, changed: () => void}} props */
+/** Hides a finished competition from lists, or shows it. @param {{competition: any, changed: () => void}} props */
 export function Listing({ competition: { id, name, hidden }, changed }) {
   const send = (/** @type {string} */ reason) =>
     request(route`/api/v1/competitions/${id}`, { method: "PATCH", body: { hidden: !hidden, ...(reason && { reason }) } });

@@ -9,7 +9,7 @@ import { ProblemNote } from "../parts/problem.js";
 import { Text, visible } from "../parts/text.js";
 import { Time } from "../parts/time.js";
 
-/** Codes that are shown at once; more on request. */
+/** The number of codes shown at first; more on request. */
 const PAGE_CODES = 50;
 
 /** @type {import("../parts/form.js").Field[]} */

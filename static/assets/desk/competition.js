@@ -1,4 +1,4 @@
-// One competition, to be managed: codes, entrants, attempts, the file.
+// One competition for organizers: codes, entrants, attempts, the file.
 import { html } from "../ui.js";
 import { request, route } from "../api.js";
 import { Copyable } from "../parts/copy.js";

@@ -1,4 +1,4 @@
-// All competitions, to be managed.
+// All competitions, for organizers.
 import { html } from "../ui.js";
 import { More, usePages } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";

@@ -1,4 +1,4 @@
-// What the table of entrants does not show of one: its contact, its team, and moving it to another category.
+// Details of an entrant beside the table: its contact, its team, and its category.
 import { html, useLayoutEffect, useRef, useState } from "../ui.js";
 import { request, route } from "../api.js";
 import { Form } from "../parts/form.js";
@@ -7,7 +7,7 @@ import { ProblemNote } from "../parts/problem.js";
 import { Team } from "../parts/team.js";
 import { Text, visible } from "../parts/text.js";
 
-/** Which version of the terms was accepted. @param {number | null} accepted @param {number} newest */
+/** The accepted version of the terms. @param {number | null} accepted @param {number} newest */
 export function termsText(accepted, newest) {
   if (!accepted) return "none accepted";
   return accepted === newest ? `version ${accepted}` : `version ${accepted} of ${newest}`;

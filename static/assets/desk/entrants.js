@@ -1,4 +1,4 @@
-// Entrants of a competition, and what an organizer changes about them.
+// Entrants of a competition, and the changes that organizers make to them.
 import { html, useRef, useState } from "../ui.js";
 import { request, route } from "../api.js";
 import { ActButton } from "../parts/act.js";

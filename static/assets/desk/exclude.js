@@ -1,4 +1,4 @@
-// Excluding many entrants at once: first who they are, then the act.
+// Excluding many entrants at once: first a preview, then the act.
 import { html, useState } from "../ui.js";
 import { request, route } from "../api.js";
 import { ActButton } from "../parts/act.js";

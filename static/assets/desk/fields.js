@@ -3,7 +3,7 @@ import { TASKS } from "../parts/tasks.js";
 
 /** @typedef {import("../parts/form.js").Field} Field */
 
-/** Characters of the terms of a competition. */
+/** The maximum length of a competition's terms. */
 export const TERMS_CHARS_MAX = 20_000;
 
 /** @type {[string, string][]} */

@@ -1,4 +1,4 @@
-// Games, to be started, ended and voided.
+// Games, which can be started, ended and voided.
 import { html } from "../ui.js";
 import { request, route, withQuery } from "../api.js";
 import { visit } from "../app.js";

@@ -1,4 +1,4 @@
-// Whether the server is well, and what it does at the moment.
+// The health of the server, and its current load.
 import { html, useRef } from "../ui.js";
 import { Problem, request, send } from "../api.js";
 import { ActButton } from "../parts/act.js";
@@ -11,7 +11,7 @@ import { samplesOf, total } from "./prometheus.js";
 
 const EVERY_MS = 3000;
 
-/** Samples that are kept: those of a minute. */
+/** The number of stored samples: those of a minute. */
 const SAMPLES_MAX = 21;
 
 /** Counters whose growth is shown. */
@@ -24,7 +24,7 @@ const RATES = {
   commitSeconds: "swarmbench_commit_seconds_sum",
 };
 
-/** What must be 0, and what to do where it is not. */
+/** Metrics that must be 0, and what to do otherwise. */
 const FAULTS = [
   ["swarmbench_commit_failures_total", "A commit failed: nothing is acknowledged. Repair the disk, then restart the server."],
   ["swarmbench_database_lost", "A file of the database was removed or replaced. Put it back, then restart the server."],
@@ -69,7 +69,7 @@ async function load(signal) {
   return { samples, at, now: performance.now(), ready: await readiness(signal) };
 }
 
-/** Why the server is not ready; an empty text where it is. @param {AbortSignal} signal */
+/** The reason why the server is not ready, or an empty text. @param {AbortSignal} signal */
 async function readiness(signal) {
   try {
     await request("/readyz", { signal });
@@ -109,7 +109,7 @@ function Load({ samples, kept }) {
 }
 
 /**
- * By how much a counter grew in a second, between samples. It begins at 0 when the server restarts.
+ * The growth of a counter per second, between samples. A restart of the server sets it to 0.
  * @param {any[]} kept @param {string} name
  */
 const ratesOf = (kept, name) =>

@@ -8,10 +8,10 @@ import { Time } from "../parts/time.js";
 
 const EVERY_MS = 2000;
 
-/** When the others take over what a server plays. */
+/** The silence after which others take over a server's games. */
 const TAKEN_OVER_AFTER_MS = 6000;
 
-/** How far a clock may be off. */
+/** The maximum offset of a clock. */
 const CLOCK_OFF_MAX_MS = 500;
 
 export function View() {
@@ -64,7 +64,7 @@ function stateOf(one, cluster) {
   return cluster ? "takes no games: it starts, stops, or only forwards" : "starts";
 }
 
-/** What an operator has to look at. @param {any} one */
+/** Warnings for the operator. @param {any} one */
 function faultsOf(one) {
   const faults = [];
   if (one.seen_ms_ago > TAKEN_OVER_AFTER_MS) faults.push(`${one.name} was not seen for ${Math.round(one.seen_ms_ago / 1000)} s, and is taken over.`);

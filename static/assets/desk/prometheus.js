@@ -20,7 +20,7 @@ export function samplesOf(text) {
 }
 
 /**
- * The sum of all samples of a name; 0 where none was counted.
+ * The sum of all samples of a name; 0 if there is none.
  * @param {ReturnType<typeof samplesOf>} samples @param {string} name
  */
 export const total = (samples, name) => (samples.get(name) ?? []).reduce((sum, { value }) => sum + value, 0);

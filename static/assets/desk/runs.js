@@ -1,4 +1,4 @@
-// Runs that run, to be ended.
+// Running runs, which can be ended.
 import { html, useState } from "../ui.js";
 import { request, route, withQuery } from "../api.js";
 import { visit } from "../app.js";

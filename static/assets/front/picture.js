@@ -6,7 +6,7 @@ import { GameMap } from "../parts/map.js";
 import { Text } from "../parts/text.js";
 import { short } from "../parts/chart.js";
 
-/** Rounds that are shown. */
+/** The number of rounds shown. */
 const ROUNDS = 30;
 const STEP_MS = 600;
 

@@ -1,4 +1,4 @@
-// What a game is: its facts, its seats, what can be done with it, and whether its journal is right.
+// A game's facts, seats and actions, and the verification of its journal.
 import { html, useState } from "../ui.js";
 import { request, route, send } from "../api.js";
 import { Commands } from "../parts/copy.js";
@@ -47,7 +47,7 @@ export function Facts({ game: { head, summary, kind } }) {
 /** The round of another game from which this one plays on. @param {{fork: {episode: string, round: number}}} props */
 export const Parent = ({ fork }) => html`<a href=${`${route`/episodes/${fork.episode}`}#r=${fork.round}`}>round ${fork.round} of another game</a>`;
 
-/** Who holds which seat, where several may. @param {{game: Shown}} props */
+/** The holders of seats, if there can be several. @param {{game: Shown}} props */
 export function Seats({ game }) {
   const isMixed = game.kind === "episodes" && game.summary.config?.open_seats > 0;
   const { value, problem, reload } = useLoaded(

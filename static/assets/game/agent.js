@@ -1,4 +1,4 @@
-// One agent in one round: what it saw and read, what it answered, and what came of it.
+// One agent in one round: its observation, its answer, and the result.
 import { html, useEffect, useState } from "../ui.js";
 import { actionOf, resultOf } from "../parts/actions.js";
 import { color } from "../parts/colors.js";
@@ -12,10 +12,10 @@ import { PANELS } from "./place.js";
 
 /** @import { Game, Head, State } from "../parts/game.js" */
 
-/** For how long one has to stay at a round until the act is read: scrubbing asks for none. */
+/** The pause at a round before the act is read: scrubbing requests none. */
 const REST_MS = 180;
 
-/** Agents that get a button each; among more one is entered. */
+/** The maximum number of agents with a button each; of more, one is entered. */
 const BUTTONS_MAX = 40;
 
 /** @type {Record<string, string>} */
@@ -38,7 +38,7 @@ export function AgentChooser({ head, agent, onChoose }) {
 }
 
 /**
- * The act of an agent, when one rests at it.
+ * The act of an agent, read when the visitor rests at a round.
  * @param {Game} game
  * @param {number} round
  * @param {number} agent
@@ -93,7 +93,7 @@ function WindowPanel({ game, state, next, agent, read, isGone }) {
   const { head } = game;
   if (isGone) return html`<p class="muted">Agent ${agent} has left the map. It sees and does nothing any more.</p>`;
   const view = read?.observation?.view;
-  // What a centralized agent sees is the map.
+  // A centralized agent sees the map.
   const isMap = head.control === "centralized";
   const cells = view?.cells ?? surroundings(head, state, agent);
   const source = view
@@ -111,7 +111,7 @@ function WindowPanel({ game, state, next, agent, read, isGone }) {
   </div>`;
 }
 
-/** What an agent read, chose and said, and what it cost. @param {any} props */
+/** An agent's prompt, choice, message and cost. @param {any} props */
 function Decision({ live, state, next, agent, read }) {
   const action = actionOf(next, agent);
   const result = resultOf(next, agent);

@@ -1,4 +1,4 @@
-// Keys of the page of a game. Each does what a button does.
+// Keys of a game's page. Each key does the same as a button.
 import { html, useEffect, useRef } from "../ui.js";
 
 /** @type {[string, string][]} */
@@ -23,7 +23,7 @@ const HELP = [
 
 const MOVES = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "Home", "End", "PageUp", "PageDown"];
 
-/** Whether what has the focus uses a key itself. @param {EventTarget | null} target @param {string} key */
+/** Whether the focused element uses a key itself. @param {EventTarget | null} target @param {string} key */
 function isTaken(target, key) {
   if (!(target instanceof Element) || document.querySelector("dialog[open]")) return true;
   if (target instanceof HTMLInputElement && target.type === "range") return MOVES.includes(key);
@@ -33,7 +33,7 @@ function isTaken(target, key) {
 }
 
 /**
- * Calls what a key does. Keys are those of `KeyboardEvent`, with "Shift+" before them where it is held.
+ * Calls the function of a key. Names are those of `KeyboardEvent`, after "Shift+" if Shift is held.
  * @param {Record<string, () => void>} actions
  */
 export function useKeys(actions) {

@@ -1,4 +1,4 @@
-// What happened in a round, as marks on the curve and as places to go to.
+// Events of rounds, as marks on the curve and as destinations.
 import { useEffect } from "../ui.js";
 import { isLive } from "../parts/game.js";
 
@@ -14,26 +14,26 @@ export const MARKS = {
   convergence: { sign: "≡", name: "all said the same", kind: "talk" },
 };
 
-/** Pages that are read to find the next mark. */
+/** The maximum number of pages read to find the next mark. */
 const SEARCHED_MAX = 20;
 
-/** Pages of a game that are read for their marks alone. */
+/** The maximum number of pages read only for their marks. */
 const READ_MAX = 10;
 
 /** @param {Game} game */
 const pageRounds = (game) => Math.max((game.piece(game.first)?.states.length ?? 2) - 1, 1);
 
-/** Whether the marks of all rounds are read by themselves. @param {Game} game */
+/** Whether a game is short enough to read all its marks. @param {Game} game */
 export const isShort = (game) => (game.last - game.first) / pageRounds(game) <= READ_MAX;
 
-/** Reads the marks of a game that is not long. @param {Game} game */
+/** Reads all marks of a short game. @param {Game} game */
 export function useAllMarks(game) {
   useEffect(() => {
     let isCurrent = isShort(game);
     const read = async () => {
       for (let round = game.first; isCurrent && round <= game.last; round += pageRounds(game)) await game.load(round);
     };
-    // What cannot be read now is read when it is looked at.
+    // A page that cannot be read now is read when it is shown.
     read().catch(() => {});
     return () => {
       isCurrent = false;
@@ -45,7 +45,7 @@ export function useAllMarks(game) {
 export const inWords = (marks) => (marks ?? []).map((mark) => MARKS[mark]?.name ?? mark).join(", ");
 
 /**
- * The next round with a mark, or the one before; pages are read on the way. Null where there is none.
+ * The next or previous round with a mark, or null; reads pages on the way.
  * @param {Game} game
  * @param {number} round
  * @param {1 | -1} direction
@@ -74,11 +74,11 @@ const REASONS = {
 };
 
 /**
- * How a game stands, in a sentence.
+ * The status of a game, in a sentence.
  * @param {{head: {status: string, rounds: number}, summary: any}} game
  */
 export function standing({ head, summary }) {
-  // A file may have a part of the rounds.
+  // A file may have only a part of the rounds.
   const count = summary?.result?.rounds ?? head.rounds;
   const rounds = `${count} ${count === 1 ? "round" : "rounds"}`;
   if (head.status === "waiting") return "It has not started.";

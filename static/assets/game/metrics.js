@@ -1,14 +1,14 @@
-// Metrics of the rounds around the one that is shown, in step with it.
+// Metrics of the rounds around the shown one.
 import { html, useMemo, useState } from "../ui.js";
 import { remember, remembered } from "../api.js";
 import { extent, linePath, short } from "../parts/chart.js";
 
 /** @import { Game } from "../parts/game.js" */
 
-/** Curves that are shown at once. */
+/** The maximum number of curves. */
 const CURVES = 3;
 
-/** Those that are shown first, where a game has them. */
+/** The metrics that are shown first, if a game has them. */
 const FIRST = ["polarization", "stillness", "blocked_share", "light_agreement", "components", "step_length"];
 
 const [WIDTH, HEIGHT] = [300, 36];

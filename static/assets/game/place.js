@@ -1,10 +1,10 @@
-// Where one is in a game, kept in the address: #r=37&a=5&p=prompt.
+// The place in a game, kept in the address: #r=37&a=5&p=prompt.
 import { useEffect, useReducer } from "../ui.js";
 
-/** What can be shown of an agent. */
+/** The panels of an agent. */
 export const PANELS = /** @type {const} */ (["window", "inbox", "prompt", "answer", "reasoning"]);
 
-/** After how long without a change the address is written: browsers limit how often that may be. */
+/** The pause after a change before the address is written: browsers limit the rate. */
 const WRITE_MS = 250;
 
 /**
@@ -30,7 +30,7 @@ export function writePlace({ round, agent, panel }) {
 }
 
 /**
- * The place of the address, and what changes parts of it.
+ * The place in the address, and a function that changes parts of it.
  * @returns {[Place, (change: Partial<Place>) => void]}
  */
 export function usePlace() {

@@ -1,9 +1,9 @@
-// Playing a game: one round after the other.
+// Playback of a game: one round after the other.
 import { useEffect, useState } from "../ui.js";
 
 /** @import { Game } from "../parts/game.js" */
 
-/** Multiples of two rounds a second. */
+/** Speeds, as multiples of two rounds per second. */
 export const SPEEDS = [0.5, 1, 2, 4, 10];
 
 const ROUND_MS = 500;
@@ -23,7 +23,7 @@ export function usePlayback(game, round, go) {
     if (isAtEnd) return setPlaying(false);
     let isCurrent = true;
     const timer = setTimeout(async () => {
-      // A round that is not read yet is waited for.
+      // Wait for a round that is not read yet.
       await game.load(round + 1).catch(() => setPlaying(false));
       if (isCurrent) go(round + 1);
     }, ROUND_MS / speed);

@@ -1,4 +1,4 @@
-// All agents in one round: what was said, a table, and all windows.
+// All agents in one round: messages, a table, and all windows.
 import { html, useState } from "../ui.js";
 import { actionOf, resultOf } from "../parts/actions.js";
 import { color } from "../parts/colors.js";
@@ -9,10 +9,10 @@ import { AgentWindow, surroundings } from "../parts/window.js";
 
 /** @typedef {{head: Head, state: State, next: State | null, agent: number | null, onChoose: (agent: number) => void}} Props */
 
-/** Rows, messages and windows that are shown at once; more on request. */
+/** The number of rows, messages or windows shown at first; more on request. */
 const SHOWN = 48;
 
-/** Agents that are named in a list. */
+/** The maximum number of agents that a list names. */
 const NAMED = 24;
 
 /** @param {number[]} agents */
@@ -29,12 +29,12 @@ function Shown({ items, wrap }) {
   ${items.length > count && html`<p><button type="button" onClick=${() => setCount(count + SHOWN)}>Show more (${items.length - count})</button></p>`}`;
 }
 
-/** What was said in the round, and who reads it. @param {Props} props */
+/** The messages of the round, and their readers. @param {Props} props */
 export function Messages({ head, state, next, onChoose }) {
   if (!next) return html`<p class="muted">This is the newest round: nothing has been said in it.</p>`;
   const said = next.said ?? [];
   if (said.length === 0) return html`<p class="muted">Nobody said anything in round ${state.round}.</p>`;
-  // Files of others may not say who heard what.
+  // Imported files may lack the hearers of messages.
   const isUnknown = head.status === "imported" && !next.heard;
   /** @param {{from: number, text: string, to?: number}} one */
   const row = ({ from, text, to }) => {
@@ -106,7 +106,7 @@ function rowOf(state, next, n) {
 /** @param {any} a @param {any} b */
 const compare = (a, b) => (typeof a === "string" ? a.localeCompare(b) : (a ?? -1) - (b ?? -1));
 
-/** What is around every agent at once. @param {Props} props */
+/** The windows of all agents. @param {Props} props */
 export function AllWindows({ head, state, next, onChoose }) {
   if (head.control === "centralized") return html`<p class="muted">Agents of this game see the whole map.</p>`;
   const there = Array.from({ length: head.num_agents }, (_, n) => n).filter((n) => !state.gone?.includes(n));

@@ -1,7 +1,7 @@
 // Pictures and links that leave the page.
 import { save } from "../parts/download.js";
 
-/** Properties of shapes that come from style sheets, which a file does not have. */
+/** Properties of shapes that come from style sheets, which a saved file lacks. */
 const DRAWN = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font-family", "font-size", "font-weight", "text-anchor", "transform"];
 
 /** The map as it is drawn now: an SVG, or a PNG of a large one. @param {string} name */

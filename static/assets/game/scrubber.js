@@ -1,4 +1,4 @@
-// The curve of the score, which is also where one goes to another round.
+// The curve of the score, on which a click goes to a round.
 import { html, useMemo, useState } from "../ui.js";
 import { extent, short } from "../parts/chart.js";
 import { useLoaded } from "../parts/load.js";
@@ -9,14 +9,14 @@ import { MARKS, inWords, isShort } from "./marks.js";
 
 const [WIDTH, HEIGHT] = [1000, 60];
 
-/** Marks that are drawn; where there are more, some stand for their neighbours. */
+/** The maximum number of marks; of more, some stand for their neighbours. */
 const COLUMNS = 160;
 
-/** How often the curve of a long running game is read again. */
+/** The interval between reads of a running game's curve. */
 const RELOAD_MS = 10_000;
 
 /**
- * Points of the curve: rounds and scores. What is newer than the curve comes from the states.
+ * Points of the curve: rounds and scores. States give newer points.
  * @param {Game} game
  * @param {number} count changes with the states
  * @returns {[number, number][]}
@@ -100,7 +100,7 @@ function Curve({ points, x, at }) {
 }
 
 /**
- * Marks in two rows: what the score did and what was said, and what went wrong. One mark a column.
+ * Marks in two rows: scores and messages, and failures. One mark per column.
  * @param {Game} game
  * @returns {Map<string, {round: number, mark: string}[]>}
  */

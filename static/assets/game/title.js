@@ -1,4 +1,4 @@
-// The first lines of the page of a game: what it is and how it stands.
+// The first lines of a game's page: its name and its status.
 import { html } from "../ui.js";
 import { route } from "../api.js";
 import { short } from "../parts/chart.js";
@@ -28,7 +28,7 @@ export function Title({ game }) {
   </div>`;
 }
 
-/** What somebody has to know before looking at a game. @param {{game: Game}} props */
+/** Notices above a game. @param {{game: Game}} props */
 export function Notices({ game: { head, summary, isLost, kind, first, last } }) {
   const isPart = kind === "file" && (first > 0 || last < (summary.result?.rounds ?? head.rounds));
   return html`

@@ -1,4 +1,4 @@
-// A game as it is watched: map, curve, one agent, messages, metrics. It knows nothing of where the game comes from.
+// The view of a game: map, curve, one agent, messages, metrics. The source of the game does not matter.
 import { html, useCallback, useEffect, useRef, useState } from "../ui.js";
 import { short } from "../parts/chart.js";
 import { isLive, useChanges, useMoment } from "../parts/game.js";
@@ -16,7 +16,7 @@ import { Scrubber } from "./scrubber.js";
 
 /** @import { Game, State } from "../parts/game.js" */
 
-/** After how long a round is announced: not each of many that pass by. */
+/** The pause at a round before it is announced: passing rounds are not. */
 const ANNOUNCE_MS = 500;
 
 /**
@@ -31,7 +31,7 @@ export function Viewer({ game, onLink, onCompare, onFork, children }) {
 
   const live = isLive(game.head);
   const isFollowing = live && place.round === null;
-  // Who followed a game to its end stays there.
+  // A visitor who followed a game to its end stays there.
   const wasLive = useRef(live);
   const round = Math.min(Math.max(place.round ?? (wasLive.current ? game.last : game.first), game.first), game.last);
   const agent = Math.min(place.agent ?? 0, game.head.num_agents - 1);
@@ -82,7 +82,7 @@ export function Viewer({ game, onLink, onCompare, onFork, children }) {
   if (!state) return problem ? html`<${ProblemNote} problem=${problem} />` : html`<p class="muted" role="status">Loading …</p>`;
   const common = { head: game.head, state, next, agent, onChoose: choose };
   const summary = sentence(state, next);
-  // After the last round of a game that was played to its end nothing can be played.
+  // Nothing can be played after the last round of a complete game.
   const isOver = game.head.status === "finished" && round >= game.head.rounds;
   return html`
     ${problem && html`<${ProblemNote} problem=${problem} />`}

@@ -1,4 +1,4 @@
-// The board of a suite: who scored what, and how sure the order is.
+// The board of a suite: scores, and the certainty of the order.
 import { html, useMemo } from "../ui.js";
 import { withQuery } from "../api.js";
 import { Commands } from "../parts/copy.js";
@@ -12,7 +12,7 @@ import { useQuery, useTitle } from "../parts/query.js";
 import { KINDS, Legend, isShown, kindsOf, withKind } from "../parts/rows.js";
 import { Rows } from "../board/rows.js";
 
-/** The server shows at most 16. */
+/** The maximum number of metrics that the server adds to rows. */
 const METRICS_MAX = 16;
 
 const PICKS = [
@@ -53,7 +53,7 @@ export function Page({ suite }) {
   `;
 }
 
-/** What the address asks for. @param {string} suite @param {URLSearchParams} query */
+/** The parameters in the address. @param {string} suite @param {URLSearchParams} query */
 function asked(suite, query) {
   const kinds = kindsOf(query.get("kind"));
   const metrics = (query.get("metrics") ?? "").split(",").filter((name) => name in METRICS).slice(0, METRICS_MAX);

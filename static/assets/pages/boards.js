@@ -1,4 +1,4 @@
-// All boards: a row for each suite and rule set, with its leaders.
+// All boards: a row per suite and rule set, with its leaders.
 import { html, useMemo } from "../ui.js";
 import { request, withQuery } from "../api.js";
 import { PAGE_ITEMS, usePages } from "../parts/pages.js";
@@ -10,7 +10,7 @@ import { Commands } from "../parts/copy.js";
 import { Leaders, arrange, boardHref, useLeaders } from "../parts/boards.js";
 import { Time } from "../parts/time.js";
 
-/** Leaders that are shown of a board. */
+/** The number of leaders shown per board. */
 const LEADERS = 3;
 
 export function Page() {

@@ -15,7 +15,7 @@ import { useLoaded } from "../parts/load.js";
 import { ProblemNote } from "../parts/problem.js";
 import { short } from "../parts/chart.js";
 
-/** After how long at a round it is announced. */
+/** The pause at a round before it is announced. */
 const ANNOUNCE_MS = 500;
 
 /** @type {[string, string][]} */
@@ -51,7 +51,7 @@ function Opened({ a, b }) {
     if (!pair) return;
     document.title = `${nameOf(pair.a)} and ${nameOf(pair.b)} · compare`;
     const aborted = new AbortController();
-    // What breaks off is shown by the games themselves, as lost.
+    // The games themselves show a broken connection, as lost.
     for (const game of [pair.a, pair.b]) if (isLive(game.head)) game.follow(aborted.signal).catch(() => {});
     return () => aborted.abort();
   }, [pair]);

@@ -5,7 +5,7 @@ import { ProblemNote } from "../parts/problem.js";
 import { Text } from "../parts/text.js";
 import { Countdown, Time } from "../parts/time.js";
 
-/** Phases in the order of the page: what can be played comes first. */
+/** Phases in the order of the page: open competitions come first. */
 const PHASES = [
   { phases: ["open"], title: "Open", note: "Attempts can be started.", clock: "closes_at", word: "Closes" },
   { phases: ["announced"], title: "Announced", note: "Nobody can play yet. One can enter.", clock: "opens_at", word: "Opens" },

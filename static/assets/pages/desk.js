@@ -1,4 +1,4 @@
-// The organizer's desk: what an organizer can do by the API, one view for each part of it.
+// The organizer's desk: the API's functions for organizers, one view per part.
 import { html, useEffect } from "../ui.js";
 import { Problem, key, request } from "../api.js";
 import { Commands } from "../parts/copy.js";

@@ -1,4 +1,4 @@
-// The page of one game, while it runs and after its end; of imported games too.
+// The page of a game, while it runs and after its end; also of imported games.
 import { html, useEffect, useState } from "../ui.js";
 import { route, withQuery } from "../api.js";
 import { isLive, openGame, useChanges } from "../parts/game.js";
@@ -24,7 +24,7 @@ export function Page({ id, embedded }) {
   return html`<h1>Game</h1><p class="muted" role="status">Loading …</p>`;
 }
 
-/** How often it is asked whether a hidden game has ended. */
+/** The interval between checks whether a hidden game has ended. */
 const HIDDEN_MS = 10_000;
 
 /** A game whose holders must not see each other. @param {{summary: any, reload: () => void}} props */
@@ -72,7 +72,7 @@ function ServedGame({ game, embedded }) {
   </div>`;
 }
 
-/** Whether the link was copied; the link itself where the browser does not allow it. @param {{link: {moment: string, isCopied: boolean} | null}} props */
+/** Says that the link was copied, or shows the link if the browser forbids copying. @param {{link: {moment: string, isCopied: boolean} | null}} props */
 const LinkNote = ({ link }) => html`<div aria-live="polite">
   ${link && (link.isCopied ? html`<p class="muted">Copied: <span class="mono">${link.moment}</span></p>` : html`<p><label>The link to this moment <input readonly size="60" value=${link.moment} onFocus=${(/** @type {any} */ event) => event.currentTarget.select()} /></label></p>`)}
 </div>`;

@@ -1,4 +1,4 @@
-// All games that the reader may know of: the running ones first.
+// All games that the reader may see, running ones first.
 import { html, useState } from "../ui.js";
 import { route, withQuery } from "../api.js";
 import { short } from "../parts/chart.js";
@@ -12,13 +12,13 @@ import { Time } from "../parts/time.js";
 
 const STATUSES = ["waiting", "running", "finished", "aborted", "abandoned"];
 
-/** How often running games are read again. */
+/** The interval between reads of running games. */
 const LIVE_MS = 5000;
 
-/** Games that are compared at once. */
+/** The number of games that are compared. */
 const COMPARED = 2;
 
-/** Games that are asked for at once. */
+/** The number of games per page. */
 const PAGE_ITEMS = 50;
 
 /** The filters of the address. */

@@ -1,4 +1,4 @@
-// The front page: what this is, what is played now, and how to join.
+// The front page: an introduction, running games, and how to join.
 import { html, useEffect, useRef, useState } from "../ui.js";
 import { Problem, request, route, withQuery } from "../api.js";
 import { useLoaded } from "../parts/load.js";
@@ -12,15 +12,15 @@ import { Leaders, arrange, boardHref, useLeaders } from "../parts/boards.js";
 const RUNNING_MS = 5000;
 const OTHERS_MS = 30_000;
 
-/** Lines of each list. */
+/** The number of lines of each list. */
 const GAMES = 4;
 const BOARDS = 4;
 const LEADERS = 1;
 
-/** Agents of the game in the picture: larger ones take long to load. */
+/** The maximum number of agents of the game in the picture: larger games load slowly. */
 const PICTURE_AGENTS_MAX = 40;
 
-/** Newest runs whose boards are shown. */
+/** The number of newest runs whose boards are shown. */
 const RUNS = 20;
 
 /** @param {Record<string, string | number>} query */

@@ -9,7 +9,7 @@ import { useQuery, useTitle } from "../parts/query.js";
 import { TASKS } from "../parts/tasks.js";
 import { Text } from "../parts/text.js";
 
-/** Games that are asked for at once. */
+/** The number of games per page. */
 const PAGE_ITEMS = 50;
 
 export function Page() {

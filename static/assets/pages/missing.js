@@ -1,7 +1,7 @@
 import { html } from "../ui.js";
 import { Text } from "../parts/text.js";
 
-/** The page for an address that leads nowhere. */
+/** The page for an unknown address. */
 export const Page = () => html`
   <h1>No such page</h1>
   <p>There is nothing at <code><${Text} value=${location.pathname} /></code>. The link may be wrong or cut off.</p>

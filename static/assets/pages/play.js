@@ -1,4 +1,4 @@
-// Where people start a game, or take a seat in one.
+// The page on which people start a game, or take a seat in one.
 import { html } from "../ui.js";
 import { remembered, request, withQuery } from "../api.js";
 import { useLoaded } from "../parts/load.js";
@@ -28,7 +28,7 @@ export function Page({ query }) {
     </div>`;
 }
 
-/** Games that wait for holders of their seats. */
+/** The games that wait for holders of their seats. */
 function OpenGames() {
   const { value, problem, reload } = useLoaded(
     (signal) => request(withQuery("/api/v1/episodes", { status: "waiting", limit: LISTED }), { signal }),

@@ -1,4 +1,4 @@
-// A row of a board: all its numbers, and the games from which they come.
+// A row of a board: all its numbers, and the games behind them.
 import { html, useState } from "../ui.js";
 import { Problem, request, route, withQuery } from "../api.js";
 import { LineChart, short } from "../parts/chart.js";
@@ -15,10 +15,10 @@ import { Legend, Marks, Score, isTied, samples, scale } from "../parts/rows.js";
 import { interval } from "../parts/statistics.js";
 import { Status, failuresText, percent } from "../parts/status.js";
 
-/** Runs that are listed. */
+/** The number of runs listed. */
 const RUNS_MAX = 100;
 
-/** Points of a curve. */
+/** The number of points of a curve. */
 const POINTS = 50;
 
 /** @param {{suite: string, row: string, query: URLSearchParams}} props */
@@ -50,7 +50,7 @@ export function Page({ suite, row: id, query }) {
   `;
 }
 
-/** How far it is below the nearest row above it that was played here. @param {{board: any, row: any}} props */
+/** The difference to the nearest row above that was played here. @param {{board: any, row: any}} props */
 function Behind({ board, row }) {
   const { to, mean, low, high, pairs } = row.difference;
   const href = withQuery(`/board/${encodeURIComponent(`${board.suite}@${board.digest}`)}/${encodeURIComponent(to)}`, { rules: board.rules });

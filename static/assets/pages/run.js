@@ -1,4 +1,4 @@
-// A run: its games by task and seed, how far they are, and what failed.
+// A run: its games by task and seed, their progress, and failures.
 import { html, useEffect, useState } from "../ui.js";
 import { route } from "../api.js";
 import { Download } from "../parts/download.js";
@@ -42,7 +42,7 @@ export function Page({ id }) {
   `;
 }
 
-/** How often the curves of a running run are read again. */
+/** The interval between reads of a running run's curves. */
 const CURVES_MS = 10_000;
 
 /** A number that grows while a run is running and can be seen. @param {boolean} isOn */

@@ -1,13 +1,13 @@
-// What changes something for others: it is confirmed in a dialog that says what will happen.
+// Acts that affect others: a dialog says what will happen, and asks for a confirmation.
 import { html, useEffect, useId, useLayoutEffect, useRef, useState } from "../ui.js";
 import { Text } from "./text.js";
 import { FieldProblems } from "./problem.js";
 
-/** As in the API: `reason_chars_max`. */
+/** `reason_chars_max` of the API. */
 const REASON_CHARS_MAX = 500;
 
 /**
- * A button, and the dialog in which its act is confirmed.
+ * A button, and the dialog that confirms its act.
  * @param {{label: string, of?: string, title: any, act: (reason: string) => Promise<unknown>, done?: () => void,
  *   reason?: "required" | "optional", isDangerous?: boolean, dismiss?: string, children: any}} props
  *   of: what the act concerns, for those who hear the button; children: what will happen; dismiss: what
@@ -28,11 +28,11 @@ export function ActButton({ label, of, title, act, done, reason, isDangerous = t
     setText("");
     setIsOpen(true);
   };
-  // Only now the dialog has what is to be focused.
+  // Only now the dialog has the element to focus.
   useLayoutEffect(() => {
     if (isOpen) dialog.current?.showModal();
   }, [isOpen]);
-  // An act may take its button away: the keyboard stays near it.
+  // An act may remove its button: the focus stays near it.
   useEffect(() => () => void (document.activeElement === document.body && near.current?.focus()), []);
   /** @param {Event} event */
   const confirmed = async (event) => {

@@ -1,4 +1,4 @@
-// Actions in words, and what became of them.
+// Actions and their results in words.
 
 /** @import { State } from "./game.js" */
 
@@ -14,14 +14,14 @@ export const ACTIONS = {
 };
 
 /**
- * What an agent chose in the round that led to a state.
+ * The choice of an agent in the round that led to a state.
  * @param {State | null} next
  * @param {number} agent
  */
 export const actionOf = (next, agent) => (next?.actions ? (ACTIONS[next.actions[agent]] ?? null) : null);
 
 /**
- * What became of the choice of an agent, in words.
+ * The result of an agent's choice, in words.
  * @param {State | null} next
  * @param {number} agent
  */

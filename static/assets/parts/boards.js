@@ -1,4 +1,4 @@
-// What lists of boards share.
+// The shared part of lists of boards.
 import { html } from "../ui.js";
 import { Problem, request, route, withQuery } from "../api.js";
 import { useLoaded } from "./load.js";
@@ -6,7 +6,7 @@ import { short } from "./chart.js";
 import { Text } from "./text.js";
 
 /**
- * The suites of runs that are over, newest first, and then the built-in ones; each once. Attempts are on the board of their
+ * The suites of finished runs, newest first, then the built-in ones; each once. Attempts are on the board of their
  * competition.
  * @param {any[]} suites @param {any[]} runs
  */
@@ -27,7 +27,7 @@ export function arrange(suites, runs) {
 export const boardHref = (suite) =>
   withQuery(`/board/${encodeURIComponent(suite.digest ? `${suite.name}@${suite.digest}` : suite.name)}`, { rules: suite.rules });
 
-/** What a run plays: a suite with its board, or an attempt of a competition, which is the name of its suite. @param {{run: any}} props */
+/** The suite of a run with its board, or the competition of an attempt, which is the name of its suite. @param {{run: any}} props */
 export const SuiteLink = ({ run: { suite, attempt } }) =>
   attempt === null
     ? html`<a href=${boardHref(suite)}><${Text} value=${suite.name} /></a>`

@@ -7,13 +7,13 @@ import { choose } from "./pick.js";
 /** @import { Head, State } from "./game.js" */
 /** @import { MapProps } from "./map.js" */
 
-/** Pixels along the longer side, which the page scales. */
+/** The longer side in pixels, which the page scales. */
 const SIDE_PX = 1280;
 
-/** Pixels of a cell from which agents have numbers and arrows. */
+/** The minimum side of a cell, in pixels, for numbers and arrows. */
 const DETAIL_PX = 14;
 
-/** Pixels of an agent at least, so that it can be seen on the largest map. */
+/** The minimum size of an agent in pixels, so that it is visible on the largest map. */
 const AGENT_MIN_PX = 9;
 
 /** @typedef {{context: CanvasRenderingContext2D, cell: number}} Brush */

@@ -1,5 +1,5 @@
-// One palette for agents and series: Okabe and Ito's, told apart by people who are colour-blind. Colour is never the only
-// sign: agents have numbers, series have names and dashes.
+// One palette for agents and series: Okabe and Ito's, for colour-blind people, too. Colour is never the only
+// cue: agents have numbers, series have names and dashes.
 
 /** Custom properties of app.css, which differ between light and dark. */
 const SERIES = 8;

@@ -1,8 +1,8 @@
-// Values to be copied, and secrets that are shown once.
+// Values to copy, and secrets that are shown once.
 import { html, useRef, useState } from "../ui.js";
 import { visible } from "./text.js";
 
-/** Copies a text. Where a browser does not let pages do that, the element that shows it is selected. */
+/** Copies a text. If the browser forbids that, selects the element that shows it. */
 function useCopy() {
   const shown = useRef(/** @type {HTMLElement | null} */ (null));
   const [note, setNote] = useState("");

@@ -1,4 +1,4 @@
-// Files of the server. Where reading them needs a key, they are fetched: a link cannot send one.
+// Files of the server. Files that need a key are fetched, as a link cannot send one.
 import { html, useState } from "../ui.js";
 import { key, send } from "../api.js";
 

@@ -1,4 +1,4 @@
-// Forms from lists of fields. What the server says of a field stands next to it.
+// Forms from lists of fields. The server's problem with a field stands next to it.
 import { html, useId, useLayoutEffect, useRef, useState } from "../ui.js";
 import { Problem } from "../api.js";
 import { KINDS } from "./inputs.js";
@@ -8,7 +8,7 @@ import { Text, LongText } from "./text.js";
 /** @typedef {{legend: string, fields: Field[], isFolded?: boolean}} Group */
 
 /**
- * What is sent, and what cannot be read.
+ * The body to send, and the problems of inputs.
  * @param {(Field | Group)[]} fields
  * @param {Record<string, any>} values
  */
@@ -46,7 +46,7 @@ const flat = (fields) => fields.flatMap((one) => ("fields" in one ? one.fields :
 const initialValues = (fields) => Object.fromEntries(flat(fields).map((field) => [keyOf(field), field.initial ?? ""]));
 
 /**
- * A form. `send` gets the body; after it the form is as at first, with the fields that `send` returns if it returns any.
+ * A form. `send` gets the body; afterwards the form is reset, to the fields that `send` returns, if any.
  * @param {{fields: (Field | Group)[], label: string, send: (body: any) => Promise<void | (Field | Group)[]>, hasPreview?: boolean}} props
  */
 export function Form({ fields, label, send, hasPreview }) {
@@ -116,7 +116,7 @@ const Fieldset = ({ group, entry }) =>
     : html`<fieldset><legend>${group.legend}</legend>${group.fields.map(entry)}</fieldset>`;
 
 /**
- * A field with its label, its explanation and what is wrong with it.
+ * A field with its label, its explanation and its problem.
  * @param {{field: Field, value: any, set: (value: any) => void, problems: {field: string, problem: string}[]}} props
  */
 function Entry({ field, value, set, problems }) {

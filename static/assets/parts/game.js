@@ -1,5 +1,5 @@
-// One game: its states in pages, its acts when they are looked at, and what is new while it runs. The page of a game reads
-// it through the type `Game` alone, so that a game can also come from a file.
+// One game: its states in pages, its acts when they are shown, and news while it runs. The page of a game reads
+// it only through the type `Game`, so that a game can also come from a file.
 import { useEffect, useState } from "../ui.js";
 import { ServedGame } from "./served.js";
 
@@ -59,7 +59,7 @@ import { ServedGame } from "./served.js";
  * @property {(signal: AbortSignal) => Promise<void>} follow reads what is new until the game ends
  */
 
-/** For how long one has to stay at a round that was not read: scrubbing over many pages reads few of them. */
+/** The pause at an unread round before it is read: scrubbing over many pages reads few of them. */
 const REST_MS = 80;
 
 const RUNNING = ["waiting", "running"];
@@ -76,7 +76,7 @@ export const isLive = (head) => RUNNING.includes(head.status);
 export const openGame = ({ kind, id }, signal) => new ServedGame(kind, id).open(signal);
 
 /**
- * Draws a component again when more of a game was read.
+ * Redraws a component when more of a game was read.
  * @param {Game | null} game
  */
 export function useChanges(game) {

@@ -1,4 +1,4 @@
-// The games of a run: a row for each task, a column for each seed.
+// The games of a run: a row per task, a column per seed.
 import { html } from "../ui.js";
 import { Sparkline, extent, short } from "./chart.js";
 import { Score, scale } from "./rows.js";
@@ -6,7 +6,7 @@ import { interval } from "./statistics.js";
 import { reasonText, roundsText } from "./status.js";
 
 /**
- * Games by task and seed. Of a game that was voided and played again the newest one is shown.
+ * Games by task and seed. If a game was voided and played again, the newest one is shown.
  * @param {any[]} games in the order of the plan
  */
 function arrange(games) {
@@ -17,7 +17,7 @@ function arrange(games) {
   for (const game of games) {
     const row = tasks.get(game.task) ?? new Map();
     tasks.set(game.task, row);
-    // While seeds are secret, games have their place in the task.
+    // While seeds are secret, games are numbered within the task.
     const place = [...row.values()].findIndex((of) => of[0].slot === game.slot);
     const name = game.seed === null ? `game ${(place < 0 ? row.size : place) + 1}` : `seed ${game.seed}`;
     seeds.set(name, game.seed);
@@ -79,7 +79,7 @@ function Game({ games, seed, scores, range }) {
   </a>`;
 }
 
-/** What went wrong with a game, in a few words. @param {any} game @param {number} tries */
+/** The failure of a game, in a few words. @param {any} game @param {number} tries */
 function noteOf(game, tries) {
   if (game.void_reason !== null) return "voided";
   if (game.status === "aborted" || game.status === "abandoned") return game.status;
@@ -93,5 +93,5 @@ export const failed = (run) =>
       game.void_reason !== null || ["aborted", "abandoned"].includes(game.status) || (!game.episode && run.status !== "running"),
   );
 
-/** Why a game ended, or was voided. @param {any} game */
+/** The reason why a game ended, or was voided. @param {any} game */
 export const whyOf = (game) => reasonText(game.reason) || game.status;

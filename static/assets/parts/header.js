@@ -1,4 +1,4 @@
-// The line at the top of every page: where one can go, and the key of this tab.
+// The line at the top of every page: links, and the key of this tab.
 import { html, useEffect, useRef, useState } from "../ui.js";
 import { key, onRemembered, remember } from "../api.js";
 

@@ -1,4 +1,4 @@
-// The inputs of forms: what each shows, and what is sent of its value.
+// The inputs of forms: their elements, and their values in the body.
 import { html } from "../ui.js";
 import { Problem } from "../api.js";
 
@@ -28,7 +28,7 @@ import { Problem } from "../api.js";
 const split = (text, between) => text.split(between).map((part) => part.trim()).filter(Boolean);
 
 /**
- * What an input of a kind shows, and what is sent of its value; `undefined` leaves the field out.
+ * The element of an input, and its value in the body; `undefined` leaves the field out.
  * @type {Record<Kind, {Input: (props: InputProps) => any, read: (value: any) => unknown}>}
  */
 export const KINDS = {
@@ -124,7 +124,7 @@ function Checks({ field, value, set, props }) {
 function Order({ field, value, set, props }) {
   const options = field.options ?? [];
   const places = [...value, ""].slice(0, options.length);
-  /** What follows a place that is emptied moves up. @param {number} place @param {string} name */
+  /** Values after an emptied place move up. @param {number} place @param {string} name */
   const changed = (place, name) => set(places.map((known, index) => (index === place ? name : known)).filter(Boolean));
   return html`<div role="group" id=${props.id} aria-labelledby=${props["aria-labelledby"]} aria-describedby=${props["aria-describedby"]} class="order">
     ${places.map(

@@ -1,12 +1,12 @@
-// Loads what a page shows, and loads it again.
+// Loads and reloads the content of a page.
 import { useCallback, useEffect, useRef, useState } from "../ui.js";
 import { Problem } from "../api.js";
 
 const RETRY_MS = 3000;
 
 /**
- * What an asynchronous function returns. While it is loaded again the earlier value stays; where the server does not answer,
- * or is busy, it is asked again by itself.
+ * The result of an asynchronous function. During a reload the earlier value stays; while the server does not answer
+ * or is busy, the request is retried.
  * @template T
  * @param {(signal: AbortSignal) => Promise<T>} load
  * @param {unknown[]} inputs it is loaded again when one of them changes

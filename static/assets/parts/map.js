@@ -1,4 +1,4 @@
-// The map of a game at one moment: what is where, what the agents choose, and who hears whom.
+// The map of a game at one moment: cells, the agents' choices, and who hears whom.
 import { html, useMemo } from "../ui.js";
 import { actionOf } from "./actions.js";
 import { CanvasMap } from "./canvas.js";
@@ -8,11 +8,11 @@ import { AgentShape, CELL, shapeAt } from "./shapes.js";
 
 /** @import { Head, State } from "./game.js" */
 
-/** Cells and agents up to which a map is made of elements; beyond, it is a canvas. */
+/** The maximum numbers of cells and agents of a map of elements; a larger map is a canvas. */
 const CELLS_MAX = 1600;
 const AGENTS_MAX = 160;
 
-/** Lines between speakers and hearers that are drawn at once. */
+/** The maximum number of lines between speakers and hearers. */
 const LINES_MAX = 600;
 
 /**

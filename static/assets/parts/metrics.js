@@ -1,4 +1,4 @@
-// The metrics of games, with what each says. docs/evaluate/metrics.md defines them.
+// The metrics of games, with their meanings. docs/evaluate/metrics.md defines them.
 
 /** @type {Record<string, string>} */
 export const METRICS = {

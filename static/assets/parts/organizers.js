@@ -1,4 +1,4 @@
-// What organizers did in a competition, as everybody sees it.
+// Organizers' actions in a competition, as everybody sees them.
 import { html } from "../ui.js";
 import { route } from "../api.js";
 import { More } from "./pages.js";
@@ -30,10 +30,10 @@ const ACTIONS = {
   "episode.abort": "Ended a game",
 };
 
-/** Names of entrants that an entry shows; it says how many there are. */
+/** The maximum number of entrants' names in an entry, beside their count. */
 const NAMES_SHOWN = 20;
 
-/** Where an end changes. */
+/** The fields of ends that organizers can extend. */
 const END = /^(?:attempts\[(\d+)\]\.)?closes_at$/;
 
 /** @param {{list: ReturnType<typeof import("./pages.js").usePages>, names: Map<string, string>}} props names: of entrants */
@@ -102,7 +102,7 @@ function Changed({ field, from, to }) {
 }
 
 /**
- * The ends that a competition had at first, by field, where they were extended.
+ * The original ends of extended windows and competitions, by field.
  * @param {any[]} actions newest first
  * @returns {Map<string, string>}
  */

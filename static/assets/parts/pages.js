@@ -3,10 +3,10 @@ import { html, useCallback, useEffect, useRef, useState } from "../ui.js";
 import { request, withQuery } from "../api.js";
 import { useLoaded } from "./load.js";
 
-/** Items that are asked for at once. */
+/** The number of items per page. */
 export const PAGE_ITEMS = 100;
 
-/** Pages that are read to find one thing, or all of a run: at most 1,000 games. */
+/** The maximum number of pages read to find an item, or all games of a run: at most 1,000. */
 const PAGES_MAX = 20;
 
 /**
@@ -53,7 +53,7 @@ export function usePages(path, everyMs) {
   }, [path, next]);
 
   const items = [...(first.value?.items ?? []), ...(isMore ? more.items : [])];
-  // What changed may be on a further page.
+  // The change may be on a later page.
   const reload = () => {
     setMore({ path, items: [], next: null });
     first.reload();

@@ -1,8 +1,8 @@
-// Which agent of a map is clicked.
+// Clicks on agents of a map.
 
 /** @import { Head, State } from "./game.js" */
 
-/** How far from its centre an agent can be clicked, in cells. */
+/** The maximum distance of a click from an agent's centre, in cells. */
 const REACH = 1.5;
 
 /**

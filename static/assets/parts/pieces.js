@@ -1,4 +1,4 @@
-// States of a game in pages, and what is collected from them.
+// States of a game in pages, and data collected from them.
 
 /** @import { Piece, State } from "./game.js" */
 

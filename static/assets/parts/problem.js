@@ -1,10 +1,10 @@
-// What went wrong, and what to do about it.
+// Problems, and what to do about them.
 import { html } from "../ui.js";
 import { Problem, key, remember } from "../api.js";
 import { openKeyDialog } from "./header.js";
 import { Text } from "./text.js";
 
-/** What the code of a problem means for visitors. */
+/** Codes of problems in words for visitors. */
 const ADVICE = {
   offline: ["The server does not answer", "It may be restarting. This page tries again by itself, or at once:"],
   not_found: [
@@ -23,7 +23,7 @@ const ADVICE = {
 };
 
 /**
- * A problem in the place of what could not be loaded.
+ * A problem in place of content that could not be loaded.
  * @param {{problem: Error, retry?: () => void, what?: string}} props
  */
 export function ProblemNote({ problem, retry, what }) {
@@ -53,7 +53,7 @@ function forget() {
   location.reload();
 }
 
-/** What is wrong with which field of a form. @param {{problem: Problem}} props */
+/** The problems of a form's fields. @param {{problem: Problem}} props */
 export const FieldProblems = ({ problem }) =>
   problem.fields.length > 0 &&
   html`<ul>

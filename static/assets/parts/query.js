@@ -1,4 +1,4 @@
-// The query of the address as state of a page: a link to what is seen, without loading the page again.
+// The query of the address as state of a page: a link to the current view, without a reload.
 import { useCallback, useEffect, useState } from "../ui.js";
 
 const here = () => new URLSearchParams(location.search);

@@ -1,4 +1,4 @@
-// Rows of boards: who plays, what is marked, and what may be hidden.
+// Rows of boards: players, marks, and kinds that can be hidden.
 import { html } from "../ui.js";
 import { Interval, short } from "./chart.js";
 import { Text } from "./text.js";
@@ -13,7 +13,7 @@ const isPerson = (row) => row.kind === "human" || row.table === "humans";
 const isProgram = (row) => row.model.startsWith("built-in/") || row.table === "rules";
 
 /**
- * Kinds of rows, each of which can be hidden: who plays, and where the numbers come from.
+ * Kinds of rows, each of which can be hidden: by player, and by source of the numbers.
  * @type {{name: string, label: string, has: (row: any) => boolean, isOffAtFirst?: boolean}[]}
  */
 export const KINDS = [
@@ -46,7 +46,7 @@ const missing = (row) => {
 };
 
 /**
- * What can be marked beside a player, and why.
+ * Marks beside a player, with reasons.
  * @type {{sign: string | ((row: any) => string), about: string, has: (row: any) => boolean, detail?: (row: any) => string}[]}
  */
 export const MARKS = [
@@ -123,7 +123,7 @@ export function Legend({ rows }) {
   return used.map(({ mark, row }) => html`<dt>${signOf(mark, row)}</dt><dd>${mark.about}</dd>`);
 }
 
-/** What tells players of one model apart. @param {{row: any}} props */
+/** The details that distinguish players of one model. @param {{row: any}} props */
 export const Settings = ({ row }) => {
   const parts = [
     row.temperature !== null && row.temperature !== undefined && `temperature ${row.temperature}`,
@@ -136,7 +136,7 @@ export const Settings = ({ row }) => {
 };
 
 /**
- * Whether the order of a row and the one above it is not sure. @param {Row} row
+ * Whether the order of a row and the one above it is uncertain. @param {Row} row
  */
 export const isTied = (row) => row.difference !== null && row.difference.low !== null && row.difference.low < 0;
 

@@ -4,13 +4,13 @@ import { Problem, request, route, stream } from "../api.js";
 import { useLoaded } from "./load.js";
 import { eachPage } from "./pages.js";
 
-/** How often a running run is read again: rounds and scores of open games are in no event of the run. */
+/** The interval between reads of a running run: its events have no rounds and scores of open games. */
 const POLL_MS = 5000;
 
-/** Events that come together lead to one request. */
+/** The time within which events lead to one request. */
 const SETTLE_MS = 2000;
 
-/** Points of the score curve of one game. */
+/** The number of points of a game's score curve. */
 const POINTS = 50;
 
 /** @param {string} id */

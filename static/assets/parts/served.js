@@ -4,28 +4,28 @@ import { collectMarks, join } from "./pieces.js";
 
 /** @import { Game, Head, Piece, State } from "./game.js" */
 
-/** Rounds that are asked for at once. The server sends fewer of large games. */
+/** The number of rounds per request. The server sends fewer of large games. */
 const PAGE_ROUNDS = 100;
 
-/** Pages that are kept; the oldest one is forgotten for another. */
+/** The maximum number of cached pages; the oldest one is evicted. */
 const PAGES_MAX = 24;
 
-/** Acts that are kept. */
+/** The maximum number of cached acts. */
 const ACTS_MAX = 64;
 
-/** Points of the curve of scores. */
+/** The number of points of the score curve. */
 const SCORE_POINTS = 400;
 
-/** Between two readings of a running game. */
+/** The interval between reads of a running game. */
 const LIVE_PAUSE_MS = 500;
 
-/** How often a game is read that waits for its players. */
+/** The interval between reads of a game that waits for its players. */
 const WAITING_MS = 5000;
 
-/** After a reading of a running game that failed. */
+/** The pause after a failed read of a running game. */
 const RETRY_MS = 2000;
 
-/** A game of which the reader may know who plays it, but not what happens in it. */
+/** A game whose players are visible to the reader, but not its rounds. */
 export class HiddenGame extends Error {
   /** @param {any} summary */
   constructor(summary) {
@@ -104,7 +104,7 @@ export class ServedGame {
     } else {
       this.pages = this.pages.filter((piece) => piece.from !== from);
       this.pages.push({ from, states, metrics });
-      // The first page stays: it is where everybody begins.
+      // The first page stays: every visitor begins there.
       if (this.pages.length > PAGES_MAX) this.pages.splice(1, 1);
     }
     this.changed();
@@ -153,7 +153,7 @@ export class ServedGame {
       this.#add(page);
       const state = this.peek(round);
       if (state) return state;
-      // The server sent fewer rounds than were asked for: pages begin elsewhere.
+      // The server sent fewer rounds than requested: pages begin elsewhere.
       if (this.pageRounds < asked) return this.#read(round);
       throw new Error(`round ${round} is not in the answer`);
     });
@@ -162,7 +162,7 @@ export class ServedGame {
     return done;
   }
 
-  /** Where the page begins that has a round: at a page's border, or at the newest state before it. @param {number} round */
+  /** The first state of the page with a round: at a page's border, or the newest state before it. @param {number} round */
   #start(round) {
     const border = Math.floor(round / this.pageRounds) * this.pageRounds;
     const piece = this.piece(border);
@@ -175,7 +175,7 @@ export class ServedGame {
    * @param {AbortSignal} [signal]
    */
   async act(round, agent, signal) {
-    // The newest round changes while it is decided.
+    // The newest round changes until it is resolved.
     const isOpen = round >= this.head.rounds;
     const name = `${round}/${agent}`;
     const known = this.acts.get(name);
@@ -249,7 +249,7 @@ export class ServedGame {
   }
 
   /**
-   * Reads again and again while the server does not answer or is busy; what it refuses is thrown.
+   * Retries while the server does not answer or is busy; throws refusals.
    * @param {() => Promise<any>} read
    * @param {AbortSignal} signal
    */

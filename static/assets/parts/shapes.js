@@ -1,4 +1,4 @@
-// What is in a cell, as shapes that are told apart without colour. A cell is CELL units wide.
+// Contents of cells, as shapes that differ without colour. A cell is CELL units wide.
 import { html } from "../ui.js";
 import { color } from "./colors.js";
 
@@ -14,7 +14,7 @@ const SHAPES = {
 };
 
 /**
- * The shape of a symbol at a cell; none for an empty one.
+ * The shape of a symbol at a cell; none for an empty cell.
  * @param {string} symbol
  * @param {number} i row
  * @param {number} j column

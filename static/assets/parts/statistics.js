@@ -3,7 +3,7 @@
 /** The quantile 0.9875 of the normal distribution. */
 const Z = 2.2414027276;
 
-/** How many numbers a sample needs for an interval. */
+/** The minimum size of a sample for an interval. */
 const GAMES_MIN = 3;
 
 /**

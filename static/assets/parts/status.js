@@ -1,4 +1,4 @@
-// What the statuses of games and runs mean, in words.
+// The statuses of games and runs in words.
 import { html } from "../ui.js";
 
 /** @type {Record<string, string>} */
@@ -29,7 +29,7 @@ const REASONS = {
   closed: "the competition closed",
 };
 
-/** Why answers did not count. @type {Record<string, string>} */
+/** Reasons why answers did not count. @type {Record<string, string>} */
 const FAILURES = {
   refusal: "refused",
   content_filter: "filtered",
@@ -45,7 +45,7 @@ const FAILURES = {
 /** @param {string} kind */
 export const failureText = (kind) => FAILURES[kind] ?? kind;
 
-/** How many answers did not count, by the reason. @param {Record<string, number> | undefined} failures */
+/** The numbers of answers that did not count, by reason. @param {Record<string, number> | undefined} failures */
 export const failuresText = (failures) =>
   Object.entries(failures ?? {})
     .sort(([, one], [, other]) => other - one)

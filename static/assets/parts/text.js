@@ -1,9 +1,9 @@
-// Text from strangers: names, messages, prompts, answers. It is only ever text, and everything in it can be seen.
+// Text from strangers: names, messages, prompts, answers. It is never markup, and every character is visible.
 import { html } from "../ui.js";
 
 const HIDDEN = /[\p{Cc}\p{Cf}\p{Zl}\p{Zp}\p{Co}\p{Cs}]/gu;
 
-/** Characters of a text that are shown at once; more on request. */
+/** The number of characters shown at first; more on request. */
 const SHOWN_CHARS = 20_000;
 
 /**

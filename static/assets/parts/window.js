@@ -4,14 +4,14 @@ import { AgentShape, CELL, shapeAt } from "./shapes.js";
 
 /** @import { Head, State } from "./game.js" */
 
-/** Cells along a side up to which a window is drawn; a larger one is text. */
+/** The maximum side of a window that is drawn, in cells; a larger one is text. */
 const DRAWN_MAX = 41;
 
-/** What a symbol of a window is, in words. @type {Record<string, string>} */
+/** The symbols of a window in words. @type {Record<string, string>} */
 const NAMES = { W: "wall", B: "block", P: "prey", N: "nest", F: "food" };
 
 /**
- * What a window shows, for screen readers: rows and columns count from its upper left corner.
+ * A window in words, for screen readers: rows and columns count from its upper left corner.
  * @param {string[][]} cells
  */
 export function describe(cells) {
@@ -66,7 +66,7 @@ function seen(symbol, i, j, agent, isMarked) {
 }
 
 /**
- * What is around an agent, in the symbols of a window. It is the truth of a state, not what the agent was sent.
+ * The surroundings of an agent in a state, in the symbols of a window; not what the agent was sent.
  * @param {Head} head
  * @param {State} state
  * @param {number} agent

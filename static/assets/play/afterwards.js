@@ -1,4 +1,4 @@
-// A game is over: how it ended, and what its player could not see.
+// The end of a game: its result, and all that its player could not see.
 import { html, useState } from "../ui.js";
 import { request, route, tokenOf, withQuery } from "../api.js";
 import { standing } from "../game/marks.js";

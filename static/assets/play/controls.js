@@ -1,4 +1,4 @@
-// What a person decides in a round: an action by key or button, a message, and its receiver.
+// The decision of a person in a round: an action by key or button, a message, and its receiver.
 import { html, useEffect, useRef, useState } from "../ui.js";
 import { remember, remembered } from "../api.js";
 import { MESSAGE_CHARS_MAX, readMessage } from "./said.js";
@@ -13,13 +13,13 @@ const ACTIONS = {
   SWITCH: { keys: ["l", "L", " "], shown: "L", name: "Switch the light" },
 };
 
-/** How an action is drawn on the agent's own cell. @param {string | null} action */
+/** The symbol of an action on the agent's own cell. @param {string | null} action */
 export const signOf = (action) => (action === "STAY" ? "•" : action === "SWITCH" ? "☼" : action ? (ACTIONS[action]?.shown ?? "") : "");
 
 const NOTHING = { action: /** @type {string | null} */ (null), message: "", to: "" };
 
 /**
- * What is chosen but not sent. It outlives a reload.
+ * The choice that is not sent yet. It survives a reload.
  * @param {any} obs
  * @param {any} receipt of the last act that the server took
  */
@@ -36,7 +36,7 @@ function useDraft(obs, receipt) {
   const turn = `${name}:${obs.round}`;
   const lastTurn = useRef(turn);
   useEffect(() => {
-    // A message that is not sent yet stays when a clock ends the round.
+    // An unsent message stays when a clock ends the round.
     if (lastTurn.current !== turn) setDraft((draft) => ({ ...draft, action: null }));
     lastTurn.current = turn;
   }, [turn]);

@@ -1,4 +1,4 @@
-// Plays on from a round of a game that somebody watches: a new game that begins with that state.
+// Forks a game from the round on the page: a new game begins with that state.
 import { html, useEffect, useRef, useState } from "../ui.js";
 import { visit } from "../app.js";
 import { remember, request, route } from "../api.js";

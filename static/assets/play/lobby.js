@@ -1,4 +1,4 @@
-// A seat is held, and the game has not started: who is missing, and how to invite them.
+// A held seat before the game starts: the missing players, and how to invite them.
 import { html, useState } from "../ui.js";
 import { remembered, request, route } from "../api.js";
 import { useLoaded } from "../parts/load.js";

@@ -1,4 +1,4 @@
-// Starts games for people: settings, and who plays beside them.
+// Starts games for people: settings and fellow players.
 import { html, useState } from "../ui.js";
 import { visit } from "../app.js";
 import { remember, request, route } from "../api.js";
@@ -43,7 +43,7 @@ const gameOf = (form) => ({
   ...(form.clock ? { round_deadline_s: Number(form.clock), bank_s: BANK_ROUNDS * Number(form.clock) } : {}),
 });
 
-/** Who holds the seats, as a creation says it. @type {Record<string, (form: any) => object>} */
+/** The holders of seats, as fields of a creation. @type {Record<string, (form: any) => object>} */
 const SEATS = {
   "built-in": (form) => ({ player: form.player, open_seats: 1, visibility: "owner" }),
   others: (form) => ({
@@ -86,7 +86,7 @@ async function createRun(suite) {
   return run.id;
 }
 
-/** Runs one creation at a time, and goes to the seat. */
+/** Runs one creation at a time, then opens the seat. */
 function useCreation() {
   const [problem, setProblem] = useState(/** @type {Error | null} */ (null));
   const [isBusy, setBusy] = useState(false);

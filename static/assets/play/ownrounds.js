@@ -1,9 +1,9 @@
-// What an agent did, round by round, with what its holder could not see: who heard it, and who it heard.
+// The acts of an agent by round, with facts that its holder could not see: its hearers and speakers.
 import { html } from "../ui.js";
 import { actionOf, resultOf } from "../parts/actions.js";
 import { Text } from "../parts/text.js";
 
-/** Rounds that are listed at once: those around the chosen one. */
+/** The number of listed rounds, around the chosen one. */
 const LISTED = 20;
 
 /**

@@ -1,4 +1,4 @@
-// Who plays: the name of a person on boards, and what a game says about them.
+// The player: a person's name on boards, and the data about them in a game.
 import { html, useState } from "../ui.js";
 import { Problem, key, remember, remembered } from "../api.js";
 import { openKeyDialog } from "../parts/header.js";
@@ -10,10 +10,10 @@ const NAME_CHARS_MAX = 200;
 /** The name that was typed in this tab. */
 export const playerName = () => remembered("player") ?? "human";
 
-/** What the seats of people say about who holds them. */
+/** The `agent_meta` of people's seats. */
 export const HUMAN = { kind: "human" };
 
-/** Text that nobody guesses, so that a request can be repeated without doing its work twice. */
+/** A random text, so that a repeated request does not do its work twice. */
 export const onceKey = () => [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
 
 /** The settings of a game as a query of the page `/play`, to play the like again. @param {any} config */
@@ -27,7 +27,7 @@ export const againQuery = (config) => ({
 });
 
 /**
- * Why a game or a seat could not be had; most often a key is missing.
+ * The reason why a game or a seat was refused; most often a key is missing.
  * @param {{problem: Error, what: string}} props
  */
 export function Refused({ problem, what }) {

@@ -1,10 +1,10 @@
 // Messages as the rules count and cut them (docs/rules.md, "Messages").
 
-/** Characters (code points) after which a message is cut. */
+/** The maximum length of a message, in code points. */
 export const MESSAGE_CHARS_MAX = 120;
 
 /**
- * The message that is sent for a text, how many characters it has, and how many are cut off.
+ * The message that is sent for a text, its length, and the number of characters cut off.
  * @param {string} text
  */
 export function readMessage(text) {

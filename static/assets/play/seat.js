@@ -1,15 +1,15 @@
-// A seat as its holder's browser plays it: what the agent sees now, and acts. A seat token has one agent; a swarm token has
+// A seat as its holder's browser plays it: observations and acts. A seat token has one agent; a swarm token has
 // several, of one game or of all games of a run, which are played in turn.
 import { useEffect, useRef, useState } from "../ui.js";
 import { Problem, request, sleep, withQuery } from "../api.js";
 
-/** How long the server may hold a request back. */
+/** The maximum time that the server may hold a request back. */
 const WAIT_S = 25;
-/** How often a game that has not started is looked at. */
+/** The interval between looks at a game that has not started. */
 const START_MS = 2000;
 const FIRST_PAUSE_MS = 500;
 const LONGEST_PAUSE_MS = 8000;
-/** How often it is looked whether a game was ended by others, while a person decides for one of several seats. */
+/** The interval between checks for games that others ended, while a person decides for one of several seats. */
 const LOOK_MS = 5000;
 /** After the end of a clock the server needs a moment to open the next round. */
 const CLOCK_GRACE_MS = 300;
@@ -36,7 +36,7 @@ const passes = (problem) => [0, 429, 500, 502, 503].includes(problem.status);
 export const hasManySeats = (token) => token.startsWith("swarm_");
 
 /**
- * Plays with a token as long as the page is open.
+ * Plays with a token while the page is open.
  * @param {string} token
  * @returns {Seat & {act: (choice: Choice) => void}}
  */
@@ -76,7 +76,7 @@ class Session {
     this.onChange(this.seat);
   }
 
-  /** Looks again and again, until all is over. */
+  /** Polls until all games are over. */
   async play() {
     let pause = FIRST_PAUSE_MS;
     while (!this.signal.aborted && this.seat.phase !== "over") {
@@ -99,14 +99,14 @@ class Session {
   show(obs) {
     const phase = phaseOf(obs);
     const isSame = sameRound(obs, this.seat.obs);
-    // An act that is under way decides by itself what comes next.
+    // An act under way decides the next step itself.
     if (isSame && this.seat.phase === "sending") return;
     this.set({ obs, seenAt: performance.now(), phase, ...(isSame ? {} : { problem: null }) });
   }
 
   async lookAtSeat() {
     const { obs, isLost } = this.seat;
-    // After a lost connection the clock is asked for at once.
+    // After a lost connection the clock is read at once.
     const query = obs?.status === "running" && !isLost ? { after: obs.round, wait: WAIT_S } : {};
     const seen = await this.ask(withQuery("/obs", query));
     this.show(seen);
@@ -138,7 +138,7 @@ class Session {
   }
 
   /**
-   * Sends an act, and the same one again until there is an answer.
+   * Sends an act, and repeats it until there is an answer.
    * @param {Choice} choice
    */
   async act(choice) {
@@ -149,7 +149,7 @@ class Session {
     while (!this.signal.aborted && sameRound(obs, this.seat.obs)) {
       try {
         const receipt = await this.send(obs, choice);
-        // The next round may be seen before the receipt comes.
+        // The next round may arrive before the receipt.
         const phase = sameRound(obs, this.seat.obs) ? "sent" : this.seat.phase;
         this.set({ receipt, phase, isLost: false });
         return this.resume();

@@ -1,4 +1,4 @@
-// Who holds which seat.
+// The holders of seats.
 import { html } from "../ui.js";
 import { Text } from "../parts/text.js";
 

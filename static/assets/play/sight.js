@@ -1,4 +1,4 @@
-// What an agent sees, drawn and in words. Nothing here knows more than an observation says.
+// The observation of an agent, drawn and in words. Only facts of an observation are used.
 import { html } from "../ui.js";
 import { visible } from "../parts/text.js";
 import { AgentWindow } from "../parts/window.js";
@@ -17,7 +17,7 @@ const KINDS = {
   Y: "you",
 };
 
-/** Things that are listed beside the four neighbours. */
+/** The maximum number of things listed besides the four neighbours. */
 const LISTED_MAX = 12;
 
 /** A step of each direction as rows and columns. @type {Record<string, [number, number]>} */
@@ -34,7 +34,7 @@ export function readCell(symbol) {
 }
 
 /**
- * What the mark of an agent means.
+ * The meaning of an agent's mark.
  * @param {string} task
  * @param {string} [rules]
  */
@@ -48,7 +48,7 @@ export function meaningOfMark(task, rules = "paper") {
 /** @param {Cell} cell @param {string} mark */
 const inWords = (cell, mark) => (cell.marked && mark ? `${cell.name} (${mark})` : cell.name);
 
-/** Where the agent stands in its view. @param {View} view */
+/** The agent's cell in its view. @param {View} view */
 export function ownPlace(view) {
   for (const [row, cells] of view.cells.entries()) {
     const column = cells.indexOf("Y");
@@ -58,12 +58,12 @@ export function ownPlace(view) {
 }
 
 /**
- * A view as it was seen, with the chosen action on the agent's own cell.
+ * A view, with the chosen action on the agent's own cell.
  * @param {{view: View, agent: string, label: string, isMarked?: boolean, action?: string | null, sign?: string}} props
  */
 export function Sight({ view, agent, label, isMarked, action, sign }) {
   const own = ownPlace(view);
-  // Between the agent's cell and the one to which it goes.
+  // Between the agent's cell and its destination.
   const [di, dj] = (action && STEPS[action]) || [0, 0];
   const middle = (/** @type {number} */ index, /** @type {number} */ count) => `${(index / count) * 100}%`;
   const place = own && {
@@ -80,7 +80,7 @@ export function Sight({ view, agent, label, isMarked, action, sign }) {
 export const numberOf = (agent) => Number(agent.replace("Agent_", ""));
 
 /**
- * The surroundings in words: the four neighbours, then what else is in sight, nearest first.
+ * The surroundings in words: the four neighbours, then all else in sight, nearest first.
  * @param {View} view
  * @param {string} mark
  */
@@ -122,7 +122,7 @@ function way(di, dj) {
 }
 
 /**
- * What became of the last action, as far as the agent can tell by where it stands now.
+ * The result of the last action, as far as the agent can infer it from its cell.
  * @param {any} obs
  */
 export function outcome(obs) {

@@ -1,4 +1,4 @@
-// Before a seat is held: the seats of a game, and the two ways to get one.
+// The seats of a game before one is held, and the two ways to get one.
 import { html, useRef, useState } from "../ui.js";
 import { visit } from "../app.js";
 import { remember, request, route, tokenOf } from "../api.js";
@@ -102,7 +102,7 @@ export async function claimSeat(id, agent, idempotencyKey) {
 }
 
 /**
- * A seat that somebody else claimed for this visitor.
+ * A seat that another person claimed for this visitor.
  * @param {{id?: string, onToken?: (token: string) => void}} props the game that is shown, if there is one
  */
 export function EnterCode({ id, onToken }) {

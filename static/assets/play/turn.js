@@ -1,4 +1,4 @@
-// The page of a seat while its game is played: what the agent sees, hears and remembers, the clock, and what to do.
+// The page of a seat while its game is played: the observation, messages, history, clock and controls.
 import { html, useEffect, useState } from "../ui.js";
 import { Controls, signOf } from "./controls.js";
 import { sameRound } from "./seat.js";
@@ -54,7 +54,7 @@ const Heard = ({ obs }) => html`<h2>Heard <span class="muted">(messages do not n
         ${obs.messages.map((/** @type {string} */ message) => html`<li><${Text} value=${message} /></li>`)}
       </ul>`}`;
 
-/** What became of the act of this round. @param {{seat: any, receipt: any}} props */
+/** The result of this round's act. @param {{seat: any, receipt: any}} props */
 function Sent({ seat, receipt }) {
   const { obs, phase, isLost, problem } = seat;
   const others = receipt?.waiting_for;
@@ -78,7 +78,7 @@ function refusal(problem) {
   return html`Your act was not taken: <${Text} value=${problem.message} />.`;
 }
 
-/** What the agent remembers: as much of it as its observation has. @param {{obs: any}} props */
+/** The agent's memory: the history in its observation. @param {{obs: any}} props */
 function Memory({ obs }) {
   if (obs.history.length === 0) return null;
   const views = new Map(obs.past_views.map((/** @type {any} */ past) => [past.round, past]));
@@ -99,7 +99,7 @@ function Memory({ obs }) {
 }
 
 /**
- * The time that is left: that of the round first, then that of the bank.
+ * The remaining time: first the round's, then the bank's.
  * @param {{obs: any, seenAt: number, isOpen: boolean}} props
  */
 export function Clock({ obs, seenAt, isOpen }) {

@@ -1,4 +1,4 @@
-// What the creator of a run can do with it.
+// Actions of a run's creator.
 import { html, useState } from "../ui.js";
 import { request, route } from "../api.js";
 import { ActButton } from "../parts/act.js";

@@ -1,4 +1,4 @@
-// The games of a run as a list: what failed and why, journals, and their verification.
+// The games of a run as a list: failures with reasons, journals, and their verification.
 import { html, useEffect, useState } from "../ui.js";
 import { Problem, request, route } from "../api.js";
 import { Text } from "../parts/text.js";
@@ -10,10 +10,10 @@ import { failed, whyOf } from "../parts/grid.js";
 /** @param {any} game */
 const nameOf = (game) => (game.seed === null ? `${game.task}, game ${game.slot + 1}` : `${game.task}, seed ${game.seed}`);
 
-/** Games that are listed at once. */
+/** The number of games listed at first. */
 const LISTED = 50;
 
-/** What did not go as planned. @param {{run: any}} props */
+/** The failures of a run. @param {{run: any}} props */
 export function Failures({ run }) {
   const games = failed(run);
   const { acts } = run;

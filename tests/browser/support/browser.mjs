@@ -23,7 +23,7 @@ export async function launch() {
 }
 
 /**
- * Somebody who looks at pages of a server. `done` fails where a page had a fault.
+ * A visitor of a server's pages. `done` fails if a page had a fault.
  * @param {import("playwright-core").Browser} browser
  * @param {{url: string}} program
  * @param {import("playwright-core").BrowserContextOptions & {key?: string}} [options]

@@ -47,7 +47,7 @@ export async function play(program, token, decide, rounds = Infinity) {
 const LATE = ["round_over", "episode_over"];
 
 /**
- * Sends acts, and those again that come too fast: long ones have a rate.
+ * Sends acts, and repeats acts that came too fast: long ones have a rate limit.
  * @param {import("./program.mjs").Program} program
  * @param {string} token
  * @param {any[]} acts
@@ -68,8 +68,8 @@ async function send(program, token, acts) {
 const SAYINGS = ["I go up", "prey at (3,4)", "close from the left", "wait for me", "all here"];
 
 /**
- * Decides as a language model answers: with a text, reasons, and what it cost. Some answers are invalid, and in some rounds
- * nobody speaks, or all say the same.
+ * Answers like a language model: with a text, reasons, and a cost. Some answers are invalid, and in some rounds nobody speaks,
+ * or all say the same.
  * @param {number} seed
  */
 export function talkative(seed) {
@@ -87,7 +87,7 @@ export function talkative(seed) {
 }
 
 /**
- * A game of what answers like a language model, played to its end, or for some rounds.
+ * A game of players that answer like language models, played to its end, or for some rounds.
  * @param {Program} program
  * @param {object} settings
  * @param {{decide?: (observation: any) => object | null, rounds?: number}} [options]

@@ -1,8 +1,8 @@
-// Texts that strangers could write to harm who reads them. Each has a mark, so that a test finds it on a page.
+// Texts that strangers could write to harm readers. Each has a mark, so that a test finds it on a page.
 
 const MARK = "Mallory";
 
-/** What must never run, load, or turn the text around it. */
+/** Texts that must never run, load, or turn the text around them. */
 const ATTACKS = [
   `<script>alert("${MARK} 1")</script>`,
   `<img src=x onerror="alert('${MARK} 2')">`,
@@ -15,7 +15,7 @@ const ATTACKS = [
   `]]><!-- ${MARK} 10 --&gt; &lt;b&gt;&#x3c;script&#x3e;`,
 ];
 
-/** Characters that turn text around, hide it, or draw over what is near. */
+/** Characters that turn text around, hide it, or draw over neighbours. */
 const TURNED = "evil\u202egpj.exe\u2066\u2067\u2069 \u200b\u200dhidden\u00ad A\u0301\u0301\u0301\u0301\u0301\u0301\u0301 مرحبا שלום";
 const PICTURES = "👩‍👩‍👧‍👦🏳️‍🌈👍🏽🇩🇪";
 
@@ -25,7 +25,7 @@ function cut(text, chars) {
   return points.length > chars ? points.slice(0, chars).join("") : text;
 }
 
-/** All that is hostile, and 10,000 characters without a space. */
+/** All hostile texts, and 10,000 characters without a space. */
 const EVERYTHING = [...ATTACKS, TURNED, PICTURES, "W".repeat(10_000), "\u0007\u001b[31m"].join("\n");
 
 /**
@@ -33,17 +33,17 @@ const EVERYTHING = [...ATTACKS, TURNED, PICTURES, "W".repeat(10_000), "\u0007\u0
  * @type {import("./site.mjs").Texts}
  */
 export const HOSTILE = {
-  // Names may not have what cannot be seen.
+  // Names may have no invisible characters.
   name: (what, chars = 100) => cut(`${MARK} ${what} ${ATTACKS[1]}${ATTACKS[0]}`, chars),
   message: (index) => cut(index % 4 === 3 ? TURNED + PICTURES : ATTACKS[index % ATTACKS.length], 120),
   response: EVERYTHING,
   reasoning: EVERYTHING,
-  // Its braces would be Jinja's.
+  // The text's braces would be Jinja's.
   template: EVERYTHING.replaceAll(/[{}]/g, ""),
   description: cut(EVERYTHING, 10_000),
   // Control characters are refused here.
   terms: cut(EVERYTHING.replaceAll(/[\u0007\u001b]/g, ""), 15_000),
-  // What cannot be seen is refused here, too.
+  // Invisible characters are refused here, too.
   reason: cut(`${ATTACKS.slice(0, 5).join(" ")} مرحبا שלום 🦆`, 500),
   meta: { [ATTACKS[1]]: ATTACKS[0], url: `javascript:alert("${MARK} 11")`, nested: { deep: [TURNED, "W".repeat(5_000)] } },
 };

@@ -10,7 +10,7 @@ export const BINARY = process.env.SWARMBENCH_BINARY ?? path.join(ROOT, "target/d
 
 const START_MS = 60_000;
 
-/** An answer that was not expected. */
+/** An unexpected answer. */
 class Unexpected extends Error {}
 
 export class Program {
@@ -25,7 +25,7 @@ export class Program {
     return program;
   }
 
-  /** Stops it and starts it again at the same address. @param {() => Promise<void>} [meanwhile] */
+  /** Stops the program and starts it again at the same address. @param {() => Promise<void>} [meanwhile] */
   async restart(meanwhile) {
     await this.#close();
     await meanwhile?.();

@@ -6,7 +6,7 @@ import { competition, hosted, play, run, smallSuite, spoken, talkative } from ".
 import { BINARY } from "./program.mjs";
 
 /**
- * What strangers write. Names have at most `chars` characters.
+ * Texts of strangers. Names have at most `chars` characters.
  * @typedef {object} Texts
  * @property {(what: string, chars?: number) => string} name
  * @property {(index: number) => string} message
@@ -35,7 +35,7 @@ export const PLAIN = {
 /** One of this many answers is invalid. */
 const INVALID_EVERY = 97;
 
-/** How long a short competition is open: its games are played by then. */
+/** The time that a short competition is open: its games are played by then. */
 const SHORT_MS = 6_000;
 
 /**
@@ -76,7 +76,7 @@ export async function full(program, texts = PLAIN) {
 }
 
 /**
- * What every agent chose in every round of a game.
+ * The choices of all agents in all rounds of a game.
  * @param {import("./program.mjs").Program} program
  * @param {string} id
  * @returns {Promise<Record<string, string>>}
@@ -91,7 +91,7 @@ async function actionsOf(program, id) {
 }
 
 /**
- * Answers like a language model's, with the texts; where `known` has an action, with that.
+ * Answers like those of a language model, with the texts; with the action of `known`, if it has one.
  * @param {Texts} texts
  * @param {Record<string, string>} [known]
  */
@@ -166,7 +166,7 @@ async function shortCompetition(program, texts) {
  */
 async function enter(program, base, texts, who, more) {
   const body = { name: texts.name(who), model: texts.name(`model of ${who}`), agent_meta: texts.meta, ...more };
-  // Without the organizer's key: an entrant gets one of its own.
+  // Sent without the organizer's key: an entrant gets a key of its own.
   const { key } = await program.post(`${base}/entrants`, body, { token: "" });
   return key;
 }
@@ -216,5 +216,5 @@ export const PLACES = [
   { name: "missing", address: () => "/nowhere" },
 ];
 
-/** What the watch of a place expects. @param {string} name */
+/** Tells the watch which faults a place causes. @param {string} name */
 export const expectedAt = (name) => (name === "missing" ? [/404.*\/nowhere|404.*\(Not Found\) \(.*\/nowhere/] : []);

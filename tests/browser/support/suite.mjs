@@ -1,4 +1,4 @@
-// What the tests of one file share: a server with games, and a browser.
+// The shared part of one file's tests: a server with games, and a browser.
 import { mkdir } from "node:fs/promises";
 import path from "node:path";
 import { fileURLToPath } from "node:url";
@@ -8,7 +8,7 @@ import { Program } from "./program.mjs";
 
 const FAILURES = path.join(path.dirname(fileURLToPath(import.meta.url)), "../out/failures");
 
-/** A test that waits for something that does not come fails after this. */
+/** The timeout of a test. */
 const PATIENCE_MS = 120_000;
 
 /**
@@ -52,7 +52,7 @@ export function suite(options, fill) {
   return { site, visit };
 }
 
-/** What a page showed when its test failed. @param {import("playwright-core").Page} page @param {string} name */
+/** Saves the content of a page whose test failed. @param {import("playwright-core").Page} page @param {string} name */
 async function picture(page, name) {
   await mkdir(FAILURES, { recursive: true });
   const file = path.join(FAILURES, `${name.replaceAll(/\W+/g, "-")}.png`);

@@ -1,4 +1,4 @@
-// Watches a page: whatever a visitor or an operator would call a fault fails the test.
+// Watches a page: every fault for a visitor or an operator fails the test.
 
 /** Runs in the page: reports of the policy become errors on the console. */
 function reportPolicy() {
@@ -7,10 +7,10 @@ function reportPolicy() {
   });
 }
 
-/** Requests that a page gives up because it is left, or no longer needs the answer. */
+/** Errors of requests that a page cancels because the visitor leaves, or the answer is no longer needed. */
 const GIVEN_UP = new Set(["net::ERR_ABORTED"]);
 
-/** What authorizes: it belongs in one header, never in an address, which logs and histories keep. */
+/** Credentials: they belong in one header, never in an address, which logs and histories keep. */
 const SECRET = /(secret|seat|swarm|invite)_[a-z0-9]{16}/;
 
 export class Watch {
@@ -61,12 +61,12 @@ export class Watch {
     this.origins.add(origin);
   }
 
-  /** Faults that a test brings about. @param {...RegExp} patterns */
+  /** Allows faults that a test causes. @param {...RegExp} patterns */
   expect(...patterns) {
     this.expected.push(...patterns);
   }
 
-  /** Does something that is no part of a test: a private server refuses what pages ask before a key is entered. @param {() => Promise<void>} act */
+  /** Acts without watching: a private server refuses the requests of pages before a key is entered. @param {() => Promise<void>} act */
   async without(act) {
     const { expected } = this;
     this.expected = [/./];
@@ -84,14 +84,14 @@ export class Watch {
     if (SECRET.test(url)) this.faults.push(`a secret in an address: ${url}`);
   }
 
-  /** Notes what pages left in the browser for the next user. @param {import("playwright-core").BrowserContext} context */
+  /** Notes data that pages left in the browser for the next user. @param {import("playwright-core").BrowserContext} context */
   async leavings(context) {
     const { cookies, origins } = await context.storageState();
     const kept = [...cookies, ...origins.flatMap(({ localStorage }) => localStorage)];
     for (const { name } of kept) this.faults.push(`kept in the browser: ${name}`);
   }
 
-  /** Fails where anything was noted. */
+  /** Fails if a fault was noted. */
   check() {
     if (this.faults.length > 0) throw new Error(`faults of the page:\n${[...new Set(this.faults)].slice(0, 20).join("\n")}`);
   }

@@ -28,17 +28,17 @@ const EXCLUDED: &str = "the other servers have excluded this one";
 const REASONS_OF_EXCLUDED: [&str; 3] = [
     EXCLUDED,
     "another server has taken the database over",
-    "its actor has ended: it is recovered from the journal",
+    "the actor of an episode has ended: the episode is recovered from the journal",
 ];
 
 /// What a server may complain about while others die, and while it does not reach them or the database.
 const REASONS: [&str; 19] = [
     "a server is dead: the others take its work over",
-    "a server may be dead, and cannot be taken over",
-    "work that nobody does cannot be taken",
-    "what others are to play cannot be given up",
-    "another server is not reached from this one",
-    "the database does not answer: this server cannot show that it lives",
+    "the work of a server that may be dead cannot be taken over",
+    "work that no server does cannot be taken over",
+    "idle games and runs cannot be released",
+    "another server cannot be reached from this one",
+    "the database does not answer: this server cannot renew its lease",
     "the database is not reached",
     "the database does not answer, as a commit that waits for a standby",
     "sqlx_core::pool",

@@ -66,7 +66,7 @@ _NEEDS_RL = {
     "parallel_env": ".environment",
     "vector_env": ".vector",
 }
-"""What needs more than the client, and the module that it is in."""
+"""Names that need more than the client, by the module that has them."""
 
 
 def __getattr__(name: str) -> Any:

@@ -8,7 +8,7 @@ from .server import find_binary
 
 
 def main() -> None:
-    """Becomes the program."""
+    """Replaces this process by the program."""
     try:
         program = find_binary()
     except ServerError as error:

@@ -1,4 +1,4 @@
-"""What came to `typing` with Python 3.11."""
+"""Additions of Python 3.11 to `typing`."""
 
 import sys
 

@@ -15,11 +15,11 @@ MOVES = ("UP", "DOWN", "LEFT", "RIGHT", "STAY")
 
 
 class Actions:
-    """What the agents of one task can do.
+    """The actions of the agents of one task.
 
     Args:
         task: The task.
-        num_agents: How many agents there are.
+        num_agents: The number of agents.
         messages: Whether agents talk.
         control: Under `centralized` Agent_0 may name the receiver of its message.
     """
@@ -32,13 +32,13 @@ class Actions:
         self._commander = "Agent_0" if control == "centralized" else None
 
     def space(self, agent: str) -> spaces.Space[Any]:
-        """What the agent's actions are in."""
+        """The space of the agent's actions."""
         action: spaces.Space[Any] = spaces.Discrete(len(self.names))
         if not self._messages:
             return action
         parts = {"action": action, "message": spaces.Text(MESSAGE_CHARS_MAX, min_length=0, charset=PRINTABLE)}
         if agent == self._commander:
-            # Whom alone the commander tells it; 0, which is the commander itself, stands for everybody.
+            # The only receiver of the commander's message; 0, the commander itself, stands for everybody.
             parts["to"] = spaces.Discrete(self._num_agents)
         return spaces.Dict(parts)
 
@@ -46,7 +46,7 @@ class Actions:
         """Writes an action into an act.
 
         Raises:
-            ArgumentError: It is not in the space of the agent. Only a message may be longer: the server cuts it.
+            ArgumentError: The action is not in the agent's space. Only a message may be longer: the server cuts it.
         """
         if not self._messages:
             act["action"] = self._name(agent, action)
@@ -81,5 +81,5 @@ class Actions:
 
 
 def _scalar(value: Any) -> Any:
-    """The element of an array that has one, as policies return it."""
+    """The element of a one-element array, which policies return as an action."""
     return value.item() if isinstance(value, np.ndarray) and value.size == 1 else value

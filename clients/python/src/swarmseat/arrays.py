@@ -13,13 +13,13 @@ from .wire import Observation, State
 __all__ = ["CHANNELS", "MESSAGE_CHARS_MAX", "PRINTABLE", "PROMPT_CHARS_MAX", "Layout", "encode_cells", "symbols_of"]
 
 MESSAGE_CHARS_MAX = 120
-"""How long a message may be that is sent. Of a longer one the server keeps this much, and puts `...` behind it."""
+"""The maximum length of a message that is sent. The server cuts a longer one to this length and appends `...`."""
 
 MESSAGE_CHARS_RECEIVED_MAX = MESSAGE_CHARS_MAX + len("...")
-"""How long a message may be that is received."""
+"""The maximum length of a message that is received."""
 
 PRINTABLE = frozenset(chr(code) for code in range(0x20, 0x7F))
-"""The characters of messages: also noise puts in none but these."""
+"""The characters of messages. Noise inserts no others."""
 
 PROMPT_CHARS_MAX = 1_048_576
 
@@ -29,10 +29,10 @@ class Layout:
 
     Args:
         task: The task.
-        window: Rows and columns of what an agent sees.
+        window: Rows and columns of an agent's window.
         size: Rows and columns of the map.
-        num_agents: How many agents there are.
-        max_round: After how many rounds an episode ends.
+        num_agents: The number of agents.
+        max_round: The maximum number of rounds of an episode.
         messages: Whether agents talk.
     """
 
@@ -84,9 +84,9 @@ class Layout:
         return np.concatenate(columns, axis=-1, dtype=np.float32, casting="same_kind")
 
     def encode(self, observations: Sequence[Observation]) -> dict[str, Any]:
-        """Observations, at least one, as arrays whose first axis they are.
+        """Observations, at least one, as arrays with the observations as first axis.
 
-        An agent that has escaped is at (-1, -1) and sees nothing but the outside.
+        An agent that has escaped is at (-1, -1) and sees only cells outside the map.
         """
         outside = [["*"] * self.window[1]] * self.window[0]
         views = [view["cells"] if (view := seen["view"]) else outside for seen in observations]

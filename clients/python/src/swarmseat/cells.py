@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 CHANNELS = ("empty", "outside", "wall", "block", "prey", "nest", "food", "self", "agent", "marked agent")
-"""What the first axis of `view` means. Exactly one channel of each cell is 1."""
+"""The channels of `view`, its first axis. Exactly one channel of each cell is 1."""
 
 _SYMBOLS = {".": 0, "*": 1, "W": 2, "B": 3, "P": 4, "N": 5, "F": 6, "Y": 7}
 _CHANNEL_BITS = 4
@@ -17,7 +17,7 @@ _EACH_CHANNEL = np.arange(len(CHANNELS), dtype=np.int32)[:, None, None]
 class _Codes(dict[str, int]):
     """A number for every symbol: its channel, and in higher bits 1 more than the agent's number.
 
-    Those of agents are added as they are met.
+    Symbols of agents are added when they first occur.
     """
 
     def __missing__(self, symbol: str) -> int:
@@ -33,7 +33,7 @@ _CODES = _Codes(_SYMBOLS)
 
 
 def encode_maps(maps: Sequence[list[list[str]]]) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
-    """Several maps of one size, at least one, as `encode_cells` makes them of one, with the maps as first axis."""
+    """Encodes several maps of one size, at least one, as `encode_cells` does one; the maps are the first axis."""
     symbols = chain.from_iterable(chain.from_iterable(maps))
     codes = np.array([_CODES[symbol] for symbol in symbols], np.int32)
     codes = codes.reshape(len(maps), len(maps[0]), -1)

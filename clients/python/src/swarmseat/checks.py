@@ -1,4 +1,4 @@
-"""Checks of arguments, each with an error that names the argument, what it may be, and what it is."""
+"""Checks of arguments. An error names the argument, its allowed values and its value."""
 
 import operator
 from collections.abc import Iterable
@@ -11,7 +11,7 @@ TASKS: tuple[TaskName, ...] = get_args(TaskName)
 
 
 def one_of(name: str, value: object, allowed: Iterable[object]) -> None:
-    """One of a few values."""
+    """Checks that a value is one of a few."""
     listed = list(allowed)
     # Not `in`: an array compares itself with every element.
     if not any(value is one or (isinstance(value, str) and value == one) for one in listed):
@@ -19,7 +19,7 @@ def one_of(name: str, value: object, allowed: Iterable[object]) -> None:
 
 
 def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
-    """A whole number, also one of NumPy."""
+    """Reads a whole number of Python or NumPy."""
     try:
         number = None if isinstance(value, bool) else operator.index(value)
     except TypeError:
@@ -31,7 +31,7 @@ def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
 
 
 def probability(name: str, value: Any) -> float:
-    """A number from 0 to 1."""
+    """Reads a number from 0 to 1."""
     try:
         number = None if isinstance(value, bool | str) else float(value)
     except (TypeError, ValueError):
@@ -42,7 +42,7 @@ def probability(name: str, value: Any) -> float:
 
 
 def task_name(value: object) -> TaskName:
-    """The name of a task, in any case."""
+    """Reads the name of a task, in upper or lower case."""
     if isinstance(value, str):
         for task in TASKS:
             if value.casefold() == task.casefold():
@@ -51,7 +51,7 @@ def task_name(value: object) -> TaskName:
 
 
 def agent_name(value: object, agents: list[str]) -> str:
-    """The name of an agent of the environment."""
+    """Reads the name of an agent of the environment."""
     if not isinstance(value, str) or value not in agents:
         last = f" to {agents[-1]!r}" if len(agents) > 1 else ""
         raise ArgumentError(f"there is no agent {shown(value)}: agents are {agents[0]!r}{last}")
@@ -59,6 +59,6 @@ def agent_name(value: object, agents: list[str]) -> str:
 
 
 def shown(value: object) -> str:
-    """A value in an error: its beginning, where it is long."""
+    """A value as an error shows it: the beginning of a long one."""
     text = repr(value)
     return text if len(text) <= 100 else f"{text[:100]}…"

@@ -1,4 +1,4 @@
-"""The clients: one that blocks, one for asyncio. All they do themselves is to send, to read and to sleep."""
+"""The clients: one that blocks, one for asyncio. They only send, read and sleep; `exchange` decides what."""
 
 import asyncio
 import ipaddress
@@ -24,22 +24,22 @@ from .play import AT_ONCE, WAIT_S, AsyncDecide, Decide, Receipts, act_of
 from .wire import Observation, Page, SwarmAct
 
 FAILURES = (httpx.HTTPError, httpx.InvalidURL)
-"""What httpx raises where no answer came."""
+"""Errors of httpx that mean that no answer came."""
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 CONNECT_S_MAX = 10.0
-"""How long a connection may take to be made, if `timeout` is not shorter."""
+"""The maximum time to make a connection, in seconds, if `timeout` is not shorter."""
 
 _HEADERS = {"user-agent": f"swarmbench-python/{version('swarmseat')}"}
 
 EVENTS_SILENT_S_MAX = 45.0
-"""Three times the 15 seconds after which the server says something on a stream of events."""
+"""Three times the 15 seconds within which the server sends something on a stream of events."""
 
 
 class _Base(Operations):
-    """What both clients know: where the server is, who asks, and how a call becomes a request of httpx."""
+    """The state of both clients: the server's address, the token, and how a call becomes a request of httpx."""
 
     def __init__(self, server: str | None, token: str | None, retry: Retry | None, timeout: float) -> None:
         from_environment = os.environ.get("SWARMBENCH_URL") or os.environ.get("SWARMBENCH_SERVER")
@@ -57,10 +57,10 @@ class _Base(Operations):
             "headers": _HEADERS,
             # A proxy of the environment cannot reach this machine's own addresses.
             "trust_env": not _is_loopback(url.host),
-            # Without TLS there is no need to read all certificates of the host, which takes a while. This context knows
-            # none, so it would trust nobody.
+            # Without TLS there is no need to read all certificates of the host, which takes a while. This context has
+            # no certificates, so it would trust no server.
             **({"verify": ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)} if url.scheme == "http" else {}),
-            # Many may wait at the same time. The server closes what was idle for 75 seconds.
+            # Many requests may wait at the same time. The server closes connections that were idle for 75 seconds.
             "limits": httpx.Limits(max_connections=None, max_keepalive_connections=64, keepalive_expiry=60.0),
         }
 
@@ -88,10 +88,10 @@ class _Base(Operations):
         return Reply(answer.status_code, answer.headers, body)
 
     def _no_reply(self, error: Exception) -> NoReply:
-        """What a failure of httpx means."""
+        """Reads a failure of httpx."""
         if isinstance(error, httpx.InvalidURL):
             raise ArgumentError(f"this makes no address: {error}") from error
-        # A server that was there restarts, perhaps. Where there was none so far the address is wrong.
+        # A server that has answered before may be restarting. If none has answered so far, the address is wrong.
         is_there = self._has_answered or not isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
         if isinstance(error, httpx.TimeoutException):
             kind = "no connection" if isinstance(error, httpx.ConnectTimeout) else "nothing came"
@@ -109,17 +109,17 @@ class Client(_Base):
     """A client for a server, and for the holder of one token.
 
     Args:
-        server: Its address; where it is left out that in `SWARMBENCH_URL` or `SWARMBENCH_SERVER`, or else
+        server: The server's address. Default: `SWARMBENCH_URL` or `SWARMBENCH_SERVER` of the environment, or else
             `http://127.0.0.1:8080`.
-        token: A token of a seat or a swarm, or a key; where it is left out that in `SWARMBENCH_TOKEN` or
-            `SWARMBENCH_KEY`. An empty text shows none.
-        retry: How temporary failures are tried again.
-        timeout: After how many seconds without an answer an attempt fails, beyond the `wait` of the request. Making a
-            connection has as long, at most 10 s.
+        token: A token of a seat or a swarm, or a key. Default: `SWARMBENCH_TOKEN` or `SWARMBENCH_KEY` of the
+            environment. With an empty text no token is sent.
+        retry: The rules by which temporary failures are retried.
+        timeout: The seconds without an answer after which an attempt fails, beyond the `wait` of the request. Making a
+            connection may take as long, at most 10 s.
         http: A client of httpx to use instead of one of its own, for proxies and certificates; it is not closed.
 
     Raises:
-        ArgumentError: The address has no scheme or host, or the token or the timeout is none.
+        ArgumentError: The address has no scheme or host, or the token or the timeout is not valid.
     """
 
     def __init__(
@@ -137,13 +137,13 @@ class Client(_Base):
         self._http = http or httpx.Client(**self._options())
 
     def with_token(self, token: str) -> "Client":
-        """A client for another token over the same connections, which stay with this one."""
+        """A client for another token over the same connections, which this client owns."""
         other = Client(self.server, token, retry=self.retry, timeout=self.timeout, http=self._http)
         other._has_answered, other._connections = self._has_answered, self._connections
         return other
 
     def send(self, request: Call[T]) -> T:
-        """Sends a request, again where that may help, and reads the answer."""
+        """Sends a request, retries it if that may help, and reads the answer."""
         return self._drive(converse(request, self.retry, self.server), self._reply)
 
     def every(self, page: Callable[P, Page[T]], /, *args: P.args, **kwargs: P.kwargs) -> Iterator[T]:
@@ -156,12 +156,12 @@ class Client(_Base):
             kwargs["cursor"] = answer["next_cursor"]
 
     def play(self, decide: Decide, *, prompt: bool = False) -> None:
-        """Plays all seats of a swarm token, until all its games are over: those of an episode, a run or an attempt.
+        """Plays all seats of a swarm token until all its games are over: the games of an episode, a run or an attempt.
 
-        Called again after it was interrupted, also in another program, it plays on.
+        A call after an interruption, also one in another program, continues the games.
 
         Args:
-            decide: Gets what an agent sees, and returns the name of its action, or a dictionary with fields of its act.
+            decide: Gets an agent's observation, and returns an action's name or a dictionary with fields of an act.
             prompt: Whether observations have the text for a language model, as `prompt`.
         """
         receipts = Receipts()
@@ -171,22 +171,22 @@ class Client(_Base):
                 time.sleep(receipts.pause_s(self.swarm_act(acts)["receipts"]))
 
     def events(self, episode: str, *, after: int | None = None) -> Iterator[Event]:
-        """The rounds of an episode as they are resolved, from the first one or after round `after`, to its end."""
+        """The rounds of an episode as they are resolved, from the first round or after round `after`, to its end."""
         return self._events(EventStream(EPISODE + "/events", episode, after))
 
     def run_events(self, run: str) -> Iterator[Event]:
-        """The games of a run as they are opened and end, to its end. Where the connection broke, all come again."""
+        """The games of a run as they open and end, to the run's end. After a broken connection all games come again."""
         return self._events(EventStream(RUN + "/events", run))
 
     def export(self, file: str, to: str | os.PathLike[str], **filters: str | bool) -> None:
         """Downloads games as one file, such as `rounds.parquet`, without holding it in memory.
 
-        docs/evaluate/dataset.md says which there are.
+        docs/evaluate/dataset.md lists the files.
 
         Args:
             file: One of the files of `/api/v1/exports`.
-            to: Where it is written; only a complete file gets that name.
-            **filters: Which games, such as `task` and `model`.
+            to: The path to write to; only a complete file gets that name.
+            **filters: The games to export, such as `task` and `model`.
 
         Raises:
             ConnectionFailedError: The answer was interrupted.
@@ -217,7 +217,7 @@ class Client(_Base):
 
     @contextmanager
     def _stream(self, request: Call[Any], silent_s_max: float | None = None) -> Iterator[httpx.Response]:
-        """An answer whose body has yet to be read, or else is no success and an error."""
+        """A successful answer whose body has yet to be read; any other answer is raised as an error."""
         opened: list[httpx.Response] = []
 
         def open_stream(request: Call[Any]) -> Reply | NoReply:
@@ -232,7 +232,7 @@ class Client(_Base):
                 return self._no_reply(error)
 
         try:
-            # The body is for the caller.
+            # The caller reads the body.
             self._drive(converse(replace(request, read=bytes), self.retry, self.server), open_stream)
             yield opened[-1]
         finally:
@@ -252,7 +252,7 @@ class Client(_Base):
         return self._reply_of(answer, answer.content)
 
     def _own_connections(self) -> Connections | None:
-        """Faster connections for all but streams, to a server on this machine."""
+        """Faster connections to a server on this machine, for everything except streams."""
         url = httpx.URL(self.server)
         if url.scheme != "http" or not _is_loopback(url.host):
             return None
@@ -274,7 +274,7 @@ class Client(_Base):
                 reply = reply_to(step)
 
     def close(self) -> None:
-        """Closes its connections."""
+        """Closes the client's connections."""
         if self._owns_http:
             self._http.close()
             if self._connections is not None:
@@ -288,7 +288,7 @@ class Client(_Base):
 
 
 class AsyncClient(_Base):
-    """The same as `Client` for asyncio: every method that asks the server is awaited."""
+    """`Client` for asyncio: every method that asks the server is awaited."""
 
     def __init__(
         self,
@@ -304,13 +304,13 @@ class AsyncClient(_Base):
         self._http = http or httpx.AsyncClient(**self._options())
 
     def with_token(self, token: str) -> "AsyncClient":
-        """A client for another token over the same connections, which stay with this one."""
+        """A client for another token over the same connections, which this client owns."""
         other = AsyncClient(self.server, token, retry=self.retry, timeout=self.timeout, http=self._http)
         other._has_answered = self._has_answered
         return other
 
     async def send(self, request: Call[T]) -> T:
-        """Sends a request, again where that may help, and reads the answer."""
+        """Sends a request, retries it if that may help, and reads the answer."""
         return await self._drive(converse(request, self.retry, self.server), self._reply)
 
     async def every(
@@ -326,7 +326,7 @@ class AsyncClient(_Base):
             kwargs["cursor"] = answer["next_cursor"]
 
     async def play(self, decide: AsyncDecide, *, prompt: bool = False, at_once: int = AT_ONCE) -> None:
-        """The same as `Client.play` with a coroutine that decides, for at most `at_once` agents at the same time."""
+        """`Client.play` with a coroutine that decides, for at most `at_once` agents at the same time."""
         receipts, free = Receipts(), asyncio.Semaphore(at_once)
 
         async def act(seen: Observation) -> SwarmAct:
@@ -338,18 +338,18 @@ class AsyncClient(_Base):
             try:
                 acts = await asyncio.gather(*deciding)
             finally:
-                # Where one fails the others are not left running.
+                # If one decision fails, the others are not left running.
                 for task in deciding:
                     task.cancel()
             if acts:
                 await asyncio.sleep(receipts.pause_s((await self.swarm_act(acts))["receipts"]))
 
     def events(self, episode: str, *, after: int | None = None) -> AsyncIterator[Event]:
-        """The rounds of an episode as they are resolved, from the first one or after round `after`, to its end."""
+        """The rounds of an episode as they are resolved, from the first round or after round `after`, to its end."""
         return self._events(EventStream(EPISODE + "/events", episode, after))
 
     def run_events(self, run: str) -> AsyncIterator[Event]:
-        """The games of a run as they are opened and end, to its end. Where the connection broke, all come again."""
+        """The games of a run as they open and end, to the run's end. After a broken connection all games come again."""
         return self._events(EventStream(RUN + "/events", run))
 
     async def _events(self, stream: EventStream) -> AsyncIterator[Event]:
@@ -402,7 +402,7 @@ class AsyncClient(_Base):
                 reply = await reply_to(step)
 
     async def aclose(self) -> None:
-        """Closes its connections."""
+        """Closes the client's connections."""
         if self._owns_http:
             await self._http.aclose()
 
@@ -435,7 +435,7 @@ def _address(server: object) -> str:
 
 
 def _bare(token: object) -> str | None:
-    """A token as it is sent: what surrounds it in a file or a header does not belong to it. It is never shown."""
+    """A token without the characters that surround it in a file or a header. Errors never show the token."""
     if token is None:
         return None
     if not isinstance(token, str):

@@ -1,8 +1,8 @@
 """Connections to a server on this machine, over the standard library.
 
-A request takes a quarter of the processor time that it takes over httpx, which is most of what a step of an environment
-costs in Python. No proxy is between a program and its own machine, and there is no TLS: what httpx does about both is
-not missing here. What is raised is what httpx raises.
+A request takes a quarter of the processor time that it takes over httpx, which is most of the cost of a step of an
+environment in Python. Between a program and its own machine there is neither a proxy nor TLS, so what httpx does about
+both is not missing here. Errors are those of httpx.
 """
 
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ import httpx
 from .exchange import Reply
 
 KEPT_MAX = 64
-"""Idle connections that are kept. The server closes what was idle for 75 seconds."""
+"""The maximum number of idle connections that are kept. The server closes connections that were idle for 75 seconds."""
 
 
 class Connections:
@@ -22,8 +22,8 @@ class Connections:
 
     Args:
         host: The name or address of the server.
-        port: Its port.
-        headers: What every request has.
+        port: The port of the host.
+        headers: The headers of every request.
     """
 
     def __init__(self, host: str, port: int, headers: Mapping[str, str]) -> None:
@@ -55,7 +55,7 @@ class Connections:
                 return self._ask(connection, method, target, content, headers)
             except BaseException as error:
                 connection.close()
-                # One that was idle may have been closed meanwhile. Every request may be repeated.
+                # An idle connection may have been closed meanwhile. Every request may be repeated.
                 if is_new or not isinstance(error, ConnectionError):
                     raise _as_httpx(error) from error
 
@@ -92,7 +92,7 @@ class Connections:
 
 
 def _as_httpx(error: BaseException) -> BaseException:
-    """The error with which httpx would have failed."""
+    """The error that httpx would have raised."""
     told = str(error) or type(error).__name__
     if isinstance(error, TimeoutError):
         return httpx.ReadTimeout(told)
@@ -100,7 +100,7 @@ def _as_httpx(error: BaseException) -> BaseException:
         return httpx.RemoteProtocolError(told)
     if isinstance(error, OSError):
         return httpx.ReadError(told)
-    # What no header can be.
+    # The value cannot be a header.
     return httpx.LocalProtocolError(told) if isinstance(error, ValueError) else error
 
 

@@ -28,7 +28,7 @@ SEED_MAX = 2**53 - 1
 FORKS_MAX = 64
 NUM_AGENTS_MAX = 1024
 WAIT_S = 30.0
-"""How long one request waits for the next round. All acts are in then, so it is open at once."""
+"""The maximum time that one request waits for the next round. All acts are in then, so the round is open at once."""
 
 COLORS = {
     "empty": (255, 255, 255), "outside": (0, 0, 0), "wall": (70, 70, 70), "block": (150, 90, 40),
@@ -67,41 +67,41 @@ def parallel_env(
 ) -> "SwarmEnv":
     """One episode after the other as a PettingZoo `ParallelEnv`. docs/play/python.md has all shapes.
 
-    Close it, or use it in a `with` block. One that is not closed ends its episode, and a server of its own, when it is
-    collected or the program ends, with a `ResourceWarning`.
+    Close the environment, or use it in a `with` block. An environment that is not closed ends its episode, and a server
+    of its own, when it is collected or the program ends, with a `ResourceWarning`.
 
     Args:
-        task: What is played.
-        seed: The seed of the first episode. Those after it draw theirs, one after the other, from a generator that it
-            seeds; `reset(seed=…)` begins anew with another one. Without any, seeds are drawn at random.
-        num_agents: How many agents play.
-        server: The address of a server, a `Server` or a `Client`. Where it is left out the environment starts a
-            server of its own at the first `reset` and stops it with `close`.
-        token: A key, where the server named by its address asks for one.
-        rewards: `team`: the change of the score for everybody. `individual`: what the agents did themselves.
+        task: The name of the task.
+        seed: The seed of the first episode. Later episodes draw their seeds, one after the other, from a generator that
+            it seeds; `reset(seed=…)` begins anew with another seed. Default: random seeds.
+        num_agents: The number of agents.
+        server: The address of a server, a `Server` or a `Client`. Default: the environment starts a server of its own
+            at the first `reset` and stops it with `close`.
+        token: A key, if the server named by its address requires one.
+        rewards: `team`: every agent earns the change of the score. `individual`: each agent earns its own part.
         observations: `array`: a dictionary of arrays. `flat`: one vector with the planes, position, round and flag, for
             ordinary learners. `text`: the server's prompt. `both`: the arrays with `prompt`.
         messages: Whether agents talk: an action then is `{"action": …, "message": …}`, and arrays come with `messages`.
-        render_mode: What `render` makes of the whole map.
+        render_mode: The form in which `render` returns the whole map.
         rules: The rule set.
         width: Columns of the map.
         height: Rows of the map.
-        view_size: Side of the window that an agent sees.
-        memory: How many rounds a prompt remembers.
-        max_round: After how many rounds an episode ends.
+        view_size: The side of an agent's window, in cells.
+        memory: The number of earlier rounds in a prompt.
+        max_round: The maximum number of rounds of an episode.
         control: Under `centralized` every agent sees the whole map.
         noise: The probability that a delivered message is corrupted.
-        max_delay: By how many rounds a message may be late.
+        max_delay: The maximum delay of a message, in rounds.
         prompt_template: A template for the prompts instead of the built-in one, or the name `toolkit`.
-        answer_reader: How answers of language models are read.
-        model: Under which name the episodes are kept.
-        agent_meta: What else is kept with them.
-        visibility: Who may watch; where it is left out the server decides.
+        answer_reader: The reader of answers of language models.
+        model: The name of the model with which the episodes are stored.
+        agent_meta: Further data about the player that is stored with the episodes.
+        visibility: The visitors who may watch. Default: the server decides.
         backend: `http` plays on a server. `native` plays in this process, a hundred times as fast; it needs the native
             module, and takes neither `server` nor `token`.
 
     Raises:
-        ArgumentError: An argument cannot be right. What only the server knows is refused at the first `reset`.
+        ArgumentError: An argument cannot be right. The first `reset` refuses what only the server can check.
     """
     one_of("rules", rules, ("paper", "reference"))
     one_of("control", control, ("decentralized", "centralized"))
@@ -138,14 +138,14 @@ def parallel_env(
 
 
 class SwarmEnv(ParallelEnv[str, Any, Any]):
-    """What `parallel_env` returns.
+    """The environment of `parallel_env`.
 
     Attributes:
         episode: The id of the episode that is played.
-        seed: Its seed.
-        score: Its score so far.
-        actions: What the numbers of `Discrete` actions mean.
-        seen: Of each agent the last observation as it came from the server.
+        seed: The seed of the episode.
+        score: The score of the episode so far.
+        actions: The names of `Discrete` actions, by their numbers.
+        seen: The last observation of each agent, as it came from the server.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as PettingZoo declares it
@@ -210,17 +210,17 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         self._is_over = True
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
-        """What the agent's observations are in; the same object every time."""
+        """The space of the agent's observations; the same object every time."""
         return self.observation_spaces[agent_name(agent, self.possible_agents)]
 
     def action_space(self, agent: str) -> spaces.Space[Any]:
-        """What the agent's actions are in; the same object every time."""
+        """The space of the agent's actions; the same object every time."""
         return self.action_spaces[agent_name(agent, self.possible_agents)]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-        """Begins a new episode, and aborts the one that is not at its end. There are no options."""
+        """Begins a new episode, and aborts an unfinished one. There are no options."""
         del options
         self._reseed(seed)
         resources = self._open()
@@ -236,9 +236,9 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         self.agents = list(self.possible_agents)
         self.seen = {}
         self._look(self._playing())
-        observations, infos = self._told(self.agents)
+        observations, infos = self._outputs(self.agents)
         if self._is_over:
-            # A layout can be done before the first round; then there is nothing to do in it.
+            # A layout can be solved before the first round; then no agent acts.
             self.agents = []
         return observations, infos
 
@@ -248,7 +248,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         """Plays a round with an action for each agent in `agents`.
 
         Raises:
-            SwarmbenchError: There is no episode, or it is over and there are actions.
+            SwarmbenchError: There is no episode, or the episode is over and there are actions.
             ArgumentError: An action is missing, not in its space, or of an agent that has left. Nothing was sent.
         """
         swarm, agents = self._playing(), self.agents
@@ -263,25 +263,25 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
             gains = earned.team(before, after)
         else:
             gains = earned.individual(self._settings["task"], before, after)
-        # The number of rounds belongs to the game and is seen by all, so its end is an end of the game, as is an
-        # escape. Only what comes from outside, an abort or a time-out, cuts it off.
+        # The number of rounds belongs to the game and is seen by all, so the last round terminates the game, as an
+        # escape does. Only an abort or a time-out, which come from outside, truncate it.
         is_cut = self._is_over and after[agents[0]]["status"] != "finished"
         terminations = {agent: not is_cut and (self._is_over or not after[agent]["alive"]) for agent in agents}
         truncations = dict.fromkeys(agents, is_cut)
-        observations, infos = self._told(agents)
+        observations, infos = self._outputs(agents)
         self.agents = [agent for agent in agents if not (terminations[agent] or truncations[agent])]
         if self.render_mode == "human":
             self.render()
         return observations, gains, terminations, truncations, infos
 
     def fork(self, count: int = 1) -> list[Self]:
-        """Makes environments that play on from the state of this one, each with an episode of its own.
+        """Makes environments that continue from the state of this one, each with an episode of its own.
 
-        The same actions lead to the same states in all of them, and their later episodes have the seeds that this one's
-        have. Over HTTP they play on the server of this environment, and end with it where it is the environment's own.
+        The same actions lead to the same states in all forks, and their later episodes have the same seeds as this
+        environment's. Over HTTP forks play on the server of this environment, and end with a server of its own.
 
         Raises:
-            SwarmbenchError: There is no episode, or it is over.
+            SwarmbenchError: There is no episode, or the episode is over.
         """
         count = whole("count", count, 1, FORKS_MAX)
         self._check_playing()
@@ -311,14 +311,14 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         return text
 
     def state(self) -> NDArray[np.uint8]:
-        """The whole map in the channels of a `view`, for training that may see more than agents do."""
+        """The whole map in the channels of a `view`, for training that may see more than the agents."""
         channels, _ = encode_cells(self._map())
         return channels
 
     def close(self) -> None:
-        """Aborts the episode that is not at its end, and stops the server if it is the environment's own.
+        """Aborts an unfinished episode, and stops the server if it is the environment's own.
 
-        A later `reset` opens everything again.
+        A later `reset` opens both again.
         """
         self.agents = []
         self._is_closed = True
@@ -335,7 +335,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         self.close()
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy, also one in another process, has the same arguments and is before its first `reset`."""
+        """The arguments: a copy, also one in another process, is before its first `reset`."""
         return {
             **self.__dict__, "agents": [], "seed": None, "episode": None, "score": 0.0, "seen": {}, "_seats": {},
             "_round": 0, "_is_over": True, "_is_closed": False, "_resources": None, "_finalizer": None,
@@ -344,7 +344,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
     # Seeds.
 
     def _reseed(self, seed: int | None) -> None:
-        """Makes `seed`, where there is one, the next to be played, and those after it follow from it."""
+        """Makes `seed`, if there is one, the next seed; later seeds follow from it."""
         if seed is not None:
             self._next_seed = whole("seed", seed, 0, SEED_MAX)
             self._generator, _ = seeding.np_random(self._next_seed)
@@ -357,7 +357,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
     # Spaces.
 
     def _observation_space(self) -> spaces.Space[Any]:
-        # A prompt consists of printable ASCII but for what a template of one's own puts in.
+        # A prompt consists of printable ASCII, except for the text of a custom template.
         characters = PRINTABLE | {"\n"} | set(self._settings["prompt_template"] or "")
         prompt = spaces.Text(PROMPT_CHARS_MAX, min_length=0, charset=frozenset(characters))
         if self._observations == "text":
@@ -369,12 +369,12 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
             parts["prompt"] = prompt
         return spaces.Dict(parts)
 
-    # What goes over the wire.
+    # Requests.
 
     def _open(self) -> Resources:
         if self._resources is None:
             self._resources = Resources(self._server, self._token)
-            # Made after those of a `Server`, so at the end of the program it is called before them.
+            # Registered after the finalizer of a `Server`, so it is called before that one at the end of the program.
             name = f"parallel_env({self._settings['task']!r})"
             self._finalizer = weakref.finalize(self, self._resources.finalize, name)
             self._is_closed = False
@@ -417,19 +417,19 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         return env
 
     def _play_on(self, created: CreatedEpisode) -> None:
-        """Takes an episode in the middle."""
+        """Takes an episode that has already begun."""
         self.episode, self._is_over = created["id"], False
         self._seats = {seat["agent"]: seat["token"] for seat in created["seats"]}
         self._open().begin(created)
         self._look(self._playing())
 
     def _check_agents(self, actions: Any) -> None:
-        """Whether there are actions of the agents that are in the game, and of no other."""
+        """Checks that all agents in the game have an action, and no other agent has one."""
         if not isinstance(actions, Mapping):
             raise ArgumentError(f"actions are a dictionary with an action for each agent, not {shown(actions)}")
         for agent, action in actions.items():
             agent_name(agent, self.possible_agents)
-            # PettingZoo's name for no action, which is all that one who has left can do.
+            # `None` is PettingZoo's name for no action, the only one of an agent that has left.
             if agent not in self.agents and action is not None:
                 if not self.agents:
                     raise SwarmbenchError("the episode is over, as `env.agents` is empty: reset() begins a new one")
@@ -446,10 +446,10 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         return act
 
     def _play(self, swarm: Client, acts: list[SwarmAct]) -> None:
-        """Sends acts, and takes what their agents see next. Usually that is one request.
+        """Sends acts, and takes their agents' next observations. Usually that is one request.
 
-        Acts that the server had no place for, and those whose agents' next observations have not come, are sent again:
-        the same act again is none, and brings the observation.
+        Acts for which the server had no place, and acts whose agents' next observations have not come, are sent again:
+        a repeated act does not count twice, and its answer has the observation.
         """
         fresh: dict[str, Observation] = {}
         failures = 0
@@ -461,7 +461,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
             errors = [ApiError(problem) for problem in problems]
             lasting = [error for error in errors if not error.is_temporary]
             if any(error.code == "episode_over" for error in lasting):
-                # Somebody ended the episode.
+                # Another client ended the episode.
                 self._look(swarm)
                 return
             if lasting:
@@ -475,14 +475,14 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         self._take(fresh)
 
     def _look(self, swarm: Client) -> None:
-        """Takes what every agent sees in the open round, or at the end."""
+        """Takes the observations of all agents in the open round, or at the end."""
         fresh: dict[str, Observation] = {}
         finished = False
         while not fresh and not finished:
             answer = swarm.swarm_obs(wait=WAIT_S, limit=1024, prompt=self._wants_prompt)
             finished = answer["finished"]
             fresh = {sight["agent"]: sight for sight in answer["observations"]}
-        # Nobody waits for anything once the episode has ended; and an answer has no place for all that is very long.
+        # No agent waits for an act once the episode has ended, and one answer cannot hold very long observations.
         for agent in self.agents:
             if agent not in fresh:
                 fresh[agent] = swarm.with_token(self._seats[agent]).obs(prompt=self._wants_prompt)
@@ -500,9 +500,9 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
     def _map(self) -> list[list[str]]:
         return symbols_of(self._playing().state(self.episode or ""))
 
-    # What is told of it.
+    # Outputs.
 
-    def _told(self, agents: list[str]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    def _outputs(self, agents: list[str]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         seen = [self.seen[agent] for agent in agents]
         observations = dict(zip(agents, self._encode(seen), strict=True))
         infos = {
@@ -517,7 +517,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         return observations, infos
 
     def _encode(self, seen: list[Observation]) -> Iterable[Any]:
-        """These observations in the shape that was asked for."""
+        """The observations in the shape that the argument `observations` names."""
         if self._observations == "text":
             return [sight.get("prompt") for sight in seen]
         parts = self._layout.encode(seen)

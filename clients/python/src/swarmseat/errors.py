@@ -1,4 +1,4 @@
-"""What can go wrong. Everything that this package raises by itself is a `SwarmbenchError`, also where httpx failed."""
+"""Errors. Everything that this package raises by itself is a `SwarmbenchError`, also when httpx failed."""
 
 import json
 import re
@@ -13,13 +13,13 @@ if TYPE_CHECKING:
     from typing_extensions import TypeIs
 
 TEMPORARY_STATUS = frozenset({429, 502, 503, 504})
-"""Answers after which the same request may succeed: too much at once, or a server that is just restarting."""
+"""Statuses after which the same request may succeed: a rate limit, or a server that is restarting."""
 
 LATE_STATUS = 408
-"""What a proxy answers to a request that came too slowly."""
+"""The status with which a proxy answers a request that arrives too slowly."""
 
 PAGE_CHARS_MAX = 200
-"""How much of the text of a proxy's page an error shows."""
+"""The maximum length of a proxy's text that an error shows."""
 
 PAGE_MARKUP = re.compile(r"<(script|style)\b.*?(</\1\s*>|\Z)|<[^>]*>?", re.DOTALL | re.IGNORECASE)
 
@@ -35,7 +35,7 @@ class ArgumentError(SwarmbenchError, ValueError):
 class ConnectionFailedError(SwarmbenchError):
     """No answer came: an unknown host, a refused or broken connection, or nothing within the time.
 
-    `__cause__` is what httpx says of it.
+    `__cause__` is the error of httpx.
     """
 
 
@@ -44,8 +44,8 @@ class UnexpectedAnswerError(SwarmbenchError):
 
     Attributes:
         status: The HTTP status.
-        retry_after_s: In how many seconds it is worth trying again, where the answer says so.
-        is_temporary: Whether a proxy answered in place of the server, as it does where that died with the request.
+        retry_after_s: The seconds after which a retry is worthwhile, if the answer names them.
+        is_temporary: Whether a proxy answered in place of the server, as it does if the server died during the request.
     """
 
     def __init__(self, message: str, status: int, retry_after_s: float | None = None) -> None:
@@ -59,17 +59,17 @@ class ApiError(SwarmbenchError):
     """The server refused a request. `code` is for programs; docs/protocol.md lists all codes.
 
     Attributes:
-        code: What is wrong, such as `round_over`.
+        code: The kind of error, such as `round_over`.
         status: The HTTP status.
         title: The code in words.
-        detail: What was expected and what came.
-        round: The round at which the episode stands, where that helps.
-        retry_after_s: In how many seconds it is worth trying again, where it is.
+        detail: The expected and the received value.
+        round: The round of the episode, if that helps.
+        retry_after_s: The seconds after which a retry is worthwhile, if it is.
         is_temporary: Whether the same request may succeed later.
         limit: The limit that was reached.
-        fields: What is wrong with which field; all of them at once.
-        request_id: What to name when asking an operator about it.
-        problem: All of it as it came.
+        fields: The problems of all fields, one each.
+        request_id: The id of the request, for questions to an operator.
+        problem: The whole body of the answer.
     """
 
     def __init__(self, problem: Problem, *, retry_after_s: float | None = None, request_id: str | None = None) -> None:
@@ -91,7 +91,7 @@ class ApiError(SwarmbenchError):
 
 
 class ServerError(SwarmbenchError):
-    """A server of one's own did not start, or there is no program to start."""
+    """A server of one's own did not start, or its program was not found."""
 
 
 def is_problem(receipt: Receipt | Problem) -> "TypeIs[Problem]":
@@ -100,7 +100,7 @@ def is_problem(receipt: Receipt | Problem) -> "TypeIs[Problem]":
 
 
 def error_of(asked: str, status: int, headers: Mapping[str, str], body: bytes) -> ApiError | UnexpectedAnswerError:
-    """The error that an answer other than success means. `asked` is the request in words."""
+    """The error for an unsuccessful answer. `asked` is the request in words."""
     retry_after_s = _retry_after_s(headers.get("retry-after"))
     try:
         problem = json.loads(body)
@@ -119,21 +119,21 @@ def error_of(asked: str, status: int, headers: Mapping[str, str], body: bytes) -
 def unexpected(
     asked: str, came: str, body: bytes, status: int, retry_after_s: float | None = None
 ) -> UnexpectedAnswerError:
-    """The error that an answer means which no swarmbench server gives."""
+    """The error for an answer that no swarmbench server gives."""
     shown = f": {_first_text(body)}" if body else ""
     hint = "no swarmbench server answers so: is the address right, or is a proxy in between?"
     return UnexpectedAnswerError(f"{came} came for {asked}{shown}; {hint}", status, retry_after_s)
 
 
 def _first_text(body: bytes) -> str:
-    """The first printable text of a page: no markup, scripts or styles, and one space where there were several."""
+    """The first printable text of a page: without markup, scripts or styles, and with single spaces."""
     text = PAGE_MARKUP.sub(" ", body.decode("utf-8", "replace"))
     words = "".join(char if char.isprintable() else " " for char in text).split()
     return " ".join(words)[:PAGE_CHARS_MAX] or "no text"
 
 
 def _retry_after_s(header: str | None) -> float | None:
-    """`Retry-After` is a number of seconds or a date."""
+    """The seconds of a `Retry-After`, which is a number of seconds or a date."""
     if header is None:
         return None
     try:

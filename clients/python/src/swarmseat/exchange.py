@@ -12,31 +12,31 @@ from .errors import ArgumentError, ConnectionFailedError, error_of, unexpected
 T = TypeVar("T")
 
 TIMEOUT_S = 30.0
-"""How long an answer may take beyond the `wait` that was asked for, unless a client is given another `timeout`."""
+"""The default `timeout`: the seconds that an answer may take beyond the `wait` of its request."""
 
 PAUSE_S_MAX = 10.0
-"""What a pause grows to, unless the server asks for a longer one."""
+"""The maximum pause, in seconds, unless the server asks for a longer one."""
 
 
 @dataclass(frozen=True)
 class Retry:
-    """How temporary failures are tried again: no answer, 429, 502, 503, 504, and a page of a proxy with 408 or 5xx.
+    """The rules for retries of temporary failures: no answer, 429, 502, 503, 504, and a proxy's page with 408 or 5xx.
 
-    The pauses double from `first_pause_s` up to 10 s, with chance in them so that many clients do not come back at
-    once. A `Retry-After` of the server is waited for instead. Every request of this package may be repeated: the same
-    act again gets the same receipt, and creations carry an `Idempotency-Key`.
+    The pauses double from `first_pause_s` up to 10 s, and are random so that many clients do not come back at once. A
+    `Retry-After` of the server replaces the pause. Every request of this package may be repeated: the same act gets the
+    same receipt again, and creations carry an `Idempotency-Key`.
     """
 
     times: int = 6
-    """How often a request is tried again; 0 for never."""
+    """The maximum number of retries of a request; 0 for none."""
     first_pause_s: float = 0.1
     patience_s: float = 60.0
-    """How long the pauses before one answer may be together. What would take longer fails at once."""
+    """The maximum sum of the pauses before one answer. A request whose pauses would take longer fails at once."""
 
 
 @dataclass(frozen=True)
 class Call(Generic[T]):
-    """One request, and how its answer is read."""
+    """One request, and the reader of its answer."""
 
     method: str
     path: str
@@ -45,11 +45,11 @@ class Call(Generic[T]):
     body: bytes | None = None
     headers: Mapping[str, str] = field(default_factory=dict)
     wait_s: float = 0.0
-    """How long the server may hold the answer back."""
+    """The maximum time that the server may hold the answer back."""
 
 
 class Reply(NamedTuple):
-    """An answer as it came. The names of `headers` are in lower case or read in any case."""
+    """An answer. The names of `headers` are in lower case or case-insensitive."""
 
     status: int
     headers: Mapping[str, str]
@@ -57,15 +57,15 @@ class Reply(NamedTuple):
 
 
 class NoReply(NamedTuple):
-    """Why no answer came."""
+    """The reason why no answer came."""
 
     reason: Exception
     may_help: bool = True
-    """Whether another attempt may help. It does not where no server has ever been at the address."""
+    """Whether a retry may help. A retry does not help if no server has ever answered at the address."""
 
 
 class Pause(NamedTuple):
-    """A client waits for so long."""
+    """A pause that the client has to wait for."""
 
     seconds: float
 
@@ -83,7 +83,7 @@ def call(
     headers: Mapping[str, str] | None = None,
     read: Callable[[bytes], T] = json.loads,
 ) -> Call[T]:
-    """A request. `ids` go into the places `{}` of the path; what is None is left out of the query."""
+    """A request. `ids` replace each `{}` of the path; parameters that are None are left out of the query."""
     kept = {name: _text(value) for name, value in (query or {}).items() if value is not None}
     return Call(
         method=method,
@@ -97,7 +97,7 @@ def call(
 
 
 def converse(request: Call[T], retry: Retry, server: str) -> Flow[T]:
-    """Sends a request until there is an answer that is not temporary. Whoever drives it sends and sleeps."""
+    """Repeats a request until its answer is not temporary. The driver of this generator sends and sleeps."""
     asked = f"{request.method} {server}{request.path}"
     waited_s = 0.0
     for attempt in range(retry.times + 1):
@@ -135,18 +135,18 @@ def converse(request: Call[T], retry: Retry, server: str) -> Flow[T]:
 
 
 class Event(NamedTuple):
-    """One of a stream of Server-Sent Events."""
+    """A Server-Sent Event."""
 
     event: str
-    """What happened: `round`, `game` or `finished`."""
+    """The kind of event: `round`, `game` or `finished`."""
     id: str | None
-    """With which the stream can be resumed."""
+    """The id from which the stream can be resumed."""
     data: Any
-    """A `RoundEvent`, a `RunGame`, or at last an `EpisodeResult` or a `RunDetail`."""
+    """A `RoundEvent` or a `RunGame`; with `finished`, an `EpisodeResult` or a `RunDetail`."""
 
 
 class EventStream:
-    """A stream of events that is read to its end, also where the connection breaks."""
+    """A stream of events that is read to its end, even over broken connections."""
 
     def __init__(self, path: str, id: str, after: int | None = None) -> None:
         self._path = path
@@ -156,13 +156,13 @@ class EventStream:
         self.finished = False
 
     def request(self) -> Call[None]:
-        """What to ask for: all events after the last one that was read."""
+        """The request for all events after the last one that was read."""
         self._lines = []
         resumed = {} if self._last is None else {"last-event-id": self._last}
         return call("GET", self._path, self._id, headers=resumed, read=lambda _: None)
 
     def feed(self, line: str) -> Iterator[Event]:
-        """Takes a line without its end, and tells the event that it completes."""
+        """Takes a line without its end, and returns the event that the line completes."""
         if line:
             self._lines.append(line)
             return
@@ -193,7 +193,7 @@ def _wait_s(value: str) -> float:
         wait_s = float(value)
     except ValueError:
         raise ArgumentError(f"wait is a number of seconds, and not {value!r}") from None
-    # What is out of range the server refuses, and names the range.
+    # The server refuses numbers out of range, and names the range.
     return min(max(0.0, wait_s), 3600.0)
 
 
@@ -201,7 +201,7 @@ def _json(body: object) -> bytes:
     try:
         return json.dumps(body, ensure_ascii=False, allow_nan=False, default=_plain).encode(errors="replace")
     except ValueError as error:
-        # NaN and the infinities, and what contains itself.
+        # JSON has no NaN and no infinities, and no object that contains itself.
         raise ArgumentError(f"{_short(body)} cannot be sent as JSON: {error}") from error
     except TypeError as error:
         raise ArgumentError(f"{_short(body)} cannot be sent as JSON: {error}") from error

@@ -1,9 +1,9 @@
-"""Keeps a server for another program, and ends it when that program is gone, however it went.
+"""Runs a server for another program, and ends the server when that program is gone, however it ended.
 
-This file is run by itself (`python -I keeper.py PARENT DIRECTORY COMMAND…`) and must not import the package. It stops
-the server when its standard input is closed, which happens at the latest when the parent dies, or when its parent is
-another one: a copy of the pipe may live on in some child of the parent. Then it removes DIRECTORY. Where the server
-ends by itself the directory stays, as the log in it says why.
+This file is a program of its own (`python -I keeper.py PARENT DIRECTORY COMMAND…`) and must not import the package.
+The keeper stops the server when the keeper's standard input is closed, which happens at the latest when the parent
+dies, or when the keeper has another parent: a copy of the pipe may survive in some child of the parent. Then the keeper
+removes DIRECTORY. If the server ends by itself the directory stays, as the log there says why.
 """
 
 import os
@@ -14,13 +14,13 @@ import subprocess
 import sys
 
 STOP_S_MAX = 12.0
-"""A server stops within 10 seconds."""
+"""The maximum time to wait for the server to stop: a server stops within 10 seconds."""
 LOOK_S = 0.5
-"""How long a server lives on where only its parent's id shows that the parent died."""
+"""The interval between checks of the parent's id, if only that shows that the parent died."""
 
 
 def main() -> int:
-    """Runs until the parent is gone, or the server."""
+    """Runs until the parent or the server is gone."""
     parent, directory, command = int(sys.argv[1]), sys.argv[2], sys.argv[3:]
     for unwanted in (signal.SIGINT, signal.SIGHUP):
         signal.signal(unwanted, signal.SIG_IGN)

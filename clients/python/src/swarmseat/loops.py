@@ -1,4 +1,4 @@
-"""Coroutines in programs that are not written for asyncio, and in notebooks."""
+"""Coroutines in programs without asyncio, and in notebooks."""
 
 import asyncio
 import contextvars
@@ -13,11 +13,11 @@ T = TypeVar("T")
 
 
 def run_async(main: Coroutine[Any, Any, T]) -> T:
-    """Runs a coroutine to its end and returns what it returns, also where an event loop runs already.
+    """Runs a coroutine to its end and returns its result, even if an event loop runs already.
 
-    That is so in a notebook, where `asyncio.run` fails. There the coroutine gets a loop on a thread of its own, and the
-    caller waits for it; objects that belong to the caller's loop, such as an `AsyncClient` that was used there, cannot
-    be used in it. Ctrl-C, or the notebook's stop, cancels the coroutine.
+    In a notebook a loop runs already, and `asyncio.run` fails. There the coroutine gets a loop on a thread of its own,
+    and the caller waits; the coroutine cannot use objects that belong to the caller's loop, such as an `AsyncClient`
+    that was used there. Ctrl-C, or the notebook's stop, cancels the coroutine.
     """
     if not asyncio.iscoroutine(main):
         raise ArgumentError(f"run_async takes a coroutine, as main() of `async def main()` is, and not {main!r}")
@@ -40,12 +40,12 @@ class _Thread(Generic[T]):
         self._thread = threading.Thread(target=context.run, args=(self._run,), name="swarmseat.run_async", daemon=True)
 
     def result(self) -> T:
-        """Starts it, and waits for its end."""
+        """Starts the thread, and waits for the coroutine's result."""
         self._thread.start()
         try:
             self._thread.join()
         except BaseException:
-            # Where its loop is closed it has just ended.
+            # A closed loop means that the coroutine has just ended.
             with suppress(RuntimeError):
                 if self._running is not None:
                     self._running[0].call_soon_threadsafe(self._running[1].cancel)

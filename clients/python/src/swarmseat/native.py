@@ -1,6 +1,6 @@
 """Many episodes in this process, stepped in one call: training at the speed of the engine.
 
-It needs the native module, which is part of the wheels of `bindings/python`.
+This module needs the native module, which is part of the wheels of `bindings/python`.
 """
 
 import json
@@ -35,17 +35,17 @@ Arrays: TypeAlias = dict[str, Any]
 Partners: TypeAlias = _native.Partners
 """Built-in players of one episode."""
 Words: TypeAlias = str | tuple[str, int | None] | None
-"""What an agent says: a text, a text and the number of its only receiver (for a commander), or nothing."""
+"""The message of an agent: a text, a text and the number of its only receiver (for a commander), or nothing."""
 
 
 class Answer(NamedTuple):
-    """What an answer of a language model means, or what a built-in player decides.
+    """A parsed answer of a language model, or the decision of a built-in player.
 
     Attributes:
-        action: Its place in `VecEnv.actions`, or -1 for none.
-        message: What the agent says.
+        action: The index of the action in `VecEnv.actions`, or -1 for none.
+        message: The message of the agent.
         to: The only receiver of a commander's message.
-        fault: Why the answer does not count: `empty`, `no_marker`, or `unknown_action`.
+        fault: The reason why the answer does not count: `empty`, `no_marker`, or `unknown_action`.
     """
 
     action: int
@@ -77,36 +77,35 @@ class VecEnv:
     | `messages` | E lists of A lists of texts | with `messages=True` |
 
     Args:
-        task: What is played.
-        num_envs: How many environments there are.
-        num_agents: How many agents play in each.
+        task: The name of the task.
+        num_envs: The number of environments.
+        num_agents: The number of agents in each environment.
         rules: The rule set.
         width: Columns of the map.
         height: Rows of the map.
-        view_size: Side of the window that an agent sees.
-        memory: How many rounds a prompt remembers. Arrays show the present only, so 0 is fastest.
-        max_round: After how many rounds an episode ends.
+        view_size: The side of an agent's window, in cells.
+        memory: The number of earlier rounds in a prompt. Arrays show the present only, so 0 is fastest.
+        max_round: The maximum number of rounds of an episode.
         control: Under `centralized` every agent sees the whole map.
         noise: The probability that a delivered message is corrupted.
-        max_delay: By how many rounds a message may be late.
-        seed: From where environments draw the seeds of their layouts; random where it is left out.
-        threads: How many threads step; as many as there are processors where it is left out. Results do not depend on
-            it.
+        max_delay: The maximum delay of a message, in rounds.
+        seed: The seed from which environments draw the seeds of their layouts. Default: a random one.
+        threads: The number of threads that step. Default: the number of processors. Results do not depend on it.
         observations: `planes` or `symbols` for `view`; `none` writes no windows.
-        rewards: `team`: the change of the score for everybody. `individual`: what the agents did themselves.
+        rewards: `team`: every agent earns the change of the score. `individual`: each agent earns its own part.
         messages: Whether agents talk.
-        autoreset: What happens after an episode, as Gymnasium's `AutoresetMode` has it: `next_step`, `same_step` or
+        autoreset: The behaviour after an episode, as in Gymnasium's `AutoresetMode`: `next_step`, `same_step` or
             `disabled`.
-        mask: `alive`: everything an agent on the map may do. `moves`: without pushes against a wall, a nest or food
-            that it sees beside itself; a hint, as these are allowed, and change nothing.
+        mask: `alive`: all actions of an agent on the map. `moves`: without pushes against a wall, a nest or food that
+            the agent sees beside itself; this is a hint, as such pushes are allowed, and change nothing.
         copy: Whether `reset` and `step` return copies. Without, they return the arrays into which the next call writes.
         record: Whether acts are recorded, so that there are states and journals: a byte for each act.
         prompt_template: A template for `prompt` instead of the built-in one: its text, or the name `toolkit`.
-        answer_reader: How `read_answer` reads.
+        answer_reader: The reader of answers, for `read_answer`.
 
     Attributes:
         buffers: The arrays into which every call writes.
-        actions: What the numbers of actions mean.
+        actions: The names of actions, by their numbers.
     """
 
     def __init__(
@@ -197,9 +196,8 @@ class VecEnv:
 
         Args:
             seed: With a number, environment `i` plays the layout of `seed + i`; with one number for each environment,
-                these layouts. Later seeds of an environment follow from its own. Without any, seeds are drawn as
-                before.
-            mask: Which environments begin a new episode, one truth for each; all where it is left out.
+                these layouts. Later seeds of an environment follow from its own. Default: seeds are drawn as before.
+            mask: A boolean for each environment: whether it begins a new episode. Default: all environments do.
         """
         seeds: list[int] | None = None
         if seed is not None:
@@ -217,10 +215,10 @@ class VecEnv:
         if mask is not None:
             chosen = np.asarray(mask)
             if chosen.dtype != np.bool_ or chosen.shape != (self.num_envs,):
-                raise ValueError(f"mask must be {self.num_envs} truths, is {chosen.dtype} of shape {chosen.shape}")
+                raise ValueError(f"mask must be {self.num_envs} booleans, is {chosen.dtype} of shape {chosen.shape}")
             only = chosen.tolist()
         self._native.reset(seeds, only)
-        return self._told(self._seen)
+        return self._outputs(self._seen)
 
     def step(
         self, actions: NDArray[np.integer[Any]] | Sequence[Any], messages: Sequence[Sequence[Words]] | None = None
@@ -228,9 +226,9 @@ class VecEnv:
         """Plays a round in every environment.
 
         Args:
-            actions: (E, A) whole numbers: places in `actions`, or -1 for none. Those of agents that may not act have no
-                effect.
-            messages: What each agent of each environment says, with `messages=True` only.
+            actions: (E, A) whole numbers: indices in `actions`, or -1 for none. Actions of agents that may not act have
+                no effect.
+            messages: The message of each agent of each environment, with `messages=True` only.
         """
         chosen = np.asarray(actions)
         seats = (self.num_envs, self.num_agents)
@@ -239,7 +237,7 @@ class VecEnv:
                 f"actions must be whole numbers of shape {seats}, are {chosen.dtype} of shape {chosen.shape}"
             )
         self._native.step(np.ascontiguousarray(chosen, np.int64), self._words(messages))
-        return self._told(None)
+        return self._outputs(None)
 
     def fork(self, source: int, targets: int | Sequence[int] | NDArray[np.integer[Any]]) -> Arrays:
         """Copies an environment into others, in the middle of its episode. The same acts lead to the same states."""
@@ -247,16 +245,16 @@ class VecEnv:
         if places.dtype.kind not in "iu" or places.ndim != 1:
             raise ValueError("targets must be numbers of environments")
         self._native.fork(self._index(source), np.ascontiguousarray(places, np.int64))
-        return self._told(self._seen)
+        return self._outputs(self._seen)
 
     def state(self, index: int) -> bytes:
         """The state of an environment: its settings, and all acts that led to it. Other programs can load it."""
         return self._native.state(self._index(index))
 
     def load(self, index: int, state: bytes) -> Arrays:
-        """Puts an environment into a state; its acts are played again."""
+        """Puts an environment into a state, whose acts are played again."""
         self._native.load(self._index(index), state)
-        return self._told(self._seen)
+        return self._outputs(self._seen)
 
     def world_digest(self, index: int) -> str:
         """The SHA-256 of an environment's state, as journals have it."""
@@ -270,11 +268,11 @@ class VecEnv:
         return self._native.journal(self._index(index), episode, now)
 
     def prompt(self, index: int, agent: int, template: str | None = None) -> str:
-        """What an agent may know, as text for a language model: the prompt of the server, or of another template."""
+        """An agent's observation as text for a language model: the prompt of the server, or of another template."""
         return self._native.prompt(self._index(index), whole("agent", agent, 0, 2**16), template or self._template)
 
     def read_answer(self, agent: int, text: str) -> Answer:
-        """Reads what a language model answers for an agent, by the rules of the server."""
+        """Reads a language model's answer for an agent, by the rules of the server."""
         return Answer(*self._native.read_answer(whole("agent", agent, 0, 2**16), text))
 
     def partners(self, index: int, players: Mapping[int, str]) -> Partners:
@@ -286,17 +284,17 @@ class VecEnv:
         return self._native.partners(self._index(index), names)
 
     def decide(self, index: int, partners: Partners) -> dict[int, Answer]:
-        """What the partners do in this round, by agent. They are asked once in each round of the episode."""
+        """The partners' decisions in this round, by agent. Partners are asked once in each round of the episode."""
         decided = self._native.decide(self._index(index), partners)
         return {agent: Answer(action, message, to, None) for agent, action, message, to in decided}
 
     def sight(self, index: int, agent: int) -> Sight:
-        """What an agent may know, as the server writes it. The id of the episode is empty."""
+        """The observation of an agent, as the server writes it. The id of the episode is empty."""
         text = self._native.sight(self._index(index), whole("agent", agent, 0, 2**16))
         return cast("Sight", json.loads(text))
 
     def map(self, index: int) -> list[list[str]]:
-        """The whole map of an environment, in the symbols that agents see: a number for each agent, with a mark."""
+        """The whole map of an environment, in the symbols that agents see. An agent is a number with a mark."""
         return self._native.map(self._index(index))
 
     def heard(self) -> list[list[list[str]]]:
@@ -307,7 +305,7 @@ class VecEnv:
         return lists
 
     def close(self) -> None:
-        """Gives the memory of all episodes back. Nothing else can be called after it."""
+        """Frees the memory of all episodes. No other method can be called afterwards."""
         self._native.close()
 
     def __enter__(self) -> Self:
@@ -317,7 +315,7 @@ class VecEnv:
         self.close()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A copy, also one in another process, has the same arguments and is before its first `reset`."""
+        """The arguments: a copy, also one in another process, is before its first `reset`."""
         return partial(type(self), **self._arguments), ()
 
     def __repr__(self) -> str:
@@ -339,13 +337,13 @@ class VecEnv:
         }
 
     def _named(self, frame: Arrays) -> Arrays:
-        """The arrays that there are, with the name of the flag."""
+        """The names of all arrays, with that of the flag."""
         named = {name: array for name, array in frame.items() if name != "flag" and array.size}
         if self.flag:
             named[self.flag] = frame["flag"]
         return named
 
-    def _told(self, names: tuple[str, ...] | None) -> Arrays:
+    def _outputs(self, names: tuple[str, ...] | None) -> Arrays:
         told = self.buffers if names is None else {name: self.buffers[name] for name in names}
         if self.copy:
             told = {name: _copied(part) for name, part in told.items()}

@@ -20,7 +20,7 @@ _SETTINGS = (
 
 
 class _Seen(dict[str, Observation]):
-    """What every agent may know now, made where it is read."""
+    """The observations of all agents, each made when it is first read."""
 
     def __init__(self, world: VecEnv) -> None:
         super().__init__()
@@ -31,7 +31,7 @@ class _Seen(dict[str, Observation]):
 
 
 class NativeSwarmEnv(SwarmEnv):
-    """What `parallel_env(backend="native")` returns: `SwarmEnv` without a server.
+    """The environment of `parallel_env(backend="native")`: `SwarmEnv` without a server.
 
     Attributes:
         world: The episode as the only one of a `VecEnv`, for its state, its journal and its digest.
@@ -70,7 +70,7 @@ class NativeSwarmEnv(SwarmEnv):
         self.agents = list(self.possible_agents)
         observations, infos = self._read(self.agents)
         if not told["alive"].any():
-            # A layout can be done before the first round; then there is nothing to do in it.
+            # A layout can be solved before the first round; then no agent acts.
             self.agents = []
         return observations, infos
 
@@ -80,7 +80,7 @@ class NativeSwarmEnv(SwarmEnv):
         """Plays a round with an action for each agent in `agents`.
 
         Raises:
-            SwarmbenchError: There is no episode, or it is over and there are actions.
+            SwarmbenchError: There is no episode, or the episode is over and there are actions.
             ArgumentError: An action is missing, not in its space, or of an agent that has left. Nothing was played.
         """
         self._check_open()
@@ -92,7 +92,7 @@ class NativeSwarmEnv(SwarmEnv):
         words: list[Words] = [None] * len(self.possible_agents)
         for agent in agents:
             place, action = self._places[agent], actions[agent]
-            # What policies return mostly; anything else is read with all checks.
+            # Most policies return such numbers; any other action is read with all checks.
             if type(action) is int and not self._messages and 0 <= action < len(self.actions):
                 numbers[place] = action
                 continue
@@ -113,7 +113,7 @@ class NativeSwarmEnv(SwarmEnv):
         return observations, gains, terminations, dict.fromkeys(agents, False), infos
 
     def close(self) -> None:
-        """Gives the memory of the episode back. A later `reset` begins anew."""
+        """Frees the memory of the episode. A later `reset` begins a new one."""
         self.agents = []
         self.seed = None
         self._is_closed = True
@@ -157,7 +157,7 @@ class NativeSwarmEnv(SwarmEnv):
         return self.world.map(0)
 
     def _read(self, agents: list[str]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-        """What these agents see, as a copy."""
+        """The observations of these agents, as copies."""
         world, buffers = self.world, self.world.buffers
         count = len(self.possible_agents)
         self._round, self.score = int(buffers["round"][0]), float(buffers["score"][0])

@@ -1,6 +1,6 @@
 """Swarms for OpenEnv: an environment of its server, and a client.
 
-It needs the extra `openenv`. `python -m swarmseat.openenv` serves it; a package for a hub is in
+This module needs the extra `openenv`. `python -m swarmseat.openenv` serves the environment; a package for a hub is in
 `examples/training/for_openenv` of the repository (docs/play/frameworks.md).
 """
 
@@ -27,16 +27,16 @@ except ModuleNotFoundError as error:
     ) from error
 
 MODES: tuple[Mode, ...] = ("one_seat", "turns", "joint")
-"""Modes with one conversation: a session has no others."""
+"""Modes with one conversation, the only ones of a session."""
 
 SUITES: dict[str, tuple[int, ...]] = {"standard": (27, 42, 57, 72, 87), "baselines": tuple(range(20))}
-"""The seeds of the suites that servers have, too; each is played with all tasks."""
+"""The seeds of the servers' suites. Each is played with all tasks."""
 
 TRAIN_SEEDS = range(1_000_000, 1_100_000)
-"""The seeds of the split `train`: none of them is in a suite."""
+"""The seeds of the split `train`, none of which is in a suite."""
 
 LISTED_MAX = 1_000
-"""Games of a split that are listed at once."""
+"""The maximum number of games of a split that are listed at once."""
 
 
 class SwarmAction(Action):
@@ -46,7 +46,7 @@ class SwarmAction(Action):
 
 
 class SwarmObservation(Observation):
-    """What is asked next. `reward` is the share of a full score that the last step added."""
+    """The next prompt. `reward` is the share of a full score that the last step added."""
 
     prompt: str = Field(default="", description="What the model is asked; empty once the episode is over")
     agent: str | None = Field(default=None, description="Whose act is asked for; null for all agents together")
@@ -56,7 +56,7 @@ class SwarmObservation(Observation):
 
 
 class SwarmState(State):
-    """What is played."""
+    """The state of a session's episode."""
 
     task: TaskName = "Foraging"
     mode: Mode = "one_seat"
@@ -66,12 +66,12 @@ class SwarmState(State):
 
 
 class SwarmEnvironment(Environment[SwarmAction, SwarmObservation, SwarmState]):
-    """An episode after the other, for one session.
+    """One episode after the other, for one session.
 
     Args:
-        task: What is played where `reset` names nothing.
+        task: The task if `reset` names none.
         mode: `one_seat`, `turns` or `joint`, as in `swarmseat.TextEpisode`.
-        **settings: What else `swarmseat.TextEpisode` takes: the seat, its partners, and settings of the game.
+        **settings: Further arguments of `swarmseat.TextEpisode`: the seat, its partners, and settings of the game.
     """
 
     SUPPORTS_CONCURRENT_SESSIONS = True
@@ -96,11 +96,11 @@ class SwarmEnvironment(Environment[SwarmAction, SwarmObservation, SwarmState]):
         """Begins an episode and shows the first prompt.
 
         Args:
-            seed: The seed of the layout; drawn where it is left out. The state and `metadata` name it.
+            seed: The seed of the layout, which the state and `metadata` name. Default: a random one.
             episode_id: A name for the episode.
             task: Another task than the environment's.
             split: With `index`, a game of a split instead of `task` and `seed`.
-            index: Its place in the split.
+            index: The index of the game in the split.
         """
         played = self._task if task is None else task_name(task)
         if split is not None or index is not None:
@@ -116,8 +116,8 @@ class SwarmEnvironment(Environment[SwarmAction, SwarmObservation, SwarmState]):
         return self._shown(self._episode, turn, reward=None)
 
     def step(self, action: SwarmAction, timeout_s: float | None = None) -> SwarmObservation:
-        """Takes an answer. One that is none costs the act, and the episode continues."""
-        del timeout_s  # A step waits for nobody.
+        """Takes an answer. An invalid answer costs the act, and the episode continues."""
+        del timeout_s  # A step never waits.
         if self._episode is None:
             raise ArgumentError("there is no episode yet: reset first")
         turn = self._episode.step(action.response)
@@ -126,17 +126,17 @@ class SwarmEnvironment(Environment[SwarmAction, SwarmObservation, SwarmState]):
 
     @property
     def state(self) -> SwarmState:
-        """What is played, and how far it is."""
+        """The game and its progress."""
         return self._state
 
     def close(self) -> None:
-        """Gives the memory of the episode back."""
+        """Frees the memory of the episode."""
         if self._episode is not None:
             self._episode.close()
             self._episode = None
 
     def get_metadata(self) -> EnvironmentMetadata:
-        """What this is."""
+        """The description of this environment."""
         return EnvironmentMetadata(
             name="swarmbench",
             description="Swarms of language models in a grid world with real pushing physics: five tasks of SwarmBench",
@@ -148,7 +148,7 @@ class SwarmEnvironment(Environment[SwarmAction, SwarmObservation, SwarmState]):
         return [*SUITES, "train"]
 
     def num_tasks(self, split: str) -> int:
-        """How many games a split has."""
+        """The number of games of a split."""
         return len(_seeds(split)) * len(TASKS)
 
     def get_task(self, split: str, index: int) -> dict[str, Any]:
@@ -160,12 +160,12 @@ class SwarmEnvironment(Environment[SwarmAction, SwarmObservation, SwarmState]):
         return {"id": f"{task}#{seed}", "index": index, "task": task, "seed": seed}
 
     def get_task_range(self, split: str, start: int | None = None, stop: int | None = None) -> list[dict[str, Any]]:
-        """Games of a split: those of a slice."""
+        """A slice of the games of a split."""
         places = range(self.num_tasks(split))[start:stop]
         return [self.get_task(split, index) for index in places[:LISTED_MAX]]
 
     def list_tasks(self, split: str) -> list[dict[str, Any]]:
-        """The games of a split, or the first of them."""
+        """The games of a split; of a long split the first ones."""
         return self.get_task_range(split)
 
     def _shown(self, episode: TextEpisode, turn: Turn, reward: float | None) -> SwarmObservation:
@@ -201,7 +201,7 @@ class SwarmClient(EnvClient[SwarmAction, SwarmObservation, SwarmState]):
 
 
 def app(max_concurrent_envs: int = 256, **settings: Any) -> Any:
-    """The application that a server such as uvicorn runs; `settings` are those of `SwarmEnvironment`."""
+    """The application for a server such as uvicorn. `settings` are those of `SwarmEnvironment`."""
     factory = functools.partial(SwarmEnvironment, **settings)
     # A mistake in the settings is reported now, not in the first session.
     first = factory()

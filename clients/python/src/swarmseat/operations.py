@@ -1,4 +1,4 @@
-"""Every call of the protocol, once. Both clients have them as methods."""
+"""Every call of the protocol, once. Both clients have the calls as methods."""
 
 import uuid
 from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
@@ -23,14 +23,14 @@ ATTEMPTS = "/api/v1/competitions/{}/attempts"
 
 
 class Operation(Generic[P, T]):
-    """A method that says what to ask. On a `Client` it returns the answer, on an `AsyncClient` it is awaited."""
+    """A method that makes a request. On a `Client` it returns the answer, on an `AsyncClient` it is awaited."""
 
     def __init__(self, build: Callable[Concatenate[Any, P], Call[T]]) -> None:
         self._build = build
         update_wrapper(cast("Callable[..., Any]", self), build)
 
     def __call__(self, client: "Client | AsyncClient", *args: P.args, **kwargs: P.kwargs) -> Any:
-        """The method of a client that is named as its first argument, as with any function of a class."""
+        """Calls the method on the client that is its first argument, as with any function of a class."""
         return client.send(self._build(client, *args, **kwargs))
 
     @overload
@@ -47,7 +47,7 @@ class Operation(Generic[P, T]):
 
 
 class Operations:
-    """The calls. What they answer is in `swarmseat.wire`; docs/protocol.md says what they do."""
+    """The calls. `swarmseat.wire` has their answers; docs/protocol.md says what they do."""
 
     # An agent: two calls and one token.
 
@@ -55,7 +55,7 @@ class Operations:
     def obs(
         self, *, after: int | None = None, wait: float | None = None, prompt: bool | None = None
     ) -> Call[wire.Observation]:
-        """What the token's agent sees now. With `after` and `wait` (seconds) it waits for a later round."""
+        """The observation of the token's agent. With `after` and `wait` (seconds) the call waits for a later round."""
         return call("GET", "/obs", query={"after": after, "wait": wait, "prompt": prompt})
 
     @Operation
@@ -74,9 +74,9 @@ class Operations:
     ) -> Call[wire.ActResponse]:
         """Answers a round with an action, or with the whole `response` of a language model.
 
-        `failure` says why the model gave no answer, where only its client knows: it refused, for example.
+        `failure` says why the model gave no answer, if only its client knows: the model refused, for example.
 
-        With `wait` (seconds) the answer comes with the next observation in `obs`, or None if the time was up.
+        With `wait` (seconds) the answer has the next observation in `obs`, or None if the time was up.
         """
         act: wire.ActRequest = {"round": round, "action": action, "message": message, "to": to}
         act |= {"response": response, "usage": usage, "reasoning": reasoning, "failure": failure}
@@ -93,17 +93,17 @@ class Operations:
         limit: int | None = None,
         prompt: bool | None = None,
     ) -> Call[wire.SwarmObsResponse]:
-        """The observations that wait for an act; with `after` only those opened after that cursor."""
+        """The observations that wait for an act; with `after` only observations of rounds opened after that cursor."""
         return call("GET", "/swarm/obs", query={"after": after, "wait": wait, "limit": limit, "prompt": prompt})
 
     @Operation
     def swarm_act(
         self, acts: Sequence[wire.SwarmAct], *, wait: float | None = None, prompt: bool | None = None
     ) -> Call[wire.SwarmActResponse]:
-        """Acts for several seats. Each is taken or refused for itself: see `swarmseat.is_problem`.
+        """Acts for several seats. Each act is taken or refused for itself: see `swarmseat.is_problem`.
 
-        With `wait` (seconds) the answer comes when the next round is open in every episode acted in, with the next
-        `observations` of these seats; one that cannot be seen yet is not among them.
+        With `wait` (seconds) the answer comes when the next round is open in every episode acted in, and has the next
+        `observations` of these seats, except those that cannot be seen yet.
         """
         if isinstance(acts, Mapping | str) or not isinstance(acts, Iterable):
             raise ArgumentError(f"acts are a list of acts, each a dictionary, and not of {type(acts).__name__}")
@@ -115,14 +115,14 @@ class Operations:
     def create_episode(
         self, *, idempotency_key: str | None = None, **settings: Unpack[wire.EpisodeRequest]
     ) -> Call[wire.CreatedEpisode]:
-        """Creates an episode; its tokens are shown this once."""
+        """Creates an episode. Its tokens are shown only once."""
         return call("POST", "/api/v1/episodes", body=settings, headers=_once(idempotency_key))
 
     @Operation
     def fork(
         self, id: str, *, idempotency_key: str | None = None, **settings: Unpack[wire.ForkRequest]
     ) -> Call[wire.CreatedForks]:
-        """Makes one or `count` new episodes that play on from an episode's state before `round`."""
+        """Creates one or `count` new episodes that continue from an episode's state before `round`."""
         return call("POST", EPISODE + "/fork", id, body=settings, headers=_once(idempotency_key))
 
     @Operation
@@ -156,24 +156,24 @@ class Operations:
 
     @Operation
     def abort_episode(self, id: str) -> Call[wire.EpisodeSummary]:
-        """Ends an episode. What was played stays."""
+        """Ends an episode. Its rounds and acts stay."""
         return call("DELETE", EPISODE, id)
 
     @Operation
     def void_episode(self, id: str, reason: str) -> Call[wire.EpisodeSummary]:
-        """Says that the host broke it, so that it counts nowhere. For organizers."""
+        """Voids an episode that failed because of the host: it counts nowhere. For organizers."""
         return call("POST", EPISODE + "/void", id, body={"reason": reason})
 
     @Operation
     def claim_seats(
         self, id: str, *, idempotency_key: str | None = None, **claim: Unpack[wire.ClaimRequest]
     ) -> Call[wire.CreatedClaim]:
-        """Claims open seats of an episode; the tokens are shown this once."""
+        """Claims open seats of an episode. The tokens are shown only once."""
         return call("POST", EPISODE + "/claims", id, body=claim, headers=_once(idempotency_key))
 
     @Operation
     def seats(self, id: str) -> Call[wire.SeatList]:
-        """Who holds the seats of an episode."""
+        """The holders of the seats of an episode."""
         return call("GET", EPISODE + "/claims", id)
 
     @Operation
@@ -183,7 +183,7 @@ class Operations:
 
     @Operation
     def journal(self, id: str) -> Call[bytes]:
-        """The journal, byte for byte: what `swarmbench verify` reads."""
+        """The journal, byte for byte, as `swarmbench verify` reads it."""
         return call("GET", EPISODE + "/journal", id, read=bytes)
 
     @Operation
@@ -196,7 +196,7 @@ class Operations:
         from_: int | None = None,
         states: int | None = None,
     ) -> Call[wire.GameMetrics]:
-        """What the swarm of an episode did, in numbers; with `series` also for its states (at most 1,000 at once)."""
+        """The metrics of an episode; with `series` also those of its states (at most 1,000 at once)."""
         query = {"definition": definition, "series": series, "from": from_, "states": states}
         return call("GET", EPISODE + "/metrics", id, query=query)
 
@@ -204,12 +204,12 @@ class Operations:
     def replay(
         self, id: str, *, from_: int | None = None, rounds: int | None = None, ground: bool | None = None
     ) -> Call[wire.Replay]:
-        """A page of the states of an episode, with what was decided: up to 100 rounds from state `from_` on."""
+        """A page of the states of an episode, with the agents' decisions: up to 100 rounds from state `from_` on."""
         return call("GET", EPISODE + "/replay", id, query={"from": from_, "rounds": rounds, "ground": ground})
 
     @Operation
     def agent_round(self, id: str, round: int, agent: str) -> Call[wire.AgentRound]:
-        """What an agent knew in a round, and what it did."""
+        """The observation and the act of an agent in a round."""
         return call("GET", EPISODE + "/rounds/{}/agents/{}", id, str(round), agent)
 
     @Operation
@@ -219,7 +219,7 @@ class Operations:
 
     @Operation
     def verification(self, id: str) -> Call[wire.Verification]:
-        """What the server found when it played the journal again."""
+        """The server's findings when it replayed the journal."""
         return call("GET", EPISODE + "/verification", id)
 
     # Runs and suites.
@@ -233,7 +233,7 @@ class Operations:
     def create_run(
         self, *, idempotency_key: str | None = None, **run: Unpack[wire.RunRequest]
     ) -> Call[wire.CreatedRun]:
-        """Starts a run; its token is shown this once."""
+        """Starts a run. Its token is shown only once."""
         return call("POST", "/api/v1/runs", body=run, headers=_once(idempotency_key))
 
     @Operation
@@ -262,7 +262,7 @@ class Operations:
 
     @Operation
     def renew_run_token(self, id: str) -> Call[wire.RunToken]:
-        """A new token in place of one that was lost. The earlier one is worth nothing any more."""
+        """Replaces a lost token of a run. The earlier token is no longer accepted."""
         return call("POST", RUN + "/token", id)
 
     # Competitions, with the key of an entrant.
@@ -276,9 +276,9 @@ class Operations:
         entrant: str | None = None,
         idempotency_key: str | None = None,
     ) -> Call[wire.StartedAttempt]:
-        """Starts the next attempt that is open, or the one with this number; `entrant` where the key has several.
+        """Starts the next open attempt, or the attempt with this number; `entrant` is needed if the key has several.
 
-        Its swarm token is shown this once; `renew_run_token` replaces a lost one. From now on its clocks run.
+        The attempt's swarm token is shown only once; `renew_run_token` replaces a lost one. Its clocks start now.
         """
         body = _given({"attempt": attempt, "entrant": entrant})
         return call("POST", ATTEMPTS, competition, body=body, headers=_once(idempotency_key))
@@ -313,7 +313,7 @@ class Operations:
 
     @Operation
     def leaderboard(self, **query: Unpack[wire.LeaderboardQuery]) -> Call[wire.Leaderboard]:
-        """Who did how well in a suite."""
+        """The leaderboard of a suite."""
         return call("GET", "/api/v1/leaderboard", query={**query, "format": "json"})
 
     @Operation
@@ -323,7 +323,7 @@ class Operations:
 
     @Operation
     def cross_play(self, **query: Unpack[wire.CrossPlayQuery]) -> Call[wire.Page[wire.CrossPlayPair]]:
-        """How well models did together."""
+        """The scores of models that played together."""
         return call("GET", "/api/v1/cross-play", query={**query, "format": "json"})
 
     @Operation
@@ -340,14 +340,14 @@ class Operations:
 
     @Operation
     def ready(self) -> Call[wire.Health]:
-        """The same once it is ready for everything; until then the server answers 503, which is tried again."""
+        """The same, once the server is ready for all requests. Until then it answers 503, which is retried."""
         return call("GET", "/readyz")
 
     @Operation
     def request(
         self, method: str, path: str, *, query: Mapping[str, object] | None = None, body: object = None
     ) -> Call[Any]:
-        """Any other JSON route, such as those for organizers. It is repeated like the others when no answer comes."""
+        """Calls any other JSON route, such as those for organizers. The request is retried like all others."""
         return call(method, path.replace("{", "{{").replace("}", "}}"), query=query, body=body)
 
 
@@ -356,5 +356,5 @@ def _given(fields: Mapping[str, object]) -> dict[str, object]:
 
 
 def _once(key: str | None) -> dict[str, str]:
-    """The same creation sent again must not create another, so each has a key."""
+    """The `Idempotency-Key` of a creation: a retry must not create a second one."""
     return {"idempotency-key": key or uuid.uuid4().hex}

@@ -1,4 +1,4 @@
-"""Playing all seats of a swarm token: what is shared by both clients. They ask, decide and wait."""
+"""Playing all seats of a swarm token: the part that both clients share. The clients ask, decide and wait."""
 
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, cast
@@ -7,32 +7,32 @@ from . import wire
 from .errors import ApiError, ArgumentError, is_problem
 
 Decision = str | Mapping[str, Any]
-"""What an agent decides: the name of an action, or fields of an act such as `action`, `message` and `response`."""
+"""A decision of an agent: the name of an action, or fields of an act such as `action`, `message` and `response`."""
 
 Decide = Callable[[wire.Observation], Decision]
-"""Who decides for an agent, from what it sees."""
+"""A function that decides for an agent, from its observation."""
 
 AsyncDecide = Callable[[wire.Observation], Awaitable[Decision]]
 """The same for asyncio."""
 
 WAIT_S = 30.0
-"""How long one look waits for something to decide."""
+"""The maximum time that one look waits for an observation to decide on."""
 
 AT_ONCE = 16
-"""How many agents decide at the same time, unless `play` is told otherwise."""
+"""The default number of agents that decide at the same time."""
 
 PAUSE_S = 1.0
-"""The pause before an act is decided again that the server could not take, if the server asks for none."""
+"""The pause before an agent decides again after the server could not take its act, if the server names none."""
 
 DELAYS_MAX = 12
-"""How many answers in a row may take no act at all. A server that never takes one would be asked for ever."""
+"""The maximum number of answers in a row that take no act: a server that never takes one would be asked forever."""
 
 _TOO_LATE = {"round_over", "episode_over"}
 _LATER = {"rate_limited", "overloaded", "unavailable"}
 
 
 def act_of(seen: wire.Observation, decision: object) -> wire.SwarmAct:
-    """The act of the agent that saw this."""
+    """The act of the agent that decided on this observation."""
     if isinstance(decision, str):
         decision = {"action": decision}
     if not isinstance(decision, Mapping):
@@ -47,19 +47,19 @@ def act_of(seen: wire.Observation, decision: object) -> wire.SwarmAct:
 
 
 class Receipts:
-    """What the server said to acts: which failure ends everything, and how long to wait before the next look."""
+    """The server's receipts for acts: which refusal ends the play, and the pause before the next look."""
 
     def __init__(self) -> None:
         self._delays = 0
 
     def pause_s(self, receipts: list[wire.Receipt | wire.Problem]) -> float:
-        """How long to wait. What was not taken waits for an act still, so it is decided again.
+        """The pause in seconds. Seats whose acts were not taken still wait for an act, so their agents decide again.
 
         Raises:
             ApiError: The server refused an act, and would refuse it again.
         """
         problems = [receipt for receipt in receipts if is_problem(receipt)]
-        # A clock ran out, or somebody ended the game: nothing is wrong with the act.
+        # A clock ran out, or another client ended the game: the act itself was right.
         problems = [problem for problem in problems if problem["code"] not in _TOO_LATE]
         self._delays = self._delays + 1 if problems and len(problems) == len(receipts) else 0
         for problem in problems:

@@ -1,4 +1,4 @@
-"""What an environment has to give back: connections, the episode that it plays, and a server of its own."""
+"""The resources of an environment, which it has to release: connections, its episode, and a server of its own."""
 
 import os
 import warnings
@@ -12,14 +12,14 @@ from .server import Server
 from .wire import CreatedEpisode
 
 ENDING_S_MAX = 2.0
-"""How long one attempt to end an episode may take. An episode whose server does not answer ends there by itself, when
-nobody has acted for its `idle_timeout_s`."""
+"""The maximum time of one attempt to end an episode. If the server does not answer, the episode ends there by itself,
+after `idle_timeout_s` without an act."""
 
 ENDING_RETRY = Retry(times=2, patience_s=ENDING_S_MAX)
 
 
 class Resources:
-    """Opens them, and closes them once.
+    """Opens the resources, and closes them once.
 
     Args:
         server: The address of a server, a `Server`, a `Client`, or None for a server of its own.
@@ -44,7 +44,7 @@ class Resources:
 
     @property
     def server(self) -> str | Server | Client | None:
-        """Where another environment plays on the same server."""
+        """The server, on which another environment can play, too."""
         return self._own_server or self._given
 
     def begin(self, created: CreatedEpisode) -> None:
@@ -53,11 +53,11 @@ class Resources:
         self._ending = (created["id"], created["swarm_token"])
 
     def ended(self) -> None:
-        """The episode is at its end."""
+        """Notes that the episode is at its end."""
         self._ending = None
 
     def abort(self) -> None:
-        """Ends the episode, if it is not at its end."""
+        """Aborts the episode, if it is not at its end."""
         if self.swarm is not None:
             self._abort(self.swarm)
         self.swarm = None
@@ -65,7 +65,7 @@ class Resources:
     def close(self) -> None:
         """Ends the episode, closes the connections, and stops the server that is its own."""
         if isinstance(self._given, Server) and not self._given.is_running:
-            # It is gone, and with it what was played there.
+            # The server is gone, and with it its episodes.
             self.ended()
         if self._own_server is not None:
             self.ended()
@@ -75,12 +75,12 @@ class Resources:
             self._release()
 
     def finalize(self, name: str) -> None:
-        """The same for an environment that nobody closed, when it is collected or the program ends.
+        """`close` for an environment that was not closed, when it is collected or the program ends.
 
-        It raises nothing, and does not use connections over which another request may be on its way just now.
+        This method raises nothing, and uses no connections over which another request may be under way.
         """
         if os.getpid() != self._process:
-            # A fork has a copy, and must not end what is not its own.
+            # A forked process has a copy, and must not end its parent's episode.
             return
         if self._ending is None and isinstance(self._given, Client):
             return
@@ -101,10 +101,10 @@ class Resources:
         try:
             swarm.abort_episode(ending[0])
         except ConnectionFailedError:
-            # Nobody is there to play it on.
+            # Nobody is left to continue the episode.
             pass
         except ApiError as error:
-            # Somebody else ended it, or it went with its database.
+            # Another client ended the episode, or it is gone with its database.
             if error.code not in {"episode_over", "not_found", "unauthorized"}:
                 raise
 
@@ -117,11 +117,11 @@ class Resources:
 
 
 def check_server(server: object, token: object) -> None:
-    """The arguments of an environment that say where it plays."""
+    """Checks the arguments that name an environment's server."""
     if server is not None and not isinstance(server, str | Server | Client):
         raise ArgumentError(f"server is an address, a Server, a Client or None, and not {shown(server)}")
     if token is not None and not isinstance(server, str):
         raise ArgumentError("token is the key for a server that is given by its address; give that as `server`, too")
     if isinstance(server, str):
-        # Its address and token are wrong now, and not at the first reset.
+        # A wrong address or token is an error now, not at the first reset.
         Client(server, token if isinstance(token, str) else None).close()

@@ -1,4 +1,4 @@
-"""What each agent earned in a round, from what the agents themselves see before and after it."""
+"""The rewards of agents in a round, computed from the agents' observations before and after it."""
 
 from collections.abc import Mapping
 
@@ -9,7 +9,7 @@ Sights = Mapping[str, Observation]
 
 
 def full_score(task: str, num_agents: int = 12, max_round: int = 100) -> float:
-    """The score that counts as 1 where rewards are shares: about what the best built-in player makes.
+    """The score that counts as 1 when rewards are shares: about the score of the best built-in player.
 
     Pursuit and Synchronization: a point in every round. Foraging: a delivery of each agent in 30 rounds. Flocking and
     Transport: a point for each agent.
@@ -26,12 +26,12 @@ def team(before: Sights, after: Sights) -> dict[str, float]:
 
 
 def individual(task: str, before: Sights, after: Sights) -> dict[str, float]:
-    """What the agents did themselves.
+    """The agents' own parts of the change of the score.
 
-    Foraging: 1 for each load that the agent delivered. Transport: what its own leaving scored. Pursuit: the point of a
-    caught prey in equal shares to those who stand beside it. In these three the rewards add up to the change of the
-    score. In Synchronization and Flocking nobody can be told apart: everybody gets the change of the score, as with
-    `team`.
+    Foraging: 1 for each load that the agent delivered. Transport: the score of the agent's own leaving. Pursuit: the
+    point of a caught prey in equal shares to the agents beside it. In these three the rewards add up to the change of
+    the score. In Synchronization and Flocking contributions cannot be told apart: every agent gets the change of the
+    score, as with `team`.
     """
     if task == "Foraging":
         return {
@@ -51,11 +51,11 @@ def individual(task: str, before: Sights, after: Sights) -> dict[str, float]:
 
 
 def _hunters(before: Sights, after: Sights) -> list[str]:
-    """Who stands beside the prey that was caught; all living agents where that cannot be known.
+    """The agents beside the prey that was caught; all living agents if that cannot be known.
 
-    It was in a cell that is shut in now: none of its neighbours is empty, and all of them were seen, as those who shut
-    it in see them. Where the prey was when the round was decided it is caught; only the first prey of the rules
-    `reference` may have been pushed from there. So of several such cells the nearest is taken.
+    The prey was in a cell that is enclosed now: none of its neighbours is empty, and all of them are seen, as the
+    enclosing agents see them. A prey is caught where it was when the round was decided; only the first prey of the
+    rules `reference` may have been pushed from there. So the nearest of several such cells is taken.
     """
     positions = {agent: _cell(at) for agent, sight in after.items() if (at := sight["position"]) is not None}
     now = _seen(after)
@@ -71,7 +71,7 @@ def _hunters(before: Sights, after: Sights) -> list[str]:
 
 
 def _seen(sights: Sights) -> dict[Cell, str]:
-    """What all agents together see."""
+    """The cells that all agents together see."""
     cells: dict[Cell, str] = {}
     for number, sight in enumerate(sights.values()):
         view, position = sight["view"], sight["position"]

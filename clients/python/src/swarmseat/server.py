@@ -18,9 +18,9 @@ from .errors import ServerError
 from .exchange import Retry
 
 START_S_MAX = 30.0
-"""How long a server may take to be ready."""
+"""The maximum time until a server is ready."""
 STOP_S_MAX = 15.0
-"""Longer than the keeper gives the server."""
+"""The maximum time until the keeper has ended: longer than the keeper gives the server."""
 
 HOW_TO_BUILD = (
     "the program `swarmbench` was not found. Install a wheel that has it (bindings/python/build makes one), or build "
@@ -33,16 +33,15 @@ HOW_TO_BUILD = (
 class Server:
     """A server on a free port of this machine.
 
-    It runs as long as the `with` block, or from `start()` to `stop()`; and it ends with this program, however that
-    ends, also where it is killed. For Linux and macOS.
+    The server runs as long as the `with` block, or from `start()` to `stop()`. It ends with this program, even if the
+    program is killed. For Linux and macOS.
 
     Args:
-        binary: The program. Where it is left out: `SWARMBENCH_BINARY`, then the program that came with this
-            installation (in its wheel), then `swarmbench` on the `PATH`, then `target/release` and `target/debug` of
-            the checkout in which the working directory or this package is (or what cargo has in their place,
-            `CARGO_TARGET_DIR`).
-        db: The database, which is kept. Where it is left out it is a temporary one, removed at the end.
-        arguments: More arguments of `swarmbench serve`.
+        binary: The program. Default: `SWARMBENCH_BINARY`, then the program of this installation (in its wheel), then
+            `swarmbench` on the `PATH`, then `target/release` and `target/debug` of the checkout in which the working
+            directory or this package is (or the folders of `CARGO_TARGET_DIR` in their place).
+        db: The database, which is kept. Default: a temporary one, which is removed at the end.
+        arguments: Further arguments of `swarmbench serve`.
     """
 
     def __init__(
@@ -60,26 +59,26 @@ class Server:
 
     @property
     def url(self) -> str:
-        """Its address, once it is started."""
+        """The address of the server, once it is started."""
         if self._url is None:
             raise ServerError("the server is not started: use it in a `with` block, or call start()")
         return self._url
 
     @property
     def is_running(self) -> bool:
-        """Whether it was started and not stopped."""
+        """Whether the server was started and not stopped."""
         return self._url is not None
 
     def client(self) -> Client:
-        """A client for it, which shows no token."""
+        """A client for the server, without a token."""
         return Client(self.url, token="")
 
     def async_client(self) -> AsyncClient:
-        """The same for asyncio."""
+        """A client for the server in asyncio, without a token."""
         return AsyncClient(self.url, token="")
 
     def start(self) -> Self:
-        """Starts it, and returns once it is ready."""
+        """Starts the server, and returns once it is ready."""
         if self.is_running:
             return self
         binary = find_binary(self._binary)
@@ -88,8 +87,8 @@ class Server:
         db = directory / "swarmbench.db" if self._db is None else Path(self._db)
         command = [str(binary), "serve", "--addr", "127.0.0.1:0", "--db", str(db), "--log-format", "json"]
         keeper = [sys.executable, "-I", "-S", str(Path(__file__).with_name("keeper.py")), str(os.getpid())]
-        # Of what the server logs only its address and what is wrong is wanted; a long training would fill the disk.
-        # Settings of another server in the environment are not for this one.
+        # Only the server's address and its warnings are logged; a long training would fill the disk otherwise.
+        # Variables of the environment may be settings of another server.
         environment = {name: value for name, value in os.environ.items() if not name.startswith("SWARMBENCH_")}
         environment["RUST_LOG"] = "warn,swarmbench::cli::serve=info"
         with log.open("wb") as written:
@@ -99,7 +98,7 @@ class Server:
                 stdout=written,
                 stderr=written,
                 env=environment,
-                # Ctrl-C in a terminal is for this program, which then stops the server in order.
+                # Ctrl-C in a terminal reaches this program only, which then stops the server in order.
                 start_new_session=True,
             )
         self._finalizer = weakref.finalize(self, _stop, os.getpid(), process, directory)
@@ -114,7 +113,7 @@ class Server:
         return self
 
     def stop(self) -> None:
-        """Stops it, and returns once it is gone. Does nothing where none runs."""
+        """Stops the server, and returns once it has ended. Does nothing if no server runs."""
         self._url = None
         if self._finalizer is not None:
             self._finalizer()
@@ -130,7 +129,7 @@ class Server:
 
 
 def find_binary(named: str | os.PathLike[str] | None = None) -> Path:
-    """The program: as it is named, or where `Server` says that it is looked for."""
+    """The program: the named one, or the first that is found in the places that `Server` lists."""
     named = named or os.environ.get("SWARMBENCH_BINARY")
     if named is not None:
         path = Path(named).expanduser()
@@ -158,13 +157,13 @@ def find_binary(named: str | os.PathLike[str] | None = None) -> Path:
 
 
 def _is_script(path: Path) -> bool:
-    """Whether pip made it for a package: another project's package `swarmbench` has a command of this name."""
+    """Whether pip made the file for a package: another project's package `swarmbench` has a command of this name."""
     with path.open("rb") as program:
         return program.read(2) == b"#!"
 
 
 def _address(process: "subprocess.Popen[bytes]", log: Path) -> str:
-    """What the server says in its log about where it listens."""
+    """The address at which the server listens, from its log."""
     deadline = time.monotonic() + START_S_MAX
     said = ""
     while time.monotonic() < deadline:
@@ -183,7 +182,7 @@ def _address(process: "subprocess.Popen[bytes]", log: Path) -> str:
 
 
 def _stop(owner: int, process: "subprocess.Popen[bytes]", directory: Path) -> None:
-    # A fork of the owner has a copy of this object, and must not end what is not its own.
+    # A forked process has a copy of this object, and must not end its parent's server.
     if os.getpid() != owner:
         return
     if process.stdin is not None:
@@ -193,5 +192,5 @@ def _stop(owner: int, process: "subprocess.Popen[bytes]", directory: Path) -> No
     except subprocess.TimeoutExpired:
         process.terminate()
         process.wait()
-    # The keeper removed it, unless the server had ended by itself.
+    # The keeper removed the folder, unless the server had ended by itself.
     shutil.rmtree(directory, ignore_errors=True)

@@ -1,7 +1,7 @@
-"""Episodes as conversations: what language models are trained and evaluated with, in this process.
+"""Episodes as conversations in this process, to train and evaluate language models.
 
-`TextEpisode` gives the prompts of the server and reads answers as the server does. Frameworks are served by the modules
-`swarmseat.verifiers` and `swarmseat.openenv`, which translate only (docs/play/frameworks.md).
+`TextEpisode` gives the prompts of the server and reads answers as the server does. The modules `swarmseat.verifiers`
+and `swarmseat.openenv` translate between it and frameworks (docs/play/frameworks.md).
 """
 
 import re
@@ -23,7 +23,7 @@ Mode: TypeAlias = Literal["seats", "turns", "one_seat", "joint"]
 MODES: tuple[Mode, ...] = get_args(Mode)
 
 ANSWER_CHARS_MAX = 65_536
-"""Characters of an answer that are read: its end with the reader `last-marker`, its beginning with `first-marker`."""
+"""The characters of an answer that are read: the last with the reader `last-marker`, the first with `first-marker`."""
 
 _NO_ANSWER = Answer(-1, None, None, "empty")
 _NOT_NAMED = Answer(-1, None, None, "not_named")
@@ -74,7 +74,7 @@ _MARKER = re.compile(r"\b(?:ACTION|MSG)\W{0,8}[:\uff1a]", re.IGNORECASE)
 
 
 class GameSettings(TypedDict, total=False):
-    """Settings of the game, each with the server's default where it is left out."""
+    """Settings of the game. The defaults are the server's."""
 
     num_agents: int
     rules: Literal["paper", "reference"]
@@ -90,21 +90,21 @@ class GameSettings(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Turn:
-    """What is asked next, and what the last answers led to.
+    """The next prompts, and the results of the last answers.
 
     Attributes:
-        asked: The agents whose acts are asked for; nobody once the episode is over.
+        asked: The agents whose acts are asked for; none once the episode is over.
         prompts: The prompt of each agent that is asked, by its number. Empty with the mode `joint`.
         prompt: The only prompt, in modes with one conversation; empty once the episode is over.
-        reward: What this step added to the score; with the mode `one_seat`, what the seat earned in it. The rewards of
-            an episode add up.
-        rewards: What each agent earned in this step, those that are no longer on the map included.
+        reward: The change of the score in this step; with the mode `one_seat`, the seat's reward. The rewards of an
+            episode add up.
+        rewards: The reward of each agent in this step, agents that are no longer on the map included.
         gain: The change of the score as a share of `swarmseat.rewards.full_score`: from 0 to 1, also in their sum.
         done: Whether the episode is over.
-        round: How many rounds are resolved.
+        round: The number of resolved rounds.
         score: The score of the whole swarm.
-        invalid: The agents whose answers did not count in this step, and why: `empty`, `no_marker`, `unknown_action`,
-            or `not_named` where a joint answer has no line for it.
+        invalid: The agents whose answers did not count in this step, and the reason: `empty`, `no_marker`,
+            `unknown_action`, or `not_named` if a joint answer has no line for the agent.
     """
 
     asked: tuple[int, ...]
@@ -120,12 +120,12 @@ class Turn:
 
 
 class TextEpisode:
-    """An episode after the other, played with texts.
+    """One episode after the other, played with texts.
 
-    The same seed is the same layout as on every server, prompts are the server's, and answers are read by its rules.
-    An answer that is none costs the act of its agent and never the episode. An episode ends by itself, at the latest
-    after `max_round` rounds. Nothing is shared between objects of this class: hundreds of them may be in one process,
-    each used by one thread at a time.
+    A seed gives the same layout as on every server, prompts are the server's, and answers are read by its rules. An
+    invalid answer costs the act of its agent and never the episode. An episode ends by itself, at the latest after
+    `max_round` rounds. Objects of this class share nothing: hundreds of them may be in one process, each used by one
+    thread at a time.
 
     | mode | a conversation is | a step takes |
     | --- | --- | --- |
@@ -137,25 +137,25 @@ class TextEpisode:
     Prompts of `joint` are this package's own; the others are those of the server, to the byte.
 
     Args:
-        task: What is played.
-        mode: What a conversation is.
+        task: The name of the task.
+        mode: The kind of conversation, from the table.
         seat: With `one_seat`, the number of the agent that is asked.
         partners: Built-in players by the number of their agents; with `one_seat` also one name for all others.
             `default` is the best one of the task. They decide as the players that the server hosts.
-        rewards: `team`: the change of the score for everybody. `individual`: what the agents did themselves.
-        answer_reader: How answers are read.
+        rewards: `team`: every agent earns the change of the score. `individual`: each agent earns its own part.
+        answer_reader: The reader of answers.
         prompt_template: A template for the prompts instead of the built-in one, or the name `toolkit`.
-        answer_chars_max: Characters of an answer that are read; the rest is cut off.
+        answer_chars_max: The maximum number of characters of an answer that are read; the rest is cut off.
         **settings: Settings of the game.
 
     Attributes:
         world: The episode as the only one of a `VecEnv`, for its state, its journal and its digest.
-        turn: The last one.
+        turn: The last turn.
         seed: The seed of the layout that is played.
         full_score: The score that counts as 1 in `Turn.gain`.
-        earned: By agent, the sum of its rewards in this episode.
-        invalid_answers: By agent, how many of its answers did not count.
-        heard: By agent, how many messages it received.
+        earned: The sum of rewards in this episode, by agent.
+        invalid_answers: The number of answers that did not count, by agent.
+        heard: The number of messages received, by agent.
     """
 
     def __init__(
@@ -188,7 +188,7 @@ class TextEpisode:
         self.reset()
 
     def reset(self, seed: int | None = None) -> Turn:
-        """Begins an episode: of the layout of this seed, or of a seed that is drawn. `seed` names it then."""
+        """Begins an episode with the layout of this seed, or of a random one, which the attribute `seed` names."""
         self.world.reset(None if seed is None else [whole("seed", seed, 0, SEED_MAX)])
         self.seed = int(self.world.buffers["seed"][0])
         self.earned = [0.0] * self.world.num_agents
@@ -198,19 +198,19 @@ class TextEpisode:
         self._acts: dict[int, Answer] = {}
         self._is_over = False
         self._waiting = self._living()
-        # A layout can be done before the first round.
-        self.turn = self._told(0.0, np.zeros(self.world.num_agents), {})
+        # A layout can be solved before the first round.
+        self.turn = self._outputs(0.0, np.zeros(self.world.num_agents), {})
         return self.turn
 
     def step(self, answers: str | Mapping[int, str | None] | None) -> Turn:
-        """Takes answers, and resolves the round once no more are missing.
+        """Takes answers, and resolves the round once none is missing.
 
         Args:
             answers: A text. In the mode `seats` the texts of all agents that are asked, by their numbers; agents
-                without one, or with `None`, do nothing. The same is possible in the mode `joint`.
+                without a text, or with `None`, do nothing. The same is possible in the mode `joint`.
 
         Raises:
-            ArgumentError: These are no answers, or answers of agents that were not asked. Nothing was played.
+            ArgumentError: An answer is not a text, or of an agent that was not asked. Nothing was played.
             SwarmbenchError: The episode is over.
         """
         if self.turn.done:
@@ -222,11 +222,11 @@ class TextEpisode:
         self._acts |= read
         self._waiting = self._waiting[len(read) :]
         before, earned = self.turn.score, np.zeros(self.world.num_agents)
-        # Once nobody is left to ask, partners play the episode to its end.
+        # Once no agent is left to ask, partners play the episode to its end.
         while not self._waiting and not self._is_over:
             earned += self._play()
         self.earned = [sum(parts) for parts in zip(self.earned, earned.tolist(), strict=True)]
-        self.turn = self._told(before, earned, invalid)
+        self.turn = self._outputs(before, earned, invalid)
         return self.turn
 
     def journal(self) -> bytes:
@@ -234,7 +234,7 @@ class TextEpisode:
         return self.world.journal(0)
 
     def close(self) -> None:
-        """Gives the memory of the episode back."""
+        """Frees the memory of the episode."""
         self.world.close()
 
     def _partners_of(self, seat: int, partners: str | Mapping[int, str] | None) -> dict[int, str]:
@@ -276,13 +276,13 @@ class TextEpisode:
         return {agent: self._answer(agent, text) for agent, text in texts.items()}
 
     def _text(self, answer: object) -> str:
-        """What is read of an answer."""
+        """The part of an answer that is read."""
         if answer is None:
             return ""
         if not isinstance(answer, str):
             raise ArgumentError(f"an answer is a text, or None; this is {shown(answer)}")
         kept = answer[-self._chars_max :] if self._keeps_end else answer[: self._chars_max]
-        # Half a character, as a decoder of tokens may leave it, is no text to the native module.
+        # The native module refuses half a character, which a decoder of tokens may leave.
         return kept.encode(errors="replace").decode()
 
     def _answer(self, agent: int, text: str) -> Answer:
@@ -296,7 +296,7 @@ class TextEpisode:
         return {agent: self._answer(agent, lines[agent]) if agent in lines else _NOT_NAMED for agent in asked}
 
     def _play(self) -> NDArray[np.float32]:
-        """Resolves a round with the acts that were given, and returns what all agents earned."""
+        """Resolves a round with the given acts, and returns the rewards of all agents."""
         numbers = np.full((1, self.world.num_agents), -1)
         words: list[Words] = [None] * self.world.num_agents
         partners = {} if self._partners is None else self.world.decide(0, self._partners)
@@ -311,7 +311,7 @@ class TextEpisode:
             self.heard[agent] += len(messages)
         return cast("NDArray[np.float32]", told["rewards"][0])
 
-    def _told(self, before: float, earned: NDArray[Any], invalid: dict[int, str]) -> Turn:
+    def _outputs(self, before: float, earned: NDArray[Any], invalid: dict[int, str]) -> Turn:
         asked = self._waiting[:1] if self.mode == "turns" else self._waiting
         score = float(self.world.buffers["score"][0])
         prompts = {} if self.mode == "joint" else {agent: self.world.prompt(0, agent) for agent in asked}

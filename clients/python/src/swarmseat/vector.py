@@ -34,20 +34,20 @@ def vector_env(
     """Episodes as a Gymnasium `VectorEnv`.
 
     Args:
-        task: What is played.
-        num_envs: How many episodes there are.
+        task: The name of the task.
+        num_envs: The number of episodes.
         agents: `joint`: each episode is an environment whose action is one number for each agent, and whose reward is
             that of the team. `flat`: each agent is an environment, so one policy plays all; there are `num_envs` times
-            `num_agents` of them, and `info["alive"]` says which may act.
-        observations: A dictionary of arrays with `planes` or `symbols` for the windows; or `flat`, a `Box` of floats in
-            which a learner finds all of it: planes, position, round and flag.
-        options: Further arguments of `VecEnv`, but `messages` and `copy`.
+            `num_agents` environments, and `info["alive"]` says which may act.
+        observations: A dictionary of arrays with `planes` or `symbols` for the windows; or `flat`, a `Box` of floats
+            with all parts: planes, position, round and flag.
+        options: Further arguments of `VecEnv`, except `messages` and `copy`.
     """
     return SwarmVectorEnv(task, num_envs, agents=agents, observations=observations, **options)
 
 
 class SwarmVectorEnv(VectorEnv[Any, Any, Any]):
-    """What `vector_env` returns.
+    """The environments of `vector_env`.
 
     Attributes:
         envs: The episodes, for their states, journals and forks.
@@ -84,7 +84,7 @@ class SwarmVectorEnv(VectorEnv[Any, Any, Any]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begins new episodes: all, or those of the truths `options["reset_mask"]`."""
+        """Begins new episodes: all, or those that the booleans `options["reset_mask"]` choose."""
         mask = (options or {}).get("reset_mask")
         given: Any = seed
         if isinstance(seed, list):
@@ -118,7 +118,7 @@ class SwarmVectorEnv(VectorEnv[Any, Any, Any]):
         return self._observed(told), rewards, self._each(told["terminated"]), truncated, info
 
     def close_extras(self, **_: Any) -> None:
-        """Gives the memory of all episodes back."""
+        """Frees the memory of all episodes."""
         self.worlds.close()
 
     def _space(self) -> spaces.Space[Any]:
@@ -158,7 +158,7 @@ class SwarmVectorEnv(VectorEnv[Any, Any, Any]):
         return observed
 
     def _each(self, by_episode: NDArray[Any]) -> NDArray[Any]:
-        """A value of episodes for each environment."""
+        """The values of episodes, one for each environment."""
         return np.repeat(by_episode, self.worlds.num_agents) if self._by_agent else by_episode.copy()
 
     def _info(self, told: dict[str, Any]) -> dict[str, Any]:
@@ -183,7 +183,7 @@ def _refuse_single(task: TaskName, **_: Any) -> gymnasium.Env[Any, Any]:
 
 
 def _listing(check: Callable[[str | None, str], None]) -> Callable[[str | None, str], None]:
-    """Gymnasium's check of names, whose error lists the names that this package has registered."""
+    """Wraps Gymnasium's check of names, so that its error lists the names that this package has registered."""
 
     def check_name_exists(ns: str | None, name: str) -> None:
         try:

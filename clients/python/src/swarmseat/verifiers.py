@@ -1,6 +1,6 @@
 """Swarms for verifiers and prime-rl: a taskset, an environment, and a harness that asks without a program of its own.
 
-It needs Python 3.11 and the extra `verifiers`. verifiers finds it by the package that exports it:
+This module needs Python 3.11 and the extra `verifiers`. verifiers finds it by the package that exports it:
 `vf-eval swarmseat-verifiers -n 3 --env.taskset.game Pursuit` (docs/play/frameworks.md).
 """
 
@@ -27,10 +27,10 @@ except ModuleNotFoundError as error:
     ) from error
 
 TIMEOUT_S = 600.0
-"""How long a model may take for an answer."""
+"""The maximum time that a model may take for an answer."""
 
 TRANSPORT_FAILED = 97
-"""The exit code by which verifiers tells a broken connection to a model from a failed program."""
+"""The exit code by which verifiers distinguishes a broken connection to a model from a failed program."""
 
 Game = Literal["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"]
 
@@ -68,14 +68,14 @@ class SwarmTask(vf.Task[SwarmData]):
 
 
 class SwarmTasksetConfig(vf.TasksetConfig):
-    """Which games are played."""
+    """The choice of games."""
 
     game: Game | Literal["all"] = "all"
     """The task, or all five in turn."""
     first_seed: int = Field(0, ge=0)
     """The seed of the first layout; 27, 42, 57, 72 and 87 are those of the paper."""
     num_seeds: int | None = Field(None, ge=1)
-    """How many seeds there are; without end where it is left out."""
+    """The number of seeds. Default: without end."""
     settings: Settings = Settings()
 
 
@@ -86,7 +86,7 @@ class SwarmTaskset(vf.Taskset[SwarmTask, SwarmTasksetConfig]):
 
     @property
     def bounded(self) -> bool:
-        """Whether the games come to an end."""
+        """Whether the number of games is finite."""
         return self.config.num_seeds is not None if self._bounded is None else self._bounded
 
     def load(self) -> Iterator[SwarmTask]:
@@ -103,15 +103,15 @@ class SwarmTaskset(vf.Taskset[SwarmTask, SwarmTasksetConfig]):
 
 
 class SwarmHarnessConfig(vf.HarnessConfig):
-    """How a seat asks its model."""
+    """The settings of requests to models."""
 
     history: int | None = Field(0, ge=0)
-    """How many earlier rounds of the conversation the model is sent with a prompt; all with `None`. A prompt has what
-    its agent remembers, so 0 is enough, and is the paper's setting."""
+    """The number of earlier rounds of the conversation that are sent with a prompt; all with `None`. A prompt contains
+    the memory of its agent, so 0 is enough, and is the paper's setting."""
 
 
 class SwarmHarness(vf.Harness[SwarmHarnessConfig]):
-    """Asks the model once a round, from this process: without tools, and without a program to be installed."""
+    """Asks the model once per round, from this process: without tools, and without a program to install."""
 
     APPENDS_SYSTEM_PROMPT = True
     SUPPORTS_RESUME = True
@@ -154,22 +154,22 @@ class SwarmHarness(vf.Harness[SwarmHarnessConfig]):
 
 
 class SwarmEnvConfig(vf.EnvConfig):
-    """Who plays a game, and what it earns."""
+    """The players of a game, and their rewards."""
 
-    # Without a harness it has that of its taskset, which is `SwarmHarness`.
+    # Without a harness the environment has that of its taskset, `SwarmHarness`.
     agent: vf.AgentConfig = vf.AgentConfig(runtime=vf.SubprocessConfig())
-    """All seats that a model plays."""
+    """The model's agent, which plays all of the model's seats."""
     max_concurrent_agents: int | None = Field(None, ge=1)
-    """How many seats of a game are asked at the same time; all of them where it is left out."""
+    """The maximum number of seats of a game that are asked at the same time. Default: all."""
     mode: Literal["seats", "one_seat"] = "seats"
-    """`seats`: a model plays every agent, each with a conversation and a trace of its own. `one_seat`: it plays one,
-    and built-in players play the others."""
+    """`seats`: a model plays every agent, each with a conversation and a trace of its own. `one_seat`: a model plays
+    one agent, and built-in players play the others."""
     seat: int = Field(0, ge=0)
     """With `one_seat`, the agent that the model plays."""
     partners: str = "default"
     """With `one_seat`, the built-in player of the others."""
     rewards: Literal["team", "individual"] = "team"
-    """`team`: every trace gets the whole swarm's score. `individual`: what its own agent did."""
+    """`team`: every trace gets the whole swarm's score. `individual`: every trace gets its own agent's part."""
     scale: Literal["share", "score"] = "share"
     """`share`: rewards are divided by `swarmseat.rewards.full_score`. `score`: they are points."""
     answer_reader: Literal["last-marker", "first-marker"] = "last-marker"
@@ -205,7 +205,7 @@ class SwarmEnv(vf.Env[SwarmEnvConfig]):
                 answers: dict[int, str | None] = {}
                 for agent, segment in zip(asked, segments, strict=True):
                     if segment.terminated:
-                        # It is asked no more: its model failed, or has used up what it may. The others play on.
+                        # The seat is asked no more: its model failed, or its budget is spent. The others play on.
                         del seats[agent]
                     else:
                         answers[agent] = segment.last_reply

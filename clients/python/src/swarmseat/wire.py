@@ -1,6 +1,6 @@
 """The shapes of the JSON that goes over the wire, as the server's OpenAPI document has them.
 
-Answers are plain dictionaries, so nothing that the server says gets lost, also not what a newer one adds. A field
+Answers are plain dictionaries, so nothing that the server says gets lost, not even fields of newer servers. A field
 that may be absent is `NotRequired`; one that may be null is `| None`. Times are RFC 3339 in UTC. Durations end in
 their unit, `_s` or `_ms`. `tests/test_wire.py` compares this page with `openapi/openapi.json`.
 """
@@ -18,7 +18,7 @@ TaskName = Literal["Transport", "Pursuit", "Synchronization", "Foraging", "Flock
 ActionName = Literal["UP", "DOWN", "LEFT", "RIGHT", "STAY", "SWITCH"]
 """All actions. An observation's `actions` are those of its task."""
 
-# Why an answer of a language model was invalid. A client may send all but the last three, which follow from the text.
+# Reasons why a model's answer was invalid. A client may send all but the last three, which follow from the text.
 Failure = Literal[
     "refusal",
     "content_filter",
@@ -32,7 +32,7 @@ Failure = Literal[
 ]
 
 StatusName = Literal["waiting", "running", "finished", "aborted", "abandoned"]
-"""How far an episode is."""
+"""The status of an episode."""
 
 
 class Page(TypedDict, Generic[T]):
@@ -40,10 +40,10 @@ class Page(TypedDict, Generic[T]):
 
     items: list[T]
     next_cursor: str | None
-    """What to send as `cursor` for the next page; null on the last one."""
+    """The `cursor` for the next page; null on the last page."""
 
 
-# What agents see.
+# Observations.
 
 
 class Position(TypedDict):
@@ -61,7 +61,7 @@ class View(TypedDict):
 
 
 class PastView(TypedDict):
-    """A window as it was when `round` was decided."""
+    """The window of an agent when it decided in `round`."""
 
     round: int
     origin: Position
@@ -69,7 +69,7 @@ class PastView(TypedDict):
 
 
 class HistoryEntry(TypedDict):
-    """What the agent itself did in a round; null where it did or said nothing."""
+    """The agent's own action and message in a round; null if it did or said nothing."""
 
     round: int
     action: str | None
@@ -77,14 +77,14 @@ class HistoryEntry(TypedDict):
 
 
 class Task(TypedDict):
-    """The task, and what is to be done in words."""
+    """The task, and its goal in words."""
 
     name: str
     description: str
 
 
 class EpisodeResult(TypedDict):
-    """How an episode ended."""
+    """The result of an episode."""
 
     reason: str
     score: float
@@ -93,13 +93,13 @@ class EpisodeResult(TypedDict):
 
 
 class Sight(TypedDict):
-    """What an agent may know while a round is open, without its clock."""
+    """An observation of an agent while a round is open, without the clock."""
 
     episode: str
     agent: str
     status: StatusName
     round: int
-    """How many rounds are resolved: the number to answer with."""
+    """The number of resolved rounds: the round to answer."""
     max_round: int
     task: Task
     score: float
@@ -121,7 +121,7 @@ class Sight(TypedDict):
 
 
 class Observation(Sight):
-    """All that one agent may know at the moment."""
+    """An observation: all that one agent may know at the moment."""
 
     acted: bool
     """Whether this seat has answered this round."""
@@ -129,7 +129,7 @@ class Observation(Sight):
     remaining_ms: int | None
     bank_ms: int | None
     prompt: NotRequired[str | None]
-    """Where it was asked for."""
+    """The prompt, if the request asked for it."""
 
 
 class SwarmObsResponse(TypedDict):
@@ -140,11 +140,11 @@ class SwarmObsResponse(TypedDict):
     finished: bool
 
 
-# What agents do.
+# Acts.
 
 
 class Usage(TypedDict, total=False):
-    """What an answer of a language model cost."""
+    """The tokens and the time of a language model's answer."""
 
     prompt_tokens: int | None
     completion_tokens: int | None
@@ -186,7 +186,7 @@ class SwarmActRequest(TypedDict):
 
 
 class Receipt(TypedDict):
-    """An act that was taken and is on the server's disk."""
+    """The receipt for an act that was taken and is on the server's disk."""
 
     episode: str
     agent: str
@@ -206,7 +206,7 @@ class ActResponse(Receipt):
 
 
 class FieldProblem(TypedDict):
-    """What is wrong with a field."""
+    """The problem of a field."""
 
     field: str
     problem: str
@@ -220,7 +220,7 @@ class Limit(TypedDict):
 
 
 class Problem(TypedDict):
-    """An error as the server tells it (RFC 9457)."""
+    """An error of the server (RFC 9457)."""
 
     type: str
     title: str
@@ -236,7 +236,7 @@ class Problem(TypedDict):
 class SwarmActResponse(TypedDict):
     """One receipt or problem for each act, in their order. `swarmseat.is_problem` tells them apart.
 
-    The rest comes with `wait`: what the seats see next, and a `problem` only where something failed.
+    The other fields come with `wait`: the seats' next observations, and a `problem` only if something failed.
     """
 
     receipts: list[Receipt | Problem]
@@ -249,7 +249,7 @@ class SwarmActResponse(TypedDict):
 
 
 class EpisodeRequest(TypedDict):
-    """What an episode is to be. Everything but `task` has a default (docs/protocol.md)."""
+    """The settings of a new episode. Everything except `task` has a default (docs/protocol.md)."""
 
     task: TaskName
     seed: NotRequired[int | None]
@@ -279,7 +279,7 @@ class EpisodeRequest(TypedDict):
 
 
 class EpisodeConfig(TypedDict):
-    """Every setting of an episode, defaults filled in."""
+    """All settings of an episode, with defaults filled in."""
 
     task: str
     seed: int | None
@@ -295,7 +295,7 @@ class EpisodeConfig(TypedDict):
     noise: float
     max_delay: int
     answer_reader: NotRequired[str]
-    """Left out where it is `last-marker`."""
+    """Left out if it is `last-marker`."""
     round_deadline_s: float | None
     bank_s: float
     start: str
@@ -318,7 +318,7 @@ class SeatToken(TypedDict):
 
 
 class CreatedEpisode(TypedDict):
-    """A new episode with its tokens, which are shown this once."""
+    """A new episode with its tokens, which are shown only once."""
 
     id: str
     status: StatusName
@@ -328,7 +328,7 @@ class CreatedEpisode(TypedDict):
 
 
 class ForkRequest(TypedDict):
-    """From where forks play on, and how. The settings of the simulation are the parent's (docs/protocol.md)."""
+    """The round from which forks continue, and their settings, except the simulation's (docs/protocol.md)."""
 
     round: int
     count: NotRequired[int | None]
@@ -347,7 +347,7 @@ class ForkRequest(TypedDict):
 
 
 class Fork(TypedDict):
-    """Where an episode continues another one, its parent."""
+    """The parent of an episode, and the round from which the episode continues it."""
 
     episode: str
     round: int
@@ -356,7 +356,7 @@ class Fork(TypedDict):
 
 
 class CreatedForks(TypedDict):
-    """New forks of an episode with their tokens, which are shown this once."""
+    """New forks of an episode with their tokens, which are shown only once."""
 
     fork: Fork
     episodes: list[CreatedEpisode]
@@ -381,7 +381,7 @@ class EpisodeSummary(TypedDict):
 
 
 class ClaimRequest(TypedDict, total=False):
-    """Which open seats to claim: one by its agent, or so many, whichever they are."""
+    """The open seats to claim: one seat by its agent, or a number of any seats."""
 
     agent: str | None
     seats: int | None
@@ -390,7 +390,7 @@ class ClaimRequest(TypedDict, total=False):
 
 
 class CreatedClaim(TypedDict):
-    """The seats that were claimed, with tokens that are shown this once."""
+    """The seats that were claimed, with tokens that are shown only once."""
 
     episode: str
     status: StatusName
@@ -400,7 +400,7 @@ class CreatedClaim(TypedDict):
 
 
 class SeatHolder(TypedDict):
-    """Who holds a seat; all but `agent` is null where it is open."""
+    """The holder of a seat; all fields except `agent` are null if the seat is open."""
 
     agent: str
     claim: int | None
@@ -411,14 +411,14 @@ class SeatHolder(TypedDict):
 
 
 class SeatList(TypedDict):
-    """Who holds the seats of an episode."""
+    """The holders of the seats of an episode."""
 
     open: int
     seats: list[SeatHolder]
 
 
 class StateAgent(TypedDict):
-    """An agent as spectators see it. One that has escaped is where it went."""
+    """An agent as spectators see it. An agent that has escaped is at the cell to which it went."""
 
     agent: str
     i: int
@@ -429,7 +429,7 @@ class StateAgent(TypedDict):
 
 
 class State(TypedDict):
-    """The whole world after `round` resolved rounds; `grid` has one character a cell."""
+    """The whole world after `round` resolved rounds; `grid` has one character per cell."""
 
     round: int
     score: float
@@ -448,7 +448,7 @@ class RoundEvent(TypedDict):
     agents: list[StateAgent]
 
 
-# One of its names is a word of Python. A message, by the number of its sender; `to` is a commander's only receiver.
+# A message, by the number of its sender; `to` is a commander's only receiver. A key is a keyword of Python.
 ReplayMessage = TypedDict("ReplayMessage", {"from": int, "text": str, "to": NotRequired[int | None]})
 
 # A message as the agents in `by` read it; `sent` and `text` where they differ from what was said in the round.
@@ -458,7 +458,7 @@ ReplayHeard = TypedDict(
 
 
 class ReplayState(TypedDict):
-    """A state, and what was decided in the round that led to it. Agents are numbers; empty lists are left out."""
+    """A state, and the decisions of the round that led to it. Agents are numbers; empty lists are left out."""
 
     round: int
     score: float
@@ -526,7 +526,7 @@ class ShownAct(TypedDict):
 
 
 class AgentRound(TypedDict):
-    """What an agent knew in a round, and what it did. The observation has no fields of the clock."""
+    """The observation and the act of an agent in a round. The observation has no fields of the clock."""
 
     episode: str
     round: int
@@ -556,7 +556,7 @@ class RunScores(TypedDict):
 
 
 class Verification(TypedDict):
-    """What was found when a journal was played again."""
+    """The result of the verification of a journal, for which it is replayed."""
 
     episode: str
     ok: bool
@@ -574,7 +574,7 @@ class Verification(TypedDict):
 
 
 class OwnSettings(TypedDict, total=False):
-    """Settings of a suite of your own; what is left out is of the standard setting."""
+    """Settings of a suite of your own. Settings that are left out are those of the standard setting."""
 
     control: Literal["decentralized", "centralized"] | None
     num_agents: int | None
@@ -598,7 +598,7 @@ class OwnSuite(TypedDict):
 
 
 class RunRequest(TypedDict):
-    """What a run is to be: a suite by its name, or one of your own, for one model (docs/protocol.md)."""
+    """The settings of a new run: a suite by its name, or one of your own, for one model (docs/protocol.md)."""
 
     suite: str | OwnSuite
     model: str
@@ -628,7 +628,7 @@ class SuiteSettingsView(TypedDict):
     noise: float
     max_delay: int
     answer_reader: NotRequired[str]
-    """Left out where it is `last-marker`."""
+    """Left out if it is `last-marker`."""
     round_deadline_s: float | None
     bank_s: float
 
@@ -647,7 +647,7 @@ class SuiteView(TypedDict):
 
 
 class TaskResult(TypedDict):
-    """What a run came to in a task: mean and population standard deviation over the seeds."""
+    """The result of a run in a task: mean and population standard deviation over the seeds."""
 
     task: str
     mean: float | None
@@ -658,7 +658,7 @@ class TaskResult(TypedDict):
 
 
 class ActTally(TypedDict):
-    """What the acts of a run were."""
+    """The numbers of acts of a run, by kind."""
 
     sent: int
     invalid: int
@@ -687,7 +687,7 @@ class RunGame(TypedDict):
 
 
 class RunSummary(TypedDict):
-    """A run and what it came to so far."""
+    """A run and its results so far."""
 
     id: str
     status: str
@@ -782,7 +782,7 @@ class AttemptSummary(TypedDict):
 
 
 class LeaderboardQuery(TypedDict, total=False):
-    """Which leaderboard, and how it is sorted (docs/evaluate/boards.md)."""
+    """The choice of a leaderboard, and its order (docs/evaluate/boards.md)."""
 
     suite: str
     rules: Literal["paper", "reference"]
@@ -798,7 +798,7 @@ class LeaderboardQuery(TypedDict, total=False):
 
 
 class CrossPlayQuery(TypedDict, total=False):
-    """Which pairs of models."""
+    """The choice of pairs of models."""
 
     task: TaskName
     rules: Literal["paper", "reference"]
@@ -807,7 +807,7 @@ class CrossPlayQuery(TypedDict, total=False):
 
 
 class TaskScore(TypedDict):
-    """What a row came to in a task."""
+    """The result of a row in a task."""
 
     mean: float | None
     deviation: float | None
@@ -816,7 +816,7 @@ class TaskScore(TypedDict):
 
 
 class RowDifference(TypedDict):
-    """How far a row is below the row `to`, with an interval of 95 %."""
+    """The difference of a row to the row `to` above it, with an interval of 95 %."""
 
     to: str
     mean: float
@@ -863,7 +863,7 @@ class BoardRow(TypedDict):
 
 
 class MetricsMethod(TypedDict):
-    """How values of metrics were computed; those of different methods cannot be compared."""
+    """The method by which metrics were computed. Values of different methods cannot be compared."""
 
     definition: str
     metrics_revision: int
@@ -871,13 +871,13 @@ class MetricsMethod(TypedDict):
 
 
 class MetricValue(TypedDict):
-    """The value of a metric for a game, and from how many rounds it was computed."""
+    """The value of a metric for a game, and the number of rounds from which it was computed."""
 
     value: float | None
     rounds: int
 
 
-# One of its names is a word of Python. Values of the states from `from` on; `next` is the first one that is left out.
+# Values of the states from `from` on; `next` is the first state that is left out. A key is a keyword of Python.
 MetricSeries = TypedDict(
     "MetricSeries",
     {
@@ -921,7 +921,7 @@ class RunMetrics(MetricsMethod):
 
 
 class Leaderboard(TypedDict):
-    """Who did how well in a suite."""
+    """The leaderboard of a suite."""
 
     suite: str
     digest: str
@@ -937,7 +937,7 @@ class Leaderboard(TypedDict):
 
 
 class CrossPlayPair(TypedDict):
-    """How well two models did together."""
+    """The scores of two models that played together."""
 
     task: str
     rules: str

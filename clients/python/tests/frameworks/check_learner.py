@@ -1,4 +1,4 @@
-"""Learns half a minute with PyTorch, and plays what was learned on a server: far more than at random."""
+"""Learns for half a minute with PyTorch, and plays the policy on a server: it scores far more than random acts."""
 
 import re
 import subprocess

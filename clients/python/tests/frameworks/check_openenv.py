@@ -48,7 +48,7 @@ def validate(*options: str) -> None:
 
 
 async def play(address: str, seed: int) -> tuple[float, float, int]:
-    """An episode over a session: the sum of its rewards, its score, and its seed."""
+    """Plays an episode over a session. Returns the sum of its rewards, its score, and its seed."""
     async with SwarmClient(base_url=address) as client:
         seen = await client.reset(seed=seed)
         total = 0.0

@@ -15,7 +15,7 @@ EXAMPLE = Path(__file__).resolve().parents[4] / "examples" / "training" / "trl_g
 
 
 def tools(environment: Any) -> dict[str, Any]:
-    """What the trainer offers to the model: all public methods but two."""
+    """The tools that the trainer offers to the model: all public methods except two."""
     found = inspect.getmembers(type(environment), predicate=inspect.isfunction)
     names = [name for name, _ in found if not name.startswith("_") and name not in {"reset", "get_reward"}]
     return {name: getattr(environment, name) for name in names}

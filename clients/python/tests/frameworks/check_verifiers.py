@@ -34,7 +34,7 @@ def evaluate(folder: Path, endpoint: str, *options: str) -> list[dict[str, Any]]
 
 
 def expected(task: Any, seed: int, **options: Any) -> TextEpisode:
-    """The same game, played without the framework."""
+    """Plays the same game without the framework."""
     episode = TextEpisode(task, num_agents=AGENTS, max_round=ROUNDS, **options)
     turn = episode.reset(seed)
     while not turn.done:
@@ -63,7 +63,7 @@ def main() -> None:
                 # Without a history each round is a branch of its own.
                 assert len([node for node in trace["nodes"] if node.get("parent") is None]) == ROUNDS
                 assert trace["metrics"]["messages_heard"] == game.heard[place]
-        # A prompt has what its agent remembers, so a model is sent nothing else.
+        # A prompt contains the memory of its agent, so a model is sent nothing else.
         assert {len(request["messages"]) for request in requests} == {1}
         assert len(requests) == 2 * AGENTS * ROUNDS
         files = sorted(journals.iterdir())

@@ -1,4 +1,4 @@
-"""A stand-in for a language model, behind an endpoint of the usual form. It answers by the last prompt alone."""
+"""A stand-in for a language model, behind an endpoint of the usual form. The answer depends only on the last prompt."""
 
 import json
 import re
@@ -10,7 +10,7 @@ from typing import Any
 
 
 def reply(prompt: str) -> str:
-    """The light is switched in even rounds; elsewhere and else agents walk, talk, and sometimes say nothing of use."""
+    """Switches the light in even rounds. Otherwise agents walk, talk, and sometimes give a useless answer."""
     agent = int(re.search(r"You are Agent_(\d+)", prompt)[1])  # type: ignore[index]
     round = int(re.search(r"Round: (\d+)", prompt)[1])  # type: ignore[index]
     return ("ACTION: UP", f"ACTION: LEFT\nMSG: round {round}", "I do not know.")[(agent + round) % 3]

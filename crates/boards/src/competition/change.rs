@@ -1,5 +1,5 @@
-//! What an organizer changes about a competition that has not closed: its texts and terms, and how long it lasts. A window is extended
-//! and never shortened, so that nobody has less time than was announced.
+//! Changes of a competition by an organizer before it closes: texts, terms, and later ends. A window is extended and never
+//! shortened, so that nobody has less time than was announced.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -8,18 +8,18 @@ use swarmbench_protocol::competition::Terms;
 
 use super::definition::{Definition, OwnGames, Problem, Window};
 
-/// A change; what is left out stays as it is.
+/// A change; `None` leaves a field as it is.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Change {
-    /// Another name.
+    /// New name.
     pub name: Option<String>,
-    /// Another description.
+    /// New description.
     pub description: Option<String>,
-    /// A later end. Windows that end with the competition end with it again.
+    /// Later end. Windows that end with the competition end with it again.
     pub closes_at: Option<Timestamp>,
     /// Attempts, counted from 1, and the later ends of their windows.
     pub windows: Vec<(u32, Timestamp)>,
-    /// Other terms, as their next version.
+    /// New terms, as their next version.
     pub terms: Option<String>,
 }
 
@@ -27,19 +27,19 @@ pub struct Change {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Changed {
-    /// The field of the definition, `attempts[0].closes_at` for instance.
+    /// Field of the definition, such as `attempts[0].closes_at`.
     pub field: String,
-    /// Its value before.
+    /// Value before.
     pub from: Value,
-    /// Its value after.
+    /// Value after.
     pub to: Value,
 }
 
 impl Definition {
-    /// The definition after a change at the time `now`.
+    /// Definition after a change at the time `now`.
     ///
     /// # Errors
-    /// Everything that is wrong with it.
+    /// All problems of the change.
     pub fn changed(&self, change: &Change, now: Timestamp) -> Result<Self, Vec<Problem>> {
         let mut new = self.clone();
         let mut problems = Vec::new();
@@ -63,7 +63,7 @@ impl Definition {
             let window = own.and_then(|own| new.attempts.get_mut(own));
             problems.extend(if let Some(window) = window {
                 let field = format!("attempts[{place}].closes_at");
-                // Entrants read their games once the window has closed, and others would still play on these seeds.
+                // Entrants read their games once the window has closed; others would still play on these seeds.
                 if self.own_games == OwnGames::Ended && window.closes_at <= now {
                     let closed = window.closes_at;
                     let problem = format!("cannot be moved: the window closed at {closed}, and entrants read their games since");
@@ -84,7 +84,7 @@ impl Definition {
         if problems.is_empty() { Ok(new) } else { Err(problems) }
     }
 
-    /// The fields that another definition of the same competition has otherwise.
+    /// Fields in which another definition of the same competition differs.
     #[must_use]
     pub fn differences(&self, new: &Self) -> Vec<Changed> {
         let texts =
@@ -101,7 +101,7 @@ impl Definition {
         differ.map(|(field, from, to)| Changed { field, from, to }).collect()
     }
 
-    /// All ends that the window of an attempt has had, each with the time from which it was known; the first was announced.
+    /// Ends that the window of an attempt has had, each with the time from which it was known. The first one was announced.
     #[must_use]
     pub fn ends(
         &self,

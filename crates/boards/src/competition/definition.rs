@@ -1,4 +1,4 @@
-//! What an organizer decides when a competition is created; [`change`](super::change) says what may be changed later.
+//! Decisions of an organizer when a competition is created; [`change`](super::change) changes some of them later.
 
 use std::fmt::Display;
 
@@ -13,100 +13,101 @@ use swarmbench_protocol::competition::Terms;
 use swarmbench_protocol::status::Visibility;
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
-/// Characters of a competition's name.
+/// Maximum characters of a competition's name.
 pub const NAME_CHARS_MAX: usize = 100;
 
-/// Characters of its description.
+/// Maximum characters of a description.
 pub const DESCRIPTION_CHARS_MAX: usize = 10_000;
 
-/// Characters of its terms.
+/// Maximum characters of terms.
 pub const TERMS_CHARS_MAX: usize = 20_000;
 
-/// Categories of its entrants.
+/// Maximum categories of entrants.
 pub const CATEGORIES_MAX: usize = 20;
 
-/// Characters of a category.
+/// Maximum characters of a category.
 pub const CATEGORY_CHARS_MAX: usize = 40;
 
-/// Attempts of an entrant.
+/// Maximum attempts of an entrant.
 pub const ATTEMPTS_MAX: usize = 100;
 
-/// Sealed seeds of an attempt.
+/// Maximum sealed seeds of an attempt.
 pub const SEEDS_MAX: u32 = 100;
 
-/// Games of an attempt that are open at a time.
+/// Maximum open games of an attempt.
 pub const PARALLEL_MAX: u32 = 100;
 
-/// Entrants of one key.
+/// Maximum entrants of one key.
 pub const ENTRIES_PER_KEY_MAX: u32 = 100;
 
-/// All that was decided about a competition; stored as JSON, and a part of its export.
+/// Definition of a competition; stored as JSON, and a part of its export.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Definition {
-    /// Its name.
+    /// Name of the competition.
     pub name: String,
-    /// What entrants should know.
+    /// Description for entrants.
     pub description: String,
-    /// Names of the tasks that are played, in this order.
+    /// Names of the tasks in the order of play.
     pub tasks: Vec<String>,
-    /// How many sealed seeds an attempt has; every task is played once on each.
+    /// Sealed seeds of an attempt; every task is played once on each.
     pub seeds: u32,
-    /// How many of them, the first, make the board before the end; the others make the final one. With 0 all make both.
+    /// Number of public seeds: the first ones of an attempt make the board before the end, the others the final board. With 0
+    /// all seeds make both.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub public_seeds: u32,
-    /// The rule set.
+    /// Rule set.
     pub rules: String,
-    /// The settings of all games, clocks too.
+    /// Settings of all games, including clocks.
     pub settings: SuiteSettings,
-    /// The time without any act after which a game ends as abandoned.
+    /// Milliseconds without an act after which a game ends as abandoned.
     pub idle_timeout_ms: u64,
-    /// When attempts can first be started, each in its own window.
+    /// Time from which attempts can be started, each in its own window.
     pub opens_at: Timestamp,
-    /// No round begins at or after this time.
+    /// End: no round begins at or after this time.
     pub closes_at: Timestamp,
-    /// Who may enter.
+    /// Admission of entrants.
     pub entry: Admission,
-    /// When each attempt may be played: the first one has the number 1.
+    /// Windows of the attempts; the first attempt has the number 1.
     pub attempts: Vec<Window>,
-    /// How many attempts on other seeds an entrant has in place of voided ones. Their numbers follow those of the attempts, and
+    /// Attempts on other seeds that an entrant has in place of voided ones. Their numbers follow those of the attempts, and
     /// each may be played as long as the competition is open.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub spares: u32,
-    /// How many games of an attempt are open at a time, at most.
+    /// Maximum open games of an attempt.
     pub parallel: u32,
-    /// Which attempt counts.
+    /// Choice of the attempt that counts.
     pub counts: Counts,
-    /// What is shown of the board before the end.
+    /// Part of the board that is public before the end.
     pub board: BoardRule,
-    /// When a frozen board stops changing.
+    /// Time from which a frozen board does not change.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub board_freezes_at: Option<Timestamp>,
-    /// How many entrants one key may have.
+    /// Maximum entrants of one key.
     pub entries_per_key: u32,
-    /// How many attempts an entrant may start on one day in UTC, if that is limited.
+    /// Maximum attempts that an entrant may start on one day in UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub attempts_per_day: Option<u32>,
-    /// What entrants accept when they enter.
+    /// Terms that entrants accept when they enter.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub terms: Option<Terms>,
-    /// Each entrant is in one of these, if there are some.
+    /// Categories; each entrant is in exactly one, if there are any.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub categories: Vec<String>,
-    /// When entrants read their own games.
+    /// Time from which entrants read their own games.
     #[serde(default, skip_serializing_if = "OwnGames::is_sealed")]
     pub own_games: OwnGames,
-    /// What decides between equal totals, in this order.
+    /// Tie-breaks between equal totals, in the order in which they apply.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub tie_breaks: Vec<TieBreak>,
-    /// Whether each task has seeds of its own. It is false in competitions that were created before; there a game that has ended
-    /// tells the seeds of all tasks.
+    /// Whether each task has seeds of its own. False in older competitions, where one ended game reveals the seeds of all
+    /// tasks.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub seeds_by_task: bool,
 }
 
 swarmbench_engine::named! {
-    /// Who may enter a competition.
+    /// Admission to a competition.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
     #[serde(rename_all = "lowercase")]
     pub enum Admission {
@@ -117,38 +118,38 @@ swarmbench_engine::named! {
     }
 }
 
-/// When an attempt may be played.
+/// Window of an attempt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Window {
-    /// When it can first be started.
+    /// Earliest start of the attempt.
     pub opens_at: Timestamp,
-    /// No round of it begins at or after this time.
+    /// End: no round of the attempt begins at or after this time.
     pub closes_at: Timestamp,
 }
 
 swarmbench_engine::named! {
-    /// Which attempt of an entrant counts, of those that are over and were not voided.
+    /// Choice of an entrant's counting attempt among those that are over and were not voided.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
     #[serde(rename_all = "lowercase")]
     pub enum Counts {
-        /// The one with the highest total; of equal ones that which was started first.
+        /// The attempt with the highest total; of equal ones the one that was started first.
         Best = "best",
-        /// The one that was started last.
+        /// The attempt that was started last.
         Last = "last",
-        /// The one that was started first.
+        /// The attempt that was started first.
         First = "first",
     }
 }
 
 swarmbench_engine::named! {
-    /// What is shown of the board before the end.
+    /// Part of the board that is public before the end.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
     #[serde(rename_all = "lowercase")]
     pub enum BoardRule {
         /// Ranks and totals.
         Public = "public",
-        /// Nothing.
+        /// No board.
         Hidden = "hidden",
         /// Ranks and totals of the attempts that were over before `board_freezes_at`.
         Frozen = "frozen",
@@ -156,14 +157,14 @@ swarmbench_engine::named! {
 }
 
 swarmbench_engine::named! {
-    /// When entrants read states, journals and scores of their own games.
+    /// Time from which entrants read states, journals and scores of their own games.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
     #[serde(rename_all = "lowercase")]
     pub enum OwnGames {
-        /// With everybody, after the end of the competition.
+        /// After the end of the competition, when everybody may.
         #[default]
         Sealed = "sealed",
-        /// Once a game has ended.
+        /// After the end of a game.
         Ended = "ended",
     }
 }
@@ -176,17 +177,17 @@ impl OwnGames {
 }
 
 swarmbench_engine::named! {
-    /// What decides between equal totals.
+    /// Tie-break between equal totals.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
     #[serde(rename_all = "lowercase")]
     pub enum TieBreak {
-        /// The smaller share of invalid answers is ahead.
+        /// The smaller share of invalid answers ranks higher.
         Invalid = "invalid",
-        /// The smaller share of moves that timed out is ahead.
+        /// The smaller share of timed-out moves ranks higher.
         Timeouts = "timeouts",
-        /// Fewer attempts are ahead, without voided ones.
+        /// Fewer attempts, without voided ones, rank higher.
         Attempts = "attempts",
-        /// The attempt that counts and ended earlier is ahead.
+        /// The counting attempt that ended earlier ranks higher.
         Earliest = "earliest",
     }
 }
@@ -196,26 +197,25 @@ const fn is_zero(count: &u32) -> bool {
     *count == 0
 }
 
-/// The name of the suite of practice runs for the competition with this id.
+/// Name of the suite of practice runs for the competition `id`.
 #[must_use]
 pub fn practice_suite(id: &str) -> String {
     format!("practice for {id}")
 }
 
-/// A field that is not allowed, and why.
+/// Refused field, and the reason.
 pub type Problem = (String, String);
 
-/// How the settings of games are checked.
 type Check = fn(&Settings) -> Result<Config, SettingErrors>;
 
 impl Definition {
-    /// Everything that is wrong with it at this time.
+    /// Problems of the definition at this time.
     #[must_use]
     pub fn problems(&self, now: Timestamp) -> Vec<Problem> {
         self.problems_of(now, Config::check)
     }
 
-    /// Everything that is wrong with a new one; the games of those that were announced before may be larger.
+    /// Problems of a new definition. Games of competitions that were announced under older limits may be larger.
     #[must_use]
     pub fn problems_when_new(&self, now: Timestamp) -> Vec<Problem> {
         self.problems_of(now, Config::admit)
@@ -251,7 +251,6 @@ impl Definition {
         problems
     }
 
-    /// Checks terms, categories and tie-breaks.
     fn check_texts(&self, refuse: &mut impl FnMut(&str, String)) {
         let is_plain = swarmbench_protocol::names::is_plain_text;
         if let Some(Terms { text, .. }) = &self.terms
@@ -362,7 +361,7 @@ impl Definition {
         }
     }
 
-    /// The settings of a game of a task, but for its seed.
+    /// Settings of a game of a task, without its seed.
     fn settings_of(&self, task: &str) -> Settings {
         Settings {
             task: task.to_owned(),
@@ -371,7 +370,7 @@ impl Definition {
         }
     }
 
-    /// What is wrong with the category of an entrant, if anything is.
+    /// Problem of an entrant's category, if there is one.
     #[must_use]
     pub fn category_problem(&self, category: Option<&str>) -> Option<String> {
         let all = self.categories.join(", ");
@@ -389,7 +388,7 @@ impl Definition {
         }
     }
 
-    /// What is wrong with the version of the terms that an entrant accepts, if anything is.
+    /// Problem of the accepted version of the terms, if there is one.
     #[must_use]
     pub fn terms_problem(&self, accepted: Option<u32>) -> Option<String> {
         match (accepted, self.terms.as_ref().map(|terms| terms.version)) {
@@ -404,19 +403,19 @@ impl Definition {
         }
     }
 
-    /// How many games an attempt has.
+    /// Number of games of an attempt.
     #[must_use]
     pub fn games(&self) -> usize {
         self.tasks.len() * self.seeds as usize
     }
 
-    /// How many sealed seeds it takes, with those of the spare attempts.
+    /// Number of sealed seeds, including those of the spare attempts.
     #[must_use]
     pub fn sealed_seeds(&self) -> usize {
         (self.attempts.len() + self.spares as usize) * self.seeds as usize
     }
 
-    /// The window of an attempt, counted from 1; those of spare ones are open for the whole time.
+    /// Window of an attempt, counted from 1. Windows of spare attempts cover the whole competition.
     #[must_use]
     pub fn window(&self, attempt: u32) -> Option<Window> {
         let place = (attempt as usize).checked_sub(1)?;
@@ -425,20 +424,20 @@ impl Definition {
         self.attempts.get(place).copied().or(spare)
     }
 
-    /// The place of a spare attempt among the spare ones, from 1; `None` if the number is not that of a spare attempt.
+    /// Number of a spare attempt among the spare ones, from 1; `None` for other attempts.
     #[must_use]
     pub fn spare(&self, attempt: u32) -> Option<u32> {
         let spare = attempt.checked_sub(u32::try_from(self.attempts.len()).ok()?)?;
         (1..=self.spares).contains(&spare).then_some(spare)
     }
 
-    /// The number of a spare attempt, counted from 1.
+    /// Attempt number of a spare attempt, both counted from 1.
     #[must_use]
     pub fn number_of_spare(&self, spare: u32) -> u32 {
         u32::try_from(self.attempts.len()).unwrap_or(u32::MAX).saturating_add(spare)
     }
 
-    /// What is played in an attempt of the competition with this id, counted from 1.
+    /// Suite of an attempt, counted from 1, of the competition `id`.
     #[must_use]
     pub fn suite(&self, id: &str, sealed: &Sealed, attempt: u32) -> Suite {
         let of_attempt = sealed.of_attempt(attempt, self.seeds);
@@ -451,7 +450,7 @@ impl Definition {
         Suite { seeds_by_task: self.seeds_by_task, ..self.suite_on(id, seeds) }
     }
 
-    /// The games of all tasks on the same seeds.
+    /// Suite of all tasks on the same seeds.
     fn suite_on(&self, id: &str, seeds: Vec<Seed>) -> Suite {
         Suite {
             name: id.to_owned(),
@@ -463,7 +462,7 @@ impl Definition {
         }
     }
 
-    /// The run of an attempt, counted from 1, with this declaration. `None` if the competition has fewer attempts.
+    /// Run of an attempt, counted from 1, with this declaration. `None` if the competition has fewer attempts.
     #[must_use]
     pub fn run(
         &self,
@@ -480,7 +479,7 @@ impl Definition {
         })
     }
 
-    /// A sealed run of a suite.
+    /// Sealed run of a suite.
     fn run_of(&self, declaration: &Declaration, suite: Suite) -> run::Definition {
         run::Definition {
             suite,
@@ -499,7 +498,7 @@ impl Definition {
         }
     }
 
-    /// A run on open seeds with the settings of the competition with this id, which counts nowhere in it.
+    /// Practice run: on open seeds, with the settings of the competition `id`. Practice counts nowhere in the competition.
     #[must_use]
     pub fn practice(
         &self,
@@ -516,7 +515,7 @@ impl Definition {
         }
     }
 
-    /// The tasks, in the order of the board.
+    /// Tasks in the order of the board.
     #[must_use]
     pub fn tasks(&self) -> Vec<TaskName> {
         TaskName::ALL
@@ -583,7 +582,7 @@ pub(crate) mod tests {
 
     type Change<'a> = &'a dyn Fn(&mut Definition);
 
-    /// A competition that was announced under wider limits is checked and played as it was.
+    /// Games of an announced competition are checked by the wider limits under which it was announced.
     #[test]
     fn games_of_a_new_competition_are_limited_further_than_those_of_an_old_one() {
         let mut large = definition();

@@ -1,4 +1,4 @@
-//! Who takes part in a competition.
+//! Entrants of a competition.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -7,42 +7,42 @@ use swarmbench_protocol::carried::Carried;
 
 use super::EntrantStatus;
 
-/// Characters of a contact.
+/// Maximum characters of a contact.
 pub const CONTACT_CHARS_MAX: usize = 200;
 
-/// Who takes part.
+/// Participant of a competition.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Entrant {
-    /// Its public id.
+    /// Public id.
     pub id: String,
-    /// The name that is shown.
+    /// Displayed name.
     pub name: String,
-    /// The declaration of who plays.
+    /// Declaration of the player.
     #[serde(flatten)]
     pub declaration: Declaration,
-    /// Whether it takes part.
+    /// Status of participation.
     pub status: EntrantStatus,
-    /// Why it does not.
+    /// Reason of a status other than `active`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
     /// Whether an organizer vouches for the model.
     pub vouched: bool,
-    /// When it registered.
+    /// Time of registration.
     pub registered_at: Timestamp,
-    /// Its category, if the competition has some.
+    /// Category, if the competition has categories.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub category: Option<String>,
-    /// The version of the terms that it accepted last.
+    /// Version of the terms that was accepted last.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub terms: Option<u32>,
-    /// Whether its personal data were erased; no part of a published file.
+    /// Whether the personal data were erased; not in a published file.
     #[serde(skip)]
     pub erased: bool,
 }
 
 impl Entrant {
-    /// About how many bytes it takes in memory, without metadata.
+    /// Approximate bytes in memory, without metadata.
     #[must_use]
     pub fn bytes(&self) -> usize {
         let declared = &self.declaration;
@@ -52,37 +52,37 @@ impl Entrant {
         size_of::<Self>() + names + texts.into_iter().sum::<usize>()
     }
 
-    /// The same for programs that know [`FIRST_FORMAT`](super::export::FIRST_FORMAT) only.
+    /// Entrant without the fields that [`FIRST_FORMAT`](super::export::FIRST_FORMAT) lacks.
     #[must_use]
     pub fn in_first_format(self) -> Self {
         Self { category: None, terms: None, ..self }
     }
 }
 
-/// What an entrant declared of who plays. It never changes: another model is another entrant.
+/// Declaration of an entrant's player. It never changes: another model is another entrant.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Declaration {
-    /// The model's name.
+    /// Name of the model.
     pub model: String,
-    /// The sampling temperature.
+    /// Sampling temperature.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub temperature: Option<f64>,
-    /// The nucleus of sampling.
+    /// Nucleus sampling parameter.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub top_p: Option<f64>,
     /// Further declarations.
     #[serde(default, skip_serializing_if = "Carried::is_empty")]
     pub agent_meta: Carried,
-    /// A prompt template of its own.
+    /// Custom prompt template.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prompt_template: Option<String>,
-    /// The digest of the prompt template, if it is known without the text.
+    /// Digest of the prompt template, if it is known without the text.
     #[serde(skip)]
     pub template: Option<String>,
 }
 
 impl Declaration {
-    /// The digest of the prompt template; `None` for the built-in one.
+    /// Digest of the prompt template; `None` for the built-in one.
     #[must_use]
     pub fn template_digest(&self) -> Option<String> {
         let of_text =
@@ -90,7 +90,7 @@ impl Declaration {
         of_text.or_else(|| self.template.clone())
     }
 
-    /// Which prompt its games have.
+    /// Identity of the prompt in the entrant's games.
     #[must_use]
     pub fn prompt(&self) -> Identity {
         Identity::declared(self.template_digest(), self.agent_meta.get("system_message"))

@@ -1,14 +1,14 @@
-//! A whole competition in one file of JSON Lines: enough to check all of it without the server.
+//! Export of a competition: one file of JSON Lines with everything that is needed to verify it without the server.
 //!
 //! Every line is `{"hash":"…","record":{…}}`, with a chain of hashes over the records as in a journal
 //! ([`swarmbench_journal::chain`]). The record `episode` is followed by the lines of that episode's journal, which
 //! have their own chain and end with the head that the record names; so every byte of the file belongs to a chain.
 //!
-//! The order: the competition; what organizers did in it; its entrants; each attempt, followed by its episodes; the board; the
-//! end.
+//! Order of the records: the competition; actions of organizers; entrants; each attempt, followed by its episodes; the board;
+//! the end.
 //!
-//! A file has the oldest format that can tell the competition ([`format_of`]), so that older programs check it. The
-//! [`FIRST_FORMAT`] has no [`Action`]s, and spare attempts are attempts like others in it; only [`FORMAT`] knows seeds by task.
+//! A file has the oldest format that can express the competition ([`format_of`]), so that older programs can check it.
+//! [`FIRST_FORMAT`] has no [`Action`]s and lists spare attempts as ordinary ones; only [`FORMAT`] has seeds by task.
 
 use std::collections::BTreeMap;
 
@@ -24,33 +24,33 @@ use super::standings::Row;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{RawRecord, fields_of, kind_of};
 
-/// The version of this format.
+/// Current version of the format.
 pub const FORMAT: u32 = 3;
 
-/// The version without seeds of each task.
+/// Version without seeds by task.
 pub const SECOND_FORMAT: u32 = 2;
 
-/// The version without what organizers did, and without spare attempts.
+/// Version without actions of organizers, and without spare attempts.
 pub const FIRST_FORMAT: u32 = 1;
 
-/// The action that changes a definition.
+/// Action: change of the definition.
 pub const CHANGE: &str = "competition.change";
 
-/// The action that cancels a competition.
+/// Action: cancellation of the competition.
 pub const CANCEL: &str = "competition.cancel";
 
-/// The action that voids an attempt.
+/// Action: voiding of an attempt.
 pub const VOID: &str = "attempt.void";
 
-/// Actions after the end that change attempts, games or ranks: from [`FORMAT`] on a file has no others that late. They leave a
-/// published file, and its head, as they are.
+/// Actions after the end that change attempts, games or ranks. From [`FORMAT`] on, files omit all other late actions, which so
+/// leave a published file and its head unchanged.
 pub const AFTER_END: [&str; 4] = [VOID, "episode.void", "entrant.change", "entrants.exclude"];
 
-/// Bytes of a record that is neither an attempt nor the board, at most. The largest ones that servers write are the exclusions of
-/// all entrants at once, of 40 bytes for each.
+/// Maximum bytes of a record that is neither an attempt nor the board. The largest one that servers write is the exclusion of
+/// all entrants at once, with 40 bytes for each.
 pub const RECORD_BYTES_MAX: usize = 4 * 1024 * 1024;
 
-/// The fields that only files from a later format on have: the object, the field, and that format.
+/// Fields that files have only from a later format on: object, field, and first format with it.
 pub const LATER_FIELDS: [(&str, &str, u32); 11] = [
     ("definition", "spares", SECOND_FORMAT),
     ("definition", "attempts_per_day", SECOND_FORMAT),
@@ -65,15 +65,15 @@ pub const LATER_FIELDS: [(&str, &str, u32); 11] = [
     ("attempt", "replays", SECOND_FORMAT),
 ];
 
-/// A record of the file; its field `kind` says which.
+/// A record of the file; the field `kind` names its variant.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "kind", rename_all = "lowercase")]
 pub enum Line {
-    /// The first record.
+    /// First record.
     Competition(Box<Competition>),
-    /// What an organizer did; not in [`FIRST_FORMAT`].
+    /// Action of an organizer; not in [`FIRST_FORMAT`].
     Action(Action),
-    /// Who takes part.
+    /// An entrant.
     Entrant(Entrant),
     /// An attempt; its games follow.
     Attempt(Attempt),
@@ -81,7 +81,7 @@ pub enum Line {
     Episode(Episode),
     /// The board.
     Board(Board),
-    /// The last record.
+    /// Last record.
     End(End),
 }
 
@@ -89,7 +89,7 @@ impl Line {
     /// Reads a record.
     ///
     /// # Errors
-    /// If the text is no record, or one of more than [`RECORD_BYTES_MAX`] bytes that is not as long as what was played.
+    /// If the text is no record, or has more than [`RECORD_BYTES_MAX`] bytes and is neither an attempt nor the board.
     pub fn parse(text: &str) -> Result<Self, serde_json::Error> {
         let kind = kind_of(text)?;
         if text.len() > RECORD_BYTES_MAX && !["attempt", "board"].contains(&&*kind) {
@@ -111,7 +111,7 @@ impl Line {
     }
 }
 
-/// Finds a field of this record, or of its definition, that files of this format do not have.
+/// Field of this record, or of its definition, that files of this format do not have.
 #[must_use]
 pub fn later_field(record: &str, format: u32) -> Option<String> {
     let kind = kind_of(record).ok()?;
@@ -127,31 +127,31 @@ pub fn later_field(record: &str, format: u32) -> Option<String> {
     Some(format!("{of}: {field} needs format {first}, and the file says {format}"))
 }
 
-/// What was played.
+/// Head of the file: the competition and its secret.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Competition {
-    /// The version of the format.
+    /// Version of the format.
     pub format: u32,
-    /// The public id.
+    /// Public id.
     pub id: String,
-    /// Its definition.
+    /// Definition of the competition.
     pub definition: Definition,
-    /// When it was created.
+    /// Time of the creation.
     pub created_at: Timestamp,
-    /// When everything was opened to all; `None` in an export before that, for organizers.
+    /// Time at which everything became public; `None` in an organizer's export before that.
     #[serde(deserialize_with = "Option::deserialize")]
     pub revealed_at: Option<Timestamp>,
-    /// The published commitment, in hexadecimal.
+    /// Published commitment, in hexadecimal.
     pub commitment: String,
-    /// The salt, in hexadecimal.
+    /// Salt, in hexadecimal.
     pub salt: String,
-    /// The sealed seeds, in hexadecimal, attempt by attempt.
+    /// Sealed seeds, in hexadecimal, attempt by attempt.
     pub seeds: Vec<String>,
 }
 
 impl Competition {
-    /// The same for programs that know [`FIRST_FORMAT`] only.
+    /// Competition as [`FIRST_FORMAT`] expresses it.
     #[must_use]
     pub fn in_first_format(mut self) -> Self {
         self.format = FIRST_FORMAT;
@@ -160,8 +160,8 @@ impl Competition {
     }
 }
 
-/// A definition for programs that know [`FIRST_FORMAT`] only: spare attempts are attempts like others, equal totals share a rank,
-/// and all seeds make the board.
+/// Definition as [`FIRST_FORMAT`] expresses it: spare attempts are ordinary attempts, equal totals share a rank, and all seeds
+/// make the board.
 #[must_use]
 pub fn in_first_format(mut definition: Definition) -> Definition {
     let Definition { opens_at, closes_at, spares, .. } = definition;
@@ -179,7 +179,7 @@ pub fn in_first_format(mut definition: Definition) -> Definition {
     }
 }
 
-/// The oldest format that can tell a competition without a loss.
+/// Oldest format that expresses a competition without loss.
 #[must_use]
 pub fn format_of(definition: &Definition, has_actions: bool) -> u32 {
     if definition.seeds_by_task {
@@ -191,36 +191,36 @@ pub fn format_of(definition: &Definition, has_actions: bool) -> u32 {
     }
 }
 
-/// What an organizer did.
+/// Action of an organizer.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Action {
-    /// When.
+    /// Time of the action.
     pub at: Timestamp,
-    /// What was done, [`CHANGE`] for instance.
+    /// Kind of the action, such as [`CHANGE`].
     pub action: String,
-    /// The id of the competition, entrant, run or game that it concerns.
+    /// Id of the competition, entrant, run or game.
     pub subject: String,
-    /// Further facts: the text of an object, never a tree of values, which takes up to forty times as much memory.
+    /// Further facts: the text of an object. A tree of values would take up to forty times as much memory.
     pub detail: Box<RawValue>,
 }
 
-/// What a file is checked by of the detail of [`CHANGE`] and [`VOID`].
+/// Verified part of the details of [`CHANGE`] and [`VOID`].
 #[derive(Debug, Default, Deserialize)]
 pub struct Decided {
-    /// What was changed of the definition.
+    /// Changes of the definition.
     #[serde(default)]
     pub changes: Option<Vec<Changed>>,
-    /// Why.
+    /// Reason.
     #[serde(default)]
     pub reason: Option<String>,
 }
 
 impl Action {
-    /// What it decided.
+    /// Decision of a [`CHANGE`] or [`VOID`]; empty for other actions.
     ///
     /// # Errors
-    /// If its detail is none.
+    /// If the detail is no object, or a [`CHANGE`] without changes.
     pub fn decided(&self) -> Result<Decided, String> {
         if !self.detail.get().starts_with('{') {
             return Err("its detail is no object".to_owned());
@@ -241,26 +241,26 @@ impl Action {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Attempt {
-    /// The entrant's id.
+    /// Id of the entrant.
     pub entrant: String,
-    /// Its number, from 1. Those after the attempts of the definition are spare ones.
+    /// Number, from 1. Numbers after the attempts of the definition are those of spare attempts.
     pub attempt: u32,
-    /// The voided attempt that it plays again, where it is a spare one; not in [`FIRST_FORMAT`].
+    /// Voided attempt that this spare attempt replaces; not in [`FIRST_FORMAT`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub replays: Option<u32>,
-    /// The id of its run.
+    /// Id of the run.
     pub run: String,
-    /// The run's status.
+    /// Status of the run.
     pub status: String,
-    /// When it was started.
+    /// Start of the attempt.
     pub created_at: Timestamp,
-    /// When it ended.
+    /// End of the attempt.
     #[serde(deserialize_with = "Option::deserialize")]
     pub ended_at: Option<Timestamp>,
-    /// Why it was voided, if it was. Then its games are left out.
+    /// Reason of the voiding, if the attempt was voided. Its games are left out then.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voided: Option<String>,
-    /// The games that have ended, in the order of the plan.
+    /// Ended games, in the order of the plan.
     pub games: Vec<Game>,
 }
 
@@ -268,11 +268,11 @@ pub struct Attempt {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Game {
-    /// Its place in the plan: task by task, and for each task seed by seed; from 0.
+    /// Place in the plan, from 0: task by task, and seed by seed within a task.
     pub slot: u32,
-    /// The id of its episode.
+    /// Id of the episode.
     pub episode: String,
-    /// Why it was voided, if it was. Then its journal is left out.
+    /// Reason of the voiding, if the game was voided. Its journal is left out then.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voided: Option<String>,
 }
@@ -281,13 +281,13 @@ pub struct Game {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Episode {
-    /// Its place in the plan.
+    /// Place in the plan.
     pub slot: u32,
-    /// The id of the episode.
+    /// Id of the episode.
     pub episode: String,
-    /// How many lines follow.
+    /// Number of lines that follow.
     pub lines: usize,
-    /// The head of its journal's chain.
+    /// Head of the journal's chain.
     pub head: String,
 }
 
@@ -295,7 +295,7 @@ pub struct Episode {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Board {
-    /// Its rows in order.
+    /// Rows in order.
     pub rows: Vec<Row>,
 }
 
@@ -303,11 +303,11 @@ pub struct Board {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct End {
-    /// How many journals the file has.
+    /// Number of journals in the file.
     pub episodes: usize,
 }
 
-/// Writes the lines, each with the head of the chain after it.
+/// Writer of lines, each with the head of the chain after it.
 #[derive(Debug)]
 pub struct Writer {
     head: Head,
@@ -320,7 +320,7 @@ impl Default for Writer {
 }
 
 impl Writer {
-    /// The next line.
+    /// Next line.
     #[must_use]
     pub fn line(&mut self, record: &Line) -> String {
         let raw = RawRecord::write(record);

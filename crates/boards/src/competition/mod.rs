@@ -1,12 +1,12 @@
 //! Competitions: runs on seeds that are secret until the end.
 //!
-//! - [`definition`]: what an organizer decides, and what is wrong with it.
-//! - [`change`]: what of it may change later.
-//! - [`sealed`]: the seeds, and the commitment that shows that they were never changed.
-//! - [`phase`]: what is open at which time.
-//! - [`standings`]: which attempt of each entrant counts, and who is ahead.
-//! - [`shown`]: what everybody sees of all that, in the shapes of the wire.
-//! - [`export`]: a whole competition in one file; [`verify`]: whether such a file is true.
+//! - [`definition`]: decisions of the organizer, and their checks.
+//! - [`change`]: changes of them.
+//! - [`sealed`]: seeds, and the commitment that proves that they never changed.
+//! - [`phase`]: phases, and which attempts may be started.
+//! - [`standings`]: the counting attempt of each entrant, and the ranking.
+//! - [`shown`]: public views in the shapes of the wire.
+//! - [`export`]: a whole competition in one file; [`verify`]: verification of such a file.
 
 pub mod change;
 pub mod definition;
@@ -22,15 +22,15 @@ pub mod verify;
 use serde::{Deserialize, Serialize};
 
 swarmbench_engine::named! {
-    /// Whether an entrant takes part.
+    /// Participation of an entrant.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
     #[serde(rename_all = "lowercase")]
     pub enum EntrantStatus {
-        /// It does.
+        /// The entrant takes part.
         Active = "active",
-        /// It has left; what it played is shown without a rank.
+        /// The entrant has left; its results are shown without a rank.
         Withdrawn = "withdrawn",
-        /// The organizer has excluded it; what it played is shown without a rank.
+        /// The organizer has excluded the entrant; its results are shown without a rank.
         Disqualified = "disqualified",
     }
 }

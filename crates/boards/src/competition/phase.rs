@@ -1,5 +1,5 @@
-//! What is open at which time. All times are the server's; what happens at a moment happens after it: at `opens_at`
-//! it is open, at `closes_at` it is closed.
+//! Phases of a competition by the server's time. An event at a moment belongs to the time after it: a competition is open at
+//! `opens_at` and closed at `closes_at`.
 
 use jiff::Timestamp;
 
@@ -9,21 +9,21 @@ swarmbench_engine::named! {
     /// The phase of a competition.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub enum Phase {
-        /// It has not opened.
+        /// Before `opens_at`.
         Announced = "announced",
         /// Attempts may be played.
         Open = "open",
         /// No round begins any more; the last ones still run.
         Closing = "closing",
-        /// All games have ended, and everything is open to all.
+        /// All games have ended, and everything is public.
         Closed = "closed",
-        /// The organizer has ended it early; its seeds stay sealed until the time at which it would have closed.
+        /// The organizer has ended the competition early; its seeds stay sealed until the time at which it would have closed.
         Cancelled = "cancelled",
     }
 }
 
 impl Phase {
-    /// The phase at a time.
+    /// Phase at a time.
     #[must_use]
     pub fn at(
         definition: &Definition,
@@ -45,25 +45,25 @@ impl Phase {
     }
 }
 
-/// Why an attempt cannot be started.
+/// Reason why an attempt cannot be started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NotNow {
-    /// There is no such attempt.
+    /// The attempt does not exist.
     #[error("there are {0} attempts, counted from 1")]
     Unknown(usize),
-    /// It was started before.
+    /// The attempt was started before.
     #[error("attempt {0} was started before")]
     Used(u32),
     /// All attempts were started.
     #[error("all {0} attempts were started")]
     UsedUp(usize),
-    /// Its window has not opened.
+    /// The window has not opened.
     #[error("attempt {0} opens at {1}")]
     NotOpen(u32, Timestamp),
-    /// Its window has closed.
+    /// The window has closed.
     #[error("attempt {0} closed at {1}")]
     Closed(u32, Timestamp),
-    /// As many were started today as may be.
+    /// The limit of attempts a day is used up.
     #[error(
         "{0} attempts were started today, as many as may be on one day in UTC; the next from {1} on"
     )]
@@ -73,21 +73,21 @@ pub enum NotNow {
 /// Seconds of a day in UTC.
 const DAY_S: i64 = 86_400;
 
-/// An attempt that an entrant has started.
+/// A started attempt of an entrant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Started {
-    /// Its number, which says on which seeds it is played.
+    /// Number, which determines the seeds.
     pub number: u32,
-    /// The attempt that it plays again, where it is a spare one.
+    /// Voided attempt that this spare attempt replaces.
     pub replays: Option<u32>,
     /// Whether it was voided.
     pub voided: bool,
-    /// When it was started.
+    /// Time of the start.
     pub at: Timestamp,
 }
 
 impl Started {
-    /// The attempt in whose place it counts.
+    /// Attempt in whose place this one counts.
     #[must_use]
     pub const fn attempt(self) -> u32 {
         match self.replays {
@@ -97,11 +97,11 @@ impl Started {
     }
 }
 
-/// The attempt that is started now: the requested one, or else the first open one that was not started or was voided. What was
-/// voided is played again on spare seeds, and on its own where all spare ones were used.
+/// Attempt that is started now: the requested one, or else the first open one that was not started or was voided. A voided
+/// attempt is repeated on spare seeds, and on its own seeds when all spare ones are used.
 ///
 /// # Errors
-/// Why none is.
+/// Reason why no attempt can be started.
 pub fn attempt(
     definition: &Definition,
     wanted: Option<u32>,
@@ -140,7 +140,7 @@ pub fn attempt(
     if let Some(wanted) = wanted {
         return check(wanted);
     }
-    // The first open one, or else the error of the one that opens next, or of the one that closed last.
+    // The first open attempt, or else the error of the one that opens next or closed last.
     let mut later = None;
     let mut missed = None;
     for attempt in (1..).take(all) {
@@ -161,20 +161,20 @@ pub fn attempt(
     }
 }
 
-/// What everybody but organizers sees of the board.
+/// Part of the board that everybody but organizers sees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BoardView {
-    /// Nothing.
+    /// No board.
     Nothing,
     /// Ranks and totals of the attempts that are over.
     Totals,
     /// Ranks and totals of the attempts that were over before that time.
     TotalsBefore(Timestamp),
-    /// All of it.
+    /// The whole board.
     All,
 }
 
-/// What of the board is open to all.
+/// Public part of the board.
 #[must_use]
 pub fn board_view(definition: &Definition, is_revealed: bool, now: Timestamp) -> BoardView {
     match (is_revealed, definition.board, definition.board_freezes_at) {

@@ -1,4 +1,4 @@
-//! Replays the journals of a file on several threads, while the file is read further.
+//! Replays of the journals of a file on several threads, concurrently with reading it.
 
 use std::io::{BufRead, Cursor, Read};
 use std::num::NonZero;
@@ -10,13 +10,13 @@ use swarmbench_engine::physics::Solver;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::replay::{self, Report as Played, verify};
 
-/// Threads that replay, at most.
+/// Maximum replaying threads.
 const THREADS_MAX: usize = 64;
 
-/// Journals of more bytes are replayed as they are read; others are kept in memory until a thread is free.
+/// Journals of at least this many bytes are replayed as they are read; smaller ones are kept in memory until a thread is free.
 const JOURNAL_BYTES_MAX: usize = 512 * 1024;
 
-/// Journals that are pending for each thread, so that no thread waits for the file.
+/// Pending journals per thread, so that no thread waits for the file.
 const PENDING_PER_THREAD: usize = 4;
 
 type Result = std::result::Result<Played, replay::Fault>;
@@ -37,12 +37,12 @@ struct Job {
 /// A journal that is being replayed.
 pub(super) struct Waiting {
     played: Receiver<Result>,
-    /// How many of its lines the file does not have.
+    /// Lines of the journal that the file lacks.
     pub(super) left: usize,
 }
 
 impl Replays {
-    /// Runs `work` beside threads that replay what it begins.
+    /// Runs `work` beside threads that replay the journals it begins.
     pub(super) fn run<T>(solver: Solver, work: impl FnOnce(&Self) -> T) -> T {
         let threads = thread::available_parallelism().map_or(1, NonZero::get).min(THREADS_MAX);
         let (jobs, next) = sync_channel::<Job>(threads * PENDING_PER_THREAD);
@@ -55,7 +55,7 @@ impl Replays {
                         // The sender was dropped: the work is done.
                         let Ok(Job { journal, head, done }) = taken else { return };
                         let played = verify(journal.as_slice(), Some(head), solver, |_, _| {});
-                        // After an earlier fault nobody waits for it.
+                        // The receiver is gone after an earlier fault.
                         drop(done.send(played));
                     }
                 });
@@ -65,12 +65,12 @@ impl Replays {
         })
     }
 
-    /// How many journals may be pending.
+    /// Maximum pending journals.
     pub(super) const fn pending_max(&self) -> usize {
         self.threads * PENDING_PER_THREAD
     }
 
-    /// Begins to replay the journal of `lines` lines that comes next in the file.
+    /// Begins to replay the next journal of the file, of `lines` lines.
     ///
     /// # Errors
     /// If the file cannot be read.
@@ -89,7 +89,7 @@ impl Replays {
             left -= 1;
         }
         if journal.len() < JOURNAL_BYTES_MAX {
-            // The threads live as long as this.
+            // The receiver outlives `self`.
             drop(self.jobs.send(Job { journal, head, done }));
         } else {
             let mut rest = Section { file, left };
@@ -102,14 +102,14 @@ impl Replays {
 }
 
 impl Waiting {
-    /// What was played.
+    /// Result of the replay.
     pub(super) fn played(self) -> Result {
         let stopped = || replay::Fault::Whole("the thread that replayed it has stopped".to_owned());
         self.played.recv().unwrap_or_else(|_| Err(stopped()))
     }
 }
 
-/// A number of lines of a file.
+/// A limited number of lines of a file.
 struct Section<'a, R> {
     file: &'a mut R,
     left: usize,
@@ -127,7 +127,7 @@ impl<R: BufRead> BufRead for Section<'_, R> {
     }
 
     fn consume(&mut self, count: usize) {
-        // `fill_buf` has shown these bytes before, so they are still there.
+        // `fill_buf` has returned these bytes before, so they are still there.
         let ends = self
             .file
             .fill_buf()

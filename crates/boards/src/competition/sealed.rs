@@ -1,12 +1,12 @@
-//! Sealed seeds. Each is 16 random bytes; the commitment to all of them is published when the competition is
-//! created, the bytes themselves only after its end.
+//! Sealed seeds of 16 random bytes each. The commitment to all of them is published when the competition is created, the bytes
+//! themselves only after its end.
 
 use sha2::{Digest, Sha256};
 
 use swarmbench_clock::Entropy;
 use swarmbench_engine::Seed;
 
-/// Bytes of the salt that is hashed before the seeds, so that the commitment reveals nothing about them.
+/// Bytes of the salt, which is hashed before the seeds so that the commitment reveals nothing about them.
 pub const SALT_BYTES: usize = 32;
 
 /// Bytes of a seed.
@@ -15,10 +15,10 @@ pub const SEED_BYTES: usize = 16;
 /// A sealed seed.
 pub type SealedSeed = [u8; SEED_BYTES];
 
-/// The secret of a competition. `Debug` does not show it.
+/// Secret of a competition. `Debug` does not show it.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Sealed {
-    /// What is hashed before the seeds.
+    /// Salt, hashed before the seeds.
     pub salt: [u8; SALT_BYTES],
     /// All seeds, attempt by attempt.
     pub seeds: Vec<SealedSeed>,
@@ -56,16 +56,16 @@ impl Sealed {
         hash.finalize().into()
     }
 
-    /// The sealed seeds of an attempt, counted from 1, if each attempt has `each` of them.
+    /// Sealed seeds of an attempt, counted from 1, if each attempt has `each` of them.
     pub fn of_attempt(&self, attempt: u32, each: u32) -> impl Iterator<Item = &SealedSeed> + Clone {
         let (attempt, each) = (attempt as usize, each as usize);
         self.seeds.iter().skip(attempt.saturating_sub(1) * each).take(each)
     }
 }
 
-/// The seed of the rules that belongs to a sealed one: the first 8 bytes (big-endian) of the SHA-256 of the sealed seed and the
-/// name of the task, shifted right by 11. What is left are 53 bits, as many as the rules take. The name is empty where all
-/// tasks are played on the same seeds; with it nobody can tell the seed of one task from that of another.
+/// Seed of the rules for a sealed seed: the first 8 bytes (big-endian) of the SHA-256 of the sealed seed and the name of the
+/// task, shifted right by 11 to the 53 bits that the rules take. The name keeps the seed of one task from revealing that of
+/// another; it is empty where all tasks are played on the same seeds.
 #[must_use]
 pub fn rules_seed(seed: &SealedSeed, task: &str) -> Seed {
     let hash = Sha256::new().chain_update(seed).chain_update(task).finalize();
@@ -78,8 +78,8 @@ mod tests {
     use super::*;
     use swarmbench_clock::SeededEntropy;
 
-    /// Made with another program: `python3 -c "import hashlib; h = hashlib.sha256(bytes(range(16)));
-    /// print(int.from_bytes(h.digest()[:8], 'big') >> 11)"`, and so for the commitment.
+    /// Expected values are from another program: `python3 -c "import hashlib; h = hashlib.sha256(bytes(range(16)));
+    /// print(int.from_bytes(h.digest()[:8], 'big') >> 11)"`, and likewise for the commitment.
     #[test]
     fn seeds_and_commitment_are_those_of_another_program() {
         let seed: SealedSeed = std::array::from_fn(|byte| u8::try_from(byte).expect("small"));

@@ -1,4 +1,4 @@
-//! What everybody sees of a competition, in the shapes of the wire.
+//! Public views of a competition, in the shapes of the wire.
 
 use std::collections::BTreeMap;
 
@@ -17,10 +17,10 @@ use super::entrant::Entrant;
 use super::phase::Phase;
 use super::standings::{Standing, TaskRow};
 
-/// Bytes of a revision: two that follow each other never have the same.
+/// Bytes of a revision: enough that consecutive ones never collide.
 const REVISION_BYTES: usize = 8;
 
-/// A competition at a moment. The salt and the seeds are included only once they are public.
+/// Public view of a competition at a moment. It includes the salt and the seeds only once they are public.
 #[must_use]
 pub fn competition(
     id: &str,
@@ -93,32 +93,32 @@ pub fn competition(
     }
 }
 
-/// A text that tells what organizers may change of a competition from what it was before.
+/// Revision of the fields that organizers may change: a digest.
 #[must_use]
 pub fn revision(definition: &Definition, hidden: bool) -> String {
     let written = serde_json::to_vec(&(definition, hidden)).expect("string keys");
     data_encoding::HEXLOWER.encode(&Sha256::digest(written)[..REVISION_BYTES])
 }
 
-/// What has become of a competition.
+/// Mutable state of a competition.
 #[derive(Clone, Debug, Default)]
 pub struct State {
-    /// What is published, after the end.
+    /// Published secret, after the end.
     pub revealed: Option<Revealed>,
-    /// When and why it was cancelled, if it was.
+    /// Time and reason of the cancellation, if the competition was cancelled.
     pub cancelled: Option<(Timestamp, String)>,
-    /// Whether lists leave it out.
+    /// Whether lists omit the competition.
     pub hidden: bool,
 }
 
-/// What is published after the end.
+/// Secret that is published after the end.
 #[derive(Clone, Debug)]
 pub struct Revealed {
-    /// When it was published.
+    /// Time of the publication.
     pub at: Timestamp,
-    /// The salt.
+    /// Salt.
     pub salt: [u8; 32],
-    /// The sealed seeds.
+    /// Sealed seeds.
     pub seeds: Vec<[u8; 16]>,
 }
 
@@ -156,7 +156,7 @@ impl From<&TaskRow> for TaskMean {
     }
 }
 
-/// A row of the board, with the results in each task or without.
+/// A row of the board, with or without the results by task.
 #[must_use]
 pub fn row(standing: &Standing, entrant: &Entrant, with_tasks: bool) -> CompetitionRow {
     let Standing { row, difference, replays } = standing;
@@ -175,7 +175,7 @@ pub fn row(standing: &Standing, entrant: &Entrant, with_tasks: bool) -> Competit
         total: row.total.filter(|_| with_tasks || games >= 2),
         difference: difference.clone().filter(|_| with_tasks),
         invalid_share: share(row.invalid, row.answers),
-        // Their number tells how long games were, which is secret as long as seeds are.
+        // The number of failures reveals how long games were, which is secret as long as the seeds are.
         failures: if with_tasks { row.failures } else { Failures::EMPTY },
         timeout_share: share(row.timeouts, row.answers + row.timeouts),
         clock_share: share(row.timeouts, row.answers + row.timeouts),

@@ -1,8 +1,7 @@
-//! Which attempt of each entrant counts, and who is ahead.
+//! Standings: the counting attempt of each entrant, and the ranking.
 //!
-//! Attempts count once they are over, however they ended; a voided one does not. What an attempt is
-//! worth, and when two totals are the same, is decided in [`mod@crate::rank`]; who is ahead then, by the tie-breaks of the
-//! definition.
+//! Attempts count once they are over, whatever their end; voided ones do not count. [`mod@crate::rank`] defines the value of an
+//! attempt and the equality of totals; the tie-breaks of the definition order equal totals.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeSet, HashMap};
@@ -26,47 +25,47 @@ use crate::{Decentralization, Game, Owner, Player, Run, Slot};
 /// An attempt, with the games that have ended.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Attempt {
-    /// Whose it is.
+    /// Id of the entrant.
     pub entrant: String,
-    /// Its number, from 1.
+    /// Number, from 1.
     pub number: u32,
-    /// The voided attempt that it plays again, where its seeds are spare ones.
+    /// Voided attempt that this spare attempt replaces.
     pub replays: Option<u32>,
-    /// The public id of its run.
+    /// Public id of the run.
     pub run: String,
-    /// The name of the run's status.
+    /// Name of the run's status.
     pub status: String,
-    /// Whether it, and every game of it, has ended.
+    /// Whether the attempt and all of its games have ended.
     pub is_over: bool,
-    /// Whether all of it was voided.
+    /// Whether the whole attempt was voided.
     pub voided: bool,
-    /// When it was started.
+    /// Start of the attempt.
     pub created_at: Timestamp,
-    /// When it ended.
+    /// End of the attempt.
     pub ended_at: Option<Timestamp>,
-    /// What was to be played.
+    /// Planned games.
     pub plan: Vec<Slot>,
-    /// What has ended.
+    /// Ended games.
     pub games: Vec<Game>,
 }
 
 swarmbench_engine::named! {
-    /// Which seeds of an attempt make a board.
+    /// Part of an attempt's seeds that makes a board.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
     pub enum Part {
-        /// The first ones, as many as the definition says; all, if it says none.
+        /// The first seeds, as many as the definition says; all, if it says none.
         Public = "public",
-        /// All others.
+        /// All other seeds.
         Final = "final",
     }
 }
 
 impl Attempt {
-    /// What of it was played on the seeds of a part.
+    /// The games of the attempt that were planned and played on the seeds of a part.
     #[must_use]
     pub fn part(mut self, definition: &Definition, part: Part) -> Self {
         if definition.public_seeds > 0 {
-            // The plan has the seeds of one task after the other.
+            // The plan lists the seeds of one task after another.
             let public: BTreeSet<Slot> = (0..definition.seeds)
                 .cycle()
                 .zip(&self.plan)
@@ -81,14 +80,14 @@ impl Attempt {
     }
 }
 
-/// A row of the board, with what is no part of a published file.
+/// A row of the board, with fields that are not in a published file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Standing {
     /// The row.
     pub row: Row,
-    /// How far it is below the nearest row above; none for the first, and for entrants without a rank.
+    /// Distance below the nearest row above; `None` for the first row, and for entrants without a rank.
     pub difference: Option<RowDifference>,
-    /// The voided attempt in whose place the one that counts was played.
+    /// Voided attempt in whose place the counting one was played.
     pub replays: Option<u32>,
 }
 
@@ -96,30 +95,31 @@ pub struct Standing {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Row {
-    /// 1, 2, 2, 4; `None` without a counting attempt, and for entrants that withdrew or were disqualified.
+    /// Rank with gaps, such as 1, 2, 2, 4. `None` without a counting attempt, and for entrants that withdrew or were
+    /// disqualified.
     #[serde(deserialize_with = "Option::deserialize")]
     pub rank: Option<u32>,
-    /// The entrant's id.
+    /// Id of the entrant.
     pub entrant: String,
-    /// The number of the attempt that counts, if one does.
+    /// Number of the counting attempt, if there is one.
     #[serde(deserialize_with = "Option::deserialize")]
     pub attempt: Option<u32>,
-    /// Its run.
+    /// Run of that attempt.
     #[serde(deserialize_with = "Option::deserialize")]
     pub run: Option<String>,
-    /// How the run ended.
+    /// Status of the run.
     #[serde(deserialize_with = "Option::deserialize")]
     pub run_status: Option<String>,
-    /// Every task of the competition.
+    /// Results in every task of the competition.
     pub tasks: Vec<TaskRow>,
-    /// The sum of the means, if an attempt counts.
+    /// Sum of the means, if an attempt counts.
     #[serde(deserialize_with = "Option::deserialize")]
     pub total: Option<f64>,
-    /// Answers that players gave in the games that count.
+    /// Answers of players in the games that count.
     pub answers: u64,
-    /// The invalid ones among them.
+    /// Invalid answers among them.
     pub invalid: u64,
-    /// Why they were invalid. Games of earlier versions do not tell it.
+    /// Invalid answers by reason. Games of earlier versions do not record it.
     #[serde(default, skip_serializing_if = "Failures::is_empty")]
     pub failures: Failures,
     /// Moves that timed out.
@@ -135,38 +135,39 @@ pub struct Row {
     pub decentralization: Option<String>,
 }
 
-/// The result of an attempt in a task.
+/// Result of an attempt in a task.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TaskRow {
     /// The task.
     pub task: String,
-    /// The mean of the scores.
+    /// Mean of the scores.
     #[serde(deserialize_with = "Option::deserialize")]
     pub mean: Option<f64>,
-    /// Their population standard deviation.
+    /// Population standard deviation of the scores.
     #[serde(deserialize_with = "Option::deserialize")]
     pub deviation: Option<f64>,
-    /// Games that were played and count.
+    /// Number of games that were played and count.
     pub games: u32,
-    /// Planned games, without voided ones.
+    /// Number of planned games, without voided ones.
     pub planned: u32,
-    /// Voided games.
+    /// Number of voided games.
     pub voided: u32,
 }
 
-/// Whether each seat decides for itself: one entrant has all seats of its games, so it can pool what they see.
+/// Evidence that each seat decides for itself, which an entrant only declares: it has all seats of its games, so it can pool
+/// their observations.
 #[must_use]
 pub fn decentralization(control: &str) -> Option<Decentralization> {
     (control == "decentralized").then_some(Decentralization::Declared)
 }
 
-/// The result of an attempt.
+/// Result of an attempt.
 #[must_use]
 pub fn result(definition: &Definition, entrant: &Entrant, attempt: &Attempt) -> RunResult {
     let declaration = &entrant.declaration;
-    // Rows that are equal otherwise are ordered by what names a player. In a published file that is what journal.md says, in every
-    // version of the program: its own words in prompts are no part of it.
+    // The prompt revision is left out of the identity: rows that are equal otherwise are ordered by the identity of the player,
+    // and the order in a published file must follow journal.md, the same in every version of the program.
     let prompt = Identity { template: declaration.template_digest(), ..Identity::default() };
     let run = Run {
         id: attempt.run.clone(),
@@ -188,7 +189,7 @@ pub fn result(definition: &Definition, entrant: &Entrant, attempt: &Attempt) -> 
     RunResult::new(run, &attempt.plan, &attempt.games, attempt.is_over)
 }
 
-/// The result of an attempt in each task of the competition.
+/// Result of an attempt in each task of the competition.
 #[must_use]
 pub fn tasks_of(definition: &Definition, result: &RunResult) -> Vec<TaskRow> {
     let rows = definition.tasks().into_iter().filter_map(|task| result.task(task));
@@ -203,9 +204,9 @@ pub fn tasks_of(definition: &Definition, result: &RunResult) -> Vec<TaskRow> {
     .collect()
 }
 
-/// What an entrant has played, as far as the board is concerned: the attempt that counts, and how many there were.
+/// Attempts of an entrant, reduced to what the board shows: the counting attempt, and their numbers.
 ///
-/// Attempts may be added in any order. It takes as much memory as one result, however many attempts there are.
+/// Attempts may be added in any order. The memory is that of one result, whatever their number.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Played {
     counting: Option<Counting>,
@@ -216,7 +217,7 @@ pub struct Played {
     started: u32,
 }
 
-/// The attempt that counts.
+/// Counting attempt.
 #[derive(Clone, Debug, PartialEq)]
 struct Counting {
     result: Arc<RunResult>,
@@ -226,7 +227,7 @@ struct Counting {
 }
 
 impl Played {
-    /// Adds an attempt of the entrant, each once.
+    /// Adds an attempt of the entrant. Each attempt may be added once only.
     pub fn add(&mut self, definition: &Definition, entrant: &Entrant, attempt: &Attempt) {
         if attempt.voided {
             self.voided += 1;
@@ -261,7 +262,7 @@ impl Played {
         self.counting = Some(Counting { result, number, replays, ended_at });
     }
 
-    /// About how many bytes it takes in memory.
+    /// Approximate bytes in memory.
     #[must_use]
     pub fn bytes(&self) -> usize {
         let of = self.counting.as_ref().map_or(0, |one| one.result.bytes());
@@ -273,9 +274,9 @@ impl Played {
     }
 }
 
-/// What boards show of the attempts that count.
+/// View of the board of counting attempts.
 fn view(definition: &Definition) -> View {
-    // Each entrant has one, which was chosen before.
+    // Each entrant has one run here, which was chosen before.
     View { tasks: definition.tasks(), sort: None, pick: Pick::Best }
 }
 
@@ -299,7 +300,7 @@ pub fn standings(
     standings_of(definition, &all)
 }
 
-/// As [`standings`], of entrants with what each has played.
+/// As [`standings`], for entrants with their attempts.
 #[must_use]
 pub fn standings_of(definition: &Definition, entrants: &[(&Entrant, &Played)]) -> Vec<Standing> {
     let view = view(definition);
@@ -334,7 +335,7 @@ pub fn standings_of(definition: &Definition, entrants: &[(&Entrant, &Played)]) -
     rows
 }
 
-/// What tie-breaks look at.
+/// Values that tie-breaks compare.
 struct Facts {
     answers: u64,
     invalid: u64,
@@ -358,9 +359,9 @@ impl Facts {
         }
     }
 
-    /// Whether this is ahead of another of the same total, by these rules.
+    /// Order of two entrants with equal totals by these rules: `Less` if `self` ranks higher.
     fn compare(&self, other: &Self, rules: &[TieBreak]) -> Ordering {
-        // Shares are compared without rounding; nothing of nothing is 0.
+        // Shares are compared without rounding; 0 of 0 is 0.
         let share = |part: u64, whole: u64, other: u64, other_whole: u64| {
             let times = |part: u64, whole: u64| u128::from(part) * u128::from(whole.max(1));
             times(part, other_whole).cmp(&times(other, whole))
@@ -381,7 +382,7 @@ impl Facts {
     }
 }
 
-/// Orders rows that share a rank by these rules; those that are equal in all of them still share one.
+/// Orders rows that share a rank by these rules; rows that are equal in all of them still share one.
 fn break_ties(rows: &mut [Ranked], rules: &[TieBreak], facts: impl Fn(&Ranked) -> Facts) {
     for tied in rows.chunk_by_mut(|a, b| a.rank.is_some() && a.rank == b.rank) {
         let Some(first) = tied[0].rank.filter(|_| tied.len() > 1) else { continue };
@@ -515,7 +516,7 @@ mod tests {
     #[test]
     fn the_attempt_that_counts_is_the_best_the_last_or_the_first() {
         let entrants = ["a", "b"].map(entrant);
-        // The second attempt of b was started before its first one; a's are equal.
+        // The second attempt of b was started before its first one; both of a's are equal.
         let attempts = [
             attempt("a", 1, 10, 2.0),
             attempt("a", 2, 20, 2.0),
@@ -560,7 +561,7 @@ mod tests {
         assert_eq!(rows[5].total, Some(18.0), "it is shown");
     }
 
-    /// The order of what is equal is a part of published files, so it depends on nothing but what journal.md names.
+    /// The order of equal rows is a part of published files, so it may depend only on what journal.md names.
     #[test]
     fn equal_rows_are_in_the_order_of_names_that_never_change() {
         let mut entrants = ["a", "b", "c", "d"].map(entrant);
@@ -591,7 +592,7 @@ mod tests {
         abandoned.status = "abandoned".to_owned();
         abandoned.games.truncate(1);
         let rows = standings(&definition(), &entrants, &[abandoned.clone()]);
-        // One of two games of the first task, none of the second.
+        // One of two games of the first task was played, none of the second.
         assert_eq!((rows[0].total, rows[0].run_status.as_deref()), (Some(2.0), Some("abandoned")));
         let voided = Attempt { voided: true, ..attempt("a", 2, 20, 9.0) };
         let running = Attempt { is_over: false, ..attempt("a", 2, 30, 9.0) };
@@ -630,7 +631,7 @@ mod tests {
             attempt.games.iter_mut().for_each(|game| game.invalid = invalid);
             attempt
         };
-        // d is ahead by its total, whatever its answers were.
+        // Entrant d is ahead by its total, whatever its answers were.
         let mut best = with("d", 40, 9);
         best.games.iter_mut().for_each(|game| game.score = 3.0);
         let attempts = [with("a", 30, 2), with("b", 20, 1), with("c", 20, 2), best];

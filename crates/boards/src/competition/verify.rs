@@ -1,9 +1,9 @@
-//! Whether the file of a competition is true: the commitment fits the seeds, every game that counts was played on
-//! the seed, by the settings and in the time that its place demands, every journal plays again to its score, and the
-//! board is what follows from them.
+//! Verification of the file of a competition: the commitment fits the seeds, every game that counts was played on the seed,
+//! with the settings and in the time of its place in the plan, every journal replays to its score, and the board follows from
+//! them.
 //!
-//! What a file alone cannot show is that it is the one that was published: compare its commitment with the one of
-//! the day on which the competition was announced, and its head with that of others.
+//! A file alone cannot prove that it is the published one: compare its commitment with the one that was published with the
+//! announcement, and its head with the organizer's.
 
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::io::BufRead;
@@ -29,26 +29,27 @@ use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::status::RunStatus;
 use swarmbench_protocol::suite::Game as Planned;
 
-/// The first format in which the status of an attempt has to fit the ends of its games, and each voided attempt has its action.
+/// First format in which the status of an attempt must fit the ends of its games, and in which each voided attempt has an
+/// action.
 const FIRST_FORMAT_WITH_CHECKED_ATTEMPTS: u32 = 2;
 
-/// Why a game ended that ran when its attempt closed.
+/// Reason of the end of a game that ran when its attempt closed.
 const CLOSED: &str = "closed";
 
-/// What is wrong with a file.
+/// Fault of a file.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
-    /// It cannot be read at all.
+    /// The file cannot be read.
     #[error("it cannot be read: {0}")]
     Io(#[from] std::io::Error),
-    /// A line is not what belongs there.
+    /// A line is invalid or not in its place.
     #[error("line {line} ({place}): {problem}")]
     Line {
-        /// The line, counted from 1.
+        /// Number of the line, from 1.
         line: usize,
-        /// What it is about.
+        /// Record of the line.
         place: String,
-        /// What is wrong.
+        /// Problem.
         problem: String,
     },
     /// The file as a whole is not the expected one.
@@ -56,41 +57,41 @@ pub enum Fault {
     Whole(String),
 }
 
-/// What a file proves.
+/// Verified content of a file.
 #[derive(Clone, Debug)]
 pub struct Report {
-    /// What was played.
+    /// First record.
     pub competition: export::Competition,
-    /// What organizers did.
+    /// Actions of organizers.
     pub actions: Vec<export::Action>,
-    /// Who took part.
+    /// Entrants.
     pub entrants: Vec<Entrant>,
-    /// How many attempts were started.
+    /// Number of started attempts.
     pub attempts: usize,
-    /// How many games were played again.
+    /// Number of replayed games.
     pub episodes: usize,
-    /// How many rounds that were.
+    /// Number of replayed rounds.
     pub rounds: u64,
-    /// The board, recomputed.
+    /// Recomputed board.
     pub rows: Vec<Row>,
-    /// The head of the file's chain.
+    /// Head of the file's chain.
     pub head: Head,
 }
 
-/// What was published about the file beforehand.
+/// Facts that were published outside the file.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Expected {
-    /// The commitment that was published when the competition was announced.
+    /// Commitment from the announcement of the competition.
     pub commitment: Option<[u8; 32]>,
-    /// The head of the file's chain, as the organizer published it.
+    /// Head of the file's chain, as published by the organizer.
     pub head: Option<Head>,
 }
 
-/// Checks the file of a competition; `progress` is called with how many lines were read. Journals are replayed by as many
-/// threads as the machine has processors.
+/// Verifies the file of a competition. `progress` is called with the number of lines that were read. As many threads as the
+/// machine has processors replay journals.
 ///
 /// # Errors
-/// The first fault, with its line.
+/// First fault, with its line.
 pub fn verify(
     file: impl BufRead,
     expected: Expected,
@@ -122,7 +123,7 @@ fn read<R: BufRead, P: FnMut(usize)>(
     let sealed = check_competition(&competition, expected).map_err(|what| reader.wrong(what))?;
     let mut checker = Checker::new(competition, sealed, replays);
     let read = checker.rest(&mut reader);
-    // What is wrong with a game that was read before comes first.
+    // A fault in an earlier game comes first.
     checker.settle(0)?;
     let rows = read?;
     "the board".clone_into(&mut reader.place);
@@ -148,15 +149,15 @@ fn read<R: BufRead, P: FnMut(usize)>(
     Ok(Report { competition, actions, entrants, attempts, episodes, rounds, rows, head })
 }
 
-/// Reads records off the file and follows their chain.
+/// Reader of records, which follows their chain.
 struct Reader<R, P> {
     file: R,
     head: Head,
-    /// The version of the file, once its first record was read.
+    /// Format of the file, known after its first record.
     format: u32,
-    /// The line that was read last.
+    /// Number of the last line that was read.
     number: usize,
-    /// What it is about.
+    /// Record of that line.
     place: String,
     progress: P,
 }
@@ -188,7 +189,7 @@ impl<R: BufRead, P: FnMut(usize)> Reader<R, P> {
         Fault::Line { line: self.number, place: self.place.clone(), problem: problem.into() }
     }
 
-    /// Begins to replay the journal that follows, of `lines` lines. One that is large is replayed before this returns.
+    /// Begins to replay the following journal of `lines` lines. A large journal is replayed before this returns.
     fn journal(
         &mut self,
         lines: usize,
@@ -203,9 +204,9 @@ impl<R: BufRead, P: FnMut(usize)> Reader<R, P> {
     }
 }
 
-/// Where the journal of a game is in the file.
+/// Place of a game's journal in the file.
 struct Place {
-    /// The number of the line before it.
+    /// Number of the line before the journal.
     before: usize,
     lines: usize,
     what: String,
@@ -217,7 +218,7 @@ impl Place {
         Fault::Line { line, place: self.what.clone(), problem: problem.into() }
     }
 
-    /// The fault of a file of which the journal is a part.
+    /// Fault of the file for a fault of the journal.
     fn fault(&self, left: usize, fault: replay::Fault) -> Fault {
         match fault {
             replay::Fault::Io(error) => Fault::Io(error),
@@ -281,25 +282,25 @@ fn check_competition(
     Ok(sealed)
 }
 
-/// What was read so far.
+/// Records that were read so far.
 struct Checker<'a> {
     competition: export::Competition,
     sealed: Sealed,
     actions: Vec<export::Action>,
-    /// What was changed of the definition, and when.
+    /// Changes of the definition, with their times.
     changes: Vec<(Timestamp, Vec<Changed>)>,
     entrants: Vec<Entrant>,
-    /// The place of each entrant, by its id.
+    /// Index of each entrant, by id.
     entrant_of: HashMap<String, usize>,
     attempts: Vec<Attempt>,
-    /// The runs of all attempts.
+    /// Runs of all attempts.
     runs: HashSet<String>,
-    /// The runs that organizers voided, with the reasons.
+    /// Runs that organizers voided, with the reasons.
     voids: HashSet<(String, String)>,
-    /// The attempts of each entrant that were not voided, and those that were.
+    /// Attempts that were not voided, as index of the entrant and attempt number; `voided` has those that were.
     played: HashSet<(usize, u32)>,
     voided: HashSet<(usize, u32)>,
-    /// The spare attempts of each entrant, voided or not.
+    /// Spare attempts, voided or not, as index of the entrant and attempt number.
     spares: HashSet<(usize, u32)>,
     episodes: usize,
     rounds: u64,
@@ -308,12 +309,12 @@ struct Checker<'a> {
     pending: VecDeque<Pending>,
 }
 
-/// A game that is being replayed, and what it is checked by.
+/// A game that is being replayed, and the facts by which it is checked.
 struct Pending {
     waiting: Waiting,
     place: Place,
     published: Arc<export::Attempt>,
-    /// The places of its attempt, and of the game in that.
+    /// Index of the attempt, and of the game in the attempt.
     attempt: usize,
     game: usize,
     run: Arc<Run>,
@@ -322,7 +323,7 @@ struct Pending {
     planned: Planned,
 }
 
-/// The ends that a window has had, each with the time from which it was known.
+/// Ends that a window has had, each with the time from which it was known.
 type Ends = Vec<(Timestamp, Timestamp)>;
 
 impl<'a> Checker<'a> {
@@ -351,7 +352,7 @@ impl<'a> Checker<'a> {
         &self.competition.definition
     }
 
-    /// Reads entrants and attempts up to the board, and returns that.
+    /// Reads entrants and attempts up to the board, and returns the board.
     fn rest<R: BufRead, P: FnMut(usize)>(
         &mut self,
         reader: &mut Reader<R, P>,
@@ -415,7 +416,7 @@ impl<'a> Checker<'a> {
         Ok(())
     }
 
-    /// Checks that what was changed is what the definition has, each change after the one before.
+    /// Checks that each change continues the one before, and that the last change of a field is the value in the definition.
     fn check_changes(&self) -> Result<(), String> {
         let definition = serde_json::to_value(self.definition()).unwrap_or_default();
         let mut now: HashMap<&str, &Value> = HashMap::new();
@@ -438,7 +439,7 @@ impl<'a> Checker<'a> {
         if !self.attempts.is_empty() {
             return Err("entrants come before all attempts".to_owned());
         }
-        // No server has taken one.
+        // Servers never accept such a name.
         if entrant.name.chars().any(char::is_control) {
             return Err("its name has control characters".to_owned());
         }
@@ -496,10 +497,11 @@ impl<'a> Checker<'a> {
         let mut played = HashSet::new();
         for (place_in_attempt, game) in published.games.iter().enumerate() {
             let planned = plan.get(game.slot as usize);
-            let planned = planned.ok_or_else(|| reader.wrong("it has a game too many"))?;
+            let planned =
+                planned.ok_or_else(|| reader.wrong("it has a game that its plan does not have"))?;
             let attempt = &mut self.attempts[number];
             let slot = attempt.plan[game.slot as usize];
-            // What was played is not known yet.
+            // The result is known after the replay.
             let unknown = Game {
                 slot,
                 score: 0.0,
@@ -514,7 +516,7 @@ impl<'a> Checker<'a> {
                 continue;
             }
             if !played.insert(game.slot) {
-                return Err(reader.wrong(format!("its game {} is there twice", game.slot)));
+                return Err(reader.wrong(format!("it has game {} twice", game.slot)));
             }
             let Some(Line::Episode(header)) = reader.next()? else {
                 return Err(reader.wrong(format!("episode {} is missing", game.episode)));
@@ -523,7 +525,8 @@ impl<'a> Checker<'a> {
             if header.episode != game.episode || header.slot != game.slot {
                 return Err(reader.wrong(format!("episode {} is in its place", header.episode)));
             }
-            let head = Head::parse(&header.head).ok_or_else(|| reader.wrong("its head is none"))?;
+            let head =
+                Head::parse(&header.head).ok_or_else(|| reader.wrong("its head is not a hash"))?;
             let (place, waiting) = reader.journal(header.lines, head, self.replays)?;
             self.pending.push_back(Pending {
                 waiting,
@@ -542,7 +545,7 @@ impl<'a> Checker<'a> {
         Ok(())
     }
 
-    /// Takes what was replayed, in the order of the file, until at most `most` games are pending.
+    /// Takes results of replays, in the order of the file, until at most `most` games are pending.
     fn settle(&mut self, most: usize) -> Result<(), Fault> {
         while self.pending.len() > most
             && let Some(pending) = self.pending.pop_front()
@@ -577,7 +580,7 @@ impl<'a> Checker<'a> {
         Ok(())
     }
 
-    /// Checks that an attempt of `planned` games has as many as its status says.
+    /// Checks that the number of games of an attempt of `planned` games fits its status.
     fn status(&self, published: &export::Attempt, planned: usize) -> Result<(), String> {
         let named = RunStatus::parse(&published.status);
         let status =
@@ -595,7 +598,7 @@ impl<'a> Checker<'a> {
         Ok(())
     }
 
-    /// When an attempt may be played, and what.
+    /// Window and run of an attempt.
     fn place(&mut self, published: &export::Attempt) -> Result<(Window, Run), String> {
         let definition = &self.competition.definition;
         let number = *self.entrant_of.get(&published.entrant).ok_or("there is no such entrant")?;
@@ -631,7 +634,7 @@ impl<'a> Checker<'a> {
         Ok((window, run.ok_or("the competition has fewer attempts")?))
     }
 
-    /// Checks that a game that plays again is the one that belongs in its place.
+    /// Checks that a replayed game belongs in its place.
     fn check_game(check: &GameCheck<'_>, played: &Played) -> Result<(), String> {
         let GameCheck { format, published, game, run, window, ends, planned } = *check;
         let opening = &played.opening;
@@ -666,7 +669,7 @@ impl<'a> Checker<'a> {
         if opening.agent_meta != run.agent_meta() {
             return Err("its player is not the one that the entrant declared".to_owned());
         }
-        // The built-in template may have been another one when it was played.
+        // The built-in template may have changed since the game.
         if run.prompt_template.as_ref().is_some_and(|own| *own != opening.prompt_template) {
             return Err("it has another prompt template than the entrant declared".to_owned());
         }
@@ -675,7 +678,7 @@ impl<'a> Checker<'a> {
         check_ending(format, &published.status, &end.reason, opening.config.closes_at, ends)
     }
 
-    /// The board as it follows from what was played.
+    /// Board as it follows from the games.
     fn board(&mut self, published: Vec<Row>) -> Result<Vec<Row>, String> {
         let attempts = std::mem::take(&mut self.attempts).into_iter();
         let definition = self.definition();
@@ -705,7 +708,7 @@ struct GameCheck<'a> {
     planned: &'a Planned,
 }
 
-/// Checks that organizers voided an attempt that is voided, for the same reason.
+/// Checks that an action voided a voided attempt, for the same reason.
 fn check_void(
     format: u32,
     published: &export::Attempt,
@@ -720,8 +723,8 @@ fn check_void(
     Err(format!("it was voided ({reason}), but no action says so"))
 }
 
-/// Checks that a game of a finished attempt did not close with its window. A game that closed before the window was extended was
-/// played.
+/// Checks that no game of a finished attempt was cut off by the end of its window. A game that closed before the window was
+/// extended does count as played.
 fn check_ending(
     format: u32,
     status: &str,
@@ -740,7 +743,7 @@ fn check_ending(
     Err("it closed with the window of its attempt, and the attempt is finished".to_owned())
 }
 
-/// Within the window the order of times is not checked: an organizer may have set the clock back.
+/// Checks that a time is within the window. The order of times is not checked, as the clock may have been set back.
 fn check_time(what: &str, at: Timestamp, window: Window) -> Result<(), String> {
     let Window { opens_at: from, closes_at: before } = window;
     if from <= at && at < before {
@@ -749,7 +752,7 @@ fn check_time(what: &str, at: Timestamp, window: Window) -> Result<(), String> {
     Err(format!("{what} at {at}, and may only be from {from} until {before}"))
 }
 
-/// Names the first field in which two things differ.
+/// Names the first field in which two objects differ.
 fn differs<T: serde::Serialize>(what: &str, published: &T, expected: &T) -> Result<(), String> {
     let fields = |of: &T| match serde_json::to_value(of) {
         Ok(Value::Object(fields)) => fields,
@@ -781,7 +784,7 @@ mod tests {
     const BEFORE: u32 = FIRST_FORMAT_WITH_CHECKED_ATTEMPTS - 1;
     const NOW: u32 = FIRST_FORMAT_WITH_CHECKED_ATTEMPTS;
 
-    /// What is wrong with a file of this format in which an attempt was voided because of a power cut.
+    /// Fault of a file of this format in which an attempt was voided because of a power cut.
     fn fault_of_voided(format: u32, action: Option<(&str, &str)>) -> Option<String> {
         let definition = definition();
         let seeds = vec![[0; SEED_BYTES]; definition.sealed_seeds()];
@@ -863,7 +866,7 @@ mod tests {
         );
     }
 
-    /// The first record of a true file.
+    /// First record of a valid file.
     fn competition(format: u32) -> Value {
         let definition = Definition { seeds_by_task: false, ..definition() };
         let seeds = vec![[0; SEED_BYTES]; definition.sealed_seeds()];
@@ -897,7 +900,7 @@ mod tests {
         })
     }
 
-    /// What is wrong with a file of these records.
+    /// Fault of a file of these records.
     fn fault(records: &[String]) -> String {
         let (mut head, mut file) = (Head::START, String::new());
         for record in records {
@@ -908,7 +911,7 @@ mod tests {
         verified.expect_err("it has no end").to_string()
     }
 
-    /// What all files of these tests lack.
+    /// Fault of all valid files of these tests: they end before the board.
     const NO_BOARD: &str = "the board is missing";
 
     #[test]
@@ -920,7 +923,7 @@ mod tests {
         for (of, field, first) in export::LATER_FIELDS {
             for format in FIRST_FORMAT..=FORMAT {
                 let mut records = [competition(format), entrant("blue"), attempt()];
-                // An entrant has accepted no terms.
+                // The entrant has accepted no terms.
                 let value = if of == "entrant" { Value::Null } else { values[field].clone() };
                 match of {
                     "definition" => records[0]["definition"][field] = value,

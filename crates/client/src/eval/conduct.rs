@@ -106,7 +106,10 @@ impl Conductor<'_> {
                 })
             }
             (Who::Model(model), None) => {
-                return Err(StopReason::Play(format!("nobody said how {} is asked", model.name)));
+                return Err(StopReason::Play(format!(
+                    "no endpoint is named for the model {}",
+                    model.name
+                )));
             }
             (Who::Model(_), Some(model)) => {
                 let id = &run.run.id;

@@ -73,27 +73,27 @@ pub struct Experiment {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields)]
 pub struct Axes {
-    /// Rule sets: paper, reference (paper).
+    /// The rule sets: paper or reference (paper).
     #[arg(long, value_delimiter = ',')]
     #[serde(deserialize_with = "list")]
     pub rules: Vec<String>,
-    /// decentralized, centralized (decentralized).
+    /// The control of agents: decentralized or centralized (decentralized).
     #[arg(long, value_delimiter = ',')]
     #[serde(deserialize_with = "list")]
     pub control: Vec<String>,
-    /// Cells of a map: 15 is 15 × 15, 20x15 is 20 columns and 15 rows (10).
+    /// The size of the map, in cells: 15 is 15 × 15, 20x15 is 20 columns and 15 rows (10).
     #[arg(long, value_delimiter = ',', value_name = "SIZE")]
     #[serde(deserialize_with = "list")]
     pub map_size: Vec<MapSize>,
-    /// How many agents play (12).
+    /// The number of agents (12).
     #[arg(long, value_delimiter = ',', value_name = "N")]
     #[serde(deserialize_with = "list")]
     pub num_agents: Vec<i64>,
-    /// Rows and columns of an agent's window (5).
+    /// The side of an agent's window, in cells (5).
     #[arg(long, value_delimiter = ',', value_name = "CELLS")]
     #[serde(deserialize_with = "list")]
     pub view_size: Vec<i64>,
-    /// How many earlier rounds an agent remembers (5).
+    /// The number of earlier rounds that an agent remembers (5).
     #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
     #[serde(deserialize_with = "list")]
     pub memory: Vec<i64>,
@@ -109,7 +109,7 @@ pub struct Axes {
     #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
     #[serde(deserialize_with = "list")]
     pub max_delay: Vec<i64>,
-    /// How answers are read: last-marker, first-marker (last-marker).
+    /// The reader of answers: last-marker or first-marker (last-marker).
     #[arg(long, value_delimiter = ',', value_name = "READER")]
     #[serde(deserialize_with = "list")]
     pub answer_reader: Vec<String>,

@@ -1,4 +1,4 @@
-//! The limits of one evaluation: concurrent requests at each endpoint, and tokens of all.
+//! Limits of one evaluation: concurrent requests at each endpoint, and tokens in total.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,7 +11,7 @@ use super::gate::Gate;
 use super::stop::Stop;
 use swarmbench_clock::Clock;
 
-/// The limits of concurrent requests and of all tokens, the clock for waiting, and an interruption. Cloning shares it.
+/// Limits of concurrent requests and of tokens, the clock for waiting, and an interruption. Clones share them.
 #[derive(Clone)]
 pub struct Allowance(Arc<Inner>);
 
@@ -26,10 +26,10 @@ struct Inner {
     gates: Mutex<BTreeMap<Place, Arc<Gate>>>,
 }
 
-/// The key of a gate: an address, a model, and the model's own limit.
+/// Key of a gate: an address, a model, and the model's own limit.
 type Place = (String, String, Option<usize>);
 
-/// Permits for requests to one endpoint, first come, first served; none for a model with a limit of its own.
+/// Permits for requests to one endpoint, first come, first served; `None` for a model with its own limit.
 #[derive(Debug)]
 pub(super) struct Turns(Option<Arc<Semaphore>>);
 
@@ -51,8 +51,8 @@ impl std::fmt::Debug for Allowance {
 }
 
 impl Allowance {
-    /// Allows `at_once` requests in flight at each endpoint (at least one), and `budget` tokens of prompts and
-    /// answers in all.
+    /// Allows `at_once` requests in flight at each endpoint (at least one), and `budget` tokens of prompts and answers in
+    /// total.
     #[must_use]
     pub fn new(at_once: usize, budget: Option<u64>, clock: Arc<dyn Clock>) -> Self {
         Self::interrupted_by(CancellationToken::new(), at_once, budget, clock)
@@ -94,7 +94,7 @@ impl Allowance {
         &self.0.clock
     }
 
-    /// The gate of a model at an endpoint. Models that differ only in how they are asked share it.
+    /// Gate of a model at an endpoint. Models that differ only in the parameters of requests share a gate.
     pub(super) fn gate(&self, url: &str, model: &str, own: Option<usize>) -> Arc<Gate> {
         let mut gates = self.0.gates.lock().expect("nothing panics while it holds this");
         let most = own.map_or(self.0.at_once, |own| own.clamp(1, Semaphore::MAX_PERMITS));
@@ -102,7 +102,7 @@ impl Allowance {
         gates.entry(place).or_insert_with(|| Arc::new(Gate::new(most))).clone()
     }
 
-    /// The permits for requests to a server.
+    /// Permits for requests to a server.
     pub(super) fn turns(&self, server: String, has_own_limit: bool) -> Turns {
         if has_own_limit {
             return Turns(None);
@@ -112,7 +112,7 @@ impl Allowance {
         Turns(Some(turns.entry(server).or_insert_with(new).clone()))
     }
 
-    /// Completes once everything is interrupted.
+    /// Completes after an interruption.
     pub(super) fn interrupted(&self) -> WaitForCancellationFuture<'_> {
         self.0.interruption.cancelled()
     }

@@ -1,5 +1,4 @@
-//! The interfaces of endpoints, which differ in the path, the headers and the fields of a request, and in the shape
-//! of an answer.
+//! Interfaces of endpoints. They differ in path, headers and fields of a request, and in the shape of an answer.
 
 use std::borrow::Cow;
 
@@ -11,7 +10,7 @@ use serde_json::{Map, Value, json};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Api {
-    /// Chat completions.
+    /// Chat completions, as of OpenAI.
     #[default]
     #[value(name = "openai")]
     OpenAi,
@@ -20,7 +19,7 @@ pub enum Api {
 }
 
 impl Api {
-    /// The path after the address of the endpoint.
+    /// Path after the address of the endpoint.
     pub(super) const fn path(self) -> &'static str {
         match self {
             Self::OpenAi => "/chat/completions",
@@ -28,7 +27,7 @@ impl Api {
         }
     }
 
-    /// The name of a successful answer.
+    /// Name of a successful answer.
     pub(super) const fn answer(self) -> &'static str {
         match self {
             Self::OpenAi => "chat completion",
@@ -36,7 +35,7 @@ impl Api {
         }
     }
 
-    /// The header for the key, and the prefix of its value.
+    /// Header for the key, and the prefix of its value.
     pub(super) const fn key_header(self) -> (HeaderName, &'static str) {
         match self {
             Self::OpenAi => (AUTHORIZATION, "Bearer "),
@@ -44,7 +43,7 @@ impl Api {
         }
     }
 
-    /// A header of each request.
+    /// Version header of each request, if the interface has one.
     pub(super) const fn version_header(self) -> Option<(&'static str, &'static str)> {
         match self {
             Self::OpenAi => None,
@@ -52,7 +51,7 @@ impl Api {
         }
     }
 
-    /// The fields of a request with the texts of a question.
+    /// Fields of a request with the texts of a question.
     pub(super) fn fields(self, system: Option<&str>, user: &str) -> Map<String, Value> {
         let mut messages = vec![json!({ "role": "user", "content": user })];
         let mut fields = Map::new();
@@ -69,7 +68,7 @@ impl Api {
         fields
     }
 
-    /// Converts the body of an answer to a chat completion; `None` if it is something else.
+    /// Converts the body of an answer to a chat completion; `None` for other bodies.
     pub(super) fn completion(self, body: &Value) -> Option<Cow<'_, Value>> {
         match self {
             Self::OpenAi => Some(Cow::Borrowed(body)),
@@ -78,7 +77,7 @@ impl Api {
     }
 }
 
-/// Converts a message of Anthropic to a chat completion.
+/// Converts an Anthropic message to a chat completion.
 fn completion_of_message(message: &Value) -> Option<Value> {
     let content = message.get("content")?.as_array()?;
     let calls: Vec<Value> = (content.iter())

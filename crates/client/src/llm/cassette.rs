@@ -1,4 +1,4 @@
-//! Files of answers: a recorded conversation is replayed without the endpoint, and an interrupted run pays for no
+//! Cassettes: files of answers. A recorded conversation is replayed without the endpoint, and an interrupted run pays for no
 //! answer twice.
 //!
 //! A cassette is a text file of JSON lines. The first line names the format. A *voice* is a model, identified by the
@@ -6,8 +6,8 @@
 //! answer: its voice, game, agent and round, the SHA-256 of the prompt and of the system message, and the answer. The
 //! file contains no key, no address and no prompt.
 //!
-//! All of these, the prompt included, identify an answer: if a game diverges from the recording, no answer is found,
-//! and none is made up.
+//! All of these fields, the prompt included, identify an answer. If a game diverges from the recording, no answer is found, and
+//! none is invented.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::io;
@@ -22,12 +22,12 @@ use super::completion::Answer;
 use super::stop::Stop;
 use crate::lines::{Hash, Header, Lines, Place, digest, hash};
 
-/// The version of the format.
+/// Version of the format.
 pub const VERSION: u32 = 1;
 
 const HEADER: Header = Header { kind: "cassette", version: VERSION };
 
-/// A cassette. Cloning shares it; all models of an evaluation use the same one.
+/// A cassette. Clones share it; all models of an evaluation use the same one.
 #[derive(Clone, Debug)]
 pub struct Cassette(Arc<Inner>);
 
@@ -38,7 +38,7 @@ struct Inner {
     tape: Mutex<Tape>,
 }
 
-/// The file and its index. Answers stay in the file, as there may be many.
+/// File with its index. Answers stay in the file, as there may be many.
 #[derive(Debug)]
 struct Tape {
     lines: Lines,
@@ -49,9 +49,9 @@ struct Tape {
 struct Index {
     models: Vec<Map<String, Value>>,
     games: BTreeSet<(usize, String)>,
-    /// Hashes of voice, game, agent and round, whatever the prompt was.
+    /// Hashes of voice, game, agent and round, without the prompt.
     places: HashSet<Hash>,
-    /// The positions of answers by their keys.
+    /// Positions of answers by their keys.
     answers: HashMap<Hash, Place>,
 }
 
@@ -73,7 +73,7 @@ struct AnswerLine {
     round: u32,
     /// SHA-256 of the prompt.
     prompt: String,
-    /// SHA-256 of the system message, if any.
+    /// SHA-256 of the system message, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     system: Option<String>,
     answer: Answer,
@@ -112,7 +112,7 @@ impl Cassette {
         Ok(Self(Arc::new(Inner { path: path.to_owned(), is_recording, tape })))
     }
 
-    /// The file.
+    /// Path of the file.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.0.path
@@ -124,13 +124,13 @@ impl Cassette {
         !self.0.is_recording
     }
 
-    /// The number of answers.
+    /// Number of answers.
     #[must_use]
     pub fn answers(&self) -> usize {
         self.0.tape().index.answers.len()
     }
 
-    /// The recorded model with this request body. A recording cassette adds an unknown one.
+    /// Recorded model with this request body. A recording cassette adds an unknown one.
     pub(super) fn model(&self, body: &Map<String, Value>) -> Result<RecordedModel, Stop> {
         let mut tape = self.0.tape();
         let known = tape.index.models.iter().position(|known| known == body);
@@ -169,7 +169,7 @@ pub(super) struct RecordedModel {
 }
 
 impl RecordedModel {
-    /// The recorded answer to a question; `None` if the endpoint may be asked.
+    /// Recorded answer to a question; `None` if the endpoint may be asked.
     pub(super) fn find(&self, question: &Question) -> Result<Option<Answer>, Stop> {
         let Cassette(inner) = &self.cassette;
         let mut tape = inner.tape();
@@ -240,7 +240,6 @@ impl Tape {
 }
 
 impl Index {
-    /// Indexes a line.
     fn take(&mut self, place: Place, text: &[u8]) -> Result<(), &'static str> {
         match serde_json::from_slice(text) {
             Ok(Line::Model(line)) if line.voice == self.models.len() => self.models.push(line.body),
@@ -260,7 +259,7 @@ impl Index {
     }
 }
 
-/// The key of an answer. Without a system message it is that of older cassettes.
+/// Key of an answer. Without a system message it equals that of older cassettes.
 fn key(
     voice: usize,
     game: &str,

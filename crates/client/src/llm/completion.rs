@@ -1,7 +1,7 @@
-//! Parses the body of an endpoint: an answer, or an error.
+//! Parser of the bodies of endpoints: an answer, or an error.
 //!
-//! Endpoints that call themselves compatible differ widely, so the parser is lenient: a content may be a text, a list
-//! of parts or missing; errors come in half a dozen shapes, some with status 200.
+//! Endpoints that call themselves compatible differ widely, so the parser is lenient: a content may be a text, a list of parts
+//! or missing; errors come in half a dozen shapes, some with status 200.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -9,35 +9,34 @@ use serde_json::Value;
 use swarmbench_protocol::act::Usage;
 pub use swarmbench_protocol::failure::Failure;
 
-/// Bytes of a response in JSON; longer ones are cut. With [`REASONING_BYTES_MAX`] an act stays far below its limit,
-/// and the journal has room for such acts in all rounds of an episode of usual size: 12 agents, 100 rounds.
+/// Maximum bytes of a response in JSON; longer ones are cut. With [`REASONING_BYTES_MAX`] an act stays far below its limit, and
+/// a journal has room for such acts in all rounds of an episode of usual size: 12 agents, 100 rounds.
 pub const RESPONSE_BYTES_MAX: usize = 32 * 1024;
 
-/// Bytes of reasoning in JSON; longer ones are cut.
+/// Maximum bytes of reasoning in JSON; longer ones are cut.
 pub const REASONING_BYTES_MAX: usize = 16 * 1024;
 
-/// Larger token counts are ignored as wrong.
+/// Maximum plausible token count; larger ones are ignored.
 const TOKENS_MAX: u64 = 1 << 40;
 
-/// Characters of an endpoint's words that are quoted.
+/// Maximum quoted characters of an endpoint's text.
 const SAID_CHARS_MAX: usize = 300;
 
-/// The answer of a model to a question.
+/// Answer of a model to a question.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
-    /// The text of the answer, for the `response` of an act; empty if there was none. It is the model's own text,
-    /// `<think>` included: the rules say what counts in it. A response longer than [`RESPONSE_BYTES_MAX`] is cut at
-    /// its beginning, as the last marker counts.
+    /// Text of the answer, for the `response` of an act; empty without one. It is the model's own text, `<think>` included: the
+    /// rules define which part counts. A response longer than [`RESPONSE_BYTES_MAX`] loses its beginning, as the last marker
+    /// counts.
     pub response: String,
-    /// The tokens that the endpoint reported, and the duration of the successful request.
+    /// Tokens that the endpoint reported, and the duration of the successful request.
     #[serde(default)]
     pub usage: Usage,
-    /// The reasoning, if the endpoint separates it, and the text of a refusal. Cut at its end after
+    /// Reasoning, if the endpoint separates it, and the text of a refusal. Longer ones lose their end after
     /// [`REASONING_BYTES_MAX`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reasoning: Option<String>,
-    /// The reason why the model gave no answer, or a cut one. The act is sent all the same: the server decides
-    /// whether it counts.
+    /// Reason why the model gave no answer, or a cut one. The act is sent all the same: the server decides whether it counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<Failure>,
     /// Retries before this answer.
@@ -45,7 +44,7 @@ pub struct Answer {
     pub retries: u32,
 }
 
-/// An answer, and its tokens if the endpoint reports them.
+/// Answer, and its tokens if the endpoint reports them.
 #[derive(Debug)]
 pub(super) struct Completion {
     pub(super) answer: Answer,
@@ -59,8 +58,8 @@ impl Completion {
     }
 }
 
-/// Parses JSON. A model that stops in the middle of a character leaves half of it, which many endpoints pass on
-/// although it is no valid JSON. The rest is read all the same: a retry would give the same text.
+/// Parses JSON. A model that stops in the middle of a character leaves half of it, which many endpoints pass on as invalid
+/// JSON. The rest is parsed all the same, as a retry would give the same text.
 pub(super) fn parse(body: &[u8]) -> Option<Value> {
     let body = body.strip_prefix(b"\xef\xbb\xbf").unwrap_or(body);
     let mended = || serde_json::from_str(&whole_characters(&String::from_utf8_lossy(body)));
@@ -81,7 +80,7 @@ fn whole_characters(json: &str) -> String {
         let (replacement, taken) = match (unit(escape), escape.get(6..).and_then(unit)) {
             (Some(0xD800..=0xDBFF), Some(0xDC00..=0xDFFF)) => (&escape[..12], 12),
             (Some(0xD800..=0xDFFF), _) => ("\u{FFFD}", 6),
-            // The next character belongs to the escape: it may be another backslash.
+            // The next character belongs to the escape, and may be another backslash.
             _ => {
                 let taken = 1 + escape.chars().nth(1).map_or(0, char::len_utf8);
                 (&escape[..taken], taken)
@@ -94,14 +93,14 @@ fn whole_characters(json: &str) -> String {
     whole
 }
 
-/// Reads the body of a successful answer; `None` if it is no chat completion.
+/// Parses the body of a successful answer; `None` if it is no chat completion.
 pub(super) fn read(body: &Value) -> Option<Completion> {
     let choices = body.get("choices")?.as_array()?;
     let choice = choices.first().unwrap_or(&Value::Null);
     let message = &choice["message"];
     let mut parts = Parts::default();
     parts.read(&message["content"]);
-    // The old completions interface, which some endpoints still speak.
+    // Some endpoints still have the old completions interface.
     parts.read(&choice["text"]);
     let Parts { text, mut thoughts, mut refusal } = parts;
     for field in ["reasoning_content", "reasoning", "thinking"] {
@@ -127,7 +126,7 @@ pub(super) fn read(body: &Value) -> Option<Completion> {
         _ if is_blank => Some(Failure::Empty),
         _ => None,
     };
-    // A refusal goes into the reasoning, which is never parsed for an action: it is no answer, whatever it contains.
+    // A refusal goes into the reasoning, which is never parsed for an action: a refusal is no answer, whatever it contains.
     if !refusal.trim().is_empty() {
         let between = if thoughts.is_empty() { "" } else { "\n" };
         thoughts = format!("{thoughts}{between}[refusal] {refusal}");
@@ -138,7 +137,7 @@ pub(super) fn read(body: &Value) -> Option<Completion> {
     Some(Completion { answer, tokens })
 }
 
-/// The text outside of `<think>…</think>`, where some endpoints leave the reasoning.
+/// Text outside of `<think>…</think>`, where some endpoints leave the reasoning.
 fn spoken(text: &str) -> &str {
     let text = text.trim();
     let Some(thoughts) = text.strip_prefix("<think>") else { return text };
@@ -152,7 +151,7 @@ fn calls_tool(message: &Value, finish: &str) -> bool {
         || message["function_call"].is_object()
 }
 
-/// The parts of a content.
+/// Parts of a content.
 #[derive(Default)]
 struct Parts {
     text: String,
@@ -188,29 +187,29 @@ impl Parts {
     }
 }
 
-/// The usage, and the tokens that count for the budget.
+/// Usage, and the tokens that count towards the budget.
 fn usage(usage: &Value) -> (Usage, Option<u64>) {
     let sane = |value: &Value| value.as_u64().filter(|tokens| *tokens <= TOKENS_MAX);
     let number = |names: [&str; 2]| names.iter().find_map(|name| sane(&usage[*name]));
     let prompt_tokens = number(["prompt_tokens", "input_tokens"]);
     let completion_tokens = number(["completion_tokens", "output_tokens"]);
     let sum = prompt_tokens.unwrap_or(0) + completion_tokens.unwrap_or(0);
-    // Some endpoints count reasoning in the total only.
+    // Some endpoints count reasoning only in the total.
     let total = sane(&usage["total_tokens"]).unwrap_or(0).max(sum);
     let usage = Usage { prompt_tokens, completion_tokens, latency_ms: None };
     (usage, Some(total).filter(|total| *total > 0))
 }
 
-/// An endpoint's refusal.
+/// Refusal by an endpoint.
 #[derive(Debug, Default)]
 pub(super) struct Refusal {
-    /// The unchanged text: the key must be removed before it is shown.
+    /// Unchanged text, from which the key must be removed before it is shown.
     pub(super) said: String,
-    /// The values of `code`, `type` and `status`, for programs.
+    /// Values of `code`, `type` and `status`, for programs.
     pub(super) names: Vec<String>,
-    /// The status in the body, which may differ from that of the response.
+    /// Status in the body, which may differ from that of the response.
     pub(super) status: Option<u16>,
-    /// Whether a filter took offence at the question.
+    /// Whether a content filter refused the question.
     pub(super) is_filtered: bool,
 }
 
@@ -225,7 +224,7 @@ pub(super) fn refusal(body: &[u8]) -> Refusal {
     }
 }
 
-/// The error in a body, if any.
+/// Error in a body, if there is one.
 pub(super) fn error_of(body: &Value) -> Option<Refusal> {
     let body = body.as_array().and_then(|list| list.first()).unwrap_or(body);
     let error = match &body["error"] {
@@ -252,7 +251,7 @@ pub(super) fn error_of(body: &Value) -> Option<Refusal> {
     Some(Refusal { said, names, status, is_filtered })
 }
 
-/// A text as a quotation: one line, no control characters, not too long.
+/// Quotation of a text: one line of limited length without control characters.
 pub(crate) fn one_line(text: &str) -> String {
     let words =
         text.split(|c: char| c.is_whitespace() || c.is_control()).filter(|word| !word.is_empty());
@@ -277,12 +276,12 @@ impl Answer {
         self
     }
 
-    /// Cuts the response and the reasoning to a number of bytes in JSON, for a server with lower limits. The response
-    /// loses its beginning, as its last marker counts; the reasoning loses its end.
+    /// Cuts the response and the reasoning to a number of bytes in JSON, for a server with lower limits. The response loses its
+    /// beginning, as its last marker counts; the reasoning loses its end.
     pub fn shorten(&mut self, response_bytes: usize, reasoning_bytes: usize) {
         if let Some(left_out) = to_leave_out(self.response.chars().rev(), response_bytes) {
             let end = self.response.split_off(left_out);
-            // Text after this sign on the same line is no marker, as the cut line may have begun with something else.
+            // A marker after this note on the same line does not count, as the cut line may have begun with other text.
             self.response = format!("[… {left_out} bytes left out] {end}");
         }
         if let Some(reasoning) = &mut self.reasoning
@@ -295,9 +294,9 @@ impl Answer {
     }
 }
 
-/// Bytes of a text that do not fit; `None` if all fit.
+/// Bytes of a text beyond a limit; `None` if all fit.
 fn to_leave_out(text: impl Iterator<Item = char>, most: usize) -> Option<usize> {
-    /// Bytes of the note in place of the rest.
+    /// Bytes of the note in place of the cut text.
     const NOTE_BYTES: usize = 48;
     let (mut written, mut left_out) = (0, 0);
     let (mut fits, mut too_long) = (true, false);

@@ -16,13 +16,13 @@ use super::stop::{Said, Stop};
 use swarmbench_clock::{Clock, after, until};
 use swarmbench_protocol::loopback::is_loopback;
 
-/// The timeout of a connection attempt.
+/// Timeout of a connection attempt.
 const CONNECT: Duration = Duration::from_secs(30);
 
-/// Bytes of an answer that are read. A book has fewer.
+/// Maximum bytes that are read of an answer. A book has fewer.
 const BODY_BYTES_MAX: usize = 8 * 1024 * 1024;
 
-/// Bytes of a refusal that are read.
+/// Maximum bytes that are read of a refusal.
 const REFUSAL_BYTES_MAX: usize = 64 * 1024;
 
 /// A model at its address.
@@ -30,16 +30,16 @@ const REFUSAL_BYTES_MAX: usize = 64 * 1024;
 pub(super) struct Endpoint {
     http: Client,
     url: Url,
-    /// The address as it may be shown: what follows its path may be a secret.
+    /// Address for messages: without query and fragment, which may hold a secret.
     pub(super) shown: String,
     pub(super) settings: Settings,
-    /// The fields that all requests have.
+    /// Fields of all requests.
     pub(super) body: Map<String, Value>,
     /// Whether the endpoint has ever answered.
     has_spoken: AtomicBool,
 }
 
-/// Why there is no answer.
+/// Reason why there is no answer.
 #[derive(Debug)]
 pub(super) enum Trouble {
     /// A retry cannot help.
@@ -52,15 +52,15 @@ pub(super) enum Trouble {
 #[derive(Debug)]
 pub(super) struct Passing {
     pub(super) kind: Kind,
-    /// For people.
+    /// Text for people.
     pub(super) said: String,
-    /// The pause that the endpoint asks for.
+    /// Pause that the endpoint asks for.
     pub(super) wait: Option<Duration>,
     /// Whether the endpoint never answered, so that the address may be wrong.
     pub(super) is_nobody: bool,
 }
 
-/// What kind of trouble it was.
+/// Kind of a failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     /// The endpoint is overloaded.
@@ -83,7 +83,7 @@ impl Passing {
 
 impl Endpoint {
     /// # Errors
-    /// [`Stop::Settings`] or [`Stop::WrongKey`] for what cannot work.
+    /// [`Stop::Settings`] or [`Stop::WrongKey`] for settings that cannot work.
     pub(super) fn new(settings: Settings) -> Result<Self, Stop> {
         let url = settings.url()?;
         let body = settings.body()?;
@@ -120,7 +120,7 @@ impl Endpoint {
         let http = http
             .default_headers(headers)
             .connect_timeout(CONNECT)
-            // A key is for the address that was named, and for no other.
+            // The key is sent to the named address only.
             .redirect(redirect::Policy::none())
             .user_agent(concat!("swarmbench/", env!("CARGO_PKG_VERSION")))
             .build()
@@ -128,12 +128,12 @@ impl Endpoint {
         Ok(Self { http, url, shown, settings, body, has_spoken: AtomicBool::new(false) })
     }
 
-    /// The server: limits of concurrent requests are for all that is there.
+    /// Origin of the server. Limits of concurrent requests apply to the whole server.
     pub(super) fn origin(&self) -> String {
         self.url.origin().ascii_serialization()
     }
 
-    /// Asks once; the answer, and how long it took.
+    /// Sends one request. Returns the answer and its latency.
     pub(super) async fn ask(
         &self,
         chat: &Chat<'_>,
@@ -163,7 +163,7 @@ impl Endpoint {
         }
         let wait = wait_of(&headers, clock.now());
         if status.is_success() && is_event_stream(&headers) {
-            // It is not read: it may never end.
+            // The stream is not read, as it may never end.
             return Err(Trouble::Final(self.only_streams(Said::default())));
         }
         if !status.is_success() {
@@ -192,7 +192,7 @@ impl Endpoint {
         };
         let value = parse(&body.bytes).ok_or_else(unreadable)?;
         if let Some(refusal) = error_of(&value) {
-            // A router that had begun to answer cannot take its status back.
+            // A router that has begun to answer cannot change its status, and reports an error in the body.
             let status = refusal.status.filter(|status| *status >= 400);
             return match status {
                 Some(status) => self.refused(chat, status, &refusal, wait),
@@ -202,7 +202,7 @@ impl Endpoint {
         chat.read(&value).ok_or_else(unreadable)
     }
 
-    /// What a status of failure means.
+    /// Outcome of a failed request, by its status.
     fn refused(
         &self,
         chat: &Chat<'_>,
@@ -249,7 +249,7 @@ impl Endpoint {
         Stop::OnlyStreams { url: self.shown.clone(), said }
     }
 
-    /// What to try where nothing was found.
+    /// Hint for an address or model that was not found.
     fn not_found(&self, refusal: &Refusal) -> String {
         let base = self.shown.trim_end_matches(self.settings.api.path());
         let names_model = refusal.names.iter().any(|name| name.contains("model"))
@@ -278,11 +278,11 @@ impl Endpoint {
         Stop::Elsewhere { url: self.shown.clone(), status: status.as_u16(), to }
     }
 
-    /// A connection that did not come about, or broke.
+    /// Failure to connect, or a broken connection.
     fn broken(&self, error: reqwest::Error) -> Trouble {
         let kind = if error.is_timeout() { Kind::TimeOut } else { Kind::Connection };
         let is_nobody = error.is_connect() && !self.has_spoken.load(Ordering::Relaxed);
-        // What is wrong is at the bottom; the address, with what may be secret in it, at the top.
+        // The innermost error names the cause; the outermost one names the address, which may contain a secret.
         let error = error.without_url();
         let mut cause: &dyn std::error::Error = &error;
         while let Some(deeper) = cause.source() {
@@ -305,7 +305,7 @@ impl Endpoint {
         Ok(body)
     }
 
-    /// A quotation without secrets, which are removed before the text is cut: a cut could leave a part of it.
+    /// Quotation without secrets. They are removed before the text is cut, as a cut could leave a part of one.
     fn quoted(&self, text: &str) -> String {
         one_line(&self.settings.redacted(text))
     }
@@ -317,20 +317,20 @@ struct Body {
     is_cut: bool,
 }
 
-/// Whether an answer comes as events, one after the other.
+/// Whether an answer is a stream of events.
 fn is_event_stream(headers: &HeaderMap) -> bool {
     let kind = headers.get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
     kind.is_some_and(|kind| kind.trim_start().to_ascii_lowercase().starts_with("text/event-stream"))
 }
 
-/// Whether a refusal asks for `"stream": true`. One that names `stream_options` is about a further field.
+/// Whether a refusal asks for `"stream": true`. A refusal that names `stream_options` concerns another field.
 fn wants_stream(said: &str) -> bool {
     let said = said.to_ascii_lowercase();
     let demands = ["true", "only", "must", "require"].iter().any(|word| said.contains(word));
     said.contains("stream") && demands && !said.contains("stream_options")
 }
 
-/// Whether a 429 is about money.
+/// Whether a 429 concerns the credit of the account.
 fn is_about_credit(name: &str) -> bool {
     [
         "insufficient_quota",
@@ -341,7 +341,7 @@ fn is_about_credit(name: &str) -> bool {
     .contains(&name)
 }
 
-/// What to change in a refused request, if the refusal names it.
+/// Hint for a refused request, if the refusal names the fault.
 fn hint(refusal: &Refusal) -> String {
     let hints: &[(&[&str], &str)] = &[
         (
@@ -363,7 +363,7 @@ fn hint(refusal: &Refusal) -> String {
     found.map(|(_, hint)| format!(": {hint}")).unwrap_or_default()
 }
 
-/// The pause that the endpoint asks for, in milliseconds, in seconds, or until a date.
+/// Pause that the endpoint asks for, in milliseconds, in seconds, or until a date.
 fn wait_of(headers: &HeaderMap, now: Timestamp) -> Option<Duration> {
     let text = |name: &str| Some(headers.get(name)?.to_str().ok()?.trim().to_owned());
     let number = |text: String, unit: f64| {

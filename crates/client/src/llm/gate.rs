@@ -1,10 +1,10 @@
-//! The gate before a model at an endpoint. It tells single refusals from an endpoint that is at its limit.
+//! Gate before a model at an endpoint. It distinguishes single refusals from an endpoint that is at its limit.
 //!
-//! A request that is refused for the endpoint's load (429, 503, 529) pauses alone, and no other waits for it. Only when
-//! more than a third of the recent requests were refused does the gate close for all: no other request begins until the
-//! pause is over, and only half as many may be in flight then. While few are refused, answers let the number grow again,
-//! by one for as many answers as may be in flight. So requests settle at what the endpoint allows, and an endpoint that
-//! refuses one request in ten at random is asked at full speed.
+//! A question that is refused for the endpoint's load (429, 503, 529) pauses alone, and no other waits for it. Only when more
+//! than 10 of the last 32 requests were refused does the gate close for all: no request begins until the pause is over, and
+//! only half as many may be in flight then. While few are refused, the limit grows by one for as many answers as may be in
+//! flight. So requests settle at what the endpoint allows, and an endpoint that refuses one request in ten at random is asked
+//! at full speed.
 
 use std::sync::Mutex;
 use std::time::Duration;
@@ -18,13 +18,13 @@ use swarmbench_clock::{Clock, after};
 #[cfg(test)]
 mod tests;
 
-/// How many of the last 32 requests may be refused before the gate closes: a third of them.
+/// Maximum refusals among the last 32 requests before the gate closes: a third of them.
 const REFUSALS_MAX: u32 = 10;
 
-/// Refusals among the last 32 requests, an eighth of them, from which the limit of requests in flight no longer grows.
+/// Refusals among the last 32 requests, an eighth of them, from which the limit of requests in flight stops growing.
 const REFUSALS_TO_STAY: u32 = 4;
 
-/// See the module.
+/// Gate; see the module.
 #[derive(Debug)]
 pub(super) struct Gate {
     most: usize,
@@ -34,38 +34,38 @@ pub(super) struct Gate {
 
 #[derive(Debug)]
 struct State {
-    /// How many may be in flight.
+    /// Maximum requests in flight.
     width: usize,
-    /// How many permits have to be dropped when they are returned.
+    /// Number of permits to drop when they are returned.
     owed: usize,
     /// Answers since the width changed.
     answers: usize,
-    /// All answers.
+    /// Number of all answers.
     answers_ever: u64,
     /// The last 32 requests, the latest in the lowest bit: 1 for a refusal.
     recent: u32,
-    /// When the next request may begin.
+    /// Time from which a request may begin.
     open_at: Timestamp,
-    /// How often it has closed. The refusal of a request that began before the last time is no news.
+    /// Number of closings. The refusal of a request that began before the last closing says nothing new.
     closings: u64,
-    /// Closings in a row, without an answer between them.
+    /// Closings in a row without an answer between them.
     closings_in_row: u32,
-    /// The pauses of these.
+    /// Pauses of these closings.
     pauses: Option<ExponentialBackoff>,
 }
 
-/// The refusals of one question.
+/// Refusals of one question.
 #[derive(Debug, Default)]
 pub(super) struct Refusals {
-    /// In a row, without an answer to any question between them.
+    /// Refusals in a row without an answer to any question between them.
     in_row: u32,
-    /// [`State::answers_ever`] at the last of them.
+    /// [`State::answers_ever`] at the last refusal.
     answers: u64,
     pauses: Option<ExponentialBackoff>,
 }
 
-/// A request that went through the gate. Ends with the first of [`Pass::answered`], [`Pass::refused`], or a drop, which
-/// says nothing about the endpoint's load.
+/// Request that has a place in flight. It ends with [`Pass::answered`], [`Pass::refused`], or a drop, which says nothing about
+/// the endpoint's load.
 #[derive(Debug)]
 pub(super) struct Pass<'a> {
     gate: &'a Gate,
@@ -93,7 +93,7 @@ impl Gate {
         self.state.lock().expect("nothing panics while it holds this")
     }
 
-    /// Waits for a place among those that may be in flight. The gate may be closed all the same.
+    /// Waits for a place in flight. The gate may still be closed.
     pub(super) async fn pass(&self) -> Pass<'_> {
         let turn = self.turns.acquire().await.expect("it is never closed");
         Pass { gate: self, turn: Some(turn), closings: 0 }
@@ -101,7 +101,6 @@ impl Gate {
 }
 
 impl Pass<'_> {
-    /// Waits until the gate is open.
     pub(super) async fn opened(&mut self, clock: &dyn Clock) {
         while !self.is_open(clock) {
             let open_at = self.gate.state().open_at;
@@ -116,7 +115,7 @@ impl Pass<'_> {
         clock.now() >= state.open_at
     }
 
-    /// The endpoint answered: more requests may be in flight, unless many are refused.
+    /// Reports an answer: more requests may be in flight, unless many are refused.
     pub(super) fn answered(self) {
         let mut state = self.gate.state();
         state.closings_in_row = 0;
@@ -138,8 +137,11 @@ impl Pass<'_> {
         }
     }
 
-    /// The endpoint refused for its load, and may have `asked` for a pause. The pause of this question alone; none where
-    /// the gate is closed for all. The error is the number of refusals in a row after which no pauses are left.
+    /// Reports a refusal for the endpoint's load, with the pause that the endpoint may have `asked` for. Returns the pause of
+    /// this question; `None` if the gate is closed for all.
+    ///
+    /// # Errors
+    /// The number of refusals in a row, if no pauses are left.
     pub(super) fn refused(
         self,
         asked: Option<Duration>,

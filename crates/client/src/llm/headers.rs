@@ -6,7 +6,7 @@ use reqwest::header::{HeaderMap, HeaderName, HeaderValue};
 
 use super::key::ApiKey;
 
-/// Headers of one model.
+/// Maximum headers of one model.
 const HEADERS_MAX: usize = 32;
 
 /// Headers that HTTP sets for each request.
@@ -20,7 +20,7 @@ const SECRET: [&str; 6] = ["auth", "cookie", "key", "password", "secret", "token
 #[derive(Clone, Debug, Default)]
 pub struct Headers {
     values: HeaderMap,
-    /// The environment variables in the values.
+    /// Environment variables in the values.
     secrets: Vec<ApiKey>,
 }
 
@@ -29,7 +29,7 @@ impl Headers {
     /// secret, and `$$` for a dollar sign. `lookup` reads a variable.
     ///
     /// # Errors
-    /// A fault of a header, and how to fix it.
+    /// Fault of a header, and how to fix it.
     pub fn parse(
         texts: &BTreeMap<String, String>,
         lookup: impl Fn(&str) -> Option<String>,

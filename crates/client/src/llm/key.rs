@@ -1,20 +1,20 @@
-//! The key of an endpoint, which is never shown.
+//! Key of an endpoint, which is never shown.
 
 use reqwest::header::HeaderValue;
 use secrecy::{ExposeSecret, SecretString};
 
-/// Replaces the key in texts.
+/// Text in place of the key.
 const PLACEHOLDER: &str = "[key]";
 
-/// Minimum bytes of a key that is removed from answers: such a key cannot be there by chance. Local endpoints often
+/// Minimum bytes of a key that is removed from answers: a key of this length cannot be there by chance. Local endpoints often
 /// have short keys such as `EMPTY`, which a model may well say.
 const SECRET_BYTES_MIN: usize = 16;
 
-/// A key with characters that no header may have.
+/// A key with characters that are not allowed in a header.
 #[derive(Debug)]
 pub(super) struct NoKey;
 
-/// A key and the variable that it came from. `Debug` does not show the key.
+/// Key, and the variable that it came from. `Debug` does not show the key.
 #[derive(Clone, Debug)]
 pub struct ApiKey {
     variable: String,
@@ -23,8 +23,8 @@ pub struct ApiKey {
 }
 
 impl ApiKey {
-    /// The key in an environment variable; `value` is `None` if the variable is not set. White space around the key
-    /// is removed, and an empty value is no key: most local endpoints need none.
+    /// Key in an environment variable; `value` is `None` if the variable is not set. White space around the key is removed, and
+    /// an empty value is no key: most local endpoints need none.
     #[must_use]
     pub fn new(variable: impl Into<String>, value: Option<String>) -> Self {
         let is_set = value.is_some();
@@ -32,7 +32,7 @@ impl ApiKey {
         Self { variable: variable.into(), is_set, secret: key.map(SecretString::from) }
     }
 
-    /// The environment variable of the key.
+    /// Environment variable of the key.
     #[must_use]
     pub fn variable(&self) -> &str {
         &self.variable
@@ -48,8 +48,8 @@ impl ApiKey {
         self.secret.as_ref().map(ExposeSecret::expose_secret)
     }
 
-    /// The header with the key after `prefix`. A key must be ASCII: endpoints decode and quote other characters in
-    /// ways that would keep the key from being recognized and removed.
+    /// Header with the key after `prefix`. A key must be ASCII: endpoints decode and quote other characters in ways that would
+    /// keep the key from being recognized and removed.
     pub(super) fn header(&self, prefix: &str) -> Option<Result<HeaderValue, NoKey>> {
         let secret = self.text()?;
         let value = secret.is_ascii().then(|| HeaderValue::try_from(format!("{prefix}{secret}")));
@@ -58,7 +58,7 @@ impl ApiKey {
         Some(Ok(header))
     }
 
-    /// The state of the key, as the beginning of a sentence.
+    /// State of the key, as the beginning of a sentence.
     pub(super) fn state(&self) -> String {
         let variable = &self.variable;
         match (&self.secret, self.is_set) {
@@ -68,7 +68,7 @@ impl ApiKey {
         }
     }
 
-    /// A text without the key.
+    /// Text without the key.
     pub(super) fn redacted(&self, text: &str) -> String {
         match &self.secret {
             Some(secret) => text.replace(secret.expose_secret(), PLACEHOLDER),
@@ -76,7 +76,7 @@ impl ApiKey {
         }
     }
 
-    /// An answer without the key, which an endpoint may have shown to the model. Short keys stay.
+    /// Answer without the key, which an endpoint may have shown to the model. Short keys stay.
     pub(super) fn redacted_answer(&self, text: String) -> String {
         match &self.secret {
             Some(secret)

@@ -1,7 +1,7 @@
 //! Language models: questions to any endpoint that speaks chat completions, and cassettes that answer in its place.
 //!
-//! A [`Model`] is asked [`Question`]s: a game, an agent, a round, and the prompt of that observation. It gives an
-//! [`Answer`], or a [`Stop`] that says why no more answers can be had. Mistakes are divided as follows:
+//! A [`Model`] answers [`Question`]s: a game, an agent, a round, and the prompt of that observation. It returns an [`Answer`],
+//! or a [`Stop`] that says why there are no more answers. Mistakes are divided as follows:
 //!
 //! - The model's own mistake (it refuses, says nothing, runs out of tokens) is an answer with a [`Failure`]. It is
 //!   not retried, it costs the model its move, and the game continues.
@@ -11,16 +11,16 @@
 //! - The endpoint's mistake is retried with growing pauses. If it persists, everything stops; no move is lost, and
 //!   the run can resume later.
 //!
-//! A question is one message, the prompt, after a system message if the model has one, without history: the rules of
-//! the game say what an agent remembers, and the prompt contains it.
+//! A question is one message, the prompt, after a system message if the model has one, without history: the rules of the game
+//! define what an agent remembers, and the prompt contains it.
 //!
 //! - [`settings`]: the model, its endpoint and its parameters. [`key`]: its key, which is never shown. [`headers`]:
 //!   further headers. [`api`]: differences between the interfaces of endpoints.
 //! - [`allowance`]: limits of concurrent requests at each endpoint and of tokens, shared by all models of an
 //!   evaluation.
-//! - `requests`: how requests are sent, tried again and given up.
+//! - `requests`: sending, retries, and the final stop.
 //! - [`cassette`]: answers in a file.
-//! - [`completion`]: parsed answers of endpoints. [`stop`]: the reasons why there is none.
+//! - [`completion`]: parsed answers of endpoints. [`stop`]: reasons why there is none.
 
 pub mod allowance;
 pub mod api;
@@ -60,19 +60,19 @@ use swarmbench_clock::millis;
 /// A question to a model.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Question {
-    /// The name of the game, the same whenever it is played: a cassette finds answers by it.
+    /// Name of the game, the same whenever it is played: a cassette finds answers by it.
     pub game: String,
-    /// The agent who asks.
+    /// Id of the asking agent.
     pub agent: String,
-    /// The round.
+    /// Number of the round.
     pub round: u32,
-    /// The system message before the prompt, if the model has one.
+    /// System message before the prompt, if the model has one.
     pub system: Option<String>,
-    /// The observation as text.
+    /// Observation as text.
     pub prompt: String,
 }
 
-/// A language model that answers questions. Cloning shares it.
+/// Language model that answers questions. Clones share it.
 #[derive(Clone, Debug)]
 pub struct Model(Arc<Inner>);
 
@@ -83,11 +83,11 @@ struct Inner {
 }
 
 impl Model {
-    /// Creates a model that is asked within an allowance. A cassette supplies the answers that it has; others are
-    /// asked for and recorded, or with [`Cassette::replay`] never asked for.
+    /// Creates a model within an allowance. A cassette supplies the answers that it has. Others come from the endpoint and are
+    /// recorded; with [`Cassette::replay`] the endpoint is never asked.
     ///
     /// # Errors
-    /// [`Stop::Settings`] where a setting cannot work, [`Stop::Cassette`] where the cassette cannot be written.
+    /// [`Stop::Settings`] if a setting cannot work, [`Stop::Cassette`] if the cassette cannot be written.
     pub fn new(
         settings: Settings,
         allowance: &Allowance,
@@ -107,19 +107,19 @@ impl Model {
         Ok(Self(Arc::new(Inner { requests, recorded })))
     }
 
-    /// The name of the model, as the endpoint knows it.
+    /// Name of the model at the endpoint.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.0.requests.settings().model
     }
 
-    /// The origin of the endpoint, such as `https://api.openai.com`: its limits are for all of its models.
+    /// Origin of the endpoint, such as `https://api.openai.com`. Its limits apply to all of its models.
     #[must_use]
     pub fn server(&self) -> String {
         self.0.requests.origin()
     }
 
-    /// The timeout of one request.
+    /// Timeout of one request.
     #[must_use]
     pub fn timeout(&self) -> Duration {
         self.0.requests.settings().timeout
@@ -128,8 +128,8 @@ impl Model {
     /// Sends a request. Dropping the future cancels it; an answer that has arrived is already on the cassette.
     ///
     /// # Errors
-    /// A [`Stop`] if no answer can be had. All but [`Stop::NotOnCassette`], [`Stop::BudgetSpent`] and
-    /// [`Stop::Interrupted`] are also the errors of all later questions to this model.
+    /// A [`Stop`] if there is no answer. All but [`Stop::NotOnCassette`], [`Stop::BudgetSpent`] and [`Stop::Interrupted`] are
+    /// also the errors of all later questions to this model.
     pub async fn answer(&self, question: &Question) -> Result<Answer, Stop> {
         let Inner { requests, recorded } = &*self.0;
         if let Some(recorded) = recorded
@@ -148,7 +148,7 @@ impl Model {
     /// Asks a question of six words and drops the answer, to check the address, the key and the settings.
     ///
     /// # Errors
-    /// As [`Model::answer`].
+    /// See [`Model::answer`].
     pub async fn probe(&self) -> Result<(), Stop> {
         let requests = &self.0.requests;
         let probe = Chat { text: PROBE, question: None, settings: requests.settings() };
@@ -166,7 +166,7 @@ impl Model {
         let mut answered = requests.send(&chat).await?;
         if answered.completion.is_rejected() {
             if answers() == before {
-                // No answer shows yet that the endpoint takes any question with these settings.
+                // No answer has shown yet that the endpoint takes any question with these settings.
                 self.probe().await?;
             }
             answered = requests.send(&chat).await?;
@@ -200,21 +200,21 @@ impl Model {
         self.0.requests.spent_of_budget()
     }
 
-    /// The error of the last failed request, such as `429, slow down`, to show why nothing moves; none once a later
-    /// request was answered.
+    /// Error of the last failed request, such as `429, slow down`, to show why nothing moves; `None` once a later request was
+    /// answered.
     #[must_use]
     pub fn trouble(&self) -> Option<String> {
         self.0.requests.counters.last_trouble()
     }
 }
 
-/// A question for an endpoint that rejected one and has answered none meanwhile: does it take any?
+/// Probe of an endpoint that rejected a question and has answered none meanwhile: does it take any?
 const PROBE: &str = "Reply with the word OK.";
 
-/// A question or a probe in flight.
+/// Question or probe in flight.
 struct Chat<'a> {
     text: &'a str,
-    /// None for a probe, whose rejection is an error of the settings.
+    /// `None` for a probe, whose rejection is an error of the settings.
     question: Option<&'a Question>,
     settings: &'a Settings,
 }
@@ -227,13 +227,13 @@ impl Chat<'_> {
         )
     }
 
-    /// The fields of the body that vary between requests.
+    /// Fields of the body that vary between requests.
     fn fields(&self) -> Map<String, Value> {
         let system = self.question.and_then(|question| question.system.as_deref());
         self.settings.api.fields(system, self.text)
     }
 
-    /// Reads the body of a success; `None` if it is something else.
+    /// Parses the body of a success; `None` for other bodies.
     fn read(&self, body: &Value) -> Option<Completion> {
         let body = self.settings.api.completion(body)?;
         let Completion { mut answer, tokens } = completion::read(&body)?;
@@ -242,8 +242,7 @@ impl Chat<'_> {
         Some(Completion { answer: answer.bounded(), tokens })
     }
 
-    /// Turns a refusal into an answer with a failure: a filter took offence at the question, or the endpoint rejects
-    /// it.
+    /// Turns a refusal into an answer with a failure, if a content filter refused the question or the endpoint rejects it.
     fn excuse(&self, status: u16, refusal: &Refusal, said: &Said) -> Option<Completion> {
         self.question?;
         let (what, failure) = match status {

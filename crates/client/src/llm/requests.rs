@@ -1,4 +1,4 @@
-//! Requests to one model at its endpoint: how many at once, which are tried again, and when they stop for ever.
+//! Requests to one model at its endpoint: concurrency, retries, and the final stop.
 
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
@@ -18,20 +18,20 @@ use super::stop::Stop;
 
 use swarmbench_clock::{after, millis};
 
-/// Retries of an address that never answered. It may be mistyped, and then its user must not wait for minutes.
+/// Retries of an address that never answered. The address may be mistyped, and its user should not wait for minutes.
 const NOBODY_RETRIES: u32 = 2;
 
-/// An answer, and what it took.
+/// Answer with its costs.
 #[derive(Debug)]
 pub(super) struct Answered {
     pub(super) completion: Completion,
-    /// The duration of the request that succeeded.
+    /// Duration of the successful request.
     pub(super) latency: Duration,
-    /// Retries before it.
+    /// Number of retries before it.
     pub(super) retries: u32,
 }
 
-/// See the module.
+/// Requests to one model; see the module.
 #[derive(Debug)]
 pub(super) struct Requests {
     endpoint: Endpoint,
@@ -39,15 +39,15 @@ pub(super) struct Requests {
     gate: Arc<Gate>,
     turns: Turns,
     pub(super) counters: Counters,
-    /// Why it stopped for ever; the error of all later requests.
+    /// Reason of the final stop; the error of all later requests.
     stop: OnceLock<Stop>,
-    /// Wakes those who pause when it has stopped.
+    /// Cancelled after the final stop, which ends all pauses.
     stopped: CancellationToken,
 }
 
 impl Requests {
     /// # Errors
-    /// [`Stop::Settings`] where a setting cannot work.
+    /// [`Stop::Settings`] if a setting cannot work.
     pub(super) fn new(settings: Settings, allowance: &Allowance) -> Result<Self, Stop> {
         let endpoint = Endpoint::new(settings)?;
         let Settings { model, requests, .. } = &endpoint.settings;
@@ -68,12 +68,11 @@ impl Requests {
         &self.endpoint.settings
     }
 
-    /// The server that is asked.
     pub(super) fn origin(&self) -> String {
         self.endpoint.origin()
     }
 
-    /// The fields that all requests have.
+    /// Fields of all requests.
     pub(super) fn body(&self) -> &Map<String, Value> {
         &self.endpoint.body
     }
@@ -85,7 +84,7 @@ impl Requests {
     /// Sends a request until it is answered. Dropping the future cancels it.
     ///
     /// # Errors
-    /// Why no answer can be had. All but [`Stop::BudgetSpent`] and [`Stop::Interrupted`] are also the errors of all later
+    /// Reason why there is no answer. All but [`Stop::BudgetSpent`] and [`Stop::Interrupted`] are also the errors of all later
     /// requests.
     pub(super) async fn send(&self, chat: &Chat<'_>) -> Result<Answered, Stop> {
         let clock = &**self.allowance.clock();
@@ -128,7 +127,7 @@ impl Requests {
                 Err(retries + 1)
             } else {
                 drop(pass);
-                // The endpoint's own pause may be too short if it asks for one again and again.
+                // The pause also grows: the endpoint's own one may be too short if it asks again and again.
                 pauses
                     .next()
                     .map(|grown| Some(wait.unwrap_or_default().max(grown)))
@@ -138,7 +137,7 @@ impl Requests {
                 let url = self.endpoint.shown.clone();
                 self.stop(Stop::Unreachable { url, tries, last: said })
             })?;
-            // The next request finds the gate as it is now.
+            // The permit is returned after the gate has changed, so that the next request finds its new state.
             drop(turn);
             retries += 1;
             self.counters.retry();
@@ -148,7 +147,7 @@ impl Requests {
         }
     }
 
-    /// Waits for something, or until this model has stopped or everything is interrupted.
+    /// Waits for a future, the final stop of this model, or an interruption.
     async fn unless_stopped<T>(&self, what: impl Future<Output = T>) -> Result<T, Stop> {
         tokio::select! {
             biased;
@@ -160,7 +159,7 @@ impl Requests {
         }
     }
 
-    /// Stops for ever. The first reason is reported.
+    /// Stops this model for ever. Returns the first reason.
     pub(super) fn stop(&self, stop: Stop) -> Stop {
         let first = self.stop.get_or_init(|| stop).clone();
         self.stopped.cancel();

@@ -1,4 +1,4 @@
-//! The settings of a model: its name, endpoint and parameters.
+//! Settings of a model: its name, endpoint and parameters.
 
 use std::time::Duration;
 
@@ -11,45 +11,45 @@ use super::headers::Headers;
 use super::key::ApiKey;
 use super::stop::Stop;
 
-/// A model at an endpoint, the parameters of its requests, and the limits of its retries.
+/// Model at an endpoint, parameters of its requests, and limits of its retries.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// The name of the model, as the endpoint knows it.
+    /// Name of the model at the endpoint.
     pub model: String,
-    /// The interface of the endpoint for conversations.
+    /// Interface of the endpoint for conversations.
     pub api: Api,
-    /// The address of the endpoint up to `/chat/completions` or `/messages`, such as `https://api.openai.com/v1`. `/v1` is
-    /// not added; a slash at the end is ignored, and a query stays.
+    /// Address of the endpoint up to `/chat/completions` or `/messages`, such as `https://api.openai.com/v1`. `/v1` is not
+    /// added; a slash at the end is ignored, and a query stays.
     pub api_base: String,
-    /// The key, if the endpoint wants one.
+    /// Key, if the endpoint requires one.
     pub key: ApiKey,
     /// Further headers of each request.
     pub headers: Headers,
-    /// Requests to this model in flight, beside those to other models of its endpoint; by default all models of an
-    /// endpoint share the limit of the allowance.
+    /// Maximum requests to this model in flight, not counted with those to other models of its endpoint. By default all models
+    /// of an endpoint share the limit of the allowance.
     pub requests: Option<usize>,
-    /// The sampling parameters.
+    /// Sampling parameters.
     pub sampling: Sampling,
     /// Further fields of the request's body, such as `reasoning_effort`.
     pub extra: Map<String, Value>,
-    /// The timeout of one request, from its beginning to the last byte of its answer.
+    /// Timeout of one request, from its beginning to the last byte of its answer.
     pub timeout: Duration,
-    /// The retries of one question. Refusals for the endpoint's load count only as long as the endpoint
-    /// answers no other question of the model.
+    /// Maximum retries of one question. Refusals for the endpoint's load count only while the endpoint answers no other
+    /// question of the model.
     pub retries: u32,
-    /// The longest pause before a question is asked again.
+    /// Longest pause before a question is asked again.
     pub patience: Duration,
 }
 
 impl Settings {
-    /// 600 s for a request: reasoning models think for minutes.
+    /// Default timeout: reasoning models think for minutes.
     pub const TIMEOUT: Duration = Duration::from_mins(10);
-    /// Nine pauses are three to six minutes.
+    /// Default retries: nine pauses are three to six minutes.
     pub const RETRIES: u32 = 9;
-    /// Ten minutes.
+    /// Default longest pause.
     pub const PATIENCE: Duration = Duration::from_mins(10);
 
-    /// A model with default settings; the endpoint decides the sampling.
+    /// Model with default settings; the endpoint decides the sampling.
     #[must_use]
     pub fn new(model: impl Into<String>, api_base: impl Into<String>, key: ApiKey) -> Self {
         Self {
@@ -67,7 +67,7 @@ impl Settings {
         }
     }
 
-    /// Fields of the body, without the messages. Cassettes identify models by it.
+    /// Fields of the body, without the messages. Cassettes identify models by them.
     ///
     /// # Errors
     /// [`Stop::Settings`] if a further field has its own setting, or contains the key.
@@ -104,12 +104,12 @@ impl Settings {
         Ok(body)
     }
 
-    /// All secrets: the key and those of headers.
+    /// All secrets: the key, and those of headers.
     fn secrets(&self) -> impl Iterator<Item = &ApiKey> {
         std::iter::once(&self.key).chain(self.headers.secrets())
     }
 
-    /// The secret that authenticates requests: the key, or the first secret of a header.
+    /// Secret that authenticates requests: the key, or the first secret of a header.
     pub(super) fn credential(&self) -> &ApiKey {
         self.secrets().find(|key| key.is_there()).unwrap_or(&self.key)
     }
@@ -118,12 +118,12 @@ impl Settings {
         self.secrets().fold(text.to_owned(), |text, key| key.redacted(&text))
     }
 
-    /// An answer without secrets.
+    /// Answer without secrets.
     pub(super) fn redacted_answer(&self, text: String) -> String {
         self.secrets().fold(text, |text, key| key.redacted_answer(text))
     }
 
-    /// The address of requests.
+    /// Address of requests.
     ///
     /// # Errors
     /// [`Stop::Settings`] if the base is no address, or contains credentials.
@@ -146,7 +146,7 @@ impl Settings {
         Ok(url)
     }
 
-    /// Pauses that grow, from 0.5 s to 60 s, with up to as much again by chance, and never longer than the patience.
+    /// Growing pauses from 0.5 s to 60 s, with random jitter of up to as much again, and never longer than the patience.
     pub(super) fn pauses(&self) -> ExponentialBuilder {
         let half = self.patience / 2;
         ExponentialBuilder::default()
@@ -157,15 +157,15 @@ impl Settings {
     }
 }
 
-/// The sampling parameters. A parameter that is left out is not sent, so the endpoint's default applies.
+/// Sampling parameters. A missing parameter is not sent, so the endpoint's default applies.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sampling {
-    /// The temperature: 0 takes the likeliest token.
+    /// Temperature: 0 takes the likeliest token.
     pub temperature: Option<f64>,
-    /// The nucleus: the share of the likeliest tokens.
+    /// Nucleus: the share of the likeliest tokens.
     pub top_p: Option<f64>,
-    /// The maximum number of tokens of an answer.
+    /// Maximum tokens of an answer.
     pub max_tokens: Option<u64>,
-    /// The seed, for endpoints that take one.
+    /// Seed, for endpoints that take one.
     pub seed: Option<i64>,
 }

@@ -7,12 +7,12 @@ use super::endpoint::Kind;
 use swarmbench_protocol::act::Usage;
 use swarmbench_protocol::failure::Failures;
 
-/// Requests and tokens of a model since it was created. Nothing here is estimated.
+/// Requests and tokens of a model since its creation. No number is estimated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Spent {
-    /// Requests that were begun, those of retries included.
+    /// Requests that were begun, including retries.
     pub requests: u64,
-    /// Requests that are in flight now.
+    /// Requests in flight.
     pub in_flight: u64,
     /// Questions that the endpoint answered.
     pub answers: u64,
@@ -28,9 +28,9 @@ pub struct Spent {
     pub unmetered: u64,
     /// Tokens of prompts and answers that a cassette replayed.
     pub replayed_tokens: [u64; 2],
-    /// Requests whose answer was not waited for, as everything stopped. The endpoint may charge for them.
+    /// Requests that were dropped when everything stopped. The endpoint may charge for them.
     pub dropped: u64,
-    /// Empty, refused or cut answers and rejected questions, those of a cassette included.
+    /// Empty, refused or cut answers and rejected questions, including those of a cassette.
     pub failures: Failures,
     /// Failed requests.
     pub troubles: Troubles,
@@ -39,11 +39,11 @@ pub struct Spent {
 /// Failed requests that were retried, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Troubles {
-    /// The endpoint refused for its load.
+    /// Refusals for the endpoint's load.
     pub load: u64,
-    /// No answer came in time.
+    /// Requests without an answer in time.
     pub time_outs: u64,
-    /// No connection, or one that broke.
+    /// Failed or broken connections.
     pub connections: u64,
     /// Errors of the server.
     pub server: u64,
@@ -52,14 +52,14 @@ pub struct Troubles {
 }
 
 impl Troubles {
-    /// All of them.
+    /// Number of all failed requests.
     #[must_use]
     pub const fn total(&self) -> u64 {
         self.load + self.time_outs + self.connections + self.server + self.unreadable
     }
 }
 
-/// A [`Spent`] that grows.
+/// Growing [`Spent`].
 #[derive(Debug, Default)]
 pub(super) struct Counters {
     spent: Mutex<Spent>,
@@ -120,7 +120,7 @@ impl Counters {
         }
     }
 
-    /// The endpoint rejected a question. It is not answered, and nobody reports tokens.
+    /// Counts a rejected question. Rejections are no answers and have no tokens.
     pub(super) fn rejected(&self) {
         self.get().failures.count(Failure::Rejected);
     }

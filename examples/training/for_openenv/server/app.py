@@ -1,4 +1,4 @@
-"""The application: `uvicorn server.app:app`. SWARMBENCH_TASK and SWARMBENCH_MODE choose what is played."""
+"""The application: `uvicorn server.app:app`. SWARMBENCH_TASK and SWARMBENCH_MODE choose the games."""
 
 import os
 

@@ -1,7 +1,7 @@
 """Analysis of exported games: tables and figures of the SwarmBench paper.
 
-`load` reads games; all else takes what it returns. Metrics are read from the export, never computed again. It needs
-the extra `analysis`; docs/evaluate/analysis.md in the repository shows how to use it.
+`load` reads games; all other functions take these. Metrics are read from the export, never computed again. This package
+needs the extra `analysis`; docs/evaluate/analysis.md in the repository shows how to use it.
 """
 
 from . import _extra  # noqa: F401 - it is imported first to say what is missing

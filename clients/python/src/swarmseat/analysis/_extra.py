@@ -1,4 +1,4 @@
-"""Says what to install where the extra `analysis` is missing."""
+"""The error that says what to install if the extra `analysis` is missing."""
 
 from importlib.util import find_spec
 

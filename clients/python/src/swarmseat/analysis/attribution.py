@@ -1,7 +1,7 @@
-"""What the next action of an agent follows from: others' messages, its own last act, or what it sees.
+"""Attribution of an agent's next action to others' messages, to its own last act, or to its observation.
 
-A random forest predicts actions; the importance of a block of inputs is by how much its F1 falls where the rows of the
-block are permuted together.
+A random forest predicts actions. The importance of a block of inputs is the fall of the forest's F1 when the rows of
+the block are permuted together.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,10 +26,10 @@ TREES = 300
 FOLDS = 5
 REPEATS = 10
 DIMENSIONS_MAX = 64
-"""To how many dimensions vectors are reduced, so that no block is wider than another."""
+"""The number of dimensions to which vectors are reduced, so that no block is wider than another."""
 
 ACTS_MAX = 20_000
-"""How many acts of a model in a task are used unless another number is asked for; they are drawn from all."""
+"""The default maximum number of acts of a model in a task; they are drawn from all."""
 
 
 @dataclass(frozen=True)
@@ -47,14 +47,14 @@ class Block:
 
 @dataclass(frozen=True)
 class Attribution:
-    """What was found.
+    """The result of an attribution.
 
     Attributes:
         f1: Macro F1 over the actions that occur, of predictions for games that were not trained on.
         guess_most: F1 of always guessing the most frequent action.
-        guess_draw: F1 of guessing at random with the frequencies of actions: mean.
-        guess_deviation: Its deviation.
-        importance: By how much F1 falls where a block is permuted, mean and deviation over the repeats.
+        guess_draw: Mean F1 of guessing at random with the frequencies of actions.
+        guess_deviation: The deviation of this F1.
+        importance: The fall of F1 when a block is permuted, mean and deviation over the repeats.
         alone: F1 of each block alone.
     """
 
@@ -84,18 +84,18 @@ def action_attribution(
 ) -> pd.DataFrame:
     """Attributes actions to blocks of inputs, for each task and model.
 
-    It needs the tables `acts`, `heard` and `rounds`. Without a table `views` windows are rebuilt from the maps of
-    `rounds`, which is exact.
+    The function needs the tables `acts`, `heard` and `rounds`. Without a table `views`, windows are rebuilt exactly
+    from the maps of `rounds`.
 
     Args:
-        games: The games, two for each task and model at least.
+        games: The games, at least two for each task and model.
         observation: `grid` for the cells of the window, `text` for the vector of its text (needs the table `views`).
-        embedder: What makes vectors of texts; `hash-1` where it is left out.
-        trees: Trees of a forest.
-        repeats: How often a block is permuted.
-        acts: How many acts of a model in a task are used at most; fewer are faster. They are drawn from all games.
-        seed: Of all draws.
-        progress: Is given a line before each forest.
+        embedder: The embedder that makes vectors of texts. Default: `hash-1`.
+        trees: The number of trees of a forest.
+        repeats: The number of permutations of a block.
+        acts: The maximum number of acts of a model in a task, drawn from all games; fewer are faster.
+        seed: The seed of all draws.
+        progress: A function that gets a line before each forest.
 
     Returns:
         A row for each task, model and block (`others`, `own`, `observation`): `games`, `samples`, `f1`, `guess_most`,
@@ -144,12 +144,12 @@ def attribute(
     """Attributes actions to blocks, with folds of whole episodes.
 
     Args:
-        blocks: Inputs by name; each has a row for each action.
-        actions: What was done.
+        blocks: Inputs by name, each with a row for each action.
+        actions: The actions.
         episodes: The episode of each action.
-        trees: Trees of a forest.
-        repeats: How often a block is permuted.
-        seed: Of all draws.
+        trees: The number of trees of a forest.
+        repeats: The number of permutations of a block.
+        seed: The seed of all draws.
 
     Raises:
         TooLittleDataError: There are fewer than two episodes or two actions.
@@ -174,7 +174,7 @@ def attribute(
         for name in names:
             single = _forest(trees, seed).fit(parts[name][train], actions[train])
             alone[name][test] = single.predict(shown[name])
-            # One call for all repeats: a forest takes long to begin.
+            # One call predicts all repeats, as each call of a forest has a large fixed cost.
             orders = [random.permutation(len(test)) for _ in range(repeats)]
             shuffled = {other: np.tile(part, (repeats, 1)) for other, part in shown.items()}
             shuffled[name] = shown[name][np.concatenate(orders)]
@@ -211,7 +211,7 @@ def _forest(trees: int, seed: int) -> RandomForestClassifier:
 def _reduced(block: Block, train: NDArray[np.int64]) -> Floats:
     vectors = block.vectors
     if min(len(train), vectors.shape[1]) > DIMENSIONS_MAX:
-        # Both are exact, and each is fast where the other is slow.
+        # Both solvers are exact, and each is fast where the other is slow.
         few = len(train) <= vectors.shape[1]
         components = PCA(DIMENSIONS_MAX, svd_solver="full" if few else "covariance_eigh").fit(vectors[train])
         vectors = components.transform(vectors)

@@ -1,4 +1,4 @@
-"""How metrics and the score go together over games: correlations, failure modes, convergence."""
+"""Correlations of metrics with the score over games: all metrics, failure modes, convergence."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,10 +14,10 @@ from .tables import Games
 GAMES_MIN = 3
 
 FAILURES = {"Pursuit": "direction_imbalance", "Synchronization": "components", "Foraging": "separation"}
-"""The tasks whose failures the paper explains, and the metric that stands for the explanation."""
+"""The tasks whose failures the paper explains, and the metric of each explanation."""
 
 INCREASES = ("homogeneity_increase", "edit_consistency_increase")
-"""How much more alike messages are at the end of a game than at its beginning."""
+"""The metrics of how much more alike messages are at the end of a game than at its beginning."""
 
 
 def correlations(games: Games, metrics: Sequence[str] = TWELVE, definition: Definition = "paper") -> pd.DataFrame:
@@ -30,7 +30,7 @@ def correlations(games: Games, metrics: Sequence[str] = TWELVE, definition: Defi
     Raises:
         MixedSettingsError: Games of a task have different settings.
         MissingColumnsError: The export has no such metric.
-        ConstantError: In no task do scores and a metric differ.
+        ConstantError: In every task the score or each metric is constant.
         TooLittleDataError: Each task has fewer than three games.
     """
     games.one_setting()
@@ -80,7 +80,7 @@ def correlation_matrix(
 ) -> pd.DataFrame:
     """Pearson's r of all pairs of metrics, with the score as the last row and column.
 
-    NaN where a metric is constant, or two have fewer than three games in common.
+    r is NaN if a metric is constant, or two metrics have fewer than three games in common.
     """
     chosen = games.where(task=task)
     chosen.one_setting()
@@ -125,15 +125,15 @@ def failure_modes(games: Games) -> pd.DataFrame:
 
 
 def convergence_by_task(games: Games) -> pd.DataFrame:
-    """Correlates how much more alike messages become during a game with its score, for each task."""
+    """Correlates the convergence of messages during a game with its score, for each task."""
     return correlations(games, INCREASES)
 
 
 def convergence_by_model(games: Games) -> pd.DataFrame:
-    """The same for each model over all its games.
+    """Correlates the convergence of messages with the score, for each model over all its games.
 
-    `r`, `p` … pool the raw values of all tasks, as the paper does, though tasks have different scales. `within_r` and
-    `within_p` are of values that were standardised within their task first.
+    `r`, `p` … pool the raw values of all tasks, as the paper does, though tasks have different scales. For `within_r`
+    and `within_p` values are standardised within their task first.
     """
     games.one_setting()
     games.require(INCREASES)
@@ -167,7 +167,7 @@ def _correlate(x: Floats, y: Floats) -> Correlation:
 
 
 def _standardised(values: "pd.api.typing.SeriesGroupBy[Any, Any]") -> Floats:
-    """By mean and population deviation of each group; NaN where a group is constant."""
+    """Values standardised by mean and population deviation of their group; NaN if a group is constant."""
     result: Floats = values.transform(
         lambda group: np.nan if is_constant(group.to_numpy(float)) else (group - group.mean()) / group.std(ddof=0)
     ).to_numpy(float)

@@ -1,6 +1,6 @@
 """Figures of matplotlib, without its global state.
 
-Colour is never the only sign: markers, hatches and numbers say the same. The same games give the same bytes.
+Colour is never the only cue: markers, hatches and numbers say the same. The same games give the same bytes.
 """
 
 import functools
@@ -34,12 +34,12 @@ DIVERGING = "PuOr"
 BLOCKS = ("others", "own", "observation")
 
 NAME_CHARS_MAX = 32
-"""How much of a model's name is shown."""
+"""The maximum length of a model's name in a figure."""
 
 DOTS_PER_INCH = 150
 
 CHAR_WIDTH = 0.065
-"""About how wide a character of a legend is, in inches."""
+"""The approximate width of a character of a legend, in inches."""
 
 _STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -48,16 +48,16 @@ _STYLE: dict[Any, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "hatch.linewidth": 0.5,
-    # Names of models are shown as they are, dollars too.
+    # Names of models are shown as they are: dollar signs begin no formula.
     "text.parse_math": False,
     "text.usetex": False,
-    # Otherwise ids in an SVG are random.
+    # Ids in an SVG would be random otherwise.
     "svg.hashsalt": "swarmbench",
 }
 
 
 def _styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Draws in the style of this module, whatever the user has set."""
+    """Draws in the style of this module, regardless of the user's settings."""
 
     @functools.wraps(draw)
     def styled(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -76,7 +76,7 @@ def save(figure: Figure, path: str | Path) -> None:
     with mpl.rc_context(), warnings.catch_warnings():
         mpl.rcdefaults()
         mpl.rcParams.update(_STYLE)
-        # Words in other scripts are shown as boxes where the font lacks them.
+        # Characters that the font lacks are shown as boxes.
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
         figure.savefig(path, dpi=DOTS_PER_INCH, metadata=metadata)
 
@@ -184,8 +184,8 @@ def _band(axes: Axes, series: pd.DataFrame, divisor: float, colour: str, lowest:
 def plot_dynamics(games: Games, task: str, model: str) -> Figure:
     """The four panels of the paper's dynamics figure: score, messages, choices, positions.
 
-    Solid is the game with the highest score, dashed the mean over the games that have not ended yet, the band its
-    deviation; values are divided as the legends say.
+    The solid line is the game with the highest score, the dashed line the mean over the games that have not ended yet,
+    the band its deviation; values are divided as the legends say.
     """
     table = dynamics(games, task, model)
     figure = _figure(8.4, 6)
@@ -284,7 +284,7 @@ def _range(least: int, most: int) -> str:
 
 @_styled
 def plot_scatter(games: Games, task: str, metric: str | None = None, definition: Definition = "paper") -> Figure:
-    """The score against a metric with the least-squares line; where none is named, the one with the largest |r|."""
+    """The score against a metric with the least-squares line. Default: the metric with the largest |r|."""
     table = correlations(games.where(task=task), TWELVE if metric is None else [metric], definition)
     name = top_metric(table, task)
     found = table[table["metric"] == name].iloc[0]
@@ -329,7 +329,7 @@ def plot_shap(found: Regression) -> Figure:
 
 
 def _spread(values: "np.ndarray[Any, np.dtype[np.float64]]") -> "np.ndarray[Any, np.dtype[np.float64]]":
-    """Moves dots that would lie on each other up and down."""
+    """Moves overlapping dots up and down."""
     bins = np.digitize(values, np.linspace(values.min(), values.max() + 1e-12, 40))
     offsets = np.zeros(len(values))
     for place in np.unique(bins):
@@ -340,7 +340,7 @@ def _spread(values: "np.ndarray[Any, np.dtype[np.float64]]") -> "np.ndarray[Any,
 
 @_styled
 def plot_blocks(table: pd.DataFrame) -> Figure:
-    """How the explained variance is shared by physical metrics and communication, from a table of `blocks`."""
+    """The shares of physical metrics and communication in the explained variance, from a table of `blocks`."""
     known = table.dropna(subset=["block"])
     if known.empty:
         raise TooLittleDataError("no task allows the comparison: the table says why, task by task")
@@ -350,7 +350,7 @@ def plot_blocks(table: pd.DataFrame) -> Figure:
     below = np.zeros(len(tasks))
     for block, colour, hatch in (("physical", COLOURS[0], ""), ("communication", COLOURS[1], "//")):
         shares = known[known["block"] == block].set_index("task")["share"].reindex(tasks).to_numpy(float)
-        # A share is negative where a block only stands in the way; then bars overlap rather than stack.
+        # The share of a block that only harms is negative; then bars overlap rather than stack.
         axes.bar(
             tasks,
             shares,
@@ -407,7 +407,7 @@ def plot_attribution(table: pd.DataFrame) -> Figure:
 def plot_keywords(table: pd.DataFrame) -> Figure:
     """Keywords by count, from a table of `keywords`: a panel for each model and task in which it said something.
 
-    Where all models spoke in all tasks, rows are models and columns tasks.
+    If all models spoke in all tasks, rows are models and columns tasks.
     """
     groups = [(str(model), str(task), own) for (model, task), own in table.groupby(["model", "task"])]
     tasks, models = sorted(table["task"].unique()), table["model"].nunique()

@@ -1,4 +1,4 @@
-"""The metrics of the paper: their names in tables, and how its figures draw them."""
+"""The metrics of the paper: their names in tables, and their panels in figures."""
 
 from typing import Literal, NamedTuple
 
@@ -7,14 +7,14 @@ Definition = Literal["paper", "toolkit"]
 
 
 class Metric(NamedTuple):
-    """What is known of a metric.
+    """A metric of the paper.
 
     Attributes:
-        name: The name of its column.
-        title: Its name for readers.
-        panel: The panel of the dynamics figure that shows it; None if that figure does not draw it.
-        divisor: By what it is divided there.
-        block: Whether it is about what agents said or did; None if it belongs to neither block.
+        name: The name of the metric's column.
+        title: The name for readers.
+        panel: The panel of the dynamics figure that shows the metric; None if that figure does not draw it.
+        divisor: The number by which values are divided there.
+        block: The block: what agents said, or what they did; None if the metric belongs to neither.
     """
 
     name: str
@@ -42,7 +42,7 @@ METRICS = (
 """The thirteen metrics that the paper defines."""
 
 TWELVE = tuple(metric.name for metric in METRICS if metric.panel)
-"""Those that its figures show, and that are compared with the score."""
+"""The metrics that the paper's figures show, and that are compared with the score."""
 
 PHYSICAL = tuple(metric.name for metric in METRICS if metric.block == "physical")
 COMMUNICATION = tuple(metric.name for metric in METRICS if metric.block == "communication")
@@ -51,7 +51,7 @@ TITLES = {metric.name: metric.title for metric in METRICS}
 
 
 def title(name: str) -> str:
-    """The name for readers of a column, also of one that is not of the paper."""
+    """The name for readers of a column, even of one that is not a metric of the paper."""
     return TITLES.get(name) or name.replace("_", " ").capitalize()
 
 

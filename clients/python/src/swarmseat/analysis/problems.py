@@ -1,4 +1,4 @@
-"""What can be wrong with the games that are to be analysed. Each message says what to do."""
+"""Errors about the games to analyse. Each message says what to do."""
 
 from ..errors import SwarmbenchError
 

@@ -12,7 +12,9 @@ from .statistics import VIF_MAX, Fit, Floats, Names, is_constant, least_squares
 from .tables import Games
 
 SHARE_DEFINED_MIN = 0.9
-"""A metric that is defined in fewer of the games is left out, rather than the games: a silent model is a model, too."""
+"""The minimum share of games that define a metric. Otherwise the metric is left out, not the games: a silent model is a
+model, too.
+"""
 
 
 @dataclass(frozen=True)
@@ -24,13 +26,13 @@ class Regression:
         coefficients: A row for each metric, the most important first: `beta` (change of the score for one population
             deviation of the metric), `error`, `p`, `vif`, `importance` (mean |SHAP value|), and `ridge` where a `vif`
             exceeds 10.
-        shap: A row for each game and metric: `episode`, `model`, `metric`, `z` and `shap`. Those of a game add up
-            to its prediction less `mean`.
+        shap: A row for each game and metric: `episode`, `model`, `metric`, `z` and `shap`. The SHAP values of a game
+            add up to its prediction less `mean`.
         quality: `n`, `metrics`, `r2`, `adjusted`, `left_out` (R² for models that were left out of the fit), `penalty`
             of the ridge regression.
         mean: The mean score.
         predicted: The predicted score of each game.
-        notes: What was left out and what to be careful about, in sentences.
+        notes: Sentences about what was left out, and about caveats.
     """
 
     task: str
@@ -146,12 +148,12 @@ def _sample(games: Games, task: str, metrics: Sequence[str], definition: Definit
 
 
 def blocks(games: Games, definition: Definition = "paper") -> pd.DataFrame:
-    """How much of the score physical metrics explain, and how much metrics of communication, for each task.
+    """The variance of the score that physical metrics explain, and metrics of communication, for each task.
 
     Returns:
         A row for each task and block: `r2`, `adjusted` and `left_out` of the block alone, `share` (its Shapley share of
         the `r2_both` of both together), `f`, `f_p` (the F test of the block given the other), `adjusted_both`,
-        `left_out_both`, `n`, and `note`. A task without values says in `note` why.
+        `left_out_both`, `n`, and `note`. For a task without values `note` has the reason.
     """
     rows = []
     for task in games.tasks:

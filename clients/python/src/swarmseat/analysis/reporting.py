@@ -42,10 +42,10 @@ from .write import html_table, latex_table, markdown_table, markdown_text
 FORMATS = ("png", "svg")
 
 ROWS_SHOWN_MAX = 60
-"""How many rows of a table the report shows; the files have all."""
+"""The maximum number of rows of a table in the report; the files have all rows."""
 
 PANELS_MAX = 100
-"""Of how many models and tasks the dynamics are drawn."""
+"""The maximum number of pairs of model and task whose dynamics are drawn."""
 
 CAUTIONS = (
     "The paper speaks of twelve metrics and defines thirteen. The deviation of message lengths is the one that its "
@@ -65,11 +65,11 @@ CAUTIONS = (
     "The paper does not correct for testing many metrics. Read `q`, not `p`, to judge one metric among twelve, and "
     "the intervals of the bootstrap: games of one model are not independent of each other.",
 )
-"""What to know before numbers are compared with those of the paper."""
+"""Caveats of comparisons with numbers of the paper."""
 
 
 class _Part(NamedTuple):
-    """A piece of the report: a table or a figure, or why there is none."""
+    """A piece of the report: a table or a figure, or the reason why it is missing."""
 
     kind: str
     name: str
@@ -80,12 +80,12 @@ class _Part(NamedTuple):
 
 @dataclass
 class Report:
-    """What was written, and what could not be made.
+    """The written files, and the missing pieces.
 
     Attributes:
-        folder: Where it was written.
+        folder: The folder of the files.
         files: The files, by name.
-        missing: What is missing, and why.
+        missing: The missing pieces, with reasons.
     """
 
     folder: Path
@@ -137,7 +137,7 @@ class Report:
 
     @contextmanager
     def attempt(self, title: str) -> Iterator[None]:
-        """Says in the report why a piece cannot be made, instead of ending."""
+        """Writes into the report why a piece cannot be made, instead of raising the error."""
         try:
             yield
         except AnalysisError as error:
@@ -197,12 +197,12 @@ def report(
         games: The games.
         out: A folder that does not exist, or is empty.
         quick: Leaves out the attribution of actions, which takes longest.
-        acts: How many acts of a model in a task the attribution uses at most.
+        acts: The maximum number of acts of a model in a task that the attribution uses.
         formats: Formats of figures: `png`, `svg`, `pdf`. The first is shown in the report.
-        progress: Is given a line before each step.
+        progress: A function that gets a line before each step.
 
     Returns:
-        What was written, and what could not be made. Pieces that cannot be made do not end it.
+        The written files, and the missing pieces. A missing piece does not end the report.
 
     Raises:
         FilesError: The folder has files.
@@ -348,7 +348,7 @@ def _attribution(games: Games, made: Report, acts: int, progress: Callable[[str]
 
 
 def _dynamics(games: Games, task: str, model: str, number: int, made: Report) -> Callable[[], None]:
-    # Names of models are no file names; the number keeps those apart that look alike as one.
+    # Names of models are not valid file names; the number distinguishes names that become the same.
     name = f"dynamics-{task}-{number:03}-{re.sub(r'[^A-Za-z0-9]+', '-', model)[:40]}"
     return lambda: made.figure(name, f"Dynamics: {task}, {model}", plot_dynamics(games, task, model))
 

@@ -32,7 +32,7 @@ def scores(games: Games, by: Sequence[str] = ("model", "task")) -> pd.DataFrame:
 def score_table(games: Games) -> pd.DataFrame:
     """A row for each model, a column `mean ± deviation (n)` for each task, and the sum of the means.
 
-    The best total is first. A model that did not play all tasks has none.
+    The best total is first. A model that did not play all tasks has no total.
     """
     table = scores(games)
     columns = (table[name] for name in ("mean", "deviation", "n"))
@@ -40,7 +40,7 @@ def score_table(games: Games) -> pd.DataFrame:
     cells = table.pivot_table(index="model", columns="task", values="cell", aggfunc="first")
     total = table.groupby("model")["mean"].sum()
     cells = cells.assign(total=total).sort_values(["total"], ascending=False, kind="stable")
-    # A total over fewer tasks is no rank.
+    # Totals over different numbers of tasks cannot be ranked.
     cells["total"] = cells["total"].where(cells.notna().all(axis=1))
     cells.columns.name = None
     return cells.reset_index()
@@ -55,7 +55,7 @@ def score_trends(games: Games) -> pd.DataFrame:
         `task`, `model`, `round`, `mean`, `deviation`, `n`.
 
     Raises:
-        FilesError: A score falls, which no game does.
+        FilesError: A score falls, which happens in no game.
     """
     games.one_setting()
     series = []
@@ -71,7 +71,7 @@ def score_trends(games: Games) -> pd.DataFrame:
 
 
 def _series(games: Games, name: str) -> list[tuple[tuple[str, str], Floats]]:
-    """For each task and model a row a game and a column a round, filled to `max_round`."""
+    """An array for each task and model, with a row per game and a column per round, filled to `max_round`."""
     rounds = games.table("rounds", ["round", name])
     found: list[tuple[tuple[str, str], Floats]] = []
     for (task, model), own in games.episodes.groupby(["task", "model"]):
@@ -84,7 +84,7 @@ def _series(games: Games, name: str) -> list[tuple[tuple[str, str], Floats]]:
 
 
 def drawn_metrics(name: str) -> str:
-    """The column of `rounds` that a dynamics panel draws: the paper draws the moving distance cumulated."""
+    """The column of `rounds` that a dynamics panel draws; the paper draws the cumulated moving distance."""
     return "path_length" if name == "step_length" else name
 
 

@@ -16,29 +16,29 @@ Names = NDArray[np.object_]
 
 BOOTSTRAP_DRAWS = 2000
 BOOTSTRAP_MODELS_MIN = 5
-"""With fewer models most draws are of one or two of them, which says nothing."""
+"""The minimum number of models for a bootstrap: with fewer, most draws have one or two models, which says nothing."""
 CONFIDENCE = 0.95
 
 VIF_MAX = 10.0
-"""From here on coefficients are too uncertain to be read one by one, and a ridge regression is shown beside them."""
+"""The variance inflation from which on single coefficients are too uncertain, and a ridge regression is shown, too."""
 
 RIDGE_PENALTIES = np.logspace(-3, 4, 71)
 
 
 class Correlation(NamedTuple):
-    """How a metric and the score go together. What is undefined is NaN.
+    """The correlation of a metric with the score. Undefined values are NaN.
 
     Attributes:
-        n: Pairs of values.
+        n: The number of pairs of values.
         r: Pearson's coefficient.
-        p: Two-sided, from Student's t with n - 2 degrees of freedom.
+        p: The two-sided p, from Student's t with n - 2 degrees of freedom.
         low: The lower end of the 95 % interval by Fisher's transformation.
-        high: Its upper end.
+        high: The upper end of this interval.
         spearman: Spearman's rank correlation.
-        models: How many models there are.
+        models: The number of models.
         boot_low: The lower end of the 95 % interval of a bootstrap that draws models: games of a model are not
             independent.
-        boot_high: Its upper end.
+        boot_high: The upper end of this interval.
     """
 
     n: int
@@ -53,12 +53,12 @@ class Correlation(NamedTuple):
 
 
 def is_constant(values: Floats) -> bool:
-    """Whether the values differ by rounding errors at most."""
+    """Whether the values differ at most by rounding errors."""
     return bool(np.ptp(values) <= 1e-12 * np.abs(values).max()) if len(values) else True
 
 
 def correlate(x: Floats, y: Floats, models: Names) -> Correlation:
-    """Correlates two metrics over games. All is NaN with fewer than three games, or where one is constant."""
+    """Correlates two metrics over games. All values are NaN with fewer than three games, or if a metric is constant."""
     n, groups = len(x), len(set(models))
     nan = float("nan")
     if n < 3 or is_constant(x) or is_constant(y):
@@ -92,7 +92,7 @@ def bootstrap_interval(x: Floats, y: Floats, models: Names, seed: int = 1) -> tu
     if len(names) < BOOTSTRAP_MODELS_MIN:
         return float("nan"), float("nan")
     x, y = (x - x.mean()) / x.std(), (y - y.mean()) / y.std()
-    # A draw needs of each model its sums only.
+    # A draw needs only the sums of each model.
     terms = np.stack([np.ones_like(x), x, y, x * x, y * y, x * y])
     sums = np.stack([np.bincount(at, term, len(names)) for term in terms])
     drawn = np.random.default_rng(seed).multinomial(len(names), np.full(len(names), 1 / len(names)), BOOTSTRAP_DRAWS)
@@ -107,7 +107,7 @@ def bootstrap_interval(x: Floats, y: Floats, models: Names, seed: int = 1) -> tu
 
 
 def benjamini_hochberg(p: Floats) -> Floats:
-    """Values q that control the rate of false discoveries among all p that are numbers."""
+    """The q values, which control the false discovery rate among all p that are numbers."""
     q = np.full_like(p, np.nan)
     known = ~np.isnan(p)
     if known.any():
@@ -127,16 +127,16 @@ class Fit:
     Attributes:
         z: The columns, with mean 0 and population deviation 1.
         intercept: The mean of y.
-        beta: A coefficient for each column of z.
-        error: Its standard error, with n - p - 1 degrees of freedom.
-        p: Its two-sided p.
-        vif: Its variance inflation factor.
+        beta: The coefficients of the columns of z.
+        error: The coefficients' standard errors, with n - p - 1 degrees of freedom.
+        p: The coefficients' two-sided p.
+        vif: The columns' variance inflation factors.
         r2: The share of the variance that is explained.
-        adjusted: The same adjusted for the number of columns.
-        left_out: The same for predictions of each model's games from those of the other models; NaN for one model.
-        ridge: Coefficients of a ridge regression, where a VIF exceeds `VIF_MAX`.
-        penalty: Its penalty, chosen by leaving out one model after the other.
-        result: What statsmodels returned.
+        adjusted: R² adjusted for the number of columns.
+        left_out: R² of predictions of each model's games from those of the other models; NaN for one model.
+        ridge: Coefficients of a ridge regression, if a VIF exceeds `VIF_MAX`.
+        penalty: The penalty of the ridge regression, chosen by leaving out one model after the other.
+        result: The result of statsmodels.
     """
 
     z: Floats
@@ -167,7 +167,7 @@ def least_squares(x: Floats, y: Floats, models: Names) -> Fit:
         )
     z = (x - x.mean(axis=0)) / x.std(axis=0)
     with warnings.catch_warnings():
-        # An infinite variance inflation says so.
+        # An infinite variance inflation factor reports this case.
         warnings.filterwarnings("ignore", message="The design matrix is rank-deficient")
         result = sm.OLS(y, np.column_stack([np.ones(n), z])).fit()
     vif = variance_inflation(z)
@@ -190,12 +190,12 @@ def least_squares(x: Floats, y: Floats, models: Names) -> Fit:
 
 
 def variance_inflation(z: Floats) -> Floats:
-    """The variance inflation factor of each column: infinite where others determine it."""
+    """The variance inflation factor of each column: infinite if other columns determine it."""
     if z.shape[1] == 1:
         return np.ones(1)
     correlations: Floats = np.atleast_2d(np.corrcoef(z, rowvar=False))
     if np.linalg.matrix_rank(correlations, hermitian=True) < len(correlations):
-        # Which column is determined is found by fitting each to the others.
+        # A fit of each column to the others finds the columns that are determined.
         return np.array([_inflation(z, column) for column in range(z.shape[1])])
     return np.maximum(np.diag(np.linalg.inv(correlations)), 1.0)
 
@@ -224,7 +224,7 @@ def _left_out(z: Floats, y: Floats, models: Names, penalty: float) -> Floats:
 
 def _coefficients(z: Floats, y: Floats, penalty: float) -> tuple[Floats, Floats, float]:
     center, mean = z.mean(axis=0), float(y.mean())
-    # Rows for the penalty make it an ordinary problem, with the smallest solution where there are several.
+    # Rows for the penalty make ridge an ordinary least-squares problem, with the smallest of several solutions.
     rows = np.vstack([z - center, np.sqrt(penalty) * np.eye(z.shape[1])])
     target = np.concatenate([y - mean, np.zeros(z.shape[1])])
     return np.linalg.lstsq(rows, target)[0], center, mean

@@ -1,7 +1,7 @@
 """Stop words: frequent English words that say nothing about a message.
 
-The English list of the NLTK corpus `stopwords` (179 words; the toolkit NLTK is under the licence Apache 2.0). It is
-kept here, so that keywords do not change with a download.
+The English list of the NLTK corpus `stopwords` (179 words; the toolkit NLTK is under the licence Apache 2.0). The list
+is stored here, so that keywords do not change with a download.
 """
 
 SOURCE = "NLTK stopwords, English, 179 words"

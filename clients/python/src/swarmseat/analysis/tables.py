@@ -43,7 +43,7 @@ SETTINGS = (
     "control",
     "prompt_template",
 )
-"""Games that differ in one of these are not averaged."""
+"""The settings in which averaged games must agree."""
 
 REQUIRED = ("episode", "task", "model", "score", "reason", *SETTINGS)
 
@@ -51,15 +51,15 @@ LATER_SETTINGS = ("prompt", "answer_reader")
 """Settings that exports of earlier versions do not have."""
 
 SAMPLING = ("temperature", "top_p")
-"""The same for the games of one model. They are read from `agent_meta`."""
+"""The settings in which averaged games of one model must agree. They are read from `agent_meta`."""
 
 LINE_BYTES_MAX = 64 * 1024 * 1024
-"""How long a line of a JSON Lines file may be."""
+"""The maximum length of a line of a JSON Lines file."""
 
 VALUES_SHOWN_MAX = 5
-"""How many values an error lists."""
+"""The maximum number of values that an error lists."""
 
-# Types are guessed from the rows otherwise: a message that looks like a time would become one.
+# Without a schema types are guessed from the rows: a message that looks like a time would become one.
 _TEXTS = """
     episode run task model rules control models start_mode visibility agent_meta prompt_template prompt answer_reader
     fork_of fill_with player status reason journal_head void_reason suite suite_digest embedder source failure action
@@ -70,7 +70,7 @@ HOW_TO_EXPORT = "make a complete export with `swarmbench export FOLDER --format 
 
 
 class _Download:
-    """A temporary folder, which is removed with the last `Games` that reads it."""
+    """A temporary folder, which is removed with the last `Games` that reads from it."""
 
     def __init__(self) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="swarmbench-"))
@@ -79,13 +79,13 @@ class _Download:
 
 @dataclass(frozen=True)
 class Games:
-    """Games that ended, with their tables.
+    """Games that have ended, with their tables.
 
     Attributes:
-        source: Where they come from.
+        source: The source of the games.
         folder: The folder with the files of the tables.
         episodes: A row for each game, with `temperature` and `top_p` from `agent_meta`.
-        left_out: How many games were left out, and why, in sentences.
+        left_out: Sentences with the numbers of games that were left out, and the reasons.
     """
 
     source: str
@@ -116,11 +116,11 @@ class Games:
 
         Args:
             name: One of `TABLES`.
-            columns: The columns that are needed; all where it is left out.
+            columns: The needed columns. Default: all.
 
         Raises:
             FilesError: The file is missing or damaged.
-            MissingColumnsError: It has no such column.
+            MissingColumnsError: The table has no such column.
         """
         path = _file(self.folder, name)
         if path is None:
@@ -194,13 +194,13 @@ class Games:
 def load(source: str | Path, *, token: str | None = None, **where: Any) -> Games:
     """Reads the games of an export, or of a server.
 
-    Games that have not ended, that were voided, or whose seats had several holders are left out, unless `status`,
-    `void_reason` or `mixed` are chosen.
+    Games that have not ended, voided games, and games whose seats had several holders are left out, unless `status`,
+    `void_reason` or `mixed` choose them.
 
     Args:
         source: A folder with `episodes`, `rounds`, `acts` and perhaps `heard` and `views` (`.parquet` or `.jsonl`), or
             the address of a server.
-        token: A key for that server; by default that of the environment.
+        token: A key for that server. Default: the key of the environment.
         **where: Values of columns, as in `load("games", task="Pursuit", num_agents=12)`; a list allows several.
 
     Raises:
@@ -270,7 +270,7 @@ def _parquet(path: Path, columns: list[str] | None) -> pa.Table:
 def _lines(path: Path, columns: list[str] | None) -> pa.Table:
     if path.stat().st_size == 0:
         return pa.table({name: pa.array([], pa.string()) for name in columns or ["episode"]})
-    # In the table acts the receiver is a name, in heard a number.
+    # The receiver is a name in the table acts, and a number in the table heard.
     texts = [name for name in _TEXTS if (path.stem, name) != ("heard", "receiver")]
     schema = pa.schema([(name, pa.string()) for name in texts])
     table = pyarrow.json.read_json(
@@ -278,7 +278,7 @@ def _lines(path: Path, columns: list[str] | None) -> pa.Table:
         read_options=pyarrow.json.ReadOptions(block_size=LINE_BYTES_MAX),
         parse_options=pyarrow.json.ParseOptions(explicit_schema=schema),
     )
-    # Columns of the schema that the file does not have were added, without any value.
+    # Columns of the schema that the file lacks were added, without values.
     with path.open(encoding="utf-8") as file:
         first = json.loads(file.readline())
     return table.select([name for name in table.column_names if name in first and (columns is None or name in columns)])

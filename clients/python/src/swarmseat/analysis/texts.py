@@ -1,4 +1,4 @@
-"""Text vectors, and how alike the messages of a round are."""
+"""Text vectors, and the homogeneity of the messages of a round."""
 
 import math
 import re
@@ -19,7 +19,7 @@ from .tables import Games
 DIMENSIONS = 1024
 
 CACHE_TEXTS_MAX = 65_536
-"""How many vectors of `hash-1` are kept; messages repeat themselves."""
+"""The maximum number of cached vectors of `hash-1`; messages repeat themselves."""
 
 ROUNDS_COMPARED_MIN = 3
 
@@ -31,10 +31,10 @@ class Embedder(Protocol):
 
     @property
     def id(self) -> str:
-        """Its name, which goes with each value."""
+        """The embedder's name, which is stored with each value."""
 
     def vectors(self, texts: Sequence[str]) -> Floats:
-        """A row for each text."""
+        """The vectors of texts, one row per text."""
 
 
 class Hash1:
@@ -43,16 +43,16 @@ class Hash1:
     id = "hash-1"
 
     def vectors(self, texts: Sequence[str]) -> Floats:
-        """A row for each text."""
+        """The vectors of texts, one row per text."""
         return np.array([hash_1(text) for text in texts]).reshape(len(texts), DIMENSIONS)
 
 
 class SentenceTransformers:
-    """A model of the package sentence-transformers, which has to be installed besides.
+    """A model of the package sentence-transformers, which has to be installed separately.
 
     Args:
-        model: Its name or folder, such as `all-mpnet-base-v2`.
-        encoder: A loaded model, or anything else with its method `encode`.
+        model: The name or folder of the model, such as `all-mpnet-base-v2`.
+        encoder: A loaded model, or another object with its method `encode`.
     """
 
     def __init__(self, model: str, encoder: Any = None) -> None:
@@ -60,7 +60,7 @@ class SentenceTransformers:
         self._encoder = _sentence_transformer(model) if encoder is None else encoder
 
     def vectors(self, texts: Sequence[str]) -> Floats:
-        """A row for each text."""
+        """The vectors of texts, one row per text."""
         rows: Floats = np.array(self._encoder.encode(list(texts), show_progress_bar=False), np.float64)
         lengths = np.linalg.norm(rows, axis=1, keepdims=True)
         rows /= np.where(lengths > 0, lengths, 1.0)
@@ -110,15 +110,15 @@ def mean_cosine(vectors: Floats) -> float:
 
 
 def homogeneity(acts: pd.DataFrame, embedder: Embedder) -> pd.DataFrame:
-    """How alike the messages of each round are to an embedder: the mean cosine of all pairs of distinct messages.
+    """The homogeneity of each round's messages for an embedder: the mean cosine of all pairs of distinct messages.
 
     Args:
         acts: Rows with `episode`, `round` and `message`, as in the table `acts`.
-        embedder: What makes vectors of the messages.
+        embedder: The embedder that makes vectors of the messages.
 
     Returns:
         `episode`, `round` (of the state after the round, as in the table `rounds`), `homogeneity` (NaN for fewer than
-        two messages, 1 where all are the same), `messages`, `embedder`.
+        two messages, 1 if all are the same), `messages`, `embedder`.
     """
     said = acts[acts["message"].notna() & (acts["message"] != "")]
     texts = sorted(said["message"].unique())
@@ -150,14 +150,14 @@ def compare_embedders(a: pd.DataFrame, b: pd.DataFrame) -> dict[str, Any]:
 
     Args:
         a: A table of `homogeneity` or `homogeneity_of_games`.
-        b: One of another embedder.
+        b: A table of another embedder.
 
     Returns:
         `embedders`, `n` (pairs), `spearman`, `p`.
 
     Raises:
         MixedMeasuresError: A table has two embedders, or both have the same.
-        TooLittleDataError: They have fewer than three values in common that differ.
+        TooLittleDataError: The tables have fewer than three different values in common.
     """
     names = [_only_embedder(table) for table in (a, b)]
     if names[0] == names[1]:
@@ -177,20 +177,20 @@ def _only_embedder(table: pd.DataFrame) -> str:
 
 DIGITS_FROM = (0.1, 0.3)
 BANDS = ("below 10%", "10% to 30%", "from 30%")
-"""Bands of the share of digits in messages, for which `relate_to_edits` is computed apart."""
+"""Bands of the share of digits in messages, for each of which `relate_to_edits` computes a row."""
 
 
 def relate_to_edits(games: Games) -> pd.DataFrame:
-    """How homogeneity goes with mean edit similarity: how much of it is mere similarity of spelling.
+    """The correlation of homogeneity with mean edit similarity: how much of it is mere similarity of spelling.
 
-    Both are read from the export. Where all messages of a round are one text, both are 1 by definition; rounds with
-    several texts are shown apart.
+    Both are read from the export. If all messages of a round are one text, both are 1 by definition; rounds with
+    several texts have rows of their own.
 
     Returns:
         A row for each group of games or rounds and each unit: `by` (`all`, `task`, `model` or `digits`), `group`,
         `over` (`rounds`, `rounds with several texts` or `games`), `games`, `n`, `pearson`, `spearman`, `p` (of the
         rank correlation), `within_games` (the mean of rank correlations over the rounds of single games) and
-        `embedder`. What is undefined is missing.
+        `embedder`. Undefined values are missing.
 
     Raises:
         MissingColumnsError: The games were measured without an embedder.
@@ -259,8 +259,8 @@ def mean_vectors(texts: Iterable[str], rows: NDArray[np.int64], count: int, embe
     Args:
         texts: Texts.
         rows: The row to which each text belongs.
-        count: How many rows there are.
-        embedder: What makes vectors.
+        count: The number of rows.
+        embedder: The embedder that makes vectors.
     """
     listed = list(texts)
     distinct = sorted(set(listed))

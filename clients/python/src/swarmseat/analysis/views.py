@@ -1,4 +1,4 @@
-"""What agents saw when they decided: from the table `views`, or rebuilt from the maps of the table `rounds`."""
+"""The windows of agents when they decided: from the table `views`, or rebuilt from the maps of the table `rounds`."""
 
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
@@ -12,14 +12,14 @@ from .problems import FilesError
 from .statistics import Floats
 
 FLAGGED_TASKS = frozenset({"Synchronization", "Foraging"})
-"""Tasks in which agents have a light or a load. A map shows `A` for one that has it, and `a` for one that has not."""
+"""Tasks in which agents have a light or a load. A map shows `A` for an agent with it, and `a` for one without."""
 
 Maps = Mapping[tuple[str, int], str]
 """Maps by episode and round."""
 
 
 class Seat(NamedTuple):
-    """Where an agent decided, and how far it saw: `radius` is None if it saw the whole map."""
+    """The place and the view of an agent that decided: `radius` is None if the agent saw the whole map."""
 
     episode: str
     round: int
@@ -31,7 +31,7 @@ class Seat(NamedTuple):
 
 
 def seats_of(acts: pd.DataFrame) -> list[Seat]:
-    """The seats of acts, with their columns `task`, `rules`, `control` and `view_size` too."""
+    """The seats of acts, which also need the columns `task`, `rules`, `control` and `view_size`."""
     names = ("episode", "round", "i", "j", "task", "rules", "control", "view_size")
     return [
         Seat(
@@ -59,7 +59,7 @@ def own_marks(seats: Iterable[Seat], maps: Maps) -> NDArray[np.bool_]:
 
 
 def windows(seats: Iterable[Seat], maps: Maps) -> Floats:
-    """A row for each seat: the cells of its window, each in one of `CHANNELS`."""
+    """The windows of seats, one row per seat: each cell in one of `CHANNELS`."""
     encoded: dict[tuple[str, int], NDArray[np.uint8]] = {}
     found = []
     for seat in seats:
@@ -71,7 +71,7 @@ def windows(seats: Iterable[Seat], maps: Maps) -> Floats:
 
 
 def _encode(seat: Seat, maps: Maps) -> NDArray[np.uint8]:
-    """The map with cells outside around it, as many as the window reaches."""
+    """The map inside a margin of outside cells that is as wide as a window reaches."""
     marked, unmarked = ("0", "$0") if seat.inverted else ("$0", "0")
     symbols = {"A": marked if seat.flagged else "0", "a": unmarked}
     rows = [[symbols.get(cell, cell) for cell in row] for row in _rows(seat, maps)]
@@ -100,7 +100,7 @@ def _rows(seat: Seat, maps: Maps) -> list[str]:
 
 
 def encode_views(views: Iterable[str], agents: Iterable[int]) -> Floats:
-    """A row for each text of the table `views`: its cells, each in one of `CHANNELS`."""
+    """The texts of the table `views`, one row per text: each cell in one of `CHANNELS`."""
     return np.array([_encode_view(view, int(agent)).ravel() for view, agent in zip(views, agents, strict=True)], float)
 
 

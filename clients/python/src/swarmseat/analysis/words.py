@@ -1,4 +1,4 @@
-"""Which words models use, and which words set them apart."""
+"""The words that models use, and the words that distinguish models."""
 
 import unicodedata
 from collections import Counter
@@ -12,7 +12,7 @@ from .stopwords import STOP_WORDS
 from .tables import Games
 
 TOP = 10
-"""How many words are shown for each model and task."""
+"""The number of words that are shown for each model and task."""
 
 WORDS_COMPARED_MIN = 2
 
@@ -21,7 +21,7 @@ PRIOR_WORDS = 1000.0
 
 
 class _Spaces(dict[int, str]):
-    """Punctuation and symbols become spaces; found out for each character when it is met."""
+    """Turns punctuation and symbols into spaces; a character is classified when it first occurs."""
 
     def __missing__(self, code: int) -> str:
         character = chr(code)
@@ -38,7 +38,7 @@ def words_of(text: str) -> list[str]:
 
 
 def is_keyword(word: str) -> bool:
-    """Whether it has a letter and is no stop word."""
+    """Whether the word has a letter and is no stop word."""
     return word not in STOP_WORDS and any(character.isalpha() for character in word)
 
 
@@ -76,7 +76,7 @@ def keywords(games: Games, top: int = TOP) -> pd.DataFrame:
 
 
 def distinctive_words(games: Games, top: int = TOP) -> pd.DataFrame:
-    """The keywords that most set a model apart from the other models of its task.
+    """The keywords that best distinguish a model from the other models of its task.
 
     Log-odds with an informative Dirichlet prior (Monroe, Colaresi and Quinn 2008); the prior is the frequency of the
     word in all models of the task.
@@ -86,7 +86,7 @@ def distinctive_words(games: Games, top: int = TOP) -> pd.DataFrame:
         first.
 
     Raises:
-        TooLittleDataError: No message was sent, or one model alone sent messages in each task.
+        TooLittleDataError: No message was sent, or only one model sent messages in each task.
     """
     counts: dict[str, dict[str, Counter[str]]] = {}
     for (task, model), texts in _messages(games).items():

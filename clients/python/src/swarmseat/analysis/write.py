@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 
 DIGITS = 4
-"""Significant digits of numbers; CSV files have all."""
+"""The significant digits of numbers; CSV files have all digits."""
 
 _LATEX = str.maketrans(
     {
@@ -24,7 +24,7 @@ _MARKDOWN = str.maketrans({**{character: f"\\{character}" for character in "\\`*
 
 
 def cell(value: Any) -> str:
-    """A value as text: an empty one where it is missing."""
+    """A value as text, empty if the value is missing."""
     if value is None or value is pd.NA or (isinstance(value, float) and math.isnan(value)):
         return ""
     return f"{value:.{DIGITS}g}" if isinstance(value, float) else str(value)
@@ -41,7 +41,7 @@ def markdown_text(text: str) -> str:
 
 
 def markdown_table(table: pd.DataFrame) -> str:
-    """A table of pipes."""
+    """A Markdown table."""
     rows = [list(map(str, table.columns)), *_cells(table)]
     lines = ["| " + " | ".join(map(markdown_text, row)) + " |" for row in rows]
     lines.insert(1, "|" + " --- |" * len(table.columns))

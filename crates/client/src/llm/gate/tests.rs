@@ -1,5 +1,5 @@
-//! Evaluations behind a gate, in simulated time: four games of 12 agents and 20 rounds, in which a round begins when all
-//! agents of the one before have an answer. 48 questions are in flight, and an answer takes half a second.
+//! Evaluations behind a gate, in simulated time: four games of 12 agents and 20 rounds, in which a round begins when all agents
+//! have an answer in the previous one. 48 questions are in flight, and an answer takes half a second.
 
 use std::pin::Pin;
 use std::sync::{Arc, Mutex};
@@ -20,7 +20,7 @@ const QUESTIONS: u32 = GAMES * AGENTS * ROUNDS;
 const LATENCY: Duration = Duration::from_millis(500);
 const RETRIES: u32 = 9;
 
-/// The simulated time of the runtime.
+/// Simulated time of the runtime.
 struct Simulated(Instant);
 
 impl Clock for Simulated {
@@ -34,11 +34,11 @@ impl Clock for Simulated {
     }
 }
 
-/// Which requests an endpoint refuses.
+/// Requests that an endpoint refuses.
 enum Refuses {
-    /// By chance, one in 2³² / this.
+    /// A random share of the requests: this number of 2³².
     Share(u32),
-    /// Refuses what comes faster than this rate per second; after a pause a second's worth may come at once.
+    /// Requests beyond this rate per second. After a pause, a second's worth may come at once.
     Faster { a_second: f64, tokens: f64, at: Instant },
 }
 
@@ -67,7 +67,7 @@ impl Simulation {
     }
 
     async fn ask(&self) {
-        // The same pauses in each run of the tests.
+        // Pauses are the same in each run of the tests.
         let seed = self.refuses.lock().expect("no panic").1.next_u64();
         let pauses = ExponentialBuilder::default()
             .with_jitter()
@@ -91,7 +91,7 @@ impl Simulation {
         }
     }
 
-    /// Seconds until everything was answered, and the refusals.
+    /// Seconds until everything was answered, and the number of refusals.
     async fn play(refuses: Refuses, seed: u64) -> (f64, u32) {
         let simulation = Arc::new(Self {
             clock: Simulated(Instant::now()),
@@ -112,8 +112,8 @@ impl Simulation {
 
 #[tokio::test(start_paused = true)]
 async fn single_refusals_slow_nobody_else_down() {
-    // With pauses of single questions alone it takes 10, 13, 17 and 33 s on average; a gate that closes at each refusal takes
-    // 213 s for the last. Pauses are random, and one question that is refused often takes 15 s longer.
+    // If only single questions paused, the four cases would take 10, 13, 17 and 33 s on average; a gate that closes at each
+    // refusal takes 213 s for the last. Pauses are random, and a question that is refused often takes 15 s longer.
     for (percent, seconds) in [(0, 10.1), (1, 25.0), (3, 40.0), (10, 70.0)] {
         for seed in 0..20 {
             let share = Refuses::Share(u32::MAX / 100 * percent);
@@ -125,7 +125,7 @@ async fn single_refusals_slow_nobody_else_down() {
 
 #[tokio::test(start_paused = true)]
 async fn an_endpoint_at_its_limit_refuses_few_and_is_used_well() {
-    // With one in flight, half a second each, an endpoint of one a second still refuses every other request.
+    // With one request in flight, of half a second, an endpoint with one request a second still refuses every other one.
     for (a_second, share) in [(1.0, 1.3), (3.0, 0.7), (10.0, 0.4), (30.0, 0.2), (60.0, 0.1)] {
         let limit = Refuses::Faster { a_second, tokens: a_second, at: Instant::now() };
         let (took, refusals) = Simulation::play(limit, 0).await;
