@@ -1,0 +1,320 @@
+//! The way of one request through a cluster: which server answers it, and what follows where that one does not.
+//!
+//! A pure machine. [`Route::next`] takes in what happened and says what is to be done; `http::nodes` does it with the database and
+//! the network, the simulation with its own.
+
+use std::time::Duration;
+
+use crate::ids::Place;
+use crate::store::StoreError;
+
+/// Longest wait of a request for another server to take over a place.
+pub const MOVE_PATIENCE: Duration = Duration::from_millis(1500);
+
+/// Interval between attempts to locate the owner while a request waits.
+pub const MOVE_PAUSE: Duration = Duration::from_millis(25);
+
+/// Number of a server, unique for all time.
+pub type Incarnation = i64;
+
+/// Part of a request's meaning that decides which server answers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Target {
+    /// Any server handles the request.
+    Anybody,
+    /// The owner of the place handles the request.
+    Place(Place),
+    /// The request creates something that must not be created twice: the number is a hash of its idempotency key.
+    Named(u64),
+    /// The request creates something else: any server that takes places does that, or else the one preferred for this number.
+    New(u64),
+}
+
+/// What a server knows of its cluster at one moment, without asking the database.
+pub trait View {
+    fn me(&self) -> Incarnation;
+    /// Whether this server takes places.
+    fn takes_work(&self) -> bool;
+    /// Whether this server owns a place and is not releasing it.
+    fn has(&self, place: Place) -> bool;
+    fn is_member(&self, server: Incarnation) -> bool;
+    /// Server that should take a free place; `None` if no member takes places.
+    fn preferred(&self, place: Place) -> Option<Incarnation>;
+    /// [`View::preferred`] for any numbered thing.
+    fn preferred_for(&self, number: u64) -> Option<Incarnation>;
+    /// Owner of a place as it was read last.
+    fn known_owner(&self, place: Place) -> Option<Owner>;
+    fn note_owner(&self, place: Place, owner: Owner);
+    fn forget_owner(&self, place: Place);
+}
+
+/// Owner of a place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Owner {
+    Server(Incarnation),
+    /// Everything there has ended: any server answers from the database.
+    Nobody,
+}
+
+/// What the driver of a route does next.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// Read the owner of the place: [`Event::Owner`].
+    ReadOwner(Place),
+    /// Read whether the place has unfinished work: [`Event::Unfinished`].
+    ReadUnfinished(Place),
+    /// Take the place unless another server owns it: [`Event::Taken`].
+    Take(Place),
+    /// Forward the request: [`Event::Sent`].
+    Send(Incarnation),
+    /// Exclude a server if its process is gone, which frees its places at once: [`Event::Buried`].
+    Bury(Incarnation),
+    /// Wait: [`Event::Paused`].
+    Pause(Duration),
+    End(End),
+}
+
+/// How a route ends.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum End {
+    /// This server handles the request.
+    Here,
+    /// The answer that was received last is the answer to the request.
+    Answered,
+    /// Another server owns the place: said to the server that forwarded the request.
+    Elsewhere,
+    /// No server owned the place for [`MOVE_PATIENCE`]. Nothing was executed.
+    Moved,
+    /// Whether the request was executed is unknown.
+    Unknown,
+    Failed(StoreError),
+}
+
+/// What happened since the last step.
+#[derive(Clone, Debug)]
+pub enum Event {
+    /// The route begins.
+    Arrived,
+    Owner(Result<Option<Incarnation>, StoreError>),
+    Unfinished(Result<bool, StoreError>),
+    /// Owner of the place after the attempt to take it; `None` where no row was found.
+    Taken(Result<Option<Incarnation>, StoreError>),
+    Sent(Sent),
+    Buried(Result<(), StoreError>),
+    Paused,
+}
+
+/// Outcome of a forwarded request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sent {
+    Answered,
+    /// The server does not own the place.
+    Elsewhere,
+    /// The request did not arrive.
+    NotSent,
+    /// The request may have been executed.
+    Unknown,
+}
+
+/// Who sent a request, and what a repetition of it does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sender {
+    /// Another server, which has located this one: the request is not forwarded again.
+    Server,
+    Client {
+        /// Whether a request that was executed twice has the effect of one: it only reads, or it is an act.
+        is_repeatable: bool,
+        /// Whether the body is at hand to be sent again, and was not streamed.
+        may_resend: bool,
+    },
+}
+
+/// The state of a route.
+#[derive(Clone, Debug)]
+pub struct Route {
+    target: Target,
+    sender: Sender,
+    turn: Turn,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Turn {
+    /// The request was sent to no server, or to this one.
+    First(Option<Incarnation>),
+    /// The request is sent once more, until this moment at the latest.
+    Again {
+        before: Incarnation,
+        /// Whether the first server did not answer; else it does not own the place.
+        is_away: bool,
+        until: Duration,
+    },
+}
+
+impl Route {
+    #[must_use]
+    pub const fn new(target: Target, sender: Sender) -> Self {
+        Self { target, sender, turn: Turn::First(None) }
+    }
+
+    /// Takes in an event; returns what is done next. `now` is the time since any moment, the same for all steps.
+    pub fn next(&mut self, view: &impl View, event: Event, now: Duration) -> Step {
+        match (event, self.target, self.sender) {
+            (Event::Arrived, Target::Place(place), Sender::Server) if !view.has(place) => {
+                Step::ReadUnfinished(place)
+            }
+            (Event::Arrived, _, Sender::Server) => Step::End(End::Here),
+            (Event::Arrived | Event::Buried(Ok(())), _, Sender::Client { .. }) => {
+                self.locate(view, now)
+            }
+            (Event::Owner(Ok(Some(owner))), Target::Place(place), _) => {
+                if owner == view.me() {
+                    // A commit whose answer was lost took the place; or the place is being released.
+                    return Step::Take(place);
+                }
+                view.note_owner(place, Owner::Server(owner));
+                self.go(view, owner, now)
+            }
+            (Event::Owner(Ok(None)), Target::Place(place), _) => Step::ReadUnfinished(place),
+            (Event::Unfinished(Ok(false)), Target::Place(place), _) => {
+                view.note_owner(place, Owner::Nobody);
+                Step::End(End::Here)
+            }
+            (Event::Unfinished(Ok(true)), Target::Place(place), Sender::Server) => {
+                Step::Take(place)
+            }
+            (Event::Unfinished(Ok(true)), Target::Place(place), Sender::Client { .. }) => {
+                match view.preferred(place).filter(|server| *server != view.me()) {
+                    // The preferred server takes ownership when the request arrives.
+                    Some(preferred) => self.go(view, preferred, now),
+                    None if view.takes_work() => Step::Take(place),
+                    None => self.lost(now),
+                }
+            }
+            (Event::Taken(Ok(owner)), Target::Place(place), sender) => match owner {
+                Some(owner) if owner == view.me() && view.has(place) => Step::End(End::Here),
+                _ if sender == Sender::Server => Step::End(End::Elsewhere),
+                Some(owner) if owner != view.me() => {
+                    view.note_owner(place, Owner::Server(owner));
+                    self.go(view, owner, now)
+                }
+                _ => self.lost(now),
+            },
+            (Event::Sent(sent), _, Sender::Client { is_repeatable, may_resend }) => {
+                self.sent(view, sent, is_repeatable, may_resend, now)
+            }
+            (Event::Paused, ..) => self.again(view, now),
+            (
+                Event::Owner(Err(error))
+                | Event::Unfinished(Err(error))
+                | Event::Taken(Err(error))
+                | Event::Buried(Err(error)),
+                ..,
+            ) => match error {
+                StoreError::Elsewhere if self.sender != Sender::Server => self.lost(now),
+                error => Step::End(End::Failed(error)),
+            },
+            (
+                Event::Owner(_)
+                | Event::Unfinished(_)
+                | Event::Taken(_)
+                | Event::Sent(_)
+                | Event::Buried(_),
+                ..,
+            ) => {
+                unreachable!("the driver answers the last step")
+            }
+        }
+    }
+
+    fn locate(&mut self, view: &impl View, now: Duration) -> Step {
+        let taker = |number| {
+            let is_stopping = |one: &Incarnation| *one == view.me() && !view.takes_work();
+            view.preferred_for(number).filter(|one| !is_stopping(one))
+        };
+        let found = match self.target {
+            Target::Anybody => Some(view.me()),
+            Target::New(_) if view.takes_work() => Some(view.me()),
+            Target::New(number) | Target::Named(number) => taker(number),
+            Target::Place(place) if view.has(place) => Some(view.me()),
+            Target::Place(place) => match view.known_owner(place) {
+                Some(Owner::Nobody) => Some(view.me()),
+                Some(Owner::Server(owner)) if view.is_member(owner) => Some(owner),
+                _ => return Step::ReadOwner(place),
+            },
+        };
+        match found {
+            Some(server) => self.go(view, server, now),
+            None => self.lost(now),
+        }
+    }
+
+    /// The request is for this server.
+    fn go(&mut self, view: &impl View, server: Incarnation, now: Duration) -> Step {
+        if server == view.me() {
+            return Step::End(End::Here);
+        }
+        if !view.is_member(server) {
+            // The owner has joined at this moment, or is gone.
+            self.forget(view);
+            return self.lost(now);
+        }
+        match &mut self.turn {
+            Turn::First(to) => *to = Some(server),
+            Turn::Again { before, is_away: true, .. } if *before == server => {
+                return self.lost(now);
+            }
+            Turn::Again { .. } => {}
+        }
+        Step::Send(server)
+    }
+
+    fn sent(
+        &mut self,
+        view: &impl View,
+        sent: Sent,
+        is_repeatable: bool,
+        may_resend: bool,
+        now: Duration,
+    ) -> Step {
+        let before = match (sent, self.turn) {
+            (Sent::Answered, _) => return Step::End(End::Answered),
+            (Sent::Unknown, _) if !is_repeatable || !may_resend => {
+                self.forget(view);
+                return Step::End(End::Unknown);
+            }
+            (_, Turn::First(Some(before))) if may_resend => before,
+            _ => {
+                self.forget(view);
+                return Step::End(End::Moved);
+            }
+        };
+        self.turn =
+            Turn::Again { before, is_away: sent != Sent::Elsewhere, until: now + MOVE_PATIENCE };
+        self.again(view, now)
+    }
+
+    /// Locates the server once more. A server that did not answer is excluded first if it is dead.
+    fn again(&mut self, view: &impl View, now: Duration) -> Step {
+        self.forget(view);
+        match self.turn {
+            Turn::Again { before, is_away: true, .. } if view.is_member(before) => {
+                Step::Bury(before)
+            }
+            _ => self.locate(view, now),
+        }
+    }
+
+    /// No server answers at this moment.
+    fn lost(&self, now: Duration) -> Step {
+        match self.turn {
+            Turn::Again { until, .. } if now < until => Step::Pause(MOVE_PAUSE),
+            _ => Step::End(End::Moved),
+        }
+    }
+
+    fn forget(&self, view: &impl View) {
+        if let Target::Place(place) = self.target {
+            view.forget_owner(place);
+        }
+    }
+}

@@ -1,0 +1,214 @@
+//! A server's watch over its cluster: when it beats, who is dead, and what it does about places of others.
+//!
+//! A pure machine. It is told what the server saw and when, and says what is due; `fleet` does it with the database, the simulation
+//! with its own. The database decides everything that has to be right: an exclusion by mistake costs time, never an act.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::route::Incarnation;
+use crate::store::{ANSWERS_FOR, CLOCK_OFF_MAX, Member, TAKEN_OVER_AFTER};
+
+/// Interval between looks at the other servers.
+pub const LOOKS_EVERY: Duration = Duration::from_millis(250);
+
+/// Looks per beat, with which this server shows that it is alive.
+const LOOKS_PER_BEAT: u32 = 4;
+
+/// Interval between searches for unowned places while no server comes or goes.
+const SEARCHES_EVERY: Duration = Duration::from_secs(30);
+
+/// Interval between releases of places that other servers are preferred for, or where everything has ended.
+const TIDIES_EVERY: Duration = Duration::from_secs(10);
+
+/// Interval between deletions of old changes.
+const DELETES_EVERY: Duration = Duration::from_mins(5);
+
+/// Time for which this server's clock may be too far from the database's before the server leaves its places to others.
+const CLOCK_OFF_PATIENCE: Duration = Duration::from_secs(10);
+
+/// The last look at the cluster.
+#[derive(Clone, Debug, Default)]
+pub struct Seen {
+    pub members: Arc<[Member]>,
+    /// Time since which the database has answered every look; `None` while it does not answer.
+    pub up_since: Option<Duration>,
+}
+
+/// Looks of this server at its cluster.
+#[derive(Debug, Default)]
+pub struct Looks {
+    number: u32,
+    up_since: Option<Duration>,
+    off_since: Option<Duration>,
+}
+
+/// What a look has shown of this server's own clock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ClockSeen {
+    Right,
+    /// Too far from the database's. `is_new` since this look.
+    Off {
+        is_new: bool,
+    },
+    /// Off for too long, while the clock of a server that takes places is right.
+    OffForTooLong,
+}
+
+impl Looks {
+    /// Whether the next look comes with a beat.
+    pub fn beats(&mut self) -> bool {
+        let beats = self.number.is_multiple_of(LOOKS_PER_BEAT);
+        self.number = self.number.wrapping_add(1);
+        beats
+    }
+
+    /// The database has answered.
+    pub fn answered(&mut self, members: Arc<[Member]>, now: Duration) -> Seen {
+        Seen { members, up_since: Some(*self.up_since.get_or_insert(now)) }
+    }
+
+    /// The database has not answered; returns whether it did before.
+    pub fn failed(&mut self) -> bool {
+        self.up_since.take().is_some()
+    }
+
+    /// This server's clock. Where all clocks are off, the database's is.
+    pub fn clock(&mut self, members: &[Member], me: Incarnation, now: Duration) -> ClockSeen {
+        let Some(own) = members.iter().find(|member| member.incarnation == me && is_off(member))
+        else {
+            self.off_since = None;
+            return ClockSeen::Right;
+        };
+        let is_heir = |one: &Member| {
+            one.incarnation != own.incarnation && one.is_ready && one.is_connected && !is_off(one)
+        };
+        let is_new = self.off_since.is_none();
+        let since = *self.off_since.get_or_insert(now);
+        if now.saturating_sub(since) >= CLOCK_OFF_PATIENCE && members.iter().any(is_heir) {
+            ClockSeen::OffForTooLong
+        } else {
+            ClockSeen::Off { is_new }
+        }
+    }
+}
+
+fn is_off(member: &Member) -> bool {
+    u128::from(member.clock_offset_ms.unsigned_abs()) > CLOCK_OFF_MAX.as_millis()
+}
+
+/// Evidence against a server.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Suspicion {
+    /// No beat for so long that it answers nothing any more: it is excluded.
+    Expired,
+    /// No session in the database: it is excluded if its process is gone.
+    Away,
+}
+
+/// What is due after a look.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Due {
+    pub suspects: Vec<(Incarnation, Suspicion)>,
+    /// Take the unowned places that this server is preferred for, and say so with [`Work::adopted`].
+    pub adopt: bool,
+    /// Release places where everything has ended, and those that other servers are preferred for.
+    pub tidy: bool,
+    pub delete_old_changes: bool,
+    /// A server that only forwards is ready, as others take places.
+    pub is_ready: bool,
+}
+
+/// A server's work for places of others.
+#[derive(Debug)]
+pub struct Work {
+    me: Incarnation,
+    forwards_only: bool,
+    /// The last beats of the other servers, and since when they are the last. The database's clock alone could be set forward.
+    beats: HashMap<Incarnation, (i64, Duration)>,
+    /// Members that take places, and all members, when unowned places were searched last, and when that was.
+    searched: Option<(Composition, Duration)>,
+    tidied: Duration,
+    deleted: Duration,
+}
+
+/// Members that take places, and all members: a server that is gone leaves places behind, even if it took no more.
+type Composition = (Vec<Incarnation>, Vec<Incarnation>);
+
+fn composition(members: &[Member]) -> Composition {
+    let ready = members.iter().filter(|member| member.is_ready).map(|member| member.incarnation);
+    (ready.collect(), members.iter().map(|member| member.incarnation).collect())
+}
+
+impl Work {
+    pub fn new(me: Incarnation, forwards_only: bool, now: Duration) -> Self {
+        Self { me, forwards_only, beats: HashMap::new(), searched: None, tidied: now, deleted: now }
+    }
+
+    /// What is due after a look at which the database answered.
+    pub fn due(&mut self, seen: &Seen, now: Duration) -> Due {
+        let Some(up_since) = seen.up_since else { return Due::default() };
+        self.note_beats(&seen.members, now);
+        let others = seen.members.iter().filter(|member| member.incarnation != self.me);
+        let suspects = others.filter_map(|member| {
+            let suspicion = self.suspicion(member, up_since, now)?;
+            Some((member.incarnation, suspicion))
+        });
+        let mut due = Due { suspects: suspects.collect(), ..Due::default() };
+        let composition = composition(&seen.members);
+        let ready = &composition.0;
+        if !ready.contains(&self.me) {
+            due.is_ready = self.forwards_only && !ready.is_empty();
+            return due;
+        }
+        due.adopt = self.searched.as_ref().is_none_or(|(last, at)| {
+            *last != composition || now.saturating_sub(*at) >= SEARCHES_EVERY
+        });
+        due.tidy = is_over(&mut self.tidied, TIDIES_EVERY, now);
+        due.delete_old_changes =
+            ready.first() == Some(&self.me) && is_over(&mut self.deleted, DELETES_EVERY, now);
+        due
+    }
+
+    /// Unowned places were searched and taken after this look; returns whether for the first time.
+    pub fn adopted(&mut self, seen: &Seen, now: Duration) -> bool {
+        self.searched.replace((composition(&seen.members), now)).is_none()
+    }
+
+    fn note_beats(&mut self, members: &[Member], now: Duration) {
+        let last = std::mem::take(&mut self.beats);
+        let seen = members.iter().map(|member| {
+            let (number, beat_at) = (member.incarnation, member.beat_at_ms);
+            let same = last.get(&number).filter(|(last, _)| *last == beat_at);
+            (number, (beat_at, same.map_or(now, |(_, since)| *since)))
+        });
+        self.beats = seen.collect();
+    }
+
+    fn suspicion(&self, member: &Member, up_since: Duration, now: Duration) -> Option<Suspicion> {
+        // Negative while a server starts.
+        let is_expired =
+            i128::from(member.seen_ms_ago) > TAKEN_OVER_AFTER.as_millis().cast_signed();
+        let last = self.beats.get(&member.incarnation);
+        let is_silent = last.is_some_and(|(_, since)| now.saturating_sub(*since) > ANSWERS_FOR);
+        // While the database was away, no server could beat.
+        let could_beat = now.saturating_sub(up_since) > TAKEN_OVER_AFTER;
+        if is_expired && is_silent && could_beat {
+            Some(Suspicion::Expired)
+        } else if member.is_connected {
+            None
+        } else {
+            Some(Suspicion::Away)
+        }
+    }
+}
+
+/// Whether an interval is over, which begins anew then.
+fn is_over(since: &mut Duration, interval: Duration, now: Duration) -> bool {
+    let is_over = now.saturating_sub(*since) >= interval;
+    if is_over {
+        *since = now;
+    }
+    is_over
+}
