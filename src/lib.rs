@@ -27,18 +27,19 @@
 pub mod budget;
 #[cfg(feature = "cli")]
 pub mod cli;
+pub mod cluster;
 pub mod competitions;
 pub mod dataset;
 pub mod episode;
 pub mod fair;
 pub mod fill;
-pub mod fleet;
 pub mod host;
 pub mod hosted;
 pub mod http;
 pub mod ids;
 pub mod keys;
 pub mod measure;
+pub mod membership;
 mod migrations;
 pub mod pages;
 pub mod replay;

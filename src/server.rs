@@ -18,7 +18,7 @@ use crate::episode::actor::Spawn;
 use crate::episode::quota::Quotas;
 use crate::episode::registry::Registry;
 use crate::fair::Party;
-use crate::fleet;
+use crate::membership::{self, Membership};
 use crate::host::{Disk, HostDisk, OtherHostsDisk, memory_bytes, raise_open_files};
 use crate::hosted;
 use crate::http::limits::Limits;
@@ -292,10 +292,9 @@ impl Server {
         let mut shutdown = pin!(shutdown);
         if let Some((joining, cluster)) = joining.as_ref().zip(app.store.cluster()) {
             let is_reachable = Arc::new(AtomicBool::new(false));
-            let parts = member(&app, cluster, &is_reachable);
-            let parts = fleet::Parts { forwards_only: joining.forwards_only, ..parts };
+            let parts = member(&app, cluster, &is_reachable, joining.forwards_only);
             clock_is_off = parts.clock_is_off.clone();
-            services.spawn(fleet::run(parts));
+            services.spawn(membership::run(Arc::new(Membership::new(parts))));
             tokio::select! {
                 checked = check_reachable(&app, &joining.address) => match checked {
                     Ok(()) => is_reachable.store(true, Ordering::Release),
@@ -328,15 +327,20 @@ impl Server {
 }
 
 /// Parts of a server that is a member of a cluster.
-fn member(app: &App, cluster: &Arc<Cluster>, is_reachable: &Arc<AtomicBool>) -> fleet::Parts {
+fn member(
+    app: &App,
+    cluster: &Arc<Cluster>,
+    is_reachable: &Arc<AtomicBool>,
+    forwards_only: bool,
+) -> membership::Parts {
     let (ready, revoked) = (app.clone(), app.clone());
-    fleet::Parts {
+    membership::Parts {
         store: app.store.clone(),
         cluster: Arc::clone(cluster),
         registry: app.registry.clone(),
         runs: app.runs.clone(),
         is_reachable: Arc::clone(is_reachable),
-        forwards_only: false,
+        forwards_only,
         stop: app.stop.clone(),
         clock_is_off: CancellationToken::new(),
         ready: Arc::new(move || {
@@ -353,7 +357,7 @@ fn member(app: &App, cluster: &Arc<Cluster>, is_reachable: &Arc<AtomicBool>) -> 
 async fn check_reachable(app: &App, address: &str) -> Result<(), String> {
     let (Some(nodes), Some(cluster)) = (&app.nodes, app.store.cluster()) else { return Ok(()) };
     let first = Beat { is_ready: false, episodes: 0 };
-    while let Err(StoreError::Away) = cluster.beat(first, fleet::host_ms).await {
+    while let Err(StoreError::Away) = cluster.beat(first, membership::host_ms).await {
         tokio::time::sleep(RECOVERY_RETRY_PAUSE).await;
     }
     nodes.check_reachable(address).await

@@ -140,7 +140,7 @@ fn joining(args: &Args) -> anyhow::Result<Option<(TcpListener, Joining)>> {
         address: address.clone(),
         secret: secret.into(),
         forwards_only: args.forward_only,
-        host_ms: crate::fleet::host_ms,
+        host_ms: crate::membership::host_ms,
     };
     Ok(Some((listener, joining)))
 }

@@ -1,21 +1,17 @@
 //! The way of one request through a cluster: which server answers it, and what follows where that one does not.
 //!
-//! A pure machine. [`Route::next`] takes in what happened and says what is to be done; `http::nodes` does it with the database and
-//! the network, the simulation with its own.
+//! [`Route`] takes in what happened and says what is to be done; [`follow`] does it with a [`Driver`].
 
 use std::time::Duration;
 
+use super::Incarnation;
 use crate::ids::Place;
-use crate::store::StoreError;
 
 /// Longest wait of a request for another server to take over a place.
 pub const MOVE_PATIENCE: Duration = Duration::from_millis(1500);
 
 /// Interval between attempts to locate the owner while a request waits.
 pub const MOVE_PAUSE: Duration = Duration::from_millis(25);
-
-/// Number of a server, unique for all time.
-pub type Incarnation = i64;
 
 /// Part of a request's meaning that decides which server answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,14 +30,12 @@ pub enum Target {
 pub trait View {
     fn me(&self) -> Incarnation;
     /// Whether this server takes places.
-    fn takes_work(&self) -> bool;
+    fn takes_places(&self) -> bool;
     /// Whether this server owns a place and is not releasing it.
     fn has(&self, place: Place) -> bool;
     fn is_member(&self, server: Incarnation) -> bool;
-    /// Server that should take a free place; `None` if no member takes places.
-    fn preferred(&self, place: Place) -> Option<Incarnation>;
-    /// [`View::preferred`] for any numbered thing.
-    fn preferred_for(&self, number: u64) -> Option<Incarnation>;
+    /// Server that should take something with a number; `None` if no server takes places.
+    fn preferred(&self, number: u64) -> Option<Incarnation>;
     /// Owner of a place as it was read last.
     fn known_owner(&self, place: Place) -> Option<Owner>;
     fn note_owner(&self, place: Place, owner: Owner);
@@ -56,8 +50,8 @@ pub enum Owner {
     Nobody,
 }
 
-/// What the driver of a route does next.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// What is to be done next for a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
     /// Read the owner of the place: [`Event::Owner`].
     ReadOwner(Place),
@@ -75,7 +69,7 @@ pub enum Step {
 }
 
 /// How a route ends.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
     /// This server handles the request.
     Here,
@@ -83,24 +77,23 @@ pub enum End {
     Answered,
     /// Another server owns the place: said to the server that forwarded the request.
     Elsewhere,
-    /// No server owned the place for [`MOVE_PATIENCE`]. Nothing was executed.
+    /// No server answered within [`MOVE_PATIENCE`]. Nothing was executed, or its repetition has the same effect.
     Moved,
     /// Whether the request was executed is unknown.
     Unknown,
-    Failed(StoreError),
 }
 
 /// What happened since the last step.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub enum Event {
     /// The route begins.
     Arrived,
-    Owner(Result<Option<Incarnation>, StoreError>),
-    Unfinished(Result<bool, StoreError>),
+    Owner(Option<Incarnation>),
+    Unfinished(bool),
     /// Owner of the place after the attempt to take it; `None` where no row was found.
-    Taken(Result<Option<Incarnation>, StoreError>),
+    Taken(Option<Incarnation>),
     Sent(Sent),
-    Buried(Result<(), StoreError>),
+    Buried,
     Paused,
 }
 
@@ -157,16 +150,18 @@ impl Route {
     }
 
     /// Takes in an event; returns what is done next. `now` is the time since any moment, the same for all steps.
+    ///
+    /// # Panics
+    ///
+    /// If the event is not one of the last step.
     pub fn next(&mut self, view: &impl View, event: Event, now: Duration) -> Step {
         match (event, self.target, self.sender) {
             (Event::Arrived, Target::Place(place), Sender::Server) if !view.has(place) => {
                 Step::ReadUnfinished(place)
             }
             (Event::Arrived, _, Sender::Server) => Step::End(End::Here),
-            (Event::Arrived | Event::Buried(Ok(())), _, Sender::Client { .. }) => {
-                self.locate(view, now)
-            }
-            (Event::Owner(Ok(Some(owner))), Target::Place(place), _) => {
+            (Event::Arrived | Event::Buried, _, Sender::Client { .. }) => self.locate(view, now),
+            (Event::Owner(Some(owner)), Target::Place(place), _) => {
                 if owner == view.me() {
                     // A commit whose answer was lost took the place; or the place is being released.
                     return Step::Take(place);
@@ -174,23 +169,11 @@ impl Route {
                 view.note_owner(place, Owner::Server(owner));
                 self.go(view, owner, now)
             }
-            (Event::Owner(Ok(None)), Target::Place(place), _) => Step::ReadUnfinished(place),
-            (Event::Unfinished(Ok(false)), Target::Place(place), _) => {
-                view.note_owner(place, Owner::Nobody);
-                Step::End(End::Here)
+            (Event::Owner(None), Target::Place(place), _) => Step::ReadUnfinished(place),
+            (Event::Unfinished(is_unfinished), Target::Place(place), sender) => {
+                self.unowned(view, place, is_unfinished, sender, now)
             }
-            (Event::Unfinished(Ok(true)), Target::Place(place), Sender::Server) => {
-                Step::Take(place)
-            }
-            (Event::Unfinished(Ok(true)), Target::Place(place), Sender::Client { .. }) => {
-                match view.preferred(place).filter(|server| *server != view.me()) {
-                    // The preferred server takes ownership when the request arrives.
-                    Some(preferred) => self.go(view, preferred, now),
-                    None if view.takes_work() => Step::Take(place),
-                    None => self.lost(now),
-                }
-            }
-            (Event::Taken(Ok(owner)), Target::Place(place), sender) => match owner {
+            (Event::Taken(owner), Target::Place(place), sender) => match owner {
                 Some(owner) if owner == view.me() && view.has(place) => Step::End(End::Here),
                 _ if sender == Sender::Server => Step::End(End::Elsewhere),
                 Some(owner) if owner != view.me() => {
@@ -203,37 +186,18 @@ impl Route {
                 self.sent(view, sent, is_repeatable, may_resend, now)
             }
             (Event::Paused, ..) => self.again(view, now),
-            (
-                Event::Owner(Err(error))
-                | Event::Unfinished(Err(error))
-                | Event::Taken(Err(error))
-                | Event::Buried(Err(error)),
-                ..,
-            ) => match error {
-                StoreError::Elsewhere if self.sender != Sender::Server => self.lost(now),
-                error => Step::End(End::Failed(error)),
-            },
-            (
-                Event::Owner(_)
-                | Event::Unfinished(_)
-                | Event::Taken(_)
-                | Event::Sent(_)
-                | Event::Buried(_),
-                ..,
-            ) => {
-                unreachable!("the driver answers the last step")
-            }
+            (event, ..) => unreachable!("{event:?} is not of the last step of {self:?}"),
         }
     }
 
     fn locate(&mut self, view: &impl View, now: Duration) -> Step {
         let taker = |number| {
-            let is_stopping = |one: &Incarnation| *one == view.me() && !view.takes_work();
-            view.preferred_for(number).filter(|one| !is_stopping(one))
+            let is_stopping = |one: &Incarnation| *one == view.me() && !view.takes_places();
+            view.preferred(number).filter(|one| !is_stopping(one))
         };
         let found = match self.target {
             Target::Anybody => Some(view.me()),
-            Target::New(_) if view.takes_work() => Some(view.me()),
+            Target::New(_) if view.takes_places() => Some(view.me()),
             Target::New(number) | Target::Named(number) => taker(number),
             Target::Place(place) if view.has(place) => Some(view.me()),
             Target::Place(place) => match view.known_owner(place) {
@@ -244,6 +208,32 @@ impl Route {
         };
         match found {
             Some(server) => self.go(view, server, now),
+            None => self.lost(now),
+        }
+    }
+
+    /// No server owns the place.
+    fn unowned(
+        &mut self,
+        view: &impl View,
+        place: Place,
+        is_unfinished: bool,
+        sender: Sender,
+        now: Duration,
+    ) -> Step {
+        if !is_unfinished {
+            if sender != Sender::Server {
+                view.note_owner(place, Owner::Nobody);
+            }
+            return Step::End(End::Here);
+        }
+        if sender == Sender::Server {
+            return Step::Take(place);
+        }
+        match view.preferred(super::number_of(place)).filter(|server| *server != view.me()) {
+            // The preferred server takes ownership when the request arrives.
+            Some(preferred) => self.go(view, preferred, now),
+            None if view.takes_places() => Step::Take(place),
             None => self.lost(now),
         }
     }
@@ -316,5 +306,61 @@ impl Route {
         if let Target::Place(place) = self.target {
             view.forget_owner(place);
         }
+    }
+}
+
+/// Database, network and clock of a route.
+pub trait Driver: Send {
+    type View: View;
+    type Error;
+
+    fn view(&self) -> &Self::View;
+    /// Time since any moment.
+    fn now(&self) -> Duration;
+    fn owner(
+        &mut self,
+        place: Place,
+    ) -> impl Future<Output = Result<Option<Incarnation>, Self::Error>> + Send;
+    fn is_unfinished(
+        &mut self,
+        place: Place,
+    ) -> impl Future<Output = Result<bool, Self::Error>> + Send;
+    /// Takes a place unless another server owns it; returns the owner.
+    fn take(
+        &mut self,
+        place: Place,
+    ) -> impl Future<Output = Result<Option<Incarnation>, Self::Error>> + Send;
+    /// Forwards the request, and keeps the answer.
+    fn send(&mut self, to: Incarnation) -> impl Future<Output = Result<Sent, Self::Error>> + Send;
+    /// Excludes a server if its process is gone.
+    fn bury(&mut self, server: Incarnation)
+    -> impl Future<Output = Result<(), Self::Error>> + Send;
+    fn pause(&mut self, pause: Duration) -> impl Future<Output = ()> + Send;
+}
+
+/// Follows a route to its end.
+///
+/// # Errors
+///
+/// The first error of the driver.
+pub async fn follow<D: Driver>(mut route: Route, driver: &mut D) -> Result<End, D::Error> {
+    let mut event = Event::Arrived;
+    loop {
+        let step = route.next(driver.view(), event, driver.now());
+        event = match step {
+            Step::ReadOwner(place) => Event::Owner(driver.owner(place).await?),
+            Step::ReadUnfinished(place) => Event::Unfinished(driver.is_unfinished(place).await?),
+            Step::Take(place) => Event::Taken(driver.take(place).await?),
+            Step::Send(to) => Event::Sent(driver.send(to).await?),
+            Step::Bury(server) => {
+                driver.bury(server).await?;
+                Event::Buried
+            }
+            Step::Pause(pause) => {
+                driver.pause(pause).await;
+                Event::Paused
+            }
+            Step::End(end) => return Ok(end),
+        };
     }
 }

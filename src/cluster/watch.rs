@@ -1,14 +1,12 @@
 //! A server's watch over its cluster: when it beats, who is dead, and what it does about places of others.
 //!
-//! A pure machine. It is told what the server saw and when, and says what is due; `fleet` does it with the database, the simulation
-//! with its own. The database decides everything that has to be right: an exclusion by mistake costs time, never an act.
+//! It is told what the server saw and when, and says what is due.
 
 use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::route::Incarnation;
-use crate::store::{ANSWERS_FOR, CLOCK_OFF_MAX, Member, TAKEN_OVER_AFTER};
+use super::{ANSWERS_FOR, Incarnation, Member, TAKEN_OVER_AFTER};
 
 /// Interval between looks at the other servers.
 pub const LOOKS_EVERY: Duration = Duration::from_millis(250);
@@ -69,20 +67,20 @@ impl Looks {
         Seen { members, up_since: Some(*self.up_since.get_or_insert(now)) }
     }
 
-    /// The database has not answered; returns whether it did before.
+    /// The database has not answered; returns whether that is new.
     pub fn failed(&mut self) -> bool {
-        self.up_since.take().is_some()
+        self.up_since.take().is_some() || self.number == 1
     }
 
     /// This server's clock. Where all clocks are off, the database's is.
     pub fn clock(&mut self, members: &[Member], me: Incarnation, now: Duration) -> ClockSeen {
-        let Some(own) = members.iter().find(|member| member.incarnation == me && is_off(member))
+        let Some(own) = members.iter().find(|member| member.incarnation == me && member.is_off())
         else {
             self.off_since = None;
             return ClockSeen::Right;
         };
         let is_heir = |one: &Member| {
-            one.incarnation != own.incarnation && one.is_ready && one.is_connected && !is_off(one)
+            one.incarnation != own.incarnation && one.is_ready && one.is_connected && !one.is_off()
         };
         let is_new = self.off_since.is_none();
         let since = *self.off_since.get_or_insert(now);
@@ -92,10 +90,6 @@ impl Looks {
             ClockSeen::Off { is_new }
         }
     }
-}
-
-fn is_off(member: &Member) -> bool {
-    u128::from(member.clock_offset_ms.unsigned_abs()) > CLOCK_OFF_MAX.as_millis()
 }
 
 /// Evidence against a server.

@@ -99,7 +99,7 @@ async fn close(store: &Store, runs: &Runs, clock: &dyn Clock, id: &str) -> Resul
 /// Whether this server closes the competition, among several that share the database.
 async fn is_here(store: &Store, place: Place) -> Result<bool, StoreError> {
     match store.cluster() {
-        Some(cluster) if !cluster.has(place) && !cluster.is_preferred(place) => Ok(false),
+        Some(cluster) if !cluster.places().has(place) && !cluster.is_preferred(place) => Ok(false),
         _ => store.take_place(place).await,
     }
 }

@@ -257,7 +257,7 @@ impl Runs {
         let (Some(cluster), Some(peers)) = (store.cluster(), peers) else { return Ok(None) };
         let place = Place::Run(run);
         let is_here =
-            cluster.has(place) || (cluster.is_preferred(place) && store.take_place(place).await?);
+            cluster.places().has(place) || (cluster.is_preferred(place) && store.take_place(place).await?);
         Ok((!is_here).then_some(&**peers))
     }
 
@@ -405,7 +405,7 @@ impl Runs {
         let store = &self.0.parts.store;
         let mut all = store.unfinished_runs().await?;
         if let Some(cluster) = store.cluster() {
-            all.retain(|run| cluster.has(Place::Run(*run)));
+            all.retain(|run| cluster.places().has(Place::Run(*run)));
         }
         let count = all.len();
         let all = futures::stream::iter(all);
@@ -436,7 +436,7 @@ impl Runs {
     async fn advance_now(&self, run: RunKey) -> Result<(), RunError> {
         let _guard = self.lock(run).await;
         let cluster = self.0.parts.store.cluster();
-        if !cluster.is_none_or(|cluster| cluster.has(Place::Run(run))) {
+        if !cluster.is_none_or(|cluster| cluster.places().has(Place::Run(run))) {
             // Another server got the run while this task waited for the lock.
             return Err(StoreError::Elsewhere.into());
         }

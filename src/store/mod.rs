@@ -31,10 +31,7 @@ pub use error::{Stopped, StoreError};
 pub use location::{Address, Location, LocationError};
 pub use model::{entries, port};
 use port::{Committed, Reply};
-pub use postgres::cluster::{
-    ANSWERS_FOR, Beat, CLOCK_OFF_MAX, Cluster, Death, JoinError, Joining, Look, Member,
-    TAKEN_OVER_AFTER, Unowned,
-};
+pub use postgres::cluster::{Beat, Cluster, JoinError, Joining, Look};
 pub use postgres::session::SessionError;
 use readers::ReaderOptions;
 pub use readers::{patiently, patiently_blocking};
@@ -220,11 +217,11 @@ impl Store {
     /// Takes a place unless another server owns it; returns whether this server owns it now.
     pub async fn take_place(&self, place: Place) -> Result<bool, StoreError> {
         let Some(cluster) = &self.cluster else { return Ok(true) };
-        if cluster.has(place) {
+        if cluster.places().has(place) {
             return Ok(true);
         }
         cluster.take(&[place]).await?;
-        Ok(cluster.has(place))
+        Ok(cluster.places().has(place))
     }
 
     /// Notes the commits of the other servers, so that boards and lists read after this call show them.

@@ -24,7 +24,7 @@ use swarmbench_journal::record::{ActRecord, RawRecord, Source};
 use swarmbench_journal::replay::verify;
 
 use crate::simulation::clients::{Acts, Request, RequestId};
-use crate::simulation::database::Incarnation;
+use swarmbench::cluster::Incarnation;
 use crate::simulation::journal::{JobResult, Lost};
 
 /// An invariant.

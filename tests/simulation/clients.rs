@@ -30,7 +30,7 @@ use swarmbench_protocol::failure::Failure;
 use swarmbench_testkit::worlds::Dice;
 
 use crate::game;
-use crate::simulation::database::Incarnation;
+use swarmbench::cluster::Incarnation;
 use crate::simulation::executor::pause;
 use crate::simulation::run::ROUNDS_MAX;
 use crate::simulation::time::SimClock;

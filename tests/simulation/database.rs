@@ -3,9 +3,9 @@
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard};
-use std::time::Duration;
 
 use jiff::Timestamp;
+use swarmbench::cluster::Incarnation;
 use swarmbench::episode::Status;
 use swarmbench::ids::{EpisodeId, EpisodeKey, Place};
 use swarmbench::keys::OwnerKey;
@@ -13,14 +13,7 @@ use swarmbench::store::entries::{
     ActRow, ClaimRow, EndRow, Entry, OpeningRow, RoundRow, SeatingRow,
 };
 use swarmbench::store::port::{StoredEpisode, Unfinished};
-use swarmbench_clock::after;
 use swarmbench_journal::record::{ActRecord, Source};
-
-/// The number of a server, which is never used again.
-pub(crate) type Incarnation = i64;
-
-/// Time without a beat after which a server is taken over.
-pub(crate) const TAKEN_OVER_AFTER: Duration = swarmbench::store::TAKEN_OVER_AFTER;
 
 #[derive(Default)]
 pub(crate) struct Database(Mutex<Tables>);
@@ -29,7 +22,7 @@ pub(crate) struct Database(Mutex<Tables>);
 pub(crate) struct Tables {
     /// Entries that survive a crash.
     pub(crate) durable: Vec<Entry>,
-    nodes: BTreeMap<Incarnation, Node>,
+    servers: BTreeMap<Incarnation, Server>,
     places: BTreeMap<Place, Incarnation>,
     /// The number of unfinished games that servers gave up.
     pub(crate) given_up: usize,
@@ -39,10 +32,10 @@ pub(crate) struct Tables {
 
 /// The rows of a server.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Node {
+struct Server {
     slot: i16,
-    pub(crate) beat_at: Timestamp,
-    pub(crate) is_ready: bool,
+    beat_at: Timestamp,
+    is_ready: bool,
 }
 
 impl Database {
@@ -54,41 +47,40 @@ impl Database {
 impl Tables {
     /// Adds a server; its predecessor in this slot is gone.
     pub(crate) fn join(&mut self, slot: i16, now: Timestamp) -> Incarnation {
-        let before = self.nodes.iter().find(|(_, node)| node.slot == slot);
+        let before = self.servers.iter().find(|(_, server)| server.slot == slot);
         if let Some(before) = before.map(|(&incarnation, _)| incarnation) {
             self.delete(before);
         }
         self.given += 1;
-        self.nodes.insert(self.given, Node { slot, beat_at: now, is_ready: false });
+        self.servers.insert(self.given, Server { slot, beat_at: now, is_ready: false });
         self.given
     }
 
     /// Whether a server is registered, and thus may write.
     pub(crate) fn knows(&self, incarnation: Incarnation) -> bool {
-        self.nodes.contains_key(&incarnation)
+        self.servers.contains_key(&incarnation)
     }
 
     /// Records a beat of a server; returns false if the server was excluded.
     pub(crate) fn beat(&mut self, incarnation: Incarnation, at: Timestamp, is_ready: bool) -> bool {
-        let Some(node) = self.nodes.get_mut(&incarnation) else { return false };
-        (node.beat_at, node.is_ready) = (at, is_ready);
+        let Some(server) = self.servers.get_mut(&incarnation) else { return false };
+        (server.beat_at, server.is_ready) = (at, is_ready);
         true
     }
 
-    /// All servers, the oldest first.
-    pub(crate) fn nodes(&self) -> Vec<(Incarnation, Node)> {
-        self.nodes.iter().map(|(&incarnation, &node)| (incarnation, node)).collect()
+    /// All servers, the oldest first: their numbers, last beats, and whether they take places.
+    pub(crate) fn servers(&self) -> impl Iterator<Item = (Incarnation, Timestamp, bool)> {
+        self.servers.iter().map(|(&number, server)| (number, server.beat_at, server.is_ready))
     }
 
-    /// Whether the last beat of a server is too old.
-    pub(crate) fn is_expired(&self, incarnation: Incarnation, now: Timestamp) -> bool {
-        let node = self.nodes.get(&incarnation);
-        node.is_some_and(|node| after(node.beat_at, TAKEN_OVER_AFTER) < now)
+    /// Time of the last beat of a server; `None` if it is not registered.
+    pub(crate) fn beat_at(&self, incarnation: Incarnation) -> Option<Timestamp> {
+        self.servers.get(&incarnation).map(|server| server.beat_at)
     }
 
     /// Deletes the rows of a server and its places.
     pub(crate) fn delete(&mut self, incarnation: Incarnation) {
-        self.nodes.remove(&incarnation);
+        self.servers.remove(&incarnation);
         self.free(incarnation);
     }
 

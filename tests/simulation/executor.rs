@@ -9,7 +9,7 @@ use std::task::{Context, Poll, Wake, Waker};
 use futures::future::BoxFuture;
 use swarmbench::episode::actor::Spawn;
 
-use crate::simulation::database::Incarnation;
+use swarmbench::cluster::Incarnation;
 
 /// The number of a task, in the order of starts.
 pub(crate) type TaskId = u64;

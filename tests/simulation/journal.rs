@@ -1,10 +1,11 @@
 //! A server's journal in memory. The run decides when a job becomes durable and when its result is delivered, so a
 //! crash can come between any two of these steps.
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use futures::FutureExt as _;
+use swarmbench::cluster::{Incarnation, Places};
 use swarmbench::ids::{CompetitionKey, EpisodeId, EpisodeKey, Place, RunKey};
 use swarmbench::keys::OwnerKey;
 use swarmbench::store::StoreError;
@@ -16,7 +17,7 @@ use swarmbench_engine::AgentId;
 use swarmbench_testkit::worlds::Dice;
 
 use crate::simulation::broken::Flaw;
-use crate::simulation::database::{Database, Incarnation, Tables, record};
+use crate::simulation::database::{Database, Tables, record};
 use crate::simulation::executor::pause;
 
 /// A journal that stores entries in the order of submission, all entries of a job or none. It judges nothing: the
@@ -34,6 +35,8 @@ pub(crate) struct MemoryJournal {
     is_shared: bool,
     /// A lock that serializes takes and releases of places, like the server's one connection for them.
     takes: tokio::sync::Mutex<()>,
+    /// The places of this server, as far as it knows.
+    places: Places,
     state: Mutex<State>,
 }
 
@@ -51,19 +54,7 @@ struct State {
     has_failed: bool,
     /// Episodes with a refused job that were not recovered since.
     broken: BTreeSet<EpisodeKey>,
-    /// Places that may have been taken and are not continued yet.
-    taken: BTreeSet<Place>,
-    /// The places of this server, as far as it knows.
-    places: BTreeMap<Place, Holding>,
     dice: Dice,
-}
-
-/// The state of an owned place.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Holding {
-    Has,
-    /// The place is about to be given back: nothing begins there any more.
-    Leaves,
 }
 
 struct Job {
@@ -113,8 +104,6 @@ impl MemoryJournal {
             handed: Vec::new(),
             has_failed: false,
             broken: BTreeSet::new(),
-            taken: BTreeSet::new(),
-            places: BTreeMap::new(),
             dice: Dice(seed),
         };
         Self {
@@ -124,6 +113,7 @@ impl MemoryJournal {
             database,
             is_shared,
             takes: tokio::sync::Mutex::default(),
+            places: Places::default(),
             state: Mutex::new(state),
         }
     }
@@ -263,8 +253,7 @@ impl MemoryJournal {
             return None;
         }
         if self.is_shared && result.is_ok() {
-            let taken = job.entries.iter().filter_map(taken_by);
-            self.state().places.extend(taken.map(|place| (place, Holding::Has)));
+            self.places.gained(job.entries.iter().filter_map(taken_by));
         }
         (job.committed)(result.map_err(StoreError::from));
         Some(JobResult { entries: job.entries, result })
@@ -313,37 +302,28 @@ impl MemoryJournal {
 
     // ---- places of one of several servers
 
-    /// The places of this server, those about to be given back included.
-    pub(crate) fn places(&self) -> Vec<Place> {
-        self.state().places.keys().copied().collect()
-    }
-
-    /// Whether this server owns a place and keeps it.
-    pub(crate) fn plays_at(&self, place: Place) -> bool {
-        self.state().places.get(&place) == Some(&Holding::Has)
+    pub(crate) const fn places(&self) -> &Places {
+        &self.places
     }
 
     /// Changes the places in the database, and then this server's knowledge of them. The next change waits for both.
     async fn change_places<T>(
         &self,
         change: impl FnOnce(&mut Tables) -> T,
-        note: impl FnOnce(&mut BTreeMap<Place, Holding>, &T),
+        note: impl FnOnce(&Places, &T),
     ) -> T {
         let _taking = self.takes.lock().await;
         let done = self.at_database(change).await;
-        note(&mut self.state().places, &done);
+        note(&self.places, &done);
         done
-    }
-
-    /// Places that may have been taken since the last call.
-    pub(crate) fn take_taken(&self) -> BTreeSet<Place> {
-        std::mem::take(&mut self.state().taken)
     }
 
     /// Takes a place without an owner; returns the owner. All unfinished games there will be continued, even if the
     /// caller is gone.
     pub(crate) async fn take_place(&self, place: Place) -> Result<Incarnation, StoreError> {
-        self.state().taken.insert(place);
+        if self.flaw != Some(Flaw::ForgetsWhatItTook) {
+            self.places.note_taken([place]);
+        }
         self.take_noted(place).await
     }
 
@@ -357,46 +337,30 @@ impl MemoryJournal {
             None if is_old => tables.put(place, me).then_some(me),
             None => tables.take(place, me),
         };
-        let note = move |places: &mut BTreeMap<Place, Holding>, owner: &Option<Incarnation>| {
+        let note = move |places: &Places, owner: &Option<Incarnation>| {
             if *owner == Some(me) {
-                places.entry(place).or_insert(Holding::Has);
+                places.confirmed([place]);
             }
         };
         if self.flaw == Some(Flaw::NotesPlacesLate) {
             let owner = self.change_places(take, |_, _| ()).await;
             pause(30).await;
-            note(&mut self.state().places, &owner);
+            note(&self.places, &owner);
             return owner.ok_or(StoreError::Failed);
         }
         self.change_places(take, note).await.ok_or(StoreError::Failed)
     }
 
-    /// Begins to give a place back; returns false if this server does not own it.
-    pub(crate) fn leave(&self, place: Place) -> bool {
-        let mut state = self.state();
-        let held = state.places.get_mut(&place);
-        held.map(|holding| *holding = Holding::Leaves).is_some()
-    }
-
-    /// Keeps a place after all.
-    pub(crate) fn stay(&self, place: Place) {
-        if let Some(holding) = self.state().places.get_mut(&place) {
-            *holding = Holding::Has;
-        }
-    }
-
-    /// Completes a release that [`MemoryJournal::leave`] has begun.
+    /// Completes a release that [`Places::leave`] has begun.
     pub(crate) async fn release(&self, place: Place) {
         let release = |tables: &mut Tables| tables.release(place, self.incarnation);
-        self.change_places(release, |places, ()| places.retain(|held, _| *held != place)).await;
+        self.change_places(release, |places, ()| places.lost([place])).await;
     }
 
     /// Gives back all places at which everything has ended.
     pub(crate) async fn release_ended(&self) {
         let release = |tables: &mut Tables| tables.release_ended(self.incarnation);
-        let note = |places: &mut BTreeMap<Place, Holding>, ended: &Vec<Place>| {
-            places.retain(|place, _| !ended.contains(place));
-        };
+        let note = |places: &Places, ended: &Vec<Place>| places.lost(ended.iter().copied());
         self.change_places(release, note).await;
     }
 }
@@ -447,7 +411,7 @@ impl EpisodeStore for MemoryJournal {
     }
 
     fn has(&self, place: Place) -> bool {
-        !self.is_shared || self.plays_at(place)
+        !self.is_shared || self.places.has(place)
     }
 
     fn take(&self, place: Place) -> Reply<'_, bool> {

@@ -3,7 +3,7 @@
 //! evicted, commits that fail, entries that are refused, and crashes between any two effects. [`checker`] contains
 //! the invariants; [`broken`] shows that violations of them are found.
 //!
-//! The same runs with several servers that share a database ([`fleet`]): they crash, stop and resume, leave and join,
+//! The same runs with several servers that share a database ([`cluster`]): they crash, stop and resume, leave and join,
 //! and clients send requests to any of them.
 //!
 //! `SWARMBENCH_SEEDS` is the number of seeds, `SWARMBENCH_SEED` the first, and `SWARMBENCH_LINES` the number of lines
@@ -12,9 +12,9 @@
 mod broken;
 mod checker;
 mod clients;
+mod cluster;
 mod database;
 mod executor;
-mod fleet;
 mod journal;
 mod run;
 mod time;

@@ -14,6 +14,7 @@ use std::time::Duration;
 use futures::FutureExt;
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};
+use swarmbench::cluster::Incarnation;
 use swarmbench::episode::actor::Handle;
 use swarmbench::episode::quota::{Caps, Quotas};
 use swarmbench::episode::registry::Registry;
@@ -30,9 +31,9 @@ use self::trace::{line, told as told_as};
 use crate::simulation::broken::Flaw;
 use crate::simulation::checker::{Checker, Invariant, Stats, Violation};
 use crate::simulation::clients::{Acts, Desk, News, RequestId, Times, Told};
-use crate::simulation::database::{Database, Incarnation};
+use crate::simulation::database::Database;
 use crate::simulation::executor::{Executor, TaskId};
-use crate::simulation::fleet::{Net, Node, beat, work};
+use crate::simulation::cluster::{Net, Peer, Site};
 use crate::simulation::journal::MemoryJournal;
 use crate::simulation::number;
 use crate::simulation::time::{ServerClock, SimClock};
@@ -264,7 +265,7 @@ struct Server {
     journal: Arc<MemoryJournal>,
     registry: Registry,
     /// The server's part in the cluster, if there are several servers.
-    node: Option<Arc<Node>>,
+    peer: Option<Arc<Peer>>,
     slot: i16,
     /// Whether a commit is on its way to the database although the server is stopped.
     is_sent: bool,
@@ -391,7 +392,7 @@ impl Run {
             incarnation,
             journal,
             registry,
-            node: None,
+            peer: None,
             slot,
             is_sent: false,
             hosted,
@@ -449,7 +450,7 @@ impl Run {
 
     fn shutting(&self) -> Vec<usize> {
         self.that(|server| {
-            server.node.as_ref().is_some_and(|node| node.is_shut())
+            server.peer.as_ref().is_some_and(|peer| peer.is_shut())
                 && self.runs(server)
                 && server.journal.queued() + server.journal.untold() == 0
         })
@@ -460,7 +461,7 @@ impl Run {
         self.that(|server| {
             self.runs(server)
                 && !server.journal.has_failed()
-                && server.node.as_ref().is_none_or(|node| !node.is_shut())
+                && server.peer.as_ref().is_none_or(|peer| !peer.is_shut())
         })
     }
 

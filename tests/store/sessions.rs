@@ -13,7 +13,8 @@ use sqlx::postgres::PgConnection;
 use swarmbench::ids::{EntryKey, EpisodeKey};
 use swarmbench::store::entries::{ActRow, AuditRow, Entry, RoundRow};
 use swarmbench::store::port::EpisodeStore as _;
-use swarmbench::store::{Beat, Death, Joining, OpenError, Store};
+use swarmbench::cluster::Death;
+use swarmbench::store::{Beat, Joining, OpenError, Store};
 use swarmbench_engine::AgentId;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{Decision, RawRecord, Source};
@@ -272,7 +273,7 @@ pub(super) async fn joined(scratch: &Scratch, port: u16) -> Store {
         address: format!("127.0.0.1:{port}"),
         secret: Arc::from(&b"the secret of the tests"[..]),
         forwards_only: false,
-        host_ms: swarmbench::fleet::host_ms,
+        host_ms: swarmbench::membership::host_ms,
     };
     Store::join(location(scratch), &joining).await.expect("it joins")
 }
@@ -280,7 +281,7 @@ pub(super) async fn joined(scratch: &Scratch, port: u16) -> Store {
 async fn beat(store: &Store) {
     let beat = Beat { is_ready: true, episodes: 0 };
     let cluster = store.cluster().expect("it has joined");
-    cluster.beat(beat, swarmbench::fleet::host_ms).await.expect("the database answers");
+    cluster.beat(beat, swarmbench::membership::host_ms).await.expect("the database answers");
 }
 
 /// A connection that is cut alone, and a session that is lost, look like the end of a process.

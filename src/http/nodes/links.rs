@@ -87,13 +87,6 @@ impl Question {
         Self { method: parts.method.clone(), path, headers, body }
     }
 
-    /// Whether the request may be sent twice: it only reads, or it is an act, and a repeated act gets the same receipt.
-    pub(super) fn is_repeatable(&self) -> bool {
-        self.method == Method::GET
-            || self.method == Method::HEAD
-            || matches!(self.path.path(), "/act" | "/swarm/act")
-    }
-
     /// Whether the request is a long poll of a player.
     pub(super) fn may_wait(&self) -> bool {
         is_of_a_player(self.path.path())
@@ -107,6 +100,11 @@ impl Question {
         let path = format!("{}?{}", self.path.path(), rest.join("&")).parse();
         Self { path: path.expect("a part of a path"), ..self.clone() }
     }
+}
+
+/// Whether a request may be sent twice: it only reads, or it is an act, and a repeated act gets the same receipt.
+pub(super) fn is_repeatable(method: &Method, path: &str) -> bool {
+    method == Method::GET || method == Method::HEAD || matches!(path, "/act" | "/swarm/act")
 }
 
 fn is_wait(parameter: &str) -> bool {

@@ -3,7 +3,7 @@
 use axum::Json;
 
 use super::super::prelude::*;
-use crate::store::Member;
+use crate::cluster::Member;
 use jiff::Timestamp;
 use swarmbench_protocol::node::{Node, NodeList};
 

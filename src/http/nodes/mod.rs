@@ -11,11 +11,11 @@ mod peers;
 mod target;
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use axum::body::{Body, HttpBody as _};
 use axum::extract::Request;
+use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse as _, Response};
 use bytes::Bytes;
@@ -29,21 +29,17 @@ use super::client::Client;
 use super::feed::is_event_stream;
 use super::front::is_of_a_player;
 use super::prelude::*;
+use crate::cluster::route::{Driver, End, Owner, Route, Sender, Sent, Target, View, follow};
+use crate::cluster::{Incarnation, preferred};
 use crate::ids::{CompetitionKey, EpisodeId, Place, RunKey};
+use crate::membership;
 use crate::store::{Cluster, Store, StoreError};
 use links::{Failed, Links, Question};
 pub use peers::NodePeers;
 pub(super) use peers::PATH;
-use target::Target;
 
 /// Capacity of the caches of owners and of games; those of runs and competitions are smaller.
 const ROUTES_CACHED: usize = 100_000;
-
-/// Longest wait of a request for another server to take over a place.
-const MOVE_PATIENCE: Duration = Duration::from_millis(1500);
-
-/// Interval between attempts to locate the owner while a request waits.
-const MOVE_PAUSE: Duration = Duration::from_millis(25);
 
 /// Header of an answer: this server does not own the place of the forwarded request.
 const ELSEWHERE: HeaderName = HeaderName::from_static("x-swarmbench-elsewhere");
@@ -57,28 +53,35 @@ pub struct Nodes {
     cluster: Arc<Cluster>,
     store: Store,
     links: Links,
-    forwarded: Counter,
-    /// Owners of places; [`ANYBODY`] where everything has ended.
-    owners: Cache<Place, i64>,
+    started: Instant,
+    players: Routes,
+    others: Routes,
+    owners: Cache<Place, Owner>,
     games: Cache<EpisodeId, Place>,
     runs: Cache<String, RunKey>,
     competitions: Cache<String, CompetitionKey>,
 }
 
-/// Pseudo-owner of a place where everything has ended: any server answers from the database.
-const ANYBODY: i64 = 0;
+/// Counters of clients' requests by the server that answers them.
+struct Routes {
+    here: Counter,
+    forwarded: Counter,
+}
 
-/// Server that answers a request.
-#[derive(Clone, Debug, PartialEq, Eq)]
-enum Location {
-    Here,
-    At(Other),
+impl Routes {
+    fn of(kind: &'static str) -> Self {
+        let of = |answered| {
+            let labels = [("kind", kind), ("answered", answered)];
+            metrics::counter!("swarmbench_cluster_requests_total", &labels)
+        };
+        Self { here: of("here"), forwarded: of("forwarded") }
+    }
 }
 
 /// Another server of the cluster.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Other {
-    incarnation: i64,
+    incarnation: Incarnation,
     address: String,
 }
 
@@ -97,7 +100,9 @@ impl Nodes {
             cluster,
             store,
             links,
-            forwarded: metrics::counter!("swarmbench_forwarded_total"),
+            started: Instant::now(),
+            players: Routes::of("player"),
+            others: Routes::of("other"),
             owners: Cache::new(ROUTES_CACHED),
             games: Cache::new(ROUTES_CACHED),
             runs: Cache::new(ROUTES_CACHED / 10),
@@ -113,7 +118,7 @@ impl Nodes {
 
     /// Fails once the lease of this server has expired: another server may have taken over its places.
     pub(super) fn check_may_answer(&self) -> Result<(), ApiError> {
-        if self.cluster.may_answer() {
+        if !self.cluster.answers_for().is_zero() {
             return Ok(());
         }
         let detail = "this server does not reach the database, so another one may have taken its games over; the same request works \
@@ -130,225 +135,53 @@ impl Nodes {
         is_hop: bool,
     ) -> Result<Routed, ApiError> {
         let (parts, body) = request.into_parts();
-        let target = self.target(app, &parts.method, parts.uri.path(), &parts.headers);
-        let target = Box::pin(target).await?;
-        let request = Request::from_parts(parts, body);
-        if is_hop {
-            return match target {
-                Target::Place(place) if !self.takes(place).await? => {
-                    Ok(Routed::Answered(elsewhere()))
-                }
-                _ => Ok(Routed::Here(request)),
-            };
+        let path = parts.uri.path();
+        let target = self.target(app, &parts.method, path, &parts.headers);
+        let mut target = Box::pin(target).await?;
+        let is_small = is_small(&body);
+        if target != Target::Anybody && !is_small {
+            target = accepted(app, path, &body, target)?;
         }
-        match self.locate(target).await? {
-            Location::Here => Ok(Routed::Here(request)),
-            Location::At(other) => {
-                let routed = self.forward(app, request, client, target, &other).await?;
-                Ok(match routed {
-                    Routed::Answered(response) => Routed::Answered(until_stop(&app.stop, response)),
-                    here @ Routed::Here(_) => here,
-                })
-            }
-        }
-    }
-
-    /// Whether this server owns a place, or takes ownership now; true as well where everything there has ended.
-    async fn takes(&self, place: Place) -> Result<bool, StoreError> {
-        if self.cluster.has(place) || !self.cluster.is_unfinished(place).await? {
-            return Ok(true);
-        }
-        self.store.take_place(place).await
-    }
-
-    /// Locates the server that answers a request.
-    async fn locate(&self, target: Target) -> Result<Location, StoreError> {
-        let owner = match target {
-            Target::Anybody => ANYBODY,
-            Target::New if self.cluster.takes_work() => ANYBODY,
-            Target::Named(number) => self.taker(number)?,
-            Target::New => self.taker(drawn())?,
-            Target::Place(place) => self.owner(place).await?,
-        };
-        if owner == ANYBODY {
-            return Ok(Location::Here);
-        }
-        if owner == self.cluster.incarnation() {
-            return Ok(Location::Here);
-        }
-        let members = self.cluster.members();
-        if let Some(member) = members.iter().find(|member| member.incarnation == owner) {
-            return Ok(Location::At(Other { incarnation: owner, address: member.address.clone() }));
-        }
-        self.forget(target);
-        // The owner has joined at this moment, or is gone.
-        Err(StoreError::Elsewhere)
-    }
-
-    /// Server that creates something new. Fails where no server takes work at this moment.
-    fn taker(&self, number: u64) -> Result<i64, StoreError> {
-        let is_stopping =
-            |one: &i64| *one == self.cluster.incarnation() && !self.cluster.takes_work();
-        let taker = self.cluster.preferred_for(number).filter(|one| !is_stopping(one));
-        taker.ok_or(StoreError::Elsewhere)
-    }
-
-    async fn owner(&self, place: Place) -> Result<i64, StoreError> {
-        let me = self.cluster.incarnation();
-        if self.cluster.has(place) {
-            return Ok(me);
-        }
-        let is_known = |owner: &i64| {
-            *owner == ANYBODY
-                || self.cluster.members().iter().any(|member| member.incarnation == *owner)
-        };
-        if let Some(owner) = self.owners.get(&place).filter(is_known) {
-            return Ok(owner);
-        }
-        let owner = match self.cluster.owner(place).await? {
-            Some(owner) => owner,
-            None if !self.cluster.is_unfinished(place).await? => ANYBODY,
-            None => {
-                if let Some(preferred) = self.cluster.preferred(place).filter(|one| *one != me) {
-                    // The preferred server takes ownership when the request arrives.
-                    return Ok(preferred);
-                }
-                if !self.cluster.takes_work() {
-                    return Err(StoreError::Elsewhere);
-                }
-                match self.cluster.take(&[place]).await?.first() {
-                    Some((_, owner)) => *owner,
-                    None => return Err(StoreError::Elsewhere),
-                }
-            }
-        };
-        if owner == me {
-            // A commit whose answer was lost took the place; or the place is being released.
-            return if self.store.take_place(place).await? {
-                Ok(me)
-            } else {
-                Err(StoreError::Elsewhere)
-            };
-        }
-        self.owners.insert(place, owner);
-        Ok(owner)
-    }
-
-    /// Forwards the request; retries once at the new owner.
-    async fn forward(
-        &self,
-        app: &App,
-        request: Request,
-        client: Client,
-        target: Target,
-        to: &Other,
-    ) -> Result<Routed, ApiError> {
-        self.forwarded.increment(1);
-        let (mut parts, body) = request.into_parts();
-        let is_small =
-            body.size_hint().upper().is_some_and(|most| most <= LIGHT_BODY_BYTES_MAX as u64);
-        if !is_small {
-            let limits = &app.limits;
-            let path = parts.uri.path();
-            let (name, most) = if path == "/swarm/act" {
-                ("swarm_body_bytes_max", limits.swarm_body_bytes_max)
-            } else {
-                ("body_bytes_max", limits.body_bytes_max)
-            };
-            if body.size_hint().lower() > most as u64 {
-                // No server accepts this body. The refusal of another server may get lost with the connection, which it closes
-                // without reading the body.
-                return if is_of_a_player(path) {
-                    Err(too_large(name, most))
-                } else {
-                    Ok(Routed::Here(Request::from_parts(parts, body)))
-                };
-            }
-            // The body is streamed, so the request cannot be sent again.
-            let question = Question::of(&mut parts, Bytes::new());
-            return match self.send(&question, Some(body), client, to).await {
-                Ok(response) if !is_elsewhere(&response) => Ok(Routed::Answered(response)),
-                Ok(_) | Err(Failed::NotSent) => {
-                    self.forget(target);
-                    Err(moved())
-                }
-                Err(Failed::Unknown) => Err(unknown()),
-            };
-        }
-        let bytes = app.bodies.light(&parts.headers, body).await?.into_bytes();
-        let question = Question::of(&mut parts, bytes);
-        let may_repeat = question.is_repeatable();
-        let answered = if question.may_wait() {
-            tokio::select! {
-                answered = self.send(&question, None, client, to) => answered,
-                // A stopping server ends all long polls.
-                () = app.stop.cancelled() => {
-                    self.send(&question.without_wait(), None, client, to).await
-                }
-            }
+        let sender = if is_hop {
+            Sender::Server
         } else {
-            self.send(&question, None, client, to).await
+            let is_repeatable = links::is_repeatable(&parts.method, path);
+            Sender::Client { is_repeatable, may_resend: is_small }
         };
-        match answered {
-            Ok(response) if !is_elsewhere(&response) => return Ok(Routed::Answered(response)),
-            Err(Failed::Unknown) if !may_repeat => {
-                self.forget(target);
-                return Err(unknown());
-            }
-            Ok(_) | Err(_) => {}
+        let counted = if is_of_a_player(path) { &self.players } else { &self.others };
+        let outgoing = Outgoing::Whole(parts, body);
+        let sending = Forwarding { app, client, outgoing, answer: None };
+        let mut way = Way { nodes: self, sending };
+        let end = follow(Route::new(target, sender), &mut way).await?;
+        match end {
+            End::Here if !is_hop && target != Target::Anybody => counted.here.increment(1),
+            End::Answered => counted.forwarded.increment(1),
+            _ => {}
         }
-        metrics::counter!("swarmbench_forwarded_again_total").increment(1);
-        match self.located_again(target, to.incarnation, answered.is_err()).await? {
-            Location::Here => {
-                parts.headers = question.headers;
-                Ok(Routed::Here(Request::from_parts(parts, Body::from(question.body))))
-            }
-            Location::At(next) => match self.send(&question, None, client, &next).await {
-                Ok(response) if !is_elsewhere(&response) => Ok(Routed::Answered(response)),
-                Err(Failed::Unknown) if !may_repeat => Err(unknown()),
-                Ok(_) | Err(_) => {
-                    self.forget(target);
-                    Err(moved())
-                }
-            },
-        }
+        way.sending.ended(end)
     }
 
-    /// Locates the server that answers a request after another one did not: waits for a takeover, up to [`MOVE_PATIENCE`].
-    async fn located_again(
+    /// Address of another server; `None` once it is gone.
+    fn other(&self, incarnation: Incarnation) -> Option<Other> {
+        let members = self.cluster.members();
+        let member = members.iter().find(|member| member.incarnation == incarnation)?;
+        Some(Other { incarnation, address: member.address.clone() })
+    }
+
+    /// Sends a request, whose wait ends when this server stops.
+    async fn ask(
         &self,
-        target: Target,
-        before: i64,
-        is_away: bool,
-    ) -> Result<Location, ApiError> {
-        let until = Instant::now() + MOVE_PATIENCE;
-        loop {
-            self.forget(target);
-            if is_away {
-                let members = self.cluster.members();
-                if let Some(member) = members.iter().find(|member| member.incarnation == before)
-                    && crate::fleet::is_dead(&self.cluster, member).await
-                {
-                    // Exclusion frees the places of the dead server at once.
-                    crate::fleet::take_over(&self.cluster, member.incarnation).await?;
-                }
-            }
-            match self.locate(target).await {
-                Ok(Location::At(other)) if other.incarnation == before && is_away => {}
-                Ok(location) => return Ok(location),
-                Err(StoreError::Elsewhere) => {}
-                Err(error) => return Err(error.into()),
-            }
-            if Instant::now() >= until {
-                return Err(moved());
-            }
-            tokio::time::sleep(MOVE_PAUSE).await;
+        question: &Question,
+        client: Client,
+        to: &Other,
+        stop: &CancellationToken,
+    ) -> Result<Response, Failed> {
+        if !question.may_wait() {
+            return self.send(question, None, client, to).await;
         }
-    }
-
-    fn forget(&self, target: Target) {
-        if let Target::Place(place) = target {
-            self.owners.remove(&place);
+        tokio::select! {
+            answered = self.send(question, None, client, to) => answered,
+            () = stop.cancelled() => self.send(&question.without_wait(), None, client, to).await,
         }
     }
 
@@ -366,6 +199,194 @@ impl Nodes {
     }
 }
 
+impl View for Nodes {
+    fn me(&self) -> Incarnation {
+        self.cluster.incarnation()
+    }
+
+    fn takes_places(&self) -> bool {
+        self.cluster.takes_places()
+    }
+
+    fn has(&self, place: Place) -> bool {
+        self.cluster.places().has(place)
+    }
+
+    fn is_member(&self, server: Incarnation) -> bool {
+        self.cluster.members().iter().any(|member| member.incarnation == server)
+    }
+
+    fn preferred(&self, number: u64) -> Option<Incarnation> {
+        preferred(&self.cluster.members(), number)
+    }
+
+    fn known_owner(&self, place: Place) -> Option<Owner> {
+        self.owners.get(&place)
+    }
+
+    fn note_owner(&self, place: Place, owner: Owner) {
+        self.owners.insert(place, owner);
+    }
+
+    fn forget_owner(&self, place: Place) {
+        self.owners.remove(&place);
+    }
+}
+
+/// A request on its way: the database of the cluster, and how the request is sent.
+struct Way<'a, T> {
+    nodes: &'a Nodes,
+    sending: T,
+}
+
+/// A request that can be sent to another server.
+trait Sending: Send {
+    type Error: From<StoreError>;
+
+    fn send(
+        &mut self,
+        nodes: &Nodes,
+        to: &Other,
+    ) -> impl Future<Output = Result<Sent, Self::Error>> + Send;
+}
+
+impl<T: Sending> Driver for Way<'_, T> {
+    type View = Nodes;
+    type Error = T::Error;
+
+    fn view(&self) -> &Nodes {
+        self.nodes
+    }
+
+    fn now(&self) -> Duration {
+        self.nodes.started.elapsed()
+    }
+
+    async fn owner(&mut self, place: Place) -> Result<Option<Incarnation>, T::Error> {
+        Ok(self.nodes.cluster.owner(place).await?)
+    }
+
+    async fn is_unfinished(&mut self, place: Place) -> Result<bool, T::Error> {
+        Ok(self.nodes.cluster.is_unfinished(place).await?)
+    }
+
+    async fn take(&mut self, place: Place) -> Result<Option<Incarnation>, T::Error> {
+        let owners = self.nodes.cluster.take(&[place]).await?;
+        Ok(owners.first().map(|(_, owner)| *owner))
+    }
+
+    async fn send(&mut self, to: Incarnation) -> Result<Sent, T::Error> {
+        match self.nodes.other(to) {
+            Some(other) => self.sending.send(self.nodes, &other).await,
+            None => Ok(Sent::NotSent),
+        }
+    }
+
+    async fn bury(&mut self, server: Incarnation) -> Result<(), T::Error> {
+        Ok(membership::bury(&*self.nodes.cluster, server).await?)
+    }
+
+    async fn pause(&mut self, pause: Duration) {
+        tokio::time::sleep(pause).await;
+    }
+}
+
+/// A client's request.
+struct Forwarding<'a> {
+    app: &'a App,
+    client: Client,
+    outgoing: Outgoing,
+    answer: Option<Response>,
+}
+
+/// What of a request is left to send.
+enum Outgoing {
+    /// All of it: it was sent nowhere yet.
+    Whole(Parts, Body),
+    /// All of it; its headers are in the question.
+    Small(Parts, Question),
+    /// Nothing: its body was streamed.
+    Streamed,
+}
+
+impl Forwarding<'_> {
+    fn ended(self, end: End) -> Result<Routed, ApiError> {
+        match (end, self.outgoing) {
+            (End::Here, Outgoing::Whole(parts, body)) => {
+                Ok(Routed::Here(Request::from_parts(parts, body)))
+            }
+            (End::Here, Outgoing::Small(mut parts, question)) => {
+                parts.headers = question.headers;
+                Ok(Routed::Here(Request::from_parts(parts, Body::from(question.body))))
+            }
+            (End::Answered, _) => {
+                let response = self.answer.expect("the end of a request that was sent");
+                Ok(Routed::Answered(until_stop(&self.app.stop, response)))
+            }
+            (End::Elsewhere, _) => Ok(Routed::Answered(elsewhere())),
+            (End::Unknown, _) => Err(unknown()),
+            (End::Moved | End::Here, _) => Err(StoreError::Elsewhere.into()),
+        }
+    }
+}
+
+impl Sending for Forwarding<'_> {
+    type Error = ApiError;
+
+    async fn send(&mut self, nodes: &Nodes, to: &Other) -> Result<Sent, ApiError> {
+        let answered = match std::mem::replace(&mut self.outgoing, Outgoing::Streamed) {
+            Outgoing::Whole(mut parts, body) if !is_small(&body) => {
+                let question = Question::of(&mut parts, Bytes::new());
+                nodes.send(&question, Some(body), self.client, to).await
+            }
+            Outgoing::Whole(mut parts, body) => {
+                let bytes = self.app.bodies.light(&parts.headers, body).await?.into_bytes();
+                let question = Question::of(&mut parts, bytes);
+                let answered = nodes.ask(&question, self.client, to, &self.app.stop).await;
+                self.outgoing = Outgoing::Small(parts, question);
+                answered
+            }
+            Outgoing::Small(parts, question) => {
+                metrics::counter!("swarmbench_forwarded_again_total").increment(1);
+                let answered = nodes.ask(&question, self.client, to, &self.app.stop).await;
+                self.outgoing = Outgoing::Small(parts, question);
+                answered
+            }
+            Outgoing::Streamed => return Ok(Sent::NotSent),
+        };
+        Ok(match answered {
+            Ok(response) if is_elsewhere(&response) => Sent::Elsewhere,
+            Ok(response) => {
+                self.answer = Some(response);
+                Sent::Answered
+            }
+            Err(Failed::NotSent) => Sent::NotSent,
+            Err(Failed::Unknown) => Sent::Unknown,
+        })
+    }
+}
+
+/// Whether a body is small enough to be kept, and sent again.
+fn is_small(body: &Body) -> bool {
+    body.size_hint().upper().is_some_and(|most| most <= LIGHT_BODY_BYTES_MAX as u64)
+}
+
+/// Target of a request whose body may be one that no server accepts: this server refuses it, as the refusal of another server may
+/// get lost with the connection, which it closes without reading the body.
+fn accepted(app: &App, path: &str, body: &Body, target: Target) -> Result<Target, ApiError> {
+    let limits = &app.limits;
+    let (name, most) = if path == "/swarm/act" {
+        ("swarm_body_bytes_max", limits.swarm_body_bytes_max)
+    } else {
+        ("body_bytes_max", limits.body_bytes_max)
+    };
+    match body.size_hint().lower() > most as u64 {
+        true if is_of_a_player(path) => Err(too_large(name, most)),
+        true => Ok(Target::Anybody),
+        false => Ok(target),
+    }
+}
+
 /// Ends an event stream when this server stops.
 fn until_stop(stop: &CancellationToken, response: Response) -> Response {
     if !is_event_stream(&response) {
@@ -373,12 +394,6 @@ fn until_stop(stop: &CancellationToken, response: Response) -> Response {
     }
     let stop = stop.clone().cancelled_owned();
     response.map(|body| Body::from_stream(body.into_data_stream().take_until(stop)))
-}
-
-/// A different number at each call.
-fn drawn() -> u64 {
-    static DRAWN: AtomicU64 = AtomicU64::new(0);
-    DRAWN.fetch_add(1, Ordering::Relaxed)
 }
 
 fn is_elsewhere(response: &Response) -> bool {
@@ -391,10 +406,6 @@ pub(super) fn elsewhere() -> Response {
     let mut response = StatusCode::MISDIRECTED_REQUEST.into_response();
     response.headers_mut().insert(ELSEWHERE, HeaderValue::from_static("1"));
     response
-}
-
-fn moved() -> ApiError {
-    StoreError::Elsewhere.into()
 }
 
 fn unknown() -> ApiError {

@@ -14,9 +14,9 @@ use serde::{Deserialize, Serialize};
 
 use super::super::error::{ApiError, Code};
 use super::super::prelude::*;
-use super::links::{OF_A_SERVER, Question};
-use super::target::Target;
-use super::{Location, Nodes, Other, elsewhere, is_elsewhere};
+use super::links::{Failed, OF_A_SERVER, Question};
+use super::{Nodes, Other, Sending, Way, elsewhere, is_elsewhere};
+use crate::cluster::route::{End, Route, Sender, Sent, Target, follow};
 use crate::ids::{Place, RunKey};
 use crate::run::manager::Peers;
 use crate::run::{RunError, RunStatus};
@@ -49,45 +49,34 @@ pub struct NodePeers(pub Arc<Nodes>);
 
 impl Peers for NodePeers {
     fn advance(&self, run: RunKey) -> BoxFuture<'_, Result<(), RunError>> {
-        async move { self.0.ask(run, "advance").await.map(drop) }.boxed()
+        async move { self.0.ask_owner(run, "advance").await.map(drop) }.boxed()
     }
 
     fn end(&self, run: RunKey, status: RunStatus) -> BoxFuture<'_, Result<bool, RunError>> {
-        async move { self.0.ask(run, &format!("end/{}", status.name())).await }.boxed()
+        async move { self.0.ask_owner(run, &format!("end/{}", status.name())).await }.boxed()
     }
 }
 
 impl Nodes {
-    /// Asks the owner of a run, or the server that would take it, to advance or end it. Tries twice.
-    async fn ask(&self, run: RunKey, what: &str) -> Result<bool, RunError> {
+    /// Asks the owner of a run, or the server that would take it, to advance or end it.
+    async fn ask_owner(&self, run: RunKey, what: &str) -> Result<bool, RunError> {
         let place = Place::Run(run);
-        let target = Target::Place(place);
-        let mut last = StoreError::Elsewhere;
-        for _ in 0..2 {
-            let Location::At(other) = self.locate(target).await? else {
-                // This server took the run meanwhile, and does the step when asked again; or everything of the run has ended.
-                return if self.cluster.has(place) {
-                    Err(StoreError::Elsewhere.into())
-                } else {
-                    Ok(false)
-                };
-            };
-            let path = format!("{PATH}runs/{}/{what}", run.0);
-            let Some(question) = question(Method::POST, &path) else { break };
-            let asked = self.send(&question, None, OF_A_SERVER, &other);
-            let answered = tokio::time::timeout(ASK_PATIENCE, asked).await;
-            match answered.ok().and_then(Result::ok) {
-                Some(response) if response.status().is_success() => {
-                    let body = to_bytes(response.into_body(), ANSWER_BYTES_MAX).await;
-                    return Ok(body.is_ok_and(|body| &body[..] == b"true"));
-                }
-                Some(response) if is_elsewhere(&response) => {}
-                Some(_) => last = StoreError::Away,
-                None => {}
+        let path = format!("{PATH}runs/{}/{what}", run.0);
+        let Some(question) = question(Method::POST, &path) else { return Ok(false) };
+        // Both steps have the effect of one if they are done twice.
+        let sender = Sender::Client { is_repeatable: true, may_resend: true };
+        let sending = Asking { question, done: false, is_refused: false };
+        let mut way = Way { nodes: self, sending };
+        match follow(Route::new(Target::Place(place), sender), &mut way).await? {
+            End::Answered => Ok(way.sending.done),
+            // Everything of the run has ended.
+            End::Here if !self.cluster.places().has(place) => Ok(false),
+            End::Moved if way.sending.is_refused => Err(StoreError::Away.into()),
+            // This server took the run meanwhile, and does the step when asked again; or no server has it.
+            End::Here | End::Elsewhere | End::Moved | End::Unknown => {
+                Err(StoreError::Elsewhere.into())
             }
-            self.forget(target);
         }
-        Err(last.into())
     }
 
     /// Asks another server, which may not be in the list of members yet; `None` where it does not answer.
@@ -189,6 +178,35 @@ impl Nodes {
             }
             _ => Err(unknown()),
         }
+    }
+}
+
+/// A request of this server to advance or end a run.
+struct Asking {
+    question: Question,
+    /// The answer.
+    done: bool,
+    /// Whether the server could not do it.
+    is_refused: bool,
+}
+
+impl Sending for Asking {
+    type Error = StoreError;
+
+    async fn send(&mut self, nodes: &Nodes, to: &Other) -> Result<Sent, StoreError> {
+        let asked = nodes.send(&self.question, None, OF_A_SERVER, to);
+        let response = match tokio::time::timeout(ASK_PATIENCE, asked).await {
+            Ok(Ok(response)) => response,
+            Ok(Err(Failed::NotSent)) => return Ok(Sent::NotSent),
+            Ok(Err(Failed::Unknown)) | Err(_) => return Ok(Sent::Unknown),
+        };
+        self.is_refused = !response.status().is_success() && !is_elsewhere(&response);
+        if !response.status().is_success() {
+            return Ok(Sent::Elsewhere);
+        }
+        let body = to_bytes(response.into_body(), ANSWER_BYTES_MAX).await;
+        self.done = body.is_ok_and(|body| &body[..] == b"true");
+        Ok(Sent::Answered)
     }
 }
 

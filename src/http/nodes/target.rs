@@ -1,6 +1,7 @@
 //! Target of a request: the part of its meaning that decides which server answers.
 
 use std::borrow::Cow;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use axum::http::{HeaderMap, Method, header};
 use percent_encoding::percent_decode_str;
@@ -9,21 +10,9 @@ use super::super::auth;
 use super::super::front::is_of_a_player;
 use super::super::prelude::*;
 use super::Nodes;
+use crate::cluster::route::Target;
 use crate::ids::{CompetitionKey, EpisodeId, Place, TokenHash};
 use crate::store::tokens::Grant;
-
-/// Target of a request.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Target {
-    /// Any server handles the request.
-    Anybody,
-    /// The owner of the place handles the request.
-    Place(Place),
-    /// The request creates something that must not be created twice: the number is a hash of its idempotency key.
-    Named(u64),
-    /// The request creates something else: any server that takes work does that.
-    New,
-}
 
 /// One server creates all competitions, so that no two get the same id.
 const NEW_COMPETITIONS: Place = Place::Competition(CompetitionKey(0));
@@ -130,11 +119,18 @@ impl<'a> Subject<'a> {
 
 /// Creations with the same `Idempotency-Key` go to one server, which does them one after another.
 fn of_name(headers: &HeaderMap) -> Target {
-    headers.get("idempotency-key").map_or(Target::New, |name| {
+    let named = headers.get("idempotency-key").map(|name| {
         let hash = TokenHash::of(&String::from_utf8_lossy(name.as_bytes()));
         let first = hash.0.first_chunk().expect("a hash is longer");
         Target::Named(u64::from_le_bytes(*first))
-    })
+    });
+    named.unwrap_or_else(|| Target::New(drawn()))
+}
+
+/// A different number at each call.
+fn drawn() -> u64 {
+    static DRAWN: AtomicU64 = AtomicU64::new(0);
+    DRAWN.fetch_add(1, Ordering::Relaxed)
 }
 
 #[cfg(test)]

@@ -299,7 +299,7 @@ impl EpisodeStore for Store {
     }
 
     fn has(&self, place: Place) -> bool {
-        self.cluster().is_none_or(|cluster| cluster.has(place))
+        self.cluster().is_none_or(|cluster| cluster.places().has(place))
     }
 
     fn take(&self, place: Place) -> Reply<'_, bool> {

@@ -252,7 +252,7 @@ impl TestApp {
             address: for_nodes.local_addr().expect("an address").to_string(),
             secret: Arc::from(&b"the secret of the tests"[..]),
             forwards_only,
-            host_ms: swarmbench::fleet::host_ms,
+            host_ms: swarmbench::membership::host_ms,
         });
         let for_nodes = forwards.map(|_| for_nodes);
         let server = Server::open(self.location(), parts).await.expect("it opens");

@@ -14,7 +14,7 @@ use swarmbench_journal::record::Source;
 
 use super::{Acked, Checker, Invariant, Place, Sent, same};
 use crate::simulation::clients::{Answer, RequestId};
-use crate::simulation::database::Incarnation;
+use swarmbench::cluster::Incarnation;
 
 impl Checker {
     #[expect(clippy::too_many_lines, reason = "one arm for each kind of answer")]

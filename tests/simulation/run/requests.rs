@@ -14,7 +14,7 @@ use super::trace::asked;
 use crate::simulation::checker::Episode;
 use crate::simulation::clients::{Request, Told, act, again, serve, spec};
 use crate::simulation::executor::CLIENTS;
-use crate::simulation::fleet::{Order, client};
+use crate::simulation::cluster::{Order, client};
 
 impl Run {
     pub(super) fn ask(&mut self, id: EpisodeId, request: Request) {

@@ -5,16 +5,18 @@ use std::time::Duration;
 
 use futures::FutureExt as _;
 use jiff::SignedDuration;
+use swarmbench::cluster::watch::Seen;
 use swarmbench::episode::registry::Location;
 use swarmbench::ids::{Numbers, Place};
+use swarmbench::membership;
 use swarmbench::store::entries::Entry;
 use swarmbench_clock::Clock as _;
 use tokio::sync::watch;
 
-use super::{Node, Run, beat, work};
+use super::{Peer, Run, Site};
 use crate::simulation::checker::Invariant;
 use crate::simulation::clients::Answer;
-use crate::simulation::database::Incarnation;
+use swarmbench::cluster::Incarnation;
 
 /// Time that passes without a beat of the running servers.
 const BEATS_MISSED: Duration = Duration::from_secs(1);
@@ -34,7 +36,7 @@ impl Run {
         let journal = Arc::new(self.journal(incarnation.unsigned_abs(), incarnation));
         let keys = Numbers::of_slot(number, self.database.tables().last_key());
         let mut server = self.server(number, Arc::clone(&journal), keys);
-        let node = Arc::new(Node::new(
+        let peer = Arc::new(Peer::new(
             server.registry.clone(),
             journal,
             Arc::clone(&self.clock),
@@ -42,12 +44,12 @@ impl Run {
             SignedDuration::from_secs(self.options.off_s[slot]),
             self.options.flaw,
         ));
-        self.net.add(Arc::clone(&node));
-        let (looked, looks) = watch::channel(());
-        let working = work(Arc::clone(&self.net), Arc::clone(&node), looks);
-        self.executor.spawn_lasting(incarnation, beat(Arc::clone(&node), looked).boxed());
-        self.executor.spawn_lasting(incarnation, working.boxed());
-        server.node = Some(node);
+        self.net.add(Arc::clone(&peer));
+        let site = Arc::new(Site { net: Arc::clone(&self.net), peer: Arc::clone(&peer) });
+        let (look, looks) = watch::channel(Seen::default());
+        self.executor.spawn_lasting(incarnation, membership::beat(Arc::clone(&site), look).boxed());
+        self.executor.spawn_lasting(incarnation, membership::work(site, looks).boxed());
+        server.peer = Some(peer);
         self.servers.push(server);
         self.note(format!("server {incarnation} starts"));
         self.checker.stats.count("servers started", 1);
@@ -107,8 +109,8 @@ impl Run {
     /// Lets a server accept no more requests and no more work.
     pub(super) fn shut(&mut self, place: usize) {
         self.leaves += 1;
-        if let Some(node) = &self.servers[place].node {
-            node.shut();
+        if let Some(peer) = &self.servers[place].peer {
+            peer.shut();
         }
         self.note(format!("server {} is to leave", self.servers[place].incarnation));
     }
@@ -127,12 +129,11 @@ impl Run {
         if by <= BEATS_MISSED || (!self.is_calm && self.dice.below(16) == 0) {
             return;
         }
-        let now = self.clock.now();
         for server in self.servers.iter().filter(|server| self.runs(server)) {
-            let Some(node) = &server.node else { continue };
-            let (at, is_ready) = (node.lease_clock(), !node.is_shut());
+            let Some(peer) = &server.peer else { continue };
+            let (at, is_ready) = (peer.lease_clock(), !peer.is_shut());
             if self.database.tables().beat(server.incarnation, at, is_ready) {
-                node.answers_from(now);
+                peer.lease.renew(peer.time());
             }
         }
     }
@@ -154,19 +155,18 @@ impl Run {
         let mut wrong = Vec::new();
         let (excluded, taken) = {
             let tables = self.database.tables();
-            let nodes: Vec<Incarnation> =
-                tables.nodes().into_iter().map(|(node, _)| node).collect();
-            let excluded = self.known.iter().filter(|node| !nodes.contains(node)).copied();
+            let known: Vec<Incarnation> = tables.servers().map(|(number, ..)| number).collect();
+            let excluded = self.known.iter().filter(|server| !known.contains(server)).copied();
             let excluded: Vec<Incarnation> = excluded.collect();
-            self.known = nodes;
+            self.known = known;
             (excluded, tables.places().collect::<Vec<_>>())
         };
         for (place, owner) in taken {
             for server in self.servers.iter().filter(|server| server.incarnation != owner) {
-                let Some(node) = &server.node else { continue };
+                let Some(peer) = &server.peer else { continue };
                 let may_write = self.known.contains(&server.incarnation);
-                if server.journal.plays_at(place)
-                    && (may_write || node.may_answer())
+                if server.journal.places().has(place)
+                    && (may_write || peer.may_answer())
                     && self.database.tables().is_unfinished(place)
                 {
                     wrong.push(format!(
@@ -201,7 +201,7 @@ impl Run {
             calm += 1;
             let lost = self.that(|server| {
                 server.journal.has_failed()
-                    || server.node.as_ref().is_some_and(|node| node.is_shut())
+                    || server.peer.as_ref().is_some_and(|peer| peer.is_shut())
             });
             if let Some(&place) = lost.first() {
                 self.crash_one(place);

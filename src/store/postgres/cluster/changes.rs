@@ -8,7 +8,8 @@ use sqlx::Arguments as _;
 use sqlx::postgres::PgArguments;
 
 use super::places::{take, taken_by};
-use super::{Cluster, Purpose, TAKEN_OVER_AFTER};
+use super::{Cluster, Purpose};
+use crate::cluster::TAKEN_OVER_AFTER;
 use crate::ids::Place;
 use crate::store::StoreError;
 use crate::store::entries::Entry;

@@ -2,19 +2,17 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use sha2::{Digest as _, Sha256};
 use tokio::sync::watch;
 
 use super::super::group::session_name;
 use super::super::session::{self, Server};
-use super::{ALIVE, CLOCK_OFF_MAX, Cluster, LATE_AFTER, Purpose, TAKEN_OVER_AFTER, alive_key};
+use super::{ALIVE, Cluster, Purpose, alive_key};
+use crate::cluster::{CLOCK_OFF_MAX, Death, Lease, Member, Places, STARTS_WITHIN};
 use crate::store::sql::{Begin, Connection, query};
 use crate::store::{OpenError, StoreError};
-
-/// Time for a new member's first beat. Until then it opens the database and owns nothing to be taken over.
-const STARTS_WITHIN: Duration = Duration::from_mins(1);
 
 /// Limit of members at the same time, each of which has a slot.
 const MEMBERS_MAX: i16 = 1024;
@@ -53,31 +51,6 @@ pub enum JoinError {
     Address(String),
 }
 
-/// A server of the cluster.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Member {
-    /// Unique for all time.
-    pub incarnation: i64,
-    /// Host and port for requests of the other members.
-    pub address: String,
-    /// Host and process, for people.
-    pub name: String,
-    pub version: String,
-    pub joined_at_ms: i64,
-    /// Time of the last beat, and its age, by the database's clock.
-    pub beat_at_ms: i64,
-    pub seen_ms_ago: i64,
-    /// Whether the member has a session in the database, which ends with its process or connection.
-    pub is_connected: bool,
-    pub clock_offset_ms: i64,
-    /// Whether the member takes places.
-    pub is_ready: bool,
-    /// Episodes in memory.
-    pub episodes: u32,
-    /// Games, runs and competitions owned.
-    pub places: u32,
-}
-
 /// A snapshot of the cluster.
 #[derive(Clone, Debug, Default)]
 pub struct Look {
@@ -91,30 +64,6 @@ pub struct Look {
 pub struct Beat {
     pub is_ready: bool,
     pub episodes: u32,
-}
-
-/// Evidence of a member's death.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Death {
-    /// No beat for [`TAKEN_OVER_AFTER`].
-    Expired,
-    /// The session is gone and the beat is late. A cut connection to the database looks the same.
-    Seen,
-    /// Another process listens at its address.
-    Replaced,
-}
-
-impl Death {
-    /// Minimum age of the last beat in milliseconds; negative where any age will do: a start dates its beat ahead by
-    /// [`STARTS_WITHIN`].
-    fn silent_ms(self) -> i64 {
-        let silent = match self {
-            Self::Expired => TAKEN_OVER_AFTER,
-            Self::Seen => LATE_AFTER,
-            Self::Replaced => return -2 * i64::try_from(STARTS_WITHIN.as_millis()).unwrap_or(0),
-        };
-        i64::try_from(silent.as_millis()).unwrap_or(i64::MAX)
-    }
 }
 
 /// Checks clock and secret of a joining server before it changes anything.
@@ -181,17 +130,16 @@ impl Cluster {
             started: Instant::now(),
             beats: tokio::sync::Mutex::default(),
             takes: tokio::sync::Mutex::default(),
-            places: Mutex::default(),
-            taken: Mutex::default(),
+            places: Places::default(),
             members: Mutex::new(Arc::default()),
             incarnations: watch::Sender::new(Vec::new()),
-            takes_work: AtomicBool::new(false),
-            answers_until: AtomicU64::new(0),
+            takes_places: AtomicBool::new(false),
+            lease: Lease::default(),
             seen: AtomicU64::new(seen.unsigned_abs()),
             changes: tokio::sync::Mutex::default(),
             reads: AtomicU64::new(0),
         };
-        cluster.answers_from(Instant::now());
+        cluster.lease.renew(cluster.started.elapsed());
         Ok(Arc::new(cluster))
     }
 
@@ -233,8 +181,8 @@ impl Cluster {
 
     /// Renews this server's row. [`StoreError::Failed`] means that it was excluded; other errors leave that open.
     pub async fn beat(&self, beat: Beat, host_ms: fn() -> i64) -> Result<(), StoreError> {
-        let sent = Instant::now();
-        let (before, places) = (host_ms(), self.places().len());
+        let sent = self.started.elapsed();
+        let (before, places) = (host_ms(), self.places.count());
         let found: Option<i64> = self
             .on(&self.beats, Purpose::Beats, async |connection| {
                 let update = query(
@@ -251,9 +199,9 @@ impl Cluster {
             })
             .await?;
         let database = found.ok_or(StoreError::Failed)?;
-        self.takes_work.store(beat.is_ready, Ordering::Release);
+        self.takes_places.store(beat.is_ready, Ordering::Release);
         let after = host_ms();
-        self.answers_from(sent);
+        self.lease.renew(sent);
         // A slow answer says little about the clock, so the last offset stays.
         let tells_clock = u128::from(before.abs_diff(after)) <= CLOCK_OFF_MAX.as_millis();
         let offset = tells_clock.then(|| i64::midpoint(before, after) - database);

@@ -3,68 +3,49 @@
 //! The database decides everything. A server is alive while its row in `members` is renewed, by the database's clock. The
 //! places it owns are in `places`, where only free ones can be taken. Deleting a server's row in `nodes` deletes both, and
 //! makes its commits fail. So no decision about who is alive has to be right: a server excluded by mistake commits nothing
-//! more, and answers nothing once its last beat is older than [`ANSWERS_FOR`].
+//! more, and answers nothing once its last beat is older than [`ANSWERS_FOR`](crate::cluster::ANSWERS_FOR).
 
 mod changes;
 mod members;
 mod places;
 
-use std::collections::{HashMap, HashSet};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use tokio::sync::watch;
 
 use super::group::session_name;
 use super::session::{self, Server};
-use crate::ids::Place;
+use crate::cluster::{Incarnation, Lease, Member, Places};
 use crate::store::StoreError;
 use crate::store::sql::{Connection, query};
 use changes::ChangesRead;
 pub(in crate::store) use changes::write;
 pub(in crate::store) use members::check;
-pub use members::{Beat, Death, JoinError, Joining, Look, Member};
-use places::State;
-pub use places::Unowned;
-
-/// Age of the last beat at which a member may be excluded.
-pub const TAKEN_OVER_AFTER: Duration = Duration::from_secs(6);
-
-/// Age at which a beat is late. One beat a second is usual.
-const LATE_AFTER: Duration = Duration::from_millis(1500);
-
-/// Time after its last beat for which a member answers. Less than [`TAKEN_OVER_AFTER`], so that it never answers for places
-/// of another owner.
-pub const ANSWERS_FOR: Duration = Duration::from_millis(4500);
+pub use members::{Beat, JoinError, Joining, Look};
 
 /// Timeout of a statement on the cluster's two connections. The writer has timeouts of its own.
 const ANSWER_PATIENCE: Duration = Duration::from_secs(2);
 
-/// Tolerated offset between a member's clock and the database's.
-pub const CLOCK_OFF_MAX: Duration = Duration::from_millis(500);
-
 /// This server as a member of the cluster. All methods may fail with [`StoreError::Failed`] once it was excluded.
 pub struct Cluster {
     server: Server,
-    incarnation: i64,
+    incarnation: Incarnation,
     slot: i16,
     started: Instant,
     /// A connection that waits for no disk, and for no commit of this server.
     beats: tokio::sync::Mutex<Option<Connection>>,
     /// A connection whose commits are durable.
     takes: tokio::sync::Mutex<Option<Connection>>,
-    places: Mutex<HashMap<Place, State>>,
-    /// Places taken but perhaps not resumed: the client that asked for them may be gone.
-    taken: Mutex<HashSet<Place>>,
+    places: Places,
     /// All members as last seen.
     members: Mutex<Arc<[Member]>>,
     /// Numbers of all members; subscribers learn when one comes or goes.
     incarnations: watch::Sender<Vec<i64>>,
     /// Whether this server takes free places.
-    takes_work: AtomicBool,
-    /// End of this server's right to answer, in milliseconds after `started`.
-    answers_until: AtomicU64,
+    takes_places: AtomicBool,
+    lease: Lease,
     /// Applied revision of tokens and keys.
     seen: AtomicU64,
     changes: tokio::sync::Mutex<ChangesRead>,
@@ -80,7 +61,7 @@ impl std::fmt::Debug for Cluster {
 
 impl Cluster {
     /// The number of this server, unique for all time.
-    pub const fn incarnation(&self) -> i64 {
+    pub const fn incarnation(&self) -> Incarnation {
         self.incarnation
     }
 
@@ -89,35 +70,19 @@ impl Cluster {
         self.slot
     }
 
-    /// Whether the last beat is recent enough to answer for owned places.
-    pub fn may_answer(&self) -> bool {
-        let now = u64::try_from(self.started.elapsed().as_millis()).unwrap_or(u64::MAX);
-        now < self.answers_until.load(Ordering::Acquire)
-    }
-
     /// Whether this server takes free places: the others can reach it, and it is not stopping.
-    pub fn takes_work(&self) -> bool {
-        self.takes_work.load(Ordering::Acquire)
+    pub fn takes_places(&self) -> bool {
+        self.takes_places.load(Ordering::Acquire)
     }
 
-    /// Time left in which this server may answer.
+    /// The places of this server.
+    pub const fn places(&self) -> &Places {
+        &self.places
+    }
+
+    /// Time left in which this server may answer for its places.
     pub fn answers_for(&self) -> Duration {
-        let until = Duration::from_millis(self.answers_until.load(Ordering::Acquire));
-        until.saturating_sub(self.started.elapsed())
-    }
-
-    fn answers_from(&self, sent: Instant) {
-        let until = sent.duration_since(self.started) + ANSWERS_FOR;
-        self.answers_until
-            .store(u64::try_from(until.as_millis()).unwrap_or(u64::MAX), Ordering::Release);
-    }
-
-    fn places(&self) -> MutexGuard<'_, HashMap<Place, State>> {
-        self.places.lock().expect("nothing panics while it holds this")
-    }
-
-    fn taken(&self) -> MutexGuard<'_, HashSet<Place>> {
-        self.taken.lock().expect("nothing panics while it holds this")
+        self.lease.left(self.started.elapsed())
     }
 
     /// Runs `work` on one of the two connections, which is made if there is none and dropped after an error.

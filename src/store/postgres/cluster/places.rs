@@ -7,6 +7,7 @@ use sqlx::postgres::PgArguments;
 use sqlx::{Arguments as _, Row as _};
 
 use super::{Cluster, Purpose};
+use crate::cluster::{Incarnation, number_of, preferred};
 use crate::ids::{EpisodeKey, Place, RunKey};
 use crate::store::StoreError;
 use crate::store::entries::Entry;
@@ -18,59 +19,16 @@ const PAUSE: Duration = Duration::from_millis(500);
 /// Places in one statement.
 const PLACES_AT_ONCE: usize = 1000;
 
-/// Unfinished work without an owner.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Unowned {
-    pub place: Place,
-    /// Whether a clock advances it.
-    pub clocked: bool,
-}
-
-/// State of an owned place.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum State {
-    Has,
-    /// Being released: nothing new begins there.
-    Leaves,
-}
-
 impl Cluster {
-    /// Whether this server owns a place and is not releasing it.
-    pub fn has(&self, place: Place) -> bool {
-        self.places().get(&place) == Some(&State::Has)
-    }
-
-    /// All owned places, including those being released.
-    pub fn all_places(&self) -> Vec<Place> {
-        self.places().keys().copied().collect()
-    }
-
-    /// The member that should take a free place, by rendezvous hashing: members that see the same cluster agree, places are
-    /// spread over members, and few of them change when a member comes or goes. `None` if no member takes places.
-    pub fn preferred(&self, place: Place) -> Option<i64> {
-        let (kind, key) = place.numbers();
-        self.preferred_for(mixed(key.cast_unsigned()) ^ u64::from(kind.unsigned_abs()))
-    }
-
-    /// Whether this server is the preferred one.
+    /// Whether this server is the preferred one for a free place.
     pub fn is_preferred(&self, place: Place) -> bool {
-        self.preferred(place) == Some(self.incarnation)
-    }
-
-    /// [`Cluster::preferred`] for any numbered thing.
-    pub fn preferred_for(&self, number: u64) -> Option<i64> {
-        let members = self.members();
-        let ready =
-            members.iter().filter(|member| member.is_ready).map(|member| member.incarnation);
-        let weight = |member: &i64| mixed(mixed(member.cast_unsigned()) ^ number);
-        ready.max_by_key(weight)
+        preferred(&self.members(), number_of(place)) == Some(self.incarnation)
     }
 
     /// Notes the places taken by committed entries.
     pub(in crate::store) fn note(&self, entries: &[Entry]) {
         if entries.iter().any(|entry| taken_by(entry).is_some()) {
-            let mut places = self.places();
-            places.extend(entries.iter().filter_map(taken_by).map(|place| (place, State::Has)));
+            self.places.gained(entries.iter().filter_map(taken_by));
         }
     }
 
@@ -93,25 +51,18 @@ impl Cluster {
         .await
     }
 
-    /// Drains the places that [`Cluster::take`] may have taken; the caller resumes their unfinished work.
-    pub fn take_taken(&self) -> Vec<Place> {
-        self.taken().drain().collect()
-    }
-
-    /// Notes places that may have been taken.
-    pub fn note_taken(&self, places: impl IntoIterator<Item = Place>) {
-        self.taken().extend(places);
-    }
-
     /// Takes the free ones among some places; returns the owner of each, in any order.
-    pub async fn take(&self, wanted: &[Place]) -> Result<Vec<(Place, i64)>, StoreError> {
+    pub async fn take(&self, wanted: &[Place]) -> Result<Vec<(Place, Incarnation)>, StoreError> {
         // Noted first, as the caller may be gone when the statement is done.
-        self.note_taken(wanted.iter().copied());
+        self.places.note_taken(wanted.iter().copied());
         self.take_noted(wanted).await
     }
 
     /// [`Cluster::take`] for a caller that resumes the places itself.
-    pub async fn take_noted(&self, wanted: &[Place]) -> Result<Vec<(Place, i64)>, StoreError> {
+    pub async fn take_noted(
+        &self,
+        wanted: &[Place],
+    ) -> Result<Vec<(Place, Incarnation)>, StoreError> {
         let mut owners = Vec::with_capacity(wanted.len());
         let mut missing = wanted.to_vec();
         // A fixed order, so that two servers do not deadlock.
@@ -122,10 +73,8 @@ impl Cluster {
                 .on(&self.takes, Purpose::Takes, async |connection| {
                     let found = take(connection, &some, self.incarnation).await?;
                     // Under the lock of the connection, so that the map changes in the order of the statements.
-                    let mut places = self.places();
-                    for (place, _) in found.iter().filter(|(_, owner)| *owner == self.incarnation) {
-                        places.entry(*place).or_insert(State::Has);
-                    }
+                    let own = found.iter().filter(|(_, owner)| *owner == self.incarnation);
+                    self.places.confirmed(own.map(|(place, _)| *place));
                     Ok(found)
                 })
                 .await?;
@@ -137,25 +86,7 @@ impl Cluster {
         Ok(owners)
     }
 
-    /// Starts to release a place: nothing new begins there. False if this server does not own it.
-    pub fn leave(&self, place: Place) -> bool {
-        match self.places().get_mut(&place) {
-            Some(state) => {
-                *state = State::Leaves;
-                true
-            }
-            None => false,
-        }
-    }
-
-    /// Cancels the release of a place.
-    pub fn stay(&self, place: Place) {
-        if let Some(state) = self.places().get_mut(&place) {
-            *state = State::Has;
-        }
-    }
-
-    /// Releases places after [`Cluster::leave`], once nothing is written there any more. If an answer is lost, the outcome is
+    /// Releases places after [`Places::leave`](crate::cluster::Places::leave), once nothing is written there any more. If an answer is lost, the outcome is
     /// unknown: this server retries until it is known, and plays nothing there meanwhile.
     pub async fn release(&self, places: &[Place]) -> Result<(), StoreError> {
         for some in places.chunks(PLACES_AT_ONCE) {
@@ -173,8 +104,8 @@ impl Cluster {
                 // A lost attempt may have released a place that a request took again before the last attempt.
                 let again = self.own_rows_when_back(some).await?;
                 let again = again.into_iter().map(|(place, _)| place);
-                self.note_taken(again.clone());
-                self.places().extend(again.map(|place| (place, State::Has)));
+                self.places.note_taken(again.clone());
+                self.places.gained(again);
             }
         }
         Ok(())
@@ -227,17 +158,14 @@ impl Cluster {
             let delete =
                 sqlx::query_with("DELETE FROM places WHERE taking = ANY($1::bigint[])", arguments);
             delete.execute(connection).await?;
-            let mut held = self.places();
-            for place in places {
-                held.remove(place);
-            }
+            self.places.lost(places.iter().copied());
             Ok(())
         })
         .await
     }
 
-    /// Releases all places of ended games and runs; returns their number.
-    pub async fn release_ended(&self) -> Result<usize, StoreError> {
+    /// Releases all places of ended games and runs.
+    pub async fn release_ended(&self) -> Result<(), StoreError> {
         self
             .on(&self.takes, Purpose::Takes, async |connection| {
                 let delete = query(
@@ -249,13 +177,8 @@ impl Cluster {
                      RETURNING CAST(p.kind AS bigint), p.key",
                 );
                 let ended: Vec<(i64, i64)> = delete.bind(self.incarnation).all(connection).await?;
-                let mut places = self.places();
-                let mut released = 0;
-                for (kind, key) in ended {
-                    let place = i16::try_from(kind).ok().and_then(|kind| Place::from_numbers(kind, key));
-                    released += usize::from(place.is_some_and(|place| places.remove(&place).is_some()));
-                }
-                Ok(released)
+                self.places.lost(ended.into_iter().filter_map(place_of));
+                Ok(())
             })
             .await
     }
@@ -271,29 +194,24 @@ impl Cluster {
     }
 
     /// Unfinished games and runs without an owner.
-    pub async fn unowned(&self) -> Result<Vec<Unowned>, StoreError> {
-        let rows: Vec<(i64, i64, bool)> = self
+    pub async fn unowned(&self) -> Result<Vec<Place>, StoreError> {
+        let rows: Vec<(i64, i64)> = self
             .on(&self.takes, Purpose::Takes, async |connection| {
                 let rows = query(
-                    "SELECT CAST(0 AS bigint), e.key, e.clocked FROM episodes e
+                    "SELECT CAST(0 AS bigint), e.key FROM episodes e
                      WHERE e.status IN ('waiting', 'running') AND e.run IS NULL
                          AND NOT EXISTS (SELECT 1 FROM places p WHERE p.kind = 0 AND p.key = e.key)
                      UNION ALL
-                     SELECT 1, u.key, bool_or(u.clocked) FROM (
-                         SELECT key, false AS clocked FROM runs WHERE status = 'running'
-                         UNION ALL
-                         SELECT run, clocked FROM episodes WHERE run IS NOT NULL AND status IN ('waiting', 'running')) u
-                     WHERE NOT EXISTS (SELECT 1 FROM places p WHERE p.kind = 1 AND p.key = u.key)
-                     GROUP BY u.key",
+                     SELECT 1, u.key FROM (
+                         SELECT key FROM runs WHERE status = 'running'
+                         UNION
+                         SELECT run FROM episodes WHERE run IS NOT NULL AND status IN ('waiting', 'running')) u
+                     WHERE NOT EXISTS (SELECT 1 FROM places p WHERE p.kind = 1 AND p.key = u.key)",
                 );
                 rows.all(connection).await
             })
             .await?;
-        let unowned = |(kind, key, clocked): (i64, i64, bool)| {
-            let place = Place::from_numbers(i16::try_from(kind).ok()?, key)?;
-            Some(Unowned { place, clocked })
-        };
-        Ok(rows.into_iter().filter_map(unowned).collect())
+        Ok(rows.into_iter().filter_map(place_of).collect())
     }
 
     /// Deletes incomplete forks of dead members.
@@ -305,11 +223,8 @@ impl Cluster {
     }
 }
 
-/// Mixes the bits of a number (the finalizer of `splitmix64`).
-const fn mixed(number: u64) -> u64 {
-    let number = (number ^ (number >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let number = (number ^ (number >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    number ^ (number >> 31)
+fn place_of((kind, key): (i64, i64)) -> Option<Place> {
+    Place::from_numbers(i16::try_from(kind).ok()?, key)
 }
 
 fn columns(places: &[Place]) -> (Vec<i16>, Vec<i64>) {

@@ -1,4 +1,4 @@
-//! The choice of the server that answers a request, forwarding, and clients, which retry.
+//! Requests on their way: a server answers or forwards them, and clients retry.
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -6,21 +6,17 @@ use std::time::Duration;
 use futures::future::{Either, select};
 use swarmbench::episode::actor::{ActError, ClaimError, StartError};
 use swarmbench::episode::recovery::RecoveryError;
+use swarmbench::cluster::Incarnation;
+use swarmbench::cluster::route::{Driver, End, Route, Sender, Sent, Target, follow};
 use swarmbench::ids::{EpisodeId, Place};
+use swarmbench::membership::{self, Port as _};
 use swarmbench::store::StoreError;
 use swarmbench_clock::{Clock as _, after};
 use swarmbench_testkit::worlds::Dice;
 use tokio::sync::oneshot;
 
-use super::{Net, Node, Reply, lease};
+use super::{Net, Peer, Reply, Site};
 use crate::simulation::clients::{Answer, News, Request, RequestId, Told, serve, think};
-use crate::simulation::database::Incarnation;
-
-/// Duration of a request's wait for another server to take over the place.
-const MOVE_PATIENCE: Duration = Duration::from_millis(1500);
-
-/// Interval between two looks meanwhile.
-const MOVE_PAUSE: Duration = Duration::from_millis(25);
 
 /// A client's timeout of an answer: longer than any wait for a round.
 const ANSWER_PATIENCE: Duration = Duration::from_secs(12);
@@ -46,29 +42,16 @@ impl Order {
     }
 }
 
-/// The server that answers a request.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Location {
-    Here,
-    At(Incarnation),
-}
-
-/// A failure to forward a request.
-enum Failed {
-    NotSent,
-    Unknown,
-}
-
 /// Answers a request at a server, unless its sender goes away.
 pub(super) async fn answer(
     net: Arc<Net>,
-    node: Arc<Node>,
+    peer: Arc<Peer>,
     order: Order,
     is_hop: bool,
     mut done: oneshot::Sender<Reply>,
 ) {
     let reply = {
-        let answering = std::pin::pin!(front(&net, &node, &order, is_hop));
+        let answering = std::pin::pin!(front(&net, &peer, &order, is_hop));
         match select(answering, std::pin::pin!(done.closed())).await {
             Either::Left((reply, _)) => reply,
             Either::Right(_) => return,
@@ -77,38 +60,94 @@ pub(super) async fn answer(
     drop(done.send(reply));
 }
 
-async fn front(net: &Arc<Net>, node: &Arc<Node>, order: &Order, is_hop: bool) -> Reply {
-    if !node.answers() {
+async fn front(net: &Arc<Net>, peer: &Arc<Peer>, order: &Order, is_hop: bool) -> Reply {
+    if !peer.answers() {
         return Reply::NotDone;
     }
-    let place = match &order.request {
-        Request::Create(..) => None,
-        _ => node.place_of(&order.id).await,
+    let target = match &order.request {
+        Request::Create(..) => Target::New(order.number.into()),
+        _ => peer.place_of(&order.id).await.map_or(Target::Anybody, Target::Place),
     };
-    match place {
-        Some(place) if is_hop => match node.takes(place).await {
-            Ok(true) => here(net, node, order, true).await,
-            Ok(false) => Reply::Elsewhere,
-            Err(_) => Reply::NotDone,
-        },
-        Some(place) => match node.locate(place).await {
-            Ok(Location::Here) => here(net, node, order, false).await,
-            Ok(Location::At(at)) => forward(net, node, order, place, at).await,
-            Err(_) => Reply::NotDone,
-        },
-        None => here(net, node, order, is_hop).await,
+    let sender = if is_hop {
+        Sender::Server
+    } else {
+        Sender::Client { is_repeatable: order.is_repeatable(), may_resend: true }
+    };
+    let site = Site { net: Arc::clone(net), peer: Arc::clone(peer) };
+    let mut way = Way { site, order, reply: Reply::NotDone };
+    match follow(Route::new(target, sender), &mut way).await {
+        Ok(End::Here) => here(net, peer, order, is_hop).await,
+        Ok(End::Answered) => way.reply,
+        Ok(End::Elsewhere) => Reply::Elsewhere,
+        Ok(End::Unknown) => Reply::Unknown,
+        Ok(End::Moved) | Err(_) => Reply::NotDone,
+    }
+}
+
+/// A request on its way.
+struct Way<'a> {
+    site: Site,
+    order: &'a Order,
+    /// The reply of another server.
+    reply: Reply,
+}
+
+impl Driver for Way<'_> {
+    type View = Peer;
+    type Error = StoreError;
+
+    fn view(&self) -> &Peer {
+        &self.site.peer
+    }
+
+    fn now(&self) -> Duration {
+        self.site.peer.time()
+    }
+
+    async fn owner(&mut self, place: Place) -> Result<Option<Incarnation>, StoreError> {
+        Ok(self.site.peer.journal.at_database(|tables| tables.owner(place)).await)
+    }
+
+    async fn is_unfinished(&mut self, place: Place) -> Result<bool, StoreError> {
+        Ok(self.site.peer.journal.at_database(|tables| tables.is_unfinished(place)).await)
+    }
+
+    async fn take(&mut self, place: Place) -> Result<Option<Incarnation>, StoreError> {
+        self.site.peer.journal.take_place(place).await.map(Some)
+    }
+
+    async fn send(&mut self, to: Incarnation) -> Result<Sent, StoreError> {
+        let Some(answer) = self.site.net.send(to, self.order, true) else {
+            return Ok(Sent::NotSent);
+        };
+        Ok(match answer.await {
+            Ok(Reply::Elsewhere) => Sent::Elsewhere,
+            Ok(reply) => {
+                self.reply = reply;
+                Sent::Answered
+            }
+            Err(_) => Sent::Unknown,
+        })
+    }
+
+    async fn bury(&mut self, server: Incarnation) -> Result<(), StoreError> {
+        membership::bury(&self.site, server).await
+    }
+
+    async fn pause(&mut self, pause: Duration) {
+        self.site.sleep(pause).await;
     }
 }
 
 /// Answers at this server.
-async fn here(net: &Net, node: &Node, order: &Order, is_hop: bool) -> Reply {
+async fn here(net: &Net, peer: &Peer, order: &Order, is_hop: bool) -> Reply {
     let buffer = Mutex::new(Vec::new());
     let say = |news| {
         let told = Told {
             number: order.number,
             id: order.id.clone(),
-            server: node.incarnation,
-            plays: node.plays(&order.id),
+            server: peer.incarnation,
+            plays: peer.plays(&order.id),
             news,
         };
         if matches!(told.news, News::Arrived(_)) {
@@ -117,8 +156,8 @@ async fn here(net: &Net, node: &Node, order: &Order, is_hop: bool) -> Reply {
             buffer.lock().expect("one thread").push(told);
         }
     };
-    serve(&node.registry, &net.clock, say, order.id.clone(), order.request.clone()).await;
-    if !node.answers() {
+    serve(&peer.registry, &net.clock, say, order.id.clone(), order.request.clone()).await;
+    if !peer.answers() {
         return Reply::Unknown;
     }
     let told = buffer.into_inner().expect("one thread");
@@ -129,74 +168,7 @@ async fn here(net: &Net, node: &Node, order: &Order, is_hop: bool) -> Reply {
     }
 }
 
-/// Forwards the request; retries once at the new owner.
-async fn forward(
-    net: &Arc<Net>,
-    node: &Arc<Node>,
-    order: &Order,
-    place: Place,
-    at: Incarnation,
-) -> Reply {
-    let answered = send(net, at, order).await;
-    match answered {
-        Ok(Reply::Elsewhere) | Err(Failed::NotSent) => {}
-        Ok(reply) => return reply,
-        Err(Failed::Unknown) if !order.is_repeatable() => {
-            node.forget(place);
-            return Reply::Unknown;
-        }
-        Err(Failed::Unknown) => {}
-    }
-    match located_again(net, node, place, at, answered.is_err()).await {
-        Some(Location::Here) => here(net, node, order, false).await,
-        Some(Location::At(next)) => match send(net, next, order).await {
-            Ok(Reply::Elsewhere) | Err(Failed::NotSent) => {
-                node.forget(place);
-                Reply::NotDone
-            }
-            Ok(reply) => reply,
-            Err(Failed::Unknown) => {
-                node.forget(place);
-                Reply::Unknown
-            }
-        },
-        None => Reply::NotDone,
-    }
-}
-
-async fn send(net: &Arc<Net>, to: Incarnation, order: &Order) -> Result<Reply, Failed> {
-    let answer = net.send(to, order, true).ok_or(Failed::NotSent)?;
-    answer.await.map_err(|_| Failed::Unknown)
-}
-
-/// Locates a place again after a server has not answered: waits for another server to take it over.
-async fn located_again(
-    net: &Net,
-    node: &Node,
-    place: Place,
-    before: Incarnation,
-    is_away: bool,
-) -> Option<Location> {
-    let until = after(net.clock.now(), MOVE_PATIENCE);
-    loop {
-        node.forget(place);
-        if is_away && !net.is_there(before) {
-            lease::exclude(node, before, true).await;
-        }
-        match node.locate(place).await {
-            Ok(Location::At(at)) if at == before && is_away => {}
-            Ok(location) => return Some(location),
-            Err(StoreError::Elsewhere) => {}
-            Err(_) => return None,
-        }
-        if net.clock.now() >= until {
-            return None;
-        }
-        net.clock.sleep_until(after(net.clock.now(), MOVE_PAUSE)).await;
-    }
-}
-
-impl Node {
+impl Peer {
     /// Whether this server plays an episode, or nobody does as it has ended or does not exist.
     fn plays(&self, id: &EpisodeId) -> bool {
         self.journal.with_tables(|tables| {
@@ -214,71 +186,6 @@ impl Node {
         let key = self.journal.at_database(|tables| tables.key_of(id)).await?;
         self.places.lock().expect("one thread").insert(id.clone(), Place::Game(key));
         Some(Place::Game(key))
-    }
-
-    async fn is_unfinished(&self, place: Place) -> bool {
-        self.journal.at_database(|tables| tables.is_unfinished(place)).await
-    }
-
-    /// Whether this server plays at a place, or can take it now.
-    async fn takes(&self, place: Place) -> Result<bool, StoreError> {
-        if self.journal.plays_at(place) || !self.is_unfinished(place).await {
-            return Ok(true);
-        }
-        self.journal.take_place(place).await?;
-        Ok(self.journal.plays_at(place))
-    }
-
-    async fn locate(&self, place: Place) -> Result<Location, StoreError> {
-        let owner = self.owner(place).await?;
-        let Some(owner) = owner.filter(|owner| *owner != self.incarnation) else {
-            return Ok(Location::Here);
-        };
-        if self.sees(owner) {
-            return Ok(Location::At(owner));
-        }
-        self.forget(place);
-        Err(StoreError::Elsewhere)
-    }
-
-    fn sees(&self, incarnation: Incarnation) -> bool {
-        self.members().iter().any(|member| member.incarnation == incarnation)
-    }
-
-    /// The owner of a place, or else the server that should take it; `None` if everything there has ended.
-    async fn owner(&self, place: Place) -> Result<Option<Incarnation>, StoreError> {
-        let me = self.incarnation;
-        if self.journal.plays_at(place) {
-            return Ok(Some(me));
-        }
-        let known = self.owners.lock().expect("one thread").get(&place).copied();
-        if let Some(owner) = known.filter(|owner| owner.is_none_or(|owner| self.sees(owner))) {
-            return Ok(owner);
-        }
-        let owner = match self.journal.at_database(|tables| tables.owner(place)).await {
-            Some(owner) => Some(owner),
-            None if !self.is_unfinished(place).await => None,
-            None => {
-                let preferred = self.preferred(place);
-                if preferred != me {
-                    // The preferred server takes the place when the request arrives.
-                    return Ok(Some(preferred));
-                }
-                Some(self.journal.take_place(place).await?)
-            }
-        };
-        if owner == Some(me) {
-            // The place is being given up, or a commit with a lost answer has taken it.
-            self.journal.take_place(place).await?;
-            let plays = self.journal.plays_at(place);
-            return if plays { Ok(owner) } else { Err(StoreError::Elsewhere) };
-        }
-        self.owners.lock().expect("one thread").insert(place, owner);
-        Ok(owner)
-    }
-
-    fn forget(&self, place: Place) {
-        self.owners.lock().expect("one thread").remove(&place);
     }
 }
 

@@ -1,27 +1,28 @@
-//! Servers that share a database: their beats, take-overs and hand-overs, and the choice of the server that answers a
-//! request. This does the work of `fleet` and `http::nodes` of the server without a network: the database decides,
-//! and the registry below is the server's own.
+//! Servers that share a database. Their part in the cluster and the way of a request are the server's own code
+//! ([`swarmbench::membership`], [`swarmbench::cluster`]); the database and the network are simulated.
 
-mod lease;
-mod routes;
+mod port;
+mod requests;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use jiff::{SignedDuration, Timestamp};
+use swarmbench::cluster::route::{Owner, View};
+use swarmbench::cluster::{Incarnation, Lease, Member, preferred};
 use swarmbench::episode::actor::Spawn;
 use swarmbench::episode::registry::Registry;
 use swarmbench::ids::{EpisodeId, Place};
-use swarmbench_clock::{Clock as _, after};
+use swarmbench_clock::Clock as _;
 use swarmbench_testkit::worlds::Dice;
 use tokio::sync::oneshot;
 
-pub(crate) use self::lease::{beat, work};
-pub(crate) use self::routes::{Order, client};
+pub(crate) use self::port::Site;
+pub(crate) use self::requests::{Order, client};
 use crate::simulation::broken::Flaw;
 use crate::simulation::clients::{Desk, Told};
-use crate::simulation::database::Incarnation;
 use crate::simulation::journal::MemoryJournal;
 use crate::simulation::time::SimClock;
 
@@ -29,40 +30,40 @@ use crate::simulation::time::SimClock;
 pub(crate) struct Net {
     pub(crate) clock: Arc<SimClock>,
     pub(crate) desk: Desk,
-    nodes: Mutex<BTreeMap<Incarnation, Arc<Node>>>,
+    peers: Mutex<BTreeMap<Incarnation, Arc<Peer>>>,
 }
 
 impl Net {
     pub(crate) fn new(clock: Arc<SimClock>, desk: Desk) -> Self {
-        Self { clock, desk, nodes: Mutex::default() }
+        Self { clock, desk, peers: Mutex::default() }
     }
 
-    pub(crate) fn add(&self, node: Arc<Node>) {
-        self.nodes.lock().expect("one thread").insert(node.incarnation, node);
+    pub(crate) fn add(&self, peer: Arc<Peer>) {
+        self.peers.lock().expect("one thread").insert(peer.incarnation, peer);
     }
 
     /// Removes the process of a server.
     pub(crate) fn remove(&self, incarnation: Incarnation) {
-        let node = self.nodes.lock().expect("one thread").remove(&incarnation);
+        let peer = self.peers.lock().expect("one thread").remove(&incarnation);
         // The drop runs code that looks at the other servers, so the lock must be free.
-        drop(node);
+        drop(peer);
     }
 
     /// Whether the process of a server exists, stopped or not.
     fn is_there(&self, incarnation: Incarnation) -> bool {
-        self.nodes.lock().expect("one thread").contains_key(&incarnation)
+        self.peers.lock().expect("one thread").contains_key(&incarnation)
     }
 
     /// A server that accepts requests.
-    fn node(&self, incarnation: Incarnation) -> Option<Arc<Node>> {
-        let node = self.nodes.lock().expect("one thread").get(&incarnation).cloned()?;
-        node.accepts.load(Ordering::Relaxed).then_some(node)
+    fn peer(&self, incarnation: Incarnation) -> Option<Arc<Peer>> {
+        let peer = self.peers.lock().expect("one thread").get(&incarnation).cloned()?;
+        (!peer.is_shut()).then_some(peer)
     }
 
     /// A random server for a client.
     fn any(&self, dice: &mut Dice) -> Option<Incarnation> {
-        let nodes = self.nodes.lock().expect("one thread");
-        let all: Vec<Incarnation> = nodes.keys().copied().collect();
+        let peers = self.peers.lock().expect("one thread");
+        let all: Vec<Incarnation> = peers.keys().copied().collect();
         (!all.is_empty()).then(|| all[dice.below(all.len())])
     }
 
@@ -73,10 +74,10 @@ impl Net {
         order: &Order,
         is_hop: bool,
     ) -> Option<oneshot::Receiver<Reply>> {
-        let node = self.node(to)?;
+        let peer = self.peer(to)?;
         let (done, answer) = oneshot::channel();
-        let spawn = Arc::clone(&node.spawn);
-        spawn(Box::pin(routes::answer(Arc::clone(self), node, order.clone(), is_hop, done)));
+        let spawn = Arc::clone(&peer.spawn);
+        spawn(Box::pin(requests::answer(Arc::clone(self), peer, order.clone(), is_hop, done)));
         Some(answer)
     }
 }
@@ -93,33 +94,24 @@ enum Reply {
 }
 
 /// A server during the life of its process.
-pub(crate) struct Node {
+pub(crate) struct Peer {
     pub(crate) incarnation: Incarnation,
     pub(crate) registry: Registry,
     pub(crate) journal: Arc<MemoryJournal>,
+    pub(crate) lease: Lease,
     clock: Arc<SimClock>,
     spawn: Spawn,
     flaw: Option<Flaw>,
     /// The error of its own clock.
     off: SignedDuration,
     /// All servers, as last seen.
-    members: Mutex<Vec<Member>>,
-    answers_until: Mutex<Timestamp>,
-    /// The known owners of places; none where everything has ended.
-    owners: Mutex<BTreeMap<Place, Option<Incarnation>>>,
+    members: Mutex<Arc<[Member]>>,
+    owners: Mutex<BTreeMap<Place, Owner>>,
     places: Mutex<BTreeMap<EpisodeId, Place>>,
     accepts: AtomicBool,
 }
 
-/// A server, as last seen.
-#[derive(Clone, Copy, Debug)]
-struct Member {
-    incarnation: Incarnation,
-    is_expired: bool,
-    is_ready: bool,
-}
-
-impl Node {
+impl Peer {
     pub(crate) fn new(
         registry: Registry,
         journal: Arc<MemoryJournal>,
@@ -128,22 +120,22 @@ impl Node {
         off: SignedDuration,
         flaw: Option<Flaw>,
     ) -> Self {
-        let node = Self {
+        let peer = Self {
             incarnation: journal.incarnation(),
             registry,
             journal,
-            answers_until: Mutex::new(clock.now()),
+            lease: Lease::default(),
             clock,
             spawn,
             flaw,
             off,
-            members: Mutex::default(),
+            members: Mutex::new(Arc::default()),
             owners: Mutex::default(),
             places: Mutex::default(),
             accepts: AtomicBool::new(true),
         };
-        node.answers_from(node.clock.now());
-        node
+        peer.lease.renew(peer.time());
+        peer
     }
 
     /// Accepts no more requests and no more work.
@@ -157,7 +149,7 @@ impl Node {
 
     /// Whether the server's lease lets it answer.
     pub(crate) fn may_answer(&self) -> bool {
-        self.clock.now() < *self.answers_until.lock().expect("one thread")
+        !self.lease.left(self.time()).is_zero()
     }
 
     /// Whether the server believes that it may answer.
@@ -165,9 +157,9 @@ impl Node {
         self.flaw == Some(Flaw::AnswersForever) || self.may_answer()
     }
 
-    pub(crate) fn answers_from(&self, sent: Timestamp) {
-        *self.answers_until.lock().expect("one thread") =
-            after(sent, swarmbench::store::ANSWERS_FOR);
+    /// The time by which this server counts, which is that of all.
+    pub(crate) fn time(&self) -> Duration {
+        Duration::from_millis(self.clock.now().as_millisecond().unsigned_abs())
     }
 
     /// The clock by which this server judges leases: that of the database.
@@ -179,17 +171,41 @@ impl Node {
         now
     }
 
-    fn members(&self) -> Vec<Member> {
-        self.members.lock().expect("one thread").clone()
+    fn members(&self) -> Arc<[Member]> {
+        Arc::clone(&self.members.lock().expect("one thread"))
+    }
+}
+
+impl View for Peer {
+    fn me(&self) -> Incarnation {
+        self.incarnation
     }
 
-    /// The server that should take a place without an owner; the same for all who see the same servers.
-    fn preferred(&self, place: Place) -> Incarnation {
-        let (_, key) = place.numbers();
-        let ready = self.members().into_iter().filter(|member| member.is_ready);
-        let weight = |incarnation: &Incarnation| {
-            Dice(key.cast_unsigned() ^ incarnation.cast_unsigned().rotate_left(32)).below(1 << 20)
-        };
-        ready.map(|member| member.incarnation).max_by_key(weight).unwrap_or(self.incarnation)
+    fn takes_places(&self) -> bool {
+        !self.is_shut()
+    }
+
+    fn has(&self, place: Place) -> bool {
+        self.journal.places().has(place)
+    }
+
+    fn is_member(&self, server: Incarnation) -> bool {
+        self.members().iter().any(|member| member.incarnation == server)
+    }
+
+    fn preferred(&self, number: u64) -> Option<Incarnation> {
+        preferred(&self.members(), number)
+    }
+
+    fn known_owner(&self, place: Place) -> Option<Owner> {
+        self.owners.lock().expect("one thread").get(&place).copied()
+    }
+
+    fn note_owner(&self, place: Place, owner: Owner) {
+        self.owners.lock().expect("one thread").insert(place, owner);
+    }
+
+    fn forget_owner(&self, place: Place) {
+        self.owners.lock().expect("one thread").remove(&place);
     }
 }
