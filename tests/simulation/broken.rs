@@ -96,8 +96,8 @@ pub(crate) const FLAWS_OF_SEVERAL: [(Flaw, Invariant, u64); 10] = [
     (Flaw::AnswersForever, Invariant::Durable, 400),
     (Flaw::LeaseFromTheReply, Invariant::OneOwner, 60),
     (Flaw::GivesUpWhatIsUsed, Invariant::OneOwner, 0),
-    (Flaw::NotesPlacesLate, Invariant::OneOwner, 20),
-    (Flaw::ForgetsWhatItTook, Invariant::Progress, 3000),
+    (Flaw::NotesPlacesLate, Invariant::OneOwner, 200),
+    (Flaw::ForgetsWhatItTook, Invariant::Progress, 2400),
 ];
 
 impl Flaw {
