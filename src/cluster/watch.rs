@@ -105,13 +105,19 @@ pub enum Suspicion {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Due {
     pub suspects: Vec<(Incarnation, Suspicion)>,
+    pub duties: Vec<Duty>,
+}
+
+/// Something that a server does now and then.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Duty {
     /// Take the unowned places that this server is preferred for, and say so with [`Work::adopted`].
-    pub adopt: bool,
-    /// Release places where everything has ended, and those that other servers are preferred for.
-    pub tidy: bool,
-    pub delete_old_changes: bool,
-    /// A server that only forwards is ready, as others take places.
-    pub is_ready: bool,
+    Adopt,
+    /// Release places where everything has ended, and idle ones that other servers are preferred for.
+    Tidy,
+    DeleteOldChanges,
+    /// Be ready: this server only forwards, and others take places.
+    BeReady,
 }
 
 /// A server's work for places of others.
@@ -149,20 +155,27 @@ impl Work {
             let suspicion = self.suspicion(member, up_since, now)?;
             Some((member.incarnation, suspicion))
         });
-        let mut due = Due { suspects: suspects.collect(), ..Due::default() };
+        let suspects = suspects.collect();
         let composition = composition(&seen.members);
         let ready = &composition.0;
         if !ready.contains(&self.me) {
-            due.is_ready = self.forwards_only && !ready.is_empty();
-            return due;
+            let is_ready = self.forwards_only && !ready.is_empty();
+            return Due {
+                suspects,
+                duties: is_ready.then_some(Duty::BeReady).into_iter().collect(),
+            };
         }
-        due.adopt = self.searched.as_ref().is_none_or(|(last, at)| {
+        let is_oldest = ready.first() == Some(&self.me);
+        let adopts = self.searched.as_ref().is_none_or(|(last, at)| {
             *last != composition || now.saturating_sub(*at) >= SEARCHES_EVERY
         });
-        due.tidy = is_over(&mut self.tidied, TIDIES_EVERY, now);
-        due.delete_old_changes =
-            ready.first() == Some(&self.me) && is_over(&mut self.deleted, DELETES_EVERY, now);
-        due
+        let duties = [
+            (Duty::Adopt, adopts),
+            (Duty::Tidy, is_over(&mut self.tidied, TIDIES_EVERY, now)),
+            (Duty::DeleteOldChanges, is_oldest && is_over(&mut self.deleted, DELETES_EVERY, now)),
+        ];
+        let due = duties.into_iter().filter_map(|(duty, is_due)| is_due.then_some(duty));
+        Due { suspects, duties: due.collect() }
     }
 
     /// Unowned places were searched and taken after this look; returns whether for the first time.

@@ -1,12 +1,10 @@
-//! Checks that come first for every request: the host that it names, and its rank.
+//! The check that comes first for every request: the host that it names.
 
 use axum::extract::Request;
 use axum::http::uri::Authority;
-use axum::http::{HeaderValue, Method, Version, header};
+use axum::http::{HeaderValue, Version, header};
 
 use super::error::{ApiError, Code};
-use super::front::is_of_a_player;
-use crate::fair::Rank;
 
 /// Refuses requests that name no host, or more than one: a proxy in front might take another one for the right one. HTTP/1.0 does
 /// not require the header.
@@ -37,19 +35,4 @@ fn is_plain_host(host: &[u8]) -> bool {
     let is_of_name = |byte: &u8| byte.is_ascii_alphanumeric() || matches!(byte, b'.' | b'-');
     let is_port = matches!(port.len(), 0 | 2..=5) && port.iter().skip(1).all(u8::is_ascii_digit);
     !name.is_empty() && name.iter().all(is_of_name) && is_port
-}
-
-/// Rank of a request: playing, entering and changing come before reading.
-pub(super) fn rank(method: &Method, path: &str) -> Rank {
-    let reads = matches!(*method, Method::GET | Method::HEAD);
-    if reads && !is_of_a_player(path) && !is_about_health(path) {
-        Rank::Normal
-    } else {
-        Rank::Urgent
-    }
-}
-
-/// Whether the route tells operators about the server's health: it is answered however busy the background threads are.
-pub(super) fn is_about_health(path: &str) -> bool {
-    matches!(path, "/healthz" | "/readyz" | "/metrics")
 }

@@ -20,7 +20,6 @@ use swarmbench_protocol::competition::{AuditEntry, AuditLog};
     operation_id = "list_audit",
     tag = "competitions",
     params(NewestParams),
-    security(("key" = [])),
     responses(
         (status = 200, description = "A page of the audit log", body = AuditLog),
         (status = 403, description = "`forbidden`: not the key of an organizer or a judge"),

@@ -23,7 +23,6 @@ use swarmbench_protocol::clock::ConfirmedClock;
     path = "/api/v1/clock/confirm",
     operation_id = "confirm_clock",
     tag = "host",
-    security(("key" = [])),
     responses(
         (status = 200, description = "The time of day, from the host's clock", body = ConfirmedClock),
         (status = 403, description = "`forbidden`: not an organizer's key"),

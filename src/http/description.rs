@@ -13,6 +13,7 @@ use utoipa::{Modify, OpenApi};
 
 use super::error::Code;
 use super::limits::Limits;
+use super::routes::{PLAYS, ROWS};
 
 /// The document without its routes.
 #[derive(OpenApi)]
@@ -135,6 +136,13 @@ pub(super) fn complete(document: &mut utoipa::openapi::OpenApi) {
     describe_defaults(components);
     let schema = Ref::from_schema_name("Problem");
     let body = RefOr::T(ContentBuilder::new().schema(Some(schema)).build());
+    for row in PLAYS.iter().chain(ROWS) {
+        let item = document.paths.paths.get_mut(row.path);
+        let operation = item.and_then(|item| operation(item, row.method));
+        if let Some(operation) = operation {
+            operation.security = row.facts.who.security();
+        }
+    }
     for operation in document.paths.paths.values_mut().flat_map(operations) {
         let common = common_errors(operation);
         let responses = &mut operation.responses.responses;
@@ -154,6 +162,17 @@ pub(super) fn complete(document: &mut utoipa::openapi::OpenApi) {
         // A route without a declared token needs none.
         operation.security.get_or_insert_with(|| vec![SecurityRequirement::default()]);
     }
+}
+
+fn operation<'a>(item: &'a mut PathItem, method: &str) -> Option<&'a mut Operation> {
+    let PathItem { get, post, patch, delete, .. } = item;
+    let found = match method {
+        "GET" => get,
+        "POST" => post,
+        "PATCH" => patch,
+        _ => delete,
+    };
+    found.as_mut()
 }
 
 fn operations(path: &mut PathItem) -> impl Iterator<Item = &mut Operation> {

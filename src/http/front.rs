@@ -20,7 +20,7 @@ use metrics::{Counter, Histogram};
 use tower::Service;
 use tracing::{Instrument, Level, Span};
 
-use super::admit::{self, check_host};
+use super::admit::check_host;
 use super::auth::{Seat, Swarm};
 use super::body::is_light;
 use super::client::{Client, Peer, check_site};
@@ -29,6 +29,7 @@ use super::in_flight::RequestContext;
 use super::nodes::{self, Routed};
 use super::prelude::*;
 use super::revoked::SentToken;
+use super::routes::{At, Facts, PLAYS, Play};
 use super::serve::Counted;
 use super::{agent, router, stream, swarm};
 use crate::fair::Origin;
@@ -50,7 +51,7 @@ struct Inner {
     /// Number of requests so far. A request's id is the run of the server and this number: a random id would ask the host for
     /// randomness with every request.
     requests: AtomicU64,
-    plays: [Meter; Play::ALL.len()],
+    plays: [Meter; PLAYS.len()],
 }
 
 /// An answer, and the context that lives until it is sent.
@@ -63,7 +64,7 @@ pub(super) struct Answered {
 impl Front {
     pub fn new(app: App) -> Self {
         let router = router::router(app.clone());
-        let plays = Play::ALL.map(|play| Meter::new(play.route(), play.method()));
+        let plays = PLAYS.map(|row| Meter::new(row.path, row.method));
         let inner = Arc::new(Inner { app, router, requests: AtomicU64::new(0), plays });
         Self { inner, is_for_nodes: false }
     }
@@ -87,21 +88,21 @@ impl Front {
             // Another server may answer the request, under the same id.
             request.headers_mut().insert(REQUEST_ID, name.id.clone());
         }
-        let play = Play::of(&request);
+        let facts = Facts::of(request.method(), request.uri().path());
         // Playing requests write log lines at the level debug only, unless the server fails.
-        let span = match play {
+        let span = match facts.play {
             Some(_) if !tracing::enabled!(Level::DEBUG) => Span::none(),
             _ => name.span(),
         };
         let mut context = None;
-        let admitted = self.admit(request, peer, connection, play, &mut context);
+        let admitted = self.admit(request, peer, connection, facts, &mut context);
         let answered = AssertUnwindSafe(admitted).catch_unwind().instrument(span.clone()).await;
         let mut response = match answered {
             Ok(Ok(response)) => response,
             Ok(Err(error)) => error.into_response(),
             Err(panic) => name.within(&span, || panicked(&*panic)),
         };
-        self.measure(&name, &span, play, &mut response, started.elapsed());
+        self.measure(&name, &span, facts, &mut response, started.elapsed());
         let headers = response.headers_mut();
         headers.entry(X_CONTENT_TYPE_OPTIONS).or_insert(NOSNIFF);
         headers.insert(REQUEST_ID, name.id);
@@ -128,7 +129,7 @@ impl Front {
         mut request: Request,
         Peer(peer): Peer,
         connection: Arc<Counted>,
-        play: Option<Play>,
+        facts: Facts,
         context: &mut Option<RequestContext>,
     ) -> Result<Response, ApiError> {
         let Inner { app, .. } = &*self.inner;
@@ -146,18 +147,17 @@ impl Front {
             app.rates.check_address(client.address)?;
             (client, app.in_flight.take(client.address)?)
         };
-        if play.is_none() {
+        if facts.play.is_none() {
             request.extensions_mut().insert(client);
         }
-        let rank = admit::rank(request.method(), request.uri().path());
         let is_of_a_server = self.is_for_nodes && request.uri().path().starts_with(nodes::PATH);
-        let plays = play.is_some() && is_light(&request);
-        let may_run_here = is_of_a_server || plays || admit::is_about_health(request.uri().path());
+        let plays = facts.play.is_some() && is_light(&request);
+        let may_run_here = is_of_a_server || plays || facts.is_about_health;
         let front = self.clone();
         // Large futures are boxed: each layer would move them, which costs more than everything else here.
         let answered =
-            Box::pin(async move { (front.route(request, play, client).await, Origin::current()) });
-        let answered = connection.scope(rank.scope(client.party().scope(answered)));
+            Box::pin(async move { (front.route(request, facts, client).await, Origin::current()) });
+        let answered = connection.scope(facts.rank.scope(client.party().scope(answered)));
         let (response, origin) =
             if may_run_here { answered.await } else { app.workers.in_background(answered).await? };
         // The request counts until the body of its answer is sent; the body is made for the same party.
@@ -168,7 +168,7 @@ impl Front {
     async fn route(
         self,
         request: Request,
-        play: Option<Play>,
+        facts: Facts,
         client: Client,
     ) -> Result<Response, ApiError> {
         if !self.is_for_nodes {
@@ -177,9 +177,9 @@ impl Front {
             check_site(&request, &self.inner.app.access.hosts)?;
         }
         match self.inner.app.nodes.as_deref() {
-            None => self.handle(request, play).await,
+            None => self.handle(request, facts).await,
             // This branch has by far the larger future: a server without a cluster shall not reserve memory for it.
-            Some(nodes) => Box::pin(self.route_among(nodes, request, play, client)).await,
+            Some(nodes) => Box::pin(self.route_among(nodes, request, facts, client)).await,
         }
     }
 
@@ -188,26 +188,26 @@ impl Front {
         &self,
         nodes: &nodes::Nodes,
         request: Request,
-        play: Option<Play>,
+        facts: Facts,
         client: Client,
     ) -> Result<Response, ApiError> {
         let Inner { app, .. } = &*self.inner;
         if self.is_for_nodes && request.uri().path().starts_with(nodes::PATH) {
             return nodes.answer(app, request).await;
         }
-        if !is_about_data(request.uri().path()) {
-            return self.handle(request, play).await;
+        if facts.at == At::Host {
+            return self.handle(request, facts).await;
         }
         nodes.check_may_answer()?;
-        let response = match nodes.route(app, request, client, self.is_for_nodes).await? {
+        let response = match nodes.route(app, request, facts, client, self.is_for_nodes).await? {
             Routed::Answered(response) => response,
             Routed::Here(request) => {
-                if play.is_none() {
+                if facts.play.is_none() {
                     // All reads from now on see the commits of other servers.
                     app.store.catch_up().await?;
                 }
                 let response =
-                    self.handle(request, play).await.unwrap_or_else(IntoResponse::into_response);
+                    self.handle(request, facts).await.unwrap_or_else(IntoResponse::into_response);
                 // This process may have been stopped, and excluded meanwhile.
                 nodes.check_may_answer()?;
                 response
@@ -219,13 +219,13 @@ impl Front {
         Ok(response)
     }
 
-    async fn handle(&self, request: Request, play: Option<Play>) -> Result<Response, ApiError> {
+    async fn handle(&self, request: Request, facts: Facts) -> Result<Response, ApiError> {
         let Inner { app, router, .. } = &*self.inner;
         let is_get = request.method() == Method::GET;
-        // Other requests may revoke the token with which they come.
-        let may_wait = is_get || play.is_some() || request.uri().path() == "/mcp";
+        // A look or an act waits by a parameter alone. Other requests may revoke the token with which they come.
+        let may_wait = facts.waits && (facts.play.is_none() || request.uri().query().is_some());
         let sent = if may_wait { SentToken::of(app, &request) } else { None };
-        let response = match play {
+        let response = match facts.play {
             Some(play) => play.call(app, request).await?,
             None => match router.clone().call(request).await {
                 Ok(response) => response,
@@ -233,7 +233,7 @@ impl Front {
             },
         };
         let response = match sent {
-            Some(sent) => sent.check(app, response).await?,
+            Some(sent) => Box::pin(sent.check(app, response)).await?,
             None => response,
         };
         stream::reserve(&app.registry, is_get, response).await
@@ -244,13 +244,13 @@ impl Front {
         &self,
         name: &RequestName,
         span: &Span,
-        play: Option<Play>,
+        facts: Facts,
         response: &mut Response,
         taken: Duration,
     ) {
         let status = response.status();
         let path = response.extensions_mut().remove::<MatchedPath>();
-        match play {
+        match facts.play {
             Some(play) => self.inner.plays[play as usize].note(status, taken),
             // Only known routes become labels: unknown paths would create unlimited series.
             None if status == StatusCode::METHOD_NOT_ALLOWED => {}
@@ -262,8 +262,7 @@ impl Front {
         }
         let taken_us = micros(taken);
         // An answer that the server is not ready is no failure.
-        let is_readiness = path.is_some_and(|path| path.as_str() == "/readyz");
-        if status.is_server_error() && !is_readiness {
+        if status.is_server_error() && !facts.is_about_health {
             let warn = || tracing::warn!(status = status.as_u16(), taken_us, "answered");
             name.within(span, warn);
         } else {
@@ -271,16 +270,6 @@ impl Front {
             tracing::debug!(status = status.as_u16(), taken_us, "answered");
         }
     }
-}
-
-/// Whether the answer depends on stored or played data: not so pages, documentation, and what is about this server alone.
-fn is_about_data(path: &str) -> bool {
-    path.starts_with("/api/") || path == "/mcp" || is_of_a_player(path)
-}
-
-/// Whether a path plays games.
-pub(super) fn is_of_a_player(path: &str) -> bool {
-    Play::ALL.iter().any(|play| play.route() == path)
 }
 
 /// Formats the id of a request: the run of the server in 16 hexadecimal digits, and the number of the request.
@@ -327,39 +316,7 @@ impl RequestName {
     }
 }
 
-/// The routes by which games are played.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Play {
-    Look,
-    Act,
-    SwarmLook,
-    SwarmAct,
-}
-
 impl Play {
-    const ALL: [Self; 4] = [Self::Look, Self::Act, Self::SwarmLook, Self::SwarmAct];
-
-    fn of(request: &Request) -> Option<Self> {
-        let (method, path) = (request.method(), request.uri().path());
-        Self::ALL.into_iter().find(|play| play.route() == path && play.method() == method)
-    }
-
-    const fn route(self) -> &'static str {
-        match self {
-            Self::Look => "/obs",
-            Self::Act => "/act",
-            Self::SwarmLook => "/swarm/obs",
-            Self::SwarmAct => "/swarm/act",
-        }
-    }
-
-    const fn method(self) -> &'static str {
-        match self {
-            Self::Look | Self::SwarmLook => "GET",
-            Self::Act | Self::SwarmAct => "POST",
-        }
-    }
-
     async fn call(self, app: &App, request: Request) -> Result<Response, ApiError> {
         let state = State(app.clone());
         let (mut parts, body) = request.into_parts();

@@ -41,6 +41,7 @@ mod replay_pages;
 mod revoked;
 mod room;
 mod router;
+mod routes;
 mod runs;
 mod seeds;
 pub mod serve;

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use tokio::sync::watch;
 
-use crate::cluster::watch::{ClockSeen, LOOKS_EVERY, Looks, Seen, Suspicion, Work};
+use crate::cluster::watch::{ClockSeen, Duty, LOOKS_EVERY, Looks, Seen, Suspicion, Work};
 use crate::cluster::{Death, Incarnation, Member, Places};
 use crate::ids::Place;
 use crate::store::StoreError;
@@ -148,21 +148,21 @@ pub async fn work<P: Port + Send + Sync>(port: Arc<P>, mut looks: watch::Receive
         }
         let resumed = duties::resume_taken(&*port).await;
         warn_of(resumed, "work that this server has taken over cannot be continued");
-        if due.is_ready {
-            port.ready();
-        }
-        if due.adopt {
-            match duties::adopt(&*port).await {
-                Ok(()) if work.adopted(&seen, port.now()) => port.ready(),
-                adopted => warn_of(adopted, "work that no server does cannot be taken over"),
+        for duty in due.duties {
+            match duty {
+                Duty::BeReady => port.ready(),
+                Duty::Adopt => match duties::adopt(&*port).await {
+                    Ok(()) if work.adopted(&seen, port.now()) => port.ready(),
+                    adopted => warn_of(adopted, "work that no server does cannot be taken over"),
+                },
+                Duty::Tidy => {
+                    let tidied = duties::tidy(&*port).await;
+                    warn_of(tidied, "idle games and runs cannot be released");
+                }
+                Duty::DeleteOldChanges => {
+                    warn_of(port.delete_old_changes().await, "old changes cannot be deleted");
+                }
             }
-        }
-        if due.tidy {
-            let tidied = duties::tidy(&*port).await;
-            warn_of(tidied, "idle games and runs cannot be released");
-        }
-        if due.delete_old_changes {
-            warn_of(port.delete_old_changes().await, "old changes cannot be deleted");
         }
     }
 }

@@ -256,8 +256,8 @@ impl Runs {
         let Parts { store, peers, .. } = &self.0.parts;
         let (Some(cluster), Some(peers)) = (store.cluster(), peers) else { return Ok(None) };
         let place = Place::Run(run);
-        let is_here =
-            cluster.places().has(place) || (cluster.is_preferred(place) && store.take_place(place).await?);
+        let is_here = cluster.places().has(place)
+            || (cluster.is_preferred(place) && store.take_place(place).await?);
         Ok((!is_here).then_some(&**peers))
     }
 

@@ -24,8 +24,8 @@ use swarmbench_journal::record::{ActRecord, RawRecord, Source};
 use swarmbench_journal::replay::verify;
 
 use crate::simulation::clients::{Acts, Request, RequestId};
-use swarmbench::cluster::Incarnation;
 use crate::simulation::journal::{JobResult, Lost};
+use swarmbench::cluster::Incarnation;
 
 /// An invariant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

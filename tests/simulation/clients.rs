@@ -30,10 +30,10 @@ use swarmbench_protocol::failure::Failure;
 use swarmbench_testkit::worlds::Dice;
 
 use crate::game;
-use swarmbench::cluster::Incarnation;
 use crate::simulation::executor::pause;
 use crate::simulation::run::ROUNDS_MAX;
 use crate::simulation::time::SimClock;
+use swarmbench::cluster::Incarnation;
 
 /// Duration of a client's wait for a round.
 const PATIENCE: Duration = Duration::from_secs(10);

@@ -37,7 +37,6 @@ pub(in super::super) struct ActParams {
     tag = "agent",
     params(ActParams),
     request_body(content = ActRequest, description = "At most 256 KiB"),
-    security(("seat" = [])),
     responses(
         (status = 200, description = "The act is durable", body = ActResponse),
         (status = 403, description = "`forbidden`: not a seat token"),

@@ -35,7 +35,6 @@ pub(in super::super) struct ObsParams {
     operation_id = "get_obs",
     tag = "agent",
     params(ObsParams),
-    security(("seat" = [])),
     responses(
         (status = 200, description = "The current observation", body = Observation),
         (status = 403, description = "`forbidden`: not a seat token"),

@@ -44,7 +44,6 @@ pub(in super::super) struct CrossPlayParams {
     operation_id = "show_cross_play",
     tag = "boards",
     params(CrossPlayParams),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The pairs, or a page of them", content(
             (CrossPlay = "application/json"),

@@ -65,7 +65,6 @@ pub(in super::super) struct BoardParams {
     operation_id = "show_leaderboard",
     tag = "boards",
     params(BoardParams),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The board, or a page of it", content(
             (Leaderboard = "application/json"),

@@ -31,7 +31,6 @@ use swarmbench_protocol::episode::SeatToken;
         ("Idempotency-Key" = Option<String>, Header, description = "Any text of at most 200 characters that names this claim"),
     ),
     request_body(content = ClaimRequest, description = "At most 256 KiB"),
-    security((), ("key" = [])),
     responses(
         (status = 201, description = "The seats, with their tokens", body = CreatedClaim),
         (status = 403, description = "`forbidden`: the token of an episode cannot claim seats; a server without keys is open only to programs on its own machine"),

@@ -13,7 +13,6 @@ use swarmbench_protocol::claim::{SeatHolder, SeatList};
     operation_id = "list_claims",
     tag = "episodes",
     params(("id" = String, Path, description = "The episode's id")),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses((status = 200, description = "All seats", body = SeatList))
 )]
 pub(in super::super) async fn list_claims(

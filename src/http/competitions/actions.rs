@@ -12,7 +12,6 @@ use swarmbench_protocol::competition::{OrganizerAction, OrganizerActions};
     operation_id = "list_actions",
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id"), NewestParams),
-    security((), ("key" = [])),
     responses((status = 200, description = "A page of actions", body = OrganizerActions))
 )]
 pub(in super::super) async fn list_actions(

@@ -23,7 +23,6 @@ const ANNOUNCEMENT_CHARS_MAX: usize = 2_000;
     operation_id = "list_announcements",
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id"), NewestParams),
-    security((), ("key" = [])),
     responses((status = 200, description = "A page of announcements", body = Announcements))
 )]
 pub(in super::super) async fn list_announcements(
@@ -56,7 +55,6 @@ pub(in super::super) async fn list_announcements(
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id")),
     request_body(content = AnnouncementRequest, description = "At most 256 KiB"),
-    security(("key" = [])),
     responses(
         (status = 201, description = "The announcement", body = Announcement),
         (status = 403, description = "`forbidden`: not an organizer's key"),

@@ -15,7 +15,6 @@ use swarmbench_protocol::competition::AttemptList;
     operation_id = "list_attempts",
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id"), PageParams),
-    security(("key" = [])),
     responses(
         (status = 200, description = "The attempts", body = AttemptList),
         (status = 403, description = "`forbidden`: a token of an episode"),

@@ -63,7 +63,6 @@ pub(in super::super) struct BoardParams {
     operation_id = "show_board",
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id"), BoardParams),
-    security((), ("key" = [])),
     responses(
         (status = 200, description = "The board", content(
             (CompetitionBoard = "application/json"),

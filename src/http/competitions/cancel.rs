@@ -21,7 +21,6 @@ use swarmbench_protocol::competition::{CancelRequest, Competition};
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id")),
     request_body(content = CancelRequest, description = "At most 256 KiB"),
-    security(("key" = [])),
     responses(
         (status = 200, description = "The competition", body = Competition),
         (status = 403, description = "`forbidden`: not an organizer's key"),

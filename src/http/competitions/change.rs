@@ -25,7 +25,6 @@ use swarmbench_protocol::competition::{Competition, CompetitionChange};
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id")),
     request_body(content = CompetitionChange, description = "At most 256 KiB"),
-    security(("key" = [])),
     responses(
         (status = 200, description = "The competition after the change", body = Competition),
         (status = 403, description = "`forbidden`: not an organizer's key"),

@@ -27,7 +27,6 @@ use swarmbench_protocol::competition::{EntrantChange, EntrantSummary};
         ("entrant" = String, Path, description = "The entrant's id"),
     ),
     request_body(content = EntrantChange, description = "At most 256 KiB"),
-    security(("key" = [])),
     responses(
         (status = 200, description = "The entrant after the change", body = EntrantSummary),
         (status = 403, description = "`forbidden`: not the key of an organizer or of this entrant; a field that only organizers change; the entrant has used up its renamings"),
@@ -156,7 +155,6 @@ pub(in super::super) async fn change_entrant(
         ("id" = String, Path, description = "The competition's id"),
         ("entrant" = String, Path, description = "The entrant's id"),
     ),
-    security(("key" = [])),
     responses(
         (status = 200, description = "The entrant as it is shown from now on", body = EntrantSummary),
         (status = 403, description = "`forbidden`: neither an organizer's key nor the key with which this entrant entered"),

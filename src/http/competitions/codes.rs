@@ -31,7 +31,6 @@ const CODES_MAX: usize = 1000;
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id")),
     request_body(content = CodesRequest, description = "At most 256 KiB"),
-    security(("key" = [])),
     responses(
         (status = 201, description = "The codes", body = InvitationCodes),
         (status = 403, description = "`forbidden`: not an organizer's key"),
@@ -81,7 +80,6 @@ pub(in super::super) async fn create_codes(
     operation_id = "list_codes",
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id"), PageParams),
-    security(("key" = [])),
     responses(
         (status = 200, description = "The codes, without the codes themselves", body = InvitationList),
         (status = 403, description = "`forbidden`: not the key of an organizer or a judge"),
@@ -120,7 +118,6 @@ pub(in super::super) async fn list_codes(
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id")),
     request_body(content = RevokeCodesRequest, description = "At most 256 KiB"),
-    security(("key" = [])),
     responses(
         (status = 200, description = "The codes that were revoked", body = InvitationList),
         (status = 403, description = "`forbidden`: not an organizer's key"),

@@ -35,7 +35,6 @@ pub(in super::super) struct ContactParams {
     operation_id = "list_contacts",
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id"), ContactParams),
-    security(("key" = [])),
     responses(
         (status = 200, description = "The contacts", content(
             (ContactList = "application/json"),

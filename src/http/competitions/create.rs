@@ -29,7 +29,6 @@ use swarmbench_protocol::suite::SuiteSettings;
     operation_id = "create_competition",
     tag = "competitions",
     request_body(content = CompetitionRequest, description = "At most 256 KiB"),
-    security(("key" = [])),
     responses(
         (status = 201, description = "The competition", body = Competition),
         (status = 403, description = "`forbidden`: not an organizer's key"),

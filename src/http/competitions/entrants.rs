@@ -37,7 +37,6 @@ pub(in super::super) struct EntrantParams {
     operation_id = "list_entrants",
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id"), EntrantParams),
-    security((), ("key" = [])),
     responses((status = 200, description = "The entrants", body = EntrantList))
 )]
 pub(in super::super) async fn list_entrants(
@@ -75,7 +74,6 @@ pub(in super::super) async fn list_entrants(
         ("id" = String, Path, description = "The competition's id"),
         ("entrant" = String, Path, description = "The entrant's id"),
     ),
-    security(("key" = [])),
     responses(
         (status = 200, description = "The entrant", body = EntrantDetail),
         (status = 403, description = "`forbidden`: not the key of this entrant, an organizer or a judge"),

@@ -29,7 +29,6 @@ const SHOWN_MAX: usize = 1000;
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id")),
     request_body(content = ExclusionRequest, description = "At most 256 KiB"),
-    security(("key" = [])),
     responses(
         (status = 200, description = "The entrants that were excluded, or would be", body = Exclusion),
         (status = 403, description = "`forbidden`: not an organizer's key"),

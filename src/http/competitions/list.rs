@@ -14,7 +14,6 @@ use swarmbench_protocol::competition::CompetitionList;
     operation_id = "list_competitions",
     tag = "competitions",
     params(NewestParams),
-    security((), ("key" = [])),
     responses((status = 200, description = "A page of competitions", body = CompetitionList))
 )]
 pub(in super::super) async fn list_competitions(

@@ -25,7 +25,6 @@ use swarmbench_protocol::names::is_look_alike;
         ("id" = String, Path, description = "The competition's id"),
         ("entrant" = String, Path, description = "The entrant's id"),
     ),
-    security(("key" = [])),
     responses(
         (status = 200, description = "The members", body = MemberList),
         (status = 403, description = "`forbidden`: not a key of this team"),
@@ -61,7 +60,6 @@ pub(in super::super) async fn list_members(
         ("entrant" = String, Path, description = "The entrant's id"),
     ),
     request_body(content = MemberRequest, description = "At most 256 KiB"),
-    security(("key" = [])),
     responses(
         (status = 201, description = "The member, with its key, shown only once", body = CreatedMember),
         (status = 403, description = "`forbidden`: neither a key of this team nor of an organizer; the team is full, was disqualified or has withdrawn"),
@@ -142,7 +140,6 @@ pub(in super::super) async fn add_member(
         ("entrant" = String, Path, description = "The entrant's id"),
         ("member" = String, Path, description = "The member's id"),
     ),
-    security(("key" = [])),
     responses(
         (status = 200, description = "The member", body = MemberSummary),
         (status = 403, description = "`forbidden`: not the key of this member, of the one who entered, or of an organizer"),

@@ -36,7 +36,6 @@ const DAY: Duration = Duration::from_hours(24);
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id")),
     request_body(content = Option<PracticeRequest>, description = "At most 256 KiB; an empty body plays all tasks on one drawn seed"),
-    security(("key" = [])),
     responses(
         (status = 201, description = "The run, with its swarm token", body = StartedPractice),
         (status = 403, description = "`forbidden`: not the key of an entrant; the entrant was withdrawn or disqualified; the maximum number of practice runs was started within 24 hours"),

@@ -30,7 +30,6 @@ use swarmbench_protocol::competition::{CreatedEntrant, EntrantRequest};
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id")),
     request_body(content = EntrantRequest, description = "At most 256 KiB"),
-    security((), ("key" = [])),
     responses(
         (status = 201, description = "The entrant, with its key if one was made", body = CreatedEntrant),
         (status = 403, description = "`forbidden`: the token of an episode cannot enter; the invitation code is missing, unknown or used up; the key has the maximum number of entrants"),

@@ -23,7 +23,6 @@ use swarmbench_protocol::competition::ReplacedKey;
         ("id" = String, Path, description = "The competition's id"),
         ("entrant" = String, Path, description = "The entrant's id"),
     ),
-    security(("key" = [])),
     responses(
         (status = 201, description = "The new key, shown only once", body = ReplacedKey),
         (status = 403, description = "`forbidden`: not an organizer's key"),

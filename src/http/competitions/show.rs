@@ -13,7 +13,6 @@ use swarmbench_protocol::competition::Competition;
     operation_id = "show_competition",
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id")),
-    security((), ("key" = [])),
     responses((status = 200, description = "The competition", body = Competition))
 )]
 pub(in super::super) async fn show_competition(

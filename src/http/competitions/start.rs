@@ -37,7 +37,6 @@ const DOUBT_PAUSE: Duration = Duration::from_secs(5);
         ("Idempotency-Key" = Option<String>, Header, description = "Any text of at most 200 characters that names this start"),
     ),
     request_body(content = Option<AttemptRequest>, description = "At most 256 KiB; an empty body starts the next attempt that is open"),
-    security(("key" = [])),
     responses(
         (status = 201, description = "The attempt, with its swarm token", body = StartedAttempt),
         (status = 403, description = "`forbidden`: not the key of an entrant; the entrant was withdrawn or disqualified"),

@@ -28,7 +28,6 @@ use swarmbench_protocol::episode::VoidRequest;
         ("run" = String, Path, description = "The id of the attempt's run"),
     ),
     request_body(content = VoidRequest, description = "At most 256 KiB"),
-    security(("key" = [])),
     responses(
         (status = 200, description = "The attempt, which no longer counts", body = VoidedAttempt),
         (status = 403, description = "`forbidden`: not an organizer's key"),

@@ -32,7 +32,6 @@ use swarmbench_protocol::replay::{AgentRound, InboxMessage};
         ("round" = u32, Path, description = "The round that the observation answers: 0 up to the number of resolved rounds"),
         ("agent" = String, Path, description = "The agent's name"),
     ),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The knowledge of the agent and its act", body = AgentRound),
         (status = 403, description = "`forbidden`: only the creator may read it before the end"),

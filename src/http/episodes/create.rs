@@ -27,7 +27,6 @@ use swarmbench_protocol::episode::{CreatedEpisode, EpisodeRequest};
     tag = "episodes",
     params(("Idempotency-Key" = Option<String>, Header, description = "Any text of at most 200 characters that names this creation")),
     request_body(content = EpisodeRequest, description = "At most 256 KiB"),
-    security((), ("key" = [])),
     responses(
         (status = 201, description = "The episode, with its tokens", body = CreatedEpisode),
         (status = 403, description = "`forbidden`: the token of an episode cannot create one; a server without keys is open only to programs on its own machine; the key's share of the journal is used up"),

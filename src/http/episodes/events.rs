@@ -38,7 +38,6 @@ pub(in super::super) struct EventsParams {
         ("Last-Event-ID" = Option<u32>, Header, description = "The last event that was received"),
         EventsParams,
     ),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "Events: `round` with a RoundEvent as data, `finished` with an EpisodeResult", body = StreamedEvent, content_type = "text/event-stream"),
         (status = 403, description = "`forbidden`: only the creator may read it before the end"),

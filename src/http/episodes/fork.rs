@@ -45,7 +45,6 @@ const ACT_BYTES: usize = 512;
         ("Idempotency-Key" = Option<String>, Header, description = "Any text of at most 200 characters that names this creation"),
     ),
     request_body(content = ForkRequest, description = "At most 256 KiB"),
-    security((), ("key" = [])),
     responses(
         (status = 201, description = "The forks, with their tokens", body = CreatedForks),
         (status = 403, description = "`forbidden`: the token of an episode cannot create one; the caller may not read the journal now; the game is sealed, or has several holders and has not ended; the key's share of the journal is used up"),

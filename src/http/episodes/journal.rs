@@ -29,7 +29,6 @@ const ROUNDS: u32 = 256;
     operation_id = "read_journal",
     tag = "episodes",
     params(("id" = String, Path, description = "The episode's id")),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "One record per line", content((String = "application/x-ndjson"), (Binary = "application/octet-stream"))),
         (status = 403, description = "`forbidden`: only the creator may read it before the end, as it holds the seed"),

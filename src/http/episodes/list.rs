@@ -36,7 +36,6 @@ list_params! {
     operation_id = "list_episodes",
     tag = "episodes",
     params(ListParams),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses((status = 200, description = "A page of episodes", body = EpisodeList))
 )]
 pub(in super::super) async fn list_episodes(

@@ -87,7 +87,6 @@ impl Wanted {
     operation_id = "show_episode_metrics",
     tag = "episodes",
     params(("id" = String, Path, description = "The episode's id"), MetricsParams),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The metrics", body = GameMetrics),
         (status = 403, description = "`forbidden`: only the creator may read them before the end"),

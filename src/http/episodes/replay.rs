@@ -71,7 +71,6 @@ impl ReplayParams {
     operation_id = "show_replay",
     tag = "episodes",
     params(("id" = String, Path, description = "The episode's id"), ReplayParams),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The states", body = Replay),
         (status = 403, description = "`forbidden`: only the creator may read them before the end"),

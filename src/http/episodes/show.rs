@@ -12,7 +12,6 @@ use swarmbench_protocol::episode::EpisodeSummary;
     operation_id = "show_episode",
     tag = "episodes",
     params(("id" = String, Path, description = "The episode's id")),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses((status = 200, description = "The episode", body = EpisodeSummary))
 )]
 pub(in super::super) async fn show_episode(

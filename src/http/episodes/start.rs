@@ -14,7 +14,6 @@ use swarmbench_protocol::episode::EpisodeSummary;
     operation_id = "start_episode",
     tag = "episodes",
     params(("id" = String, Path, description = "The episode's id")),
-    security((), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The running episode", body = EpisodeSummary),
         (status = 403, description = "`forbidden`: not the creator"),

@@ -22,7 +22,6 @@ pub(in super::super) struct StateParams {
     operation_id = "show_state",
     tag = "episodes",
     params(("id" = String, Path, description = "The episode's id"), StateParams),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The state", body = StateBody),
         (status = 403, description = "`forbidden`: only the creator may read it before the end"),

@@ -20,7 +20,6 @@ use swarmbench_protocol::episode::{EpisodeSummary, VoidRequest};
     tag = "episodes",
     params(("id" = String, Path, description = "The episode's id")),
     request_body(content = VoidRequest, description = "At most 256 KiB"),
-    security(("key" = [])),
     responses(
         (status = 200, description = "The episode, which counts nowhere", body = EpisodeSummary),
         (status = 403, description = "`forbidden`: not an organizer's key"),

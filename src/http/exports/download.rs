@@ -131,7 +131,6 @@ impl File {
         ("file" = String, Path, description = "`dataset.zip`, or `episodes`, `acts`, `rounds`, `heard` or `views` with `.jsonl` or `.parquet`", example = "acts.jsonl"),
         ExportParams,
     ),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The file", content(
             (String = "application/x-ndjson"),

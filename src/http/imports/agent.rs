@@ -31,7 +31,6 @@ use swarmbench_protocol::replay::{AgentRound, ShownAct};
         ("round" = u32, Path, description = "The round: 0 up to the number of rounds"),
         ("agent" = String, Path, description = "The agent's name in the files, or `Agent_5` for the sixth of them"),
     ),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The act of the agent, with its prompt and answer", body = AgentRound),
         (status = 404, description = "`not_found`: no such game, round or agent"),

@@ -28,7 +28,6 @@ list_params! {
     operation_id = "list_imports",
     tag = "data",
     params(ImportParams),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses((status = 200, description = "A page of imported games", body = ImportList))
 )]
 pub(in super::super) async fn list_imports(

@@ -23,7 +23,6 @@ const CHUNK: u32 = 64;
     operation_id = "show_import_metrics",
     tag = "data",
     params(("id" = String, Path, description = "The game's id"), MetricsParams),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The metrics", body = GameMetrics),
         (status = 404, description = "`not_found`: no such game, or no such state"),

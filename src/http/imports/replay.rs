@@ -24,7 +24,6 @@ const CHUNK: u32 = 8;
     operation_id = "show_import_replay",
     tag = "data",
     params(("id" = String, Path, description = "The game's id"), ReplayParams),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The states", body = Replay),
         (status = 404, description = "`not_found`: no such game, or no such state"),

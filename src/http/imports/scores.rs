@@ -13,7 +13,6 @@ use swarmbench_protocol::replay::Scores;
     operation_id = "show_import_scores",
     tag = "data",
     params(("id" = String, Path, description = "The game's id"), ScoresParams),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses((status = 200, description = "The scores", body = Scores))
 )]
 pub(in super::super) async fn show_import_scores(

@@ -12,7 +12,6 @@ use swarmbench_protocol::import::ImportSummary;
     operation_id = "show_import",
     tag = "data",
     params(("id" = String, Path, description = "The game's id")),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses((status = 200, description = "The game", body = ImportSummary))
 )]
 pub(in super::super) async fn show_import(

@@ -15,7 +15,6 @@ use swarmbench_protocol::episode::State as StateBody;
     operation_id = "show_imported_state",
     tag = "data",
     params(("id" = String, Path, description = "The game's id"), StateParams),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The state", body = StateBody),
         (status = 404, description = "`not_found`: no such game, or no such round of it"),

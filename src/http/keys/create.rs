@@ -18,7 +18,6 @@ use swarmbench_protocol::key::{CreatedKey, KeyRequest};
     operation_id = "create_key",
     tag = "keys",
     request_body(content = KeyRequest, description = "At most 256 KiB"),
-    security(("key" = [])),
     responses(
         (status = 201, description = "The key", body = CreatedKey),
         (status = 403, description = "`forbidden`: not an organizer's key"),

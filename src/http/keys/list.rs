@@ -12,7 +12,6 @@ use swarmbench_protocol::key::KeyList;
     operation_id = "list_keys",
     tag = "keys",
     params(PageParams),
-    security(("key" = [])),
     responses(
         (status = 200, description = "The keys, without the keys themselves", body = KeyList),
         (status = 403, description = "`forbidden`: not an organizer's key"),

@@ -18,7 +18,6 @@ use swarmbench_protocol::key::KeySummary;
     operation_id = "revoke_key",
     tag = "keys",
     params(("id" = String, Path, description = "The key's id")),
-    security(("key" = [])),
     responses(
         (status = 200, description = "The revoked key", body = KeySummary),
         (status = 403, description = "`forbidden`: not an organizer's key"),

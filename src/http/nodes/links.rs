@@ -20,7 +20,6 @@ use quick_cache::sync::Cache;
 use super::super::body::LIGHT_BODY_BYTES_MAX;
 use super::super::client::Client;
 use super::super::error::{ApiError, Code};
-use super::super::front::is_of_a_player;
 use super::Other;
 use super::credential::Secret;
 
@@ -87,28 +86,21 @@ impl Question {
         Self { method: parts.method.clone(), path, headers, body }
     }
 
-    /// Whether the request is a long poll of a player.
-    pub(super) fn may_wait(&self) -> bool {
-        is_of_a_player(self.path.path())
-            && self.path.query().is_some_and(|query| query.split('&').any(is_wait))
+    /// The same request without its wait; `None` if it has none.
+    pub(super) fn without_wait(&self) -> Option<Self> {
+        let query = self.path.query()?.as_bytes();
+        let mut rest = form_urlencoded::Serializer::new(String::new());
+        let mut waits = false;
+        for (name, value) in form_urlencoded::parse(query) {
+            if name == "wait" {
+                waits = true;
+            } else {
+                rest.append_pair(&name, &value);
+            }
+        }
+        let path = format!("{}?{}", self.path.path(), rest.finish());
+        waits.then(|| Self { path: path.parse().expect("a part of a path"), ..self.clone() })
     }
-
-    /// The same request without its wait.
-    pub(super) fn without_wait(&self) -> Self {
-        let query = self.path.query().unwrap_or_default();
-        let rest: Vec<&str> = query.split('&').filter(|part| !is_wait(part)).collect();
-        let path = format!("{}?{}", self.path.path(), rest.join("&")).parse();
-        Self { path: path.expect("a part of a path"), ..self.clone() }
-    }
-}
-
-/// Whether a request may be sent twice: it only reads, or it is an act, and a repeated act gets the same receipt.
-pub(super) fn is_repeatable(method: &Method, path: &str) -> bool {
-    method == Method::GET || method == Method::HEAD || matches!(path, "/act" | "/swarm/act")
-}
-
-fn is_wait(parameter: &str) -> bool {
-    parameter.split('=').next() == Some("wait")
 }
 
 /// Failure of a forwarded request.

@@ -13,7 +13,6 @@ use swarmbench_protocol::node::{Node, NodeList};
     path = "/api/v1/nodes",
     operation_id = "list_nodes",
     tag = "host",
-    security(("key" = [])),
     responses(
         (status = 200, description = "The servers; a server that plays alone is the only item", body = NodeList),
         (status = 403, description = "`forbidden`: neither an organizer's nor a judge's key"),

@@ -27,8 +27,8 @@ use tokio_util::sync::CancellationToken;
 use super::body::{LIGHT_BODY_BYTES_MAX, too_large};
 use super::client::Client;
 use super::feed::is_event_stream;
-use super::front::is_of_a_player;
 use super::prelude::*;
+use super::routes::{Facts, Play};
 use crate::cluster::route::{Driver, End, Owner, Route, Sender, Sent, Target, View, follow};
 use crate::cluster::{Incarnation, preferred};
 use crate::ids::{CompetitionKey, EpisodeId, Place, RunKey};
@@ -131,26 +131,25 @@ impl Nodes {
         &self,
         app: &App,
         request: Request,
+        facts: Facts,
         client: Client,
         is_hop: bool,
     ) -> Result<Routed, ApiError> {
         let (parts, body) = request.into_parts();
-        let path = parts.uri.path();
-        let target = self.target(app, &parts.method, path, &parts.headers);
+        let target = self.target(app, facts.at, parts.uri.path(), &parts.headers);
         let mut target = Box::pin(target).await?;
         let is_small = is_small(&body);
         if target != Target::Anybody && !is_small {
-            target = accepted(app, path, &body, target)?;
+            target = accepted(app, facts.play, &body, target)?;
         }
         let sender = if is_hop {
             Sender::Server
         } else {
-            let is_repeatable = links::is_repeatable(&parts.method, path);
-            Sender::Client { is_repeatable, may_resend: is_small }
+            Sender::Client { is_repeatable: facts.is_repeatable, may_resend: is_small }
         };
-        let counted = if is_of_a_player(path) { &self.players } else { &self.others };
+        let counted = if facts.play.is_some() { &self.players } else { &self.others };
         let outgoing = Outgoing::Whole(parts, body);
-        let sending = Forwarding { app, client, outgoing, answer: None };
+        let sending = Forwarding { origin: Origin { app, facts, client }, outgoing, answer: None };
         let mut way = Way { nodes: self, sending };
         let end = follow(Route::new(target, sender), &mut way).await?;
         match end {
@@ -168,20 +167,18 @@ impl Nodes {
         Some(Other { incarnation, address: member.address.clone() })
     }
 
-    /// Sends a request, whose wait ends when this server stops.
+    /// Sends a client's request, whose wait ends when this server stops.
     async fn ask(
         &self,
         question: &Question,
-        client: Client,
+        Origin { app, facts, client }: Origin<'_>,
         to: &Other,
-        stop: &CancellationToken,
     ) -> Result<Response, Failed> {
-        if !question.may_wait() {
-            return self.send(question, None, client, to).await;
-        }
+        let at_stop = if facts.waits { question.without_wait() } else { None };
+        let Some(at_stop) = at_stop else { return self.send(question, None, client, to).await };
         tokio::select! {
             answered = self.send(question, None, client, to) => answered,
-            () = stop.cancelled() => self.send(&question.without_wait(), None, client, to).await,
+            () = app.stop.cancelled() => self.send(&at_stop, None, client, to).await,
         }
     }
 
@@ -291,10 +288,17 @@ impl<T: Sending> Driver for Way<'_, T> {
     }
 }
 
+/// What a client's request came with, other than itself.
+#[derive(Clone, Copy)]
+struct Origin<'a> {
+    app: &'a App,
+    facts: Facts,
+    client: Client,
+}
+
 /// A client's request.
 struct Forwarding<'a> {
-    app: &'a App,
-    client: Client,
+    origin: Origin<'a>,
     outgoing: Outgoing,
     answer: Option<Response>,
 }
@@ -321,7 +325,7 @@ impl Forwarding<'_> {
             }
             (End::Answered, _) => {
                 let response = self.answer.expect("the end of a request that was sent");
-                Ok(Routed::Answered(until_stop(&self.app.stop, response)))
+                Ok(Routed::Answered(until_stop(&self.origin.app.stop, response)))
             }
             (End::Elsewhere, _) => Ok(Routed::Answered(elsewhere())),
             (End::Unknown, _) => Err(unknown()),
@@ -337,18 +341,18 @@ impl Sending for Forwarding<'_> {
         let answered = match std::mem::replace(&mut self.outgoing, Outgoing::Streamed) {
             Outgoing::Whole(mut parts, body) if !is_small(&body) => {
                 let question = Question::of(&mut parts, Bytes::new());
-                nodes.send(&question, Some(body), self.client, to).await
+                nodes.send(&question, Some(body), self.origin.client, to).await
             }
             Outgoing::Whole(mut parts, body) => {
-                let bytes = self.app.bodies.light(&parts.headers, body).await?.into_bytes();
+                let bytes = self.origin.app.bodies.light(&parts.headers, body).await?.into_bytes();
                 let question = Question::of(&mut parts, bytes);
-                let answered = nodes.ask(&question, self.client, to, &self.app.stop).await;
+                let answered = nodes.ask(&question, self.origin, to).await;
                 self.outgoing = Outgoing::Small(parts, question);
                 answered
             }
             Outgoing::Small(parts, question) => {
                 metrics::counter!("swarmbench_forwarded_again_total").increment(1);
-                let answered = nodes.ask(&question, self.client, to, &self.app.stop).await;
+                let answered = nodes.ask(&question, self.origin, to).await;
                 self.outgoing = Outgoing::Small(parts, question);
                 answered
             }
@@ -373,15 +377,20 @@ fn is_small(body: &Body) -> bool {
 
 /// Target of a request whose body may be one that no server accepts: this server refuses it, as the refusal of another server may
 /// get lost with the connection, which it closes without reading the body.
-fn accepted(app: &App, path: &str, body: &Body, target: Target) -> Result<Target, ApiError> {
+fn accepted(
+    app: &App,
+    play: Option<Play>,
+    body: &Body,
+    target: Target,
+) -> Result<Target, ApiError> {
     let limits = &app.limits;
-    let (name, most) = if path == "/swarm/act" {
+    let (name, most) = if play == Some(Play::SwarmAct) {
         ("swarm_body_bytes_max", limits.swarm_body_bytes_max)
     } else {
         ("body_bytes_max", limits.body_bytes_max)
     };
     match body.size_hint().lower() > most as u64 {
-        true if is_of_a_player(path) => Err(too_large(name, most)),
+        true if play.is_some() => Err(too_large(name, most)),
         true => Ok(Target::Anybody),
         false => Ok(target),
     }

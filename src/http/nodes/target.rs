@@ -3,12 +3,12 @@
 use std::borrow::Cow;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use axum::http::{HeaderMap, Method, header};
+use axum::http::{HeaderMap, header};
 use percent_encoding::percent_decode_str;
 
 use super::super::auth;
-use super::super::front::is_of_a_player;
 use super::super::prelude::*;
+use super::super::routes::At;
 use super::Nodes;
 use crate::cluster::route::Target;
 use crate::ids::{CompetitionKey, EpisodeId, Place, TokenHash};
@@ -22,49 +22,46 @@ impl Nodes {
     pub(super) async fn target(
         &self,
         app: &App,
-        method: &Method,
+        at: At,
         path: &str,
         headers: &HeaderMap,
     ) -> Result<Target, ApiError> {
-        if is_of_a_player(path) || path == "/mcp" {
-            return self.of_token(app, headers).await;
-        }
-        let Some(Subject { collection, id, action }) = Subject::of(path) else {
-            return Ok(Target::Anybody);
-        };
-        match (collection, id.as_deref()) {
-            ("episodes" | "runs", None) if method == Method::POST => Ok(of_name(headers)),
-            ("episodes", Some(id)) => {
-                let place = self.place_of(&EpisodeId::from_text(id.to_owned())).await?;
+        match at {
+            At::Host | At::Anywhere => Ok(Target::Anybody),
+            At::Token => self.of_token(app, headers).await,
+            At::New => Ok(of_name(headers)),
+            At::NewCompetition => Ok(Target::Place(NEW_COMPETITIONS)),
+            At::Episode | At::Fork => {
+                let place = self.place_of(&EpisodeId::from_text(id_in(path).into_owned())).await?;
                 let Some(place) = place else { return Ok(Target::Anybody) };
-                if action == Some("fork") && !self.cluster.is_unfinished(place).await? {
+                if at == At::Fork && !self.cluster.is_unfinished(place).await? {
                     // Nobody owns the place of the parent any more, and the forks are new.
                     return Ok(of_name(headers));
                 }
                 Ok(Target::Place(place))
             }
-            ("runs", Some(id)) => {
-                if let Some(run) = self.runs.get(id) {
+            At::Run => {
+                let id = id_in(path);
+                if let Some(run) = self.runs.get(&*id) {
                     return Ok(Target::Place(Place::Run(run)));
                 }
-                let Some(found) = self.store.find_run(id).await? else {
+                let Some(found) = self.store.find_run(&id).await? else {
                     return Ok(Target::Anybody);
                 };
-                self.runs.insert(id.to_owned(), found.run);
+                self.runs.insert(id.into_owned(), found.run);
                 Ok(Target::Place(Place::Run(found.run)))
             }
-            ("competitions", None) if method == Method::POST => Ok(Target::Place(NEW_COMPETITIONS)),
-            ("competitions", Some(id)) if *method != Method::GET && *method != Method::HEAD => {
-                if let Some(competition) = self.competitions.get(id) {
+            At::Competition => {
+                let id = id_in(path);
+                if let Some(competition) = self.competitions.get(&*id) {
                     return Ok(Target::Place(Place::Competition(competition)));
                 }
-                let Some(found) = crate::competitions::find(&self.store, id).await? else {
+                let Some(found) = crate::competitions::find(&self.store, &id).await? else {
                     return Ok(Target::Anybody);
                 };
-                self.competitions.insert(id.to_owned(), found.key);
+                self.competitions.insert(id.into_owned(), found.key);
                 Ok(Target::Place(Place::Competition(found.key)))
             }
-            _ => Ok(Target::Anybody),
         }
     }
 
@@ -99,22 +96,11 @@ impl Nodes {
     }
 }
 
-/// Collection, id and action in the path of a request.
-#[derive(Debug, PartialEq, Eq)]
-struct Subject<'a> {
-    collection: &'a str,
-    id: Option<Cow<'a, str>>,
-    action: Option<&'a str>,
-}
-
-impl<'a> Subject<'a> {
-    fn of(path: &'a str) -> Option<Self> {
-        let mut parts = path.strip_prefix("/api/v1/")?.split('/').filter(|part| !part.is_empty());
-        let collection = parts.next()?;
-        // Handlers decode ids, too: an id in another encoding names the same resource.
-        let id = parts.next().map(|part| percent_decode_str(part).decode_utf8_lossy());
-        Some(Self { collection, id, action: parts.next() })
-    }
+/// The id in the path of a route that is about one thing: `/api/v1/<things>/<id>/…`. Handlers decode ids, too: an id in another
+/// encoding names the same thing.
+fn id_in(path: &str) -> Cow<'_, str> {
+    let id = path.split('/').filter(|part| !part.is_empty()).nth(3).unwrap_or_default();
+    percent_decode_str(id).decode_utf8_lossy()
 }
 
 /// Creations with the same `Idempotency-Key` go to one server, which does them one after another.
@@ -139,11 +125,8 @@ mod tests {
 
     #[test]
     fn an_id_that_is_written_otherwise_is_the_same_one() {
-        let usual = Subject::of("/api/v1/competitions/cmp_01a/attempts");
-        let id = Some(Cow::Borrowed("cmp_01a"));
-        let expected = Subject { collection: "competitions", id, action: Some("attempts") };
-        assert_eq!(usual, Some(expected));
-        assert_eq!(Subject::of("/api/v1/competitions/%63mp%5F01a/attempts"), usual);
-        assert_eq!(Subject::of("/docs"), None);
+        assert_eq!(id_in("/api/v1/competitions/cmp_01a/attempts"), "cmp_01a");
+        assert_eq!(id_in("/api/v1/competitions/%63mp%5F01a/attempts"), "cmp_01a");
+        assert_eq!(id_in("/api/v1/competitions"), "");
     }
 }

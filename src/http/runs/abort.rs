@@ -16,7 +16,6 @@ use swarmbench_protocol::run::RunDetail;
     operation_id = "abort_run",
     tag = "runs",
     params(("id" = String, Path, description = "The run's id")),
-    security((), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The aborted run", body = RunDetail),
         (status = 403, description = "`forbidden`: not the creator; only an organizer ends an attempt in a competition"),

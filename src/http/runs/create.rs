@@ -33,7 +33,6 @@ const RUN_PARALLEL_DEFAULT: u32 = 4;
     tag = "runs",
     params(("Idempotency-Key" = Option<String>, Header, description = "Any text of at most 200 characters that names this creation")),
     request_body(content = RunRequest, description = "At most 256 KiB"),
-    security((), ("key" = [])),
     responses(
         (status = 201, description = "The run, with its token", body = CreatedRun),
         (status = 403, description = "`forbidden`: the token of an episode cannot create one; a server without keys is open only to programs on its own machine; the key's share of the journal is used up"),

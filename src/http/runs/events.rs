@@ -21,7 +21,6 @@ use swarmbench_protocol::run::StreamedRunEvent;
     operation_id = "stream_run_events",
     tag = "runs",
     params(("id" = String, Path, description = "The run's id")),
-    security((), ("swarm" = []), ("key" = [])),
     responses((status = 200, description = "Events: `game` with a RunGame as data, `finished` with a RunDetail", body = StreamedRunEvent, content_type = "text/event-stream"))
 )]
 pub(in super::super) async fn stream_run_events(

@@ -29,7 +29,6 @@ list_params! {
     operation_id = "list_runs",
     tag = "runs",
     params(ListParams),
-    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses((status = 200, description = "A page of runs", body = RunList))
 )]
 pub(in super::super) async fn list_runs(

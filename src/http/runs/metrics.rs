@@ -33,7 +33,6 @@ pub(in super::super) struct RunMetricsParams {
     operation_id = "show_run_metrics",
     tag = "runs",
     params(("id" = String, Path, description = "The run's id"), RunMetricsParams),
-    security((), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The metrics", body = RunMetrics),
         (status = 503, description = "`overloaded`: too many episodes are being replayed"),

@@ -35,7 +35,6 @@ pub(in super::super) struct RunScoresParams {
     operation_id = "show_run_scores",
     tag = "runs",
     params(("id" = String, Path, description = "The run's id"), RunScoresParams),
-    security((), ("swarm" = []), ("key" = [])),
     responses((status = 200, description = "The scores", body = RunScores))
 )]
 pub(in super::super) async fn show_run_scores(

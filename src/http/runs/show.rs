@@ -12,7 +12,6 @@ use swarmbench_protocol::run::RunDetail;
     operation_id = "show_run",
     tag = "runs",
     params(("id" = String, Path, description = "The run's id")),
-    security((), ("swarm" = []), ("key" = [])),
     responses((status = 200, description = "The run", body = RunDetail))
 )]
 pub(in super::super) async fn show_run(

@@ -13,7 +13,6 @@ use swarmbench_protocol::suite::Suite;
     path = "/api/v1/suites",
     operation_id = "list_suites",
     tag = "runs",
-    security(()),
     responses((status = 200, description = "The built-in suites", body = SuiteList))
 )]
 pub(in super::super) async fn list_suites(_: Params<Nothing>) -> Result<Json<SuiteList>, ApiError> {

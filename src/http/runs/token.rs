@@ -19,7 +19,6 @@ use swarmbench_protocol::run::RunToken;
     operation_id = "replace_run_token",
     tag = "runs",
     params(("id" = String, Path, description = "The run's id")),
-    security((), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The new token", body = RunToken),
         (status = 403, description = "`forbidden`: not the creator, or the server itself plays the run"),

@@ -44,7 +44,6 @@ pub(in super::super) struct SwarmActParams {
     tag = "swarm",
     params(SwarmActParams),
     request_body(content = SwarmActRequest, description = "At most 8 MiB, 1,024 acts of at most 256 KiB each"),
-    security(("swarm" = [])),
     responses(
         (status = 200, description = "A receipt or a problem for each act", body = SwarmActResponse),
         (status = 403, description = "`forbidden`: not a swarm token"),

@@ -48,7 +48,6 @@ pub(in super::super) struct SwarmObsParams {
     operation_id = "get_swarm_obs",
     tag = "swarm",
     params(SwarmObsParams),
-    security(("swarm" = [])),
     responses(
         (status = 200, description = "The observations that wait for an act", body = SwarmObsResponse),
         (status = 403, description = "`forbidden`: not a swarm token"),

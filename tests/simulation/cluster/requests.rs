@@ -4,10 +4,10 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use futures::future::{Either, select};
-use swarmbench::episode::actor::{ActError, ClaimError, StartError};
-use swarmbench::episode::recovery::RecoveryError;
 use swarmbench::cluster::Incarnation;
 use swarmbench::cluster::route::{Driver, End, Route, Sender, Sent, Target, follow};
+use swarmbench::episode::actor::{ActError, ClaimError, StartError};
+use swarmbench::episode::recovery::RecoveryError;
 use swarmbench::ids::{EpisodeId, Place};
 use swarmbench::membership::{self, Port as _};
 use swarmbench::store::StoreError;

@@ -13,8 +13,8 @@ use super::Run;
 use super::trace::asked;
 use crate::simulation::checker::Episode;
 use crate::simulation::clients::{Request, Told, act, again, serve, spec};
-use crate::simulation::executor::CLIENTS;
 use crate::simulation::cluster::{Order, client};
+use crate::simulation::executor::CLIENTS;
 
 impl Run {
     pub(super) fn ask(&mut self, id: EpisodeId, request: Request) {
