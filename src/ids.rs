@@ -1,5 +1,6 @@
 //! Public ids, and tokens that are shown once.
 
+use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 
@@ -192,10 +193,48 @@ impl TokenHash {
 
 const RANDOM_BYTES: usize = 24;
 
+/// Name of a server for load balancers: two characters of base32, with which the tokens begin that it gives for what it plays.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RoutingName([u8; 2]);
+
+impl RoutingName {
+    const CHARACTERS: &[u8; 32] = b"abcdefghijklmnopqrstuvwxyz234567";
+
+    /// Parses two characters out of a–z and 2–7.
+    pub fn parse(text: &str) -> Option<Self> {
+        let values: [u8; 2] = text.as_bytes().try_into().ok()?;
+        let value = |byte| Self::CHARACTERS.iter().position(|one| *one == byte);
+        let [first, second] = values.map(|byte| value(byte).and_then(|at| u8::try_from(at).ok()));
+        Some(Self([first?, second?]))
+    }
+
+    /// Puts the name in place of the first ten bits.
+    fn write(self, bytes: &mut [u8; RANDOM_BYTES + 4]) {
+        let [first, second] = self.0;
+        bytes[0] = first << 3 | second >> 2;
+        bytes[1] = second << 6 | bytes[1] & 0x3f;
+    }
+}
+
+impl fmt::Display for RoutingName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [first, second] = self.0.map(|value| char::from(Self::CHARACTERS[usize::from(value)]));
+        write!(f, "{first}{second}")
+    }
+}
+
 impl Token {
     pub fn new(kind: TokenKind, entropy: &dyn Entropy) -> Self {
+        Self::named(kind, None, entropy)
+    }
+
+    /// A token that names the server that plays what it opens, in ten of its 192 random bits.
+    pub fn named(kind: TokenKind, name: Option<RoutingName>, entropy: &dyn Entropy) -> Self {
         let mut bytes = [0; RANDOM_BYTES + 4];
         entropy.fill(&mut bytes[..RANDOM_BYTES]);
+        if let Some(name) = name {
+            name.write(&mut bytes);
+        }
         let checksum = crc32fast::hash(&bytes[..RANDOM_BYTES]);
         bytes[RANDOM_BYTES..].copy_from_slice(&checksum.to_be_bytes());
         let body = data_encoding::BASE32_NOPAD.encode(&bytes).to_ascii_lowercase();
@@ -274,5 +313,24 @@ mod tests {
             assert_eq!(Token::parse(&changed), None, "{changed}");
         }
         assert_eq!(format!("{token:?}"), "Token(…)");
+    }
+
+    #[test]
+    fn a_token_begins_with_the_name_of_its_server() {
+        let entropy = SeededEntropy::new(1);
+        for text in ["aa", "77", "q4", "z2"] {
+            let name = RoutingName::parse(text).expect("a name");
+            assert_eq!(name.to_string(), text);
+            for kind in [TokenKind::Seat, TokenKind::Swarm] {
+                let (one, other) =
+                    [(); 2].map(|()| Token::named(kind, Some(name), &entropy)).into();
+                assert!(one.reveal().starts_with(&format!("{}{text}", kind.prefix())), "{text}");
+                assert_eq!(Token::parse(one.reveal()), Some(one.clone()));
+                assert_ne!(one.reveal()[9..], other.reveal()[9..]);
+            }
+        }
+        for bad in ["", "a", "abc", "A2", "a1", "a8", "é", "a "] {
+            assert_eq!(RoutingName::parse(bad), None, "{bad:?}");
+        }
     }
 }

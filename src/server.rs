@@ -200,7 +200,8 @@ impl Server {
         .with_numbers(numbers(last_key))
         .with_budget(Budget::memory(limits.memory_bytes_max));
         let nodes = joining.as_ref().zip(store.cluster()).map(|(joining, cluster)| {
-            Arc::new(Nodes::new(store.clone(), Arc::clone(cluster), &joining.secret))
+            let name = joining.routing_name;
+            Arc::new(Nodes::new(store.clone(), Arc::clone(cluster), &joining.secret, name))
         });
         let disk = disk.unwrap_or_else(|| match database.file() {
             Some(file) => Arc::new(HostDisk::of(file)),

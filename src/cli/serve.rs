@@ -10,6 +10,7 @@ use tokio::net::TcpListener;
 use crate::host::read_text;
 use crate::http::limits::Limits;
 use crate::http::{Access, Source};
+use crate::ids::RoutingName;
 use crate::server::{Parts, Server, fit_memory, fit_open_files, listen};
 use crate::store::{Joining, Location};
 use crate::telemetry::{LogFormat, start_logs};
@@ -78,6 +79,10 @@ pub(super) struct Args {
     /// Play no games: answer from the database, and forward all other requests to the other servers.
     #[arg(long, env = "SWARMBENCH_FORWARD_ONLY", requires = "node", value_parser = clap::builder::FalseyValueParser::new())]
     forward_only: bool,
+    /// The name of this server for load balancers, two characters of a–z and 2–7, such as s2: seat and swarm tokens begin
+    /// with it, so that a load balancer can send a request to the server that plays. Each server has its own, and keeps it.
+    #[arg(long, env = "SWARMBENCH_ROUTING_NAME", value_name = "NAME", requires = "node", value_parser = routing_name)]
+    routing_name: Option<RoutingName>,
     /// A file with the shared secret of the cluster, at least 16 bytes: `openssl rand -hex 32` makes one.
     #[arg(long, env = "SWARMBENCH_CLUSTER_SECRET_FILE", value_name = "FILE", requires = "node")]
     cluster_secret_file: Option<PathBuf>,
@@ -106,6 +111,10 @@ fn node(text: &str) -> Result<String, String> {
     } else {
         Err("an address and a port such as 10.0.0.5:7000 or node1.example.org:7000, without http://".to_owned())
     }
+}
+
+fn routing_name(text: &str) -> Result<RoutingName, String> {
+    RoutingName::parse(text).ok_or_else(|| "two characters of a–z and 2–7, such as s2".to_owned())
 }
 
 /// Minimum bytes of a cluster's secret.
@@ -140,6 +149,7 @@ fn joining(args: &Args) -> anyhow::Result<Option<(TcpListener, Joining)>> {
         address: address.clone(),
         secret: secret.into(),
         forwards_only: args.forward_only,
+        routing_name: args.routing_name,
         host_ms: crate::membership::host_ms,
     };
     Ok(Some((listener, joining)))

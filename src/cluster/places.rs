@@ -1,17 +1,28 @@
 //! The places of a server, as far as it knows.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Mutex, MutexGuard};
 
+use super::{Incarnation, Member};
 use crate::ids::Place;
 
 /// Places that a server owns, and those that it may have taken. The database has the truth: a change there comes first, and is
 /// noted here before the next one.
 #[derive(Debug, Default)]
 pub struct Places {
-    owned: Mutex<BTreeMap<Place, State>>,
+    owned: Mutex<BTreeMap<Place, Owned>>,
+    /// The newest server that this one has seen.
+    newest: AtomicI64,
     /// Places taken but perhaps not resumed: the client that asked for them may be gone.
     taken: Mutex<BTreeSet<Place>>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Owned {
+    state: State,
+    /// The newest server when this one took the place.
+    newest: Incarnation,
 }
 
 /// State of an owned place.
@@ -26,7 +37,7 @@ impl Places {
     /// Whether the server owns a place and is not releasing it.
     #[must_use]
     pub fn has(&self, place: Place) -> bool {
-        self.owned().get(&place) == Some(&State::Has)
+        self.owned().get(&place).is_some_and(|owned| owned.state == State::Has)
     }
 
     /// All owned places, including those being released.
@@ -43,14 +54,16 @@ impl Places {
 
     /// Notes places that a commit has created, or that a release has not released.
     pub fn gained(&self, places: impl IntoIterator<Item = Place>) {
-        self.owned().extend(places.into_iter().map(|place| (place, State::Has)));
+        let owned = self.taken_now();
+        self.owned().extend(places.into_iter().map(|place| (place, owned)));
     }
 
     /// Notes places that the database shows as owned. One that is being released stays so.
     pub fn confirmed(&self, places: impl IntoIterator<Item = Place>) {
+        let taken = self.taken_now();
         let mut owned = self.owned();
         for place in places {
-            owned.entry(place).or_insert(State::Has);
+            owned.entry(place).or_insert(taken);
         }
     }
 
@@ -64,16 +77,13 @@ impl Places {
 
     /// Starts to release a place: nothing new begins there. False if the server does not own it.
     pub fn leave(&self, place: Place) -> bool {
-        self.owned().get_mut(&place).is_some_and(|state| {
-            *state = State::Leaves;
-            true
-        })
+        self.owned().get_mut(&place).map(|owned| owned.state = State::Leaves).is_some()
     }
 
     /// Cancels the release of a place.
     pub fn stay(&self, place: Place) {
-        if let Some(state) = self.owned().get_mut(&place) {
-            *state = State::Has;
+        if let Some(owned) = self.owned().get_mut(&place) {
+            owned.state = State::Has;
         }
     }
 
@@ -88,7 +98,24 @@ impl Places {
         std::mem::take(&mut *self.taken()).into_iter().collect()
     }
 
-    fn owned(&self) -> MutexGuard<'_, BTreeMap<Place, State>> {
+    /// Notes the servers of the cluster.
+    pub fn saw(&self, members: &[Member]) {
+        if let Some(newest) = members.iter().map(|member| member.incarnation).max() {
+            self.newest.fetch_max(newest, Ordering::AcqRel);
+        }
+    }
+
+    /// Whether a server has joined since this one took a place.
+    #[must_use]
+    pub fn is_older(&self, place: Place, server: Incarnation) -> bool {
+        self.owned().get(&place).is_some_and(|owned| owned.newest < server)
+    }
+
+    fn taken_now(&self) -> Owned {
+        Owned { state: State::Has, newest: self.newest.load(Ordering::Acquire) }
+    }
+
+    fn owned(&self) -> MutexGuard<'_, BTreeMap<Place, Owned>> {
         self.owned.lock().expect("nothing panics while it holds this")
     }
 

@@ -364,3 +364,150 @@ pub async fn follow<D: Driver>(mut route: Route, driver: &mut D) -> Result<End, 
         };
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::cell::RefCell;
+    use std::collections::BTreeMap;
+
+    use super::*;
+    use crate::ids::EpisodeKey;
+
+    const PLACE: Place = Place::Game(EpisodeKey(7));
+    const ME: Incarnation = 1;
+    const NOW: Duration = Duration::from_secs(5);
+    const ACT: Sender = Sender::Client { is_repeatable: true, may_resend: true };
+    const CREATION: Sender = Sender::Client { is_repeatable: false, may_resend: true };
+
+    /// A server that knows servers 1 to `members`, and prefers the last one.
+    struct Known {
+        members: Incarnation,
+        takes_places: bool,
+        has: bool,
+        owners: RefCell<BTreeMap<Place, Owner>>,
+    }
+
+    fn known(members: Incarnation) -> Known {
+        Known { members, takes_places: true, has: false, owners: RefCell::default() }
+    }
+
+    impl View for Known {
+        fn me(&self) -> Incarnation {
+            ME
+        }
+        fn takes_places(&self) -> bool {
+            self.takes_places
+        }
+        fn has(&self, _: Place) -> bool {
+            self.has
+        }
+        fn is_member(&self, server: Incarnation) -> bool {
+            (1..=self.members).contains(&server)
+        }
+        fn preferred(&self, _: u64) -> Option<Incarnation> {
+            (self.members > 0).then_some(self.members)
+        }
+        fn known_owner(&self, place: Place) -> Option<Owner> {
+            self.owners.borrow().get(&place).copied()
+        }
+        fn note_owner(&self, place: Place, owner: Owner) {
+            self.owners.borrow_mut().insert(place, owner);
+        }
+        fn forget_owner(&self, place: Place) {
+            self.owners.borrow_mut().remove(&place);
+        }
+    }
+
+    /// The steps of a route to some events.
+    fn steps(view: &Known, target: Target, sender: Sender, events: &[Event]) -> Vec<Step> {
+        let mut route = Route::new(target, sender);
+        events.iter().map(|event| route.next(view, *event, NOW)).collect()
+    }
+
+    #[test]
+    fn the_owner_of_a_place_is_read_once_and_answers() {
+        let view = known(3);
+        let events = [Event::Arrived, Event::Owner(Some(2)), Event::Sent(Sent::Answered)];
+        let all = steps(&view, Target::Place(PLACE), ACT, &events);
+        assert_eq!(all, [Step::ReadOwner(PLACE), Step::Send(2), Step::End(End::Answered)]);
+        assert_eq!(steps(&view, Target::Place(PLACE), ACT, &[Event::Arrived]), [Step::Send(2)]);
+        let own = Known { has: true, ..known(3) };
+        assert_eq!(
+            steps(&own, Target::Place(PLACE), ACT, &[Event::Arrived]),
+            [Step::End(End::Here)]
+        );
+    }
+
+    #[test]
+    fn a_place_without_an_owner_is_for_the_preferred_server() {
+        let unfinished = [Event::Arrived, Event::Owner(None), Event::Unfinished(true)];
+        let last = |view: &Known, events: &[Event]| {
+            *steps(view, Target::Place(PLACE), ACT, events).last().expect("a step")
+        };
+        assert_eq!(last(&known(3), &unfinished), Step::Send(3));
+        assert_eq!(last(&known(1), &unfinished), Step::Take(PLACE));
+        let stopping = Known { takes_places: false, ..known(1) };
+        assert_eq!(last(&stopping, &unfinished), Step::End(End::Moved));
+        let ended = [Event::Arrived, Event::Owner(None), Event::Unfinished(false)];
+        let view = known(3);
+        assert_eq!(last(&view, &ended), Step::End(End::Here));
+        assert_eq!(last(&view, &[Event::Arrived]), Step::End(End::Here), "it stays so");
+    }
+
+    #[test]
+    fn a_forwarded_request_is_not_forwarded_again() {
+        let events = [Event::Arrived, Event::Unfinished(true), Event::Taken(Some(2))];
+        let all = steps(&known(3), Target::Place(PLACE), Sender::Server, &events);
+        assert_eq!(
+            all,
+            [Step::ReadUnfinished(PLACE), Step::Take(PLACE), Step::End(End::Elsewhere)]
+        );
+        let all = steps(&known(3), Target::New(5), Sender::Server, &[Event::Arrived]);
+        assert_eq!(all, [Step::End(End::Here)]);
+    }
+
+    #[test]
+    fn what_may_have_been_done_is_repeated_only_if_that_changes_nothing() {
+        let lost = [Event::Arrived, Event::Owner(Some(2)), Event::Sent(Sent::Unknown)];
+        let last =
+            |sender| *steps(&known(3), Target::Place(PLACE), sender, &lost).last().expect("a step");
+        assert_eq!(last(ACT), Step::Bury(2));
+        assert_eq!(last(CREATION), Step::End(End::Unknown));
+        let streamed = Sender::Client { is_repeatable: true, may_resend: false };
+        assert_eq!(last(streamed), Step::End(End::Unknown));
+    }
+
+    #[test]
+    fn a_server_that_does_not_answer_is_waited_for_until_another_owns_the_place() {
+        let view = known(3);
+        let mut route = Route::new(Target::Place(PLACE), ACT);
+        let mut next = |event, ms| route.next(&view, event, Duration::from_millis(ms));
+        assert_eq!(next(Event::Arrived, 0), Step::ReadOwner(PLACE));
+        assert_eq!(next(Event::Owner(Some(2)), 0), Step::Send(2));
+        assert_eq!(next(Event::Sent(Sent::NotSent), 1_000), Step::Bury(2));
+        assert_eq!(next(Event::Buried, 1_000), Step::ReadOwner(PLACE));
+        assert_eq!(next(Event::Owner(Some(2)), 1_000), Step::Pause(MOVE_PAUSE));
+        assert_eq!(next(Event::Paused, 2_499), Step::Bury(2));
+        assert_eq!(next(Event::Buried, 2_499), Step::ReadOwner(PLACE));
+        assert_eq!(next(Event::Owner(Some(3)), 2_499), Step::Send(3));
+        assert_eq!(next(Event::Sent(Sent::Unknown), 2_499), Step::End(End::Moved), "sent twice");
+        let mut route = Route::new(Target::Place(PLACE), ACT);
+        let mut next = |event, ms| route.next(&view, event, Duration::from_millis(ms));
+        assert_eq!(next(Event::Arrived, 0), Step::ReadOwner(PLACE));
+        assert_eq!(next(Event::Owner(Some(2)), 0), Step::Send(2));
+        assert_eq!(next(Event::Sent(Sent::NotSent), 0), Step::Bury(2));
+        assert_eq!(next(Event::Buried, 1_500), Step::ReadOwner(PLACE));
+        assert_eq!(next(Event::Owner(Some(2)), 1_500), Step::End(End::Moved), "for so long");
+    }
+
+    #[test]
+    fn creations_with_a_name_go_to_one_server() {
+        let all = |target, view: &Known| steps(view, target, CREATION, &[Event::Arrived]);
+        assert_eq!(all(Target::New(5), &known(3)), [Step::End(End::Here)]);
+        assert_eq!(all(Target::Named(5), &known(3)), [Step::Send(3)]);
+        let stopping = Known { takes_places: false, ..known(3) };
+        assert_eq!(all(Target::New(5), &stopping), [Step::Send(3)]);
+        let alone = Known { takes_places: false, ..known(1) };
+        assert_eq!(all(Target::New(5), &alone), [Step::End(End::Moved)]);
+    }
+}

@@ -219,3 +219,147 @@ fn is_over(since: &mut Duration, interval: Duration, now: Duration) -> bool {
     }
     is_over
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ME: Incarnation = 1;
+
+    fn member(incarnation: Incarnation, clock_offset_ms: i64) -> Member {
+        Member {
+            incarnation,
+            address: "127.0.0.1:7000".to_owned(),
+            name: "a machine, process 1".to_owned(),
+            version: "1".to_owned(),
+            joined_at_ms: 0,
+            beat_at_ms: 0,
+            seen_ms_ago: 0,
+            is_connected: true,
+            clock_offset_ms,
+            is_ready: true,
+            episodes: 0,
+            places: 0,
+        }
+    }
+
+    /// Whether a server that sees these members for so long leaves its places.
+    fn leaves(members: &[Member], seconds: u64) -> bool {
+        let mut looks = Looks::default();
+        let mut seen = (0..=seconds).map(Duration::from_secs);
+        seen.any(|now| looks.clock(members, ME, now) == ClockSeen::OffForTooLong)
+    }
+
+    #[test]
+    fn a_server_whose_clock_stays_off_leaves_its_places_to_one_whose_clock_is_right() {
+        let patience = CLOCK_OFF_PATIENCE.as_secs();
+        let (off, right) = (member(ME, -501), member(2, 500));
+        assert!(leaves(&[off.clone(), right.clone()], patience));
+        assert!(!leaves(&[off.clone(), right.clone()], patience - 1), "it may come back");
+        assert!(!leaves(&[member(ME, 500), right.clone()], 1000));
+        for nobody in [
+            member(2, 501),
+            Member { is_ready: false, ..right.clone() },
+            Member { is_connected: false, ..right },
+        ] {
+            assert!(!leaves(&[off.clone(), nobody], 1000), "nobody would play on");
+        }
+        assert!(!leaves(&[off], 1000), "nobody would play on");
+    }
+
+    #[test]
+    fn a_clock_that_was_right_in_between_is_off_anew() {
+        let (mut looks, right) = (Looks::default(), member(2, 0));
+        for second in 0..1000 {
+            let offset = if second % 9 == 0 { 0 } else { 60_000 };
+            let members = [member(ME, offset), right.clone()];
+            let seen = looks.clock(&members, ME, Duration::from_secs(second));
+            let expected = match second % 9 {
+                0 => ClockSeen::Right,
+                rest => ClockSeen::Off { is_new: rest == 1 },
+            };
+            assert_eq!(seen, expected, "{second}");
+        }
+    }
+
+    #[test]
+    fn a_look_in_four_comes_with_a_beat_and_silence_of_the_database_is_told_once() {
+        let mut looks = Looks::default();
+        let beats: Vec<bool> = (0..8).map(|_| looks.beats()).collect();
+        assert_eq!(beats, [true, false, false, false, true, false, false, false]);
+        looks.answered(Arc::default(), Duration::ZERO);
+        assert!(looks.failed());
+        assert!(!looks.failed());
+        let seen = looks.answered(Arc::default(), Duration::from_secs(9));
+        assert_eq!(seen.up_since, Some(Duration::from_secs(9)));
+    }
+
+    fn seen(members: &[Member], up_since_s: u64) -> Seen {
+        Seen { members: members.into(), up_since: Some(Duration::from_secs(up_since_s)) }
+    }
+
+    #[test]
+    fn a_server_is_suspected_by_its_age_in_the_database_and_by_its_silence_here() {
+        let now = Duration::from_secs(100);
+        let old = Member { seen_ms_ago: 6_001, ..member(2, 0) };
+        let mut work = Work::new(ME, false, Duration::ZERO);
+        assert_eq!(work.due(&seen(&[old.clone()], 0), now).suspects, [], "seen for the first time");
+        let later = now + ANSWERS_FOR + Duration::from_millis(1);
+        let due = work.due(&seen(&[old.clone()], 0), later);
+        assert_eq!(due.suspects, [(2, Suspicion::Expired)]);
+        let due = work.due(&seen(&[old.clone()], 99), later);
+        assert_eq!(due.suspects, [], "no server could beat while the database was away");
+        let beats = Member { beat_at_ms: 1, ..old.clone() };
+        assert_eq!(
+            work.due(&seen(&[beats], 0), later).suspects,
+            [],
+            "the database's clock was set"
+        );
+        let young = Member { seen_ms_ago: 6_000, ..old };
+        let away = Member { is_connected: false, ..young.clone() };
+        assert_eq!(work.due(&seen(&[young], 0), later * 2).suspects, []);
+        assert_eq!(work.due(&seen(&[away], 0), later * 2).suspects, [(2, Suspicion::Away)]);
+    }
+
+    #[test]
+    fn places_are_searched_when_a_server_comes_or_goes_and_now_and_then() {
+        let (own, other) = (member(ME, 0), member(2, 0));
+        let both = seen(&[own.clone(), other.clone()], 0);
+        let mut work = Work::new(ME, false, Duration::ZERO);
+        let second = Duration::from_secs(1);
+        let adopts =
+            |work: &mut Work, seen: &Seen, now| work.due(seen, now).duties.contains(&Duty::Adopt);
+        assert!(adopts(&mut work, &both, second));
+        assert!(adopts(&mut work, &both, second), "until it is done");
+        assert!(work.adopted(&both, second));
+        assert!(!adopts(&mut work, &both, second));
+        assert!(adopts(&mut work, &seen(&[own.clone()], 0), second));
+        let stops = Member { is_ready: false, ..other };
+        assert!(adopts(&mut work, &seen(&[own, stops], 0), second));
+        assert!(!work.adopted(&both, second), "not for the first time");
+        assert!(adopts(&mut work, &both, second + SEARCHES_EVERY));
+    }
+
+    #[test]
+    fn a_server_that_takes_no_places_has_no_duties_but_to_be_ready() {
+        let (own, other) = (Member { is_ready: false, ..member(ME, 0) }, member(2, 0));
+        let now = Duration::from_secs(1000);
+        let mut forwards = Work::new(ME, true, Duration::ZERO);
+        let both = seen(&[own.clone(), other], 0);
+        assert_eq!(forwards.due(&both, now).duties, [Duty::BeReady]);
+        assert_eq!(forwards.due(&seen(&[own], 0), now).duties, []);
+        assert_eq!(Work::new(ME, false, Duration::ZERO).due(&both, now).duties, []);
+    }
+
+    #[test]
+    fn the_oldest_server_that_takes_places_deletes_old_changes() {
+        let now = DELETES_EVERY;
+        let all = seen(&[member(ME, 0), member(2, 0)], 0);
+        let mut oldest = Work::new(ME, false, Duration::ZERO);
+        let duties = oldest.due(&all, now).duties;
+        assert_eq!(duties, [Duty::Adopt, Duty::Tidy, Duty::DeleteOldChanges]);
+        assert_eq!(oldest.due(&all, now).duties, [Duty::Adopt]);
+        let duties = Work::new(2, false, Duration::ZERO).due(&all, now).duties;
+        assert_eq!(duties, [Duty::Adopt, Duty::Tidy]);
+    }
+}

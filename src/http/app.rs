@@ -33,7 +33,7 @@ use crate::episode::actor::Handle;
 use crate::episode::registry::{Location, Registry};
 use crate::episode::replay::state_at;
 use crate::host::Disk;
-use crate::ids::EpisodeId;
+use crate::ids::{EpisodeId, Token, TokenKind};
 use crate::run::manager::Runs;
 use crate::standings::Standings;
 use crate::store::tokens::Grant;
@@ -189,6 +189,12 @@ impl App {
             }
         }
         Ok(())
+    }
+
+    /// A new token of seats that this server plays.
+    pub(super) fn token(&self, kind: TokenKind) -> Token {
+        let name = self.nodes.as_ref().and_then(|nodes| nodes.routing_name());
+        Token::named(kind, name, &*self.entropy)
     }
 
     /// Evicts unused entries; to be called periodically.

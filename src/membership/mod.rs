@@ -47,8 +47,6 @@ pub trait Port: 'static {
     fn me(&self) -> Incarnation;
     /// Whether this server takes no places, and lets the others answer.
     fn forwards_only(&self) -> bool;
-    /// Whether this server should take a free place.
-    fn is_preferred(&self, place: Place) -> bool;
 
     /// Time since any moment, of a clock that also runs while the process is stopped.
     fn now(&self) -> Duration;

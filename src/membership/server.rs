@@ -115,10 +115,6 @@ impl Port for Membership {
         self.parts.forwards_only
     }
 
-    fn is_preferred(&self, place: Place) -> bool {
-        self.parts.cluster.is_preferred(place)
-    }
-
     fn now(&self) -> Duration {
         self.started.elapsed()
     }

@@ -21,7 +21,7 @@ use crate::episode::spec::Visibility;
 use crate::episode::{Ending, Status};
 use crate::fair::Party;
 use crate::host::Disk;
-use crate::ids::{EntryKey, EpisodeId, Numbers, Place, RunKey, Token, TokenKind};
+use crate::ids::{EntryKey, EpisodeId, Numbers, Place, RoutingName, RunKey, Token, TokenKind};
 use crate::store::entries::{Entry, RunRow};
 use crate::store::games::StoredGame;
 use crate::store::port::EpisodeStore as _;
@@ -107,6 +107,9 @@ pub trait Peers: Send + Sync {
 
     /// Forwards [`Runs::end_with`], without audit entries, to the server that owns the run, or takes it.
     fn end(&self, run: RunKey, status: RunStatus) -> BoxFuture<'_, Result<bool, RunError>>;
+
+    /// Name for load balancers of the server that owns the run, or will take it.
+    fn routing_name(&self, run: RunKey) -> BoxFuture<'_, Option<RoutingName>>;
 }
 
 /// The runs of a server. Clones share them.
@@ -208,8 +211,11 @@ impl Runs {
         }
         let unknown = || CreateError::Definition(format!("visibility {:?}", definition.visibility));
         let visibility = Visibility::parse(&definition.visibility).ok_or_else(unknown)?;
-        let token = definition.player.is_none().then(|| Token::new(TokenKind::Swarm, &**entropy));
         let run = RunKey(self.0.parts.numbers.take(1, now));
+        let token = match definition.player {
+            None => Some(self.new_token(run).await),
+            Some(_) => None,
+        };
         let text = serde_json::to_string(&definition).expect("a definition has string keys");
         let row = RunRow {
             run,
@@ -368,13 +374,22 @@ impl Runs {
         .await
     }
 
+    async fn new_token(&self, run: RunKey) -> Token {
+        let Parts { entropy, peers, .. } = &self.0.parts;
+        let name = match peers {
+            Some(peers) => peers.routing_name(run).await,
+            None => None,
+        };
+        Token::named(TokenKind::Swarm, name, &**entropy)
+    }
+
     /// Replaces the token of a run, and stores audit entries in the same transaction.
     pub async fn replace_token(
         &self,
         run: RunKey,
         audit_entries: Vec<Entry>,
     ) -> Result<Token, RunError> {
-        let token = Token::new(TokenKind::Swarm, &*self.0.parts.entropy);
+        let token = self.new_token(run).await;
         let entry = Entry::ReplaceRunToken { run, hash: token.hash() };
         self.0.parts.store.keep([entry].into_iter().chain(audit_entries).collect()).await?;
         Ok(token)

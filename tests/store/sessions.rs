@@ -273,6 +273,7 @@ pub(super) async fn joined(scratch: &Scratch, port: u16) -> Store {
         address: format!("127.0.0.1:{port}"),
         secret: Arc::from(&b"the secret of the tests"[..]),
         forwards_only: false,
+        routing_name: None,
         host_ms: swarmbench::membership::host_ms,
     };
     Store::join(location(scratch), &joining).await.expect("it joins")

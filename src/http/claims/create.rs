@@ -120,9 +120,8 @@ struct Tokens {
 
 impl Tokens {
     fn new(app: &App, seats: usize) -> Self {
-        let token = |kind| Token::new(kind, &*app.entropy);
-        let swarm = token(TokenKind::Swarm);
-        Self { seats: (0..seats).map(|_| token(TokenKind::Seat)).collect(), swarm }
+        let swarm = app.token(TokenKind::Swarm);
+        Self { seats: (0..seats).map(|_| app.token(TokenKind::Seat)).collect(), swarm }
     }
 }
 

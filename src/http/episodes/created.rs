@@ -57,12 +57,11 @@ pub(super) struct Tokens {
 
 impl Tokens {
     pub(super) fn new(app: &App, spec: &Spec) -> Self {
-        let token = |kind| Token::new(kind, &*app.entropy);
         Self {
             seats: (spec.agents().filter(|agent| spec.is_creators(*agent)))
-                .map(|agent| (agent, token(TokenKind::Seat)))
+                .map(|agent| (agent, app.token(TokenKind::Seat)))
                 .collect(),
-            swarm: token(TokenKind::Swarm),
+            swarm: app.token(TokenKind::Swarm),
         }
     }
 

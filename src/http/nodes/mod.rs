@@ -31,7 +31,7 @@ use super::prelude::*;
 use super::routes::{Facts, Play};
 use crate::cluster::route::{Driver, End, Owner, Route, Sender, Sent, Target, View, follow};
 use crate::cluster::{Incarnation, preferred};
-use crate::ids::{CompetitionKey, EpisodeId, Place, RunKey};
+use crate::ids::{CompetitionKey, EpisodeId, Place, RoutingName, RunKey};
 use crate::membership;
 use crate::store::{Cluster, Store, StoreError};
 use links::{Failed, Links, Question};
@@ -40,6 +40,9 @@ pub(super) use peers::PATH;
 
 /// Capacity of the caches of owners and of games; those of runs and competitions are smaller.
 const ROUTES_CACHED: usize = 100_000;
+
+/// Capacity of the cache of other servers' names, which include servers that are gone.
+const ROUTING_NAMES_CACHED: usize = 1000;
 
 /// Header of an answer: this server does not own the place of the forwarded request.
 const ELSEWHERE: HeaderName = HeaderName::from_static("x-swarmbench-elsewhere");
@@ -53,6 +56,9 @@ pub struct Nodes {
     cluster: Arc<Cluster>,
     store: Store,
     links: Links,
+    routing_name: Option<RoutingName>,
+    /// Names of other servers.
+    routing_names: Cache<Incarnation, Option<RoutingName>>,
     started: Instant,
     players: Routes,
     others: Routes,
@@ -94,12 +100,19 @@ pub(super) enum Routed {
 
 impl Nodes {
     /// `store` is the database that the cluster shares.
-    pub fn new(store: Store, cluster: Arc<Cluster>, secret: &[u8]) -> Self {
+    pub fn new(
+        store: Store,
+        cluster: Arc<Cluster>,
+        secret: &[u8],
+        routing_name: Option<RoutingName>,
+    ) -> Self {
         let links = Links::new(cluster.incarnation(), secret);
         Self {
             cluster,
             store,
             links,
+            routing_name,
+            routing_names: Cache::new(ROUTING_NAMES_CACHED),
             started: Instant::now(),
             players: Routes::of("player"),
             others: Routes::of("other"),
@@ -158,6 +171,11 @@ impl Nodes {
             _ => {}
         }
         way.sending.ended(end)
+    }
+
+    /// Name of this server for load balancers.
+    pub(super) const fn routing_name(&self) -> Option<RoutingName> {
+        self.routing_name
     }
 
     /// Address of another server; `None` once it is gone.

@@ -16,8 +16,9 @@ use super::super::error::{ApiError, Code};
 use super::super::prelude::*;
 use super::links::{Failed, OF_A_SERVER, Question};
 use super::{Nodes, Other, Sending, Way, elsewhere, is_elsewhere};
-use crate::cluster::route::{End, Route, Sender, Sent, Target, follow};
-use crate::ids::{Place, RunKey};
+use crate::cluster::route::{End, Route, Sender, Sent, Target, View as _, follow};
+use crate::cluster::{Incarnation, number_of};
+use crate::ids::{Place, RoutingName, RunKey};
 use crate::run::manager::Peers;
 use crate::run::{RunError, RunStatus};
 use crate::store::StoreError;
@@ -41,7 +42,10 @@ fn question(method: Method, path: &str) -> Option<Question> {
 /// Identity of a server.
 #[derive(Debug, Serialize, Deserialize)]
 struct Hello {
-    incarnation: i64,
+    incarnation: Incarnation,
+    /// Earlier servers have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    routing_name: Option<String>,
 }
 
 /// Forwards steps of runs to the servers that own them.
@@ -54,6 +58,10 @@ impl Peers for NodePeers {
 
     fn end(&self, run: RunKey, status: RunStatus) -> BoxFuture<'_, Result<bool, RunError>> {
         async move { self.0.ask_owner(run, &format!("end/{}", status.name())).await }.boxed()
+    }
+
+    fn routing_name(&self, run: RunKey) -> BoxFuture<'_, Option<RoutingName>> {
+        self.0.name_of_owner(Place::Run(run)).boxed()
     }
 }
 
@@ -79,6 +87,26 @@ impl Nodes {
         }
     }
 
+    /// Name of the server that owns a place, or that will take it.
+    async fn name_of_owner(&self, place: Place) -> Option<RoutingName> {
+        let owner = if self.has(place) {
+            self.me()
+        } else {
+            self.preferred(number_of(place)).unwrap_or_else(|| self.me())
+        };
+        if owner == self.me() {
+            return self.routing_name();
+        }
+        if let Some(name) = self.routing_names.get(&owner) {
+            return name;
+        }
+        let hello =
+            self.hello(&self.other(owner)?).await.filter(|hello| hello.incarnation == owner)?;
+        let name = hello.routing_name.as_deref().and_then(RoutingName::parse);
+        self.routing_names.insert(owner, name);
+        name
+    }
+
     /// Asks another server, which may not be in the list of members yet; `None` where it does not answer.
     async fn ask_at(&self, method: Method, path: &str, at: &Other) -> Option<Response> {
         let question = question(method, path)?;
@@ -101,7 +129,7 @@ impl Nodes {
                 "another program answers at {address}, where the other servers are to reach this one: name another with --node"
             )
         };
-        if self.hello(&own).await.ok_or_else(nobody)? != me {
+        if self.hello(&own).await.ok_or_else(nobody)?.incarnation != me {
             return Err(other());
         }
         let Ok(seen) = self.cluster.look().await else { return Ok(()) };
@@ -130,13 +158,13 @@ impl Nodes {
         }
     }
 
-    /// Incarnation of the server at an address; `None` where none answers.
-    async fn hello(&self, at: &Other) -> Option<i64> {
+    /// Identity of the server at an address; `None` where none answers.
+    async fn hello(&self, at: &Other) -> Option<Hello> {
         let path = format!("{PATH}hello");
         let asked = tokio::time::timeout(HELLO_PATIENCE, self.ask_at(Method::GET, &path, at));
         let response = asked.await.ok()??;
         let body = to_bytes(response.into_body(), ANSWER_BYTES_MAX).await.ok()?;
-        serde_json::from_slice::<Hello>(&body).ok().map(|hello| hello.incarnation)
+        serde_json::from_slice(&body).ok()
     }
 
     /// Handles a request of another server.
@@ -149,12 +177,13 @@ impl Nodes {
         let mut parts = path.split('/');
         match (request.method(), parts.next(), parts.next(), parts.next(), parts.next()) {
             (&Method::GET, Some("hello"), None, None, None) => {
-                Ok(Json(Hello { incarnation: self.cluster.incarnation() }).into_response())
+                let routing_name = self.routing_name.map(|name| name.to_string());
+                Ok(Json(Hello { incarnation: self.me(), routing_name }).into_response())
             }
             (&Method::POST, Some("reach"), Some(incarnation), Some(address), None) => {
                 let incarnation = incarnation.parse().map_err(|_| unknown())?;
                 let at = Other { incarnation, address: address.to_owned() };
-                if self.hello(&at).await == Some(incarnation) {
+                if self.hello(&at).await.is_some_and(|hello| hello.incarnation == incarnation) {
                     Ok(().into_response())
                 } else {
                     Err(ApiError::new(Code::Unavailable, "this server does not reach the address"))

@@ -252,6 +252,7 @@ impl TestApp {
             address: for_nodes.local_addr().expect("an address").to_string(),
             secret: Arc::from(&b"the secret of the tests"[..]),
             forwards_only,
+            routing_name: None,
             host_ms: swarmbench::membership::host_ms,
         });
         let for_nodes = forwards.map(|_| for_nodes);

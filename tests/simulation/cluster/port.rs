@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use swarmbench::cluster::watch::ClockSeen;
-use swarmbench::cluster::{Death, Incarnation, Member, Places, number_of, preferred};
+use swarmbench::cluster::{Death, Incarnation, Member, Places};
 use swarmbench::ids::Place;
 use swarmbench::membership::{Others, Port};
 use swarmbench::store::StoreError;
@@ -51,6 +51,7 @@ impl Others for Site {
     }
 
     fn set_members(&self, members: Arc<[Member]>) {
+        self.places().saw(&members);
         *self.peer.members.lock().expect("one thread") = members;
     }
 
@@ -101,10 +102,6 @@ impl Port for Site {
 
     fn forwards_only(&self) -> bool {
         false
-    }
-
-    fn is_preferred(&self, place: Place) -> bool {
-        preferred(&self.peer.members(), number_of(place)) == Some(self.me())
     }
 
     fn now(&self) -> Duration {

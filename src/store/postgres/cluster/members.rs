@@ -11,6 +11,7 @@ use super::super::group::session_name;
 use super::super::session::{self, Server};
 use super::{ALIVE, Cluster, Purpose, alive_key};
 use crate::cluster::{CLOCK_OFF_MAX, Death, Lease, Member, Places, STARTS_WITHIN};
+use crate::ids::RoutingName;
 use crate::store::sql::{Begin, Connection, query};
 use crate::store::{OpenError, StoreError};
 
@@ -26,6 +27,8 @@ pub struct Joining {
     pub secret: Arc<[u8]>,
     /// A forwarding server owns no places: it forwards every request about games to the owner.
     pub forwards_only: bool,
+    /// Name by which load balancers know this server.
+    pub routing_name: Option<RoutingName>,
     pub host_ms: fn() -> i64,
 }
 
@@ -145,6 +148,7 @@ impl Cluster {
 
     /// Replaces the known members.
     pub fn set_members(&self, members: Arc<[Member]>) {
+        self.places.saw(&members);
         let numbers: Vec<i64> = members.iter().map(|member| member.incarnation).collect();
         *self.members.lock().expect("nothing panics while it holds this") = members;
         self.incarnations.send_if_modified(|known| {
