@@ -61,7 +61,9 @@ def measured(name: str, title: str, text: str) -> None:
     """Writes a page of measurements, with its date and commit."""
     describe = ["git", "describe", "--always", "--abbrev=12", "--dirty= with changes", "--exclude=*"]
     commit = subprocess.run(describe, capture_output=True, text=True, check=True).stdout.strip()
-    made = f"Written by `.ci/insight` on {datetime.date.today()}, of the commit {commit}, on {os.cpu_count()} processors."
+    made = (
+        f"Written by `.ci/insight` on {datetime.date.today()}, of the commit {commit}, on {os.cpu_count()} processors."
+    )
     (PAGES.parent / "measured" / f"{name}.md").write_text(f"# {title}\n\n{made}\n\n{text}")
 
 
