@@ -1,6 +1,9 @@
-"""Writes the tables of docs/evaluate/insight.md and embedders.md between their marks; see `.ci/insight`."""
+"""Writes the tables of docs/evaluate/insight.md between their marks, and docs/measured/embedders.md; see `.ci/insight`."""
 
+import datetime
+import os
 import re
+import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -52,6 +55,16 @@ def put(page: str, name: str, table: str) -> None:
     if not end:
         raise SystemExit(f"{page} has no place for the table {name}")
     path.write_text(f"{before}{begin}\n{table}\n{end}{after}")
+
+
+def measured(name: str, title: str, text: str) -> None:
+    """Writes a page of measurements, with its date and commit."""
+    describe = ["git", "describe", "--always", "--abbrev=12", "--dirty= with changes", "--exclude=*"]
+    commit = subprocess.run(describe, capture_output=True, text=True, check=True).stdout.strip()
+    made = (
+        f"Written by `.ci/insight` on {datetime.date.today()}, of the commit {commit}, on {os.cpu_count()} processors."
+    )
+    (PAGES.parent / "measured" / f"{name}.md").write_text(f"# {title}\n\n{made}\n\n{text}")
 
 
 CORRELATION = ["r", "p", "q", "interval", "by models", "Spearman", "players", "n"]
@@ -250,6 +263,12 @@ def edits(table: pd.DataFrame) -> str:
     return lines(["", "ρ, rounds", "r", "n", "ρ, several texts", "r", "n", "ρ, games", "r", "n"], rows)
 
 
+ABOUT_EDITS = (
+    "560 games: the seven built-in players that speak, on the layouts 0 to 79. ρ is Spearman's rank correlation, r\n"
+    "Pearson's, n the number of rounds or of games (means over their rounds)."
+)
+
+
 def main(folder: Path) -> None:
     games, spoken = analysis.load(folder / "games"), analysis.load(folder / "spoken")
     speaking = games.episodes.loc[games.episodes["message_length"].notna(), "model"].unique().tolist()
@@ -269,7 +288,7 @@ def main(folder: Path) -> None:
     }
     for name, table in tables.items():
         put("insight.md", name, table)
-    put("embedders.md", "edits", edits(analysis.relate_to_edits(spoken)))
+    measured("embedders", "`hash-1` and edit similarity", f"{ABOUT_EDITS}\n\n{edits(analysis.relate_to_edits(spoken))}")
     figures = {
         "blocks": analysis.plot_blocks(analysis.blocks(games, definition="toolkit")),
         "attribution": analysis.plot_attribution(attribution),
