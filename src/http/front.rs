@@ -223,7 +223,10 @@ impl Front {
         let Inner { app, router, .. } = &*self.inner;
         let is_get = request.method() == Method::GET;
         // Other requests may revoke the token with which they come.
-        let may_wait = is_get || play.is_some() || request.uri().path() == "/mcp";
+        let may_wait = match play {
+            Some(_) => request.uri().query().is_some(),
+            None => is_get || request.uri().path() == "/mcp",
+        };
         let sent = if may_wait { SentToken::of(app, &request) } else { None };
         let response = match play {
             Some(play) => play.call(app, request).await?,
@@ -233,7 +236,7 @@ impl Front {
             },
         };
         let response = match sent {
-            Some(sent) => sent.check(app, response).await?,
+            Some(sent) => Box::pin(sent.check(app, response)).await?,
             None => response,
         };
         stream::reserve(&app.registry, is_get, response).await
