@@ -294,7 +294,7 @@ mod tests {
         assert_eq!(seen.up_since, Some(Duration::from_secs(9)));
     }
 
-    fn seen(members: &[Member], up_since_s: u64) -> Seen {
+    fn seen<const N: usize>(members: [Member; N], up_since_s: u64) -> Seen {
         Seen { members: members.into(), up_since: Some(Duration::from_secs(up_since_s)) }
     }
 
@@ -303,28 +303,24 @@ mod tests {
         let now = Duration::from_secs(100);
         let old = Member { seen_ms_ago: 6_001, ..member(2, 0) };
         let mut work = Work::new(ME, false, Duration::ZERO);
-        assert_eq!(work.due(&seen(&[old.clone()], 0), now).suspects, [], "seen for the first time");
+        assert_eq!(work.due(&seen([old.clone()], 0), now).suspects, [], "seen for the first time");
         let later = now + ANSWERS_FOR + Duration::from_millis(1);
-        let due = work.due(&seen(&[old.clone()], 0), later);
+        let due = work.due(&seen([old.clone()], 0), later);
         assert_eq!(due.suspects, [(2, Suspicion::Expired)]);
-        let due = work.due(&seen(&[old.clone()], 99), later);
+        let due = work.due(&seen([old.clone()], 99), later);
         assert_eq!(due.suspects, [], "no server could beat while the database was away");
         let beats = Member { beat_at_ms: 1, ..old.clone() };
-        assert_eq!(
-            work.due(&seen(&[beats], 0), later).suspects,
-            [],
-            "the database's clock was set"
-        );
+        assert_eq!(work.due(&seen([beats], 0), later).suspects, [], "the database's clock was set");
         let young = Member { seen_ms_ago: 6_000, ..old };
         let away = Member { is_connected: false, ..young.clone() };
-        assert_eq!(work.due(&seen(&[young], 0), later * 2).suspects, []);
-        assert_eq!(work.due(&seen(&[away], 0), later * 2).suspects, [(2, Suspicion::Away)]);
+        assert_eq!(work.due(&seen([young], 0), later * 2).suspects, []);
+        assert_eq!(work.due(&seen([away], 0), later * 2).suspects, [(2, Suspicion::Away)]);
     }
 
     #[test]
     fn places_are_searched_when_a_server_comes_or_goes_and_now_and_then() {
         let (own, other) = (member(ME, 0), member(2, 0));
-        let both = seen(&[own.clone(), other.clone()], 0);
+        let both = seen([own.clone(), other.clone()], 0);
         let mut work = Work::new(ME, false, Duration::ZERO);
         let second = Duration::from_secs(1);
         let adopts =
@@ -333,9 +329,9 @@ mod tests {
         assert!(adopts(&mut work, &both, second), "until it is done");
         assert!(work.adopted(&both, second));
         assert!(!adopts(&mut work, &both, second));
-        assert!(adopts(&mut work, &seen(&[own.clone()], 0), second));
+        assert!(adopts(&mut work, &seen([own.clone()], 0), second));
         let stops = Member { is_ready: false, ..other };
-        assert!(adopts(&mut work, &seen(&[own, stops], 0), second));
+        assert!(adopts(&mut work, &seen([own, stops], 0), second));
         assert!(!work.adopted(&both, second), "not for the first time");
         assert!(adopts(&mut work, &both, second + SEARCHES_EVERY));
     }
@@ -345,16 +341,16 @@ mod tests {
         let (own, other) = (Member { is_ready: false, ..member(ME, 0) }, member(2, 0));
         let now = Duration::from_secs(1000);
         let mut forwards = Work::new(ME, true, Duration::ZERO);
-        let both = seen(&[own.clone(), other], 0);
+        let both = seen([own.clone(), other], 0);
         assert_eq!(forwards.due(&both, now).duties, [Duty::BeReady]);
-        assert_eq!(forwards.due(&seen(&[own], 0), now).duties, []);
+        assert_eq!(forwards.due(&seen([own], 0), now).duties, []);
         assert_eq!(Work::new(ME, false, Duration::ZERO).due(&both, now).duties, []);
     }
 
     #[test]
     fn the_oldest_server_that_takes_places_deletes_old_changes() {
         let now = DELETES_EVERY;
-        let all = seen(&[member(ME, 0), member(2, 0)], 0);
+        let all = seen([member(ME, 0), member(2, 0)], 0);
         let mut oldest = Work::new(ME, false, Duration::ZERO);
         let duties = oldest.due(&all, now).duties;
         assert_eq!(duties, [Duty::Adopt, Duty::Tidy, Duty::DeleteOldChanges]);

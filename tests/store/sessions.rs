@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 use swarmbench_testkit::needs;
 
@@ -27,6 +27,9 @@ const PATIENCE: Duration = Duration::from_secs(50);
 
 /// Batches that are written while sessions end.
 const BATCHES: u32 = 300;
+
+/// Sessions that end meanwhile, at least: a busy machine writes all batches before so many have ended.
+const SESSIONS_ENDED_MIN: usize = 4;
 
 /// An act and the round that it resolves.
 fn rows(round: u32) -> Vec<Entry> {
@@ -134,23 +137,22 @@ async fn sessions_that_end_during_batches_lose_and_double_nothing() {
     let store = Store::open(location(&scratch)).await.expect("it opens");
     let mut other = scratch.connect().await;
     let is_done = Arc::new(AtomicBool::new(false));
-    let seen = Arc::clone(&is_done);
+    let ended = Arc::new(AtomicUsize::new(0));
+    let (seen, count) = (Arc::clone(&is_done), Arc::clone(&ended));
     let killer = tokio::spawn(async move {
-        let mut ended = 0;
         for pause_ms in (1..).map(|number| number * 7 % 40) {
             if seen.load(Ordering::Relaxed) {
                 break;
             }
-            ended += end_writers(&mut other).await;
+            count.fetch_add(end_writers(&mut other).await, Ordering::Relaxed);
             // Of different lengths, so that a session ends in all stages of a commit.
             tokio::time::sleep(Duration::from_millis(pause_ms)).await;
         }
         drop(other.close().await);
-        ended
     });
     let write = async {
         let mut number = 0;
-        while number < BATCHES {
+        while number < BATCHES || ended.load(Ordering::Relaxed) < SESSIONS_ENDED_MIN {
             // Several at once, of which some are acts and rounds alone.
             let mut batches = Vec::new();
             for _ in 0..=number % 4 {
@@ -169,8 +171,7 @@ async fn sessions_that_end_during_batches_lose_and_double_nothing() {
     };
     let written = tokio::time::timeout(PATIENCE, write).await.expect("it ends");
     is_done.store(true, Ordering::Relaxed);
-    let ended = killer.await.expect("no panic");
-    assert!(ended > 3, "only {ended} sessions ended");
+    killer.await.expect("no panic");
     let expected = (0..written).filter(|number| number % 3 != 0).map(|number| (number, 1));
     assert_eq!(noted(&store).await, expected.collect());
     let rounds = store.rounds(EpisodeKey(1), 0, u32::MAX).await.expect("read");

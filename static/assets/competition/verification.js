@@ -7,7 +7,6 @@ import { eachPage } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Text } from "../parts/text.js";
 import { Mismatch } from "./chain.js";
-import { checkFile } from "./file.js";
 
 const SHOW_EVERY_MS = 200;
 
@@ -31,6 +30,8 @@ export function Verification({ competition }) {
     setState({ progress: { bytes: 0, lines: 0, games: 0 } });
     try {
       const { signal } = aborted;
+      // Few visitors verify: the rest of the page does not wait for the checks.
+      const { checkFile } = await import("./file.js");
       const response = await send(path, { signal });
       const findings = await checkFile(/** @type {any} */ (response.body), onProgress);
       setState({ findings, board: await compare(competition, findings, signal) });

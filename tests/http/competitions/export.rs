@@ -203,7 +203,7 @@ async fn every_forgery_is_found_though_its_chain_fits() {
     let Line::Attempt(attempt) = &mut forged.0[attempts[0]].0 else { panic!("no attempt") };
     let game = attempt.games[0].clone();
     attempt.games.insert(1, game);
-    refused(&forged.write(), "is there twice");
+    refused(&forged.write(), "the attempt has game 0 twice");
 
     // Another act in a journal, whose own chain is made to fit.
     let mut forged = file.clone();

@@ -516,7 +516,7 @@ impl<'a> Checker<'a> {
                 continue;
             }
             if !played.insert(game.slot) {
-                return Err(reader.wrong(format!("it has game {} twice", game.slot)));
+                return Err(reader.wrong(format!("the attempt has game {} twice", game.slot)));
             }
             let Some(Line::Episode(header)) = reader.next()? else {
                 return Err(reader.wrong(format!("episode {} is missing", game.episode)));
