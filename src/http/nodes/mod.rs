@@ -60,6 +60,7 @@ pub struct Nodes {
     /// Names of other servers.
     routing_names: Cache<Incarnation, Option<RoutingName>>,
     started: Instant,
+    forwarded: Counter,
     players: Routes,
     others: Routes,
     owners: Cache<Place, Owner>,
@@ -114,6 +115,7 @@ impl Nodes {
             routing_name,
             routing_names: Cache::new(ROUTING_NAMES_CACHED),
             started: Instant::now(),
+            forwarded: metrics::counter!("swarmbench_forwarded_total"),
             players: Routes::of("player"),
             others: Routes::of("other"),
             owners: Cache::new(ROUTES_CACHED),
@@ -167,7 +169,10 @@ impl Nodes {
         let end = follow(Route::new(target, sender), &mut way).await?;
         match end {
             End::Here if !is_hop && target != Target::Anybody => counted.here.increment(1),
-            End::Answered => counted.forwarded.increment(1),
+            End::Answered => {
+                counted.forwarded.increment(1);
+                self.forwarded.increment(1);
+            }
             _ => {}
         }
         way.sending.ended(end)
