@@ -4,10 +4,11 @@ use std::fmt::Write;
 
 use serde_json::json;
 use utoipa::openapi::extensions::Extensions;
-use utoipa::openapi::path::{Operation, ParameterIn};
+use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{
-    Components, ContentBuilder, Object, PathItem, Ref, RefOr, ResponseBuilder, Schema, Type,
+    Components, ContentBuilder, Object, ObjectBuilder, PathItem, Ref, RefOr, Required,
+    ResponseBuilder, Schema, Type,
 };
 use utoipa::{Modify, OpenApi};
 
@@ -143,6 +144,9 @@ pub(super) fn complete(document: &mut utoipa::openapi::OpenApi) {
             operation.security = row.facts.who.security();
         }
     }
+    for (path, item) in &mut document.paths.paths {
+        operations(item).for_each(|operation| describe_ids(path, operation));
+    }
     for operation in document.paths.paths.values_mut().flat_map(operations) {
         let common = common_errors(operation);
         let responses = &mut operation.responses.responses;
@@ -162,6 +166,51 @@ pub(super) fn complete(document: &mut utoipa::openapi::OpenApi) {
         // A route without a declared token needs none.
         operation.security.get_or_insert_with(|| vec![SecurityRequirement::default()]);
     }
+}
+
+/// Ids in paths: the collection before them, or none where any will do, the name of the parameter, and its description.
+const IDS: [(&str, &str, &str); 8] = [
+    ("competitions", "id", "The competition's id"),
+    ("episodes", "id", "The episode's id"),
+    ("imports", "id", "The game's id"),
+    ("keys", "id", "The key's id"),
+    ("runs", "id", "The run's id"),
+    ("", "entrant", "The entrant's id"),
+    ("", "member", "The member's id"),
+    ("", "run", "The id of the attempt's run"),
+];
+
+/// Adds the ids in a path to the parameters of an operation that does not describe them itself. Parameters in the path come first, in its
+/// order.
+fn describe_ids(path: &str, operation: &mut Operation) {
+    let mut declared = operation.parameters.take().unwrap_or_default();
+    let segments: Vec<&str> = path.split('/').collect();
+    let mut in_path = Vec::new();
+    for (before, segment) in segments.iter().zip(segments.iter().skip(1)) {
+        let Some(name) = segment.strip_prefix('{').and_then(|name| name.strip_suffix('}')) else {
+            continue;
+        };
+        let is_it = |one: &RefOr<Parameter>| matches!(one, RefOr::T(one) if one.name == name);
+        if let Some(at) = declared.iter().position(is_it) {
+            in_path.push(declared.remove(at));
+            continue;
+        }
+        let is_of = |(collection, id, _): &&(&str, &str, &str)| {
+            *id == name && (collection.is_empty() || collection == before)
+        };
+        if let Some((_, _, description)) = IDS.iter().find(is_of) {
+            let text = ObjectBuilder::new().schema_type(Type::String);
+            let parameter = ParameterBuilder::new()
+                .name(name)
+                .parameter_in(ParameterIn::Path)
+                .required(Required::True)
+                .description(Some(*description))
+                .schema(Some(text));
+            in_path.push(parameter.build().into());
+        }
+    }
+    in_path.append(&mut declared);
+    operation.parameters = (!in_path.is_empty()).then_some(in_path);
 }
 
 fn operation<'a>(item: &'a mut PathItem, method: &str) -> Option<&'a mut Operation> {
@@ -197,9 +246,7 @@ fn common_errors(operation: &Operation) -> Vec<(u16, &'static str)> {
         ]);
     }
     let is_in_path = |parameter: &RefOr<_>| match parameter {
-        RefOr::T(utoipa::openapi::path::Parameter { parameter_in, .. }) => {
-            *parameter_in == ParameterIn::Path
-        }
+        RefOr::T(Parameter { parameter_in, .. }) => *parameter_in == ParameterIn::Path,
         RefOr::Ref(_) => false,
     };
     if operation.parameters.iter().flatten().any(is_in_path) {

@@ -100,28 +100,31 @@ pub(in super::super) async fn show_leaderboard(
         format!("leaderboard {question:?} {metrics:?} {measured:?} {after:?} {limit} {format:?}");
     let make = async {
         let boards = app.standings.boards().await?;
-        let means = if metrics.is_empty() {
-            Means::new()
+        let shows_metrics = !metrics.is_empty();
+        let ranked = app.heavy.render(move || {
+            let ranked = boards.ranked(&question)?;
+            let start = ranked.after(after);
+            let rows = if shows_metrics {
+                page::leaderboard(&ranked, start, limit).items
+            } else {
+                Vec::new()
+            };
+            let runs: Vec<String> = rows.into_iter().filter_map(|row| row.run).collect();
+            Ok::<_, ApiError>((ranked, start, runs))
+        });
+        let (ranked, start, runs) = ranked.await??;
+        let means = if shows_metrics {
+            app.store.mean_metrics(&runs, &metrics, stored_method()).await?
         } else {
-            let (boards, question) = (boards.clone(), question.clone());
-            let runs = app.heavy.render(move || {
-                let ranked = boards.ranked(&question)?;
-                let shown = page::leaderboard(&ranked, ranked.after(after), limit);
-                Ok::<_, ApiError>(
-                    shown.items.into_iter().filter_map(|row| row.run).collect::<Vec<_>>(),
-                )
-            });
-            app.store.mean_metrics(&runs.await??, &metrics, stored_method()).await?
+            Means::new()
         };
         let bytes_max = app.limits.answer_bytes_max;
         let answer = app.heavy.render(move || {
-            let ranked = boards.ranked(&question)?;
-            let start = ranked.after(after);
             let page =
                 |limit| with_metrics(page::leaderboard(&ranked, start, limit), &metrics, &means);
-            Ok(by_accept(format.page(bytes_max, limit, page)))
+            by_accept(format.page(bytes_max, limit, page))
         });
-        answer.await?
+        Ok(answer.await?)
     };
     app.answers.answer(asked, Box::pin(make)).await
 }

@@ -27,7 +27,6 @@ use swarmbench_protocol::episode::SeatToken;
     operation_id = "create_claim",
     tag = "episodes",
     params(
-        ("id" = String, Path, description = "The episode's id"),
         ("Idempotency-Key" = Option<String>, Header, description = "Any text of at most 200 characters that names this claim"),
     ),
     request_body(content = ClaimRequest, description = "At most 256 KiB"),

@@ -12,7 +12,6 @@ use swarmbench_protocol::claim::{SeatHolder, SeatList};
     path = "/api/v1/episodes/{id}/claims",
     operation_id = "list_claims",
     tag = "episodes",
-    params(("id" = String, Path, description = "The episode's id")),
     responses((status = 200, description = "All seats", body = SeatList))
 )]
 pub(in super::super) async fn list_claims(

@@ -11,7 +11,7 @@ use swarmbench_protocol::competition::{OrganizerAction, OrganizerActions};
     path = "/api/v1/competitions/{id}/actions",
     operation_id = "list_actions",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id"), NewestParams),
+    params(NewestParams),
     responses((status = 200, description = "A page of actions", body = OrganizerActions))
 )]
 pub(in super::super) async fn list_actions(

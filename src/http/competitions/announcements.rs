@@ -22,7 +22,7 @@ const ANNOUNCEMENT_CHARS_MAX: usize = 2_000;
     path = "/api/v1/competitions/{id}/announcements",
     operation_id = "list_announcements",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id"), NewestParams),
+    params(NewestParams),
     responses((status = 200, description = "A page of announcements", body = Announcements))
 )]
 pub(in super::super) async fn list_announcements(
@@ -53,7 +53,6 @@ pub(in super::super) async fn list_announcements(
     path = "/api/v1/competitions/{id}/announcements",
     operation_id = "announce",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id")),
     request_body(content = AnnouncementRequest, description = "At most 256 KiB"),
     responses(
         (status = 201, description = "The announcement", body = Announcement),

@@ -14,7 +14,7 @@ use swarmbench_protocol::competition::AttemptList;
     path = "/api/v1/competitions/{id}/attempts",
     operation_id = "list_attempts",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id"), PageParams),
+    params(PageParams),
     responses(
         (status = 200, description = "The attempts", body = AttemptList),
         (status = 403, description = "`forbidden`: a token of an episode"),

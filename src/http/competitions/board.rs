@@ -62,7 +62,7 @@ pub(in super::super) struct BoardParams {
     path = "/api/v1/competitions/{id}/board",
     operation_id = "show_board",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id"), BoardParams),
+    params(BoardParams),
     responses(
         (status = 200, description = "The board", content(
             (CompetitionBoard = "application/json"),

@@ -19,7 +19,6 @@ use swarmbench_protocol::competition::{CancelRequest, Competition};
     path = "/api/v1/competitions/{id}/cancel",
     operation_id = "cancel_competition",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id")),
     request_body(content = CancelRequest, description = "At most 256 KiB"),
     responses(
         (status = 200, description = "The competition", body = Competition),

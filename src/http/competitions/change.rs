@@ -23,7 +23,6 @@ use swarmbench_protocol::competition::{Competition, CompetitionChange};
     path = "/api/v1/competitions/{id}",
     operation_id = "change_competition",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id")),
     request_body(content = CompetitionChange, description = "At most 256 KiB"),
     responses(
         (status = 200, description = "The competition after the change", body = Competition),

@@ -22,10 +22,6 @@ use swarmbench_protocol::competition::{EntrantChange, EntrantSummary};
     path = "/api/v1/competitions/{id}/entrants/{entrant}",
     operation_id = "change_entrant",
     tag = "competitions",
-    params(
-        ("id" = String, Path, description = "The competition's id"),
-        ("entrant" = String, Path, description = "The entrant's id"),
-    ),
     request_body(content = EntrantChange, description = "At most 256 KiB"),
     responses(
         (status = 200, description = "The entrant after the change", body = EntrantSummary),
@@ -151,10 +147,6 @@ pub(in super::super) async fn change_entrant(
     path = "/api/v1/competitions/{id}/entrants/{entrant}",
     operation_id = "erase_entrant",
     tag = "competitions",
-    params(
-        ("id" = String, Path, description = "The competition's id"),
-        ("entrant" = String, Path, description = "The entrant's id"),
-    ),
     responses(
         (status = 200, description = "The entrant as it is shown from now on", body = EntrantSummary),
         (status = 403, description = "`forbidden`: neither an organizer's key nor the key with which this entrant entered"),

@@ -29,7 +29,6 @@ const CODES_MAX: usize = 1000;
     path = "/api/v1/competitions/{id}/codes",
     operation_id = "create_codes",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id")),
     request_body(content = CodesRequest, description = "At most 256 KiB"),
     responses(
         (status = 201, description = "The codes", body = InvitationCodes),
@@ -79,7 +78,7 @@ pub(in super::super) async fn create_codes(
     path = "/api/v1/competitions/{id}/codes",
     operation_id = "list_codes",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id"), PageParams),
+    params(PageParams),
     responses(
         (status = 200, description = "The codes, without the codes themselves", body = InvitationList),
         (status = 403, description = "`forbidden`: not the key of an organizer or a judge"),
@@ -116,7 +115,6 @@ pub(in super::super) async fn list_codes(
     path = "/api/v1/competitions/{id}/codes/revoke",
     operation_id = "revoke_codes",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id")),
     request_body(content = RevokeCodesRequest, description = "At most 256 KiB"),
     responses(
         (status = 200, description = "The codes that were revoked", body = InvitationList),

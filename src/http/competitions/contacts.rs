@@ -34,7 +34,7 @@ pub(in super::super) struct ContactParams {
     path = "/api/v1/competitions/{id}/contacts",
     operation_id = "list_contacts",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id"), ContactParams),
+    params(ContactParams),
     responses(
         (status = 200, description = "The contacts", content(
             (ContactList = "application/json"),

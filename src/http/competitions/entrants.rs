@@ -36,7 +36,7 @@ pub(in super::super) struct EntrantParams {
     path = "/api/v1/competitions/{id}/entrants",
     operation_id = "list_entrants",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id"), EntrantParams),
+    params(EntrantParams),
     responses((status = 200, description = "The entrants", body = EntrantList))
 )]
 pub(in super::super) async fn list_entrants(
@@ -70,10 +70,6 @@ pub(in super::super) async fn list_entrants(
     path = "/api/v1/competitions/{id}/entrants/{entrant}",
     operation_id = "show_entrant",
     tag = "competitions",
-    params(
-        ("id" = String, Path, description = "The competition's id"),
-        ("entrant" = String, Path, description = "The entrant's id"),
-    ),
     responses(
         (status = 200, description = "The entrant", body = EntrantDetail),
         (status = 403, description = "`forbidden`: not the key of this entrant, an organizer or a judge"),

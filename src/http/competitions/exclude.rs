@@ -27,7 +27,6 @@ const SHOWN_MAX: usize = 1000;
     path = "/api/v1/competitions/{id}/exclusions",
     operation_id = "exclude_entrants",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id")),
     request_body(content = ExclusionRequest, description = "At most 256 KiB"),
     responses(
         (status = 200, description = "The entrants that were excluded, or would be", body = Exclusion),

@@ -41,7 +41,7 @@ use swarmbench_boards::competition::standings::{Part, Played, standings_of};
     path = "/api/v1/exports/competitions/{id}",
     operation_id = "export_competition",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id"), ExportParams),
+    params(ExportParams),
     responses(
         (status = 200, description = "One record per line", content((String = "application/x-ndjson"), (Binary = "application/octet-stream"))),
         (status = 403, description = "`forbidden`: until the competition is closed only organizers and judges may read the export, as it holds the seeds"),

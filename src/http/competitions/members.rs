@@ -21,10 +21,6 @@ use swarmbench_protocol::names::is_look_alike;
     path = "/api/v1/competitions/{id}/entrants/{entrant}/members",
     operation_id = "list_members",
     tag = "competitions",
-    params(
-        ("id" = String, Path, description = "The competition's id"),
-        ("entrant" = String, Path, description = "The entrant's id"),
-    ),
     responses(
         (status = 200, description = "The members", body = MemberList),
         (status = 403, description = "`forbidden`: not a key of this team"),
@@ -55,10 +51,6 @@ pub(in super::super) async fn list_members(
     path = "/api/v1/competitions/{id}/entrants/{entrant}/members",
     operation_id = "add_member",
     tag = "competitions",
-    params(
-        ("id" = String, Path, description = "The competition's id"),
-        ("entrant" = String, Path, description = "The entrant's id"),
-    ),
     request_body(content = MemberRequest, description = "At most 256 KiB"),
     responses(
         (status = 201, description = "The member, with its key, shown only once", body = CreatedMember),
@@ -135,11 +127,6 @@ pub(in super::super) async fn add_member(
     path = "/api/v1/competitions/{id}/entrants/{entrant}/members/{member}",
     operation_id = "remove_member",
     tag = "competitions",
-    params(
-        ("id" = String, Path, description = "The competition's id"),
-        ("entrant" = String, Path, description = "The entrant's id"),
-        ("member" = String, Path, description = "The member's id"),
-    ),
     responses(
         (status = 200, description = "The member", body = MemberSummary),
         (status = 403, description = "`forbidden`: not the key of this member, of the one who entered, or of an organizer"),

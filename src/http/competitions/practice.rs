@@ -34,7 +34,6 @@ const DAY: Duration = Duration::from_hours(24);
     path = "/api/v1/competitions/{id}/practice",
     operation_id = "start_practice",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id")),
     request_body(content = Option<PracticeRequest>, description = "At most 256 KiB; an empty body plays all tasks on one drawn seed"),
     responses(
         (status = 201, description = "The run, with its swarm token", body = StartedPractice),

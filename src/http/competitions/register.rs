@@ -28,7 +28,6 @@ use swarmbench_protocol::competition::{CreatedEntrant, EntrantRequest};
     path = "/api/v1/competitions/{id}/entrants",
     operation_id = "register_entrant",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id")),
     request_body(content = EntrantRequest, description = "At most 256 KiB"),
     responses(
         (status = 201, description = "The entrant, with its key if one was made", body = CreatedEntrant),

@@ -19,10 +19,6 @@ use swarmbench_protocol::competition::ReplacedKey;
     path = "/api/v1/competitions/{id}/entrants/{entrant}/key",
     operation_id = "replace_entrant_key",
     tag = "competitions",
-    params(
-        ("id" = String, Path, description = "The competition's id"),
-        ("entrant" = String, Path, description = "The entrant's id"),
-    ),
     responses(
         (status = 201, description = "The new key, shown only once", body = ReplacedKey),
         (status = 403, description = "`forbidden`: not an organizer's key"),

@@ -12,7 +12,6 @@ use swarmbench_protocol::competition::Competition;
     path = "/api/v1/competitions/{id}",
     operation_id = "show_competition",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id")),
     responses((status = 200, description = "The competition", body = Competition))
 )]
 pub(in super::super) async fn show_competition(

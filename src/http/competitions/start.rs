@@ -33,7 +33,6 @@ const DOUBT_PAUSE: Duration = Duration::from_secs(5);
     operation_id = "start_attempt",
     tag = "competitions",
     params(
-        ("id" = String, Path, description = "The competition's id"),
         ("Idempotency-Key" = Option<String>, Header, description = "Any text of at most 200 characters that names this start"),
     ),
     request_body(content = Option<AttemptRequest>, description = "At most 256 KiB; an empty body starts the next attempt that is open"),

@@ -23,10 +23,6 @@ use swarmbench_protocol::episode::VoidRequest;
     path = "/api/v1/competitions/{id}/attempts/{run}/void",
     operation_id = "void_attempt",
     tag = "competitions",
-    params(
-        ("id" = String, Path, description = "The competition's id"),
-        ("run" = String, Path, description = "The id of the attempt's run"),
-    ),
     request_body(content = VoidRequest, description = "At most 256 KiB"),
     responses(
         (status = 200, description = "The attempt, which no longer counts", body = VoidedAttempt),

@@ -16,7 +16,6 @@ use swarmbench_protocol::episode::EpisodeSummary;
     path = "/api/v1/episodes/{id}",
     operation_id = "abort_episode",
     tag = "episodes",
-    params(("id" = String, Path, description = "The episode's id")),
     responses(
         (status = 200, description = "The aborted episode", body = EpisodeSummary),
         (status = 403, description = "`forbidden`: not the creator"),

@@ -28,7 +28,6 @@ use swarmbench_protocol::replay::{AgentRound, InboxMessage};
     operation_id = "show_agent_round",
     tag = "episodes",
     params(
-        ("id" = String, Path, description = "The episode's id"),
         ("round" = u32, Path, description = "The round that the observation answers: 0 up to the number of resolved rounds"),
         ("agent" = String, Path, description = "The agent's name"),
     ),

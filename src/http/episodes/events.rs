@@ -34,7 +34,6 @@ pub(in super::super) struct EventsParams {
     operation_id = "stream_events",
     tag = "episodes",
     params(
-        ("id" = String, Path, description = "The episode's id"),
         ("Last-Event-ID" = Option<u32>, Header, description = "The last event that was received"),
         EventsParams,
     ),

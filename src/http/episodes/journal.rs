@@ -28,7 +28,6 @@ const ROUNDS: u32 = 256;
     path = "/api/v1/episodes/{id}/journal",
     operation_id = "read_journal",
     tag = "episodes",
-    params(("id" = String, Path, description = "The episode's id")),
     responses(
         (status = 200, description = "One record per line", content((String = "application/x-ndjson"), (Binary = "application/octet-stream"))),
         (status = 403, description = "`forbidden`: only the creator may read it before the end, as it holds the seed"),

@@ -86,7 +86,7 @@ impl Wanted {
     path = "/api/v1/episodes/{id}/metrics",
     operation_id = "show_episode_metrics",
     tag = "episodes",
-    params(("id" = String, Path, description = "The episode's id"), MetricsParams),
+    params(MetricsParams),
     responses(
         (status = 200, description = "The metrics", body = GameMetrics),
         (status = 403, description = "`forbidden`: only the creator may read them before the end"),

@@ -70,7 +70,7 @@ impl ReplayParams {
     path = "/api/v1/episodes/{id}/replay",
     operation_id = "show_replay",
     tag = "episodes",
-    params(("id" = String, Path, description = "The episode's id"), ReplayParams),
+    params(ReplayParams),
     responses(
         (status = 200, description = "The states", body = Replay),
         (status = 403, description = "`forbidden`: only the creator may read them before the end"),

@@ -44,7 +44,7 @@ pub(in super::super) fn places(rounds: u32, points: u32) -> (u32, Vec<u32>) {
     path = "/api/v1/episodes/{id}/scores",
     operation_id = "show_scores",
     tag = "episodes",
-    params(("id" = String, Path, description = "The episode's id"), ScoresParams),
+    params(ScoresParams),
     responses(
         (status = 200, description = "The scores", body = Scores),
         (status = 403, description = "`forbidden`: only the creator may read them before the end"),

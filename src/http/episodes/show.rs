@@ -11,7 +11,6 @@ use swarmbench_protocol::episode::EpisodeSummary;
     path = "/api/v1/episodes/{id}",
     operation_id = "show_episode",
     tag = "episodes",
-    params(("id" = String, Path, description = "The episode's id")),
     responses((status = 200, description = "The episode", body = EpisodeSummary))
 )]
 pub(in super::super) async fn show_episode(

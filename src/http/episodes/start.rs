@@ -13,7 +13,6 @@ use swarmbench_protocol::episode::EpisodeSummary;
     path = "/api/v1/episodes/{id}/start",
     operation_id = "start_episode",
     tag = "episodes",
-    params(("id" = String, Path, description = "The episode's id")),
     responses(
         (status = 200, description = "The running episode", body = EpisodeSummary),
         (status = 403, description = "`forbidden`: not the creator"),

@@ -21,7 +21,7 @@ pub(in super::super) struct StateParams {
     path = "/api/v1/episodes/{id}/state",
     operation_id = "show_state",
     tag = "episodes",
-    params(("id" = String, Path, description = "The episode's id"), StateParams),
+    params(StateParams),
     responses(
         (status = 200, description = "The state", body = StateBody),
         (status = 403, description = "`forbidden`: only the creator may read it before the end"),

@@ -34,7 +34,6 @@ pub(in super::super) type Verifications = Cache<(EpisodeKey, Head), Arc<Verifica
     path = "/api/v1/episodes/{id}/verification",
     operation_id = "show_verification",
     tag = "episodes",
-    params(("id" = String, Path, description = "The episode's id")),
     responses(
         (status = 200, description = "The result of the verification", body = Verification),
         (status = 403, description = "`forbidden`: only the creator may read the journal before the end"),

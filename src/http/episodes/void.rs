@@ -18,7 +18,6 @@ use swarmbench_protocol::episode::{EpisodeSummary, VoidRequest};
     path = "/api/v1/episodes/{id}/void",
     operation_id = "void_episode",
     tag = "episodes",
-    params(("id" = String, Path, description = "The episode's id")),
     request_body(content = VoidRequest, description = "At most 256 KiB"),
     responses(
         (status = 200, description = "The episode, which counts nowhere", body = EpisodeSummary),

@@ -27,7 +27,6 @@ use swarmbench_protocol::replay::{AgentRound, ShownAct};
     operation_id = "show_import_agent_round",
     tag = "data",
     params(
-        ("id" = String, Path, description = "The game's id"),
         ("round" = u32, Path, description = "The round: 0 up to the number of rounds"),
         ("agent" = String, Path, description = "The agent's name in the files, or `Agent_5` for the sixth of them"),
     ),

@@ -22,7 +22,7 @@ const CHUNK: u32 = 64;
     path = "/api/v1/imports/{id}/metrics",
     operation_id = "show_import_metrics",
     tag = "data",
-    params(("id" = String, Path, description = "The game's id"), MetricsParams),
+    params(MetricsParams),
     responses(
         (status = 200, description = "The metrics", body = GameMetrics),
         (status = 404, description = "`not_found`: no such game, or no such state"),

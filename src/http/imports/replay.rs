@@ -23,7 +23,7 @@ const CHUNK: u32 = 8;
     path = "/api/v1/imports/{id}/replay",
     operation_id = "show_import_replay",
     tag = "data",
-    params(("id" = String, Path, description = "The game's id"), ReplayParams),
+    params(ReplayParams),
     responses(
         (status = 200, description = "The states", body = Replay),
         (status = 404, description = "`not_found`: no such game, or no such state"),

@@ -12,7 +12,7 @@ use swarmbench_protocol::replay::Scores;
     path = "/api/v1/imports/{id}/scores",
     operation_id = "show_import_scores",
     tag = "data",
-    params(("id" = String, Path, description = "The game's id"), ScoresParams),
+    params(ScoresParams),
     responses((status = 200, description = "The scores", body = Scores))
 )]
 pub(in super::super) async fn show_import_scores(

@@ -11,7 +11,6 @@ use swarmbench_protocol::import::ImportSummary;
     path = "/api/v1/imports/{id}",
     operation_id = "show_import",
     tag = "data",
-    params(("id" = String, Path, description = "The game's id")),
     responses((status = 200, description = "The game", body = ImportSummary))
 )]
 pub(in super::super) async fn show_import(

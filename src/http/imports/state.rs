@@ -14,7 +14,7 @@ use swarmbench_protocol::episode::State as StateBody;
     path = "/api/v1/imports/{id}/state",
     operation_id = "show_imported_state",
     tag = "data",
-    params(("id" = String, Path, description = "The game's id"), StateParams),
+    params(StateParams),
     responses(
         (status = 200, description = "The state", body = StateBody),
         (status = 404, description = "`not_found`: no such game, or no such round of it"),

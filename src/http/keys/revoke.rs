@@ -17,7 +17,6 @@ use swarmbench_protocol::key::KeySummary;
     path = "/api/v1/keys/{id}",
     operation_id = "revoke_key",
     tag = "keys",
-    params(("id" = String, Path, description = "The key's id")),
     responses(
         (status = 200, description = "The revoked key", body = KeySummary),
         (status = 403, description = "`forbidden`: not an organizer's key"),

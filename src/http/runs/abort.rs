@@ -15,7 +15,6 @@ use swarmbench_protocol::run::RunDetail;
     path = "/api/v1/runs/{id}",
     operation_id = "abort_run",
     tag = "runs",
-    params(("id" = String, Path, description = "The run's id")),
     responses(
         (status = 200, description = "The aborted run", body = RunDetail),
         (status = 403, description = "`forbidden`: not the creator; only an organizer ends an attempt in a competition"),

@@ -20,7 +20,6 @@ use swarmbench_protocol::run::StreamedRunEvent;
     path = "/api/v1/runs/{id}/events",
     operation_id = "stream_run_events",
     tag = "runs",
-    params(("id" = String, Path, description = "The run's id")),
     responses((status = 200, description = "Events: `game` with a RunGame as data, `finished` with a RunDetail", body = StreamedRunEvent, content_type = "text/event-stream"))
 )]
 pub(in super::super) async fn stream_run_events(

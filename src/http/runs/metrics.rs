@@ -32,7 +32,7 @@ pub(in super::super) struct RunMetricsParams {
     path = "/api/v1/runs/{id}/metrics",
     operation_id = "show_run_metrics",
     tag = "runs",
-    params(("id" = String, Path, description = "The run's id"), RunMetricsParams),
+    params(RunMetricsParams),
     responses(
         (status = 200, description = "The metrics", body = RunMetrics),
         (status = 503, description = "`overloaded`: too many episodes are being replayed"),

@@ -34,7 +34,7 @@ pub(in super::super) struct RunScoresParams {
     path = "/api/v1/runs/{id}/scores",
     operation_id = "show_run_scores",
     tag = "runs",
-    params(("id" = String, Path, description = "The run's id"), RunScoresParams),
+    params(RunScoresParams),
     responses((status = 200, description = "The scores", body = RunScores))
 )]
 pub(in super::super) async fn show_run_scores(

@@ -11,7 +11,6 @@ use swarmbench_protocol::run::RunDetail;
     path = "/api/v1/runs/{id}",
     operation_id = "show_run",
     tag = "runs",
-    params(("id" = String, Path, description = "The run's id")),
     responses((status = 200, description = "The run", body = RunDetail))
 )]
 pub(in super::super) async fn show_run(

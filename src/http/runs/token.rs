@@ -18,7 +18,6 @@ use swarmbench_protocol::run::RunToken;
     path = "/api/v1/runs/{id}/token",
     operation_id = "replace_run_token",
     tag = "runs",
-    params(("id" = String, Path, description = "The run's id")),
     responses(
         (status = 200, description = "The new token", body = RunToken),
         (status = 403, description = "`forbidden`: not the creator, or the server itself plays the run"),
