@@ -124,7 +124,7 @@ pub(in super::super) async fn show_leaderboard(
                 |limit| with_metrics(page::leaderboard(&ranked, start, limit), &metrics, &means);
             by_accept(format.page(bytes_max, limit, page))
         });
-        Ok(answer.await?)
+        answer.await
     };
     app.answers.answer(asked, Box::pin(make)).await
 }
