@@ -298,7 +298,7 @@ def test_an_unfinished_episode_is_aborted(client: Client, make: Make) -> None:
     for _ in range(3):
         env.reset()
     env.close()
-    states = [episode["status"] for episode in client.every(client.episodes, model="counted")]
+    states = [episode["status"] for episode in client.paginate(client.episodes, model="counted")]
     assert states == ["aborted"] * 3 + ["finished"]
     env.reset()
     assert len(env.agents) == 2

@@ -22,7 +22,7 @@ from pettingzoo.test.parallel_test import parallel_api_test
 
 from swarmseat.cells import CHANNELS, encode_cells
 from swarmseat.native import VecEnv, Words
-from swarmseat.vector import vector_env
+from swarmseat.vector import gym_vector_env
 
 TASKS: tuple[wire.TaskName, ...] = get_args(wire.TaskName)
 
@@ -186,7 +186,7 @@ def test_what_is_wrong_is_named_and_changes_nothing(how: Any, says: str) -> None
 def test_what_cannot_be_made_is_named() -> None:
     wrongs: list[tuple[dict[str, Any], str]] = [
         ({"num_envs": 0}, "num_envs must be a whole number from 1"),
-        ({"num_agents": 0}, "num_agents must be from 1 to 1024, is 0"),
+        ({"num_agents": 0}, "num_agents must be a whole number from 1 to 1024, is 0"),
         ({"width": 4}, "width must be from 8 to 256, is 4"), ({"seed": -1}, "seed must be a whole number from 0"),
         ({"observations": "text"}, "observations must be one of 'planes'"), ({"rules": "own"}, "rules"),
         ({"threads": -1}, "threads"), ({"task": "Chess"}, "task"),
@@ -329,8 +329,8 @@ def test_supersuit_makes_vectors_of_it() -> None:
 @pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 @pytest.mark.parametrize("agents", ["joint", "flat"])
 @pytest.mark.parametrize("observations", ["planes", "symbols", "flat"])
-def test_it_is_a_vector_environment(agents: Any, observations: Any, mode: Any) -> None:
-    env = vector_env(
+def test_it_is_a_gym_vector_environment(agents: Any, observations: Any, mode: Any) -> None:
+    env = gym_vector_env(
         "Transport", 3, agents=agents, observations=observations, autoreset=mode, max_round=5, num_agents=4, seed=3
     )
     assert env.metadata["autoreset_mode"] is AutoresetMode[mode.upper()]

@@ -9,14 +9,11 @@ from ._compat import Self
 from .environment import SwarmEnv
 from .errors import SwarmbenchError
 from .native import VecEnv, Words
+from .settings import STANDARD
 from .wire import EpisodeRequest, Observation, SwarmAct
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-_SETTINGS = (
-    "num_agents", "rules", "width", "height", "view_size", "memory", "max_round", "control", "noise", "max_delay",
-)  # fmt: skip
 
 
 class _Seen(dict[str, Observation]):
@@ -65,11 +62,11 @@ class NativeSwarmEnv(SwarmEnv):
             self.world, self._is_closed = self._make(), False
             self.seen = _Seen(self.world)
         drawn = self._draw()
-        told = self.world.reset(seed=[drawn])
+        outputs = self.world.reset(seed=[drawn])
         self.seed = drawn
         self.agents = list(self.possible_agents)
         observations, infos = self._read(self.agents)
-        if not told["alive"].any():
+        if not outputs["alive"].any():
             # A layout can be solved before the first round; then no agent acts.
             self.agents = []
         return observations, infos
@@ -102,8 +99,8 @@ class NativeSwarmEnv(SwarmEnv):
             if "message" in act:
                 to = act.get("to")
                 words[place] = (act["message"] or "", None if to is None else self._places[to])
-        told = self.world.step(np.array([numbers]), [words] if self._messages else None)
-        earned, done = told["rewards"][0].tolist(), told["agent_done"][0].tolist()
+        outputs = self.world.step(np.array([numbers]), [words] if self._messages else None)
+        earned, done = outputs["rewards"][0].tolist(), outputs["agent_done"][0].tolist()
         gains = {agent: earned[self._places[agent]] for agent in agents}
         terminations = {agent: done[self._places[agent]] for agent in agents}
         observations, infos = self._read(agents)
@@ -126,7 +123,7 @@ class NativeSwarmEnv(SwarmEnv):
     def _make(self) -> VecEnv:
         settings: dict[str, Any] = dict(self._settings)
         return VecEnv(
-            settings["task"], 1, **{name: settings[name] for name in _SETTINGS}, seed=0, threads=1,
+            settings["task"], 1, **{name: settings[name] for name in STANDARD}, seed=0, threads=1,
             rewards="individual" if self._rewards == "individual" else "team", messages=self._messages,
             observations="none" if self._observations == "text" else "planes", autoreset="disabled", copy=False,
             prompt_template=settings["prompt_template"],
