@@ -87,7 +87,7 @@ def docstring(text: str, indent: int = 0, arguments: dict[str, str] | None = Non
     parts = [textwrap.fill(part, wide, break_on_hyphens=False) for part in text.split("\n\n")]
     if arguments:
         hanging = textwrap.TextWrapper(wide, "    ", " " * 8, break_on_hyphens=False)
-        parts.append("\n".join(["Args:", *(hanging.fill(f"{name}: {told}") for name, told in arguments.items())]))
+        parts.append("\n".join(["Args:", *(hanging.fill(f"{name}: {text}") for name, text in arguments.items())]))
     body = "\n\n".join(parts)
     end = "\n" if "\n" in body else ""
     return textwrap.indent(f'"""{body}{end}"""\n', " " * indent)
@@ -97,9 +97,9 @@ def record(name: str, bases: str, about: str, fields: dict[str, tuple[str, str]]
     """A TypedDict with these fields, each with its type and description."""
     if any(map(iskeyword, fields)):
         comment = textwrap.TextWrapper(WIDTH - 8, "# ", "# ")
-        keys = "".join(f"{comment.fill(told)}\n{key!r}: {made},\n" for key, (made, told) in fields.items())
+        keys = "".join(f"{comment.fill(text)}\n{key!r}: {made},\n" for key, (made, text) in fields.items())
         return f'{name} = TypedDict("{name}", {{\n{keys}}})\n{docstring(about)}'
-    lines = [f"    {key}: {made}\n{docstring(told, 4) if told else ''}" for key, (made, told) in fields.items()]
+    lines = [f"    {key}: {made}\n{docstring(text, 4) if text else ''}" for key, (made, text) in fields.items()]
     return f"class {name}({bases}):\n{docstring(about, 4)}\n{''.join(lines)}"
 
 
@@ -108,8 +108,8 @@ def schema_type(name: str) -> str:
     parts, about, fields = SCHEMAS[name].get("allOf", [SCHEMAS[name]]), SCHEMAS[name]["description"], {}
     for part in parts:
         for key, one in part.get("properties", {}).items():
-            told = next((side["description"] for side in [one, *one.get("oneOf", [])] if "description" in side), "")
-            fields[key] = (field_shape(name, key, one, key in part.get("required", [])), told)
+            text = next((side["description"] for side in [one, *one.get("oneOf", [])] if "description" in side), "")
+            fields[key] = (field_shape(name, key, one, key in part.get("required", [])), text)
     if fields.keys() == {"items", "next_cursor"}:
         return f"{name}: TypeAlias = Page{fields['items'][0].removeprefix('list')}\n{docstring(about)}"
     bases = ", ".join(shape(part, is_sent=False) for part in parts if "$ref" in part)
@@ -141,41 +141,40 @@ def wire() -> str:
     for operation, method in METHODS.items():
         query = parameters(operation, "query")
         if query.pop("format", None):
-            fields = {key: (f"NotRequired[{made}]", told) for key, (made, told) in query.items()}
+            fields = {key: (f"NotRequired[{made}]", text) for key, (made, text) in query.items()}
             name = query_type(operation)
             defined[name] = record(name, "TypedDict", f"Query of `{method}` and `{method}_csv`.", fields)
     return "\n\n".join([HEADS["wire"], *defined.values()])
 
 
-def call(operation: str, method: str, form: str | None) -> str:
+def call(name: str, method: str, form: str | None) -> str:
     """The method of an operation, for the answer as JSON, CSV or bytes."""
-    verb, path, told = OPERATIONS[operation]
-    ids, query, body = parameters(operation, "path"), parameters(operation, "query"), told.get("requestBody")
-    about = {name: text for name, (_, text) in ids.items()}
-    takes = ["self", *(f"{name}: {made}" for name, (made, _) in ids.items())]
+    verb, path, operation = OPERATIONS[name]
+    ids, query = parameters(name, "path"), parameters(name, "query")
+    about = {key: text for key, (_, text) in ids.items()}
+    takes = ["self", *(f"{key}: {made}" for key, (made, _) in ids.items())]
     sends = [repr(verb), repr(re.sub(r"{\w+}", "{}", path))]
-    sends += [name if made == "str" else f"str({name})" for name, (made, _) in ids.items()]
+    sends += [key if made == "str" else f"str({key})" for key, (made, _) in ids.items()]
     if form:
-        takes.append(f"**query: Unpack[wire.{query_type(operation)}]")
+        takes.append(f"**query: Unpack[wire.{query_type(name)}]")
         sends.append(f'query={{**query, "format": "{form}"}}')
-        about["**query"] = f"Fields of `wire.{query_type(operation)}`."
+        about["**query"] = f"Fields of `wire.{query_type(name)}`."
     elif query:
         own = {key: f"{key}_" if iskeyword(key) else key for key in query}
         shapes = {own[key]: f"wire.{made}" if made in CHOICES.values() else made for key, (made, _) in query.items()}
-        takes += ["*", *(f"{name}: {made} | None = None" for name, made in shapes.items())]
-        sends.append(f"query={{{', '.join(f'{key!r}: {name}' for key, name in own.items())}}}")
+        takes += ["*", *(f"{key}: {made} | None = None" for key, made in shapes.items())]
+        sends.append(f"query={{{', '.join(f'{key!r}: {own[key]}' for key in query)}}}")
         about |= {own[key]: text for key, (_, text) in query.items()}
-    if body:
-        name = next(references(body))
-        takes += ["*", "idempotency_key: str | None = None", f"**settings: Unpack[wire.{name}]"]
+    for body in references(operation.get("requestBody")):
+        takes += ["*", "idempotency_key: str | None = None", f"**settings: Unpack[wire.{body}]"]
         sends += ["body=settings", "headers=once(idempotency_key)"]
-        about["idempotency_key"] = parameters(operation, "header")["Idempotency-Key"][1]
-        about["**settings"] = f"Fields of `wire.{name}`."
-    content = next(answer for status, answer in told["responses"].items() if status < "300")["content"]
+        about["idempotency_key"] = parameters(name, "header")["Idempotency-Key"][1]
+        about["**settings"] = f"Fields of `wire.{body}`."
+    content = next(answer for status, answer in operation["responses"].items() if status < "300")["content"]
     is_json = "application/json" in content and form != "csv"
     gives = f"wire.{next(references(content['application/json']))}" if is_json else "str" if form else "bytes"
     reads = "" if is_json else ", read=bytes.decode" if form else ", read=bytes"
-    text = docstring("\n\n".join(told[key] for key in ("summary", "description") if key in told), 8, about)
+    text = docstring("\n\n".join(operation[key] for key in ("summary", "description") if key in operation), 8, about)
     head = f"    @Operation\n    def {method}({', '.join(takes)}) -> Call[{gives}]:"
     return f"{head}\n{text}        return call({', '.join(sends)}{reads})\n"
 

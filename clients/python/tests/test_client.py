@@ -591,8 +591,9 @@ def test_old_names_warn_and_work(server: Server) -> None:
     with server.client() as client, pytest.warns(DeprecationWarning, match="paginate"):
         assert list(client.every(client.suites)) == client.suites()["items"]
     for module in swarmseat, swarmseat.errors:
-        with pytest.warns(DeprecationWarning, match="is_refused"):
+        with pytest.warns(DeprecationWarning, match="is_refused") as warned:
             assert module.is_problem is is_refused
+        assert warned[0].filename == __file__
     asynchronous = AsyncClient(server.url, "")
     with pytest.warns(DeprecationWarning, match="paginate"):
         asynchronous.every(asynchronous.suites)

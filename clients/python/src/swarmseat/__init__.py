@@ -69,10 +69,8 @@ _NEEDS_RL = {
 }
 """Names that need more than the client, by the module that has them."""
 
-_old_name = renamed(__name__, {"is_problem": "is_refused", "vector_env": "gym_vector_env"})
 
-
-def __getattr__(name: str) -> Any:
+def _load(name: str) -> Any:
     """Loads the environment and the analysis, and with them NumPy and others, only where they are used."""
     if name == "analysis":
         return import_module(".analysis", __name__)
@@ -86,4 +84,7 @@ def __getattr__(name: str) -> Any:
                 f"swarmseat.{name} needs {error.name}: pip install 'swarmseat[rl]'", name=error.name
             ) from error
         return getattr(module, name)
-    return _old_name(name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+__getattr__ = renamed(__name__, {"is_problem": "is_refused", "vector_env": "gym_vector_env"}, _load)

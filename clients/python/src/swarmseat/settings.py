@@ -11,28 +11,31 @@ SEED_MAX = 2**53 - 1
 
 
 class GameSettings(TypedDict, total=False):
-    """Settings of a game. Those that are left out are those of the standard setting."""
+    """Settings of a game. Those that are left out are those of the standard setting.
+
+    Attributes:
+        num_agents: The number of agents.
+        rules: The rule set.
+        width: Columns of the map.
+        height: Rows of the map.
+        view_size: The side of an agent's window, in cells.
+        memory: The number of earlier rounds in a prompt.
+        max_round: The maximum number of rounds of an episode.
+        control: Under `centralized` every agent sees the whole map.
+        noise: The probability that a delivered message is corrupted.
+        max_delay: The maximum delay of a message, in rounds.
+    """
 
     num_agents: int
-    """The number of agents."""
     rules: RuleSet
-    """The rule set."""
     width: int
-    """Columns of the map."""
     height: int
-    """Rows of the map."""
     view_size: int
-    """The side of an agent's window, in cells."""
     memory: int
-    """The number of earlier rounds in a prompt."""
     max_round: int
-    """The maximum number of rounds of an episode."""
     control: Control
-    """Under `centralized` every agent sees the whole map."""
     noise: float
-    """The probability that a delivered message is corrupted."""
     max_delay: int
-    """The maximum delay of a message, in rounds."""
 
 
 STANDARD: GameSettings = {

@@ -1,12 +1,10 @@
 """Many episodes as a Gymnasium `VectorEnv`. Importing this module registers `swarmbench/Foraging-v0` and the like."""
 
-from collections.abc import Callable
 from typing import Any, Literal
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.envs import registration
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -175,41 +173,17 @@ class SwarmVectorEnv(VectorEnv[Any, Any, Any]):
         return info | {f"_{name}": every for name in list(info)}
 
 
-def _make(task: TaskName, num_envs: int = 1, **options: Any) -> SwarmVectorEnv:
-    return gym_vector_env(task, num_envs, **options)
-
-
 def _refuse_single(task: TaskName, **_: Any) -> gymnasium.Env[Any, Any]:
     raise gymnasium.error.Error(
-        f"{NAMESPACE}/{task}-v0 plays many episodes at once: make it with gymnasium.make_vec, or one alone with "
+        f"swarmbench/{task}-v0 plays many episodes at once: make it with gymnasium.make_vec, or one alone with "
         f"swarmseat.parallel_env({task!r}, backend='native')"
     )
 
 
-def _listing(check: Callable[[str | None, str], None]) -> Callable[[str | None, str], None]:
-    """Wraps Gymnasium's check of names, so that its error lists the names that this package has registered."""
-
-    def check_name_exists(ns: str | None, name: str) -> None:
-        try:
-            check(ns, name)
-        except gymnasium.error.NameNotFound as error:
-            if ns != NAMESPACE:
-                raise
-            raise gymnasium.error.NameNotFound(f"{error} There are: {', '.join(_NAMES)}.") from None
-
-    return check_name_exists
-
-
-NAMESPACE = "swarmbench"
-_NAMES = {f"{NAMESPACE}/{task}-v0": task for task in TASKS}
-if not _NAMES.keys() <= gymnasium.registry.keys():
-    for _name, _task in _NAMES.items():
-        gymnasium.register(
-            _name,
-            entry_point=f"{__name__}:_refuse_single",
-            vector_entry_point=f"{__name__}:_make",
-            kwargs={"task": _task},
-        )
-    # Gymnasium has no public place for this, and names at most one similar name.
-    if "_check_name_exists" in vars(registration):
-        vars(registration)["_check_name_exists"] = _listing(vars(registration)["_check_name_exists"])
+for _task in TASKS:
+    gymnasium.register(
+        f"swarmbench/{_task}-v0",
+        entry_point=f"{__name__}:_refuse_single",
+        vector_entry_point=f"{__name__}:gym_vector_env",
+        kwargs={"task": _task},
+    )
