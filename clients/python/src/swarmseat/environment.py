@@ -90,25 +90,18 @@ def parallel_env(
         "task": task_name(task), **complete(settings), "prompt_template": prompt_template,
         "answer_reader": answer_reader, "model": model, "agent_meta": agent_meta, "visibility": visibility,
     })  # fmt: skip
+    options: dict[str, Any] = {
+        "seed": seed, "rewards": rewards, "observations": observations, "messages": messages,
+        "render_mode": render_mode,
+    }  # fmt: skip
     one_of("backend", backend, ("http", "native"))
     if backend == "native":
         if server is not None or token is not None:
             raise ArgumentError("backend='native' plays in this process: it takes no server and no token")
         from .native_environment import NativeSwarmEnv  # noqa: PLC0415 - only wheels have the native module
 
-        return NativeSwarmEnv(
-            request, seed=seed, rewards=rewards, observations=observations, messages=messages, render_mode=render_mode
-        )
-    return SwarmEnv(
-        request,
-        seed=seed,
-        server=server,
-        token=token,
-        rewards=rewards,
-        observations=observations,
-        messages=messages,
-        render_mode=render_mode,
-    )
+        return NativeSwarmEnv(request, **options)
+    return SwarmEnv(request, server=server, token=token, **options)
 
 
 class SwarmEnv(ParallelEnv[str, Any, Any]):
@@ -196,19 +189,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         """Begins a new episode, and aborts an unfinished one. There are no options."""
         del options
         self._reseed(seed)
-        resources = self._open()
-        resources.abort()
-        self.agents, self._is_over = [], True
-        drawn = self._draw()
-        settings = self._settings.copy()
-        settings["seed"] = drawn
-        created = resources.client.create_episode(**settings)
-        self.seed, self.episode, self.score = drawn, created["id"], 0.0
-        self._seats = {seat["agent"]: seat["token"] for seat in created["seats"]}
-        resources.begin(created)
-        self.agents = list(self.possible_agents)
-        self.seen = {}
-        self._look(self._playing())
+        self._begin()
         observations, infos = self._outputs(self.agents)
         if self._is_over:
             # A layout can be solved before the first round; then no agent acts.
@@ -222,25 +203,14 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
 
         Raises:
             SwarmbenchError: There is no episode, or the episode is over and there are actions.
-            ArgumentError: An action is missing, not in its space, or of an agent that has left. Nothing was sent.
+            ArgumentError: An action is missing, not in its space, or of an agent that has left. Nothing was played.
         """
-        swarm, agents = self._playing(), self.agents
+        self._check_playing()
         self._check_agents(actions)
+        agents = self.agents
         if not agents:
             return {}, {}, {}, {}, {}
-        before = {agent: self.seen[agent] for agent in agents}
-        self._play(swarm, [self._act(agent, before[agent]["round"], actions[agent]) for agent in agents])
-        after = {agent: self.seen[agent] for agent in agents}
-
-        if self._rewards == "team":
-            gains = earned.team(before, after)
-        else:
-            gains = earned.individual(self._settings["task"], before, after)
-        # The number of rounds belongs to the game and is seen by all, so the last round terminates the game, as an
-        # escape does. Only an abort or a time-out, which come from outside, truncate it.
-        is_cut = self._is_over and after[agents[0]]["status"] != "finished"
-        terminations = {agent: not is_cut and (self._is_over or not after[agent]["alive"]) for agent in agents}
-        truncations = dict.fromkeys(agents, is_cut)
+        gains, terminations, truncations = self._resolve(actions)
         observations, infos = self._outputs(agents)
         self.agents = [agent for agent in agents if not (terminations[agent] or truncations[agent])]
         if self.render_mode == "human":
@@ -357,15 +327,47 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         """The client that plays the episode."""
         swarm = None if self._resources is None else self._resources.swarm
         if swarm is None:
-            raise SwarmbenchError(
-                "the environment is closed: reset() begins a new episode"
-                if self._is_closed
-                else "there is no episode yet: call reset()"
-            )
+            raise self._no_episode()
         return swarm
 
     def _check_playing(self) -> None:
         self._playing()
+
+    def _no_episode(self) -> SwarmbenchError:
+        return SwarmbenchError(
+            "the environment is closed: reset() begins a new episode"
+            if self._is_closed
+            else "there is no episode yet: call reset()"
+        )
+
+    def _begin(self) -> None:
+        """Begins an episode with all agents."""
+        resources = self._open()
+        resources.abort()
+        self.agents, self._is_over = [], True
+        drawn = self._draw()
+        settings = self._settings.copy()
+        settings["seed"] = drawn
+        created = resources.client.create_episode(**settings)
+        self.seed, self.score, self.seen = drawn, 0.0, {}
+        self.agents = list(self.possible_agents)
+        self._play_on(created)
+
+    def _resolve(self, actions: dict[str, Any]) -> tuple[dict[str, float], dict[str, bool], dict[str, bool]]:
+        """Plays a round. Returns the rewards of the agents in the game, and which are terminated or truncated."""
+        agents = self.agents
+        before = {agent: self.seen[agent] for agent in agents}
+        self._play(self._playing(), [self._act(agent, before[agent]["round"], actions[agent]) for agent in agents])
+        after = {agent: self.seen[agent] for agent in agents}
+        if self._rewards == "team":
+            gains = earned.team(before, after)
+        else:
+            gains = earned.individual(self._settings["task"], before, after)
+        # The number of rounds belongs to the game and is seen by all, so the last round terminates the game, as an
+        # escape does. Only an abort or a time-out, which come from outside, truncate it.
+        is_cut = self._is_over and after[agents[0]]["status"] != "finished"
+        terminations = {agent: not is_cut and (self._is_over or not after[agent]["alive"]) for agent in agents}
+        return gains, terminations, dict.fromkeys(agents, is_cut)
 
     def _forks(self, count: int) -> list[Self]:
         resources, settings = self._open(), self._settings

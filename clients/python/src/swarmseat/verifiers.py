@@ -34,8 +34,6 @@ TIMEOUT_S = 600.0
 TRANSPORT_FAILED = 97
 """The exit code by which verifiers distinguishes a broken connection to a model from a failed program."""
 
-Game: TypeAlias = TaskName
-
 if TYPE_CHECKING:
     Settings: TypeAlias = BaseModel
 else:
@@ -51,7 +49,7 @@ else:
 class SwarmData(vf.TaskData):
     """A game: a task, the seed of its layout, and its settings."""
 
-    game: Game
+    game: TaskName
     seed: int
     settings: Settings
 
@@ -68,7 +66,7 @@ class SwarmTask(vf.Task[SwarmData]):
 class SwarmTasksetConfig(vf.TasksetConfig):
     """The choice of games."""
 
-    game: Game | Literal["all"] = "all"
+    game: TaskName | Literal["all"] = "all"
     """The task, or all five in turn."""
     first_seed: int = Field(0, ge=0)
     """The seed of the first layout; 27, 42, 57, 72 and 87 are those of the paper."""
