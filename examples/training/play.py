@@ -95,7 +95,7 @@ def play(client: swarmseat.Client, run: Any, swarms: dict[str, Swarm]) -> None:
             for episode, sights in games.items()
             for act in _decided(swarms.get(sights[0]["task"]["name"]), episode, seeds[episode], sights)
         ]
-        refused = [answer for answer in seats.swarm_act(acts)["receipts"] if swarmseat.is_problem(answer)]
+        refused = [answer for answer in seats.swarm_act(acts)["receipts"] if swarmseat.is_refused(answer)]
         if refused:
             raise SystemExit(f"the server refused an act: {refused[0]}")
 

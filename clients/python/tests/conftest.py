@@ -13,7 +13,7 @@ import pytest
 from swarmseat import Client, Server
 from swarmseat.server import find_binary
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(os.environ.get("SWARMBENCH_ROOT", Path(__file__).resolve().parents[3]))
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -12,6 +12,7 @@ from conftest import Cup
 from shapes import differences
 from typing_extensions import assert_type, get_type_hints
 
+import swarmseat
 from swarmseat import (
     ApiError,
     AsyncClient,
@@ -19,11 +20,12 @@ from swarmseat import (
     ConnectionFailedError,
     Server,
     UnexpectedAnswerError,
-    is_problem,
+    is_refused,
     wire,
 )
 from swarmseat.exchange import Call, Retry
-from swarmseat.operations import Operation, Operations
+from swarmseat.operation import Operation
+from swarmseat.operations import Operations
 
 SMALL: dict[str, Any] = {"task": "Synchronization", "num_agents": 2, "max_round": 2, "seed": 27}
 
@@ -55,10 +57,10 @@ class Checked:
     def with_token(self, token: str) -> "Checked":
         return Checked(self.client.with_token(token), self.loop)
 
-    def every(self, name: str, **query: Any) -> list[Any]:
+    def paginate(self, name: str, **query: Any) -> list[Any]:
         """All items of a list, from several pages."""
         client: Any = self.client
-        return self.all_of(client.every(getattr(client, name), **query))
+        return self.all_of(client.paginate(getattr(client, name), **query))
 
     def all_of(self, stream: Any) -> list[Any]:
         """All items of a stream or an iterator of either client."""
@@ -111,12 +113,12 @@ def test_a_swarm_plays_all_seats(checked: Checked) -> None:
             {"episode": o["episode"], "agent": o["agent"], "round": round, "action": "STAY"}
             for o in seen["observations"]
         ]
-        assert not any(map(is_problem, swarm.swarm_act(acts)["receipts"]))
+        assert not any(map(is_refused, swarm.swarm_act(acts)["receipts"]))
     assert swarm.swarm_obs(wait=10)["finished"]
     refused = swarm.swarm_act([{"episode": created["id"], "agent": "Agent_0", "round": 7, "action": "STAY"}])[
         "receipts"
     ]
-    assert [ApiError(problem).code for problem in refused if is_problem(problem)] == ["round_ahead"]
+    assert [ApiError(problem).code for problem in refused if is_refused(problem)] == ["round_ahead"]
 
 
 def test_a_step_is_one_call(checked: Checked) -> None:
@@ -151,7 +153,7 @@ def test_episodes(checked: Checked) -> None:
     assert checked.start_episode(created["id"])["status"] == "running"
     assert checked.state(created["id"], round=0)["round"] == 0
     checked.create_episode(**SMALL, model="listed")
-    listed = checked.every("episodes", model="listed", limit=1)
+    listed = checked.paginate("episodes", model="listed", limit=1)
     assert created["id"] in {episode["id"] for episode in listed}
     assert len(listed) >= 2
     assert checked.abort_episode(created["id"])["status"] == "aborted"
@@ -170,7 +172,7 @@ def test_forks(checked: Checked) -> None:
     again = checked.fork(parent, round=0, count=2, model="forked", idempotency_key=f"f{id(checked)}")
     ids = [episode["id"] for episode in made["episodes"]]
     assert ids == [episode["id"] for episode in again["episodes"]]
-    assert {episode["id"] for episode in checked.every("episodes", fork_of=parent)} == set(ids)
+    assert {episode["id"] for episode in checked.paginate("episodes", fork_of=parent)} == set(ids)
     assert checked.episode(ids[0])["fork"] == made["fork"]
     assert made["fork"]["episode"] == parent
     assert checked.with_token(again["episodes"][1]["swarm_token"]).swarm_obs(limit=9)["observations"]
@@ -259,7 +261,7 @@ def test_attempts_in_a_competition(checked: Checked, cup: Cup) -> None:
     assert error.value.code == "closed"
     listed = own.attempts(cup.id)["items"]
     assert [attempt["status"] for attempt in listed] == ["running"] * 2
-    assert own.every("attempts", competition=cup.id, limit=1) == listed
+    assert own.paginate("attempts", competition=cup.id, limit=1) == listed
     if isinstance(client, Client):
         client.close()
     else:
@@ -300,7 +302,7 @@ def test_the_rest_is_within_reach(checked: Checked) -> None:
 
 
 def test_every_call_was_made() -> None:
-    made = {name for name, value in vars(Operations).items() if isinstance(value, Operation)}
+    made = {name for name in dir(Operations) if isinstance(getattr(Operations, name), Operation)}
     # That server only answers requests with a key.
     assert made - Checked.asked == {"void_episode"}
 
@@ -556,12 +558,12 @@ def test_types_are_known_to_editors(kind: str) -> None:
 
     def blocking(client: Client) -> None:
         assert_type(client.create_episode(task="Foraging", seed=27), wire.CreatedEpisode)
-        for episode in client.every(client.episodes, task="Foraging"):
+        for episode in client.paginate(client.episodes, task="Foraging"):
             assert_type(episode, wire.EpisodeSummary)
 
     async def asynchronous(client: AsyncClient) -> None:
         assert_type(await client.create_episode(task="Foraging", seed=27), wire.CreatedEpisode)
-        async for episode in client.every(client.episodes, task="Foraging"):
+        async for episode in client.paginate(client.episodes, task="Foraging"):
             assert_type(episode, wire.EpisodeSummary)
 
     def wrong(client: Client) -> None:
@@ -582,4 +584,16 @@ def test_a_call_says_what_it_asks() -> None:
     assert (asked.method, asked.path, asked.query) == ("GET", "/api/v1/episodes/ep_1/state", {"round": "3"})
     assert "round" in inspect.signature(Client.state).parameters
     assert "round" in inspect.signature(Client(token="").state).parameters
-    assert (Client.state.__doc__ or "").startswith("The whole world")
+    assert (Client.state.__doc__ or "").startswith("Show the whole world")
+
+
+def test_old_names_warn_and_work(server: Server) -> None:
+    with server.client() as client, pytest.warns(DeprecationWarning, match="paginate"):
+        assert list(client.every(client.suites)) == client.suites()["items"]
+    for module in swarmseat, swarmseat.errors:
+        with pytest.warns(DeprecationWarning, match="is_refused") as warned:
+            assert module.is_problem is is_refused
+        assert warned[0].filename == __file__
+    asynchronous = AsyncClient(server.url, "")
+    with pytest.warns(DeprecationWarning, match="paginate"):
+        asynchronous.every(asynchronous.suites)

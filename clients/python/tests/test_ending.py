@@ -21,7 +21,7 @@ def begun(server: Server | Client | str, model: str) -> SwarmEnv:
 
 
 def states(client: Client, model: str) -> list[str]:
-    return [episode["status"] for episode in client.every(client.episodes, model=model)]
+    return [episode["status"] for episode in client.paginate(client.episodes, model=model)]
 
 
 def test_a_with_block_closes_it(server: Server, client: Client) -> None:

@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import os
 import re
 import runpy
 import subprocess
@@ -17,11 +16,10 @@ pytest.importorskip("swarmseat._native", reason="only wheels of bindings/python 
 pytest.importorskip("pydantic", reason="the adapters are made of it")
 
 import standins
+from conftest import ROOT
 
 from swarmseat import TextEpisode
 from swarmseat.rewards import full_score
-
-ROOT = Path(os.environ.get("SWARMBENCH_ROOT", Path(__file__).resolve().parents[3]))
 
 standins.verifiers()
 standins.openenv()
@@ -160,7 +158,7 @@ def test_openenv_has_games() -> None:
     (lambda env: env.reset(task="Chess"), "task must be one of"),
     (lambda _: served.SwarmEnvironment().step(served.SwarmAction(response="")), "reset first"),
     (lambda _: served.SwarmEnvironment(mode="seats"), "mode must be one of 'one_seat'"),
-    (lambda _: served.app(num_agents=0), "num_agents must be from 1"),
+    (lambda _: served.app(num_agents=0), "num_agents must be a whole number from 1"),
     (lambda _: served.app(0), "max_concurrent_envs"),
 ])  # fmt: skip
 def test_openenv_names_what_is_wrong(how: Any, says: str) -> None:

@@ -4,6 +4,7 @@ import asyncio
 import contextvars
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future
 from typing import Any
 
 import pytest
@@ -78,16 +79,11 @@ def test_an_interrupt_cancels_the_coroutine(monkeypatch: pytest.MonkeyPatch) -> 
         finally:
             ended.append("cancelled")
 
-    join = threading.Thread.join
-    interrupts = [KeyboardInterrupt()]
+    def interrupted(_: Future[None]) -> None:
+        assert began.wait(10)
+        raise KeyboardInterrupt
 
-    def interrupted(thread: threading.Thread, timeout: float | None = None) -> None:
-        if thread.name == "swarmseat.run_async" and interrupts:
-            assert began.wait(10)
-            raise interrupts.pop()
-        join(thread, timeout)
-
-    monkeypatch.setattr(threading.Thread, "join", interrupted)
+    monkeypatch.setattr(Future, "result", interrupted)
     with pytest.raises(KeyboardInterrupt):
         in_a_loop(lambda: run_async(sleep()))
     assert ended == ["cancelled"]

@@ -10,6 +10,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from test_client import answering, ok
 
 from swarmseat import (
     ApiError,
@@ -57,18 +58,8 @@ def test_where_no_server_has_been_it_is_said_at_once() -> None:
 def test_a_server_that_was_there_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
     pauses: list[float] = []
     monkeypatch.setattr("swarmseat.client.time.sleep", pauses.append)
-    answers: list[httpx.Response | Exception] = [
-        httpx.Response(200, json={"status": "ok"}),
-        *[httpx.ConnectError("no")] * 3,
-    ]
-
-    def handle(_: httpx.Request) -> httpx.Response:
-        answer = answers.pop(0)
-        if isinstance(answer, Exception):
-            raise answer
-        return answer
-
-    client = Client("http://test", "", retry=Retry(times=2), http=httpx.Client(transport=httpx.MockTransport(handle)))
+    transport, _ = answering(ok(), *[httpx.ConnectError("no")] * 3)
+    client = Client("http://test", "", retry=Retry(times=2), http=httpx.Client(transport=transport))
     client.health()
     with pytest.raises(ConnectionFailedError, match=r"GET http://test/obs: no \(3 attempts\)"):
         client.with_token("seat_a").obs()
@@ -158,11 +149,17 @@ def env(server: Server) -> Iterator[SwarmEnv]:
     ({"noise": 2}, "noise.*0 to 1"), ({"noise": "0.5"}, "noise.*'0.5'"), ({"seed": "27"}, "seed.*is '27'"),
     ({"seed": -1}, "seed must be a whole number from 0"), ({"token": "key_1"}, "token is the key for"),
     ({"messages": "yes"}, "messages must be True or False"), ({"rules": "mine"}, "rules must be one of"),
-    ({"control": None}, "control must be one of"), ({"render_mode": "gif"}, "'rgb_array', is 'gif'"),
+    ({"control": None}, "control must be one of"),
+    ({"rewards": "mine"}, "'team', 'individual'"), ({"render_mode": "gif"}, "'rgb_array', is 'gif'"),
 ])  # fmt: skip
 def test_environments_that_cannot_be(settings: dict[str, Any], told: str) -> None:
     with pytest.raises(ArgumentError, match=told):
         parallel_env(**settings)
+
+
+def test_a_setting_that_does_not_exist() -> None:
+    with pytest.raises(TypeError, match="'hight' is no argument and no setting: settings are num_agents, rules, width"):
+        parallel_env(hight=9)  # type: ignore[call-arg]
 
 
 def test_what_is_unusual_and_right(server: Server) -> None:
@@ -179,7 +176,8 @@ def test_what_is_unusual_and_right(server: Server) -> None:
     ({**BOTH, "agent_0": 0}, "no agent 'agent_0': agents are 'Agent_0' to 'Agent_1'"),
     ({**BOTH, "Agent_2": 0}, "no agent 'Agent_2'"), ({**BOTH, "Agent_1": 5}, "0 UP, .* from 0 to 4, is 5"),
     ({**BOTH, "Agent_1": "UP"}, "is 'UP'"), ({**BOTH, "Agent_1": 1.0}, "is 1.0"),
-    ({**BOTH, "Agent_1": True}, "is True"), ({**BOTH, "Agent_1": np.array([1, 2])}, r"is array\(\[1, 2\]\)"),
+    ({**BOTH, "Agent_1": True}, "is True"), ({**BOTH, "Agent_1": -1}, "from 0 to 4, is -1"),
+    ({**BOTH, "Agent_1": np.array([1, 2])}, r"is array\(\[1, 2\]\)"),
     ({**BOTH, "Agent_1": {"action": 0}}, "without messages=True an action is a number"),
 ])  # fmt: skip
 def test_actions_that_cannot_be(env: SwarmEnv, actions: Any, told: str) -> None:

@@ -1,18 +1,20 @@
 """Environments in this process: the game of the server, as arrays."""
 
 import json
-import os
 import pickle
 import subprocess
 import threading
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
-from swarmseat import Client, Server, SwarmbenchError, SwarmEnv, parallel_env, wire
+from swarmseat import Client, Server, SwarmbenchError, SwarmEnv, parallel_env
+from swarmseat.names import TASKS, TaskName
 from swarmseat.server import find_binary
+from swarmseat.settings import STANDARD
 
 pytest.importorskip("swarmseat._native", reason="only wheels of bindings/python have the native module")
 
@@ -20,76 +22,21 @@ import gymnasium
 from gymnasium.vector import AutoresetMode
 from pettingzoo.test.parallel_test import parallel_api_test
 
-from swarmseat.cells import CHANNELS, encode_cells
+from swarmseat.cells import CHANNELS
 from swarmseat.native import VecEnv, Words
-from swarmseat.vector import vector_env
+from swarmseat.vector import gym_vector_env
 
-TASKS: tuple[wire.TaskName, ...] = get_args(wire.TaskName)
+GOLDEN = sorted((ROOT / "tests" / "golden" / "1").glob("*.jsonl"))
 
 
 def drawn(env: VecEnv, random: np.random.Generator) -> Any:
     return random.integers(0, len(env.actions), (env.num_envs, env.num_agents))
 
 
-@pytest.mark.parametrize("settings", [
-    {}, {"rules": "reference", "noise": 0.3, "max_delay": 1}, {"control": "centralized", "view_size": 3},
-], ids=str)  # fmt: skip
-@pytest.mark.parametrize("task", TASKS)
-def test_it_plays_the_game_of_the_server(client: Client, task: wire.TaskName, settings: dict[str, Any]) -> None:
-    settings = {"num_agents": 5, "max_round": 8, "memory": 2, **settings}
-    env = VecEnv(task, 1, messages=True, seed=1, **settings)
-    told = env.reset(seed=[27])
-    episode = client.create_episode(task=task, seed=27, **settings)
-    swarm = client.with_token(episode["swarm_token"])
-    random = np.random.default_rng(3)
-    for round in range(8):
-        now = swarm.swarm_obs(wait=30, limit=100, prompt=True)
-        if now["finished"]:
-            assert told["alive"].sum() == 0
-            break
-        for seat in now["observations"]:
-            place = int(seat["agent"].removeprefix("Agent_"))
-            sight: dict[str, Any] = dict(env.sight(0, place))
-            shown: dict[str, Any] = dict(seat)
-            assert {**sight, "episode": seat["episode"]} == {name: shown[name] for name in sight}
-            assert env.prompt(0, place) == seat["prompt"]
-            assert told["messages"][0][place] == seat["messages"]
-            planes, numbers = encode_cells(seat["view"]["cells"] if seat["view"] else [])
-            assert np.array_equal(told["view"][0, place], planes)
-            assert np.array_equal(told["agents"][0, place], numbers)
-        acts = drawn(env, random)
-        texts = [[f"{round} {place}" if random.random() < 0.4 else None for place in range(5)]]
-        sent: list[wire.SwarmAct] = []
-        for seat in now["observations"]:
-            place = int(seat["agent"].removeprefix("Agent_"))
-            act: wire.SwarmAct = {
-                "episode": seat["episode"], "agent": seat["agent"], "round": round,
-                "action": env.actions[acts[0, place]],
-            }  # fmt: skip
-            text = texts[0][place]
-            if text is not None:
-                act["message"] = text
-            sent.append(act)
-        swarm.swarm_act(sent)
-        told = env.step(acts, texts)
-        state = client.state(episode["id"], round=round + 1)
-        assert told["score"][0] == np.float32(state["score"])
-    assert env.world_digest(0) in client.journal(episode["id"]).decode()
-
-
-GOLDEN = sorted(
-    (Path(os.environ.get("SWARMBENCH_ROOT", Path(__file__).resolve().parents[3])) / "tests/golden/1").glob("*.jsonl")
-)
-ENGINE = (
-    "task", "rules", "control", "num_agents", "width", "height", "view_size", "memory", "max_round", "noise",
-    "max_delay",
-)  # fmt: skip
-
-
 @pytest.mark.parametrize("path", GOLDEN, ids=lambda path: path.stem)
 def test_recorded_games_are_played_to_the_same_states(path: Path) -> None:
     opening, *records = [json.loads(line)["record"] for line in path.read_text().strip().split("\n")]
-    settings = {name: opening["config"][name] for name in ENGINE}
+    settings = {name: opening["config"][name] for name in ("task", *STANDARD)}
     env = VecEnv(num_envs=1, messages=True, autoreset="disabled", **settings)
     env.reset(seed=[opening["config"]["seed"]])
     rounds = [record for record in records if record["kind"] == "round"]
@@ -186,7 +133,7 @@ def test_what_is_wrong_is_named_and_changes_nothing(how: Any, says: str) -> None
 def test_what_cannot_be_made_is_named() -> None:
     wrongs: list[tuple[dict[str, Any], str]] = [
         ({"num_envs": 0}, "num_envs must be a whole number from 1"),
-        ({"num_agents": 0}, "num_agents must be from 1 to 1024, is 0"),
+        ({"num_agents": 0}, "num_agents must be a whole number from 1 to 1024, is 0"),
         ({"width": 4}, "width must be from 8 to 256, is 4"), ({"seed": -1}, "seed must be a whole number from 0"),
         ({"observations": "text"}, "observations must be one of 'planes'"), ({"rules": "own"}, "rules"),
         ({"threads": -1}, "threads"), ({"task": "Chess"}, "task"),
@@ -204,22 +151,26 @@ def test_what_cannot_be_made_is_named() -> None:
 
 
 @pytest.mark.parametrize("settings", [
-    {}, {"observations": "both", "messages": True, "noise": 0.5}, {"rewards": "individual", "rules": "reference"},
-    {"control": "centralized", "observations": "text"}, {"observations": "flat"},
+    {}, {"observations": "both", "messages": True, "rules": "reference", "noise": 0.5, "max_delay": 1},
+    {"rewards": "individual", "rules": "reference"},
+    {"control": "centralized", "observations": "text", "view_size": 3, "memory": 2}, {"observations": "flat"},
 ], ids=str)  # fmt: skip
 @pytest.mark.parametrize("task", TASKS)
 def test_parallel_environments_are_the_same_on_a_server_and_here(
-    server: Server, task: wire.TaskName, settings: dict[str, Any]
+    client: Client, server: Server, task: TaskName, settings: dict[str, Any]
 ) -> None:
     common: dict[str, Any] = {"seed": 27, "num_agents": 4, "max_round": 6, **settings}
     there = parallel_env(task, server=server, **common)
-    here = parallel_env(task, backend="native", **common)
+    here: Any = parallel_env(task, backend="native", **common)
     try:
         for _ in range(2):
             assert same(there.reset(), here.reset())
             assert (there.seed, there.agents) == (here.seed, here.agents)
             random = np.random.default_rng(5)
             while there.agents:
+                for agent in there.agents:
+                    sight, shown = {**here.seen[agent], "episode": there.episode}, there.seen[agent]
+                    assert sight == {name: value for name, value in shown.items() if name in sight}
                 actions: dict[str, Any] = {agent: int(random.integers(len(there.actions))) for agent in there.agents}
                 if "messages" in settings:
                     actions = {
@@ -228,6 +179,7 @@ def test_parallel_environments_are_the_same_on_a_server_and_here(
                 assert same(there.step(actions), here.step(actions))
                 assert there.agents == here.agents
                 assert np.array_equal(there.state(), here.state())
+            assert here.world.world_digest(0) in client.journal(there.episode or "").decode()
     finally:
         there.close()
         here.close()
@@ -329,8 +281,8 @@ def test_supersuit_makes_vectors_of_it() -> None:
 @pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 @pytest.mark.parametrize("agents", ["joint", "flat"])
 @pytest.mark.parametrize("observations", ["planes", "symbols", "flat"])
-def test_it_is_a_vector_environment(agents: Any, observations: Any, mode: Any) -> None:
-    env = vector_env(
+def test_it_is_a_gym_vector_environment(agents: Any, observations: Any, mode: Any) -> None:
+    env = gym_vector_env(
         "Transport", 3, agents=agents, observations=observations, autoreset=mode, max_round=5, num_agents=4, seed=3
     )
     assert env.metadata["autoreset_mode"] is AutoresetMode[mode.upper()]
@@ -359,26 +311,6 @@ def test_it_is_registered() -> None:
     env.close()
 
 
-@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
-def test_a_wrong_name_of_an_environment_lists_the_right_ones(make: Any) -> None:
-    with pytest.raises(gymnasium.error.NameNotFound) as refused:
-        make("swarmbench/Forage-v0")
-    assert all(f"swarmbench/{task}-v0" in str(refused.value) for task in TASKS)
-    with pytest.raises(gymnasium.error.NameNotFound) as strange:
-        make("CartPol-v1")
-    assert "swarmbench" not in str(strange.value)
-
-
 def test_one_episode_alone_is_refused_with_what_to_use() -> None:
     with pytest.raises(gymnasium.error.Error, match=r"make_vec.*parallel_env"):
         gymnasium.make("swarmbench/Pursuit-v0")
-
-
-def test_a_server_is_not_needed(server: Server) -> None:
-    """All other tests here start a server; native environments send it no requests."""
-    env = VecEnv("Synchronization", 2, num_agents=1, seed=1)
-    env.reset()
-    for _ in range(4):
-        env.step(np.full((2, 1), env.actions.index("SWITCH")))
-    assert env.buffers["score"].tolist() == [4.0, 4.0]
-    assert server.is_running

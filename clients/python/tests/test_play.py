@@ -155,6 +155,6 @@ def test_attempts_are_played_with_asyncio(cup: Cup) -> None:
 
             await client.with_token(started["swarm_token"]).play(decide, at_once=3)
             assert at_once == [0, 3]
-            assert [attempt["status"] async for attempt in client.every(client.attempts, cup.id)] == ["finished"]
+            assert [attempt["status"] async for attempt in client.paginate(client.attempts, cup.id)] == ["finished"]
 
     asyncio.run(main())

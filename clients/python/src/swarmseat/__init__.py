@@ -10,6 +10,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from . import wire
+from ._renamed import renamed
 from .client import AsyncClient, Client
 from .errors import (
     ApiError,
@@ -18,7 +19,7 @@ from .errors import (
     ServerError,
     SwarmbenchError,
     UnexpectedAnswerError,
-    is_problem,
+    is_refused,
 )
 from .exchange import Event, Retry
 from .loops import run_async
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from .environment import SwarmEnv, parallel_env
     from .native import VecEnv
     from .text import TextEpisode, Turn
-    from .vector import vector_env
+    from .vector import gym_vector_env
 
 __all__ = [
     "ApiError",
@@ -48,10 +49,10 @@ __all__ = [
     "UnexpectedAnswerError",
     "VecEnv",
     "analysis",
-    "is_problem",
+    "gym_vector_env",
+    "is_refused",
     "parallel_env",
     "run_async",
-    "vector_env",
     "wire",
 ]
 
@@ -63,13 +64,13 @@ _NEEDS_RL = {
     "TextEpisode": ".text",
     "Turn": ".text",
     "VecEnv": ".native",
+    "gym_vector_env": ".vector",
     "parallel_env": ".environment",
-    "vector_env": ".vector",
 }
 """Names that need more than the client, by the module that has them."""
 
 
-def __getattr__(name: str) -> Any:
+def _load(name: str) -> Any:
     """Loads the environment and the analysis, and with them NumPy and others, only where they are used."""
     if name == "analysis":
         return import_module(".analysis", __name__)
@@ -84,3 +85,6 @@ def __getattr__(name: str) -> Any:
             ) from error
         return getattr(module, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+__getattr__ = renamed(__name__, {"is_problem": "is_refused", "vector_env": "gym_vector_env"}, _load)

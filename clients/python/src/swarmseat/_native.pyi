@@ -5,6 +5,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ._compat import Unpack
+from .settings import GameSettings
+
 CHANNELS: list[str]
 RULES_REVISION: int
 
@@ -15,16 +18,6 @@ class Batch:
         self,
         *,
         task: str,
-        rules: str,
-        control: str,
-        num_agents: int,
-        width: int,
-        height: int,
-        view_size: int,
-        memory: int,
-        max_round: int,
-        noise: float,
-        max_delay: int,
         num_envs: int,
         seed: int,
         threads: int,
@@ -34,6 +27,7 @@ class Batch:
         mask: str,
         record: bool,
         answer_reader: str,
+        **settings: Unpack[GameSettings],
     ) -> None: ...
     def shape(self) -> dict[str, Any]: ...
     def bind(self, now: dict[str, Any], last: dict[str, Any] | None, earned: dict[str, Any]) -> None: ...

@@ -9,9 +9,8 @@ from gymnasium import spaces
 from .arrays import MESSAGE_CHARS_MAX, PRINTABLE
 from .checks import shown, whole
 from .errors import ArgumentError
+from .names import actions_of
 from .wire import SwarmAct
-
-MOVES = ("UP", "DOWN", "LEFT", "RIGHT", "STAY")
 
 
 class Actions:
@@ -25,7 +24,7 @@ class Actions:
     """
 
     def __init__(self, task: str, num_agents: int, messages: bool, control: str) -> None:
-        self.names = (*MOVES, "SWITCH") if task == "Synchronization" else MOVES
+        self.names = actions_of(task)
         self._numbers = ", ".join(f"{number} {name}" for number, name in enumerate(self.names))
         self._num_agents = num_agents
         self._messages = messages

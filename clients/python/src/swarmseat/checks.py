@@ -2,12 +2,10 @@
 
 import operator
 from collections.abc import Iterable
-from typing import Any, get_args
+from typing import Any
 
 from .errors import ArgumentError
-from .wire import TaskName
-
-TASKS: tuple[TaskName, ...] = get_args(TaskName)
+from .names import TASKS, TaskName
 
 
 def one_of(name: str, value: object, allowed: Iterable[object]) -> None:

@@ -7,6 +7,7 @@ import ssl
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -16,12 +17,14 @@ from typing import Any, ParamSpec, TypeVar
 import httpx
 
 from ._compat import Self
+from ._renamed import warn_renamed
 from .connections import Connections
 from .errors import ArgumentError, ConnectionFailedError, SwarmbenchError
 from .exchange import TIMEOUT_S, Call, Event, EventStream, Flow, NoReply, Pause, Reply, Retry, call, converse
+from .names import Page
 from .operations import EPISODE, RUN, Operations
 from .play import AT_ONCE, WAIT_S, AsyncDecide, Decide, Receipts, act_of
-from .wire import Observation, Page, SwarmAct
+from .wire import Observation, SwarmAct
 
 FAILURES = (httpx.HTTPError, httpx.InvalidURL)
 """Errors of httpx that mean that no answer came."""
@@ -50,6 +53,13 @@ class _Base(Operations):
         self.retry = retry or Retry()
         self.timeout = _seconds(timeout)
         self._has_answered = False
+        self._owns_http = True
+
+    def with_token(self, token: str) -> Self:
+        """A client for another token over the same connections, which this client owns."""
+        other = copy(self)
+        vars(other).update(_token=_bare(token), _owns_http=False)
+        return other
 
     def _options(self) -> dict[str, Any]:
         url = httpx.URL(self.server)
@@ -136,24 +146,23 @@ class Client(_Base):
         self._connections = self._own_connections() if http is None else None
         self._http = http or httpx.Client(**self._options())
 
-    def with_token(self, token: str) -> "Client":
-        """A client for another token over the same connections, which this client owns."""
-        other = Client(self.server, token, retry=self.retry, timeout=self.timeout, http=self._http)
-        other._has_answered, other._connections = self._has_answered, self._connections
-        return other
-
     def send(self, request: Call[T]) -> T:
         """Sends a request, retries it if that may help, and reads the answer."""
         return self._drive(converse(request, self.retry, self.server), self._reply)
 
-    def every(self, page: Callable[P, Page[T]], /, *args: P.args, **kwargs: P.kwargs) -> Iterator[T]:
-        """All items of a list, page by page: `client.every(client.episodes, task="Foraging")`."""
+    def paginate(self, page: Callable[P, Page[T]], /, *args: P.args, **kwargs: P.kwargs) -> Iterator[T]:
+        """All items of a list, page by page: `client.paginate(client.episodes, task="Foraging")`."""
         while True:
             answer = page(*args, **kwargs)
             yield from answer["items"]
             if answer["next_cursor"] is None:
                 return
             kwargs["cursor"] = answer["next_cursor"]
+
+    def every(self, page: Callable[P, Page[T]], /, *args: P.args, **kwargs: P.kwargs) -> Iterator[T]:
+        """The old name of `paginate`."""
+        warn_renamed("Client.every", "paginate")
+        return self.paginate(page, *args, **kwargs)
 
     def play(self, decide: Decide, *, prompt: bool = False) -> None:
         """Plays all seats of a swarm token until all its games are over: the games of an episode, a run or an attempt.
@@ -303,20 +312,14 @@ class AsyncClient(_Base):
         self._owns_http = http is None
         self._http = http or httpx.AsyncClient(**self._options())
 
-    def with_token(self, token: str) -> "AsyncClient":
-        """A client for another token over the same connections, which this client owns."""
-        other = AsyncClient(self.server, token, retry=self.retry, timeout=self.timeout, http=self._http)
-        other._has_answered = self._has_answered
-        return other
-
     async def send(self, request: Call[T]) -> T:
         """Sends a request, retries it if that may help, and reads the answer."""
         return await self._drive(converse(request, self.retry, self.server), self._reply)
 
-    async def every(
+    async def paginate(
         self, page: Callable[P, Awaitable[Page[T]]], /, *args: P.args, **kwargs: P.kwargs
     ) -> AsyncIterator[T]:
-        """All items of a list, page by page: `async for episode in client.every(client.episodes)`."""
+        """All items of a list, page by page: `async for episode in client.paginate(client.episodes)`."""
         while True:
             answer = await page(*args, **kwargs)
             for item in answer["items"]:
@@ -324,6 +327,11 @@ class AsyncClient(_Base):
             if answer["next_cursor"] is None:
                 return
             kwargs["cursor"] = answer["next_cursor"]
+
+    def every(self, page: Callable[P, Awaitable[Page[T]]], /, *args: P.args, **kwargs: P.kwargs) -> AsyncIterator[T]:
+        """The old name of `paginate`."""
+        warn_renamed("AsyncClient.every", "paginate")
+        return self.paginate(page, *args, **kwargs)
 
     async def play(self, decide: AsyncDecide, *, prompt: bool = False, at_once: int = AT_ONCE) -> None:
         """`Client.play` with a coroutine that decides, for at most `at_once` agents at the same time."""

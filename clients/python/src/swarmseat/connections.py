@@ -93,15 +93,15 @@ class Connections:
 
 def _as_httpx(error: BaseException) -> BaseException:
     """The error that httpx would have raised."""
-    told = str(error) or type(error).__name__
+    message = str(error) or type(error).__name__
     if isinstance(error, TimeoutError):
-        return httpx.ReadTimeout(told)
+        return httpx.ReadTimeout(message)
     if isinstance(error, HTTPException):
-        return httpx.RemoteProtocolError(told)
+        return httpx.RemoteProtocolError(message)
     if isinstance(error, OSError):
-        return httpx.ReadError(told)
+        return httpx.ReadError(message)
     # The value cannot be a header.
-    return httpx.LocalProtocolError(told) if isinstance(error, ValueError) else error
+    return httpx.LocalProtocolError(message) if isinstance(error, ValueError) else error
 
 
 @lru_cache(maxsize=256)

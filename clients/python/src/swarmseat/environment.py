@@ -5,7 +5,7 @@ import time
 import weakref
 from collections.abc import Iterable, Mapping
 from types import TracebackType
-from typing import Any, Literal
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 from gymnasium import spaces
@@ -14,19 +14,19 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from . import rewards as earned
-from ._compat import Self
+from ._compat import Self, Unpack
 from .actions import Actions
 from .arrays import CHANNELS, PRINTABLE, PROMPT_CHARS_MAX, Layout, encode_cells, symbols_of
-from .checks import agent_name, one_of, probability, shown, task_name, whole
+from .checks import agent_name, one_of, shown, task_name, whole
 from .client import Client
-from .errors import ApiError, ArgumentError, SwarmbenchError, is_problem
+from .errors import ApiError, ArgumentError, SwarmbenchError, is_refused
+from .names import AnswerReader, Rewards, TaskName, Visibility
 from .resources import Resources, check_server
 from .server import Server
-from .wire import CreatedEpisode, EpisodeRequest, Observation, SwarmAct, TaskName
+from .settings import SEED_MAX, GameSettings, complete
+from .wire import CreatedEpisode, EpisodeRequest, Observation, SwarmAct
 
-SEED_MAX = 2**53 - 1
 FORKS_MAX = 64
-NUM_AGENTS_MAX = 1024
 WAIT_S = 30.0
 """The maximum time that one request waits for the next round. All acts are in then, so the round is open at once."""
 
@@ -42,28 +42,19 @@ def parallel_env(
     task: TaskName = "Foraging",
     *,
     seed: int | None = None,
-    num_agents: int = 12,
     server: str | Server | Client | None = None,
     token: str | None = None,
-    rewards: Literal["team", "individual"] = "team",
+    rewards: Rewards = "team",
     observations: Literal["array", "flat", "text", "both"] = "array",
     messages: bool = False,
     render_mode: Literal["ansi", "human", "rgb_array"] | None = None,
-    rules: Literal["paper", "reference"] = "paper",
-    width: int = 10,
-    height: int = 10,
-    view_size: int = 5,
-    memory: int = 5,
-    max_round: int = 100,
-    control: Literal["decentralized", "centralized"] = "decentralized",
-    noise: float = 0.0,
-    max_delay: int = 0,
     prompt_template: str | None = None,
-    answer_reader: Literal["last-marker", "first-marker"] = "last-marker",
+    answer_reader: AnswerReader = "last-marker",
     model: str = "parallel_env",
     agent_meta: dict[str, Any] | None = None,
-    visibility: Literal["public", "owner"] | None = None,
+    visibility: Visibility | None = None,
     backend: Literal["http", "native"] = "http",
+    **settings: Unpack[GameSettings],
 ) -> "SwarmEnv":
     """One episode after the other as a PettingZoo `ParallelEnv`. docs/play/python.md has all shapes.
 
@@ -74,7 +65,6 @@ def parallel_env(
         task: The name of the task.
         seed: The seed of the first episode. Later episodes draw their seeds, one after the other, from a generator that
             it seeds; `reset(seed=…)` begins anew with another seed. Default: random seeds.
-        num_agents: The number of agents.
         server: The address of a server, a `Server` or a `Client`. Default: the environment starts a server of its own
             at the first `reset` and stops it with `close`.
         token: A key, if the server named by its address requires one.
@@ -83,15 +73,6 @@ def parallel_env(
             ordinary learners. `text`: the server's prompt. `both`: the arrays with `prompt`.
         messages: Whether agents talk: an action then is `{"action": …, "message": …}`, and arrays come with `messages`.
         render_mode: The form in which `render` returns the whole map.
-        rules: The rule set.
-        width: Columns of the map.
-        height: Rows of the map.
-        view_size: The side of an agent's window, in cells.
-        memory: The number of earlier rounds in a prompt.
-        max_round: The maximum number of rounds of an episode.
-        control: Under `centralized` every agent sees the whole map.
-        noise: The probability that a delivered message is corrupted.
-        max_delay: The maximum delay of a message, in rounds.
         prompt_template: A template for the prompts instead of the built-in one, or the name `toolkit`.
         answer_reader: The reader of answers of language models.
         model: The name of the model with which the episodes are stored.
@@ -99,22 +80,19 @@ def parallel_env(
         visibility: The visitors who may watch. Default: the server decides.
         backend: `http` plays on a server. `native` plays in this process, a hundred times as fast; it needs the native
             module, and takes neither `server` nor `token`.
+        **settings: Settings of the game, as in `swarmseat.settings.GameSettings`.
 
     Raises:
         ArgumentError: An argument cannot be right. The first `reset` refuses what only the server can check.
     """
-    one_of("rules", rules, ("paper", "reference"))
-    one_of("control", control, ("decentralized", "centralized"))
     check_server(server, token)
-    settings: EpisodeRequest = {
-        "task": task_name(task), "num_agents": whole("num_agents", num_agents, 1, NUM_AGENTS_MAX), "rules": rules,
-        "width": whole("width", width, 1), "height": whole("height", height, 1),
-        "view_size": whole("view_size", view_size, 1), "memory": whole("memory", memory, 0),
-        "max_round": whole("max_round", max_round, 1), "control": control,
-        "noise": probability("noise", noise), "max_delay": whole("max_delay", max_delay, 0),
-        "prompt_template": prompt_template,
-        "answer_reader": answer_reader,
-        "model": model, "agent_meta": agent_meta, "visibility": visibility,
+    request = cast("EpisodeRequest", {
+        "task": task_name(task), **complete(settings), "prompt_template": prompt_template,
+        "answer_reader": answer_reader, "model": model, "agent_meta": agent_meta, "visibility": visibility,
+    })  # fmt: skip
+    options: dict[str, Any] = {
+        "seed": seed, "rewards": rewards, "observations": observations, "messages": messages,
+        "render_mode": render_mode,
     }  # fmt: skip
     one_of("backend", backend, ("http", "native"))
     if backend == "native":
@@ -122,19 +100,8 @@ def parallel_env(
             raise ArgumentError("backend='native' plays in this process: it takes no server and no token")
         from .native_environment import NativeSwarmEnv  # noqa: PLC0415 - only wheels have the native module
 
-        return NativeSwarmEnv(
-            settings, seed=seed, rewards=rewards, observations=observations, messages=messages, render_mode=render_mode
-        )
-    return SwarmEnv(
-        settings,
-        seed=seed,
-        server=server,
-        token=token,
-        rewards=rewards,
-        observations=observations,
-        messages=messages,
-        render_mode=render_mode,
-    )
+        return NativeSwarmEnv(request, **options)
+    return SwarmEnv(request, server=server, token=token, **options)
 
 
 class SwarmEnv(ParallelEnv[str, Any, Any]):
@@ -167,7 +134,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         messages: bool,
         render_mode: str | None,
     ) -> None:
-        one_of("rewards", rewards, ("team", "individual"))
+        one_of("rewards", rewards, get_args(Rewards))
         one_of("observations", observations, ("array", "flat", "text", "both"))
         one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         if not isinstance(messages, bool | np.bool_):
@@ -185,14 +152,13 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         self._rewards, self._observations, self._messages = rewards, observations, messages
         self._wants_prompt = observations in {"text", "both"} or None
 
-        task, num_agents = settings["task"], int(settings["num_agents"] or 0)
-        self._actions = Actions(task, num_agents, bool(messages), settings["control"] or "")
+        game = cast("GameSettings", settings)
+        task, num_agents = settings["task"], game["num_agents"]
+        self._actions = Actions(task, num_agents, bool(messages), game["control"])
         self.actions: tuple[str, ...] = self._actions.names
-        self._size = (int(settings["height"] or 0), int(settings["width"] or 0))
-        side = int(settings["view_size"] or 0)
-        window = self._size if settings["control"] == "centralized" else (side, side)
-        max_round = int(settings["max_round"] or 0)
-        self._layout = Layout(task, window, self._size, num_agents, max_round, messages)
+        self._size = (game["height"], game["width"])
+        window = self._size if game["control"] == "centralized" else (game["view_size"], game["view_size"])
+        self._layout = Layout(task, window, self._size, num_agents, game["max_round"], messages)
         self.possible_agents = [f"Agent_{number}" for number in range(num_agents)]
         self.agents: list[str] = []
         self.observation_spaces = {agent: self._observation_space() for agent in self.possible_agents}
@@ -223,19 +189,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         """Begins a new episode, and aborts an unfinished one. There are no options."""
         del options
         self._reseed(seed)
-        resources = self._open()
-        resources.abort()
-        self.agents, self._is_over = [], True
-        drawn = self._draw()
-        settings = self._settings.copy()
-        settings["seed"] = drawn
-        created = resources.client.create_episode(**settings)
-        self.seed, self.episode, self.score = drawn, created["id"], 0.0
-        self._seats = {seat["agent"]: seat["token"] for seat in created["seats"]}
-        resources.begin(created)
-        self.agents = list(self.possible_agents)
-        self.seen = {}
-        self._look(self._playing())
+        self._begin()
         observations, infos = self._outputs(self.agents)
         if self._is_over:
             # A layout can be solved before the first round; then no agent acts.
@@ -249,25 +203,14 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
 
         Raises:
             SwarmbenchError: There is no episode, or the episode is over and there are actions.
-            ArgumentError: An action is missing, not in its space, or of an agent that has left. Nothing was sent.
+            ArgumentError: An action is missing, not in its space, or of an agent that has left. Nothing was played.
         """
-        swarm, agents = self._playing(), self.agents
+        self._check_playing()
         self._check_agents(actions)
+        agents = self.agents
         if not agents:
             return {}, {}, {}, {}, {}
-        before = {agent: self.seen[agent] for agent in agents}
-        self._play(swarm, [self._act(agent, before[agent]["round"], actions[agent]) for agent in agents])
-        after = {agent: self.seen[agent] for agent in agents}
-
-        if self._rewards == "team":
-            gains = earned.team(before, after)
-        else:
-            gains = earned.individual(self._settings["task"], before, after)
-        # The number of rounds belongs to the game and is seen by all, so the last round terminates the game, as an
-        # escape does. Only an abort or a time-out, which come from outside, truncate it.
-        is_cut = self._is_over and after[agents[0]]["status"] != "finished"
-        terminations = {agent: not is_cut and (self._is_over or not after[agent]["alive"]) for agent in agents}
-        truncations = dict.fromkeys(agents, is_cut)
+        gains, terminations, truncations = self._resolve(actions)
         observations, infos = self._outputs(agents)
         self.agents = [agent for agent in agents if not (terminations[agent] or truncations[agent])]
         if self.render_mode == "human":
@@ -384,15 +327,47 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         """The client that plays the episode."""
         swarm = None if self._resources is None else self._resources.swarm
         if swarm is None:
-            raise SwarmbenchError(
-                "the environment is closed: reset() begins a new episode"
-                if self._is_closed
-                else "there is no episode yet: call reset()"
-            )
+            raise self._no_episode()
         return swarm
 
     def _check_playing(self) -> None:
         self._playing()
+
+    def _no_episode(self) -> SwarmbenchError:
+        return SwarmbenchError(
+            "the environment is closed: reset() begins a new episode"
+            if self._is_closed
+            else "there is no episode yet: call reset()"
+        )
+
+    def _begin(self) -> None:
+        """Begins an episode with all agents."""
+        resources = self._open()
+        resources.abort()
+        self.agents, self._is_over = [], True
+        drawn = self._draw()
+        settings = self._settings.copy()
+        settings["seed"] = drawn
+        created = resources.client.create_episode(**settings)
+        self.seed, self.score, self.seen = drawn, 0.0, {}
+        self.agents = list(self.possible_agents)
+        self._play_on(created)
+
+    def _resolve(self, actions: dict[str, Any]) -> tuple[dict[str, float], dict[str, bool], dict[str, bool]]:
+        """Plays a round. Returns the rewards of the agents in the game, and which are terminated or truncated."""
+        agents = self.agents
+        before = {agent: self.seen[agent] for agent in agents}
+        self._play(self._playing(), [self._act(agent, before[agent]["round"], actions[agent]) for agent in agents])
+        after = {agent: self.seen[agent] for agent in agents}
+        if self._rewards == "team":
+            gains = earned.team(before, after)
+        else:
+            gains = earned.individual(self._settings["task"], before, after)
+        # The number of rounds belongs to the game and is seen by all, so the last round terminates the game, as an
+        # escape does. Only an abort or a time-out, which come from outside, truncate it.
+        is_cut = self._is_over and after[agents[0]]["status"] != "finished"
+        terminations = {agent: not is_cut and (self._is_over or not after[agent]["alive"]) for agent in agents}
+        return gains, terminations, dict.fromkeys(agents, is_cut)
 
     def _forks(self, count: int) -> list[Self]:
         resources, settings = self._open(), self._settings
@@ -456,7 +431,7 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
         while acts:
             answer = swarm.swarm_act(acts, wait=WAIT_S, prompt=self._wants_prompt)
             fresh |= {sight["agent"]: sight for sight in answer["observations"]}
-            problems = [receipt for receipt in answer["receipts"] if is_problem(receipt)]
+            problems = [receipt for receipt in answer["receipts"] if is_refused(receipt)]
             problems += [answer["problem"]] if "problem" in answer else []
             errors = [ApiError(problem) for problem in problems]
             lasting = [error for error in errors if not error.is_temporary]

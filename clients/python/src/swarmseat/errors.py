@@ -7,6 +7,7 @@ from datetime import datetime, timezone
 from email.utils import parsedate_to_datetime
 from typing import TYPE_CHECKING, cast
 
+from ._renamed import renamed
 from .wire import FieldProblem, Limit, Problem, Receipt
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ class ApiError(SwarmbenchError):
         self.request_id = request_id
         self.is_temporary = self.status in TEMPORARY_STATUS
         wrongs = [f"{field['field']} {field['problem']}" for field in self.fields]
-        wrong = "; ".join(told for told in wrongs if told not in self.detail)
+        wrong = "; ".join(one for one in wrongs if one not in self.detail)
         super().__init__(f"{self.status} {self.code}: {self.detail}" + (f" ({wrong})" if wrong else ""))
 
 
@@ -94,9 +95,12 @@ class ServerError(SwarmbenchError):
     """A server of one's own did not start, or its program was not found."""
 
 
-def is_problem(receipt: Receipt | Problem) -> "TypeIs[Problem]":
+def is_refused(receipt: Receipt | Problem) -> "TypeIs[Problem]":
     """Whether an act of a swarm was refused. `ApiError` makes an exception of a problem."""
     return "code" in receipt
+
+
+__getattr__ = renamed(__name__, {"is_problem": "is_refused"})
 
 
 def error_of(asked: str, status: int, headers: Mapping[str, str], body: bytes) -> ApiError | UnexpectedAnswerError:
@@ -108,8 +112,8 @@ def error_of(asked: str, status: int, headers: Mapping[str, str], body: bytes) -
         problem = None
     if isinstance(problem, dict) and {"type", "title", "status", "detail", "code"} <= problem.keys():
         return ApiError(cast("Problem", problem), retry_after_s=retry_after_s, request_id=headers.get("x-request-id"))
-    told = f"{status} of a proxy came for {asked}: {_first_text(body)}"
-    by_proxy = UnexpectedAnswerError(told, status, retry_after_s)
+    message = f"{status} of a proxy came for {asked}: {_first_text(body)}"
+    by_proxy = UnexpectedAnswerError(message, status, retry_after_s)
     if by_proxy.is_temporary:
         return by_proxy
     moved = f" and the location {headers['location']!r}" if "location" in headers else ""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, NamedTuple, TypeVar
 from urllib.parse import quote
 
+from .checks import shown
 from .errors import ArgumentError, ConnectionFailedError, error_of, unexpected
 
 T = TypeVar("T")
@@ -200,11 +201,9 @@ def _wait_s(value: str) -> float:
 def _json(body: object) -> bytes:
     try:
         return json.dumps(body, ensure_ascii=False, allow_nan=False, default=_plain).encode(errors="replace")
-    except ValueError as error:
+    except (TypeError, ValueError) as error:
         # JSON has no NaN and no infinities, and no object that contains itself.
-        raise ArgumentError(f"{_short(body)} cannot be sent as JSON: {error}") from error
-    except TypeError as error:
-        raise ArgumentError(f"{_short(body)} cannot be sent as JSON: {error}") from error
+        raise ArgumentError(f"{shown(body)} cannot be sent as JSON: {error}") from error
 
 
 def _plain(value: object) -> object:
@@ -213,11 +212,6 @@ def _plain(value: object) -> object:
     if to_list is not None:
         return to_list()
     raise ArgumentError(
-        f"{_short(value)} cannot be sent as JSON: it is of {type(value).__name__}, and must be a text, a number, "
+        f"{shown(value)} cannot be sent as JSON: it is of {type(value).__name__}, and must be a text, a number, "
         "a bool, None, a list or a dictionary"
     )
-
-
-def _short(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 100 else text[:100] + "…"

@@ -2,10 +2,10 @@
 
 import asyncio
 import contextvars
-import threading
 from collections.abc import Coroutine
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 from .errors import ArgumentError
 
@@ -25,43 +25,20 @@ def run_async(main: Coroutine[Any, Any, T]) -> T:
         asyncio.get_running_loop()
     except RuntimeError:
         return asyncio.run(main)
-    return _Thread(main).result()
+    running: list[tuple[asyncio.AbstractEventLoop, asyncio.Task[Any]]] = []
 
+    async def run() -> T:
+        task = asyncio.ensure_future(main)
+        running.append((asyncio.get_running_loop(), task))
+        return await task
 
-class _Thread(Generic[T]):
-    """A coroutine that runs on a thread of its own."""
-
-    def __init__(self, main: Coroutine[Any, Any, T]) -> None:
-        self._main = main
-        self._running: tuple[asyncio.AbstractEventLoop, asyncio.Task[T]] | None = None
-        self._values: list[T] = []
-        self._error: BaseException | None = None
-        context = contextvars.copy_context()
-        self._thread = threading.Thread(target=context.run, args=(self._run,), name="swarmseat.run_async", daemon=True)
-
-    def result(self) -> T:
-        """Starts the thread, and waits for the coroutine's result."""
-        self._thread.start()
+    with ThreadPoolExecutor(1, "swarmseat.run_async") as thread:
+        ended = thread.submit(contextvars.copy_context().run, asyncio.run, run())
         try:
-            self._thread.join()
+            return ended.result()
         except BaseException:
             # A closed loop means that the coroutine has just ended.
             with suppress(RuntimeError):
-                if self._running is not None:
-                    self._running[0].call_soon_threadsafe(self._running[1].cancel)
-            self._thread.join()
+                for loop, task in running:
+                    loop.call_soon_threadsafe(task.cancel)
             raise
-        if self._error is not None:
-            raise self._error
-        return self._values[0]
-
-    def _run(self) -> None:
-        async def run() -> T:
-            task = asyncio.ensure_future(self._main)
-            self._running = (asyncio.get_running_loop(), task)
-            return await task
-
-        try:
-            self._values.append(asyncio.run(run()))
-        except BaseException as error:
-            self._error = error

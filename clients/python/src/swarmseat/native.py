@@ -9,14 +9,16 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
 from functools import partial
 from types import TracebackType
-from typing import Any, Literal, NamedTuple, TypeAlias, cast
+from typing import Any, Literal, NamedTuple, TypeAlias, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ._compat import Self
-from .checks import one_of, probability, task_name, whole
-from .wire import Sight, TaskName
+from ._compat import Self, Unpack
+from .checks import one_of, task_name, whole
+from .names import AnswerReader, Rewards, TaskName, actions_of
+from .settings import SEED_MAX, GameSettings, complete
+from .wire import Sight
 
 try:
     from . import _native
@@ -27,9 +29,6 @@ except ImportError as error:
         "with parallel_env(backend='http')",
         name="swarmseat._native",
     ) from error
-
-ACTIONS = ("UP", "DOWN", "LEFT", "RIGHT", "STAY")
-SEED_MAX = 2**53 - 1
 
 Arrays: TypeAlias = dict[str, Any]
 Partners: TypeAlias = _native.Partners
@@ -79,16 +78,6 @@ class VecEnv:
     Args:
         task: The name of the task.
         num_envs: The number of environments.
-        num_agents: The number of agents in each environment.
-        rules: The rule set.
-        width: Columns of the map.
-        height: Rows of the map.
-        view_size: The side of an agent's window, in cells.
-        memory: The number of earlier rounds in a prompt. Arrays show the present only, so 0 is fastest.
-        max_round: The maximum number of rounds of an episode.
-        control: Under `centralized` every agent sees the whole map.
-        noise: The probability that a delivered message is corrupted.
-        max_delay: The maximum delay of a message, in rounds.
         seed: The seed from which environments draw the seeds of their layouts. Default: a random one.
         threads: The number of threads that step. Default: the number of processors. Results do not depend on it.
         observations: `planes` or `symbols` for `view`; `none` writes no windows.
@@ -102,6 +91,8 @@ class VecEnv:
         record: Whether acts are recorded, so that there are states and journals: a byte for each act.
         prompt_template: A template for `prompt` instead of the built-in one: its text, or the name `toolkit`.
         answer_reader: The reader of answers, for `read_answer`.
+        **settings: Settings of the game, as in `swarmseat.settings.GameSettings`. Arrays show the present only, so
+            `memory` is 0 by default.
 
     Attributes:
         buffers: The arrays into which every call writes.
@@ -113,55 +104,40 @@ class VecEnv:
         task: TaskName = "Foraging",
         num_envs: int = 1,
         *,
-        num_agents: int = 12,
-        rules: Literal["paper", "reference"] = "paper",
-        width: int = 10,
-        height: int = 10,
-        view_size: int = 5,
-        memory: int = 0,
-        max_round: int = 100,
-        control: Literal["decentralized", "centralized"] = "decentralized",
-        noise: float = 0.0,
-        max_delay: int = 0,
         seed: int | None = None,
         threads: int | None = None,
         observations: Literal["planes", "symbols", "none"] = "planes",
-        rewards: Literal["team", "individual"] = "team",
+        rewards: Rewards = "team",
         messages: bool = False,
         autoreset: Literal["next_step", "same_step", "disabled"] = "next_step",
         mask: Literal["alive", "moves"] = "alive",
         copy: bool = True,
         record: bool = True,
         prompt_template: str | None = None,
-        answer_reader: Literal["last-marker", "first-marker"] = "last-marker",
+        answer_reader: AnswerReader = "last-marker",
+        **settings: Unpack[GameSettings],
     ) -> None:
-        self._arguments = {name: value for name, value in locals().items() if name != "self"}
+        own = {name: value for name, value in locals().items() if name not in {"self", "settings"}}
+        self._arguments = {**own, **settings}
         one_of("observations", observations, ("planes", "symbols", "none"))
-        one_of("rewards", rewards, ("team", "individual"))
+        one_of("rewards", rewards, get_args(Rewards))
         one_of("autoreset", autoreset, ("next_step", "same_step", "disabled"))
         one_of("mask", mask, ("alive", "moves"))
-        one_of("answer_reader", answer_reader, ("last-marker", "first-marker"))
+        one_of("answer_reader", answer_reader, get_args(AnswerReader))
         if mask == "moves" and observations == "none":
             raise ValueError("mask='moves' reads windows, so it needs observations='planes' or 'symbols'")
         num_envs = whole("num_envs", num_envs, 1, 2**20)
         own_seed = secrets.randbelow(SEED_MAX + 1) if seed is None else whole("seed", seed, 0, SEED_MAX)
-        settings = {
-            name: whole(name, value, -(2**63), 2**63 - 1)
-            for name, value in {
-                "num_agents": num_agents, "width": width, "height": height, "view_size": view_size,
-                "memory": memory, "max_round": max_round, "max_delay": max_delay,
-            }.items()
-        }  # fmt: skip
+        game = complete({"memory": 0, **settings})
         self._native = _native.Batch(
-            task=task_name(task), rules=rules, control=control, noise=probability("noise", noise), **settings,
-            num_envs=num_envs, seed=own_seed, threads=whole("threads", threads or 0, 0, 1024),
-            observations=observations, rewards=rewards, autoreset=autoreset, mask=mask, record=bool(record),
-            answer_reader=answer_reader,
+            task=task_name(task), **game, num_envs=num_envs, seed=own_seed,
+            threads=whole("threads", threads or 0, 0, 1024), observations=observations, rewards=rewards,
+            autoreset=autoreset, mask=mask, record=bool(record), answer_reader=answer_reader,
         )  # fmt: skip
         self.task = task_name(task)
         self.autoreset = autoreset
         self.copy = copy
-        self.actions: tuple[str, ...] = (*ACTIONS, "SWITCH") if self.task == "Synchronization" else ACTIONS
+        self.actions: tuple[str, ...] = actions_of(self.task)
         self._talks = messages
         self._template = prompt_template
         self._journals = 0
@@ -169,7 +145,7 @@ class VecEnv:
         self.num_envs: int = shape["envs"]
         self.num_agents: int = shape["agents"]
         self.window: tuple[int, int] = shape["window"]
-        self.max_round, self.size = max_round, (height, width)
+        self.max_round, self.size = game["max_round"], (game["height"], game["width"])
         self.flag: str | None = shape["flag"]
         self._now = self._frame(shape)
         self._last = self._frame(shape) if autoreset == "same_step" else None
@@ -344,12 +320,12 @@ class VecEnv:
         return named
 
     def _outputs(self, names: tuple[str, ...] | None) -> Arrays:
-        told = self.buffers if names is None else {name: self.buffers[name] for name in names}
+        outputs = self.buffers if names is None else {name: self.buffers[name] for name in names}
         if self.copy:
-            told = {name: _copied(part) for name, part in told.items()}
+            outputs = {name: _copied(part) for name, part in outputs.items()}
         if self._talks:
-            told = {**told, "messages": self.heard()}
-        return told
+            outputs = {**outputs, "messages": self.heard()}
+        return outputs
 
     def _words(self, messages: Sequence[Sequence[Words]] | None) -> list[tuple[int, int, str, int | None]]:
         if messages is None:

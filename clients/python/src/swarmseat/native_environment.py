@@ -7,16 +7,12 @@ import numpy as np
 
 from ._compat import Self
 from .environment import SwarmEnv
-from .errors import SwarmbenchError
 from .native import VecEnv, Words
-from .wire import EpisodeRequest, Observation, SwarmAct
+from .settings import STANDARD
+from .wire import EpisodeRequest, Observation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-_SETTINGS = (
-    "num_agents", "rules", "width", "height", "view_size", "memory", "max_round", "control", "noise", "max_delay",
-)  # fmt: skip
 
 
 class _Seen(dict[str, Observation]):
@@ -37,80 +33,11 @@ class NativeSwarmEnv(SwarmEnv):
         world: The episode as the only one of a `VecEnv`, for its state, its journal and its digest.
     """
 
-    def __init__(
-        self,
-        settings: EpisodeRequest,
-        *,
-        seed: int | None,
-        rewards: str,
-        observations: str,
-        messages: bool,
-        render_mode: str | None,
-    ) -> None:
-        super().__init__(
-            settings, seed=seed, server=None, token=None, rewards=rewards, observations=observations,
-            messages=messages, render_mode=render_mode,
-        )  # fmt: skip
+    def __init__(self, settings: EpisodeRequest, **options: Any) -> None:
+        super().__init__(settings, server=None, token=None, **options)
         self.world = self._make()
         self.seen = _Seen(self.world)
         self._places = {agent: place for place, agent in enumerate(self.possible_agents)}
-
-    def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-        """Begins a new episode. There are no options."""
-        del options
-        self._reseed(seed)
-        if self._is_closed:
-            self.world, self._is_closed = self._make(), False
-            self.seen = _Seen(self.world)
-        drawn = self._draw()
-        told = self.world.reset(seed=[drawn])
-        self.seed = drawn
-        self.agents = list(self.possible_agents)
-        observations, infos = self._read(self.agents)
-        if not told["alive"].any():
-            # A layout can be solved before the first round; then no agent acts.
-            self.agents = []
-        return observations, infos
-
-    def step(
-        self, actions: dict[str, Any]
-    ) -> tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Plays a round with an action for each agent in `agents`.
-
-        Raises:
-            SwarmbenchError: There is no episode, or the episode is over and there are actions.
-            ArgumentError: An action is missing, not in its space, or of an agent that has left. Nothing was played.
-        """
-        self._check_open()
-        self._check_agents(actions)
-        agents = self.agents
-        if not agents:
-            return {}, {}, {}, {}, {}
-        numbers = [-1] * len(self.possible_agents)
-        words: list[Words] = [None] * len(self.possible_agents)
-        for agent in agents:
-            place, action = self._places[agent], actions[agent]
-            # Most policies return such numbers; any other action is read with all checks.
-            if type(action) is int and not self._messages and 0 <= action < len(self.actions):
-                numbers[place] = action
-                continue
-            act: SwarmAct = {"episode": "", "agent": agent, "round": 0}
-            self._actions.read(agent, action, act)
-            numbers[place] = self.actions.index(act["action"] or "")
-            if "message" in act:
-                to = act.get("to")
-                words[place] = (act["message"] or "", None if to is None else self._places[to])
-        told = self.world.step(np.array([numbers]), [words] if self._messages else None)
-        earned, done = told["rewards"][0].tolist(), told["agent_done"][0].tolist()
-        gains = {agent: earned[self._places[agent]] for agent in agents}
-        terminations = {agent: done[self._places[agent]] for agent in agents}
-        observations, infos = self._read(agents)
-        self.agents = [agent for agent in agents if not terminations[agent]]
-        if self.render_mode == "human":
-            self.render()
-        return observations, gains, terminations, dict.fromkeys(agents, False), infos
 
     def close(self) -> None:
         """Frees the memory of the episode. A later `reset` begins a new one."""
@@ -126,22 +53,45 @@ class NativeSwarmEnv(SwarmEnv):
     def _make(self) -> VecEnv:
         settings: dict[str, Any] = dict(self._settings)
         return VecEnv(
-            settings["task"], 1, **{name: settings[name] for name in _SETTINGS}, seed=0, threads=1,
+            settings["task"], 1, **{name: settings[name] for name in STANDARD}, seed=0, threads=1,
             rewards="individual" if self._rewards == "individual" else "team", messages=self._messages,
             observations="none" if self._observations == "text" else "planes", autoreset="disabled", copy=False,
             prompt_template=settings["prompt_template"],
         )  # fmt: skip
 
-    def _check_open(self) -> None:
-        if self.seed is None:
-            raise SwarmbenchError(
-                "the environment is closed: reset() begins a new episode"
-                if self._is_closed
-                else "there is no episode yet: call reset()"
-            )
-
     def _check_playing(self) -> None:
-        self._check_open()
+        if self.seed is None:
+            raise self._no_episode()
+
+    def _begin(self) -> None:
+        if self._is_closed:
+            self.world, self._is_closed = self._make(), False
+            self.seen = _Seen(self.world)
+        drawn = self._draw()
+        outputs = self.world.reset(seed=[drawn])
+        self.seed, self._is_over = drawn, not outputs["alive"].any()
+        self.agents = list(self.possible_agents)
+
+    def _resolve(self, actions: dict[str, Any]) -> tuple[dict[str, float], dict[str, bool], dict[str, bool]]:
+        agents = self.agents
+        numbers = [-1] * len(self.possible_agents)
+        words: list[Words] = [None] * len(self.possible_agents)
+        for agent in agents:
+            place, action = self._places[agent], actions[agent]
+            # Most policies return such numbers; any other action is read with all checks.
+            if type(action) is int and not self._messages and 0 <= action < len(self.actions):
+                numbers[place] = action
+                continue
+            act = self._act(agent, 0, action)
+            numbers[place] = self.actions.index(act["action"] or "")
+            if "message" in act:
+                to = act.get("to")
+                words[place] = (act["message"] or "", None if to is None else self._places[to])
+        outputs = self.world.step(np.array([numbers]), [words] if self._messages else None)
+        rewards, done = outputs["rewards"][0].tolist(), outputs["agent_done"][0].tolist()
+        gains = {agent: rewards[self._places[agent]] for agent in agents}
+        terminations = {agent: done[self._places[agent]] for agent in agents}
+        return gains, terminations, dict.fromkeys(agents, False)
 
     def _forks(self, count: int) -> list[Self]:
         state = self.world.state(0)
@@ -153,10 +103,10 @@ class NativeSwarmEnv(SwarmEnv):
         return forks
 
     def _map(self) -> list[list[str]]:
-        self._check_open()
+        self._check_playing()
         return self.world.map(0)
 
-    def _read(self, agents: list[str]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    def _outputs(self, agents: list[str]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         """The observations of these agents, as copies."""
         world, buffers = self.world, self.world.buffers
         count = len(self.possible_agents)

@@ -9,10 +9,11 @@ import functools
 from typing import Any
 from uuid import uuid4
 
-from .checks import TASKS, one_of, task_name, whole
+from .checks import one_of, task_name, whole
 from .errors import ArgumentError
+from .names import TASKS, TaskName
+from .settings import STANDARD
 from .text import Mode, TextEpisode, Turn
-from .wire import TaskName
 
 try:
     from openenv.core import EnvClient
@@ -231,13 +232,15 @@ def main() -> None:
     )
     parser.add_argument("--task", default="Foraging", choices=TASKS, help="what is played where reset names nothing")
     parser.add_argument("--mode", default="one_seat", choices=MODES, help="what a conversation is")
-    parser.add_argument("--max-round", type=int, default=100, help="after how many rounds an episode ends")
+    parser.add_argument(
+        "--max-round", type=int, default=STANDARD["max_round"], help="after how many rounds an episode ends"
+    )
     parser.add_argument("--host", default="127.0.0.1", help="the address to listen on")
     parser.add_argument("--port", type=int, default=8000, help="the port to listen on")
     parser.add_argument("--sessions", type=int, default=256, help="how many sessions there may be at the same time")
-    told = parser.parse_args()
-    served = app(told.sessions, task=told.task, mode=told.mode, max_round=told.max_round)
-    uvicorn.run(served, host=told.host, port=told.port)
+    options = parser.parse_args()
+    served = app(options.sessions, task=options.task, mode=options.mode, max_round=options.max_round)
+    uvicorn.run(served, host=options.host, port=options.port)
 
 
 if __name__ == "__main__":

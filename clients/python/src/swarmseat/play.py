@@ -4,7 +4,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, cast
 
 from . import wire
-from .errors import ApiError, ArgumentError, is_problem
+from .errors import ApiError, ArgumentError, is_refused
 
 Decision = str | Mapping[str, Any]
 """A decision of an agent: the name of an action, or fields of an act such as `action`, `message` and `response`."""
@@ -58,7 +58,7 @@ class Receipts:
         Raises:
             ApiError: The server refused an act, and would refuse it again.
         """
-        problems = [receipt for receipt in receipts if is_problem(receipt)]
+        problems = [receipt for receipt in receipts if is_refused(receipt)]
         # A clock ran out, or another client ended the game: the act itself was right.
         problems = [problem for problem in problems if problem["code"] not in _TOO_LATE]
         self._delays = self._delays + 1 if problems and len(problems) == len(receipts) else 0

@@ -90,8 +90,8 @@ class Resources:
                     self._abort(ending)
         with suppress(Exception):
             self._release()
-        told = f"unclosed environment {name}: call close(), or use it in a `with` block"
-        warnings.warn(told, ResourceWarning, stacklevel=2, source=self)
+        message = f"unclosed environment {name}: call close(), or use it in a `with` block"
+        warnings.warn(message, ResourceWarning, stacklevel=2, source=self)
 
     def _abort(self, swarm: Client) -> None:
         ending, self._ending = self._ending, None

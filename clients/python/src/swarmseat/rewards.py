@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 
+from .settings import STANDARD
 from .wire import Observation, Position
 
 Cell = tuple[int, int]
 Sights = Mapping[str, Observation]
 
 
-def full_score(task: str, num_agents: int = 12, max_round: int = 100) -> float:
+def full_score(task: str, num_agents: int = STANDARD["num_agents"], max_round: int = STANDARD["max_round"]) -> float:
     """The score that counts as 1 when rewards are shares: about the score of the best built-in player.
 
     Pursuit and Synchronization: a point in every round. Foraging: a delivery of each agent in 30 rounds. Flocking and

@@ -12,12 +12,13 @@ from typing import Any, Literal, TypeAlias, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ._compat import TypedDict, Unpack
+from ._compat import Unpack
 from .checks import one_of, shown, whole
 from .errors import ArgumentError, SwarmbenchError
-from .native import SEED_MAX, Answer, Partners, VecEnv, Words
+from .names import AnswerReader, Rewards, TaskName
+from .native import Answer, Partners, VecEnv, Words
 from .rewards import full_score
-from .wire import TaskName
+from .settings import SEED_MAX, STANDARD, GameSettings
 
 Mode: TypeAlias = Literal["seats", "turns", "one_seat", "joint"]
 MODES: tuple[Mode, ...] = get_args(Mode)
@@ -71,21 +72,6 @@ Agent_1: ACTION: LEFT MSG: the message that it sends
 
 _JOINT_LINE = re.compile(r"^[^\w\n]*agent[ _]?(\d{1,4})[^\w\n:=]*[:=]([^\n]*)$", re.IGNORECASE | re.MULTILINE)
 _MARKER = re.compile(r"\b(?:ACTION|MSG)\W{0,8}[:\uff1a]", re.IGNORECASE)
-
-
-class GameSettings(TypedDict, total=False):
-    """Settings of the game. The defaults are the server's."""
-
-    num_agents: int
-    rules: Literal["paper", "reference"]
-    width: int
-    height: int
-    view_size: int
-    memory: int
-    max_round: int
-    control: Literal["decentralized", "centralized"]
-    noise: float
-    max_delay: int
 
 
 @dataclass(frozen=True)
@@ -146,7 +132,7 @@ class TextEpisode:
         answer_reader: The reader of answers.
         prompt_template: A template for the prompts instead of the built-in one, or the name `toolkit`.
         answer_chars_max: The maximum number of characters of an answer that are read; the rest is cut off.
-        **settings: Settings of the game.
+        **settings: Settings of the game, as in `swarmseat.settings.GameSettings`.
 
     Attributes:
         world: The episode as the only one of a `VecEnv`, for its state, its journal and its digest.
@@ -165,14 +151,14 @@ class TextEpisode:
         *,
         seat: int = 0,
         partners: str | Mapping[int, str] | None = None,
-        rewards: Literal["team", "individual"] = "team",
-        answer_reader: Literal["last-marker", "first-marker"] = "last-marker",
+        rewards: Rewards = "team",
+        answer_reader: AnswerReader = "last-marker",
         prompt_template: str | None = None,
         answer_chars_max: int = ANSWER_CHARS_MAX,
         **settings: Unpack[GameSettings],
     ) -> None:
         one_of("mode", mode, MODES)
-        settings.setdefault("memory", 5)
+        settings.setdefault("memory", STANDARD["memory"])
         self.mode: Mode = mode
         self.world = VecEnv(
             task, 1, **settings, threads=1, observations="none", rewards=rewards, messages=True, autoreset="disabled",
@@ -303,13 +289,13 @@ class TextEpisode:
         for agent, act in (self._acts | partners).items():
             numbers[0, agent] = act.action
             words[agent] = None if act.message is None else (act.message, act.to)
-        told = self.world.step(numbers, [words])
+        outputs = self.world.step(numbers, [words])
         self._acts = {}
-        self._is_over = bool(told["terminated"][0])
+        self._is_over = bool(outputs["terminated"][0])
         self._waiting = self._living()
-        for agent, messages in enumerate(told["messages"][0]):
+        for agent, messages in enumerate(outputs["messages"][0]):
             self.heard[agent] += len(messages)
-        return cast("NDArray[np.float32]", told["rewards"][0])
+        return cast("NDArray[np.float32]", outputs["rewards"][0])
 
     def _outputs(self, before: float, earned: NDArray[Any], invalid: dict[int, str]) -> Turn:
         asked = self._waiting[:1] if self.mode == "turns" else self._waiting

@@ -1,20 +1,19 @@
 """Many episodes as a Gymnasium `VectorEnv`. Importing this module registers `swarmbench/Foraging-v0` and the like."""
 
-from collections.abc import Callable
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.envs import registration
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from ._renamed import renamed
 from .arrays import Layout
 from .cells import CHANNELS
+from .names import TASKS, TaskName
 from .native import VecEnv
-from .wire import TaskName
 
 _MODES = {
     "next_step": AutoresetMode.NEXT_STEP,
@@ -23,7 +22,7 @@ _MODES = {
 }
 
 
-def vector_env(
+def gym_vector_env(
     task: TaskName = "Foraging",
     num_envs: int = 1,
     *,
@@ -46,8 +45,11 @@ def vector_env(
     return SwarmVectorEnv(task, num_envs, agents=agents, observations=observations, **options)
 
 
+__getattr__ = renamed(__name__, {"vector_env": "gym_vector_env"})
+
+
 class SwarmVectorEnv(VectorEnv[Any, Any, Any]):
-    """The environments of `vector_env`.
+    """The environments of `gym_vector_env`.
 
     Attributes:
         envs: The episodes, for their states, journals and forks.
@@ -93,8 +95,8 @@ class SwarmVectorEnv(VectorEnv[Any, Any, Any]):
             given = seed[:: self.worlds.num_agents] if self._by_agent else seed
         if mask is not None and self._by_agent:
             mask = np.asarray(mask)[:: self.worlds.num_agents]
-        told = self.worlds.reset(seed=given, mask=mask)
-        return self._observed(told), self._info(told)
+        outputs = self.worlds.reset(seed=given, mask=mask)
+        return self._observed(outputs), self._info(outputs)
 
     def step(
         self, actions: NDArray[np.integer[Any]]
@@ -104,18 +106,18 @@ class SwarmVectorEnv(VectorEnv[Any, Any, Any]):
         chosen = np.asarray(actions)
         if self._by_agent and chosen.shape == (self.num_envs,):
             chosen = chosen.reshape(-1, count)
-        told = self.worlds.step(chosen)
-        info = self._info(told)
-        if "final_obs" in told:
-            ended = self._each(told["terminated"])
+        outputs = self.worlds.step(chosen)
+        info = self._info(outputs)
+        if "final_obs" in outputs:
+            ended = self._each(outputs["terminated"])
             if ended.any():
-                info |= {"final_obs": self._observed(told["final_obs"]), "_final_obs": ended}
-        truncated = self._each(told["truncated"])
+                info |= {"final_obs": self._observed(outputs["final_obs"]), "_final_obs": ended}
+        truncated = self._each(outputs["truncated"])
         if self._by_agent:
-            rewards = told["rewards"].reshape(-1).astype(np.float64)
+            rewards = outputs["rewards"].reshape(-1).astype(np.float64)
         else:
-            rewards = told["team_reward"].astype(np.float64)
-        return self._observed(told), rewards, self._each(told["terminated"]), truncated, info
+            rewards = outputs["team_reward"].astype(np.float64)
+        return self._observed(outputs), rewards, self._each(outputs["terminated"]), truncated, info
 
     def close_extras(self, **_: Any) -> None:
         """Frees the memory of all episodes."""
@@ -140,72 +142,48 @@ class SwarmVectorEnv(VectorEnv[Any, Any, Any]):
             parts[worlds.flag] = spaces.Box(0, 1, seats, np.uint8)
         return spaces.Dict(parts)
 
-    def _observed(self, told: dict[str, Any]) -> Any:
+    def _observed(self, outputs: dict[str, Any]) -> Any:
         worlds = self.worlds
         seats = (worlds.num_envs, worlds.num_agents)
         if self._flat:
-            rounds = np.broadcast_to(told["round"][:, None, None], (*seats, 1))
-            parts = {"view": told["view"], "position": told["position"], "round": rounds}
+            rounds = np.broadcast_to(outputs["round"][:, None, None], (*seats, 1))
+            parts = {"view": outputs["view"], "position": outputs["position"], "round": rounds}
             if worlds.flag is not None:
-                parts[worlds.flag] = told[worlds.flag][..., None]
+                parts[worlds.flag] = outputs[worlds.flag][..., None]
             flat = self._layout.flatten(parts)
             return flat.reshape(self.num_envs, -1) if self._by_agent else flat
         names = ["view", "agents", "position", *([worlds.flag] if worlds.flag is not None else [])]
-        observed = {name: told[name].copy() for name in names}
+        observed = {name: outputs[name].copy() for name in names}
         if self._by_agent:
             observed = {name: part.reshape(self.num_envs, *part.shape[2:]) for name, part in observed.items()}
-        observed["round"], observed["score"] = self._each(told["round"]), self._each(told["score"])
+        observed["round"], observed["score"] = self._each(outputs["round"]), self._each(outputs["score"])
         return observed
 
     def _each(self, by_episode: NDArray[Any]) -> NDArray[Any]:
         """The values of episodes, one for each environment."""
         return np.repeat(by_episode, self.worlds.num_agents) if self._by_agent else by_episode.copy()
 
-    def _info(self, told: dict[str, Any]) -> dict[str, Any]:
+    def _info(self, outputs: dict[str, Any]) -> dict[str, Any]:
         every = np.ones(self.num_envs, np.bool_)
         info: dict[str, Any] = {}
         for name in ("alive", "action_mask"):
-            part = told[name]
+            part = outputs[name]
             info[name] = (part.reshape(self.num_envs, *part.shape[2:]) if self._by_agent else part).copy()
-        info["seed"], info["score"] = self._each(told["seed"]), self._each(told["score"])
+        info["seed"], info["score"] = self._each(outputs["seed"]), self._each(outputs["score"])
         return info | {f"_{name}": every for name in list(info)}
-
-
-def _make(task: TaskName, num_envs: int = 1, **options: Any) -> SwarmVectorEnv:
-    return vector_env(task, num_envs, **options)
 
 
 def _refuse_single(task: TaskName, **_: Any) -> gymnasium.Env[Any, Any]:
     raise gymnasium.error.Error(
-        f"{NAMESPACE}/{task}-v0 plays many episodes at once: make it with gymnasium.make_vec, or one alone with "
+        f"swarmbench/{task}-v0 plays many episodes at once: make it with gymnasium.make_vec, or one alone with "
         f"swarmseat.parallel_env({task!r}, backend='native')"
     )
 
 
-def _listing(check: Callable[[str | None, str], None]) -> Callable[[str | None, str], None]:
-    """Wraps Gymnasium's check of names, so that its error lists the names that this package has registered."""
-
-    def check_name_exists(ns: str | None, name: str) -> None:
-        try:
-            check(ns, name)
-        except gymnasium.error.NameNotFound as error:
-            if ns != NAMESPACE:
-                raise
-            raise gymnasium.error.NameNotFound(f"{error} There are: {', '.join(_NAMES)}.") from None
-
-    return check_name_exists
-
-
-NAMESPACE = "swarmbench"
-_NAMES = {f"{NAMESPACE}/{task}-v0": task for task in get_args(TaskName)}
-if not _NAMES.keys() <= gymnasium.registry.keys():
-    for _name, _task in _NAMES.items():
-        gymnasium.register(
-            _name,
-            entry_point=f"{__name__}:_refuse_single",
-            vector_entry_point=f"{__name__}:_make",
-            kwargs={"task": _task},
-        )
-    # Gymnasium has no public place for this, and names at most one similar name.
-    if "_check_name_exists" in vars(registration):
-        vars(registration)["_check_name_exists"] = _listing(vars(registration)["_check_name_exists"])
+for _task in TASKS:
+    gymnasium.register(
+        f"swarmbench/{_task}-v0",
+        entry_point=f"{__name__}:_refuse_single",
+        vector_entry_point=f"{__name__}:gym_vector_env",
+        kwargs={"task": _task},
+    )

@@ -9,11 +9,13 @@ from collections.abc import Iterator
 from contextlib import AsyncExitStack
 from itertools import count
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_type_hints
 
 import httpx
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field, create_model
 
+from .names import TASKS, AnswerReader, Rewards, TaskName
+from .settings import STANDARD, GameSettings
 from .text import TextEpisode, Turn
 
 try:
@@ -32,28 +34,22 @@ TIMEOUT_S = 600.0
 TRANSPORT_FAILED = 97
 """The exit code by which verifiers distinguishes a broken connection to a model from a failed program."""
 
-Game = Literal["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"]
-
-
-class Settings(BaseModel, frozen=True):
-    """The settings of games, each with the server's default."""
-
-    num_agents: int = 12
-    rules: Literal["paper", "reference"] = "paper"
-    width: int = 10
-    height: int = 10
-    view_size: int = 5
-    memory: int = 5
-    max_round: int = 100
-    control: Literal["decentralized", "centralized"] = "decentralized"
-    noise: float = 0.0
-    max_delay: int = 0
+if TYPE_CHECKING:
+    Settings: TypeAlias = BaseModel
+else:
+    Settings = create_model(
+        "Settings",
+        __config__=ConfigDict(frozen=True),
+        __doc__=GameSettings.__doc__,
+        __module__=__name__,
+        **{name: (kind, STANDARD[name]) for name, kind in get_type_hints(GameSettings).items()},
+    )
 
 
 class SwarmData(vf.TaskData):
     """A game: a task, the seed of its layout, and its settings."""
 
-    game: Game
+    game: TaskName
     seed: int
     settings: Settings
 
@@ -70,7 +66,7 @@ class SwarmTask(vf.Task[SwarmData]):
 class SwarmTasksetConfig(vf.TasksetConfig):
     """The choice of games."""
 
-    game: Game | Literal["all"] = "all"
+    game: TaskName | Literal["all"] = "all"
     """The task, or all five in turn."""
     first_seed: int = Field(0, ge=0)
     """The seed of the first layout; 27, 42, 57, 72 and 87 are those of the paper."""
@@ -92,9 +88,7 @@ class SwarmTaskset(vf.Taskset[SwarmTask, SwarmTasksetConfig]):
     def load(self) -> Iterator[SwarmTask]:
         """The games."""
         config = self.config
-        games: tuple[Game, ...] = ("Transport", "Pursuit", "Synchronization", "Foraging", "Flocking")
-        if config.game != "all":
-            games = (config.game,)
+        games = TASKS if config.game == "all" else (config.game,)
         last = config.num_seeds
         for seed in count(config.first_seed) if last is None else range(config.first_seed, config.first_seed + last):
             for game in games:
@@ -168,11 +162,11 @@ class SwarmEnvConfig(vf.EnvConfig):
     """With `one_seat`, the agent that the model plays."""
     partners: str = "default"
     """With `one_seat`, the built-in player of the others."""
-    rewards: Literal["team", "individual"] = "team"
+    rewards: Rewards = "team"
     """`team`: every trace gets the whole swarm's score. `individual`: every trace gets its own agent's part."""
     scale: Literal["share", "score"] = "share"
     """`share`: rewards are divided by `swarmseat.rewards.full_score`. `score`: they are points."""
-    answer_reader: Literal["last-marker", "first-marker"] = "last-marker"
+    answer_reader: AnswerReader = "last-marker"
     journals: Path | None = None
     """A folder for the journals of all games, which `swarmbench verify` reads."""
 
