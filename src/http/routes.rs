@@ -57,7 +57,7 @@ pub(super) enum At {
 /// Tokens with which a route may be asked, as the OpenAPI document shows them. The extractors of its handler refuse all others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Who {
-    /// No token is read.
+    /// Anybody: no token is read.
     Open,
     Seat,
     Swarm,
@@ -71,10 +71,10 @@ pub(super) enum Who {
 }
 
 impl Who {
-    /// The tokens, for the document; `None` where none is read.
-    pub(super) fn security(self) -> Option<Vec<SecurityRequirement>> {
+    /// The tokens, for the document.
+    pub(super) fn security(self) -> Vec<SecurityRequirement> {
         let names: &[&str] = match self {
-            Open => return None,
+            Open => &[""],
             Seat => &["seat"],
             Swarm => &["swarm"],
             Key => &["key"],
@@ -86,7 +86,7 @@ impl Who {
             "" => SecurityRequirement::default(),
             name => SecurityRequirement::new::<_, [&str; 0], &str>(name, []),
         };
-        Some(names.iter().map(requirement).collect())
+        names.iter().map(requirement).collect()
     }
 }
 

@@ -6,6 +6,8 @@ pub(super) mod group;
 pub(super) mod rows;
 pub(super) mod session;
 
+use std::time::{Duration, Instant};
+
 use sqlx::migrate::MigrateError;
 use sqlx::postgres::PgConnectOptions;
 
@@ -16,6 +18,10 @@ use crate::migrations;
 use cluster::Joining;
 use group::Node;
 use session::{Server, SessionError};
+
+/// Wait for the session of a process that has just ended, and interval between attempts.
+const PREDECESSOR_PATIENCE: Duration = Duration::from_secs(3);
+const PREDECESSOR_PAUSE: Duration = Duration::from_millis(50);
 
 /// A database that only this process writes to.
 pub(super) struct Opened {
@@ -84,7 +90,7 @@ async fn lock(server: &Server, is_shared: bool) -> Result<Connection, OpenError>
     server.refuse_pooler(&mut connection).await?;
     server.refuse_foreign(&mut connection).await?;
     let failed = |error| server.failed(error);
-    if !session::try_lock(&mut connection, is_shared).await.map_err(failed)? {
+    if !lock_of_predecessor(&mut connection, is_shared).await.map_err(failed)? {
         // A database that is taken for the first time has no such table yet.
         let by = session::newest_node(&mut connection).await.ok().flatten();
         let by = by.unwrap_or_else(|| "another process".to_owned());
@@ -95,6 +101,24 @@ async fn lock(server: &Server, is_shared: bool) -> Result<Connection, OpenError>
     }
     server.set_up_writer(&mut connection).await.map_err(failed)?;
     Ok(connection)
+}
+
+/// Takes the lock of the database. The session of a process that has just ended may hold it for a moment: PostgreSQL ends what it did
+/// before it looks at the connection.
+async fn lock_of_predecessor(
+    connection: &mut Connection,
+    is_shared: bool,
+) -> Result<bool, sqlx::Error> {
+    let until = Instant::now() + PREDECESSOR_PATIENCE;
+    loop {
+        if session::try_lock(connection, is_shared).await? {
+            return Ok(true);
+        }
+        if Instant::now() >= until {
+            return Ok(false);
+        }
+        tokio::time::sleep(PREDECESSOR_PAUSE).await;
+    }
 }
 
 async fn migrate(server: &Server, connection: &mut Connection) -> Result<(), OpenError> {
