@@ -1,8 +1,8 @@
-"""Writes the tables of `.ci/perf` between their marks in docs/operate/load.md and docs/develop/benchmarks.md.
+"""What `.ci/measure` knows of numbers.
 
-    perf_pages.py machine SETTING     prints on which machine it is measured, as JSON
-    perf_pages.py criterion FOLDER    prints the estimates that criterion left there, as JSON
-    perf_pages.py pages FOLDER        writes the pages from the measurements there, and prints the rows of the chart
+    measured.py machine SETTING       prints on which machine it is measured, as JSON
+    measured.py criterion FOLDER      prints the estimates that criterion left there, as JSON
+    measured.py page NAME FOLDER      prints the page NAME of the measurements there
 """
 
 import datetime
@@ -18,7 +18,6 @@ import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-DOCS = Path(__file__).resolve().parent.parent / "docs"
 TASKS = ["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"]
 # Goals of the engine, by measurement.
 ROUND_GOALS = {"play": 100_000, "play_and_observe": 30_000}
@@ -101,24 +100,14 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]], text: int = 0)
     return "".join(f"| {' | '.join(row)} |\n" for row in [headings, marks, *rows])
 
 
-def put(page: str, name: str, text: str) -> None:
-    path = DOCS / page
-    before, begin, rest = path.read_text().partition(f"<!-- {name} -->\n")
-    _, end, after = rest.partition(f"<!-- end of {name} -->")
-    if not end:
-        raise SystemExit(f"{page} has no place for {name}: it needs <!-- {name} --> and <!-- end of {name} -->")
-    path.write_text(f"{before}{begin}\n{text.rstrip()}\n\n{end}{after}")
-
-
 def about(machine: dict) -> str:
-    """The machine and the method of the measurements."""
-    setting = "" if machine["setting"] == "full" else f" (`SWARMBENCH_PERF={machine['setting']}`: few and short turns)"
+    """The machine and the method of a measurement."""
+    setting = "" if machine["setting"] == "full" else f" (`SWARMBENCH_MEASURE={machine['setting']}`: few and short turns)"
     load = machine["load_average"]
-    beside = "" if load < 0.5 else "; **other programs ran beside it**, so compare only numbers that were measured in turns"
+    beside = "" if load < 0.5 else "; **other programs ran beside it**"
     text = (
-        f"Measured by `.ci/perf`{setting} on {machine['date']}, at commit {machine['commit']}: {machine['processor']}, "
-        f"{machine['cores']} cores, {machine['kernel']}, Rust {machine['rust']}, release profile. Load average before: "
-        f"{load:.1f}{beside}."
+        f"Measured on {machine['date']}{setting}, at commit {machine['commit']}: {machine['processor']}, {machine['cores']} cores, "
+        f"{machine['kernel']}, Rust {machine['rust']}, release profile. Load average before: {load:.1f}{beside}."
     )
     return textwrap.fill(text, 128, break_on_hyphens=False)
 
@@ -156,7 +145,7 @@ def acts(report: dict) -> str:
     return table(headings, rows, 1)
 
 
-def grid(report: dict, engine: float | None) -> str:
+def grid(report: dict) -> str:
     headings = ["episodes", "by", "rounds", "to the end", "success", "acts a second", "rounds a second", "ack p50",
                 "ack p99", "wake p50", "wake p99"]
     rows = [
@@ -166,22 +155,19 @@ def grid(report: dict, engine: float | None) -> str:
         for row in report["play"]
     ]
     held = sum(row["answers"]["held_back"] for row in report["play"])
-    beside = "" if engine is None else f" The engine alone resolves {count(engine)} such rounds a second on one core."
-    return table(headings, rows, 1) + f"\n{count(held)} answers were held back.{beside}\n"
+    return table(headings, rows, 1) + f"\n{count(held)} answers were held back.\n"
 
 
-def polls(reports: Sequence[dict]) -> str:
-    lines = []
-    for report in reports:
-        polls = report["polls"]
-        one, all_, held = polls["one_by_one"], polls["all_at_once"], polls["bytes_per_poll"]
-        lines.append([
-            f"{polls['polls']:,} on {polls['episodes']:,} episodes of {polls['seats']:,} seats",
-            *(millis(one[at]) for at in ("p50_ms", "p99_ms", "max_ms")), millis(all_["p99_ms"]), millis(all_["max_ms"]),
-            "" if held is None else f"{held / 1000:.1f} kB",
-        ])
+def polls(report: dict) -> str:
+    polls = report["polls"]
+    one, all_, held = polls["one_by_one"], polls["all_at_once"], polls["bytes_per_poll"]
+    row = [
+        f"{polls['polls']:,} on {polls['episodes']:,} episodes of {polls['seats']:,} seats",
+        *(millis(one[at]) for at in ("p50_ms", "p99_ms", "max_ms")), millis(all_["p99_ms"]), millis(all_["max_ms"]),
+        "" if held is None else f"{held / 1000:.1f} kB",
+    ]
     headings = ["", "one episode after the other: p50", "p99", "max", "all at once: p99", "max", "memory for each"]
-    return table(headings, lines)
+    return table(headings, [row])
 
 
 KINDS = {
@@ -254,50 +240,119 @@ def growth(rows: list[dict]) -> str:
     return text
 
 
-def chart(reports: dict) -> str:
-    """Lines `group, label, value, limit, text`, for the example `bars` of crates/figures."""
-    lines = []
-    if (obs := reports.get("obs")) is not None:
-        looks = obs["obs"]
-        lines.append(["Looks a second, beside a bare handler", "GET /obs", looks["server"]["per_s"], looks["bare"]["per_s"],
-                      percent(looks["ratio"])])
-    for row in (reports.get("acts") or {}).get("acts", []):
-        lines.append(["Durable acts a second, beside a bare writer", f"{row['by']}, {row['episodes']} episodes",
-                      row["acts_per_s"], row["bare_acts_per_s"], percent(row["ratio"])])
-    speeds = {(row["group"], row["function"]): 1e9 / row["ns"] for row in reports.get("rounds") or []}
-    for task in TASKS:
-        observed, plain = speeds.get(("play_and_observe", task)), speeds.get(("play", task))
-        if observed and plain:
-            lines.append(["Rounds a second of the engine with all observations, beside rounds without", task, observed, plain,
-                          count(round(observed, -3))])
-    return "".join("\t".join(map(str, line)) + "\n" for line in lines)
+def size(number: float) -> str:
+    for unit, bytes_ in [("GiB", 2**30), ("MiB", 2**20), ("KiB", 2**10)]:
+        if number >= bytes_:
+            return f"{number / bytes_:.2f} {unit}"
+    return f"{number:.0f} B"
 
 
-def pages(folder: Path) -> str:
-    """Writes the pages. Tables without a measurement stay as they are."""
-    reports = {path.stem: json.loads(path.read_text()) for path in folder.glob("*.json")}
-    engine = [1e9 / row["ns"] for row in reports.get("rounds", []) if (row["group"], row["function"]) == ("play", "Synchronization")]
-    load, benchmarks = "operate/load.md", "develop/benchmarks.md"
-    made: list[tuple[str, str, str, Callable[[], str]]] = [
-        (load, "machine", "machine", lambda: about(reports["machine"])),
-        (load, "looks", "obs", lambda: looks(reports["obs"])),
-        (load, "acts", "acts", lambda: acts(reports["acts"])),
-        (load, "grid", "play", lambda: grid(reports["play"], engine[0] if engine else None)),
-        (load, "polls", "polls", lambda: polls([reports[of] for of in ("polls", "crowd") if of in reports])),
-        (load, "slow", "slow", lambda: slow(reports["slow"])),
-        (benchmarks, "machine", "machine", lambda: about(reports["machine"])),
-        (benchmarks, "rounds", "rounds", lambda: rounds(reports["rounds"])),
-        (benchmarks, "flocking", "flocking", lambda: by_size(reports["flocking"], "distance",
-         ["random", "corner", "crowds", "diagonal", "nearly formed"], "agents, map", FLOCK_GOALS)),
-        (benchmarks, "growth", "growth", lambda: growth(reports["growth"])),
+def seconds(value: float) -> str:
+    return f"{value:.0f} s" if value >= 10 else f"{value:.1f} s"
+
+
+def memory(value: float | None) -> str:
+    return "" if value is None else f", {size(value)} of memory"
+
+
+def filled(report: dict) -> list[list[str]]:
+    """The database, and a server's start on it."""
+    filled, measured = report["filled"], report["measured"]
+    return [
+        ["games, of runs", f"{count(filled['episodes'])}, of {count(filled['runs'])}"],
+        ["the database", f"{size(filled['bytes'])}: {count(filled['bytes'] / max(1, filled['episodes']))} bytes a game"],
+        ["made in", seconds(filled["seconds"])],
+        ["start until ready", millis(measured["ready_ms"])],
+        ["first read of the leaderboard", millis(measured["first_board_ms"])],
+        ["memory of the server, at most", size(measured["server_memory_bytes"] or 0)],
+        *published(measured.get("competition")),
     ]
-    for page, name, measured, make in made:
-        if measured in reports:
-            put(page, name, make())
-    if (boards := folder / "boards.md").exists():
-        text = boards.read_text()
-        put(load, "boards", "".join(line + "\n" for line in text.splitlines() if line.startswith("|")))
-    return chart(reports)
+
+
+def published(file: dict | None) -> list[list[str]]:
+    """The export of a competition, and its verification."""
+    if file is None:
+        return []
+    export, verified = file["export_seconds"], file["verify_seconds"]
+    return [
+        ["export of a competition", f"{count(file['games'])} games, {size(file['export_bytes'])} in {seconds(export)}: "
+         f"{size(file['export_bytes'] / export)} a second"],
+        ["its verification", f"{count(file['rounds'])} rounds in {seconds(verified)}: {count(file['rounds'] / verified)} a second"
+         f"{memory(file['verify_memory_bytes'])}"],
+    ]
+
+
+def capacity(report: dict) -> str:
+    measured = report["measured"]
+    rebuilt = measured["rebuild"]
+    facts = filled(report) + [
+        ["board rebuild", f"{count(rebuilt['results'])} results in {seconds(rebuilt['seconds'])}{memory(rebuilt['memory_bytes'])}"]]
+    reads = measured["reads"]
+    rows = [
+        [line["read"], count(line["different"]), millis(line["first"]["max_ms"]), millis(line["latency"]["p50_ms"]),
+         millis(line["latency"]["p99_ms"])]
+        for line in reads["lines"]
+    ]
+    heading = f"read, {reads['clients']} clients at once, {count(reads['requests'])} times"
+    return table(["on that database", ""], facts) + "\n" + table([heading, "different", "first: max", "later: p50", "p99"], rows)
+
+
+def competition(report: dict) -> str:
+    read = report["measured"]["while_games_end"]
+    spread: Callable[[dict], list[str]] = lambda of: [millis(of[at]) for at in ("p50_ms", "p99_ms", "max_ms")]
+    rows = [
+        [line["by"], line["read"] if line["is_page"] else f"{line['read']}, whole", count(line["latency"]["count"]),
+         *spread(line["latency"])]
+        for line in read["lines"]
+    ]
+    rows.append(["a player", "receipt of a round", count(read["acted"]["count"]), *spread(read["acted"])])
+    about = (
+        f"{read['ended_per_s']:.1f} games a second ended, {read['readers']} readers at once for {seconds(read['seconds'])}.\n\n"
+    )
+    return table(["on that database", ""], filled(report)) + "\n" + about + table(
+        ["read by", "what", "reads", "p50", "p99", "max"], rows, 1)
+
+
+# The sections of each page: heading, measurement, and its text.
+Section = tuple[str, str, Callable[[dict], str]]
+PAGES: dict[str, tuple[str, str, list[Section]]] = {
+    "load": ("The server under load", "[The load test](../operate/load.md) says what the columns mean.", [
+        ("Looks", "obs", looks),
+        ("Durable acts", "acts", acts),
+        ("Games at once", "play", grid),
+        ("Requests that wait, on episodes of 12 seats", "polls", polls),
+        ("Requests that wait, on episodes of 1,000 seats", "crowd", polls),
+        ("Slow clients", "slow", slow),
+    ]),
+    "engine": ("The engine", "[Benchmarks of the engine](../develop/benchmarks.md) says what is measured.", [
+        ("Rounds a second", "rounds", rounds),
+        ("The cost of a flock", "flocking", lambda rows: by_size(rows, "distance",
+         ["random", "corner", "crowds", "diagonal", "nearly formed"], "agents, map", FLOCK_GOALS)),
+        ("Growth", "growth", growth),
+    ]),
+    "capacity": ("A million episodes", "[The load test](../operate/load.md#large-databases) says what is measured.", [
+        ("The server on a large database", "capacity", capacity),
+    ]),
+    "competition": ("A competition of a million attempts", "[The load test](../operate/load.md#large-databases) says what is measured.", [
+        ("Its pages while games end", "competition", competition),
+    ]),
+    "boards": ("Boards", "[The load test](../operate/load.md#boards) says what is measured.", []),
+}
+
+
+def page(name: str, folder: Path) -> str:
+    title, explained, sections = PAGES[name]
+    parts = [f"# {title}", f"Written by `.ci/measure {name}`. {explained}"]
+
+    def machine_of(file: str) -> str:
+        return about(json.loads((folder / f"{file}.machine").read_text()))
+
+    for heading, measured, make in sections:
+        if (file := folder / f"{measured}.json").exists():
+            parts += [f"## {heading}", machine_of(file.name), make(json.loads(file.read_text())).rstrip()]
+    if name == "boards":
+        parts += [machine_of("boards.md"), (folder / "boards.md").read_text().rstrip()]
+    return "\n\n".join(parts) + "\n"
 
 
 if __name__ == "__main__":
@@ -306,7 +361,7 @@ if __name__ == "__main__":
             print(json.dumps(machine(setting), indent=1))
         case ["criterion", folder]:
             print(json.dumps(criterion(Path(folder)), indent=1))
-        case ["pages", folder]:
-            print(pages(Path(folder)), end="")
+        case ["page", name, folder]:
+            print(page(name, Path(folder)), end="")
         case _:
             raise SystemExit(__doc__)
