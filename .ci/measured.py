@@ -301,16 +301,15 @@ def competition(report: dict) -> str:
     read = report["measured"]["while_games_end"]
     spread: Callable[[dict], list[str]] = lambda of: [millis(of[at]) for at in ("p50_ms", "p99_ms", "max_ms")]
     rows = [
-        [line["by"], line["read"] if line["is_page"] else f"{line['read']}, whole", count(line["latency"]["count"]),
-         *spread(line["latency"])]
+        [f"{line['by']}: {line['read']}{'' if line['is_page'] else ', whole'}", count(line["latency"]["count"]), *spread(line["latency"])]
         for line in read["lines"]
     ]
-    rows.append(["a player", "receipt of a round", count(read["acted"]["count"]), *spread(read["acted"])])
+    rows.append(["a player: receipt of a round", count(read["acted"]["count"]), *spread(read["acted"])])
     about = (
         f"{read['ended_per_s']:.1f} games a second ended, {read['readers']} readers at once for {seconds(read['seconds'])}.\n\n"
     )
     return table(["on that database", ""], filled(report)) + "\n" + about + table(
-        ["read by", "what", "reads", "p50", "p99", "max"], rows, 1)
+        ["who reads what", "reads", "p50", "p99", "max"], rows)
 
 
 # The sections of each page: heading, measurement, and its text.
