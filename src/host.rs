@@ -62,22 +62,6 @@ pub fn memory_bytes() -> Option<usize> {
     all.min().map(|bytes: u64| usize::try_from(bytes).unwrap_or(usize::MAX))
 }
 
-/// Peak memory of a process, in bytes. `None` if the process has ended, or the host does not report it.
-pub fn peak_memory_bytes(process: u32) -> Option<u64> {
-    let status = std::fs::read_to_string(format!("/proc/{process}/status")).ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
-    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    kib.checked_mul(1024)
-}
-
-/// Asks a process to end, as its service manager would: with SIGTERM.
-pub fn ask_to_stop(process: u32) -> std::io::Result<()> {
-    use rustix::process::{Pid, Signal, kill_process};
-    let process = i32::try_from(process).ok().and_then(Pid::from_raw);
-    let process = process.ok_or_else(|| std::io::Error::other("not the number of a process"))?;
-    Ok(kill_process(process, Signal::TERM)?)
-}
-
 /// Bytes of the machine's memory, from `/proc/meminfo`.
 fn total_memory(text: &str) -> Option<u64> {
     let line = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;

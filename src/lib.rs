@@ -6,7 +6,6 @@
 //! - [`cli`]: the commands. [`server`]: starts and stops everything below.
 //! - [`http`]: routes and connections; the only place that names axum.
 //! - [`dataset`]: the public toolkit's data format. [`standings`]: the boards of a database.
-//! - [`fill`]: large databases to measure a server on.
 //! - [`competitions`]: runs on seeds that are secret until the end. [`run`]: suites of games for one model.
 //! - [`hosted`]: built-in players that the server plays. [`episode`]: the barrier, the actor that steps the engine, and
 //!   the snapshots that readers share.
@@ -21,8 +20,12 @@
 )]
 #![expect(clippy::missing_errors_doc, reason = "error types say what can fail")]
 #![expect(clippy::must_use_candidate, reason = "types that must not be dropped at once say so")]
-// Those macros panic when nobody reads the output; `cli::output` has replacements.
+// Those macros panic when nobody reads the output; `swarmbench_terminal` has replacements.
 #![warn(clippy::print_stdout, clippy::print_stderr)]
+
+#[cfg(feature = "cli")]
+#[macro_use]
+extern crate swarmbench_terminal;
 
 pub mod budget;
 #[cfg(feature = "cli")]
@@ -32,7 +35,6 @@ pub mod competitions;
 pub mod dataset;
 pub mod episode;
 pub mod fair;
-pub mod fill;
 pub mod host;
 pub mod hosted;
 pub mod http;
@@ -40,7 +42,7 @@ pub mod ids;
 pub mod keys;
 pub mod measure;
 pub mod membership;
-mod migrations;
+pub mod migrations;
 pub mod pages;
 pub mod replay;
 pub mod run;

@@ -36,12 +36,12 @@ const POSTGRES: [(i64, &str, &str); 5] = [
 ];
 
 /// Migrations of SQLite, oldest first.
-pub(crate) fn sqlite() -> Migrator {
+pub fn sqlite() -> Migrator {
     migrator(&SQLITE)
 }
 
 /// Migrations of PostgreSQL, oldest first.
-pub(crate) fn postgres() -> Migrator {
+pub fn postgres() -> Migrator {
     migrator(&POSTGRES)
 }
 

@@ -27,7 +27,6 @@ const ORDER: &[&str] = &[
     "competitions",
     "standings",
     "dataset",
-    "fill",
     "membership",
     "http",
     "server",
@@ -115,6 +114,15 @@ fn every_module_has_its_place() {
         .filter(|name| name != "lib")
         .collect();
     assert_eq!(found, known);
+}
+
+/// A load test measures the server from outside: it would share what is slow in it.
+#[test]
+fn a_load_test_shares_no_code_with_the_server() {
+    for file in files(&root().join("crates/bench/src/load")) {
+        let text = fs::read_to_string(&file).expect("a source file");
+        assert!(!text.contains("swarmbench::"), "{} names the server", file.display());
+    }
 }
 
 #[test]
@@ -246,12 +254,12 @@ fn every_limit_that_is_named_is_in_the_table() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// Whatever the program prints passes one module, which escapes what a terminal would obey; logs are written by another.
+/// Whatever the program prints passes `crates/terminal`, which escapes what a terminal would obey; logs are written by `telemetry`.
 #[test]
 fn printing_has_one_place() {
     let mut wrong = Vec::new();
     for file in files(&root().join("src")) {
-        if ["src/cli/output.rs", "src/telemetry.rs"].iter().any(|home| file.ends_with(home)) {
+        if file.ends_with("src/telemetry.rs") {
             continue;
         }
         let text = fs::read_to_string(&file).expect("a source file");

@@ -160,7 +160,7 @@ pub(super) async fn run_cross_play(args: CrossPlayArgs) -> anyhow::Result<()> {
 
 fn show(board: &Leaderboard) {
     // Output to a file or a pipe has lines of any length.
-    let width = terminal_size::terminal_size().map_or(u16::MAX, |(width, _)| width.0);
+    let width = output::width();
     let Leaderboard { suite, digest, rules, pick, sort, .. } = board;
     out!("{suite}@{digest}, rules {rules}, {pick} run of each, by {sort}");
     if board.items.is_empty() {

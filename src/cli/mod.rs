@@ -1,13 +1,8 @@
 //! Command line, with one file per command.
 
-#[macro_use]
-mod output;
-
-mod arguments;
 mod audit;
 mod backup;
 mod board;
-mod capacity;
 mod clock;
 mod competition;
 mod completions;
@@ -22,14 +17,15 @@ mod import;
 mod journals;
 mod key;
 mod leaderboard;
-mod loadtest;
 mod man;
 mod mcp;
 mod metrics;
 mod migrate;
+mod moved;
 mod no_match;
 mod openapi;
 mod options;
+mod output;
 mod pages;
 mod partial;
 mod play;
@@ -42,6 +38,7 @@ mod verify;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use swarmbench_terminal::arguments;
 
 /// SwarmBench measures over HTTP whether language models can act as a swarm.
 #[derive(Debug, Parser)]
@@ -106,11 +103,6 @@ enum Command {
     Figure(Box<figure::Args>),
     /// Import games in the data format of the public toolkit.
     Import(import::Args),
-    /// Load test your own server, and compare it with minimal programs on the same machine.
-    Loadtest(Box<loadtest::Args>),
-    /// Make a large database, and measure a server on it.
-    #[command(subcommand)]
-    Capacity(capacity::Command),
     /// Print the OpenAPI document of the server.
     Openapi(openapi::Args),
     /// Fail if a server does not answer.
@@ -123,7 +115,10 @@ enum Command {
 
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
-    let cli = arguments::parse();
+    if let Some(code) = moved::answer(std::env::args_os().nth(1)) {
+        return code;
+    }
+    let cli: Cli = arguments::parse();
     let result = match cli.command {
         Command::Eval(args) => return output::code(with_runtime(eval::run(*args))),
         Command::Demo(args) => with_runtime(demo::run(args)),
@@ -147,12 +142,10 @@ pub fn main() -> ExitCode {
         Command::Replay(args) => with_runtime(replay::run(args)),
         Command::Figure(args) => with_runtime(figure::run(*args)),
         Command::Import(args) => with_runtime(import::run(args)),
-        Command::Loadtest(args) => with_runtime(loadtest::run(*args)),
-        Command::Capacity(command) => with_runtime(capacity::run(command)),
         Command::Openapi(args) => openapi::run(&args),
         Command::Healthcheck(args) => with_runtime(healthcheck::run(args)),
-        Command::Completions(args) => completions::run(&args, arguments::command()),
-        Command::Man(args) => man::run(&args, arguments::command()),
+        Command::Completions(args) => completions::run(&args, arguments::command::<Cli>()),
+        Command::Man(args) => man::run(&args, arguments::command::<Cli>()),
     };
     output::code(result.map(|()| ExitCode::SUCCESS))
 }
@@ -179,5 +172,37 @@ fn asked_to_stop() -> impl Future<Output = ()> {
             () = received(interrupted) => {}
             () = received(terminated) => {}
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use arguments::{command, in_words};
+
+    #[test]
+    fn all_commands_are_well_formed() {
+        command::<Cli>().debug_assert();
+    }
+
+    #[test]
+    fn errors_name_what_is_expected() {
+        for (args, expected) in [
+            (
+                &["play", "--task", "foraging", "--seed", "x"][..],
+                "'--seed <SEED>': must be a whole number\n",
+            ),
+            (&["audit", "--limit", "-1"], "must be a whole number, 0 or more"),
+            (&["audit", "--limit", "99999999999999999999"], "it is out of range"),
+            (&["eval", "--noise", "much"], "must be a number"),
+        ] {
+            let args = [&["swarmbench"], args].concat();
+            let error = command::<Cli>().try_get_matches_from(args).expect_err("it is wrong");
+            let said = in_words(error).to_string();
+            assert!(said.contains(expected), "{said}");
+        }
+        assert!(
+            command::<Cli>().try_get_matches_from(["swarmbench", "demo", "--seed", "-1"]).is_ok()
+        );
     }
 }

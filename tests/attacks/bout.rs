@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 use swarmbench_clock::{Clock, SystemClock, after};
-use swarmbench_loadtest::latencies::Spread;
+use swarmbench_testkit::latencies::Spread;
 use swarmbench_testkit::program::{Server, Site, program};
 use tokio::sync::{mpsc, watch};
 use tokio::time::{sleep, timeout};

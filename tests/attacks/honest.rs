@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use serde::Deserialize;
 use serde_json::{Value, json};
-use swarmbench_loadtest::latencies::{Latencies, Spread};
+use swarmbench_testkit::latencies::{Latencies, Spread};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval, sleep};

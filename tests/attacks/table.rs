@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use swarmbench_loadtest::latencies::Spread;
+use swarmbench_testkit::latencies::Spread;
 
 use crate::attacks::attackers::{Attack, CPU_SHARE};
 use crate::attacks::bout::{Outcome, Phase, Setting};

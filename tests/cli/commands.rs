@@ -44,7 +44,7 @@ use Shows::{Facts, List, Other};
 /// The arguments of a command, made anew for each time it is run.
 type Arguments = fn(&Site) -> Vec<String>;
 
-const CASES: [(&str, Shows, Arguments); 69] = [
+const CASES: [(&str, Shows, Arguments); 66] = [
     ("demo", Facts, |site| words("--exit --db", [site.new_file("demo.db")])),
     ("serve", Other("runs until it is stopped"), |_| words("--addr no-address", [])),
     ("key create", Facts, |site| words("--name somebody --server", [site.base()])),
@@ -127,9 +127,6 @@ const CASES: [(&str, Shows, Arguments); 69] = [
     ("figure sensitivity", Other("writes a figure"), |site| site.figure("--x seed --lines model")),
     ("figure board", Other("writes a figure"), |site| site.figure("")),
     ("import", Facts, |site| words("--db", [site.new_file("imports.db"), site.exported()])),
-    ("loadtest", Facts, |_| words("obs --turn 0.05 --turns 1 --connections 1", [])),
-    ("capacity fill", Facts, |site| words("--episodes 100 --db", [site.new_file("filled.db")])),
-    ("capacity measure", Facts, |site| words("--reads 4 --db", [site.copy()])),
     ("openapi", Other("is JSON"), |_| Vec::new()),
     ("healthcheck", Facts, |_| Vec::new()),
 ];

@@ -1,6 +1,5 @@
 //! The command line, run as its user runs it.
 
-mod capacity;
 mod commands;
 mod mcp;
 mod migrate;
@@ -8,16 +7,12 @@ mod migrate;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
-use swarmbench_testkit::needs;
 
 use serde_json::{Value, json};
-use swarmbench::server::{Parts, Server};
 use swarmbench_boards::competition::export::{Line, Writer};
 use swarmbench_boards::competition::sealed::Sealed;
 use swarmbench_journal::chain::Head;
 use swarmbench_protocol::suite::SuiteSettings;
-use tokio::net::TcpListener;
-use tokio::sync::oneshot;
 
 fn swarmbench(args: &[&str]) -> Output {
     Command::new(swarmbench_testkit::program::program())
@@ -74,8 +69,6 @@ fn errors_say_what_to_do_next() {
             ],
             "swarmbench key create",
         ),
-        (&["loadtest", "--server", "http://127.0.0.1:1"], "does a server run there?"),
-        (&["loadtest", "--server", "https://localhost"], "http://127.0.0.1:8080"),
         (&["verify", "no-such-file.jsonl"], "no-such-file.jsonl"),
         (&["verify", "Cargo.toml"], "line 1: not a line of a journal"),
         (&["verify", "-", "--head", "12"], "64 hexadecimal digits"),
@@ -394,8 +387,6 @@ fn help_teaches() {
         "eval",
         "verify",
         "backup",
-        "loadtest",
-        "capacity",
         "openapi",
         "healthcheck",
     ] {
@@ -680,137 +671,13 @@ async fn tokens_are_shown_once_and_nowhere_else() {
     }
 }
 
-/// Runs the command on a server of its own.
-fn on_a_server(args: &[&str]) -> Output {
-    let folder = tempfile::tempdir().expect("a folder");
-    let runtime = tokio::runtime::Runtime::new().expect("a runtime");
-    let db = folder.path().join("test.db");
-    let server = runtime.block_on(Server::open(&db, Parts::default())).expect("a server");
-    let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).expect("a port");
-    let base = format!("http://{}", listener.local_addr().expect("an address"));
-    let (stop, stopped) = oneshot::channel::<()>();
-    let serving = runtime.spawn(server.run(listener, async { drop(stopped.await) }));
-    let dir = folder.path().display().to_string();
-    let output = swarmbench(&[args, &["--server", &base, "--dir", &dir]].concat());
-    drop(stop);
-    runtime.block_on(serving).expect("it ran").expect("it stopped in good order");
-    output
-}
-
-fn report(output: &Output) -> Value {
-    let shown = text(&output.stdout);
-    serde_json::from_str(&shown).unwrap_or_else(|_| panic!("{shown} {}", text(&output.stderr)))
-}
-
 #[test]
-fn a_load_test_measures_everything() {
-    let small = [
-        "loadtest",
-        "all",
-        "--json",
-        "--turn",
-        "0.05",
-        "--turns",
-        "2",
-        "--connections",
-        "3",
-        "--writers",
-        "2",
-        "--episodes",
-        "1,13",
-        "--rounds",
-        "2",
-        "--connections-max",
-        "150",
-        "--polls",
-        "8",
-        "--seats",
-        "4",
-        "--slow-connections",
-        "16",
-        "--slow-time",
-        "0.2",
-    ];
-    let output = on_a_server(&small);
-    let report = report(&output);
-    assert!(output.status.success(), "{report}");
-    let number = |path: &str| {
-        let found = report.pointer(path).unwrap_or_else(|| panic!("{path} is missing in {report}"));
-        found.as_f64().unwrap_or_else(|| panic!("{path} is {found}"))
-    };
-    for path in [
-        "/obs/ratio",
-        "/obs/server/per_s",
-        "/obs/bare/per_s",
-        "/acts/0/ratio",
-        "/acts/1/ratio",
-        "/polls/memory_held_bytes",
-        "/slow/during/looked/count",
-    ] {
-        assert!(number(path) > 0.0, "{path} in {report}");
+fn a_command_that_has_moved_names_its_successor() {
+    for command in ["loadtest", "capacity"] {
+        let output = swarmbench(&[command, "--help"]);
+        assert_eq!(output.status.code(), Some(2));
+        let said = text(&output.stderr);
+        let successor = format!("cargo run --release -p swarmbench-bench -- {command} …\n");
+        assert!(said.ends_with(&successor) && said.lines().count() == 1, "{said}");
     }
-    // One act and one round at least are in a commit that resolves one.
-    assert!(number("/acts/0/entries_per_commit") >= 1.0, "{report}");
-    for (path, value) in [
-        ("/obs/answers/errors", 0.0),
-        ("/play/0/ended", 1.0),
-        ("/play/0/acknowledged/count", 24.0),
-        // Too few connections for a seat each.
-        ("/play/1/acknowledged/count", 26.0),
-        ("/play/1/ended", 13.0),
-        ("/play/1/answers/errors", 0.0),
-        ("/polls/polls", 8.0),
-        ("/polls/counted", 8.0),
-        ("/polls/one_by_one/count", 8.0),
-        ("/polls/all_at_once/count", 8.0),
-        ("/slow/kept/0/clients", 8.0),
-        ("/slow/kept/3/clients", 2.0),
-    ] {
-        assert!((number(path) - value).abs() < 1e-9, "{path} is not {value} in {report}");
-    }
-}
-
-/// A load test of acts, with a database of its own at this address.
-fn acts_into(db: &str) -> Output {
-    let args = ["loadtest", "acts", "--json", "--turn", "0.05", "--turns", "1", "--writers", "1"];
-    on_a_server(&[&args[..], &["--db", db]].concat())
-}
-
-#[test]
-fn a_load_test_refuses_an_engine_that_it_does_not_know() {
-    let refused = acts_into("mysql://me:secret@localhost/games");
-    assert!(!refused.status.success());
-    let why = text(&refused.stderr);
-    assert!(why.contains("postgres://USER@HOST:PORT/DATABASE") && !why.contains("secret"), "{why}");
-}
-
-#[needs(postgres)]
-#[test]
-fn a_load_test_writes_to_the_engine_that_it_is_told() {
-    let output = acts_into(&swarmbench_testkit::postgres::server().expect("a server for tests"));
-    let report = report(&output);
-    assert!(output.status.success(), "{report}");
-    for line in [0, 1] {
-        let acts = &report["acts"][line];
-        assert_eq!(acts["bare_engine"], "PostgreSQL", "{report}");
-        for rate in ["bare_acts_per_s", "bare_server_acts_per_s"] {
-            assert!(acts[rate].as_f64().is_some_and(|rate| rate > 0.0), "{rate} in {report}");
-        }
-    }
-}
-
-#[test]
-fn a_load_test_that_meets_errors_fails_and_shows_them() {
-    let args = ["loadtest", "play", "--json", "--episodes", "2", "--key", "nobody"];
-    let output = on_a_server(&args);
-    assert!(!output.status.success());
-    assert!(
-        text(&output.stderr).contains("2 episodes were not played"),
-        "{}",
-        text(&output.stderr)
-    );
-    let report = report(&output);
-    let answers = &report["play"][0]["answers"];
-    assert_eq!(answers["errors"], 2, "{report}");
-    assert!(answers["samples"][0].as_str().is_some_and(|text| text.contains("401")), "{report}");
 }

@@ -3,10 +3,10 @@
 
 use std::sync::LazyLock;
 
-use ab_glyph::{Font, FontRef, PxScale, point};
+use ab_glyph::{Font, FontRef, OutlineCurve, PxScale, point};
 
 /// The font file. Its licence is beside it.
-pub static FILE: &[u8] = include_bytes!("../assets/DejaVuSans.ttf");
+static FILE: &[u8] = include_bytes!("../assets/DejaVuSans.ttf");
 
 /// The name of the font.
 pub const FAMILY: &str = "DejaVu Sans";
@@ -26,8 +26,14 @@ pub fn advance(c: char, size: f64) -> f64 {
     f64::from(FONT.h_advance_unscaled(FONT.glyph_id(c))) * size / units()
 }
 
-fn units() -> f64 {
+/// Units of the font in a size.
+pub(crate) fn units() -> f64 {
     f64::from(FONT.units_per_em().expect("the font is part of the program"))
+}
+
+/// The outline of a character around its origin, in units of the font; y grows upwards. Empty without ink.
+pub(crate) fn outline(c: char) -> Vec<OutlineCurve> {
+    FONT.outline(FONT.glyph_id(c)).map(|outline| outline.curves).unwrap_or_default()
 }
 
 /// A rendered character.

@@ -5,14 +5,15 @@
 mod samples;
 
 use std::collections::BTreeSet;
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-use resvg::usvg::roxmltree::Document;
+use roxmltree::Document;
 use samples::{HOSTILE, all};
 use swarmbench_engine::{Settings, TaskName};
 use swarmbench_figures::frame::{Layout, Moment, Shown, Stage};
-use swarmbench_figures::palette::{Color, OKABE_ITO};
-use swarmbench_figures::scene::{Anchor, Shape};
+use swarmbench_figures::palette::{Color, OKABE_ITO, PAPER};
+use swarmbench_figures::scene::{Anchor, Area, Paint, Scene, Shape};
 use swarmbench_figures::{Canvas, Figure, Film, Gif, font, png, svg};
 use swarmbench_protocol::names::printable;
 
@@ -170,6 +171,34 @@ fn a_png_has_the_size_of_its_scene() {
     assert_eq!([side(16), side(20)].map(|side| side.to_string()), expected);
     let refused = png(&scene, 1000.0).expect_err("too large");
     assert!(refused.to_string().contains("png_pixels_max"), "{refused}");
+}
+
+#[test]
+fn a_png_has_the_colours_of_its_shapes() {
+    let mut scene = Scene::new(8.0, 4.0, "");
+    scene.rect(Area::new(0.0, 0.0, 2.0, 4.0), Paint::fill(Color::BLUE));
+    scene.rect(Area::new(2.0, 0.0, 2.0, 4.0), Paint::veil(Color::BLACK, 0.5));
+    scene.line((4.0, 2.0), (8.0, 2.0), Paint::line(Color::VERMILLION, 2.0));
+    let bytes = png(&scene, 1.0).expect("a small picture");
+    let mut reader = ::png::Decoder::new(Cursor::new(bytes)).read_info().expect("a PNG");
+    let mut pixels = vec![0; reader.output_buffer_size().expect("a small picture")];
+    let info = reader.next_frame(&mut pixels).expect("a picture");
+    assert_eq!((info.width, info.height, info.color_type), (8, 4, ::png::ColorType::Rgb));
+    let pixel = |(x, y): (usize, usize)| &pixels[3 * (8 * y + x)..][..3];
+    let half = |part: u8| part.div_ceil(2);
+    let Color(red, green, blue) = PAPER;
+    for (at, expected) in [
+        ((1, 2), Color::BLUE),
+        ((3, 2), Color(half(red), half(green), half(blue))),
+        ((6, 1), Color::VERMILLION),
+        ((6, 3), PAPER),
+    ] {
+        let Color(red, green, blue) = expected;
+        // A veil may be rounded the other way.
+        let near = |(&a, b): (&u8, u8)| a.abs_diff(b) <= 1;
+        let found = pixel(at);
+        assert!(found.iter().zip([red, green, blue]).all(near), "{at:?}: {found:?}");
+    }
 }
 
 /// The stage of a game of the samples.

@@ -3,7 +3,7 @@
 use comfy_table::Table;
 
 use crate::cli::leaderboard::below;
-use crate::cli::output::{cell, mean, rank, reasons, table, total};
+use crate::cli::output::{self, cell, mean, rank, reasons, table, total};
 use swarmbench_protocol::competition::{
     AttemptSummary, Competition, CompetitionBoard, EntrantContact, EntrantSummary, InvitationCodes,
     InvitationSummary, MemberSummary, OrganizerAction,
@@ -246,7 +246,7 @@ pub(super) fn print_board(board: &CompetitionBoard) {
     }
     out!("{shown}");
     let failing = board.items.iter().map(|row| (row.entrant.name.as_str(), &row.failures));
-    let width = terminal_size::terminal_size().map_or(u16::MAX, |(width, _)| width.0);
+    let width = output::width();
     for reason in reasons(failing, width) {
         out!("{reason}");
     }

@@ -158,7 +158,7 @@ impl Showing {
 
 /// Columns of the terminal; output elsewhere has lines of any length.
 fn terminal_width() -> u16 {
-    terminal_size::terminal_size().map_or(u16::MAX, |(width, _)| width.0)
+    output::width()
 }
 
 /// One-line summary of the evaluation.

@@ -9,7 +9,7 @@ use comfy_table::{CellAlignment, ColumnConstraint, Table};
 
 use super::games::Value;
 use super::leaderboard::{fit, short};
-use super::output::table;
+use super::output::{table, width};
 use text::{latex, markdown, plain};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -101,7 +101,7 @@ impl Showing {
     /// Writes sheets one below the other, followed by notes on all.
     pub(super) fn show(&self, sheets: &[Sheet], notes: &[String]) -> anyhow::Result<()> {
         let width = match &self.output {
-            None => terminal_size::terminal_size().map_or(u16::MAX, |(width, _)| width.0),
+            None => width(),
             Some(_) => u16::MAX,
         };
         let format = if self.json { Format::Json } else { self.format };

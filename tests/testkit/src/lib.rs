@@ -3,9 +3,13 @@
 
 pub mod corners;
 pub mod dice;
+#[cfg(feature = "fuzz")]
 pub mod fuzz;
+pub mod latencies;
 pub mod oracle;
+#[cfg(feature = "servers")]
 pub mod postgres;
+#[cfg(feature = "servers")]
 pub mod program;
 pub mod worlds;
 

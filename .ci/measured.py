@@ -1,0 +1,366 @@
+"""What `.ci/measure` knows of numbers.
+
+    measured.py machine SETTING       prints on which machine it is measured, as JSON
+    measured.py criterion FOLDER      prints the estimates that criterion left there, as JSON
+    measured.py page NAME FOLDER      prints the page NAME of the measurements there
+"""
+
+import datetime
+import json
+import math
+import os
+import platform
+import re
+import statistics
+import subprocess
+import sys
+import textwrap
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+TASKS = ["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"]
+# Goals of the engine, by measurement.
+ROUND_GOALS = {"play": 100_000, "play_and_observe": 30_000}
+FLOCK_GOALS = {"12, 10 × 10": 5e4, "30, 16 × 16": 1e6, "100, 28 × 28": 5e7, "256, 100 × 100": 1e9}
+ROUND_NAMES = {
+    "play": "round and digest",
+    "play_and_observe": "with all observations",
+    "play_and_write": "with all present windows written",
+}
+
+
+def output(*command: str) -> str:
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def machine(setting: str) -> dict[str, object]:
+    """The machine, its other load, and the commit."""
+    processor = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.M)
+    return {
+        "setting": setting,
+        "date": datetime.date.today().isoformat(),
+        "processor": processor[1] if processor else platform.machine(),
+        "cores": len(os.sched_getaffinity(0)),
+        "kernel": f"{platform.system()} {platform.release()}",
+        "rust": output("rustc", "--version").split()[1],
+        "load_average": os.getloadavg()[0],
+        "commit": output("git", "describe", "--always", "--abbrev=10", "--dirty= with changes", "--exclude=*"),
+    }
+
+
+def criterion(folder: Path) -> list[dict[str, object]]:
+    """Each benchmark: its group, function and value, and nanoseconds of one element."""
+    rows = []
+    for path in sorted(folder.glob("**/new/benchmark.json")):
+        about = json.loads(path.read_text())
+        estimates = json.loads(path.with_name("estimates.json").read_text())
+        elements = (about.get("throughput") or {}).get("Elements", 1)
+        rows.append({
+            "group": about["group_id"],
+            "function": about["function_id"],
+            "value": about["value_str"],
+            "ns": estimates["median"]["point_estimate"] / elements,
+        })
+    return rows
+
+
+def count(value: float) -> str:
+    return f"{value:,.0f}"
+
+
+def significant(value: float, digits: int = 2) -> str:
+    places = max(0, digits - 1 - math.floor(math.log10(value))) if value > 0 else 0
+    return f"{value:,.{places}f}"
+
+
+def time(nanoseconds: float | None) -> str:
+    if nanoseconds is None:
+        return ""
+    for unit, size in [("s", 1e9), ("ms", 1e6), ("µs", 1e3)]:
+        if nanoseconds >= 0.9995 * size:
+            return f"{significant(nanoseconds / size)} {unit}"
+    return f"{nanoseconds:.0f} ns"
+
+
+def millis(value: float) -> str:
+    return f"{value / 1e3:.1f} s" if value >= 1000 else f"{value:.0f} ms" if value >= 10 else f"{value:.1f} ms"
+
+
+def micros(value: float | None) -> str:
+    return "" if value is None else f"{value:.1f} µs"
+
+
+def percent(share: float | None) -> str:
+    return "" if share is None else f"{100 * share:.0f} %"
+
+
+def table(headings: Sequence[str], rows: Sequence[Sequence[str]], text: int = 0) -> str:
+    """A Markdown table. All columns except that of texts are numbers."""
+    marks = ["---" if at == text else "---:" for at in range(len(headings))]
+    return "".join(f"| {' | '.join(row)} |\n" for row in [headings, marks, *rows])
+
+
+def about(machine: dict) -> str:
+    """The machine and the method of a measurement."""
+    setting = "" if machine["setting"] == "full" else f" (`SWARMBENCH_MEASURE={machine['setting']}`: few and short turns)"
+    load = machine["load_average"]
+    beside = "" if load < 0.5 else "; **other programs ran beside it**"
+    text = (
+        f"Measured on {machine['date']}{setting}, at commit {machine['commit']}: {machine['processor']}, {machine['cores']} cores, "
+        f"{machine['kernel']}, Rust {machine['rust']}, release profile. Load average before: {load:.1f}{beside}."
+    )
+    return textwrap.fill(text, 128, break_on_hyphens=False)
+
+
+def looks(report: dict) -> str:
+    looks = report["obs"]
+    rows = [
+        [name, count(side["per_s"]), count(side["per_s_min"]), count(side["per_s_max"]), millis(side["latency"]["p50_ms"]),
+         millis(side["latency"]["p99_ms"]), micros(side["cpu_us"])]
+        for name, side in [("server", looks["server"]), ("bare handler", looks["bare"])]
+    ]
+    headings = [
+        f"`GET /obs`, {looks['connections']} connections, {looks['bytes']:,} bytes",
+        "requests a second", "slowest turn", "fastest turn", "p50", "p99", "processor time for one",
+    ]
+    alone = "" if looks["cpu_ratio"] is None else f"; by processor time alone it is {percent(looks['cpu_ratio'])}"
+    return table(headings, rows) + (
+        f"\nThe server answers {percent(looks['ratio'])} as many looks as the bare handler{alone}. Median of "
+        f"{looks['turns']} turns of {looks['turn_s']:g} s.\n"
+    )
+
+
+def acts(report: dict) -> str:
+    headings = ["episodes", "by", "acts a second", "entries a commit", "ack p50", "ack p99", "p99 at half the rate",
+                "processor time an act", "bare writer, acts a second", "of the bare writer",
+                "bare server, acts a second", "of the bare server"]
+    rows = [
+        [count(row["episodes"]), f"`{row['by']}`", count(row["acts_per_s"]), count(row["entries_per_commit"]),
+         millis(row["acknowledged"]["p50_ms"]), millis(row["acknowledged"]["p99_ms"]),
+         millis(row["acknowledged_at_half"]["p99_ms"]), micros(row["cpu_us"]),
+         count(row["bare_acts_per_s"]), percent(row["ratio"]),
+         count(row["bare_server_acts_per_s"]), percent(row["bare_server_ratio"])]
+        for row in report["acts"]
+    ]
+    return table(headings, rows, 1)
+
+
+def grid(report: dict) -> str:
+    headings = ["episodes", "by", "rounds", "to the end", "success", "acts a second", "rounds a second", "ack p50",
+                "ack p99", "wake p50", "wake p99"]
+    rows = [
+        [count(row["episodes"]), f"`{row['by']}`", count(row["rounds"]), count(row["ended"]),
+         percent(row["answers"]["ok"] / max(1, row["answers"]["ok"] + row["answers"]["errors"])), count(row["acts_per_s"]),
+         count(row["rounds_per_s"]), *(millis(row[of][at]) for of in ("acknowledged", "woken") for at in ("p50_ms", "p99_ms"))]
+        for row in report["play"]
+    ]
+    held = sum(row["answers"]["held_back"] for row in report["play"])
+    return table(headings, rows, 1) + f"\n{count(held)} answers were held back.\n"
+
+
+def polls(report: dict) -> str:
+    polls = report["polls"]
+    one, all_, held = polls["one_by_one"], polls["all_at_once"], polls["bytes_per_poll"]
+    row = [
+        f"{polls['polls']:,} on {polls['episodes']:,} episodes of {polls['seats']:,} seats",
+        *(millis(one[at]) for at in ("p50_ms", "p99_ms", "max_ms")), millis(all_["p99_ms"]), millis(all_["max_ms"]),
+        "" if held is None else f"{held / 1000:.1f} kB",
+    ]
+    headings = ["", "one episode after the other: p50", "p99", "max", "all at once: p99", "max", "memory for each"]
+    return table(headings, [row])
+
+
+KINDS = {
+    "head": "a byte of a head now and then",
+    "body": "a byte of a body now and then",
+    "silent": "nothing at all",
+    "unread": "a request a second, and read no answer",
+}
+
+
+def slow(report: dict) -> str:
+    slow = report["slow"]
+    kept = [
+        [KINDS.get(kind["kind"], kind["kind"]), count(kind["clients"]),
+         "all" if kind["closed_within_15_s"] >= kind["clients"] else count(kind["closed_within_15_s"]),
+         count(kind["open_after_15_s"]), f"{kind['longest_s']:.1f} s"]
+        for kind in slow["kept"]
+    ]
+    honest = [
+        [name, *(millis(side[of][at]) for of in ("acknowledged", "looked") for at in ("p50_ms", "p99_ms"))]
+        for name, side in [("alone", slow["before"]), ("beside slow ones", slow["during"])]
+    ]
+    headings = ["they send", "clients", "closed within 15 s", "still open after 15 s", "longest connection"]
+    return (
+        f"{count(slow['clients'])} at once for {slow['seconds']:g} s:\n\n" + table(headings, kept) + "\n"
+        + table(["honest clients", "act p50", "act p99", "look p50", "look p99"], honest)
+        + f"\nThe p99 of acts grew {slow['acknowledged_factor']:.2f} times, that of looks {slow['looked_factor']:.2f} times.\n"
+    )
+
+
+def rounds(rows: list[dict]) -> str:
+    """Rounds per second: one line per task, one column per way of playing."""
+    speeds = {(row["group"], row["function"]): 1e9 / row["ns"] for row in rows}
+    found = {way for way, _ in speeds}
+    ways = [*(way for way in ROUND_NAMES if way in found), *sorted(found - set(ROUND_NAMES))]
+    cell: Callable[[float | None], str] = lambda speed: "" if speed is None else count(round(speed, -3))
+    lines = [[task, *(cell(speeds.get((way, task))) for way in ways)] for task in TASKS]
+    medians = [statistics.median(speed for (of, _), speed in speeds.items() if of == way) for way in ways]
+    lines.append(["**median**", *(f"**{cell(median)}**" for median in medians)])
+    lines.append(["goal", *(cell(ROUND_GOALS.get(way)) for way in ways)])
+    return table(["task", *(ROUND_NAMES.get(way, way.replace("_", " ")) for way in ways)], lines)
+
+
+def by_size(rows: list[dict], prefix: str, order: Sequence[str], corner: str, goals: dict[str, float]) -> str:
+    """Times: a line for agents and map, a column for each group below `prefix`."""
+    size: Callable[[dict], tuple[int, int]] = lambda row: (int(row["function"]), int(row["value"].partition("x")[0]))
+    rows = [row for row in rows if row["group"].startswith(f"{prefix}/")]
+    times = {(size(row), row["group"].removeprefix(f"{prefix}/")): row["ns"] for row in rows}
+    found = {group for _, group in times}
+    groups = [*(group for group in order if group in found), *sorted(found - set(order))]
+    lines = []
+    for agents, side in sorted({size for size, _ in times}):
+        name = f"{agents:,}, {side} × {side}"
+        goal = [time(goals.get(name))] if goals else []
+        lines.append([name, *(time(times.get(((agents, side), group))) for group in groups), *goal])
+    if prefix.startswith("growth"):
+        sizes = sorted({size for size, _ in times})
+        least, most = sizes[0], next(size for size in sizes if size[0] == sizes[-1][0])
+        name = f"{least[0]:,} → {most[0]:,} agents (× {most[0] / least[0]:.0f})"
+        factors = [(times.get((least, group)), times.get((most, group))) for group in groups]
+        lines.append([name, *(f"× {after / before:.0f}" if before and after else "" for before, after in factors)])
+    return table([corner, *groups, *(["goal (random)"] if goals else [])], lines)
+
+
+def growth(rows: list[dict]) -> str:
+    text = by_size(rows, "growth", TASKS, "agents, map", {})
+    if any(row["group"].startswith("growth_windows/") for row in rows):
+        text += "\nThe same with all present windows written into buffers, in the place of the observations:\n\n"
+        text += by_size(rows, "growth_windows", TASKS, "agents, map", {})
+    return text
+
+
+def size(number: float) -> str:
+    for unit, bytes_ in [("GiB", 2**30), ("MiB", 2**20), ("KiB", 2**10)]:
+        if number >= bytes_:
+            return f"{number / bytes_:.2f} {unit}"
+    return f"{number:.0f} B"
+
+
+def seconds(value: float) -> str:
+    return f"{value:.0f} s" if value >= 10 else f"{value:.1f} s"
+
+
+def memory(value: float | None) -> str:
+    return "" if value is None else f", {size(value)} of memory"
+
+
+def filled(report: dict) -> list[list[str]]:
+    """The database, and a server's start on it."""
+    filled, measured = report["filled"], report["measured"]
+    return [
+        ["games, of runs", f"{count(filled['episodes'])}, of {count(filled['runs'])}"],
+        ["the database", f"{size(filled['bytes'])}: {count(filled['bytes'] / max(1, filled['episodes']))} bytes a game"],
+        ["made in", seconds(filled["seconds"])],
+        ["start until ready", millis(measured["ready_ms"])],
+        ["first read of the leaderboard", millis(measured["first_board_ms"])],
+        ["memory of the server, at most", size(measured["server_memory_bytes"] or 0)],
+        *published(measured.get("competition")),
+    ]
+
+
+def published(file: dict | None) -> list[list[str]]:
+    """The export of a competition, and its verification."""
+    if file is None:
+        return []
+    export, verified = file["export_seconds"], file["verify_seconds"]
+    return [
+        ["export of a competition", f"{count(file['games'])} games, {size(file['export_bytes'])} in {seconds(export)}: "
+         f"{size(file['export_bytes'] / export)} a second"],
+        ["its verification", f"{count(file['rounds'])} rounds in {seconds(verified)}: {count(file['rounds'] / verified)} a second"
+         f"{memory(file['verify_memory_bytes'])}"],
+    ]
+
+
+def capacity(report: dict) -> str:
+    measured = report["measured"]
+    rebuilt = measured["rebuild"]
+    facts = filled(report) + [
+        ["board rebuild", f"{count(rebuilt['results'])} results in {seconds(rebuilt['seconds'])}{memory(rebuilt['memory_bytes'])}"]]
+    reads = measured["reads"]
+    rows = [
+        [line["read"], count(line["different"]), millis(line["first"]["max_ms"]), millis(line["latency"]["p50_ms"]),
+         millis(line["latency"]["p99_ms"])]
+        for line in reads["lines"]
+    ]
+    heading = f"read, {reads['clients']} clients at once, {count(reads['requests'])} times"
+    return table(["on that database", ""], facts) + "\n" + table([heading, "different", "first: max", "later: p50", "p99"], rows)
+
+
+def competition(report: dict) -> str:
+    read = report["measured"]["while_games_end"]
+    spread: Callable[[dict], list[str]] = lambda of: [millis(of[at]) for at in ("p50_ms", "p99_ms", "max_ms")]
+    rows = [
+        [f"{line['by']}: {line['read']}{'' if line['is_page'] else ', whole'}", count(line["latency"]["count"]), *spread(line["latency"])]
+        for line in read["lines"]
+    ]
+    rows.append(["a player: receipt of a round", count(read["acted"]["count"]), *spread(read["acted"])])
+    about = (
+        f"{read['ended_per_s']:.1f} games a second ended, {read['readers']} readers at once for {seconds(read['seconds'])}.\n\n"
+    )
+    return table(["on that database", ""], filled(report)) + "\n" + about + table(
+        ["who reads what", "reads", "p50", "p99", "max"], rows)
+
+
+# The sections of each page: heading, measurement, and its text.
+Section = tuple[str, str, Callable[[dict], str]]
+PAGES: dict[str, tuple[str, str, list[Section]]] = {
+    "load": ("The server under load", "[The load test](../operate/load.md) says what the columns mean.", [
+        ("Looks", "obs", looks),
+        ("Durable acts", "acts", acts),
+        ("Games at once", "play", grid),
+        ("Requests that wait, on episodes of 12 seats", "polls", polls),
+        ("Requests that wait, on episodes of 1,000 seats", "crowd", polls),
+        ("Slow clients", "slow", slow),
+    ]),
+    "engine": ("The engine", "[Benchmarks of the engine](../develop/benchmarks.md) says what is measured.", [
+        ("Rounds a second", "rounds", rounds),
+        ("The cost of a flock", "flocking", lambda rows: by_size(rows, "distance",
+         ["random", "corner", "crowds", "diagonal", "nearly formed"], "agents, map", FLOCK_GOALS)),
+        ("Growth", "growth", growth),
+    ]),
+    "capacity": ("A million episodes", "[The load test](../operate/load.md#large-databases) says what is measured.", [
+        ("The server on a large database", "capacity", capacity),
+    ]),
+    "competition": ("A competition of a million attempts", "[The load test](../operate/load.md#large-databases) says what is measured.", [
+        ("Its pages while games end", "competition", competition),
+    ]),
+    "boards": ("Boards", "[The load test](../operate/load.md#boards) says what is measured.", []),
+}
+
+
+def page(name: str, folder: Path) -> str:
+    title, explained, sections = PAGES[name]
+    parts = [f"# {title}", f"Written by `.ci/measure {name}`. {explained}"]
+
+    def machine_of(file: str) -> str:
+        return about(json.loads((folder / f"{file}.machine").read_text()))
+
+    for heading, measured, make in sections:
+        if (file := folder / f"{measured}.json").exists():
+            parts += [f"## {heading}", machine_of(file.name), make(json.loads(file.read_text())).rstrip()]
+    if name == "boards":
+        parts += [machine_of("boards.md"), (folder / "boards.md").read_text().rstrip()]
+    return "\n\n".join(parts) + "\n"
+
+
+if __name__ == "__main__":
+    match sys.argv[1:]:
+        case ["machine", setting]:
+            print(json.dumps(machine(setting), indent=1))
+        case ["criterion", folder]:
+            print(json.dumps(criterion(Path(folder)), indent=1))
+        case ["page", name, folder]:
+            print(page(name, Path(folder)), end="")
+        case _:
+            raise SystemExit(__doc__)
