@@ -255,7 +255,7 @@ def growth(rows: list[dict]) -> str:
 
 
 def chart(reports: dict) -> str:
-    """Lines `group, label, value, limit, text`, for the example `bars` of crates/figures."""
+    """Lines `group, label, value, limit, text`, for the example `bars` of crates/replay."""
     lines = []
     if (obs := reports.get("obs")) is not None:
         looks = obs["obs"]

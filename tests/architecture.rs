@@ -17,7 +17,6 @@ const ORDER: &[&str] = &[
     "telemetry",
     "work",
     "budget",
-    "replay",
     "store",
     "episode",
     "measure",

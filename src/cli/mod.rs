@@ -11,11 +11,9 @@ mod capacity;
 mod clock;
 mod competition;
 mod completions;
-mod correlations;
 mod demo;
 mod eval;
 mod export;
-mod figure;
 mod games;
 mod healthcheck;
 mod import;
@@ -27,6 +25,7 @@ mod man;
 mod mcp;
 mod metrics;
 mod migrate;
+mod moved;
 mod no_match;
 mod openapi;
 mod options;
@@ -87,8 +86,6 @@ enum Command {
     CrossPlay(leaderboard::CrossPlayArgs),
     /// Make tables from any games: those of the paper, or others.
     Table(Box<table::Args>),
-    /// Show how metrics of games correlate with their scores.
-    Correlations(Box<correlations::Args>),
     /// Rebuild the results that boards show from the journals.
     #[command(subcommand)]
     Board(board::Command),
@@ -100,10 +97,8 @@ enum Command {
     Migrate(migrate::Args),
     /// Export episodes in the data format of the public toolkit, or as tables.
     Export(export::Args),
-    /// Draw a game, round by round: as an animated GIF, as video, or as pictures.
+    /// Draw a game: round by round as an animated GIF, as video or as pictures, or some of its moments side by side.
     Replay(replay::Args),
-    /// Draw figures of many games: scores, dynamics, boards.
-    Figure(Box<figure::Args>),
     /// Import games in the data format of the public toolkit.
     Import(import::Args),
     /// Load test your own server, and compare it with minimal programs on the same machine.
@@ -123,6 +118,9 @@ enum Command {
 
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
+    if let Some(code) = moved::answer(std::env::args_os()) {
+        return code;
+    }
     let cli = arguments::parse();
     let result = match cli.command {
         Command::Eval(args) => return output::code(with_runtime(eval::run(*args))),
@@ -138,14 +136,12 @@ pub fn main() -> ExitCode {
         Command::Leaderboard(args) => with_runtime(leaderboard::run(args)),
         Command::CrossPlay(args) => with_runtime(leaderboard::run_cross_play(args)),
         Command::Table(args) => with_runtime(table::run(*args)),
-        Command::Correlations(args) => with_runtime(correlations::run(*args)),
         Command::Board(command) => with_runtime(board::run(command)),
         Command::Metrics(args) => with_runtime(metrics::run(args)),
         Command::Backup(args) => with_runtime(backup::run(args)),
         Command::Migrate(args) => with_runtime(migrate::run(args)),
         Command::Export(args) => with_runtime(export::run(args)),
         Command::Replay(args) => with_runtime(replay::run(args)),
-        Command::Figure(args) => with_runtime(figure::run(*args)),
         Command::Import(args) => with_runtime(import::run(args)),
         Command::Loadtest(args) => with_runtime(loadtest::run(*args)),
         Command::Capacity(command) => with_runtime(capacity::run(command)),
