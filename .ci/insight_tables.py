@@ -1,7 +1,6 @@
-"""Writes the tables of docs/evaluate/insight.md between their marks, and docs/measured/embedders.md; see `.ci/insight`."""
+"""Writes docs/measured/insight.md, and two figures of docs/evaluate/insight.md; see `.ci/insight`."""
 
 import datetime
-import os
 import re
 import subprocess
 import sys
@@ -15,7 +14,7 @@ from swarmseat import analysis
 from swarmseat.analysis.metrics import COMMUNICATION, TWELVE
 from swarmseat.analysis.statistics import benjamini_hochberg, is_constant
 
-PAGES = Path(__file__).resolve().parent.parent / "docs" / "evaluate"
+DOCS = Path(__file__).resolve().parent.parent / "docs"
 SHORT = re.compile("^built-in/")
 
 
@@ -46,25 +45,6 @@ def lines(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     numeric = [all(re.match(r"(< |-)?[\d.]|$", row[at]) for row in rows) for at in range(len(headings))]
     marks = ["---:" if right else "---" for right in numeric]
     return "".join(f"| {' | '.join(row)} |\n" for row in [headings, marks, *rows])
-
-
-def put(page: str, name: str, table: str) -> None:
-    path = PAGES / page
-    before, begin, rest = path.read_text().partition(f"<!-- {name} -->\n")
-    _, end, after = rest.partition(f"<!-- end of {name} -->")
-    if not end:
-        raise SystemExit(f"{page} has no place for the table {name}")
-    path.write_text(f"{before}{begin}\n{table}\n{end}{after}")
-
-
-def measured(name: str, title: str, text: str) -> None:
-    """Writes a page of measurements, with its date and commit."""
-    describe = ["git", "describe", "--always", "--abbrev=12", "--dirty= with changes", "--exclude=*"]
-    commit = subprocess.run(describe, capture_output=True, text=True, check=True).stdout.strip()
-    made = (
-        f"Written by `.ci/insight` on {datetime.date.today()}, of the commit {commit}, on {os.cpu_count()} processors."
-    )
-    (PAGES.parent / "measured" / f"{name}.md").write_text(f"# {title}\n\n{made}\n\n{text}")
 
 
 CORRELATION = ["r", "p", "q", "interval", "by models", "Spearman", "players", "n"]
@@ -263,38 +243,104 @@ def edits(table: pd.DataFrame) -> str:
     return lines(["", "ρ, rounds", "r", "n", "ρ, several texts", "r", "n", "ρ, games", "r", "n"], rows)
 
 
-ABOUT_EDITS = (
-    "560 games: the seven built-in players that speak, on the layouts 0 to 79. ρ is Spearman's rank correlation, r\n"
-    "Pearson's, n the number of rounds or of games (means over their rounds)."
-)
+SECTIONS = {
+    "The sample": """
+480 games: 24 pairs of a task and a player, on the layouts 0 to 19 in the standard setting (12 agents, 10 × 10 cells, windows of 5 × 5,
+100 rounds, decentralized, rules `paper`), with another player seed for each layout.
+""",
+    "Correlations": """
+The metric with the largest |r| with the score of each task, among the eight physical metrics and among the four of
+communication. q is over the twelve of the task. The interval is Fisher's; *by models* is that of a bootstrap that draws players with
+all their games, which needs five of them.
+""",
+    "Correlations within players": """
+The same if the mean of each player is taken from its metrics and its scores. Players in whose games the metric or the score never
+changes are left out; p counts a degree of freedom for each player.
+""",
+    "Physical metrics against communication": """
+R² of each block alone, its Shapley share of the R² of both, and the F test of the block given the other. *Left out* is R² for the
+games of players that were left out of the fit, first of the block, then of both. By the definition `toolkit`, where a silent game has
+zeros:
+""",
+    "The same for players that speak": """
+By the definition `paper`.
+""",
+    "Failure modes": """
+The paper's explanations of failures, each in its task. It reports r = -0.668 (Pursuit), -0.185 (Synchronization) and -0.309
+(Foraging) over language models. q is over the table.
+""",
+    "Convergence": """
+Whether games in which messages become more alike score more.
+""",
+    "Convergence by player": """
+The same over the games of a player.
+""",
+    "Attribution of actions": """
+A random forest predicts each next action from others' messages, the agent's own last act and message, and what it sees. An
+importance is by how much its F1 falls where a block is permuted. 4,000 acts of each player, drawn from all 20 games; 300 trees, five
+folds of whole games, 10 permutations.
+""",
+    "A player with and without messages": """
+`map-in-silence` is `map-and-carry` without messages. On the same layouts, with the same player seeds:
+""",
+    "Keywords": """
+Words without stop words and numbers.
+""",
+    "hash-1 and edit similarity": """
+560 games: the seven built-in players that speak, on the layouts 0 to 79. ρ is Spearman's rank correlation of homogeneity and edit
+consistency, r Pearson's, n the number of rounds or of games (means over their rounds).
+""",
+}
+"""What each table shows, by the heading of its section."""
+
+
+HEAD = """# Games of built-in players, analysed
+
+Written by `.ci/insight` on {date}, of the commit {commit}, metrics of revision {revision}, text vectors of `{embedder}`. Players and layouts
+follow from their seeds, so the games are the same on every machine. [What can be read from these tables](../evaluate/insight.md), and
+what cannot.
+"""
+
+
+def write(games: analysis.Games, tables: Sequence[str]) -> None:
+    """Writes the page: the tables in the order of `SECTIONS`."""
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], check=True, capture_output=True, text=True).stdout
+    first = games.episodes.iloc[0]
+    head = HEAD.format(
+        date=datetime.datetime.now(datetime.timezone.utc).date(),
+        commit=commit.strip(),
+        revision=first["metrics_revision"],
+        embedder=first["embedder"],
+    )
+    parts = [f"\n## {title}\n{text}\n{table}" for (title, text), table in zip(SECTIONS.items(), tables, strict=True)]
+    (DOCS / "measured" / "insight.md").write_text(head + "".join(parts))
 
 
 def main(folder: Path) -> None:
     games, spoken = analysis.load(folder / "games"), analysis.load(folder / "spoken")
     speaking = games.episodes.loc[games.episodes["message_length"].notna(), "model"].unique().tolist()
     attribution = pd.read_csv(folder / "report" / "tables" / "attribution.csv")
-    tables = {
-        "players": between(games),
-        "top metrics": tops(analysis.correlations(games)),
-        "within players": within(games),
-        "silence as zero": shares(analysis.blocks(games, definition="toolkit")),
-        "those who speak": shares(analysis.blocks(games.where(model=speaking))),
-        "failure modes": listed(analysis.failure_modes(games), "task", "metric"),
-        "convergence": listed(analysis.convergence_by_task(games).dropna(subset=["r"]), "task", "metric"),
-        "convergence of players": converging(analysis.convergence_by_model(games).dropna(subset=["r"])),
-        "attribution": attributed(attribution),
-        "without messages": without_messages(games, "built-in/map-and-carry", "built-in/map-in-silence"),
-        "keywords": words(analysis.keywords(games)),
-    }
-    for name, table in tables.items():
-        put("insight.md", name, table)
-    measured("embedders", "`hash-1` and edit similarity", f"{ABOUT_EDITS}\n\n{edits(analysis.relate_to_edits(spoken))}")
+    tables = [
+        between(games),
+        tops(analysis.correlations(games)),
+        within(games),
+        shares(analysis.blocks(games, definition="toolkit")),
+        shares(analysis.blocks(games.where(model=speaking))),
+        listed(analysis.failure_modes(games), "task", "metric"),
+        listed(analysis.convergence_by_task(games).dropna(subset=["r"]), "task", "metric"),
+        converging(analysis.convergence_by_model(games).dropna(subset=["r"])),
+        attributed(attribution),
+        without_messages(games, "built-in/map-and-carry", "built-in/map-in-silence"),
+        words(analysis.keywords(games)),
+        edits(analysis.relate_to_edits(spoken)),
+    ]
+    write(games, tables)
     figures = {
         "blocks": analysis.plot_blocks(analysis.blocks(games, definition="toolkit")),
         "attribution": analysis.plot_attribution(attribution),
     }
     for name, figure in figures.items():
-        analysis.save(figure, PAGES / "insight" / f"{name}.png")
+        analysis.save(figure, DOCS / "evaluate" / "insight" / f"{name}.png")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@
 //! - [`competitions`]: runs on seeds that are secret until the end. [`run`]: suites of games for one model.
 //! - [`hosted`]: built-in players that the server plays. [`episode`]: the barrier, the actor that steps the engine, and
 //!   the snapshots that readers share.
-//! - [`replay`]: the states of a replay as they are sent.
 //! - [`store`]: the database; the only place that names sqlx.
 //! - [`fair`], [`work`], [`budget`]: fair shares of scarce resources, worker threads, memory.
 //! - [`host`], [`ids`], [`keys`], [`telemetry`]: what several modules need.
@@ -44,7 +43,6 @@ pub mod measure;
 pub mod membership;
 pub mod migrations;
 pub mod pages;
-pub mod replay;
 pub mod run;
 pub mod server;
 pub mod standings;

@@ -18,7 +18,6 @@ const ORDER: &[&str] = &[
     "telemetry",
     "work",
     "budget",
-    "replay",
     "store",
     "episode",
     "measure",

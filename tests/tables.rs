@@ -1,4 +1,4 @@
-//! Tables and correlations as their users make them: the real program, on exports written by hand.
+//! Tables as their users make them: the real program, on exports written by hand.
 
 use std::fs;
 use std::path::PathBuf;
@@ -147,7 +147,6 @@ fn values_of_two_embedders_never_meet() {
     for args in [
         &["table", "main", "--value", "homogeneity"][..],
         &["table", "--by", "model,embedder", "--value", "homogeneity"],
-        &["correlations", "--metrics", "homogeneity"],
     ] {
         let error = export.refused(args);
         assert!(error.contains("another (1 game), hash-1 (1 game). They are never"), "{error}");
@@ -185,8 +184,6 @@ fn nothing_to_show_is_a_sentence() {
         (&["table", "sampling"], "no game has the column temperature\n"),
         (&["table", "centralized"], "no game has centralized control"),
         (&["table", "noise"], "these games have none"),
-        (&["correlations"], "export them again"),
-        (&["correlations", "--metrics", "seed"], "2 games have both values"),
     ] {
         let error = export.refused(args);
         assert!(error.contains(expected), "{args:?}: {error}");
@@ -236,68 +233,4 @@ fn formulas_of_the_paper() {
     ] {
         assert!(markdown.contains(expected), "{expected} is missing in {markdown}");
     }
-}
-
-#[test]
-fn correlations_tell_how_sure_they_are_and_what_is_undefined() {
-    let mut export = Export::of(Vec::new());
-    for (model, base) in [("a", 0.0), ("b", 2.0), ("c", 5.0)] {
-        for seed in 0..4_u32 {
-            let score = base + f64::from(seed * seed % 5);
-            let other = json!({
-                "pushes": 2.0 * score + f64::from(seed), "stillness": 1.0, "metrics_revision": 1,
-                "digit_share": if seed == 0 { Value::Null } else { json!(-score) },
-            });
-            export.games.push(game("Pursuit", model, seed.into(), score, &other));
-        }
-    }
-    let args = ["correlations", "--metrics", "pushes,stillness,digit_share"];
-    let csv = export.shown(&[&args[..], &["--format", "csv"]].concat());
-    let mut reader = csv::Reader::from_reader(csv.as_bytes());
-    let rows: Vec<csv::StringRecord> = reader.records().map(|row| row.expect("a row")).collect();
-    let cell = |row: usize, name: &str| {
-        let place = csv.lines().next().expect("a header").split(',').position(|one| one == name);
-        rows[row][place.expect("the column")].to_owned()
-    };
-    let number = |row, name| cell(row, name).parse::<f64>().expect("a number");
-    // Three of four games have the last metric, which is the score with the other sign.
-    assert_eq!((number(2, "r"), number(2, "p"), number(2, "n")), (-1.0, 0.0, 9.0));
-    assert_eq!((number(0, "n"), cell(0, "r_stars")), (12.0, "***".to_owned()));
-    // Two of three metrics are tested; the q of the larger p is that p.
-    assert!((number(0, "q") - number(0, "p")).abs() < 1e-15);
-    assert!(number(0, "interval_low") < number(0, "r") && number(0, "by_models_low") > 0.5);
-    assert_eq!(cell(1, "r"), "");
-    let table = export.shown(&args);
-    assert!(table.contains("Pursuit, stillness: it is the same in all 12 games"), "{table}");
-    let matrix = export.shown(&[&args[..], &["--matrix"]].concat());
-    assert!(matrix.contains("each coefficient is over 9 to 12 games"), "{matrix}");
-}
-
-#[test]
-fn figures_are_of_the_same_games_as_tables() {
-    let mut export = Export::of(games("Pursuit", "a", &[1.0, 2.0, 4.0, 3.0, 5.0], &json!({})));
-    export.games.push(game("Pursuit", "a", 99, 50.0, &json!({ "status": "aborted" })));
-    let folder = export.write();
-    let [svg, csv] = ["figure.svg", "figure.csv"].map(|name| folder.join(name));
-    let path = |path: &PathBuf| path.to_str().expect("a path in UTF-8").to_owned();
-    let (out, data) = (path(&svg), path(&csv));
-    export.shown(&["figure", "board", "--out", &out, "--data", &data]);
-    assert_eq!(
-        fs::read_to_string(&csv).expect("numbers"),
-        "model,reference,task,mean,deviation,n\na,false,Pursuit,3,1.4142135623730951,5\n"
-    );
-    let drawn = fs::read_to_string(&svg).expect("a figure");
-    assert!(drawn.contains("1 aborted"), "{drawn}");
-
-    let out = ["--out", &out];
-    let refused = |args: &[&str]| export.refused(&[args, &out[..]].concat());
-    let no_rounds = refused(&["figure", "trends"]);
-    assert!(no_rounds.contains("no file rounds.jsonl"), "{no_rounds}");
-    let moved = refused(&["figure", "correlations", "--task", "Pursuit", "--heat-map"]);
-    assert!(moved.contains("swarmseat-analysis report"), "{moved}");
-    let other = refused(&["figure", "dynamics", "--task", "Pursuit", "--model", "b"]);
-    assert!(other.contains("no game matches --where model=b; model is a"), "{other}");
-    export.games.push(game("Pursuit", "a", 100, 1.0, &json!({ "view_size": 7 })));
-    let mixed = export.refused(&["figure", "board", out[0], out[1]]);
-    assert!(mixed.contains("these games differ in view_size"), "{mixed}");
 }

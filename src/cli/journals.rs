@@ -14,9 +14,9 @@ use swarmbench_analysis::journal::decisions;
 use swarmbench_analysis::{Meter, Options};
 use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{Act, AgentId, World};
-use swarmbench_figures::frame::Moment;
 use swarmbench_journal::record::{ActRecord, Opening, Record};
 use swarmbench_journal::replay::verify_seen;
+use swarmbench_replay::draw::frame::Moment;
 use tokio_util::sync::CancellationToken;
 
 use super::options::ServerArgs;

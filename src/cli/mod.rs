@@ -6,11 +6,9 @@ mod board;
 mod clock;
 mod competition;
 mod completions;
-mod correlations;
 mod demo;
 mod eval;
 mod export;
-mod figure;
 mod games;
 mod healthcheck;
 mod import;
@@ -84,8 +82,6 @@ enum Command {
     CrossPlay(leaderboard::CrossPlayArgs),
     /// Make tables from any games: those of the paper, or others.
     Table(Box<table::Args>),
-    /// Show how metrics of games correlate with their scores.
-    Correlations(Box<correlations::Args>),
     /// Rebuild the results that boards show from the journals.
     #[command(subcommand)]
     Board(board::Command),
@@ -97,10 +93,8 @@ enum Command {
     Migrate(migrate::Args),
     /// Export episodes in the data format of the public toolkit, or as tables.
     Export(export::Args),
-    /// Draw a game, round by round: as an animated GIF, as video, or as pictures.
+    /// Draw a game: round by round as an animated GIF, as video or as pictures, or some of its moments side by side.
     Replay(replay::Args),
-    /// Draw figures of many games: scores, dynamics, boards.
-    Figure(Box<figure::Args>),
     /// Import games in the data format of the public toolkit.
     Import(import::Args),
     /// Print the OpenAPI document of the server.
@@ -115,7 +109,7 @@ enum Command {
 
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
-    if let Some(code) = moved::answer(std::env::args_os().nth(1)) {
+    if let Some(code) = moved::answer(std::env::args_os()) {
         return code;
     }
     let cli: Cli = arguments::parse();
@@ -133,14 +127,12 @@ pub fn main() -> ExitCode {
         Command::Leaderboard(args) => with_runtime(leaderboard::run(args)),
         Command::CrossPlay(args) => with_runtime(leaderboard::run_cross_play(args)),
         Command::Table(args) => with_runtime(table::run(*args)),
-        Command::Correlations(args) => with_runtime(correlations::run(*args)),
         Command::Board(command) => with_runtime(board::run(command)),
         Command::Metrics(args) => with_runtime(metrics::run(args)),
         Command::Backup(args) => with_runtime(backup::run(args)),
         Command::Migrate(args) => with_runtime(migrate::run(args)),
         Command::Export(args) => with_runtime(export::run(args)),
         Command::Replay(args) => with_runtime(replay::run(args)),
-        Command::Figure(args) => with_runtime(figure::run(*args)),
         Command::Import(args) => with_runtime(import::run(args)),
         Command::Openapi(args) => openapi::run(&args),
         Command::Healthcheck(args) => with_runtime(healthcheck::run(args)),

@@ -2,11 +2,11 @@
 
 use swarmbench_analysis::game::Setup;
 use swarmbench_engine::{Pos, TaskName};
+use swarmbench_replay::{PageMaker, Reel, Round, Scene};
 
 use super::format::GameRow;
 use super::imported::{self, Unreadable};
 use super::measure::{decisions_of, setup, state};
-use crate::replay::{PageMaker, Reel, Round, Scene};
 use crate::store::entries::ImportedRound;
 use crate::store::imports::StoredImport;
 

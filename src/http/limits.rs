@@ -11,8 +11,8 @@ use crate::episode::quota::Caps;
 use crate::episode::registry::FORK_PIECE_ROWS_MAX;
 use crate::fair::{HEAVY_AT_ONCE_MAX, PARTIES_REMEMBERED_MAX, REPLAYS_MAX, WAITING_MAX};
 use crate::host::DISK_FREE_BYTES_ENOUGH;
-use crate::replay::{AGENT_ROUNDS_MAX, PAGE_BYTES_MAX, ROUNDS_MAX};
 use swarmbench_mcp::{MCP_STRUCTURED_BYTES_MAX, MCP_VALUES_MAX, MCP_WAIT_S_MAX};
+use swarmbench_replay::{AGENT_ROUNDS_MAX, PAGE_BYTES_MAX, ROUNDS_MAX};
 
 /// Declares the limits that can be set, with their defaults, and those that cannot, in the order of their table.
 macro_rules! limits {

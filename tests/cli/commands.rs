@@ -44,7 +44,7 @@ use Shows::{Facts, List, Other};
 /// The arguments of a command, made anew for each time it is run.
 type Arguments = fn(&Site) -> Vec<String>;
 
-const CASES: [(&str, Shows, Arguments); 66] = [
+const CASES: [(&str, Shows, Arguments); 61] = [
     ("demo", Facts, |site| words("--exit --db", [site.new_file("demo.db")])),
     ("serve", Other("runs until it is stopped"), |_| words("--addr no-address", [])),
     ("key create", Facts, |site| words("--name somebody --server", [site.base()])),
@@ -104,9 +104,6 @@ const CASES: [(&str, Shows, Arguments); 66] = [
     ("leaderboard", Facts, |site| words("--db", [site.copy()])),
     ("cross-play", Facts, |_| Vec::new()),
     ("table", Facts, |site| words("--by task --where max_round=30 --db", [site.copy()])),
-    ("correlations", Facts, |site| {
-        words("--metrics pushes --where max_round=30 --db", [site.copy()])
-    }),
     ("board rebuild", Facts, |site| words("--db", [site.copy()])),
     ("metrics", Facts, |_| words("", [journal()])),
     ("backup", Facts, |site| words("--db", [site.db(), site.new_file("backup.db")])),
@@ -117,15 +114,9 @@ const CASES: [(&str, Shows, Arguments); 66] = [
     ("replay", Other("writes a film or a picture"), |site| {
         words("--round 1 --png", [site.new_file("moment.png"), journal()])
     }),
-    ("figure trends", Other("writes a figure"), |site| site.figure("")),
-    ("figure dynamics", Other("writes a figure"), |site| {
-        site.figure("--task Foraging --model built-in/default")
+    ("replay", Other("writes a picture"), |site| {
+        words("--moments 0,2 --picture", [site.new_file("moments.svg"), journal()])
     }),
-    ("figure frame", Other("writes a figure"), |site| {
-        words("--rounds 0 --out", [site.new_file("frame.svg"), journal()])
-    }),
-    ("figure sensitivity", Other("writes a figure"), |site| site.figure("--x seed --lines model")),
-    ("figure board", Other("writes a figure"), |site| site.figure("")),
     ("import", Facts, |site| words("--db", [site.new_file("imports.db"), site.exported()])),
     ("openapi", Other("is JSON"), |_| Vec::new()),
     ("healthcheck", Facts, |_| Vec::new()),
@@ -287,12 +278,6 @@ impl Site {
         let file = self.new_file("cup.jsonl");
         std::fs::write(&file, empty_competition()).expect("a file");
         file
-    }
-
-    fn figure(&self, options: &str) -> Vec<String> {
-        let mut args = words("--out", [self.new_file("figure.svg"), "--db".to_owned(), self.db()]);
-        args.extend(words(options, []));
-        args
     }
 }
 

@@ -51,6 +51,32 @@ fn the_demo_plays_all_tasks_and_tells_how_to_join() {
 }
 
 #[test]
+fn commands_that_have_moved_name_their_successors() {
+    for (args, expected) in [
+        (
+            &["figure", "trends", "--from", "games", "--out", "trends.svg"][..],
+            "`swarmbench figure trends` has moved to Python: swarmseat-analysis trends GAMES --out FILE\n",
+        ),
+        (
+            &["figure", "frame", "game.jsonl", "--rounds", "0"],
+            "`swarmbench figure frame` has moved: swarmbench replay GAME --moments ROUND,… --picture FILE\n",
+        ),
+        (
+            &["figure", "--help"],
+            "`swarmbench figure` has moved to Python: swarmseat-analysis --help\n",
+        ),
+        (
+            &["correlations", "--matrix", "--from", "games"],
+            "`swarmbench correlations` has moved to Python: swarmseat-analysis correlations GAMES\n",
+        ),
+    ] {
+        let output = swarmbench(args);
+        assert_eq!(output.status.code(), Some(2), "{args:?}");
+        assert_eq!((text(&output.stderr).as_str(), text(&output.stdout).as_str()), (expected, ""));
+    }
+}
+
+#[test]
 fn errors_say_what_to_do_next() {
     for (args, expected) in [
         (&["play", "--task", "Chess"][..], "the tasks are Transport, Pursuit"),
@@ -325,7 +351,7 @@ fn a_database_in_the_place_of_a_journal_is_called_one() {
         &["replay", &db, "--html", "never.html"],
         &["replay", &db, "--gif", "never.gif"],
         &["metrics", &db],
-        &["figure", "frame", &db, "--rounds", "0", "--out", "never.svg"],
+        &["replay", &db, "--moments", "0", "--picture", "never.svg"],
     ] {
         let said = text(&swarmbench(args).stderr);
         for expected in

@@ -1,5 +1,6 @@
 """The analysis of small exports: its input, results, files and errors."""
 
+import functools
 import json
 import re
 import subprocess
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from swarm_tables import MODELS, Tables
 
 from swarmseat import Client, Server, analysis
-from swarmseat.analysis import attribution, figures, reporting, views, words, write
+from swarmseat.analysis import attribution, figures, pieces, reporting, views, words
 from swarmseat.analysis.metrics import TWELVE
 from swarmseat.analysis.statistics import correlate
 
@@ -400,31 +401,62 @@ def test_rounds_of_one_text_are_apart(tmp_path: Path) -> None:
     assert n["rounds"] == n["rounds with several texts"] + 36 * (swarm_tables.ROUNDS / 2 + 1)
 
 
-def test_scores(games: analysis.Games) -> None:
-    table = analysis.scores(games).set_index(["model", "task"])
-    own = games.where(model="model-a", task="Pursuit").episodes["score"]
-    assert table.loc[("model-a", "Pursuit"), "deviation"] == pytest.approx(np.std(own))
-    wide = analysis.score_table(games).set_index("model")
-    assert wide.loc["model-a", "Pursuit"] == f"{own.mean():.2f} ± {np.std(own):.2f} (6)"
-    assert wide["total"].is_monotonic_decreasing
+def test_score_trends_are_means_over_games(games: analysis.Games) -> None:
+    own = games.where(model="model-a", task="Pursuit")
+    last = analysis.score_trends(own).iloc[-1]
+    scores = own.table("rounds", ["round", "score"]).query(f"round == {swarm_tables.ROUNDS}")["score"]
+    assert last.tolist() == ["Pursuit", "model-a", swarm_tables.ROUNDS, scores.mean(), np.std(scores), 6]
 
 
-def test_a_game_that_ended_early_keeps_its_score_and_none_falls(tmp_path: Path) -> None:
+def test_a_game_that_ended_early_keeps_its_score(tmp_path: Path) -> None:
     def short(tables: Tables) -> None:
         tables["rounds"] = tables["rounds"].query("round <= 5")
+        tables["episodes"]["rounds"] = 5
 
-    games = analysis.load(swarm_tables.write(tmp_path / "short", change=short))
+    games = analysis.load(swarm_tables.write(tmp_path, change=short))
     trends = analysis.score_trends(games)
     own = trends[(trends["task"] == "Pursuit") & (trends["model"] == "model-a")]
     assert own["round"].tolist() == list(range(swarm_tables.ROUNDS + 1))
     assert set(own["mean"][5:]) == {own["mean"].iloc[5]}
+    table = analysis.dynamics(games, "Pursuit", "model-a")
+    score, pushes = (table[table["metric"] == name] for name in ("score", "pushes"))
+    assert score["mean"].tolist() == own["mean"].tolist()
+    assert score["best"][5:].nunique() == 1
+    assert pushes["round"].tolist() == list(range(6))
 
-    def fall(tables: Tables) -> None:
-        tables["rounds"]["score"] = -tables["rounds"]["round"]
 
-    falls = swarm_tables.write(tmp_path / "falls", change=fall)
-    with pytest.raises(analysis.FilesError, match="falls"):
-        analysis.score_trends(analysis.load(falls))
+ROUNDS_BAD: list[tuple[Callable[[Tables], Any], str]] = [
+    (lambda t: t["rounds"].__setitem__("score", -t["rounds"]["round"]), "falls in round 1"),
+    (lambda t: t.update(rounds=t["rounds"].query("round != 3")), "has 12 states .*and played 12 of 12 rounds"),
+    (lambda t: t.update(rounds=t["rounds"].query("round <= 5")), "has 6 states"),
+    (lambda t: t.update(rounds=t["rounds"][:0]), "has 0 states"),
+    (lambda t: t["episodes"].__setitem__("max_round", 11), "played 12 of 11 rounds"),
+]
+
+
+@pytest.mark.parametrize(("change", "says"), ROUNDS_BAD)
+def test_rounds_that_are_missing_or_damaged_are_found(
+    change: Callable[[Tables], object], says: str, tmp_path: Path
+) -> None:
+    games = analysis.load(swarm_tables.write(tmp_path, change=change))
+    with pytest.raises(analysis.FilesError, match=says):
+        analysis.score_trends(games)
+    with pytest.raises(analysis.FilesError, match=says):
+        analysis.dynamics(games, "Pursuit", "model-a")
+
+
+def test_several_exports_are_one_and_a_game_in_two_of_them_counts_once(folder: Path, tmp_path: Path) -> None:
+    part = swarm_tables.write(tmp_path / "part", tasks=["Pursuit"])
+    other = swarm_tables.write(tmp_path / "other", tasks=["Pursuit"], models=["d"], change=lambda t: _rename(t, "more"))
+    games = analysis.load([folder, part, other])
+    assert len(games) == 36 + 6
+    assert len(games.table("acts", ["round"])) == 42 * swarm_tables.ROUNDS * swarm_tables.AGENTS
+    assert analysis.score_trends(games).query("task == 'Pursuit' and model == 'model-a'")["n"].unique() == [6]
+
+
+def _rename(tables: Tables, prefix: str) -> None:
+    for table in tables.values():
+        table["episode"] = prefix + table["episode"]
 
 
 def test_figures_are_functions_of_the_data(games: analysis.Games, tmp_path: Path) -> None:
@@ -445,9 +477,13 @@ def test_the_sensitivity_is_that_of_one_model(tmp_path: Path) -> None:
         analysis.plot_sensitivity(games)
     figure = analysis.plot_sensitivity(games.where(model="model-a"))
     assert [axes.get_title() for axes in figure.axes] == ["Foraging", "Pursuit"]
+    other = analysis.plot_sensitivity(games.where(model="model-a"), across="view_size", lines="num_agents")
+    assert [text.get_text() for text in other.legends[0].get_texts()] == [f"num agents {n}" for n in (8, 12, 16)]
+    with pytest.raises(analysis.AnalysisError, match="no column 'size'"):
+        analysis.plot_sensitivity(games.where(model="model-a"), across="size")
     made = reporting.report(games, tmp_path / "out", quick=True)
-    assert "tables/scores-by-setting.csv" in made.files
-    assert made.missing["Foraging: correlations"].startswith("Foraging: games with num_agents")
+    assert made.missing["Scores by number of agents and view size"].startswith("the sensitivity is that of one model")
+    assert made.missing["Foraging: Metrics and the score"].startswith("Foraging: games with num_agents")
 
 
 def test_the_command_writes_everything(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -455,18 +491,14 @@ def test_the_command_writes_everything(folder: Path, tmp_path: Path, capsys: pyt
     assert reporting.main(["report", str(folder), "--out", str(out), "--quick", "--formats", "svg"]) == 0
     shown = capsys.readouterr()
     assert shown.out == f"{out / 'report.html'}\n"
-    assert shown.err.startswith("[ 1/20] Scores\n")
+    assert shown.err.startswith("[ 1/14] Scores by task and model\n")
     assert "not made" not in shown.err
-    text, page = (out / "report.md").read_text(), (out / "report.html").read_text()
-    assert "model\\_b\\$1" in text
-    assert all(write.markdown_text(caution) in text for caution in reporting.CAUTIONS)
-    named = {
-        name
-        for name in (f"figures/{path.name}" for path in (out / "figures").iterdir())
-        if name in page and name in text
-    }
-    assert len(named) == len(list((out / "figures").iterdir())) == 18
-    assert r"\toprule" in (out / "tables" / "scores.tex").read_text()
+    page = (out / "report.html").read_text()
+    assert reporting.CAUTION in page
+    drawn = {f"figures/{path.name}" for path in (out / "figures").iterdir()}
+    assert len(drawn) == 18
+    assert all(name in page for name in drawn)
+    assert r"\toprule" in (out / "tables" / "blocks.tex").read_text()
     assert len(pd.read_csv(out / "tables" / "correlations-Pursuit.csv")) == len(TWELVE)
     # Nothing is overwritten.
     assert reporting.main(["report", str(folder), "--out", str(out)]) == 1
@@ -477,16 +509,15 @@ def test_one_game_gives_a_report_that_says_what_is_missing(tmp_path: Path, capsy
     folder = swarm_tables.write(tmp_path / "games", tasks=["Pursuit"], models=["only"], seeds=1)
     assert reporting.main(["report", str(folder), "--out", str(tmp_path / "out")]) == 0
     shown = capsys.readouterr().err
-    assert "not made: Pursuit: correlations: a correlation needs 3 games of a task" in shown
+    assert "not made: Pursuit: Metrics and the score: a correlation needs 3 games of a task" in shown
     assert "needs 3 games" in (tmp_path / "out" / "report.html").read_text()
-    assert (tmp_path / "out" / "figures" / "score-trends.png").is_file()
+    assert (tmp_path / "out" / "figures" / "trends.png").is_file()
 
 
 def test_only_chosen_games_are_reported(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["report", str(folder), "--out", str(tmp_path / "out"), "--quick", "--formats", "svg"]
     assert reporting.main([*arguments, "--where", "task=Pursuit", "--where", "num_agents=3"]) == 0
-    assert "12 games" not in (tmp_path / "out" / "report.md").read_text()
-    assert "18 games, 3 models, 1 tasks" in (tmp_path / "out" / "report.md").read_text()
+    assert "18 games, 3 models, 1 tasks" in (tmp_path / "out" / "report.html").read_text()
     for wrong in (["--where", "task"], ["--formats", "gif"]):
         with pytest.raises(SystemExit):
             reporting.main([*arguments, *wrong])
@@ -499,19 +530,80 @@ def test_an_interrupt_ends_it(
     def interrupt(_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(reporting, "keywords", interrupt)
+    monkeypatch.setattr(pieces, "keywords", interrupt)
     assert reporting.main(["report", str(folder), "--out", str(tmp_path / "out"), "--quick", "--formats", "svg"]) == 130
     assert "stopped: what was made until then" in capsys.readouterr().err
-    assert not (tmp_path / "out" / "report.md").exists()
+    assert not (tmp_path / "out" / "report.html").exists()
 
 
-def test_text_of_players_is_escaped() -> None:
+def test_each_piece_is_one_command(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small = functools.partial(analysis.action_attribution, trees=5, repeats=2)
+    monkeypatch.setattr(pieces, "action_attribution", small)
+    one_task = ["--where", "task=Pursuit"]
+    one_model = ["--where", "model=model-a"]
+    chosen = {"task": one_task, "model": one_task + one_model}
+    few = {"attribution": ["--acts", "200", *one_task], "keywords": one_task, "sensitivity": one_model}
+    for name, piece in pieces.PIECES.items():
+        arguments = [name, str(folder), *chosen.get(piece.of, []), *few.get(name, [])]
+        written = [
+            end for end in ("csv", "svg") if reporting.main([*arguments, "--out", f"{tmp_path}/{name}.{end}"]) == 0
+        ]
+        assert written, capsys.readouterr().err
+        assert all((tmp_path / f"{name}.{end}").stat().st_size > 100 for end in written)
+    capsys.readouterr()
+    # Without a file the table is shown.
+    assert reporting.main(["correlations", str(folder), "--metrics", "pushes,stillness"]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert len(shown) == 5
+    assert shown[0].split()[:2] == ["task", "metric"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["scores"], "scores is a figure: name a file with --out that ends in .png, .svg, .pdf"),
+        (["failure-modes", "--out", "modes.svg"], "failure-modes is a table: name a file with --out that ends in .csv"),
+        (["blocks", "--out", "blocks.txt"], "blocks.txt must end in .csv, .tex, .html, .png, .svg, .pdf"),
+        (["matrix"], "this is about one task: choose it with --where task=…, of Foraging, Pursuit"),
+        (["dynamics", "--where", "task=Pursuit"], "this is about one model"),
+        (["correlations", "--metrics", "size"], "has no metric size"),
+        (["trends", "--where", "void_reason=lost"], "no game has void_reason lost"),
+    ],
+)
+def test_what_a_command_cannot_write_is_a_sentence(
+    arguments: list[str], says: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert reporting.main([arguments[0], str(folder), *arguments[1:]]) == 1
+    assert says in capsys.readouterr().err
+
+
+def test_conditions_of_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = str(tmp_path / "trends.csv")
+    assert reporting.main(["trends", str(folder), "--out", out, "--where", 'model=model-a,"model_b$1"']) == 0
+    assert set(pd.read_csv(out)["model"]) == {"model-a", "model_b$1"}
+    assert reporting.main(["trends", str(folder), "--out", out, "--where", "run=none", "--where", "mixed=false"]) == 0
+    assert not capsys.readouterr().err
+
+
+def test_text_of_players_is_escaped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = pd.DataFrame({"model": ["<b>|a_b$&%#{}~^\\"], "n": [1.23456789], "none": [None]})
-    assert "<b>" not in write.html_table(table)
-    assert r"\<b\>\|a\_b\$" in write.markdown_table(table)
-    latex = write.latex_table(table, "50 %")
-    assert r"a\_b\$\&\%\#\{\}\textasciitilde{}\textasciicircum{}\textbackslash{} & 1.235 &  \\" in latex
-    assert r"\caption{50 \%}" in latex
+    for end in ("html", "tex"):
+        reporting.write_table(table, tmp_path / f"table.{end}")
+    assert "<b>" not in (tmp_path / "table.html").read_text()
+    latex = (tmp_path / "table.tex").read_text()
+    escaped = r"|a\_b\$\&\%\#\{\}\textasciitilde \textasciicircum \textbackslash"
+    assert escaped in latex.replace("{}", " ").replace("  ", " ")
+    assert "1.235" in latex
+    table["model"] = "\x1b[31m\u202emodel"
+    folder = swarm_tables.write(
+        tmp_path / "games", change=lambda t: t["episodes"].__setitem__("model", table["model"][0])
+    )
+    assert reporting.main(["convergence-by-model", str(folder)]) == 0
+    shown = capsys.readouterr().out
+    assert "\ufffd[31m\ufffdmodel" in shown
+    assert "\x1b" not in shown
 
 
 def test_without_the_extra_it_is_said_what_to_install() -> None:

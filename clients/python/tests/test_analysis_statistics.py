@@ -151,12 +151,38 @@ def test_intervals_and_ranks_are_those_of_scipy() -> None:
     assert (found.n, found.models) == (20, 10)
 
 
-def test_p_follows_from_published_r() -> None:
-    published = [(-0.185, 65, 0.140), (-0.309, 65, 0.012), (0.382, 65, 0.002), (-0.102, 65, 0.419)]
-    published += [(0.241, 25, 0.246), (0.305, 25, 0.138), (-0.499, 25, 0.011), (-0.528, 25, 0.007), (-0.450, 25, 0.024)]
-    for r, n, p in published:
-        assert p_value(r, n) == pytest.approx(p, abs=2e-3)
+OF_65 = """
+-0.668 0.000 -0.185 0.140 -0.309 0.012 0.382 0.002 0.458 0.000 -0.102 0.419 -0.027 0.832 -0.447 0.000 -0.439 0.000
+-0.134 0.286 -0.159 0.205 0.056 0.660 -0.115 0.361
+"""
+"""r and p of tables S.7 and S.8 of the paper: 13 models, five games each."""
+
+OF_25 = """
+0.241 0.246 -0.061 0.774 0.305 0.138 0.372 0.067 -0.147 0.483 -0.141 0.500 -0.044 0.835 -0.031 0.884 -0.307 0.136
+-0.255 0.218 -0.499 0.011 -0.267 0.197 0.031 0.884 -0.231 0.267 -0.016 0.941 0.094 0.656 -0.144 0.493 -0.118 0.574
+-0.135 0.520 -0.139 0.508 -0.528 0.007 -0.450 0.024 -0.338 0.098 -0.163 0.436 -0.005 0.980 -0.058 0.783
+"""
+"""r and p of table S.9: five tasks, five games each."""
+
+
+@pytest.mark.parametrize(("published", "n"), [(OF_65, 65), (OF_25, 25)])
+def test_every_published_p_follows_from_its_r(published: str, n: int) -> None:
+    numbers = list(map(float, published.split()))
+    for r, p in zip(numbers[::2], numbers[1::2], strict=True):
+        # The paper prints three digits: p lies between the values of the ends of the rounding interval of r.
+        ends = sorted(p_value(r + half, n) for half in (-0.0005, 0.0005))
+        assert ends[0] - 0.0005 <= p <= ends[1] + 0.0005, r
     assert p_value(-1.0, 5) == 0.0
+
+
+def test_games_of_one_model_that_are_alike_are_no_evidence() -> None:
+    # The numbers of one model are nearly equal, and models are unrelated.
+    x, y = (np.repeat([model * step % 13.0 for model in range(13)], 5) for step in (5, 8))
+    game = np.tile(np.arange(5.0), 13)
+    found = correlate(x + 0.01 * game, y - 0.02 * game, models(65, 5))
+    assert found.boot_low < found.r < found.boot_high
+    # Fisher's interval treats 65 games as independent, so it is about √5 times too narrow.
+    assert found.boot_high - found.boot_low > 1.5 * (found.high - found.low)
 
 
 def test_correlations_that_are_not_defined_are_missing() -> None:

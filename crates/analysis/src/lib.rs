@@ -3,13 +3,13 @@
 //! The crate is pure: no files, no clock, no network. A metric of a game depends on that game alone. [`Meter`] takes
 //! a game round by round, [`journal`] reads it from its journal; `docs/evaluate/metrics.md` defines every metric.
 //!
-//! The crate is separate because the server, the command line and figures all measure games, and figures and
-//! tables are made without a server.
+//! The crate is separate because the server, the command line and pictures all measure games, and tables and pictures are
+//! made without a server.
 
 pub mod game;
 pub mod journal;
+pub mod means;
 pub mod metric;
-pub mod statistics;
 
 mod characters;
 mod embed;

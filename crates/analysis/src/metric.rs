@@ -124,27 +124,13 @@ pub enum Panel {
     Positions,
 }
 
-/// One of the two groups of metrics that the paper compares.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Block {
-    /// Messages of agents.
-    Communication,
-    /// Actions and positions of agents.
-    Physical,
-}
-
 /// The properties of a metric, independent of the game.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct About {
     /// The heading, in the words of the paper or of this project.
     pub title: &'static str,
-    /// The panel of the paper's figures; `None` if they do not draw the metric. In place of [`Metric::StepLength`]
-    /// they draw its sum since the layout, [`Metric::PathLength`].
+    /// The panel of the paper's figures; `None` if they do not draw the metric.
     pub panel: Option<Panel>,
-    /// The divisor of the drawn value.
-    pub divisor: f64,
-    /// The block of the paper's comparison; `None` for a metric in neither.
-    pub block: Option<Block>,
     /// Whether the metric is one of the paper's thirteen.
     pub of_paper: bool,
     /// Whether the metric has a value in each round, not only one for the whole game.
@@ -196,38 +182,25 @@ impl Metric {
     /// The properties of the metric.
     #[must_use]
     pub const fn about(self) -> About {
-        use Block::{Communication, Physical};
         use Panel::{Choices, Messages, Positions};
         match self {
-            Self::QuestionShare => {
-                About::drawn("Proportion of question sentences", Messages, 1.0, Communication)
-            }
-            Self::DigitShare => {
-                About::drawn("Proportion of digit characters", Messages, 1.0, Communication)
-            }
-            Self::MessageLength => {
-                About::drawn("Mean message length", Messages, 200.0, Communication)
-            }
+            Self::QuestionShare => About::drawn("Proportion of question sentences", Messages),
+            Self::DigitShare => About::drawn("Proportion of digit characters", Messages),
+            Self::MessageLength => About::drawn("Mean message length", Messages),
             Self::MessageLengthStd => {
                 About { of_paper: true, ..About::by_round("Standard deviation of message length") }
             }
-            Self::Homogeneity => {
-                About::drawn("Information homogeneity", Messages, 2.0, Communication).of_vectors()
-            }
-            Self::DirectionEntropy => About::drawn("Directional entropy", Choices, 2.0, Physical),
-            Self::Stillness => About::drawn("Stillness proportion", Choices, 1.0, Physical),
-            Self::DominantAction => {
-                About::drawn("Dominant action proportion", Choices, 1.0, Physical)
-            }
-            Self::Polarization => About::drawn("Polarization index", Choices, 1.0, Physical),
-            Self::StepLength => About::drawn("Average moving distance", Positions, 50.0, Physical),
-            Self::Explored => About::drawn("Exploration rate", Positions, 100.0, Physical),
-            Self::KeptPairs => {
-                About::drawn("Local structure preservation count", Positions, 10.0, Physical)
-            }
-            Self::Pushes => About::drawn("Agent push events", Positions, 4.0, Physical),
+            Self::Homogeneity => About::drawn("Information homogeneity", Messages).of_vectors(),
+            Self::DirectionEntropy => About::drawn("Directional entropy", Choices),
+            Self::Stillness => About::drawn("Stillness proportion", Choices),
+            Self::DominantAction => About::drawn("Dominant action proportion", Choices),
+            Self::Polarization => About::drawn("Polarization index", Choices),
+            Self::StepLength => About::drawn("Average moving distance", Positions),
+            Self::Explored => About::drawn("Exploration rate", Positions),
+            Self::KeptPairs => About::drawn("Local structure preservation count", Positions),
+            Self::Pushes => About::drawn("Agent push events", Positions),
 
-            Self::PathLength => About { divisor: 50.0, ..About::by_round("Path length") },
+            Self::PathLength => About::by_round("Path length"),
             Self::PushesStrict => About::by_round("Agent push events, strict"),
             Self::ExploredShare => About::by_round("Explored share"),
             Self::ExploredFinal => About::of_game("Explored cells at the end"),
@@ -275,14 +248,8 @@ impl Metric {
 
 impl About {
     /// A metric that the paper's figures show; there are twelve.
-    const fn drawn(title: &'static str, panel: Panel, divisor: f64, block: Block) -> Self {
-        Self {
-            panel: Some(panel),
-            divisor,
-            block: Some(block),
-            of_paper: true,
-            ..Self::by_round(title)
-        }
+    const fn drawn(title: &'static str, panel: Panel) -> Self {
+        Self { panel: Some(panel), of_paper: true, ..Self::by_round(title) }
     }
 
     /// A metric of rounds that the figures do not show.
@@ -292,15 +259,7 @@ impl About {
 
     /// A metric of a whole game.
     const fn of_game(title: &'static str) -> Self {
-        Self {
-            title,
-            panel: None,
-            divisor: 1.0,
-            block: None,
-            of_paper: false,
-            by_round: false,
-            of_vectors: false,
-        }
+        Self { title, panel: None, of_paper: false, by_round: false, of_vectors: false }
     }
 
     const fn of_vectors(self) -> Self {

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-pub use swarmbench_analysis::statistics::mean_and_deviation;
-pub(super) use swarmbench_analysis::statistics::{float, mean};
+pub use swarmbench_analysis::means::mean_and_deviation;
+pub(super) use swarmbench_analysis::means::{float, mean};
 use swarmbench_engine::{Seed, TaskName};
 use swarmbench_protocol::failure::Failures;
 

@@ -1,6 +1,5 @@
-//! Games as rows of the table of episodes, and series of their rounds: the data of `table`, `correlations` and `figure`.
+//! Games as rows of the table of episodes: the data of `table`.
 
-mod series;
 mod settings;
 mod source;
 
@@ -17,7 +16,6 @@ use swarmbench_analysis::Metric;
 use swarmbench_engine::{Control, RuleSet, TaskName};
 
 use crate::dataset::rows::Row;
-pub(super) use series::Series;
 pub(super) use settings::Axes;
 pub(super) use source::Choice;
 
@@ -156,10 +154,6 @@ impl Games {
             Value::Number(number) => Some(*number),
             Value::Flag(_) | Value::Text(_) | Value::Missing => None,
         }
-    }
-
-    pub(super) fn text(&self, column: &str, game: usize) -> String {
-        self.value(column, game).to_string()
     }
 
     /// Values of a column in order, each with its number of games.

@@ -14,7 +14,7 @@ pub(in super::super) struct Axes<'a> {
     /// Columns about how a player was asked that the user declares irrelevant.
     pub(in super::super) ignored: &'a [String],
     /// Option by which the user can show more settings apart.
-    pub(in super::super) option: Option<&'a str>,
+    pub(in super::super) option: &'a str,
 }
 
 /// Settings of games, and who plays.
@@ -88,19 +88,18 @@ impl Games {
         };
         let select = usual(&counts)
             .map(|value| format!("--where {first}='{}'", one_value(&value.to_string())));
-        let apart = axes.option.map(|option| {
-            let all: Vec<&str> = axes.apart.iter().map(String::as_str).chain([*first]).collect();
-            format!(", or show them apart with {option} {}", all.join(","))
-        });
+        let apart: Vec<&str> = axes.apart.iter().map(String::as_str).chain([*first]).collect();
         let ignore = self
             .of_players
             .contains(*first)
             .then(|| format!(", or, if it does not change how the model plays, --ignore {first}"));
         bail!(
-            "{who} differ in {first}: {}{others}. Different settings are not averaged: select with {}{}{}",
+            "{who} differ in {first}: {}{others}. Different settings are not averaged: select with {}, or show them apart with {} \
+             {}{}",
             told(&counts),
             select.unwrap_or_default(),
-            apart.unwrap_or_default(),
+            axes.option,
+            apart.join(","),
             ignore.unwrap_or_default()
         );
     }

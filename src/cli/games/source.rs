@@ -1,6 +1,6 @@
 //! Sources of games, and the selection among them.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -14,12 +14,11 @@ use crate::dataset::export::{Export, Selection};
 use crate::dataset::rows::{self, Lines, Row};
 use crate::dataset::tables::TableName;
 use crate::store::episodes::{Filter, Readable};
-use crate::store::port::StoredEpisode;
 use crate::store::{Location, Store};
 
 /// Source of games.
 #[derive(Clone, Debug, clap::Args)]
-pub(in super::super) struct Source {
+struct Source {
     /// The games of an export instead of a server's: a folder of `swarmbench export FOLDER --format jsonl` (or parquet), or
     /// its file of episodes. May be repeated.
     #[arg(long, value_name = "PATH", conflicts_with = "db")]
@@ -28,13 +27,13 @@ pub(in super::super) struct Source {
     #[arg(long)]
     db: Option<Location>,
     #[command(flatten)]
-    pub(in super::super) server: ServerArgs,
+    server: ServerArgs,
 }
 
 #[derive(Clone, Debug, clap::Args)]
 pub(in super::super) struct Choice {
     #[command(flatten)]
-    pub(in super::super) source: Source,
+    source: Source,
     /// Use only games in which this column has this value, or one of several: `view_size=5`, `temperature=0,1`. `none` stands
     /// for a missing value. A value with commas stands in double quotes: `suite="a, b"`. May be repeated.
     #[arg(long = "where", value_name = "COLUMN=VALUE,…")]
@@ -45,159 +44,93 @@ pub(in super::super) struct Choice {
 }
 
 impl Choice {
-    /// Adds a condition: the column has this value.
-    #[must_use]
-    pub(in super::super) fn with(mut self, column: &str, value: &str) -> Self {
-        let values = vec![value.to_owned()];
-        self.conditions.push(Condition { column: column.to_owned(), values });
-        self
-    }
-
-    /// Whether the source is a server, without conditions.
-    pub(in super::super) fn is_whole_server(&self) -> bool {
-        let Source { from, db, .. } = &self.source;
-        from.is_empty() && db.is_none() && self.conditions.is_empty()
-    }
-
     /// Reads the games, and selects those that count: finished and not voided.
     pub(in super::super) async fn select(&self) -> anyhow::Result<Selected> {
-        self.of(self.source.read(Wanted::episodes(), Games::default()).await?)
-    }
-
-    /// Selects among games that were read.
-    pub(super) fn of(&self, games: Games) -> anyhow::Result<Selected> {
-        selected(games, &self.conditions)
-    }
-
-    #[cfg(test)]
-    pub(super) fn of_folders<const N: usize>(folders: [&Path; N]) -> Self {
-        let from = folders.map(Path::to_owned).to_vec();
-        let server = ServerArgs { server: String::new(), key: None };
-        Self {
-            source: Source { from, db: None, server },
-            conditions: Vec::new(),
-            ignore: Vec::new(),
-        }
-    }
-}
-
-/// A table, and the games whose rows are wanted.
-pub(super) struct Wanted {
-    pub(super) table: TableName,
-    /// Restricts the rows to a task.
-    pub(super) task: Option<String>,
-    /// Restricts the rows to these games.
-    pub(super) episodes: Option<BTreeSet<String>>,
-}
-
-impl Wanted {
-    const fn episodes() -> Self {
-        Self { table: TableName::Episodes, task: None, episodes: None }
-    }
-}
-
-/// Consumer of rows.
-pub(super) trait Reader: Send + 'static {
-    fn add(&mut self, row: Row) -> anyhow::Result<()>;
-}
-
-impl Reader for Games {
-    fn add(&mut self, row: Row) -> anyhow::Result<()> {
-        self.add(row)
+        selected(self.source.read().await?, &self.conditions)
     }
 }
 
 impl Source {
-    /// Reads the rows of a table. Rows of other games may be among them.
-    pub(super) async fn read<R: Reader>(&self, wanted: Wanted, reader: R) -> anyhow::Result<R> {
+    async fn read(&self) -> anyhow::Result<Games> {
         let Self { from, db, server } = self.clone();
         if !from.is_empty() {
-            tokio::task::spawn_blocking(move || of_files(&from, wanted.table, reader)).await?
+            tokio::task::spawn_blocking(move || of_files(&from)).await?
         } else if let Some(db) = db {
-            tokio::task::spawn_blocking(move || of_database(&db, &wanted, reader)).await?
+            tokio::task::spawn_blocking(move || of_database(&db)).await?
         } else {
-            of_server(server, &wanted, reader).await
+            of_server(server).await
         }
     }
 }
 
-/// Passes rows to a reader, and its error on.
-fn adding(reader: &mut impl Reader) -> impl FnMut(Row) -> io::Result<()> + '_ {
-    |row| reader.add(row).map_err(|error| io::Error::other(format!("{error:#}")))
+/// Adds rows to games, and passes their error on.
+fn adding(games: &mut Games) -> impl FnMut(Row) -> io::Result<()> + '_ {
+    |row| games.add(row).map_err(|error| io::Error::other(format!("{error:#}")))
 }
 
-fn of_files<R: Reader>(paths: &[PathBuf], table: TableName, mut reader: R) -> anyhow::Result<R> {
+fn of_files(paths: &[PathBuf]) -> anyhow::Result<Games> {
+    let mut games = Games::default();
     for path in paths {
-        let file = file_of(path, table)?;
-        rows::read(&file, adding(&mut reader)).with_context(|| format!("{}", file.display()))?;
+        let file = file_of(path)?;
+        rows::read(&file, adding(&mut games)).with_context(|| format!("{}", file.display()))?;
     }
-    Ok(reader)
+    Ok(games)
 }
 
-/// File of a table: a path is either the folder, or the file of episodes in it.
-fn file_of(path: &Path, table: TableName) -> anyhow::Result<PathBuf> {
+/// The file of episodes: a path is either this file, or its folder.
+fn file_of(path: &Path) -> anyhow::Result<PathBuf> {
     ensure!(
         path.extension().is_none_or(|end| end != "partial"),
         "{} is an incomplete export: export the games again",
         path.display()
     );
-    let is_file = !path.is_dir();
-    if is_file && table == TableName::Episodes {
+    if !path.is_dir() {
         return Ok(path.to_owned());
     }
-    let folder = if is_file { path.parent().unwrap_or(path) } else { path };
-    let name = table.name();
-    let files = ["jsonl", "parquet"].map(|end| folder.join(format!("{name}.{end}")));
+    let name = TableName::Episodes.name();
+    let files = ["jsonl", "parquet"].map(|end| path.join(format!("{name}.{end}")));
     files.into_iter().find(|file| file.is_file()).with_context(|| {
         format!(
             "{} has no file {name}.jsonl or {name}.parquet: name a folder of `swarmbench export FOLDER --format jsonl`",
-            folder.display()
+            path.display()
         )
     })
 }
 
-fn of_database<R: Reader>(db: &Location, wanted: &Wanted, mut reader: R) -> anyhow::Result<R> {
-    let Wanted { table, task, episodes } = wanted;
+fn of_database(db: &Location) -> anyhow::Result<Games> {
+    let mut games = Games::default();
     let runtime = tokio::runtime::Handle::current();
     let store = runtime.block_on(Store::open_to_read(db))?;
     let bar = progress_bar("{bar:30} {pos} of {len} games, {elapsed}");
     let filter = Filter {
         readable: Readable::All,
-        task: task.clone(),
         forks: Filter::of_forks(false, false),
         ..Filter::default()
     };
     let selection = Selection { filter, episode: None };
-    let is_wanted = |stored: &StoredEpisode| {
-        episodes.as_ref().is_none_or(|episodes| episodes.contains(stored.id.as_str()))
-    };
     let progress = |done, of| set(&bar, done, of);
-    let export = Export::select(&store, &selection, is_wanted, progress, CancellationToken::new())?;
-    let exported = export.lines(*table, Lines::new(adding(&mut reader)))?;
+    let export = Export::select(&store, &selection, |_| true, progress, CancellationToken::new())?;
+    let exported = export.lines(TableName::Episodes, Lines::new(adding(&mut games)))?;
     bar.finish_and_clear();
     runtime.block_on(store.close());
     for (episode, problem) in &exported.broken {
         note!("left out: {episode} is damaged: {problem}");
     }
-    Ok(reader)
+    Ok(games)
 }
 
-async fn of_server<R: Reader>(
-    server: ServerArgs,
-    wanted: &Wanted,
-    mut reader: R,
-) -> anyhow::Result<R> {
+async fn of_server(server: ServerArgs) -> anyhow::Result<Games> {
+    let mut games = Games::default();
     let client = server.client().await?;
     let bar = progress_bar("{spinner} {bytes} {elapsed}");
-    let mut lines = Lines::new(adding(&mut reader));
+    let mut lines = Lines::new(adding(&mut games));
     let mut out = bar.wrap_write(&mut lines);
-    let path = format!("/api/v1/exports/{}.jsonl", wanted.table.name());
-    let query: Vec<(&str, &String)> = wanted.task.iter().map(|task| ("task", task)).collect();
-    let sent = client.download(&path, &query, &mut out).await;
+    let path = format!("/api/v1/exports/{}.jsonl", TableName::Episodes.name());
+    let sent = client.download(&path, &[], &mut out).await;
     bar.finish_and_clear();
     sent?;
     lines.finish()?;
-    Ok(reader)
+    Ok(games)
 }
 
 fn selected(games: Games, conditions: &[Condition]) -> anyhow::Result<Selected> {

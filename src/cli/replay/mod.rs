@@ -8,8 +8,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
 use swarmbench_engine::Control;
-use swarmbench_figures::frame::{Layout, Shown, Stage};
-use swarmbench_figures::{Canvas, FRAMES_PER_SECOND_MAX, Film, Gif, Scene, Y4m, png, svg};
+use swarmbench_replay::draw::frame::{Layout, Shown, Stage};
+use swarmbench_replay::draw::moments::{MOMENTS_MAX, Moments};
+use swarmbench_replay::draw::{Canvas, FRAMES_PER_SECOND_MAX, Film, Gif, Scene, Y4m, png, svg};
 use tokio_util::sync::CancellationToken;
 
 use super::asked_to_stop;
@@ -35,6 +36,7 @@ const PNG_SCALE: f64 = 2.0;
     swarmbench replay EPISODE --gif game.gif --messages\n  \
     swarmbench replay game.jsonl --gif start.gif --rounds 0..20 --scale 48\n  \
     swarmbench replay game.jsonl --png moment.png --round 37 --views\n  \
+    swarmbench replay game.jsonl --picture moments.svg --moments 0,10,20\n  \
     swarmbench replay game.jsonl --y4m - | ffmpeg -i - game.mp4\n  \
     swarmbench replay game.jsonl --html game.html"
 )]
@@ -44,22 +46,25 @@ pub(super) struct Args {
     #[command(flatten)]
     output: Output,
     /// The frame to draw, with --svg or --png.
-    #[arg(long, conflicts_with_all = ["rounds", "gif", "y4m"])]
+    #[arg(long, conflicts_with_all = ["rounds", "gif", "y4m", "picture"])]
     round: Option<u32>,
     /// The first and the last frame, such as 10..60; either may be left out.
-    #[arg(long, value_parser = rounds)]
+    #[arg(long, value_parser = rounds, conflicts_with = "picture")]
     rounds: Option<RangeInclusive<u32>>,
+    /// The states that the picture of --picture shows, such as 0,10,20.
+    #[arg(long, value_name = "ROUND,…", value_delimiter = ',', requires = "picture")]
+    moments: Vec<u32>,
     /// Show all messages of the round below the map.
     #[arg(long)]
     messages: bool,
     /// Show the windows of all agents.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "picture")]
     views: bool,
     /// Include the prompts in the page of --html, most of whose size they are.
     #[arg(long, requires = "html")]
     prompts: bool,
     /// The side of a cell of the map, in pixels. Default: 4 to 32, so that the map has about 400 pixels.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256), conflicts_with = "picture")]
     scale: Option<u16>,
     /// The number of frames per second.
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=i64::from(FRAMES_PER_SECOND_MAX)))]
@@ -83,6 +88,9 @@ struct Output {
     /// Write one frame as a PNG.
     #[arg(long, requires = "round")]
     png: Option<PathBuf>,
+    /// Write the moments of --moments side by side, as one SVG or PNG.
+    #[arg(long, requires = "moments")]
+    picture: Option<PathBuf>,
     /// Write a page that shows the game in a browser, without a server or a network.
     #[arg(long)]
     html: Option<PathBuf>,
@@ -112,6 +120,9 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
 
 fn write(args: &Args, journal: &Journal, stop: &CancellationToken) -> anyhow::Result<()> {
     let outline = Outline::of(journal)?;
+    if let Some(path) = &args.output.picture {
+        return write_moments(args, path, &outline, journal, stop);
+    }
     let range = args.round.map(|round| round..=round).or_else(|| args.rounds.clone());
     let (first, last) = range.unwrap_or(0..=u32::MAX).into_inner();
     ensure!(
@@ -149,6 +160,64 @@ fn write(args: &Args, journal: &Journal, stop: &CancellationToken) -> anyhow::Re
     bar.finish_and_clear();
     replayed?;
     target.finish()
+}
+
+/// Writes a picture of some states.
+fn write_moments(
+    args: &Args,
+    path: &Path,
+    outline: &Outline,
+    journal: &Journal,
+    stop: &CancellationToken,
+) -> anyhow::Result<()> {
+    let Args { moments: wanted, messages, .. } = args;
+    ensure!(wanted.len() <= MOMENTS_MAX, "a picture has at most {MOMENTS_MAX} moments");
+    let last = wanted.iter().copied().max().unwrap_or_default();
+    ensure!(
+        last <= outline.last(),
+        "there is no state {last}: the game has the states 0 to {}",
+        outline.last()
+    );
+    let format = Format::of(path)?;
+    let bar = progress_bar("{bar:30} round {pos} of {len}");
+    let mut seen = Vec::new();
+    let replayed = journals::replay(
+        journal,
+        (last, false),
+        |round| wanted.contains(&round),
+        stop,
+        |round| set(&bar, round.into(), last.into()),
+        |moment| {
+            seen.push(moment.clone());
+            Ok(())
+        },
+    );
+    bar.finish_and_clear();
+    replayed?;
+    let config = &outline.opening.config;
+    let title = format!("{}, {}, seed {}", config.task, config.model, config.seed);
+    let scene = Moments { title, moments: seen, messages: *messages }.scene();
+    match format {
+        Format::Svg => Partial::write(path, svg(&scene).as_bytes()),
+        Format::Png => Partial::write(path, &png(&scene, PNG_SCALE)?),
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Format {
+    Svg,
+    Png,
+}
+
+impl Format {
+    /// The format that the end of a name says.
+    fn of(path: &Path) -> anyhow::Result<Self> {
+        match path.extension().and_then(|end| end.to_str()) {
+            Some("svg") => Ok(Self::Svg),
+            Some("png") => Ok(Self::Png),
+            _ => bail!("{} must end in .svg or .png", path.display()),
+        }
+    }
 }
 
 /// Writes a page with the states up to `last`.

@@ -11,12 +11,12 @@ use swarmbench_prompt::tasks;
 use swarmbench_protocol::observation::Sight;
 use swarmbench_protocol::replay::{AgentRound, Replay, ReplayHead, ReplayPage, ReplayState};
 use swarmbench_protocol::status::Status;
+use swarmbench_replay::{
+    Reel, Round, Scene, agent_round, block_cells, ground, inbox, rounded, shown_act,
+};
 
 use super::super::journals::Outline;
 use crate::pages::single_page;
-use crate::replay::{
-    Reel, Round, Scene, agent_round, block_cells, ground, inbox, rounded, shown_act,
-};
 
 /// Maximum bytes of a game in a page, as browsers open larger pages slowly.
 const PAGE_GAME_BYTES_MAX: usize = 64 << 20;

@@ -43,14 +43,8 @@ pub(super) enum Kind {
     Score,
     /// A number with this many decimal places.
     Fixed(usize),
-    /// A correlation coefficient with three digits, and its stars.
-    Coefficient,
-    /// A probability.
-    Probability,
     /// A change in percent.
     Percent,
-    /// Two bounds.
-    Interval,
 }
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -65,11 +59,6 @@ pub(super) enum Cell {
         best: bool,
     },
     Number(f64),
-    Coefficient {
-        r: f64,
-        stars: &'static str,
-    },
-    Interval(f64, f64),
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -88,8 +77,6 @@ pub(super) struct Row {
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct Sheet {
-    /// Name and value that all rows share, such as `task` and `Pursuit`: the first column of CSV, the title elsewhere.
-    pub(super) group: Option<(String, String)>,
     /// Names of the columns that identify a row.
     pub(super) heads: Vec<String>,
     pub(super) columns: Vec<Column>,
@@ -137,7 +124,9 @@ fn written(format: Format, sheets: &[Sheet], notes: &[String], width: u16) -> St
             let body = match format {
                 Format::Latex => latex(sheet),
                 Format::Markdown => markdown(sheet),
-                Format::Table | Format::Csv | Format::Json => terminal(sheet, width),
+                Format::Table | Format::Csv | Format::Json => {
+                    terminal(sheet, 0..sheet.columns.len(), width)
+                }
             };
             body + &sheet.notes.iter().map(sentence).collect::<String>()
         })
@@ -151,14 +140,9 @@ fn one_line(text: &str) -> String {
     text.split(['\n', '\r']).collect::<Vec<_>>().join(" ")
 }
 
-/// Lays a sheet out for `width` columns of a terminal: cells have two lines if it is too narrow, then the columns are split into
-/// several tables.
-fn terminal(sheet: &Sheet, width: u16) -> String {
-    let title = sheet.group.as_ref().map(|(_, name)| format!("{name}\n")).unwrap_or_default();
-    format!("{title}{}", blocks(sheet, 0..sheet.columns.len(), width))
-}
-
-fn blocks(sheet: &Sheet, columns: std::ops::Range<usize>, width: u16) -> String {
+/// Lays columns of a sheet out for `width` columns of a terminal: cells have two lines if it is too narrow, then the columns are
+/// split into several tables.
+fn terminal(sheet: &Sheet, columns: std::ops::Range<usize>, width: u16) -> String {
     for is_narrow in [false, true] {
         let (mut shown, least) = drawn(sheet, columns.clone(), is_narrow);
         if least <= width.into() || (is_narrow && columns.len() < 2) {
@@ -167,7 +151,7 @@ fn blocks(sheet: &Sheet, columns: std::ops::Range<usize>, width: u16) -> String 
         }
     }
     let middle = columns.start + columns.len().div_ceil(2);
-    blocks(sheet, columns.start..middle, width) + &blocks(sheet, middle..columns.end, width)
+    terminal(sheet, columns.start..middle, width) + &terminal(sheet, middle..columns.end, width)
 }
 
 /// Minimum columns of a terminal into which a text may be wrapped.
@@ -211,7 +195,6 @@ mod tests {
         let cell = Cell::Score { mean: 9.6, deviation: 0.489_9, games: 5, best: false };
         let name = |number| format!("Task {number}");
         Sheet {
-            group: None,
             heads: vec!["model".to_owned()],
             columns: (0..columns)
                 .map(|number| Column { name: name(number), kind: Kind::Score })
@@ -227,13 +210,13 @@ mod tests {
     #[test]
     fn every_table_fits_80_columns_and_no_number_is_broken() {
         for columns in [1, 3, 5, 6, 12] {
-            let shown = terminal(&sheet(columns), 80);
+            let shown = terminal(&sheet(columns), 0..columns, 80);
             let widest = shown.lines().map(|line| line.chars().count()).max();
             assert!(widest <= Some(80), "{shown}");
             assert_eq!(shown.matches("±").count(), columns, "{shown}");
             assert_eq!(shown.matches("0.49 (5)").count(), columns, "{shown}");
         }
-        let wide = terminal(&sheet(12), u16::MAX);
+        let wide = terminal(&sheet(12), 0..12, u16::MAX);
         assert!(wide.contains("9.60 ± 0.49 (5)"), "{wide}");
     }
 

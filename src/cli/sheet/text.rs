@@ -18,24 +18,15 @@ pub(super) fn plain(cell: &Cell, kind: Kind, between: char) -> String {
         }
         Cell::Number(number) => match kind {
             Kind::Fixed(digits) => format!("{number:.digits$}"),
-            Kind::Probability => probability(*number),
             Kind::Percent => format!("{number:+.1} %"),
-            Kind::Score | Kind::Coefficient | Kind::Interval => number.to_string(),
+            Kind::Score => number.to_string(),
         },
-        Cell::Coefficient { r, stars: "" } => format!("{r:.3}"),
-        Cell::Coefficient { r, stars } => format!("{r:.3}{between}{stars}"),
-        Cell::Interval(low, high) => format!("{low:.2}{between}to {high:.2}"),
     }
-}
-
-fn probability(p: f64) -> String {
-    if p < 0.0005 { "<0.001".to_owned() } else { format!("{p:.3}") }
 }
 
 fn in_markdown(cell: &Cell, kind: Kind) -> String {
     match cell {
         Cell::Score { best: true, .. } => format!("**{}**", plain(cell, kind, ' ')),
-        Cell::Coefficient { r, stars } => format!("{r:.3}{}", stars.replace('*', "\\*")),
         _ => plain(cell, kind, ' '),
     }
 }
@@ -50,9 +41,6 @@ fn in_latex(cell: &Cell, kind: Kind) -> String {
         }
         Cell::Number(number) if kind == Kind::Percent => format!("${number:+.1}\\,\\%$"),
         Cell::Number(_) => format!("${}$", plain(cell, kind, ' ')),
-        Cell::Coefficient { r, stars: "" } => format!("${r:.3}$"),
-        Cell::Coefficient { r, stars } => format!("${r:.3}^{{{stars}}}$"),
-        Cell::Interval(low, high) => format!("${low:.2}$ to ${high:.2}$"),
     }
 }
 
@@ -86,7 +74,6 @@ pub(super) fn escaped_latex(text: &str) -> String {
 }
 
 pub(super) fn markdown(sheet: &Sheet) -> String {
-    let title = sheet.group.iter().map(|(_, name)| format!("### {}\n\n", escaped_markdown(name)));
     let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));
     let names = sheet.heads.iter().chain(sheet.columns.iter().map(|column| &column.name));
     let rules = sheet.heads.iter().map(|_| "---").chain(sheet.columns.iter().map(|_| "---:"));
@@ -97,12 +84,11 @@ pub(super) fn markdown(sheet: &Sheet) -> String {
     });
     let top = line(names.map(|name| escaped_markdown(name)).collect())
         + &line(rules.map(str::to_owned).collect());
-    title.chain([top]).chain(rows).collect()
+    iter::once(top).chain(rows).collect()
 }
 
 /// A `tabular` environment with rules of booktabs.
 pub(super) fn latex(sheet: &Sheet) -> String {
-    let title = sheet.group.iter().map(|(_, name)| format!("% {}\n", one_line(name)));
     let line = |cells: Vec<String>| format!("{} \\\\\n", cells.join(" & "));
     let names = sheet.heads.iter().chain(sheet.columns.iter().map(|column| &column.name));
     let top = format!(
@@ -117,10 +103,10 @@ pub(super) fn latex(sheet: &Sheet) -> String {
         line(heads.chain(cells.map(|(cell, column)| in_latex(cell, column.kind))).collect())
     });
     let end = "\\bottomrule\n\\end{tabular}\n".to_owned();
-    title.chain([top]).chain(rows).chain([end]).collect()
+    iter::once(top).chain(rows).chain([end]).collect()
 }
 
-/// All sheets as one JSON object: `tables`, each with its `group`, `rows` and `notes`, and the `notes` on all.
+/// All sheets as one JSON object: `tables`, each with its `rows` and `notes`, and the `notes` on all.
 pub(super) fn json(sheets: &[Sheet], notes: &[String]) -> String {
     let value = |cell: &Cell| match cell {
         Cell::Empty => Value::Null,
@@ -128,8 +114,6 @@ pub(super) fn json(sheets: &[Sheet], notes: &[String]) -> String {
             json!({ "mean": mean, "deviation": deviation, "games": games })
         }
         Cell::Number(number) => json!(number),
-        Cell::Coefficient { r, .. } => json!(r),
-        Cell::Interval(low, high) => json!([low, high]),
     };
     let row = |sheet: &Sheet, row: &Row| {
         let names = sheet.columns.iter().map(|column| column.name.clone());
@@ -139,10 +123,9 @@ pub(super) fn json(sheets: &[Sheet], notes: &[String]) -> String {
         json!({ "row": heads, "cells": cells })
     };
     let table = |sheet: &Sheet| {
-        let group: Map<String, Value> =
-            sheet.group.iter().map(|(name, value)| (name.clone(), json!(value))).collect();
         let rows: Vec<Value> = sheet.rows.iter().map(|of| row(sheet, of)).collect();
-        json!({ "group": group, "rows": rows, "notes": sheet.notes })
+        // Tables had groups, and programs may read them.
+        json!({ "group": {}, "rows": rows, "notes": sheet.notes })
     };
     let tables: Vec<Value> = sheets.iter().map(table).collect();
     format!("{:#}\n", json!({ "tables": tables, "notes": notes }))
@@ -152,17 +135,12 @@ pub(super) fn json(sheets: &[Sheet], notes: &[String]) -> String {
 pub(super) fn csv(sheets: &[Sheet]) -> String {
     let mut tables: Vec<(Vec<String>, Vec<Vec<String>>)> = Vec::new();
     for sheet in sheets {
-        let group = sheet.group.iter();
-        let heads = group.clone().map(|(name, _)| name).chain(&sheet.heads).cloned();
+        let heads = sheet.heads.iter().cloned();
         let names = told_apart(heads.chain(sheet.columns.iter().flat_map(fields)));
         let rows = sheet.rows.iter().map(|row| {
-            let group = group.clone().map(|(_, value)| value.clone());
-            let heads = group.chain(row.heads.iter().map(ToString::to_string));
+            let heads = row.heads.iter().map(|head| guarded(&head.to_string()));
             let cells = row.cells.iter().zip(&sheet.columns);
-            heads
-                .map(|head| guarded(&head))
-                .chain(cells.flat_map(|(cell, column)| values(cell, column)))
-                .collect()
+            heads.chain(cells.flat_map(|(cell, column)| values(cell, column))).collect()
         });
         match tables.last_mut() {
             Some((last, all)) if *last == names => all.extend(rows),
@@ -189,10 +167,8 @@ fn fields(column: &Column) -> Vec<String> {
     let name = guarded(&column.name).replace(", ", "_").replace(' ', "_");
     match column.kind {
         Kind::Score => ["mean", "deviation", "n"].map(|part| format!("{name}_{part}")).to_vec(),
-        Kind::Interval => ["low", "high"].map(|part| format!("{name}_{part}")).to_vec(),
-        Kind::Coefficient => vec![name.clone(), format!("{name}_stars")],
         Kind::Percent => vec![format!("{name}_percent")],
-        Kind::Fixed(_) | Kind::Probability => vec![name],
+        Kind::Fixed(_) => vec![name],
     }
 }
 
@@ -203,8 +179,6 @@ fn values(cell: &Cell, column: &Column) -> Vec<String> {
             vec![mean.to_string(), deviation.to_string(), games.to_string()]
         }
         Cell::Number(number) => vec![number.to_string()],
-        Cell::Coefficient { r, stars } => vec![r.to_string(), (*stars).to_owned()],
-        Cell::Interval(low, high) => vec![low.to_string(), high.to_string()],
     }
 }
 
@@ -214,24 +188,13 @@ mod tests {
     use super::*;
 
     fn sheet(name: &str) -> Sheet {
-        let kinds = [
-            ("score", Kind::Score),
-            ("r", Kind::Coefficient),
-            ("p", Kind::Probability),
-            ("by models", Kind::Interval),
-            ("change", Kind::Percent),
-            ("n", Kind::Fixed(0)),
-        ];
+        let kinds = [("score", Kind::Score), ("change", Kind::Percent), ("n", Kind::Fixed(0))];
         let cells = vec![
             Cell::Score { mean: 9.6, deviation: 0.25, games: 5, best: true },
-            Cell::Coefficient { r: -0.5, stars: "*" },
-            Cell::Number(0.0001),
-            Cell::Interval(-0.75, 0.25),
             Cell::Number(41.379),
             Cell::Empty,
         ];
         Sheet {
-            group: Some(("task".to_owned(), "Pursuit".to_owned())),
             heads: vec!["model".to_owned()],
             columns: kinds.map(|(name, kind)| Column { name: name.to_owned(), kind }).to_vec(),
             rows: vec![Row { heads: vec![name.into()], cells }],
@@ -248,29 +211,26 @@ mod tests {
         );
         let text = latex(&sheet("a_b & c"));
         assert!(
-            text.contains(
-                "a\\_b \\& c & $\\mathbf{9.60 \\pm 0.25}$ (5) & $-0.500^{*}$ & $<0.001$ & \
-                 $-0.75$ to $0.25$ & $+41.4\\,\\%$ &  \\\\\n"
-            ),
+            text.contains("a\\_b \\& c & $\\mathbf{9.60 \\pm 0.25}$ (5) & $+41.4\\,\\%$ &  \\\\\n"),
             "{text}"
         );
-        assert!(text.contains("model & score & r & p & by models & change & n \\\\\n\\midrule"));
+        assert!(text.contains("model & score & change & n \\\\\n\\midrule"));
     }
 
     #[test]
     fn markdown_has_bold_and_escaped_names() {
         let text = markdown(&sheet("a|b*"));
-        assert!(text.contains("| a\\|b\\* | **9.60 ± 0.25 (5)** | -0.500\\* | <0.001 |"), "{text}");
+        assert!(text.contains("| a\\|b\\* | **9.60 ± 0.25 (5)** | +41.4 % |"), "{text}");
     }
 
     #[test]
     fn no_two_columns_of_csv_have_one_name() {
         let mut sheet = sheet("b");
-        let names = ["team 1", "team_1", "task", "team_1_2"];
+        let names = ["team 1", "team_1", "model", "team_1_2"];
         let column = |name: &str| Column { name: name.to_owned(), kind: Kind::Fixed(0) };
         sheet.columns = names.map(column).to_vec();
         sheet.rows.clear();
-        assert_eq!(csv(&[sheet]), "task,model,team_1,team_1_2,task_2,team_1_2_2\r\n");
+        assert_eq!(csv(&[sheet]), "model,team_1,team_1_2,model_2,team_1_2_2\r\n");
     }
 
     #[test]
@@ -280,10 +240,9 @@ mod tests {
         assert_eq!(
             lines,
             [
-                "task,model,score_mean,score_deviation,score_n,r,r_stars,p,by_models_low,by_models_high,\
-                 change_percent,n",
-                "Pursuit,'=a,9.6,0.25,5,-0.5,*,0.0001,-0.75,0.25,41.379,",
-                "Pursuit,b,9.6,0.25,5,-0.5,*,0.0001,-0.75,0.25,41.379,",
+                "model,score_mean,score_deviation,score_n,change_percent,n",
+                "'=a,9.6,0.25,5,41.379,",
+                "b,9.6,0.25,5,41.379,",
             ]
         );
     }

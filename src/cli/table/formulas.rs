@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use anyhow::{Context, ensure};
-use swarmbench_analysis::statistics::mean;
+use swarmbench_analysis::means::mean;
 
 use super::super::games::{Place, Value};
 use super::super::sheet::{Cell, Column, Kind, Sheet};

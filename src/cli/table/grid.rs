@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use anyhow::ensure;
-use swarmbench_analysis::statistics::mean_and_deviation;
+use swarmbench_analysis::means::mean_and_deviation;
 
 use super::super::games::{Axes, Place, Selected, Value, games_told};
 use super::super::sheet::{Cell, Column, Kind, Row, Sheet};
@@ -47,7 +47,7 @@ impl Grid {
         for column in &apart {
             games.check_column(column)?;
         }
-        let axes = Axes { apart: &apart, ignored: &layout.ignored, option: Some(layout.option) };
+        let axes = Axes { apart: &apart, ignored: &layout.ignored, option: layout.option };
         let shared = games.shared(&chosen, &axes)?;
         games.check_numbers(&layout.value, &chosen)?;
         let key = |names: &[String], game: usize| -> Key {
@@ -136,7 +136,6 @@ impl Grid {
     ) -> Sheet {
         let row = |row: &Key| Row { heads: Self::head(row), cells: cells(row) };
         Sheet {
-            group: None,
             heads: self.layout.rows.clone(),
             columns,
             rows: self.rows.iter().map(row).collect(),

@@ -11,12 +11,12 @@ use super::super::extract::AgentPlace;
 use super::super::prelude::*;
 use crate::episode::Status;
 use crate::episode::actor::Handle;
-use crate::replay::{agent_round, inbox, shown_act};
 use crate::store::port::EpisodeStore;
 use crate::store::records::TimedAct;
 use swarmbench_prompt::tasks;
 use swarmbench_protocol::observation::Sight;
 use swarmbench_protocol::replay::{AgentRound, InboxMessage};
+use swarmbench_replay::{agent_round, inbox, shown_act};
 
 /// Show the knowledge of an agent in a round, and its act.
 ///

@@ -15,12 +15,12 @@ use crate::episode::Snapshot;
 use crate::episode::actor::Handle;
 use crate::episode::replay::{Rounds, state_at};
 use crate::fair::Party;
-use crate::replay::{
+use crate::store::port::RoundActs;
+use swarmbench_protocol::replay::{Replay, ReplayHead, ReplayPage, ReplayState};
+use swarmbench_replay::{
     PAGE_BYTES_MAX, PageMaker, ROUNDS_BEFORE, ROUNDS_MAX, Reel, Round, Scene, block_cells, ground,
     rounds_of_page,
 };
-use crate::store::port::RoundActs;
-use swarmbench_protocol::replay::{Replay, ReplayHead, ReplayPage, ReplayState};
 
 /// Microseconds for which an agent's part of a state is made, at most.
 const MICROS_OF_AN_AGENT: u64 = 10;

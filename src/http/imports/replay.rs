@@ -7,10 +7,10 @@ use super::super::replay_pages::{Game, PageKey, WrittenPage};
 use super::unreadable;
 use crate::dataset::imported::Unreadable;
 use crate::dataset::replay::{ImportPage, ground, rounds_of_import_page};
-use crate::replay::{PAGE_BYTES_MAX, ROUNDS_BEFORE};
 use crate::store::entries::ImportedRound;
 use crate::store::imports::StoredImport;
 use swarmbench_protocol::replay::{Replay, ReplayHead};
+use swarmbench_replay::{PAGE_BYTES_MAX, ROUNDS_BEFORE};
 
 /// States that are read and shown at once.
 const CHUNK: u32 = 8;

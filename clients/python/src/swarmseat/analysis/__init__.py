@@ -38,7 +38,7 @@ from .problems import (
 )
 from .regression import Regression, blocks, regression
 from .reporting import Report, report
-from .scores import dynamics, score_table, score_trends, scores
+from .series import dynamics, score_trends
 from .tables import Games, load
 from .texts import (
     Hash1,
@@ -94,7 +94,5 @@ __all__ = [
     "relate_to_edits",
     "report",
     "save",
-    "score_table",
     "score_trends",
-    "scores",
 ]

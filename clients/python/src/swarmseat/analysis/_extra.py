@@ -2,7 +2,7 @@
 
 from importlib.util import find_spec
 
-NEEDED = ("matplotlib", "numpy", "pandas", "pyarrow", "scipy", "sklearn", "statsmodels")
+NEEDED = ("jinja2", "matplotlib", "numpy", "pandas", "pyarrow", "scipy", "sklearn", "statsmodels")
 
 for name in NEEDED:
     if find_spec(name) is None:

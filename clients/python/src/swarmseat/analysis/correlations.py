@@ -114,14 +114,16 @@ def _reasons(table: pd.DataFrame, task: str) -> str:
 
 
 def failure_modes(games: Games) -> pd.DataFrame:
-    """Correlates the metric of each of the paper's failure modes with the score of its task."""
+    """Correlates the metric of each of the paper's failure modes with the score of its task; `q` is over all rows."""
     played = {task: metric for task, metric in FAILURES.items() if task in games.tasks}
     if not played:
         raise TooLittleDataError(f"failure modes are those of {', '.join(FAILURES)}, and none of them was played")
     games.one_setting()
     games.require(list(played.values()))
     rows = [_of_task(games.where(task=task), task, [metric], "paper") for task, metric in played.items()]
-    return pd.concat(rows, ignore_index=True).drop(columns="q")
+    table = pd.concat(rows, ignore_index=True)
+    table["q"] = benjamini_hochberg(table["p"].to_numpy(float))
+    return table
 
 
 def convergence_by_task(games: Games) -> pd.DataFrame:
@@ -132,8 +134,8 @@ def convergence_by_task(games: Games) -> pd.DataFrame:
 def convergence_by_model(games: Games) -> pd.DataFrame:
     """Correlates the convergence of messages with the score, for each model over all its games.
 
-    `r`, `p` … pool the raw values of all tasks, as the paper does, though tasks have different scales. For `within_r`
-    and `within_p` values are standardised within their task first.
+    `r`, `p` … pool the raw values of all tasks, as the paper does, though tasks have different scales; `q` is over all
+    rows. For `within_r` and `within_p` values are standardised within their task first.
     """
     games.one_setting()
     games.require(INCREASES)
@@ -158,7 +160,9 @@ def convergence_by_model(games: Games) -> pd.DataFrame:
             "no game has enough rounds with two or more messages to say whether they become alike: play with models "
             "that talk"
         )
-    return pd.DataFrame(rows)
+    table = pd.DataFrame(rows)
+    table["q"] = benjamini_hochberg(table["p"].to_numpy(float))
+    return table
 
 
 def _correlate(x: Floats, y: Floats) -> Correlation:

@@ -20,7 +20,7 @@ from .correlations import correlation_matrix, correlations, top_metric
 from .metrics import METRICS, TWELVE, Definition, column, title
 from .problems import TooLittleDataError
 from .regression import Regression
-from .scores import drawn_metrics, dynamics, score_trends, scores
+from .series import drawn_metric, dynamics, score_trends
 from .tables import Games
 
 P = ParamSpec("P")
@@ -128,10 +128,21 @@ def _grid(figure: Figure, panels: int, columns: int) -> list[Axes]:
     return list(axes[:panels])
 
 
+def _means(games: Games, by: list[str]) -> pd.DataFrame:
+    """Mean and population deviation of the final score, and the number of games, for each group."""
+    games.one_setting(but=by)
+    groups = games.episodes.groupby(by)["score"]
+    return groups.agg(mean="mean", deviation=lambda values: values.std(ddof=0), n="size").reset_index()
+
+
+def _counted(label: str, n: "pd.Series[int]") -> str:
+    return f"{label} (n = {_range(n.min(), n.max())})"
+
+
 @_styled
 def plot_scores(games: Games) -> Figure:
     """Mean scores as bars with population deviations: a panel for each task, a bar for each of its models."""
-    table = scores(games)
+    table = _means(games, ["model", "task"])
     most = int(table.groupby("task").size().max())
     columns = min(3, len(games.tasks))
     figure = _figure(3.6 * columns, (0.8 + 0.2 * most) * -(-len(games.tasks) // columns))
@@ -146,7 +157,8 @@ def plot_scores(games: Games) -> Figure:
         axes.barh(range(len(own)), own["mean"], 0.7, xerr=own["deviation"], **style)
         axes.set_yticks(range(len(own)), [_short(model) for model in own["model"]])
         # Bars are as thick in a task with fewer models.
-        axes.set(title=task, xlabel="score (mean ± deviation)", ylim=(len(own) - 0.5 - most, len(own) - 0.5))
+        label = _counted("score, mean ± deviation", own["n"])
+        axes.set(title=task, xlabel=label, ylim=(len(own) - 0.5 - most, len(own) - 0.5))
         axes.axvline(0, color="black", linewidth=0.6)
     return figure
 
@@ -168,7 +180,7 @@ def plot_score_trends(games: Games) -> Figure:
             axes.plot(own["round"], own["mean"], **look)
         axes.set_title(task)
         _rounds(axes, int(table.loc[table["task"] == task, "round"].max()))
-    panels[0].set_ylabel("score")
+    panels[0].set_ylabel(_counted("score", table["n"]))
     _legend(figure, *panels)
     return figure
 
@@ -184,8 +196,8 @@ def _band(axes: Axes, series: pd.DataFrame, divisor: float, colour: str, lowest:
 def plot_dynamics(games: Games, task: str, model: str) -> Figure:
     """The four panels of the paper's dynamics figure: score, messages, choices, positions.
 
-    The solid line is the game with the highest score, the dashed line the mean over the games that have not ended yet,
-    the band its deviation; values are divided as the legends say.
+    The solid line is the game with the highest score, the dashed line the mean over the games, the band its deviation;
+    values are divided as the legends say. A game that ended early keeps its score, and has no metrics of later rounds.
     """
     table = dynamics(games, task, model)
     figure = _figure(8.4, 6)
@@ -193,7 +205,7 @@ def plot_dynamics(games: Games, task: str, model: str) -> Figure:
     contents = {
         "score": [("score", "Score", 1.0)],
         **{
-            panel: [(drawn_metrics(m.name), m.title, m.divisor) for m in METRICS if m.panel == panel]
+            panel: [(drawn_metric(m.name), m.title, m.divisor) for m in METRICS if m.panel == panel]
             for panel in ("messages", "choices", "positions")
         },
     }
@@ -213,9 +225,8 @@ def plot_dynamics(games: Games, task: str, model: str) -> Figure:
             axes.legend(loc="upper left", bbox_to_anchor=(0, -0.17), ncols=2, fontsize=6, frameon=False)
         else:
             axes.text(0.5, 0.5, "undefined in all rounds", transform=axes.transAxes, ha="center")
-    figure.suptitle(
-        f"{task}, {_short(model)} (solid: the best game; dashed: mean ± deviation of games that last so long)"
-    )
+    name = _counted(f"{task}, {_short(model)}", table.loc[table["metric"] == "score", "n"])
+    figure.suptitle(f"{name}. Solid: the best game; dashed: mean ± deviation")
     return figure
 
 
@@ -426,27 +437,22 @@ def plot_keywords(table: pd.DataFrame) -> Figure:
 
 
 @_styled
-def plot_sensitivity(games: Games) -> Figure:
-    """Mean scores over the number of agents, a line for each view size and a panel for each task."""
+def plot_sensitivity(games: Games, across: str = "num_agents", lines: str = "view_size") -> Figure:
+    """Mean scores over a setting, a line for each value of another one and a panel for each task."""
     if games.episodes["model"].nunique() > 1:
         raise TooLittleDataError("the sensitivity is that of one model: choose it, as in load(…, model='my-model')")
-    table = scores(games, ["task", "num_agents", "view_size"])
+    for name in (across, lines):
+        games.check_column(name)
+    table = _means(games, ["task", lines, across])
     figure = _figure(2.6 * len(games.tasks) + 0.6, 3.2)
     panels = figure.subplots(1, len(games.tasks), squeeze=False)[0]
-    sizes = sorted(table["view_size"].unique())
+    values = sorted(table[lines].unique())
     for task, axes in zip(games.tasks, panels, strict=True):
-        for size, style in _styles([f"{size}" for size in sizes]):
-            own = table[(table["task"] == task) & (table["view_size"] == int(size))]
-            axes.errorbar(
-                own["num_agents"],
-                own["mean"],
-                yerr=own["deviation"],
-                capsize=2,
-                markersize=4,
-                label=f"view size {size}",
-                **style,
-            )
-        axes.set(title=task, xlabel="agents")
-    panels[0].set_ylabel("score (mean ± deviation)")
+        for value, (_, style) in zip(values, _styles(map(str, values)), strict=True):
+            own = table[(table["task"] == task) & (table[lines] == value)]
+            look = {**style, "capsize": 2, "markersize": 4, "label": f"{lines.replace('_', ' ')} {value}"}
+            axes.errorbar(own[across], own["mean"], yerr=own["deviation"], **look)
+        axes.set(title=task, xlabel=across.replace("_", " "))
+    panels[0].set_ylabel(_counted("score, mean ± deviation", table["n"]))
     _legend(figure, panels[0])
     return figure

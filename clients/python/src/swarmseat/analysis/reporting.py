@@ -1,45 +1,33 @@
-"""All tables and figures of the paper for a set of games, in one folder, and the command `swarmseat-analysis`."""
+"""The command `swarmseat-analysis`: one table or figure of the paper, or all of them in a folder with a report."""
 
 import argparse
+import csv
 import html
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
 
 from ..errors import SwarmbenchError
-from .attribution import ACTS_MAX, action_attribution
-from .correlations import convergence_by_model, convergence_by_task, correlations, failure_modes
-from .figures import (
-    plot_attribution,
-    plot_blocks,
-    plot_correlation_matrix,
-    plot_correlations,
-    plot_dynamics,
-    plot_keywords,
-    plot_scatter,
-    plot_score_trends,
-    plot_scores,
-    plot_sensitivity,
-    plot_shap,
-    save,
-)
+from .attribution import ACTS_MAX
+from .figures import save
+from .metrics import TWELVE
+from .pieces import PIECES, Options, Output, Piece
 from .problems import AnalysisError, FilesError
-from .regression import blocks, regression
-from .scores import score_table, scores
-from .stopwords import SOURCE
 from .tables import Games, load
-from .texts import relate_to_edits
-from .words import distinctive_words, keywords
-from .write import html_table, latex_table, markdown_table, markdown_text
 
 FORMATS = ("png", "svg")
+
+FIGURES = ("png", "svg", "pdf")
+TABLES = ("csv", "tex", "html")
+
+DIGITS = 4
+"""The significant digits of numbers; CSV files have all digits."""
 
 ROWS_SHOWN_MAX = 60
 """The maximum number of rows of a table in the report; the files have all rows."""
@@ -47,125 +35,88 @@ ROWS_SHOWN_MAX = 60
 PANELS_MAX = 100
 """The maximum number of pairs of model and task whose dynamics are drawn."""
 
-CAUTIONS = (
-    "The paper speaks of twelve metrics and defines thirteen. The deviation of message lengths is the one that its "
-    "figures do not show; correlations and regressions here use the other twelve.",
-    "The paper concludes that what agents say matters little for the score. The metric with the largest correlation "
-    "is still one of messages in two of its five tasks.",
-    "The exploration rate is a number of cells, not a share. The dynamics figure draws the distance walked since the "
-    "start; tables have the distance of one round.",
-    "In the paper, messages that an agent received include its own last one. Here the agent's own message and action "
-    "are a block of their own.",
-    "A push event is also counted where an agent only follows another that walks away by itself (`pushes_strict` "
-    "leaves those out).",
-    "Where all messages of a round are the same text, their homogeneity is 1 here; the figures of the paper have 0 "
-    "there.",
-    "Correlations over all tasks of a model pool scores of different scales. Read the columns `within_r` and "
-    "`within_p`, which are standardised within each task.",
-    "The paper does not correct for testing many metrics. Read `q`, not `p`, to judge one metric among twelve, and "
-    "the intervals of the bootstrap: games of one model are not independent of each other.",
+CAUTION = (
+    "Games of one model are not independent, and twelve metrics are tested: docs/evaluate/analysis.md says how to read "
+    "p, q and the intervals, and docs/evaluate/metrics.md in which points the paper contradicts itself."
 )
-"""Caveats of comparisons with numbers of the paper."""
 
 
-class _Part(NamedTuple):
-    """A piece of the report: a table or a figure, or the reason why it is missing."""
+def write_table(table: pd.DataFrame, path: str | Path) -> None:
+    """Writes a table in the format of the name's end: `.csv`, `.html`, or `.tex` for the LaTeX package booktabs.
 
-    kind: str
-    name: str
-    title: str
-    markdown: str
-    html: str
+    Text of players is escaped.
+    """
+    path = Path(path)
+    if path.suffix == ".csv":
+        table.to_csv(path, index=False, lineterminator="\n")
+        return
+    look: dict[str, Any] = {"index": False, "escape": True, "na_rep": "", "float_format": f"%.{DIGITS}g"}
+    text = _html(table) if path.suffix == ".html" else table.to_latex(**look)
+    path.write_text(text, encoding="utf-8")
+
+
+def _html(table: pd.DataFrame) -> str:
+    look = f"{{:.{DIGITS}g}}".format
+    return str(table.to_html(index=False, escape=True, na_rep="", float_format=look, border=0))
 
 
 @dataclass
 class Report:
-    """The written files, and the missing pieces.
+    """A folder of tables and figures, with a page around them.
 
     Attributes:
-        folder: The folder of the files.
-        files: The files, by name.
+        folder: The folder.
+        formats: The formats of figures; the page shows the first.
         missing: The missing pieces, with reasons.
     """
 
     folder: Path
     formats: Sequence[str] = FORMATS
-    files: list[str] = field(default_factory=list)
     missing: dict[str, str] = field(default_factory=dict)
-    _parts: list[_Part] = field(default_factory=list, repr=False)
+    _parts: list[str] = field(default_factory=list, repr=False)
 
     def heading(self, title: str) -> None:
         """Begins a section."""
-        self._parts.append(_Part("heading", "", title, f"## {title}\n", f"<h2>{html.escape(title)}</h2>"))
+        self._parts.append(f"<h2>{html.escape(title)}</h2>")
 
-    def text(self, text: str) -> None:
-        """Adds a paragraph."""
-        self._parts.append(_Part("text", "", "", markdown_text(text) + "\n", f"<p>{html.escape(text)}</p>"))
-
-    def table(self, name: str, title: str, table: pd.DataFrame) -> None:
-        """Writes a table as CSV, Markdown and LaTeX, and shows it."""
-        table.to_csv(self._path(f"tables/{name}.csv"), index=False, lineterminator="\n")
-        self._write(f"tables/{name}.md", markdown_table(table))
-        self._write(f"tables/{name}.tex", latex_table(table, title))
-        shown = table.head(ROWS_SHOWN_MAX)
-        more = "" if len(shown) == len(table) else f"{len(table) - len(shown)} more rows are in tables/{name}.csv."
-        self._parts.append(
-            _Part(
-                "table",
-                name,
-                title,
-                f"**{markdown_text(title)}** ([CSV](tables/{name}.csv), [LaTeX](tables/{name}.tex))\n\n"
-                f"{markdown_table(shown)}\n{more}\n",
-                f"<h3>{html.escape(title)}</h3>{html_table(shown)}<p>{more}</p>",
+    def add(self, name: str, title: str, output: Output) -> None:
+        """Adds a paragraph, a table (as CSV and LaTeX), or a figure in all formats."""
+        caption = html.escape(title)
+        if isinstance(output, Figure):
+            for kind in self.formats:
+                save(output, self._path(f"figures/{name}.{kind}"))
+            shown = f"figures/{name}.{self.formats[0]}"
+            self._parts.append(
+                f'<figure><img src="{shown}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
             )
-        )
+        elif isinstance(output, pd.DataFrame):
+            for kind in ("csv", "tex"):
+                write_table(output, self._path(f"tables/{name}.{kind}"))
+            more = len(output) - ROWS_SHOWN_MAX
+            rest = f"<p>{more} more rows are in tables/{name}.csv.</p>" if more > 0 else ""
+            self._parts.append(f"<h3>{caption}</h3>{_html(output.head(ROWS_SHOWN_MAX))}{rest}")
+        else:
+            self._parts.append(f"<p>{html.escape(output)}</p>")
 
-    def figure(self, name: str, title: str, figure: Figure) -> None:
-        """Writes a figure in all formats, and shows it."""
-        for kind in self.formats:
-            save(figure, self._path(f"figures/{name}.{kind}"))
-        shown, caption = f"figures/{name}.{self.formats[0]}", html.escape(title)
-        self._parts.append(
-            _Part(
-                "figure",
-                name,
-                title,
-                f"![{markdown_text(title)}]({shown})\n",
-                f'<figure><img src="{shown}" alt="{caption}"><figcaption>{caption}</figcaption></figure>',
-            )
-        )
-
-    @contextmanager
-    def attempt(self, title: str) -> Iterator[None]:
-        """Writes into the report why a piece cannot be made, instead of raising the error."""
+    def attempt(self, name: str, title: str, outputs: Iterator[Output]) -> None:
+        """Adds all outputs of a piece. Where they end with an error, the report says why."""
         try:
-            yield
+            for output in outputs:
+                self.add(name, title, output)
         except AnalysisError as error:
             self.missing[title] = str(error)
-            self._parts.append(
-                _Part(
-                    "missing",
-                    "",
-                    title,
-                    f"**{markdown_text(title)}**: not made. {markdown_text(str(error))}\n",
-                    f"<p><strong>{html.escape(title)}</strong>: not made. {html.escape(str(error))}</p>",
-                )
-            )
+            why = html.escape(str(error))
+            self._parts.append(f"<p><strong>{html.escape(title)}</strong>: not made. {why}</p>")
 
     def finish(self, title: str) -> None:
-        """Writes `report.md` and `report.html`."""
-        self._write("report.md", "\n".join([f"# {markdown_text(title)}\n", *(part.markdown for part in self._parts)]))
-        body = "\n".join(part.html for part in self._parts)
-        self._write("report.html", _PAGE.format(title=html.escape(title), body=body))
+        """Writes `report.html`."""
+        body = "\n".join(self._parts)
+        self._path("report.html").write_text(_PAGE.format(title=html.escape(title), body=body), encoding="utf-8")
 
     def _path(self, name: str) -> Path:
         path = self.folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        self.files.append(name)
         return path
-
-    def _write(self, name: str, text: str) -> None:
-        self._path(name).write_text(text, encoding="utf-8")
 
 
 _PAGE = """<!doctype html>
@@ -178,8 +129,6 @@ img {{ max-width: 100%; }} figure {{ margin: 1rem 0; }}
 {body}
 </body></html>
 """
-
-Step = tuple[str, Callable[[], None]]
 
 
 def report(
@@ -202,7 +151,7 @@ def report(
         progress: A function that gets a line before each step.
 
     Returns:
-        The written files, and the missing pieces. A missing piece does not end the report.
+        The report, which names the missing pieces: these do not end it.
 
     Raises:
         FilesError: The folder has files.
@@ -213,19 +162,38 @@ def report(
     folder.mkdir(parents=True, exist_ok=True)
     made = Report(folder, tuple(formats))
     made.heading("Games")
-    made.text(_about(games))
-    for sentence in games.left_out:
-        made.text(sentence)
-    steps = _steps(games, made, progress, acts=0 if quick else acts)
-    for at, (title, step) in enumerate(steps, 1):
-        progress(f"[{at:>{len(str(len(steps)))}}/{len(steps)}] {title}")
-        with made.attempt(title):
-            step()
-    made.heading("What to be careful about")
-    for caution in CAUTIONS:
-        made.text(caution)
+    for sentence in (_about(games), *games.left_out, CAUTION):
+        made.add("", "", sentence)
+    pieces = {name: piece for name, piece in PIECES.items() if _is_wanted(name, games, quick=quick)}
+    asked = Options(acts=acts, progress=lambda line: progress(f"    {line}"))
+    for at, (name, piece) in enumerate(pieces.items(), 1):
+        progress(f"[{at:>{len(str(len(pieces)))}}/{len(pieces)}] {piece.title}")
+        made.heading(piece.title)
+        for file, title, own in _parts(name, piece, games):
+            made.attempt(file, title, piece.make(own, asked))
     made.finish("Analysis of SwarmBench games")
     return made
+
+
+def _is_wanted(name: str, games: Games, *, quick: bool) -> bool:
+    if name == "sensitivity":
+        return bool((games.episodes[["num_agents", "view_size"]].nunique() > 1).all())
+    return not (quick and name == "attribution")
+
+
+def _parts(name: str, piece: Piece, games: Games) -> Iterator[tuple[str, str, Games]]:
+    """The name, the title and the games of each table or figure of a piece."""
+    if piece.of == "all":
+        yield name, piece.title, games
+    elif piece.of == "task":
+        for task in games.tasks:
+            yield f"{name}-{task}", f"{task}: {piece.title}", games.where(task=task)
+    else:
+        played = games.episodes[["task", "model"]].drop_duplicates().sort_values(["task", "model"])
+        for number, (task, model) in enumerate(played.head(PANELS_MAX).itertuples(index=False, name=None), 1):
+            # Names of models are not valid file names; the number distinguishes names that become the same.
+            file = f"{name}-{task}-{number:03}-{re.sub(r'[^A-Za-z0-9]+', '-', model)[:40]}"
+            yield file, f"{task}, {model}: {piece.title}", games.where(task=task, model=model)
 
 
 def _about(games: Games) -> str:
@@ -238,188 +206,120 @@ def _about(games: Games) -> str:
     return ", ".join([*(f"{number} {name}" for name, number in count.items()), *known]) + "."
 
 
-def _steps(games: Games, made: Report, progress: Callable[[str], None], *, acts: int) -> list[Step]:
-    steps: list[Step] = [
-        ("Scores", lambda: _scores(games, made)),
-        ("Scores by setting", lambda: _by_setting(games, made)),
-    ]
-    steps.append(
-        ("Score trends", lambda: made.figure("score-trends", "Scores round by round", plot_score_trends(games)))
-    )
-    for task in games.tasks:
-        steps += [(f"{task}: {what}", _of_task(step, games, task, made)) for what, step in _TASK_STEPS.items()]
-    steps += [
-        ("Physical metrics and communication", lambda: _blocks(games, made)),
-        ("Failure modes", lambda: made.table("failure-modes", "Failure modes and the score", failure_modes(games))),
-        (
-            "Convergence by task",
-            lambda: made.table("convergence-by-task", "Convergence and the score, by task", convergence_by_task(games)),
-        ),
-        (
-            "Convergence by model",
-            lambda: made.table(
-                "convergence-by-model", "Convergence and the score, by model", convergence_by_model(games)
-            ),
-        ),
-        ("Homogeneity and edit similarity", lambda: _edits(games, made)),
-        ("Keywords", lambda: _keywords(games, made)),
-        (
-            "Distinctive words",
-            lambda: made.table("distinctive-words", "Words that set a model apart", distinctive_words(games)),
-        ),
-    ]
-    if acts:
-        steps.append(("Attribution of actions", lambda: _attribution(games, made, acts, progress)))
-    played = games.episodes[["task", "model"]].drop_duplicates().sort_values(["task", "model"])
-    for number, (task, model) in enumerate(played.head(PANELS_MAX).itertuples(index=False, name=None), 1):
-        steps.append((f"Dynamics: {task}, {model}", _dynamics(games, task, model, number, made)))
-    return steps
-
-
-def _of_task(step: Callable[[Games, str, Report], None], games: Games, task: str, made: Report) -> Callable[[], None]:
-    return lambda: step(games.where(task=task), task, made)
-
-
-def _scores(games: Games, made: Report) -> None:
-    made.heading("Scores")
-    made.table("scores", "Scores: mean ± population deviation (games)", score_table(games))
-    made.figure("scores", "Scores by task and model", plot_scores(games))
-
-
-def _by_setting(games: Games, made: Report) -> None:
-    differing = games.differing()
-    if not differing:
-        return
-    by = ["model", "task", *differing]
-    made.table("scores-by-setting", f"Scores by {', '.join(by)}", scores(games, by))
-    if {"num_agents", "view_size"} <= set(differing):
-        made.figure("sensitivity", "Scores by number of agents and view size", plot_sensitivity(games))
-
-
-def _correlations(games: Games, task: str, made: Report) -> None:
-    made.heading(task)
-    table = correlations(games)
-    made.table(f"correlations-{task}", f"{task}: metrics and the score", table.drop(columns="task"))
-    made.figure(f"correlations-{task}", f"{task}: metrics and the score", plot_correlations(table, task))
-    made.figure(f"matrix-{task}", f"{task}: all pairs of metrics", plot_correlation_matrix(games, task))
-    made.figure(f"scatter-{task}", f"{task}: the metric with the largest correlation", plot_scatter(games, task))
-
-
-def _regression(games: Games, task: str, made: Report) -> None:
-    found = regression(games, task)
-    made.table(f"regression-{task}", f"{task}: the score on all metrics", found.coefficients)
-    made.table(f"regression-quality-{task}", f"{task}: quality of the regression", pd.DataFrame([found.quality]))
-    for note in found.notes:
-        made.text(note)
-    made.figure(f"shap-{task}", f"{task}: SHAP values", plot_shap(found))
-
-
-_TASK_STEPS: dict[str, Callable[[Games, str, Report], None]] = {
-    "correlations": _correlations,
-    "regression": _regression,
-}
-
-
-def _blocks(games: Games, made: Report) -> None:
-    made.heading("All tasks")
-    table = blocks(games)
-    made.table("blocks", "Physical metrics and communication: how much of the score each explains", table)
-    made.figure("blocks", "Shares of the explained variance", plot_blocks(table))
-
-
-def _edits(games: Games, made: Report) -> None:
-    made.table(
-        "homogeneity-and-edits",
-        "Homogeneity and edit similarity",
-        relate_to_edits(games),
-    )
-
-
-def _keywords(games: Games, made: Report) -> None:
-    table = keywords(games)
-    made.table("keywords", f"Keywords (without the words of: {SOURCE})", table)
-    made.figure("keywords", "Keywords by task and model", plot_keywords(table))
-
-
-def _attribution(games: Games, made: Report, acts: int, progress: Callable[[str], None]) -> None:
-    table = action_attribution(games, acts=acts, progress=lambda line: progress(f"    {line}"))
-    made.table("attribution", "What actions follow from", table)
-    made.figure("attribution", "Importance of blocks of inputs for the next action", plot_attribution(table))
-
-
-def _dynamics(games: Games, task: str, model: str, number: int, made: Report) -> Callable[[], None]:
-    # Names of models are not valid file names; the number distinguishes names that become the same.
-    name = f"dynamics-{task}-{number:03}-{re.sub(r'[^A-Za-z0-9]+', '-', model)[:40]}"
-    return lambda: made.figure(name, f"Dynamics: {task}, {model}", plot_dynamics(games, task, model))
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command `swarmseat-analysis`. Returns the exit status: 0, 1 for a problem, 130 if it was interrupted."""
     asked = _parser().parse_args(arguments)
     try:
         games = load(asked.source, **dict(asked.where))
-        made = report(
-            games,
-            asked.out,
-            quick=asked.quick,
-            acts=asked.acts,
-            formats=asked.formats,
-            progress=lambda line: print(line, file=sys.stderr),
-        )
+        if asked.piece == "report":
+            _report(asked, games)
+        else:
+            _piece(asked, games)
     except SwarmbenchError as error:
-        print(f"swarmseat-analysis: {error}", file=sys.stderr)
+        _say(f"swarmseat-analysis: {error}")
         return 1
     except KeyboardInterrupt:
-        print(f"stopped: what was made until then is in {asked.out}, without report.md", file=sys.stderr)
+        _say("stopped" if asked.out is None else f"stopped: what was made until then is in {asked.out}")
         return 130
-    for title, reason in made.missing.items():
-        print(f"not made: {title}: {reason}", file=sys.stderr)
-    print(made.folder / "report.html")
     return 0
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr)
+
+
+def _report(asked: argparse.Namespace, games: Games) -> None:
+    made = report(games, asked.out, quick=asked.quick, acts=asked.acts, formats=asked.formats, progress=_say)
+    for title, reason in made.missing.items():
+        _say(f"not made: {title}: {reason}")
+    print(made.folder / "report.html")
+
+
+def _piece(asked: argparse.Namespace, games: Games) -> None:
+    """Writes the table or the figure of a piece, by the end of the file's name; without a file the table is shown."""
+    piece, end = PIECES[asked.piece], "" if asked.out is None else asked.out.suffix[1:]
+    kind = Figure if end in FIGURES else pd.DataFrame
+    options = Options(progress=_say, **{name: getattr(asked, name) for name in piece.options})
+    for output in piece.make(games, options):
+        if isinstance(output, str):
+            _say(output)
+        elif isinstance(output, kind):
+            _put(output, asked.out)
+            return
+    what, ends = ("figure", FIGURES) if kind is pd.DataFrame else ("table", TABLES)
+    raise AnalysisError(f"{asked.piece} is a {what}: name a file with --out that ends in .{', .'.join(ends)}")
+
+
+def _put(output: pd.DataFrame | Figure, path: Path | None) -> None:
+    if isinstance(output, Figure):
+        save(output, str(path))
+    elif path is None:
+        print(_printable(output.to_string(index=False, na_rep="", float_format=f"{{:.{DIGITS}g}}".format)))
+    elif path.suffix[1:] in TABLES:
+        write_table(output, path)
+    else:
+        raise AnalysisError(f"{path} must end in .{', .'.join((*TABLES, *FIGURES))}")
+
+
+def _printable(text: str) -> str:
+    """Text of players without characters that a terminal obeys."""
+    return re.sub(r"[^\n\x20-\x7e\xa0-\u2029\u202f-\u2065\u206a-\U0010ffff]", "\ufffd", text)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="swarmseat-analysis", description="Analyses games of SwarmBench.")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    command = commands.add_parser("report", help="write all tables and figures of the paper into a folder")
-    command.add_argument(
-        "source", help="a folder of `swarmbench export --format parquet` (or jsonl), or a server's address"
-    )
+    commands = parser.add_subparsers(required=True, metavar="NAME", dest="piece")
+    for name, piece in PIECES.items():
+        about = f"{piece.title} ({piece.paper})" if piece.paper else piece.title
+        command = commands.add_parser(name, help=about, description=about)
+        _add_source(command)
+        ends = ", ".join(f".{kind}" for kind in (*TABLES, *FIGURES))
+        command.add_argument("--out", type=Path, help=f"the file to write ({ends}); without it the table is shown")
+        for option in piece.options:
+            command.add_argument(f"--{option}", **_OPTIONS[option])
+    about = "all of these in a folder, with a page around them"
+    command = commands.add_parser("report", help=about, description=about)
+    _add_source(command)
     command.add_argument("--out", required=True, help="the folder to write; it must not exist, or be empty")
     command.add_argument(
         "--quick", action="store_true", help="leave out the attribution of actions, which takes longest"
     )
-    command.add_argument(
-        "--acts",
-        type=_positive,
-        default=ACTS_MAX,
-        metavar="N",
-        help=f"how many acts of a model in a task the attribution uses at most ({ACTS_MAX})",
-    )
-    command.add_argument(
-        "--where",
-        action="append",
-        default=[],
-        type=_condition,
-        metavar="COLUMN=VALUE",
-        help="only these games, such as num_agents=12; may be repeated for several columns",
-    )
+    command.add_argument("--acts", **_OPTIONS["acts"])
     command.add_argument(
         "--formats", default=FORMATS, type=_formats, metavar="LIST", help="formats of figures (png,svg); also pdf"
     )
     return parser
 
 
-def _condition(text: str) -> tuple[str, Any]:
-    name, found, value = text.partition("=")
+def _add_source(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "source", nargs="+", help="a folder of `swarmbench export --format parquet` (or jsonl), or a server's address"
+    )
+    command.add_argument(
+        "--where",
+        action="append",
+        default=[],
+        type=_condition,
+        metavar="COLUMN=VALUE,…",
+        help="only games with one of these values, such as num_agents=8,12; none is a missing value; may be repeated",
+    )
+
+
+def _condition(text: str) -> tuple[str, list[Any]]:
+    name, found, values = text.partition("=")
     if not found:
         raise argparse.ArgumentTypeError(f"{text!r} is not COLUMN=VALUE, such as task=Pursuit")
+    # A value with commas stands in double quotes.
+    return name, [_value(value) for value in next(csv.reader([values]), [""])]
+
+
+def _value(text: str) -> Any:
     for kind in (int, float):
         try:
-            return name, kind(value)
+            return kind(text)
         except ValueError:
             continue
-    return name, {"true": True, "false": False}.get(value, value)
+    return {"true": True, "false": False, "none": None}.get(text, text)
 
 
 def _positive(text: str) -> int:
@@ -430,7 +330,26 @@ def _positive(text: str) -> int:
 
 def _formats(text: str) -> tuple[str, ...]:
     kinds = tuple(text.split(","))
-    unknown = set(kinds) - {"png", "svg", "pdf"}
+    unknown = set(kinds) - set(FIGURES)
     if unknown:
-        raise argparse.ArgumentTypeError(f"{', '.join(sorted(unknown))}: formats are png, svg and pdf")
+        raise argparse.ArgumentTypeError(f"{', '.join(sorted(unknown))}: formats are {', '.join(FIGURES)}")
     return kinds
+
+
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "metrics": {
+        "type": lambda text: text.split(","),
+        "default": TWELVE,
+        "metavar": "METRIC,…",
+        "help": "columns of the table episodes (the twelve of the paper)",
+    },
+    "definition": {"choices": ("paper", "toolkit"), "default": "paper", "help": "the definition of metrics (paper)"},
+    "across": {"default": "num_agents", "metavar": "SETTING", "help": "the horizontal axis (num_agents)"},
+    "lines": {"default": "view_size", "metavar": "SETTING", "help": "what tells the lines apart (view_size)"},
+    "acts": {
+        "type": _positive,
+        "default": ACTS_MAX,
+        "metavar": "N",
+        "help": f"how many acts of a model in a task the attribution uses at most ({ACTS_MAX})",
+    },
+}

@@ -5,7 +5,7 @@ import json
 import shutil
 import tempfile
 import weakref
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -45,10 +45,10 @@ SETTINGS = (
 )
 """The settings in which averaged games must agree."""
 
-REQUIRED = ("episode", "task", "model", "score", "reason", *SETTINGS)
+REQUIRED = ("episode", "task", "model", "score", "rounds", "reason", *SETTINGS)
 
-LATER_SETTINGS = ("prompt", "answer_reader")
-"""Settings that exports of earlier versions do not have."""
+LATER_SETTINGS = ("prompt", "answer_reader", "round_deadline_s", "bank_s", "fill_with")
+"""Settings that not every export has."""
 
 SAMPLING = ("temperature", "top_p")
 """The settings in which averaged games of one model must agree. They are read from `agent_meta`."""
@@ -70,11 +70,13 @@ HOW_TO_EXPORT = "make a complete export with `swarmbench export FOLDER --format 
 
 
 class _Download:
-    """A temporary folder, which is removed with the last `Games` that reads from it."""
+    """The tables of a server in a temporary folder, which is removed with the last `Games` that reads from it."""
 
-    def __init__(self) -> None:
+    def __init__(self, address: str | Path, token: str | None) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="swarmbench-"))
         weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
+        with Client(str(address), token) as client:
+            _fetch(client, self.folder)
 
 
 @dataclass(frozen=True)
@@ -83,16 +85,16 @@ class Games:
 
     Attributes:
         source: The source of the games.
-        folder: The folder with the files of the tables.
+        folders: The folders with the files of the tables.
         episodes: A row for each game, with `temperature` and `top_p` from `agent_meta`.
         left_out: Sentences with the numbers of games that were left out, and the reasons.
     """
 
     source: str
-    folder: Path
+    folders: tuple[Path, ...]
     episodes: pd.DataFrame
     left_out: tuple[str, ...] = ()
-    _download: "_Download | None" = field(default=None, repr=False)
+    _downloads: "tuple[_Download, ...]" = field(default=(), repr=False)
 
     def __len__(self) -> int:
         return len(self.episodes)
@@ -108,8 +110,8 @@ class Games:
         return sorted(self.episodes["model"].unique())
 
     def has(self, table: str) -> bool:
-        """Whether the export has this table."""
-        return _file(self.folder, table) is not None
+        """Whether all exports have this table."""
+        return all(_file(folder, table) is not None for folder in self.folders)
 
     def table(self, name: str, columns: Iterable[str] | None = None) -> pd.DataFrame:
         """The rows of a table that belong to these games.
@@ -122,15 +124,20 @@ class Games:
             FilesError: The file is missing or damaged.
             MissingColumnsError: The table has no such column.
         """
-        path = _file(self.folder, name)
-        if path is None:
-            raise FilesError(f"{self.source} has no table {name!r}: {HOW_TO_EXPORT}")
         wanted = None if columns is None else list(dict.fromkeys(["episode", *columns]))
-        rows = _read(path, wanted)
-        return rows[rows["episode"].isin(self.episodes["episode"])].reset_index(drop=True)
+        missing, parts = set(self.episodes["episode"]), []
+        for folder in self.folders:
+            path = _file(folder, name)
+            if path is None:
+                raise FilesError(f"{folder} has no table {name!r}: {HOW_TO_EXPORT}")
+            rows = _read(path, wanted)
+            # A game in two exports is read once.
+            parts.append(rows[rows["episode"].isin(missing)])
+            missing -= set(rows["episode"])
+        return _joined(parts)
 
     def where(self, **values: Any) -> "Games":
-        """The games in which the columns have these values; a list allows several.
+        """The games in which the columns have these values; a list allows several, and None a missing value.
 
         Raises:
             AnalysisError: There is no such column.
@@ -138,15 +145,23 @@ class Games:
         """
         kept = self.episodes
         for name, wanted in values.items():
-            if name not in kept:
-                near = difflib.get_close_matches(name, kept.columns, n=3) or kept.columns[:10]
-                raise AnalysisError(f"games have no column {name!r}: choose by {', '.join(near)}")
+            self.check_column(name)
             choices = [wanted] if isinstance(wanted, str) or not isinstance(wanted, Collection) else list(wanted)
-            found = kept[kept[name].isin(choices)]
+            found = kept[kept[name].isin(choices) | (kept[name].isna() & (None in choices))]
             if found.empty:
                 raise TooLittleDataError(f"no game has {name} {_listed(choices)}: there are {_values(kept[name])}")
             kept = found
         return replace(self, episodes=kept.reset_index(drop=True))
+
+    def check_column(self, name: str) -> None:
+        """Checks that the table `episodes` has this column.
+
+        Raises:
+            AnalysisError: There is no such column; the error lists similar ones.
+        """
+        if name not in self.episodes:
+            near = difflib.get_close_matches(name, self.episodes.columns, n=3) or self.episodes.columns[:10]
+            raise AnalysisError(f"games have no column {name!r}: choose by {', '.join(near)}")
 
     def require(self, names: Collection[str], definition: Definition = "paper") -> None:
         """Checks that the games were measured.
@@ -179,27 +194,19 @@ class Games:
                             f"choose one, as in load(…, {name}={_python(games[name].iloc[0])})"
                         )
 
-    def differing(self) -> list[str]:
-        """The settings in which games of the same task (and model) differ."""
-        found = [name for name in self._settings() if self._differs(name, ["task"])]
-        return found + [name for name in SAMPLING if self._differs(name, ["task", "model"])]
-
     def _settings(self) -> tuple[str, ...]:
         return (*SETTINGS, *(name for name in LATER_SETTINGS if name in self.episodes))
 
-    def _differs(self, name: str, by: list[str]) -> bool:
-        return bool((self.episodes.groupby(by)[name].nunique(dropna=False) > 1).any())
 
-
-def load(source: str | Path, *, token: str | None = None, **where: Any) -> Games:
-    """Reads the games of an export, or of a server.
+def load(source: str | Path | Sequence[str | Path], *, token: str | None = None, **where: Any) -> Games:
+    """Reads the games of exports, or of a server.
 
     Games that have not ended, voided games, and games whose seats had several holders are left out, unless `status`,
     `void_reason` or `mixed` choose them.
 
     Args:
-        source: A folder with `episodes`, `rounds`, `acts` and perhaps `heard` and `views` (`.parquet` or `.jsonl`), or
-            the address of a server.
+        source: A folder with `episodes`, `rounds`, `acts` and perhaps `heard` and `views` (`.parquet` or `.jsonl`), the
+            address of a server, or several of these.
         token: A key for that server. Default: the key of the environment.
         **where: Values of columns, as in `load("games", task="Pursuit", num_agents=12)`; a list allows several.
 
@@ -208,29 +215,38 @@ def load(source: str | Path, *, token: str | None = None, **where: Any) -> Games
         TooLittleDataError: There is no game.
         MixedMeasuresError: The games were measured with different embedders or revisions.
     """
-    download = None
-    if isinstance(source, str) and source.startswith(("http://", "https://")):
-        download = _Download()
-        folder = download.folder
-        with Client(source, token) as client:
-            _fetch(client, folder)
-    else:
-        folder = Path(source)
-    path = _file(folder, "episodes")
-    if path is None:
-        found = "has no table 'episodes'" if folder.is_dir() else "is no folder"
-        raise FilesError(f"{source} {found}: {HOW_TO_EXPORT}")
-    games = Games(str(source), folder, _with_sampling(_read(path, None)), (), download)
-    missing = [name for name in REQUIRED if name not in games.episodes]
-    if missing and not games.episodes.empty:
-        raise MissingColumnsError(f"{path} has no column {_listed(missing)}: {HOW_TO_EXPORT}")
-    if games.episodes.empty:
-        raise TooLittleDataError(
-            f"{source} has no games: play some, for example with `swarmbench eval`, and export them"
-        )
+    sources = [source] if isinstance(source, str | Path) else list(source)
+    downloads = {name: _Download(name, token) for name in sources if _is_address(name)}
+    folders = tuple(downloads[name].folder if name in downloads else Path(name) for name in sources)
+    name = ", ".join(map(str, sources))
+    episodes = _joined([_episodes(folder) for folder in folders]).drop_duplicates("episode", ignore_index=True)
+    if episodes.empty:
+        raise TooLittleDataError(f"{name} has no games: play some, for example with `swarmbench eval`, and export them")
+    games = Games(name, folders, _with_sampling(episodes), (), tuple(downloads.values()))
     games = _comparable(games.where(**where), where)
     _one_measure(games.episodes)
     return games
+
+
+def _is_address(source: str | Path) -> bool:
+    return isinstance(source, str) and source.startswith(("http://", "https://"))
+
+
+def _episodes(folder: Path) -> pd.DataFrame:
+    path = _file(folder, "episodes")
+    if path is None:
+        found = "has no table 'episodes'" if folder.is_dir() else "is no folder"
+        raise FilesError(f"{folder} {found}: {HOW_TO_EXPORT}")
+    episodes = _read(path, None)
+    missing = [name for name in REQUIRED if name not in episodes]
+    if missing and not episodes.empty:
+        raise MissingColumnsError(f"{path} has no column {_listed(missing)}: {HOW_TO_EXPORT}")
+    return episodes
+
+
+def _joined(parts: list[pd.DataFrame]) -> pd.DataFrame:
+    filled = [part for part in parts if not part.empty]
+    return pd.concat(filled or parts[:1], ignore_index=True)
 
 
 def _fetch(client: Client, folder: Path) -> None:
