@@ -69,6 +69,10 @@ fn commands_that_have_moved_name_their_successors() {
             &["correlations", "--matrix", "--from", "games"],
             "`swarmbench correlations` has moved to Python: swarmseat-analysis correlations GAMES\n",
         ),
+        (
+            &["loadtest", "acts"],
+            "`swarmbench loadtest` has moved: cargo run --release -p swarmbench-bench -- loadtest …\n",
+        ),
     ] {
         let output = swarmbench(args);
         assert_eq!(output.status.code(), Some(2), "{args:?}");
