@@ -4,12 +4,13 @@
 //! The modules, from those that a request meets first to those that all others use:
 //!
 //! - [`cli`]: the commands. [`server`]: starts and stops everything below.
-//! - [`http`]: routes and connections; the only place that names axum.
+//! - [`http`]: routes and connections; the only module that names axum. [`membership`]: a server's part in a cluster.
 //! - [`dataset`]: the public toolkit's data format. [`standings`]: the boards of a database.
 //! - [`competitions`]: runs on seeds that are secret until the end. [`run`]: suites of games for one model.
 //! - [`hosted`]: built-in players that the server plays. [`episode`]: the barrier, the actor that steps the engine, and
 //!   the snapshots that readers share.
-//! - [`store`]: the database; the only place that names sqlx.
+//! - [`store`]: the database; the only module that names sqlx.
+//! - [`cluster`]: what a server of a cluster decides, as machines without clock, network or database.
 //! - [`fair`], [`work`], [`budget`]: fair shares of scarce resources, worker threads, memory.
 //! - [`host`], [`ids`], [`keys`], [`telemetry`]: what several modules need.
 

@@ -1,4 +1,4 @@
-//! HTTP: the only place that names axum. Handlers hold no SQL and no rules of the game.
+//! HTTP: the only module of the server that names axum. Handlers hold no SQL and no rules of the game.
 
 mod accept;
 mod admit;

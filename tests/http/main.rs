@@ -2,8 +2,8 @@
 //!
 //! The files mirror those of `src/http`; [`across`] has the tests of more than one route.
 //!
-//! [`app`] starts a server on a free port over a database of its own. No test sleeps: where time has
-//! to pass, a test moves a clock by hand; where something has to happen first, it asks with a wait.
+//! [`app`] starts a server on a free port over a database of its own. Where time has to pass, a test moves a clock by
+//! hand; where something has to happen first, it asks with a wait.
 
 mod app;
 mod cup;

@@ -6,7 +6,7 @@
 //!
 //! Differences are drawn from distributions with a known mean, and from games of the built-in players: all pairs of
 //! players of a task on the seeds 0 to 199, of which samples are drawn with replacement. The tables are in
-//! `docs/evaluate/boards.md`.
+//! `docs/measured/coverage.md`.
 
 use std::sync::Arc;
 

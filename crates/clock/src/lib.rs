@@ -186,7 +186,7 @@ impl Clock for ServerClock {
     }
 }
 
-/// A clock that moves only on command: for tests, which never sleep.
+/// A clock that moves only on command, for tests.
 #[derive(Debug)]
 pub struct ManualClock {
     now: watch::Sender<Timestamp>,

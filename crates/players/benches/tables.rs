@@ -1,4 +1,4 @@
-//! The tables of docs/evaluate/baselines.md for both rule sets and for other sizes, as Markdown.
+//! The tables of docs/measured/baselines.md for both rule sets and for other sizes, as Markdown.
 //!
 //! ```sh
 //! cargo bench -p swarmbench-players --bench tables -- rules
