@@ -202,6 +202,10 @@ const COUNTERS: &[(&str, &str)] = &[
         "swarmbench_forwarded_total",
         "Requests forwarded to the server that plays what they are about.",
     ),
+    (
+        "swarmbench_cluster_requests_total",
+        "Requests of clients about games and runs, by kind of client and by who answered: this server, or another one.",
+    ),
     ("swarmbench_forwarded_again_total", "Forwarded requests that another server had to answer."),
     ("swarmbench_takeovers_total", "Dead servers whose work was taken over."),
     ("swarmbench_fenced_total", "1 once this server was excluded by others."),

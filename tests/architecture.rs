@@ -253,6 +253,28 @@ fn every_limit_that_is_named_is_in_the_table() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
+/// The names in calls of these macros.
+fn names_of_metrics(code: &str) -> BTreeSet<&str> {
+    let calls = ["counter!(", "gauge!(", "histogram!("];
+    let named = calls.iter().flat_map(|call| code.split(call).skip(1));
+    named.filter_map(|call| call.trim_start().strip_prefix('"')?.split('"').next()).collect()
+}
+
+#[test]
+fn every_metric_is_described_and_documented() {
+    let telemetry = code("telemetry");
+    let (_, described) = telemetry.split_once("const COUNTERS").expect("the first table");
+    let documents = ["operations.md", "cluster.md"]
+        .map(|page| fs::read_to_string(root().join("docs/operate").join(page)).expect("a page"));
+    let all = ORDER.iter().map(|module| code(module)).collect::<Vec<_>>().concat();
+    let names = names_of_metrics(&all);
+    assert!(names.len() > 40, "{names:?}");
+    for name in names {
+        assert!(described.contains(&format!("\"{name}\"")), "{name} has no description");
+        assert!(documents.iter().any(|page| page.contains(name)), "{name} is in no document");
+    }
+}
+
 /// Whatever the program prints passes `crates/terminal`, which escapes what a terminal would obey; logs are written by `telemetry`.
 #[test]
 fn printing_has_one_place() {
