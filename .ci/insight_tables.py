@@ -1,8 +1,6 @@
-"""Writes docs/measured/insight.md, and two figures of docs/evaluate/insight.md; see `.ci/insight`."""
+"""Prints docs/measured/insight.md, and draws two figures of docs/evaluate/insight.md; see `.ci/insight`."""
 
-import datetime
 import re
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -294,26 +292,17 @@ consistency, r Pearson's, n the number of rounds or of games (means over their r
 """What each table shows, by the heading of its section."""
 
 
-HEAD = """# Games of built-in players, analysed
-
-Written by `.ci/insight` on {date}, of the commit {commit}, metrics of revision {revision}, text vectors of `{embedder}`. Players and layouts
-follow from their seeds, so the games are the same on every machine. [What can be read from these tables](../evaluate/insight.md), and
-what cannot.
+HEAD = """Metrics of revision {revision}, text vectors of `{embedder}`. Players and layouts follow from their seeds, so the games are the
+same on every machine. [What can be read from these tables](../evaluate/insight.md), and what cannot.
 """
 
 
-def write(games: analysis.Games, tables: Sequence[str]) -> None:
-    """Writes the page: the tables in the order of `SECTIONS`."""
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], check=True, capture_output=True, text=True).stdout
+def show(games: analysis.Games, tables: Sequence[str]) -> None:
+    """Prints the tables in the order of `SECTIONS`."""
     first = games.episodes.iloc[0]
-    head = HEAD.format(
-        date=datetime.datetime.now(datetime.timezone.utc).date(),
-        commit=commit.strip(),
-        revision=first["metrics_revision"],
-        embedder=first["embedder"],
-    )
-    parts = [f"\n## {title}\n{text}\n{table}" for (title, text), table in zip(SECTIONS.items(), tables, strict=True)]
-    (DOCS / "measured" / "insight.md").write_text(head + "".join(parts))
+    print(HEAD.format(revision=first["metrics_revision"], embedder=first["embedder"]), end="")
+    for (title, text), table in zip(SECTIONS.items(), tables, strict=True):
+        print(f"\n## {title}\n{text}\n{table}", end="")
 
 
 def main(folder: Path) -> None:
@@ -334,7 +323,7 @@ def main(folder: Path) -> None:
         words(analysis.keywords(games)),
         edits(analysis.relate_to_edits(spoken)),
     ]
-    write(games, tables)
+    show(games, tables)
     figures = {
         "blocks": analysis.plot_blocks(analysis.blocks(games, definition="toolkit")),
         "attribution": analysis.plot_attribution(attribution),

@@ -41,7 +41,7 @@ pub(in super::super) async fn change_entrant(
     wanted.check(&caller, &app.entrant(&competition, &entrant).await?)?;
     App::run_detached(async move {
         // The lock serializes decisions about entrants, and keeps others from entering with the same name.
-        let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
+        let _lock = app.lock_entrants(&competition).await;
         let before = app.entrant(&competition, &entrant).await?;
         wanted.check(&caller, &before)?;
         let mut entries = Vec::new();
@@ -167,7 +167,7 @@ pub(in super::super) async fn erase_entrant(
         return Err(ApiError::new(Code::Forbidden, detail));
     }
     App::run_detached(async move {
-        let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
+        let _lock = app.lock_entrants(&competition).await;
         let before = app.entrant(&competition, &entrant).await?;
         if !before.entrant.erased {
             // The lock keeps the competition from being revealed meanwhile.

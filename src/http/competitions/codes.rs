@@ -137,7 +137,7 @@ pub(in super::super) async fn revoke_codes(
     App::run_detached(async move {
         let stored = app.stored_competition(&id).await?;
         // The lock keeps entrants from using the codes meanwhile.
-        let _lock = app.creations.lock(&format!("enter {}", stored.id)).await;
+        let _lock = app.lock_entrants(&stored).await;
         let mut found = Vec::new();
         for (place, label) in labels.iter().enumerate() {
             let unused = app.store.unused_invitations(stored.key, label).await?;

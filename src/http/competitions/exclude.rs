@@ -45,7 +45,7 @@ pub(in super::super) async fn exclude_entrants(
     App::run_detached(async move {
         let competition = app.stored_competition(&id).await?;
         // The lock keeps others from entering, and serializes decisions of organizers.
-        let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
+        let _lock = app.lock_entrants(&competition).await;
         let all =
             competitions::entrants(&app.store, competition.key, None, Declared::Short).await?;
         let found: Vec<StoredEntrant> = all.into_iter().filter(|one| wanted.fits(one)).collect();

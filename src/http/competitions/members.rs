@@ -7,7 +7,7 @@ use serde_json::json;
 use super::super::answer::with_tokens;
 use super::super::extract::ThreeIds;
 use super::super::prelude::*;
-use super::check_not_over;
+use super::{check_not_erased, check_not_over};
 use super::start::check_active;
 use crate::competitions::StoredEntrant;
 use crate::keys::{Key, KeyRow, Role};
@@ -73,13 +73,11 @@ pub(in super::super) async fn add_member(
         // Rights are checked before the lock is taken, so that a stranger makes nobody wait. The lock keeps the team from being
         // erased meanwhile.
         check_team(&caller, &app.entrant(&competition, &entrant).await?)?;
-        let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
+        let _lock = app.lock_entrants(&competition).await;
         let stored = app.entrant(&competition, &entrant).await?;
         check_not_over(&competition)?;
         let closed = |detail: &str| Err(ApiError::new(Code::Closed, detail));
-        if stored.entrant.erased {
-            return closed("this entrant was erased, which cannot be undone");
-        }
+        check_not_erased(&stored)?;
         check_active(&stored)?;
         let first = app.store.key(stored.owner).await?;
         if first.is_none_or(|key| key.role != Role::Entrant) {
@@ -144,7 +142,7 @@ pub(in super::super) async fn remove_member(
         // Rights are checked before the lock is taken, so that a stranger makes nobody wait. The lock keeps the team from being
         // erased meanwhile.
         check_team(&caller, &app.entrant(&competition, &entrant).await?)?;
-        let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
+        let _lock = app.lock_entrants(&competition).await;
         let stored = app.entrant(&competition, &entrant).await?;
         let is_own = matches!(&caller, Caller::Key(key) if key.id == member);
         if !is_own && !caller.is_organizer() && !app.is_founder(&caller, &stored).await? {

@@ -23,6 +23,7 @@ pub(super) mod start;
 pub(super) mod void;
 
 use jiff::Timestamp;
+use tokio::sync::OwnedMutexGuard;
 
 use super::App;
 use super::auth::Caller;
@@ -50,6 +51,12 @@ impl App {
     async fn stored_competition(&self, id: &str) -> Result<StoredCompetition, ApiError> {
         let found = competitions::find(&self.store, id).await?;
         found.ok_or_else(|| ApiError::not_found("the competition"))
+    }
+
+    /// Keeps entrants of a competition from being added, renamed and decided about by others. Rights are checked before, so that a
+    /// stranger makes nobody wait.
+    async fn lock_entrants(&self, competition: &StoredCompetition) -> OwnedMutexGuard<()> {
+        self.creations.lock(&format!("enter {}", competition.id)).await
     }
 
     async fn entrant(
@@ -93,7 +100,7 @@ impl App {
         }
         self.runs.end(run, RunStatus::Aborted).await?;
         start::check_active(&self.entrant(competition, &entrant.entrant.id).await?)?;
-        Err(ApiError::new(Code::Closed, "this entrant was erased, which cannot be undone"))
+        Err(erased())
     }
 
     /// Whether a caller has the key with which an entrant entered, instead of that of a later member of its team.
@@ -121,6 +128,15 @@ impl App {
         let checked = names::of_entrant(name, NAME_CHARS_MAX, players.chain([DEFAULT_PLAYER]));
         checked.map_err(|problem| problems.refuse("name", problem)).ok()
     }
+}
+
+/// Refuses changes of an erased entrant.
+fn check_not_erased(stored: &StoredEntrant) -> Result<(), ApiError> {
+    if stored.entrant.erased { Err(erased()) } else { Ok(()) }
+}
+
+fn erased() -> ApiError {
+    ApiError::new(Code::Closed, "this entrant was erased, which cannot be undone")
 }
 
 /// Refuses requests after the cancellation or the publication of a competition.

@@ -5,6 +5,7 @@ use serde_json::json;
 
 use super::super::answer::with_tokens;
 use super::super::prelude::*;
+use super::check_not_erased;
 use crate::ids::{Token, TokenKind};
 use crate::keys::Role;
 use crate::store::entries::Entry;
@@ -33,12 +34,10 @@ pub(in super::super) async fn replace_entrant_key(
 ) -> Result<Response, ApiError> {
     App::run_detached(async move {
         let competition = app.stored_competition(&id).await?;
-        let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
+        let _lock = app.lock_entrants(&competition).await;
         let stored = app.entrant(&competition, &entrant).await?;
         let closed = |detail: &str| Err(ApiError::new(Code::Closed, detail));
-        if stored.entrant.erased {
-            return closed("this entrant was erased, which cannot be undone");
-        }
+        check_not_erased(&stored)?;
         let key = app.store.key(stored.owner).await?;
         let key = key.ok_or_else(|| ApiError::not_found("the entrant's key"))?;
         if key.role != Role::Entrant {
