@@ -24,7 +24,7 @@ use super::ranking::Ranking;
 use super::rates::Rates;
 use super::replay_pages::ReplayPages;
 use super::sights::Sights;
-use super::stream::Streams;
+use super::stream::{Answers, Streams};
 use super::tokens::Tokens;
 use super::waiting::Waits;
 use crate::competitions;
@@ -114,6 +114,8 @@ pub struct Shared {
     pub(super) rounds_seen: Mutex<u64>,
     pub(super) heavy: Heavy,
     pub(super) streams: Arc<Streams>,
+    /// Memory of large responses.
+    pub(super) unsent: Answers,
     /// Pages of replays as they were written.
     pub(super) replay_pages: ReplayPages,
     /// What was found when journals were played again.
@@ -156,6 +158,7 @@ impl App {
             rounds_seen: Mutex::new(0),
             heavy: Heavy::new(workers.clone(), limits),
             streams: Arc::new(Streams::new(registry.clone(), workers.clone(), limits)),
+            unsent: Answers::new(registry.clone(), limits),
             replay_pages: ReplayPages::new(eighth),
             verifications: Verifications::new(VERIFICATIONS_MAX),
             sights: Sights::new(2 * eighth),

@@ -5,8 +5,8 @@
 use std::time::Duration;
 
 use axum::extract::FromRequestParts;
-use axum::http::header;
 use axum::http::request::Parts;
+use axum::http::{HeaderMap, header};
 use jiff::Timestamp;
 use swarmbench_engine::AgentId;
 
@@ -108,6 +108,14 @@ impl FromRequestParts<App> for Caller {
         party.into_iter().for_each(token_of);
         Ok(caller)
     }
+}
+
+/// Whether a request has a token, whose rights its handler on another server decides. A token without any is refused.
+pub(super) async fn has_token(app: &App, headers: &HeaderMap) -> Result<bool, ApiError> {
+    let value = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
+    // The handler reports what is wrong with another header.
+    let Some(Ok(token)) = value.map(bearer) else { return Ok(false) };
+    app.tokens.grant(token).await?.map(|_| true).ok_or_else(unknown_token)
 }
 
 /// The token in the value of the header `Authorization`. An error never shows a part of a token.

@@ -26,7 +26,7 @@ use crate::fair::{Busy, FairLimit, Party, Permit, Rank, Shares};
 pub(super) const LIGHT_BODY_BYTES_MAX: usize = 128 * 1024;
 
 /// Maximum bytes of a body that reserves no memory, as each connection is counted with that many.
-const FREE_BODY_BYTES: usize = 8 * 1024;
+pub(super) const FREE_BODY_BYTES: usize = 8 * 1024;
 
 /// Factor by which a body's bytes are reserved: for the growing buffer that collects it and for its parsed JSON.
 const BODY_FACTOR: usize = 3;
@@ -68,9 +68,9 @@ pub(super) struct Arrived {
 }
 
 impl Arrived {
-    /// The bytes; their memory is no longer reserved.
-    pub(super) fn into_bytes(self) -> Bytes {
-        self.bytes
+    /// The bytes, whose memory is reserved as long as this lives.
+    pub(super) fn bytes(&self) -> Bytes {
+        self.bytes.clone()
     }
 }
 
@@ -121,7 +121,9 @@ impl Bodies {
         limit_name: &str,
     ) -> Result<Arrived, ApiError> {
         let says_json = is_json(request.headers());
-        let bounds = self.bounds(request.headers(), limit, limit_name);
+        // Extractors have refused unknown tokens.
+        let has_token = request.headers().contains_key(header::AUTHORIZATION);
+        let bounds = self.bounds(has_token, limit, limit_name);
         let (bytes, memory) = self.collect(request.into_body(), bounds).await?;
         let permit = if bytes.len() > LIGHT_BODY_BYTES_MAX {
             Some(self.permits.acquire(Party::current(), Rank::Normal).await.map_err(busy)?)
@@ -140,16 +142,16 @@ impl Bodies {
         Ok(Arrived { bytes, _permit: permit, _memory: memory })
     }
 
-    /// Reads a light body that will be forwarded.
-    pub(super) async fn light(&self, headers: &HeaderMap, body: Body) -> Result<Arrived, ApiError> {
-        let bounds = self.bounds(headers, LIGHT_BODY_BYTES_MAX, "body_bytes_max");
+    /// Reads a light body that will be forwarded, of a client with a known token or without one.
+    pub(super) async fn light(&self, has_token: bool, body: Body) -> Result<Arrived, ApiError> {
+        let bounds = self.bounds(has_token, LIGHT_BODY_BYTES_MAX, "body_bytes_max");
         let (bytes, memory) = self.collect(body, bounds).await?;
         Ok(Arrived { bytes, _permit: None, _memory: memory })
     }
 
-    /// Bounds of a body with these headers. The token was resolved before.
-    fn bounds<'a>(&self, headers: &HeaderMap, limit: usize, limit_name: &'a str) -> Bounds<'a> {
-        if headers.contains_key(header::AUTHORIZATION) {
+    /// Bounds of a body of a client with a known token, or without one.
+    fn bounds<'a>(&self, has_token: bool, limit: usize, limit_name: &'a str) -> Bounds<'a> {
+        if has_token {
             return Bounds { rank: Rank::Urgent, limit, limit_name };
         }
         let anonymous = self.limits.anonymous_body_bytes_max;

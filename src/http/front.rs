@@ -31,7 +31,7 @@ use super::prelude::*;
 use super::revoked::SentToken;
 use super::routes::{At, Facts, PLAYS, Play};
 use super::serve::Counted;
-use super::{agent, router, stream, swarm};
+use super::{agent, router, swarm};
 use crate::fair::Origin;
 
 pub(super) const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
@@ -221,7 +221,6 @@ impl Front {
 
     async fn handle(&self, request: Request, facts: Facts) -> Result<Response, ApiError> {
         let Inner { app, router, .. } = &*self.inner;
-        let is_get = request.method() == Method::GET;
         // A look or an act waits by a parameter alone. Other requests may revoke the token with which they come.
         let may_wait = facts.waits && (facts.play.is_none() || request.uri().query().is_some());
         let sent = if may_wait { SentToken::of(app, &request) } else { None };
@@ -236,7 +235,7 @@ impl Front {
             Some(sent) => Box::pin(sent.check(app, response)).await?,
             None => response,
         };
-        stream::reserve(&app.registry, is_get, response).await
+        app.unsent.reserve(facts.is_repeatable, response).await
     }
 
     /// Counts and times a request by its route, and logs it.

@@ -20,6 +20,7 @@ use super::agent::act::submit;
 use super::agent::obs::see;
 use super::app::Access;
 use super::auth::{self, Caller};
+use super::body::FREE_BODY_BYTES;
 use super::client::{host, is_own, name_of};
 use super::prelude::*;
 use crate::fair::Origin;
@@ -36,9 +37,12 @@ async fn post_mcp(State(app): State<App>, request: Request) -> Result<Response, 
     check_names(&app.access, &request)?;
     let (mut parts, body) = request.into_parts();
     let caller = Caller::from_request_parts(&mut parts, &app).await;
-    let (most, limit) = match &caller {
-        Ok(Caller::Seat(..)) => (app.limits.body_bytes_max, "body_bytes_max"),
-        _ => (app.limits.mcp_anonymous_body_bytes_max, "mcp_anonymous_body_bytes_max"),
+    let (most, limit) = if let Ok(Caller::Seat(..)) = &caller {
+        (app.limits.body_bytes_max, "body_bytes_max")
+    } else {
+        // The memory that is reserved for those with a token is for tokens of seats.
+        parts.headers.remove(header::AUTHORIZATION);
+        (app.limits.mcp_anonymous_body_bytes_max, "mcp_anonymous_body_bytes_max")
     };
     let mut asked = Request::new(Bytes::new());
     *asked.method_mut() = parts.method.clone();
@@ -52,8 +56,9 @@ async fn post_mcp(State(app): State<App>, request: Request) -> Result<Response, 
         Ok(body) => body,
         Err(answer) => return Ok((*answer).map(Body::from)),
     };
-    // Clients that play by tools wait most of the time: a waiting request keeps only what it needs.
-    drop(body);
+    // Clients that play by tools wait most of the time: a waiting request keeps only what it needs, and the memory of a long one is
+    // reserved until it is answered.
+    let _body = (asked.body().len() > FREE_BODY_BYTES).then_some(body);
     let seat = ServerSeat { app, caller, origin: Origin::current() };
     Ok(swarmbench_mcp::answer(seat, asked).await.map(Body::from))
 }

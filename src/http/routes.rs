@@ -18,7 +18,7 @@ use Who::{Anyone, AnyoneOrKey, Key, NoSeat, Open, Seat, Swarm};
 pub(super) struct Facts {
     pub(super) at: At,
     pub(super) who: Who,
-    /// Rank of its requests: playing, entering and changing come before reading.
+    /// Rank of its requests: urgent where a running game, the start of an attempt or an operator waits for the answer.
     pub(super) rank: Rank,
     /// The way by which a game is played, without the router.
     pub(super) play: Option<Play>,
@@ -111,7 +111,7 @@ const fn row(method: &'static str, path: &'static str, at: At, who: Who) -> Row 
     let facts = Facts {
         at,
         who,
-        rank: if is_read { Rank::Normal } else { Rank::Urgent },
+        rank: Rank::Normal,
         play: None,
         waits: false,
         is_repeatable: is_read,
@@ -123,9 +123,17 @@ const fn row(method: &'static str, path: &'static str, at: At, who: Who) -> Row 
 impl Row {
     const fn plays(mut self, play: Play) -> Self {
         self.facts.play = Some(play);
+        self.repeatable().urgent().waits()
+    }
+
+    const fn urgent(mut self) -> Self {
         self.facts.rank = Rank::Urgent;
+        self
+    }
+
+    const fn repeatable(mut self) -> Self {
         self.facts.is_repeatable = true;
-        self.waits()
+        self
     }
 
     const fn waits(mut self) -> Self {
@@ -134,9 +142,8 @@ impl Row {
     }
 
     const fn tells_health(mut self) -> Self {
-        self.facts.rank = Rank::Urgent;
         self.facts.is_about_health = true;
-        self
+        self.urgent()
     }
 }
 
@@ -151,31 +158,31 @@ pub(super) const PLAYS: [Row; 4] = [
 /// All other routes for programs.
 pub(super) const ROWS: &[Row] = &[
     // The seat's tools for language models: a look among them may wait.
-    row("POST", "/mcp", Token, Seat).waits(),
+    row("POST", "/mcp", Token, Seat).repeatable().urgent().waits(),
     row("GET", "/api/v1/audit", Anywhere, Key),
-    row("POST", "/api/v1/clock/confirm", Anywhere, Key),
+    row("POST", "/api/v1/clock/confirm", Anywhere, Key).urgent(),
     row("GET", "/api/v1/competitions", Anywhere, AnyoneOrKey),
     row("POST", "/api/v1/competitions", NewCompetition, Key),
     row("GET", "/api/v1/competitions/{id}", Anywhere, AnyoneOrKey),
-    row("PATCH", "/api/v1/competitions/{id}", Competition, Key),
+    row("PATCH", "/api/v1/competitions/{id}", Competition, Key).urgent(),
     row("GET", "/api/v1/competitions/{id}/actions", Anywhere, AnyoneOrKey),
     row("GET", "/api/v1/competitions/{id}/announcements", Anywhere, AnyoneOrKey),
-    row("POST", "/api/v1/competitions/{id}/announcements", Competition, Key),
+    row("POST", "/api/v1/competitions/{id}/announcements", Competition, Key).urgent(),
     row("GET", "/api/v1/competitions/{id}/attempts", Anywhere, Key),
-    row("POST", "/api/v1/competitions/{id}/attempts", Competition, Key),
-    row("POST", "/api/v1/competitions/{id}/attempts/{run}/void", Competition, Key),
+    row("POST", "/api/v1/competitions/{id}/attempts", Competition, Key).urgent(),
+    row("POST", "/api/v1/competitions/{id}/attempts/{run}/void", Competition, Key).urgent(),
     row("GET", "/api/v1/competitions/{id}/board", Anywhere, AnyoneOrKey),
-    row("POST", "/api/v1/competitions/{id}/cancel", Competition, Key),
+    row("POST", "/api/v1/competitions/{id}/cancel", Competition, Key).urgent(),
     row("GET", "/api/v1/competitions/{id}/codes", Anywhere, Key),
     row("POST", "/api/v1/competitions/{id}/codes", Competition, Key),
-    row("POST", "/api/v1/competitions/{id}/codes/revoke", Competition, Key),
+    row("POST", "/api/v1/competitions/{id}/codes/revoke", Competition, Key).urgent(),
     row("GET", "/api/v1/competitions/{id}/contacts", Anywhere, Key),
     row("GET", "/api/v1/competitions/{id}/entrants", Anywhere, AnyoneOrKey),
     row("POST", "/api/v1/competitions/{id}/entrants", Competition, AnyoneOrKey),
     row("GET", "/api/v1/competitions/{id}/entrants/{entrant}", Anywhere, Key),
-    row("PATCH", "/api/v1/competitions/{id}/entrants/{entrant}", Competition, Key),
+    row("PATCH", "/api/v1/competitions/{id}/entrants/{entrant}", Competition, Key).urgent(),
     row("DELETE", "/api/v1/competitions/{id}/entrants/{entrant}", Competition, Key),
-    row("POST", "/api/v1/competitions/{id}/entrants/{entrant}/key", Competition, Key),
+    row("POST", "/api/v1/competitions/{id}/entrants/{entrant}/key", Competition, Key).urgent(),
     row("GET", "/api/v1/competitions/{id}/entrants/{entrant}/members", Anywhere, Key),
     row("POST", "/api/v1/competitions/{id}/entrants/{entrant}/members", Competition, Key),
     row(
@@ -184,15 +191,15 @@ pub(super) const ROWS: &[Row] = &[
         Competition,
         Key,
     ),
-    row("POST", "/api/v1/competitions/{id}/exclusions", Competition, Key),
+    row("POST", "/api/v1/competitions/{id}/exclusions", Competition, Key).urgent(),
     row("POST", "/api/v1/competitions/{id}/practice", Competition, Key),
     row("GET", "/api/v1/cross-play", Anywhere, Anyone),
     row("GET", "/api/v1/episodes", Anywhere, Anyone),
     row("POST", "/api/v1/episodes", New, AnyoneOrKey),
     row("GET", "/api/v1/episodes/{id}", Episode, Anyone),
-    row("DELETE", "/api/v1/episodes/{id}", Episode, NoSeat),
+    row("DELETE", "/api/v1/episodes/{id}", Episode, NoSeat).urgent(),
     row("GET", "/api/v1/episodes/{id}/claims", Episode, Anyone),
-    row("POST", "/api/v1/episodes/{id}/claims", Episode, AnyoneOrKey),
+    row("POST", "/api/v1/episodes/{id}/claims", Episode, AnyoneOrKey).urgent(),
     row("GET", "/api/v1/episodes/{id}/events", Episode, Anyone).waits(),
     row("POST", "/api/v1/episodes/{id}/fork", Fork, AnyoneOrKey),
     row("GET", "/api/v1/episodes/{id}/journal", Episode, Anyone),
@@ -200,10 +207,10 @@ pub(super) const ROWS: &[Row] = &[
     row("GET", "/api/v1/episodes/{id}/replay", Episode, Anyone),
     row("GET", "/api/v1/episodes/{id}/rounds/{round}/agents/{agent}", Episode, Anyone),
     row("GET", "/api/v1/episodes/{id}/scores", Episode, Anyone),
-    row("POST", "/api/v1/episodes/{id}/start", Episode, NoSeat),
+    row("POST", "/api/v1/episodes/{id}/start", Episode, NoSeat).urgent(),
     row("GET", "/api/v1/episodes/{id}/state", Episode, Anyone),
     row("GET", "/api/v1/episodes/{id}/verification", Episode, Anyone),
-    row("POST", "/api/v1/episodes/{id}/void", Episode, Key),
+    row("POST", "/api/v1/episodes/{id}/void", Episode, Key).urgent(),
     row("GET", "/api/v1/exports/competitions/{id}", Anywhere, AnyoneOrKey),
     row("GET", "/api/v1/exports/{file}", Anywhere, Anyone),
     row("GET", "/api/v1/imports", Anywhere, Anyone),
@@ -215,17 +222,17 @@ pub(super) const ROWS: &[Row] = &[
     row("GET", "/api/v1/imports/{id}/state", Anywhere, Anyone),
     row("GET", "/api/v1/keys", Anywhere, Key),
     row("POST", "/api/v1/keys", Anywhere, Key),
-    row("DELETE", "/api/v1/keys/{id}", Anywhere, Key),
+    row("DELETE", "/api/v1/keys/{id}", Anywhere, Key).urgent(),
     row("GET", "/api/v1/leaderboard", Anywhere, Anyone),
     row("GET", "/api/v1/nodes", Anywhere, Key),
     row("GET", "/api/v1/runs", Anywhere, Anyone),
     row("POST", "/api/v1/runs", New, AnyoneOrKey),
     row("GET", "/api/v1/runs/{id}", Run, NoSeat),
-    row("DELETE", "/api/v1/runs/{id}", Run, NoSeat),
+    row("DELETE", "/api/v1/runs/{id}", Run, NoSeat).urgent(),
     row("GET", "/api/v1/runs/{id}/events", Run, NoSeat).waits(),
     row("GET", "/api/v1/runs/{id}/metrics", Run, NoSeat),
     row("GET", "/api/v1/runs/{id}/scores", Run, NoSeat),
-    row("POST", "/api/v1/runs/{id}/token", Run, NoSeat),
+    row("POST", "/api/v1/runs/{id}/token", Run, NoSeat).urgent(),
     row("GET", "/api/v1/suites", Anywhere, Open),
     row("GET", "/healthz", Host, Open).tells_health(),
     row("GET", "/metrics", Host, Open).tells_health(),
@@ -260,8 +267,8 @@ impl Facts {
     /// Facts of a page or a file, or of a path without a route.
     fn unknown(method: &str, path: &str) -> Self {
         let at = if path.starts_with("/api/") { Anywhere } else { Host };
-        let rank = if method == "GET" { Rank::Normal } else { Rank::Urgent };
-        Self { rank, ..row("", "", at, Open).facts }
+        let is_repeatable = method == "GET";
+        Self { is_repeatable, ..row("", "", at, Open).facts }
     }
 }
 
@@ -303,7 +310,9 @@ mod tests {
         assert_eq!(at(Method::PATCH, "/api/v1/competitions/cmp_1"), Competition);
         assert_eq!(at(Method::GET, "/api/v1/nothing"), Anywhere);
         assert_eq!(at(Method::GET, "/assets/1/app.js"), Host);
-        assert_eq!(Facts::of(&Method::POST, "/nothing").rank, Rank::Urgent);
+        assert_eq!(Facts::of(&Method::POST, "/nothing").rank, Rank::Normal);
+        assert_eq!(Facts::of(&Method::POST, "/api/v1/episodes").rank, Rank::Normal);
+        assert_eq!(Facts::of(&Method::POST, "/act").rank, Rank::Urgent);
         assert!(!Facts::of(&Method::POST, "/api/v1/episodes").is_repeatable);
     }
 }

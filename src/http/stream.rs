@@ -14,7 +14,7 @@ use futures::stream;
 
 use super::error::{ApiError, Code};
 use super::limits::Limits;
-use crate::budget::{Budget, Reservation, SMALL_BYTES};
+use crate::budget::{Budget, Exhausted, Reservation, SMALL_BYTES};
 use crate::episode::registry::Registry;
 use crate::fair::{Busy, FairLimit, Party, Permit, Rank, Shares};
 use crate::store;
@@ -82,12 +82,12 @@ pub(super) fn refused(busy: Busy) -> ApiError {
 }
 
 /// Bytes with the reservation of their memory; both are released when the bytes are sent.
-struct Reserved<T> {
+struct Reserved<T, R> {
     bytes: T,
-    _room: Reservation,
+    _room: R,
 }
 
-impl<T: AsRef<[u8]>> AsRef<[u8]> for Reserved<T> {
+impl<T: AsRef<[u8]>, R> AsRef<[u8]> for Reserved<T, R> {
     fn as_ref(&self) -> &[u8] {
         self.bytes.as_ref()
     }
@@ -142,26 +142,80 @@ impl Streams {
 /// Maximum bytes of a response that reserves no memory, as each connection is counted with that many.
 const FREE_ANSWER_BYTES: usize = 16 * 1024;
 
-/// Reserves the memory of a large response until it is sent. If none is free, the response to a `GET` is refused.
-pub(super) async fn reserve(
-    registry: &Registry,
-    is_get: bool,
-    response: Response,
-) -> Result<Response, ApiError> {
-    // A response without an exact size is sent in parts that reserve their own memory.
-    let Some(bytes) = response.body().size_hint().exact() else { return Ok(response) };
-    let bytes = usize::try_from(bytes).unwrap_or(usize::MAX);
-    if bytes <= FREE_ANSWER_BYTES {
-        return Ok(response);
+/// Part of the memory that large responses may have together. Each party has its share of it, apart from its share for games.
+const ANSWERS_PART: usize = 2;
+
+/// Memory of large responses until they are sent.
+pub(super) struct Answers {
+    registry: Registry,
+    large: Arc<Budget>,
+}
+
+/// A shorter form of a response, sent where no memory is free for all of it: the receipts of durable acts.
+#[derive(Clone)]
+pub(super) struct Short(Bytes);
+
+impl Short {
+    /// Adds a shorter form to a response that needs memory.
+    pub(super) fn of(mut response: Response, short: impl FnOnce() -> Vec<u8>) -> Response {
+        if reserved_bytes(&response).is_some() {
+            response.extensions_mut().insert(Self(short().into()));
+        }
+        response
     }
-    let room = match registry.room(bytes) {
-        Ok(room) => room,
-        Err(full) if is_get => return Err(full.into()),
-        Err(_) => registry.budget().take(bytes, None),
-    };
-    let (parts, body) = response.into_parts();
-    let bytes = whole(body).await?;
-    Ok(Response::from_parts(parts, Bytes::from_owner(Reserved { bytes, _room: room }).into()))
+}
+
+/// Bytes that a response reserves. A response without an exact size is sent in parts that reserve their own memory.
+fn reserved_bytes(response: &Response) -> Option<usize> {
+    let bytes = response.body().size_hint().exact()?;
+    let bytes = usize::try_from(bytes).unwrap_or(usize::MAX);
+    (bytes > FREE_ANSWER_BYTES).then_some(bytes)
+}
+
+impl Answers {
+    pub(super) fn new(registry: Registry, limits: &Limits) -> Self {
+        let most = limits.memory_bytes_max / ANSWERS_PART;
+        Self { registry, large: Budget::new("memory_bytes_max", most, 0) }
+    }
+
+    /// Reserves the memory of a large response until it is sent. If none is free, its shorter form is sent; without one, the response
+    /// to a repeatable request is refused.
+    pub(super) async fn reserve(
+        &self,
+        is_repeatable: bool,
+        mut response: Response,
+    ) -> Result<Response, ApiError> {
+        let Some(mut bytes) = reserved_bytes(&response) else { return Ok(response) };
+        let mut rooms = self.rooms(bytes);
+        if rooms.is_err()
+            && let Some(Short(short)) = response.extensions_mut().remove()
+        {
+            bytes = short.len();
+            *response.body_mut() = short.into();
+            if bytes <= FREE_ANSWER_BYTES {
+                return Ok(response);
+            }
+            rooms = self.rooms(bytes);
+        }
+        let rooms = match rooms {
+            Ok(rooms) => rooms,
+            Err(full) if is_repeatable => return Err(full.into()),
+            // What was created cannot be refused any more: the response may have its only tokens.
+            Err(_) => {
+                let large = self.large.take(bytes, Some(Party::current()));
+                (self.registry.budget().take(bytes, None), Some(large))
+            }
+        };
+        let (parts, body) = response.into_parts();
+        let bytes = whole(body).await?;
+        Ok(Response::from_parts(parts, Bytes::from_owner(Reserved { bytes, _room: rooms }).into()))
+    }
+
+    fn rooms(&self, bytes: usize) -> Result<(Reservation, Option<Reservation>), Exhausted> {
+        let share = || self.large.reserve(bytes, Some(Party::current()), Rank::Normal);
+        let large = (bytes > SMALL_BYTES).then(share).transpose()?;
+        Ok((self.registry.room(bytes)?, large))
+    }
 }
 
 /// Collects the body of a response that was made as a whole.

@@ -237,7 +237,7 @@ impl Runs {
         if owner.is_none() {
             self.keyless().insert(run, party);
         }
-        tracing::info!(run = %id, suite = %definition.suite.name, model = %definition.model, "created");
+        tracing::info!(run = %id, suite = &*definition.suite.name, model = &*definition.model, "created");
         metrics::counter!("swarmbench_runs_created_total").increment(1);
         // The sweep of every minute repeats a failed step.
         self.try_advance(run).await;

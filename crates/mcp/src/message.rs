@@ -20,6 +20,9 @@ const INVALID_REQUEST: i32 = -32600;
 /// Maximum size in bytes of each part of a request that describes the client; a larger part is removed.
 const ABOUT_CLIENT_BYTES_MAX: usize = 4096;
 
+/// Maximum size in bytes of the id of a request, which is kept until the answer.
+const ID_BYTES_MAX: usize = 200;
+
 #[serde_with::skip_serializing_none]
 #[derive(Deserialize, Serialize)]
 struct Message<'a> {
@@ -66,7 +69,7 @@ struct Meta<'a> {
 /// Reduces a message to the parts that are needed, with at most [`MCP_VALUES_MAX`] values.
 ///
 /// # Errors
-/// The response to a body that is not a message, or that has too many values.
+/// The response to a body that is not a message, or that has too many values or a long id.
 pub fn essential(body: &[u8]) -> Result<Bytes, Box<Response<Bytes>>> {
     let is_none = |error: serde_json::Error| {
         if serde_json::from_slice::<IgnoredAny>(body).is_ok() {
@@ -76,6 +79,10 @@ pub fn essential(body: &[u8]) -> Result<Bytes, Box<Response<Bytes>>> {
         }
     };
     let mut message: Message<'_> = serde_json::from_slice(body).map_err(is_none)?;
+    if message.id.is_some_and(|id| id.get().len() > ID_BYTES_MAX) {
+        let problem = format!("the id has more than {ID_BYTES_MAX} bytes");
+        return Err(refused(INVALID_REQUEST, &problem));
+    }
     if let Some(meta) = message.params.as_mut().and_then(|params| params.meta.as_mut()) {
         let short = |part: &mut Option<&RawValue>| {
             *part = part.filter(|part| part.get().len() <= ABOUT_CLIENT_BYTES_MAX);
@@ -131,6 +138,11 @@ mod tests {
             assert_eq!(read.as_deref(), Some(look(left).as_bytes()));
             assert!(counted.bytes_max < 16 * 1024, "{counted:?} for {} bytes", sent.len());
         }
+        let id = |bytes: usize| {
+            look("").replace("\"id\":1", &format!("\"id\":\"{}\"", "x".repeat(bytes - 2)))
+        };
+        assert!(essential(id(ID_BYTES_MAX).as_bytes()).is_ok());
+        assert!(essential(id(ID_BYTES_MAX + 1).as_bytes()).is_err());
         let sent = look(&format!(r#","arguments":{much}"#));
         let counted = measure(|| assert!(essential(sent.as_bytes()).is_err()));
         assert!(counted.bytes_max < 3 * sent.len() as u64, "{counted:?} for {} bytes", sent.len());

@@ -375,7 +375,7 @@ impl Registry {
     async fn start(&self, prepared: Prepared, place: Starting) -> Handle {
         let Prepared { init, room, .. } = prepared;
         let Running { id, spec, .. } = &init.episode;
-        tracing::info!(episode = %id, task = spec.config.task().name(), model = %spec.model, "created");
+        tracing::info!(episode = %id, task = spec.config.task().name(), model = &*spec.model, "created");
         metrics::counter!("swarmbench_episodes_created_total").increment(1);
         let id = id.clone();
         let start = || async {

@@ -10,6 +10,7 @@ use super::super::answer::{json, small, with_field};
 use super::super::auth::Seat;
 use super::super::extract::wait;
 use super::super::prelude::*;
+use super::super::stream::Short;
 use super::look::{Look, observation};
 use super::obs::is_past;
 use crate::episode::lockstep::{self, Submission};
@@ -57,11 +58,12 @@ pub(in super::super) async fn post_act(
         return Ok(small(&receipt));
     }
     let next = Box::pin(next_observation(&app, &seat, receipt.round, patience)).await;
-    Ok(json(with_field(&receipt, "obs", &next)))
+    let response = json(with_field(&receipt, "obs", &next));
+    Ok(Short::of(response, || with_field(&receipt, "obs", b"null")))
 }
 
 /// Observation of a seat once the round is past `round`; `null` if that does not happen in time. Never fails, as the act is
-/// durable: the receipt is sent even if the limit of waiting requests is reached, or no thread is free to write the observation.
+/// durable: the receipt is sent even if the limit of waiting requests is reached, or no thread or memory is free for the observation.
 async fn next_observation(app: &App, seat: &Seat, round: u32, patience: Duration) -> Vec<u8> {
     let Seat { handle, agent } = seat;
     let waited = app.waits.until(handle, patience, |snapshot| is_past(snapshot, round)).await;

@@ -24,7 +24,8 @@ use metrics::Counter;
 use quick_cache::sync::Cache;
 use tokio_util::sync::CancellationToken;
 
-use super::body::{LIGHT_BODY_BYTES_MAX, too_large};
+use super::auth;
+use super::body::{Arrived, LIGHT_BODY_BYTES_MAX, too_large};
 use super::client::Client;
 use super::feed::is_event_stream;
 use super::prelude::*;
@@ -330,10 +331,19 @@ struct Forwarding<'a> {
 enum Outgoing {
     /// All of it: it was sent nowhere yet.
     Whole(Parts, Body),
-    /// All of it; its headers are in the question.
-    Small(Parts, Question),
+    /// All of it, to be sent again if need be.
+    Small(Box<Small>),
     /// Nothing: its body was streamed.
     Streamed,
+}
+
+/// A request whose body is small enough to be kept.
+struct Small {
+    /// Its headers are in the question.
+    parts: Parts,
+    question: Question,
+    /// The reservation of the body's memory.
+    _body: Arrived,
 }
 
 impl Forwarding<'_> {
@@ -342,7 +352,8 @@ impl Forwarding<'_> {
             (End::Here, Outgoing::Whole(parts, body)) => {
                 Ok(Routed::Here(Request::from_parts(parts, body)))
             }
-            (End::Here, Outgoing::Small(mut parts, question)) => {
+            (End::Here, Outgoing::Small(small)) => {
+                let Small { mut parts, question, .. } = *small;
                 parts.headers = question.headers;
                 Ok(Routed::Here(Request::from_parts(parts, Body::from(question.body))))
             }
@@ -367,16 +378,18 @@ impl Sending for Forwarding<'_> {
                 nodes.send(&question, Some(body), self.origin.client, to).await
             }
             Outgoing::Whole(mut parts, body) => {
-                let bytes = self.origin.app.bodies.light(&parts.headers, body).await?.into_bytes();
-                let question = Question::of(&mut parts, bytes);
+                let app = self.origin.app;
+                let has_token = auth::has_token(app, &parts.headers).await?;
+                let body = app.bodies.light(has_token, body).await?;
+                let question = Question::of(&mut parts, body.bytes());
                 let answered = nodes.ask(&question, self.origin, to).await;
-                self.outgoing = Outgoing::Small(parts, question);
+                self.outgoing = Outgoing::Small(Box::new(Small { parts, question, _body: body }));
                 answered
             }
-            Outgoing::Small(parts, question) => {
+            Outgoing::Small(small) => {
                 metrics::counter!("swarmbench_forwarded_again_total").increment(1);
-                let answered = nodes.ask(&question, self.origin, to).await;
-                self.outgoing = Outgoing::Small(parts, question);
+                let answered = nodes.ask(&small.question, self.origin, to).await;
+                self.outgoing = Outgoing::Small(small);
                 answered
             }
             Outgoing::Streamed => return Ok(Sent::NotSent),

@@ -13,6 +13,7 @@ use super::super::agent::look::{Look, observations};
 use super::super::agent::obs::is_past;
 use super::super::answer::{add_field, json};
 use super::super::prelude::*;
+use super::super::stream::Short;
 use super::{Seated, Source};
 use crate::episode::Snapshot;
 use crate::episode::spec::Visibility;
@@ -20,6 +21,9 @@ use swarmbench_protocol::act::{SwarmActResponse, SwarmReceipt};
 
 /// Bytes of an answer beside its receipts and its observations.
 const REST_BYTES_MAX: usize = 256;
+
+/// Time after which a client looks for observations for which no memory was free.
+const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
 /// Episodes that a request acted in, by id.
 #[derive(Default)]
@@ -99,14 +103,18 @@ impl Acted {
         answer.finished = Some(source.is_over());
         let body = serde_json::to_vec(&answer).expect("string keys");
         let bytes_max = app.limits.answer_bytes_max.saturating_sub(body.len() + REST_BYTES_MAX);
-        json(match observations(app, looks, with_prompt, bytes_max).await {
-            Ok((seen, _)) => add_field(body, "observations", &seen),
-            Err(error) => {
-                answer.problem = Some(error.problem());
-                answer.observations = Some(Vec::new());
-                serde_json::to_vec(&answer).expect("string keys")
-            }
-        })
+        let mut without = |error: ApiError| {
+            answer.problem = Some(error.problem());
+            answer.observations = Some(Vec::new());
+            serde_json::to_vec(&answer).expect("string keys")
+        };
+        match observations(app, looks, with_prompt, bytes_max).await {
+            Ok((seen, _)) => Short::of(json(add_field(body, "observations", &seen)), || {
+                let detail = "no memory is free for the observations: look again";
+                without(ApiError::new(Code::Overloaded, detail).retry_after(LOOK_AGAIN))
+            }),
+            Err(error) => json(without(error)),
+        }
     }
 
     /// Waits until all of these episodes are settled, the time is up, or the server stops.

@@ -16,12 +16,15 @@ use crate::attacks::wire::Request;
 const LIGHT_BYTES: usize = 130_000;
 const LARGE_BYTES: usize = 250_000;
 
-/// One address sends requests to `/mcp` without a token.
+/// A token that opens nothing.
+const UNKNOWN: &str = "swarm_0000000000000000000000000000000000000000000000000000";
+
+/// One address sends requests to `/mcp` without a token, or with one that opens nothing.
 pub(super) async fn mcp_flood(ctx: Arc<Ctx>) -> io::Result<()> {
     let look = mcp_look(0, &JSON[0].of(usize::MAX, LIGHT_BYTES));
     ctx.go().await;
     on_connections(ctx.of(100, 300), |number| {
-        let look = look.clone();
+        let look = if number % 2 == 0 { look.clone() } else { look.clone().with(UNKNOWN) };
         hammer(ctx.wire(Addresses::One, number), move |_| look.clone(), ctx.at.clone())
     })
     .await;
@@ -40,7 +43,7 @@ pub(super) async fn body_flood(ctx: Arc<Ctx>) -> io::Result<()> {
         Request::post_text("/api/v1/runs", unknown_fields(14_000)),
         Request::post_text(entrants("NOPE"), values(LARGE_BYTES)),
         Request::post_text(entrants(&ctx.brief.cup), unknown_fields(26_000)),
-        swarm.with("swarm_0000000000000000000000000000000000000000000000000000"),
+        swarm.with(UNKNOWN),
     ];
     let addresses = ctx.addresses("body_flood");
     ctx.go().await;

@@ -93,7 +93,7 @@ async fn enter_and_start(ctx: &Ctx, wire: &mut Wire, body: String) -> bool {
     }
 }
 
-/// Looks by `/mcp` wait, each with as much beside its arguments as a body may have, or a short one.
+/// Looks by `/mcp` wait, each with as much beside its arguments as a body may have, or a short one, or with a long id.
 pub(super) async fn waiting_meta(ctx: Arc<Ctx>) -> io::Result<()> {
     let seat = waiting_seat(&ctx).await?;
     let look = mcp_look(0, "{}").with(&seat);
@@ -102,7 +102,13 @@ pub(super) async fn waiting_meta(ctx: Arc<Ctx>) -> io::Result<()> {
     on_connections(1_200, |number| {
         let bytes = if number % 4 == 0 { LIGHT_BODY_BYTES_MAX } else { SHORT_BODY_BYTES };
         let meta = JSON[number / 4 % 2].of(usize::MAX, bytes - 300);
-        let look = mcp_look(45, &meta).with(&seat);
+        let mut look = mcp_look(45, &meta).with(&seat);
+        if number % 8 == 1 {
+            // The id comes back with the answer.
+            let id = format!("\"{}\"", "x".repeat(LIGHT_BODY_BYTES_MAX - 400));
+            look = mcp_look(45, "{}").with(&seat);
+            look.body = look.body.map(|body| body.replacen("\"id\":1", &format!("\"id\":{id}"), 1));
+        }
         hammer(ctx.wire(Addresses::Many, number), move |_| look.clone(), ctx.at.clone())
     })
     .await;
@@ -152,19 +158,33 @@ async fn hold(ctx: &Ctx, wire: &mut Wire, bytes: &[u8]) {
     sleep(Duration::from_secs(2)).await;
 }
 
-/// Bodies of about the size from which a body is large, of which the last bytes come one by one.
+/// Bytes of a body without a token, and of the acts of a swarm.
+const ANONYMOUS_BODY_BYTES_MAX: usize = 64 * 1024;
+const SWARM_BODY_BYTES_MAX: usize = 8 * 1024 * 1024;
+
+/// Bodies as large as they may be, with and without a token, of which the last bytes come one by one.
 pub(super) async fn unfinished_bodies(ctx: Arc<Ctx>) -> io::Result<()> {
     let addresses = *ctx.dice("addresses").pick(&[1, 4, 32]);
     ctx.note(format!("{addresses} addresses"));
-    let cups = ["NOPE".to_owned(), ctx.brief.cup.clone()];
+    let cup = &ctx.brief.cup;
+    let mut wire = ctx.wire(Addresses::Many, 0);
+    let key = ctx.enter(&mut wire, cup, &json!({ "name": "unfinished", "model": "much" })).await?;
+    let token = ctx.start(&mut wire, cup, &key).await?;
+    let enter = Request::get(format!("/api/v1/competitions/{cup}/entrants"));
+    let act = Request::get("/swarm/act").with(&token);
     ctx.go().await;
     on_connections(ctx.of(2_400, 4_000), |number| {
         let ctx = Arc::clone(&ctx);
-        let path = format!("/api/v1/competitions/{}/entrants", cups[number % cups.len()]);
+        let (request, length) = match number {
+            _ if number % 2 == 0 => (&enter, ANONYMOUS_BODY_BYTES_MAX),
+            _ if number % 64 == 1 => (&act, SWARM_BODY_BYTES_MAX),
+            _ => (&act, LIGHT_BODY_BYTES_MAX + number / 2 % 2),
+        };
+        let request = request.clone();
         async move {
             loop {
                 let mut wire = ctx.wire(Addresses::Many, number % addresses);
-                if unfinished(&mut wire, &path, number / 2).await.is_err() {
+                if unfinished(&mut wire, &request, length, number % 3 == 0).await.is_err() {
                     ctx.tally.count("cut");
                 }
                 sleep(Duration::from_millis(200)).await;
@@ -175,26 +195,22 @@ pub(super) async fn unfinished_bodies(ctx: Arc<Ctx>) -> io::Result<()> {
     Ok(())
 }
 
-async fn unfinished(wire: &mut Wire, path: &str, kind: usize) -> io::Result<()> {
-    let length = match kind % 4 {
-        3 => LIGHT_BODY_BYTES_MAX + 1,
-        _ => LIGHT_BODY_BYTES_MAX,
-    };
-    let mut whole = Request::post(path, &json!({ "name": "x" }));
-    if kind % 4 == 2 {
-        whole = Request {
-            method: "POST",
-            head: "content-type: application/json\r\ntransfer-encoding: chunked\r\n".to_owned(),
-            ..Request::get(path)
-        };
-        wire.send_bytes(&whole.bytes(wire.source)).await?;
-        wire.send_bytes(format!("{length:x}\r\n").as_bytes()).await?;
+async fn unfinished(
+    wire: &mut Wire,
+    request: &Request,
+    length: usize,
+    is_chunked: bool,
+) -> io::Result<()> {
+    let about_length = if is_chunked {
+        "transfer-encoding: chunked".to_owned()
     } else {
-        whole.body = Some(String::new());
-        let head = whole.bytes(wire.source);
-        let head = String::from_utf8_lossy(&head)
-            .replace("content-length: 0", &format!("content-length: {length}"));
-        wire.send_bytes(head.as_bytes()).await?;
+        format!("content-length: {length}")
+    };
+    let head = format!("content-type: application/json\r\n{about_length}\r\n");
+    let whole = Request { method: "POST", head, ..request.clone() };
+    wire.send_bytes(&whole.bytes(wire.source)).await?;
+    if is_chunked {
+        wire.send_bytes(format!("{length:x}\r\n").as_bytes()).await?;
     }
     wire.send_bytes(&vec![b' '; length - 100]).await?;
     for _ in 0..99 {

@@ -194,14 +194,19 @@ pub(crate) const ATTACKS: &[Attack] = &[
         restarts: true,
         ..attack!(small "carried_json", memory::carried_json, "games with clocks carry much JSON, and the server is killed")
     },
+    attack!(
+        small "unread_acts",
+        readers::unread_acts,
+        "acts are sent again for answers of 6 MB, which are read at 5 KB/s"
+    ),
     attack!(small "waiting_meta", memory::waiting_meta, "looks by /mcp wait with 130 KB beside their arguments"),
     attack!(small "heads", memory::heads, "requests with heads of 62 KB are held open by the thousand"),
     attack!(
         small "unfinished_bodies",
         memory::unfinished_bodies,
-        "bodies of about 131 KB by the thousand, whose last bytes come one by one"
+        "bodies as large as they may be by the thousand, whose last bytes come one by one"
     ),
-    attack!(small "mcp_flood", bodies::mcp_flood, "one address sends 130 KB to /mcp without a token"),
+    attack!(small "mcp_flood", bodies::mcp_flood, "one address sends 130 KB to /mcp without a token that opens anything"),
     attack!(small "body_flood", bodies::body_flood, "bodies full of tiny values from those who may not ask"),
     attack!(small "no_acts", bodies::no_acts, "8 MB of tiny values come as the acts of a swarm"),
     attack!(small "hang_ups", bodies::hang_ups, "entries with much JSON from those who hang up at once"),

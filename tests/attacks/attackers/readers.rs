@@ -1,4 +1,4 @@
-//! Readers of what is large or dear: journals and exports a byte a second, and states of rounds long ago.
+//! Readers of what is large or dear: journals, exports and receipts a few bytes a second, and states of rounds long ago.
 
 use std::io;
 use std::sync::Arc;
@@ -47,7 +47,7 @@ pub(super) async fn slow_readers(ctx: Arc<Ctx>) -> io::Result<()> {
             format!("/api/v1/exports/dataset.zip?episode={episode}"),
         ];
         let path = ctx.dice(&format!("reader {number}")).pick(&paths).clone();
-        read_slowly(Arc::clone(&ctx), addresses, number, (path, 1), || ())
+        read_slowly(Arc::clone(&ctx), addresses, number, (Request::get(path), 1), || ())
     })
     .await;
     Ok(())
@@ -59,7 +59,7 @@ async fn read_slowly(
     ctx: Arc<Ctx>,
     addresses: Addresses,
     number: usize,
-    (path, bytes_per_s): (String, usize),
+    (request, bytes_per_s): (Request, usize),
     tried: impl FnOnce(),
 ) {
     let (mut tried, mut refused) = (Some(tried), 0);
@@ -67,7 +67,7 @@ async fn read_slowly(
         let mut wire = ctx.wire(addresses, number);
         let read = async {
             wire.open(Some(WINDOW_BYTES.max(bytes_per_s / 2))).await?;
-            wire.send(&Request::get(&path)).await?;
+            wire.send(&request).await?;
             let is_ok = wire.is_ok().await?;
             refused += usize::from(!is_ok);
             if is_ok || refused == REFUSALS {
@@ -90,6 +90,31 @@ async fn read_slowly(
         }
         sleep(Duration::from_millis(200)).await;
     }
+}
+
+/// Seats of a game whose prompts make an answer of 6 MB.
+const TALKATIVE: usize = 200;
+
+/// Bytes a second of a reader that is a little faster than the slowest that is not cut off.
+const SLOW_BYTES_PER_S: usize = 5_000;
+
+/// The acts of a round are sent again and again, each time with the next prompts of all seats as the answer, which is hardly read.
+pub(super) async fn unread_acts(ctx: Arc<Ctx>) -> io::Result<()> {
+    let body = json!({ "task": "Synchronization", "num_agents": TALKATIVE, "width": 32, "height": 32, "memory": 0,
+                       "max_round": 3, "prompt_template": "x".repeat(32 * 1024) });
+    let create = Request::post("/api/v1/episodes", &body).with(&ctx.brief.member);
+    let created = ctx.insist(&mut ctx.wire(Addresses::Many, 0), &create).await?.read()?;
+    let (episode, token) = (text(&created, "/id")?, text(&created, "/swarm_token")?);
+    let mut act = acts_of_all(&episode, TALKATIVE, 0, None).with(&token);
+    act.path.push_str("?wait=1&prompt=true");
+    ctx.insist(&mut ctx.wire(Addresses::Many, 0), &act).await?;
+    ctx.go().await;
+    on_connections(ctx.of(200, 400), |number| {
+        let request = (act.clone(), SLOW_BYTES_PER_S);
+        read_slowly(Arc::clone(&ctx), Addresses::Many, number, request, || ())
+    })
+    .await;
+    Ok(())
 }
 
 /// Addresses that take all streams of events together.
@@ -116,7 +141,8 @@ pub(super) async fn all_streams(ctx: Arc<Ctx>) -> io::Result<()> {
         };
         let of = Arc::clone(&ctx);
         let tried = move || of.take_one(EXPORTS + STREAMS);
-        read_slowly(Arc::clone(&ctx), Addresses::Many, address, (path, BYTES_PER_S), tried)
+        let request = (Request::get(path), BYTES_PER_S);
+        read_slowly(Arc::clone(&ctx), Addresses::Many, address, request, tried)
     })
     .await;
     Ok(())

@@ -403,3 +403,24 @@ async fn a_round_that_its_clock_ends_is_seen() {
         (vec!["Agent_0".into()], &json!(1))
     );
 }
+
+/// Receipts are sent where no memory is free for the observations: the acts are durable.
+#[tokio::test]
+async fn receipts_come_without_observations_that_are_too_large() {
+    let app = TestApp::builder().limits(|limits| limits.memory_bytes_max = 4_000_000).start().await;
+    let mut request = game(80, 3);
+    request["prompt_template"] = json!("x".repeat(30_000));
+    (request["width"], request["height"]) = (json!(32), json!(32));
+    let episode = app.create(request).await;
+    let seats: Vec<u32> = (0..80).collect();
+    for acts in [stay(&episode, 0, &seats), stay(&episode, 0, &seats)] {
+        let answer = step(&app, &episode, "?wait=60&prompt=true", &acts).await;
+        check_problem(&answer["problem"], 503, "overloaded");
+        assert_eq!((list(&answer["receipts"]).len(), seen(&answer).len()), (80, 0));
+    }
+    let looks = app.get("/swarm/obs?prompt=true&limit=80").token(&episode.swarm);
+    let problem = looks.problem(503, "overloaded").await;
+    assert_eq!(problem["limit"], json!({ "name": "memory_bytes_max", "value": 2_000_000 }));
+    let fewer = app.get("/swarm/obs?prompt=true&limit=20").token(&episode.swarm).ok().await;
+    assert_eq!(seen(&fewer).len(), 20);
+}
