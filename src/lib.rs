@@ -9,7 +9,7 @@
 //! - [`competitions`]: runs on seeds that are secret until the end. [`run`]: suites of games for one model.
 //! - [`hosted`]: built-in players that the server plays. [`episode`]: the barrier, the actor that steps the engine, and
 //!   the snapshots that readers share.
-//! - [`store`]: the database; the only module that names sqlx.
+//! - [`store`]: the database; besides [`migrations`] the only module that names sqlx.
 //! - [`cluster`]: what a server of a cluster decides, as machines without clock, network or database.
 //! - [`fair`], [`work`], [`budget`]: fair shares of scarce resources, worker threads, memory.
 //! - [`host`], [`ids`], [`keys`], [`telemetry`]: what several modules need.

@@ -158,6 +158,21 @@ fn handlers_hold_no_sql_and_no_rules() {
     }
 }
 
+/// What decides under time is driven by the simulation as it is, so it must not look at a clock itself.
+#[test]
+fn machines_have_no_clock() {
+    let mut machines = files(&root().join("src/cluster"));
+    machines.push(root().join("src/episode/lockstep.rs"));
+    assert!(machines.len() > 5, "{machines:?}");
+    for file in machines {
+        let text = fs::read_to_string(&file).expect("a source file");
+        let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+        for form in ["Instant::now", "SystemTime", "elapsed()", "tokio", "sqlx", "axum", "hyper", "\nstatic ", "spawn("] {
+            assert!(!code.contains(form), "{} has {form}", file.display());
+        }
+    }
+}
+
 /// All crates on which one of the workspace depends.
 fn tree(package: &str) -> BTreeSet<String> {
     let output = Command::new(env!("CARGO"))

@@ -1,8 +1,8 @@
 //! The campaign: the real server, the real disk, many clients; and then the server is killed, told to stop, or
 //! its disk breaks. Whatever was acknowledged must be there afterwards. See `docs/develop/campaign.md`.
 //!
-//! Everywhere else tests have a clock of their own and never sleep. Here a process is killed at moments that
-//! nobody chose, so time is the host's, and what is waited for has a limit after which the test fails.
+//! Most other tests have a clock of their own. Here a process is killed at moments that nobody chose, so time is the host's, and what
+//! is waited for has a limit after which the test fails.
 
 mod audit;
 mod away;

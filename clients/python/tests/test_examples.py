@@ -152,7 +152,7 @@ def test_the_load_balancer_repeats_what_may_be_repeated(
     method: str, path: str, headers: dict[str, str], is_repeated: bool
 ) -> None:
     with standin(dies=True) as (dead, lost), standin(dies=False) as (alive, done), balancer(alive, dead, alive) as url:
-        # The token decides which server is asked first.
+        # Requests go to the servers in turn, until one reaches the server that dies.
         for token in range(1000):
             del lost[:], done[:]
             answer = httpx.request(method, url + path, headers={**headers, "authorization": f"Bearer {token}"})

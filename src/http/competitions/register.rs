@@ -28,7 +28,7 @@ use swarmbench_protocol::competition::{CreatedEntrant, EntrantRequest};
     path = "/api/v1/competitions/{id}/entrants",
     operation_id = "register_entrant",
     tag = "competitions",
-    request_body(content = EntrantRequest, description = "At most 256 KiB"),
+    request_body(content = EntrantRequest, description = "At most 256 KiB, and 64 KiB without a token"),
     responses(
         (status = 201, description = "The entrant, with its key if one was made", body = CreatedEntrant),
         (status = 403, description = "`forbidden`: the token of an episode cannot enter; the invitation code is missing, unknown or used up; the key has the maximum number of entrants"),

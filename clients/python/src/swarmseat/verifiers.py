@@ -24,7 +24,7 @@ try:
     from verifiers.v1.task import task_key
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(
-        f"swarmseat.verifiers needs {error.name}: pip install 'swarmseat[verifiers]', with Python 3.11 or newer",
+        f"swarmseat.verifiers needs {error.name}: install this package with its extra `verifiers`, as docs/play/python.md says, with Python 3.11 or newer",
         name=error.name,
     ) from error
 
