@@ -167,7 +167,17 @@ fn machines_have_no_clock() {
     for file in machines {
         let text = fs::read_to_string(&file).expect("a source file");
         let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
-        for form in ["Instant::now", "SystemTime", "elapsed()", "tokio", "sqlx", "axum", "hyper", "\nstatic ", "spawn("] {
+        for form in [
+            "Instant::now",
+            "SystemTime",
+            "elapsed()",
+            "tokio",
+            "sqlx",
+            "axum",
+            "hyper",
+            "\nstatic ",
+            "spawn(",
+        ] {
             assert!(!code.contains(form), "{} has {form}", file.display());
         }
     }

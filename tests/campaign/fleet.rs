@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use swarmbench::store::Location;
 use swarmbench_testkit::dice::{Dice, number, seed, tell};
+use swarmbench_testkit::postgres::Standby;
 use swarmbench_testkit::program::PATIENCE;
 
 use crate::campaign::audit::{Totals, check_database, journals};
@@ -66,12 +67,21 @@ enum Fault {
     Sessions,
     /// Nobody reaches the database.
     DatabaseAway(Duration),
+    /// Commits wait for a standby that is away. Its sessions that wait are ended, or not.
+    StandbyAway(Duration, Sessions),
     /// SIGTERM of the server that plays some game.
     Graceful,
     /// Each is stopped and started again, one after the other.
     Rolling,
     /// All are killed at once.
     All,
+}
+
+/// What becomes of sessions that wait for a standby.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Sessions {
+    Wait,
+    Ended,
 }
 
 /// How a server does not reach the database.
@@ -168,7 +178,7 @@ impl Setting {
     }
 
     /// All faults in an order of the seed.
-    fn faults(&self, seed: u64) -> Vec<Fault> {
+    fn faults(&self, seed: u64, has_own_server: bool) -> Vec<Fault> {
         let is_long = |count: u64| count > FEW;
         let one_of = |all: &[Duration], number: u64, of: u64| {
             let few = if is_long(of) { all.len() } else { 2 };
@@ -200,6 +210,10 @@ impl Setting {
         faults.extend(some(50, 1, Fault::Rolling));
         faults.extend(some(50, 1, Fault::All));
         faults.extend(some(100, 1, Fault::DatabaseAway(away)));
+        if has_own_server {
+            faults.extend(some(100, 1, Fault::StandbyAway(2 * away, Sessions::Wait)));
+            faults.extend(some(100, 1, Fault::StandbyAway(2 * away, Sessions::Ended)));
+        }
         if let Ok(only) = std::env::var("SWARMBENCH_FLEET_ONLY") {
             faults.retain(|fault| format!("{fault:?}").contains(&only));
         }
@@ -226,7 +240,7 @@ pub(crate) async fn several_servers_lose_nothing_and_play_nothing_twice() {
     let mut campaign = Campaign { fleet, clients: Arc::clone(&clients), times: Times::default() };
     campaign.fleet.start_all().await;
     let mut tables = clients.sit_down(TABLES);
-    let faults = Setting::of_environment().faults(seed);
+    let faults = Setting::of_environment().faults(seed, campaign.fleet.has_own_server());
     while_playing(&mut tables, async {
         for (number, fault) in faults.iter().enumerate() {
             let dice = Dice::of(seed, &format!("fault {number}"));
@@ -274,6 +288,7 @@ impl Campaign {
             Fault::NodesCut(way, time) => self.cut_nodes(way, time, dice).await,
             Fault::Sessions => self.end_sessions(dice).await,
             Fault::DatabaseAway(time) => self.take_database_away(time).await,
+            Fault::StandbyAway(time, sessions) => self.take_standby_away(time, sessions).await,
             Fault::Graceful => {
                 let victim = self.victim(dice).await;
                 self.stop_well(victim, Kind::Graceful).await;
@@ -501,6 +516,27 @@ impl Campaign {
         self.nobody_was_taken_over(&members).await;
     }
 
+    async fn take_standby_away(&mut self, time: Duration, sessions: Sessions) {
+        let games = self.clients.ledger.running();
+        let members = self.fleet.members().await;
+        let standby = Standby::of(&self.fleet.scratch).await;
+        standby.set(true).await;
+        let away = tokio::time::sleep(time);
+        match sessions {
+            Sessions::Wait => away.await,
+            // Those that servers open in their place wait and are ended as well.
+            Sessions::Ended => tokio::select! {
+                () = away => {}
+                never = async { loop { standby.end_waiting().await } } => never,
+            },
+        }
+        standby.set(false).await;
+        let back = Self::begin(&games);
+        self.go_on(Kind::StandbyBack, &games).await;
+        tokio::time::sleep(NOBODY_LATER.saturating_sub(back.elapsed())).await;
+        self.nobody_was_taken_over(&members).await;
+    }
+
     async fn nobody_was_taken_over(&mut self, before: &[i64]) {
         assert_eq!(self.fleet.members().await, before, "somebody was taken over that lives");
     }
@@ -522,6 +558,7 @@ fn show(
         ("  stopped", of(|fault| matches!(fault, Fault::Stop(_))) as u64),
         ("  cut off from the database", of(|fault| matches!(fault, Fault::DatabaseCut(..))) as u64),
         ("  cut off from other servers", of(|fault| matches!(fault, Fault::NodesCut(..))) as u64),
+        ("  without a standby", of(|fault| matches!(fault, Fault::StandbyAway(..))) as u64),
         ("servers taken over that were alive", fleet.exclusions),
     ];
     for (name, value) in [

@@ -24,10 +24,9 @@ use tempfile::TempDir;
 
 use history::{History, Step};
 use numbers::Side;
-use standby::Standby;
 use swarmbench_testkit::dice::{number, tell};
 use swarmbench_testkit::needs;
-use swarmbench_testkit::postgres::Scratch;
+use swarmbench_testkit::postgres::{Scratch, Standby};
 
 /// Seeds that are played where nobody says how many.
 const SEEDS: u64 = 3;

@@ -2,118 +2,15 @@
 //! wait for that are ended, as happens where a server loses patience or its connection: nothing is written twice, and nothing
 //! that is stored is refused.
 
-use std::collections::{BTreeMap, HashSet};
-use std::os::unix::fs::PermissionsExt;
-use std::path::{Path, PathBuf};
-use std::pin::pin;
-use std::process::Command;
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use sqlx::ConnectOptions as _;
-use sqlx::postgres::{PgConnectOptions, PgConnection};
 use swarmbench::store::Store;
 use swarmbench_testkit::needs;
-use swarmbench_testkit::postgres::Scratch;
-use tempfile::TempDir;
-use tokio::sync::Mutex;
+use swarmbench_testkit::postgres::{OwnServer, Scratch, Standby};
 
 use super::sessions::{joined, note, noted};
 use super::{Pair, Playing, location, play};
-
-/// A server of PostgreSQL for one test, whose settings no other test has.
-struct OwnServer {
-    _parent: TempDir,
-    folder: PathBuf,
-}
-
-/// Starts and stops servers of PostgreSQL.
-fn script() -> Command {
-    Command::new(Path::new(env!("CARGO_MANIFEST_DIR")).join(".ci/postgres"))
-}
-
-impl OwnServer {
-    fn start() -> Self {
-        let parent = tempfile::tempdir().expect("a folder");
-        // The user of PostgreSQL has to reach what is in it.
-        std::fs::set_permissions(parent.path(), PermissionsExt::from_mode(0o755)).expect("ours");
-        let folder = parent.path().join("postgres");
-        let made = script().arg("--keep").arg(&folder).output().expect("the script runs");
-        assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
-        Self { _parent: parent, folder }
-    }
-
-    fn url(&self) -> String {
-        let url = std::fs::read_to_string(self.folder.join("url")).expect("it is written");
-        url.trim().to_owned()
-    }
-}
-
-impl Drop for OwnServer {
-    fn drop(&mut self) {
-        drop(script().arg("--stop").arg(&self.folder).output());
-    }
-}
-
-/// Who says that there is a standby, which never comes.
-pub(super) struct Standby(Mutex<PgConnection>);
-
-impl Standby {
-    async fn of(scratch: &Scratch) -> Self {
-        let options: PgConnectOptions = scratch.url().parse().expect("an address");
-        let options = options.username("postgres").disable_statement_logging();
-        Self(Mutex::new(options.connect().await.expect("a superuser")))
-    }
-
-    async fn set(&self, is_awaited: bool) {
-        let mut connection = self.0.lock().await;
-        let name = if is_awaited {
-            "ALTER SYSTEM SET synchronous_standby_names = 'ghost'"
-        } else {
-            "ALTER SYSTEM SET synchronous_standby_names = ''"
-        };
-        for statement in [name, "SELECT pg_reload_conf()"] {
-            sqlx::query(statement).execute(&mut *connection).await.expect("it is set");
-        }
-    }
-
-    /// Ends two sessions of a server that wait for the standby, one after the other: that of a commit, and that by which the
-    /// server makes sure of it.
-    async fn end_waiting(&self) {
-        let mut ended = HashSet::new();
-        while ended.len() < 2 {
-            let mut connection = self.0.lock().await;
-            let waiting: Vec<i32> = sqlx::query_scalar(
-                "SELECT pid FROM pg_stat_activity WHERE datname = current_database()
-                     AND application_name LIKE 'swarmbench/%' AND wait_event = 'SyncRep'",
-            )
-            .fetch_all(&mut *connection)
-            .await
-            .expect("they are listed");
-            for pid in &waiting {
-                let end = sqlx::query("SELECT pg_terminate_backend($1)").bind(pid);
-                end.execute(&mut *connection).await.expect("it ends");
-            }
-            drop(connection);
-            ended.extend(waiting);
-            tokio::time::sleep(Duration::from_millis(1)).await;
-        }
-    }
-
-    /// Does something while the standby is away, until two sessions that wait for it were ended.
-    pub(super) async fn away<T>(&self, work: impl Future<Output = T>) -> T {
-        let mut work = pin!(work);
-        self.set(true).await;
-        let done = tokio::select! {
-            done = &mut work => Some(done),
-            () = self.end_waiting() => None,
-        };
-        self.set(false).await;
-        match done {
-            Some(done) => done,
-            None => work.await,
-        }
-    }
-}
 
 #[needs(postgres, root)]
 #[tokio::test(flavor = "multi_thread")]

@@ -328,6 +328,7 @@ struct Forwarding<'a> {
 }
 
 /// What of a request is left to send.
+#[expect(clippy::large_enum_variant, reason = "most requests are whole, and are sent once")]
 enum Outgoing {
     /// All of it: it was sent nowhere yet.
     Whole(Parts, Body),

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use sqlx::postgres::PgConnection;
 use swarmbench_testkit::dice::{Dice, tell};
-use swarmbench_testkit::postgres::Scratch;
+use swarmbench_testkit::postgres::{OwnServer, Scratch};
 use swarmbench_testkit::program::{PATIENCE, Server, Site, complaints, program};
 use tempfile::TempDir;
 
@@ -32,7 +32,7 @@ const REASONS_OF_EXCLUDED: [&str; 3] = [
 ];
 
 /// What a server may complain about while others die, and while it does not reach them or the database.
-const REASONS: [&str; 19] = [
+const REASONS: [&str; 20] = [
     "a server is dead: the others take its work over",
     "the work of a server that may be dead cannot be taken over",
     "work that no server does cannot be taken over",
@@ -41,6 +41,7 @@ const REASONS: [&str; 19] = [
     "the database does not answer: this server cannot renew its lease",
     "the database is not reached",
     "the database does not answer, as a commit that waits for a standby",
+    "canceling the wait for synchronous replication",
     "sqlx_core::pool",
     "sqlx::pool::acquire",
     // A session of a dead server that has just ended by itself.
@@ -75,6 +76,8 @@ pub(crate) struct Fleet {
     folder: TempDir,
     /// How often a server was taken over that was alive.
     pub(crate) exclusions: u64,
+    /// The PostgreSQL of this campaign alone, whose settings faults change.
+    server: Option<OwnServer>,
 }
 
 /// A port that no program has, below those that the host gives to connections. No two tests of this run get the same one, also
@@ -94,7 +97,11 @@ pub(crate) fn free_port() -> u16 {
 
 impl Fleet {
     pub(crate) async fn new(seed: u64) -> Self {
-        let scratch = Scratch::new().await.expect("the tests run on PostgreSQL");
+        let server = rustix::process::geteuid().is_root().then(OwnServer::start);
+        let scratch = match &server {
+            Some(server) => Scratch::in_server(&server.url()).await,
+            None => Scratch::new().await.expect("the tests run on PostgreSQL"),
+        };
         let database = Scratch::address_of(scratch.url());
         let mut nodes = Vec::new();
         for _ in 0..NODES {
@@ -109,7 +116,12 @@ impl Fleet {
         std::fs::write(folder.path().join("secret"), "a secret of the campaign").expect("a file");
         let connection = scratch.connect().await;
         let doors = Doors::new(seed, doors);
-        Self { nodes, doors, scratch, connection, folder, exclusions: 0 }
+        Self { nodes, doors, scratch, connection, folder, exclusions: 0, server }
+    }
+
+    /// Whether the settings of PostgreSQL are those of this campaign alone.
+    pub(crate) const fn has_own_server(&self) -> bool {
+        self.server.is_some()
     }
 
     pub(crate) fn node(&self, node: usize) -> &Node {

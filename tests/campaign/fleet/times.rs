@@ -22,6 +22,8 @@ pub(crate) enum Kind {
     SessionsEnded,
     /// From the return of the database on.
     DatabaseBack,
+    /// From the return of the standby on.
+    StandbyBack,
 }
 
 impl Kind {
@@ -40,6 +42,7 @@ impl Kind {
             Self::Apart => "cut off from other servers",
             Self::SessionsEnded => "sessions ended by the database",
             Self::DatabaseBack => "database away, after its return",
+            Self::StandbyBack => "standby away, after its return",
         }
     }
 
@@ -54,7 +57,7 @@ impl Kind {
             | Self::CutOffForLong
             | Self::SlowDatabase
             | Self::Apart => Some(Duration::from_secs(10)),
-            Self::AllKilled | Self::SessionsEnded | Self::DatabaseBack => None,
+            Self::AllKilled | Self::SessionsEnded | Self::DatabaseBack | Self::StandbyBack => None,
         }
     }
 }
