@@ -700,14 +700,3 @@ async fn tokens_are_shown_once_and_nowhere_else() {
         assert!(!kept.windows(secret.len()).any(|part| part == secret), "a token is on the disk");
     }
 }
-
-#[test]
-fn a_command_that_has_moved_names_its_successor() {
-    for command in ["loadtest", "capacity"] {
-        let output = swarmbench(&[command, "--help"]);
-        assert_eq!(output.status.code(), Some(2));
-        let said = text(&output.stderr);
-        let successor = format!("cargo run --release -p swarmbench-bench -- {command} …\n");
-        assert!(said.ends_with(&successor) && said.lines().count() == 1, "{said}");
-    }
-}

@@ -68,7 +68,7 @@ fn nearly_formed(count: usize, size: usize, dice: &mut Dice) -> Vec<Pos> {
     })
 }
 
-/// The layout of greatest effort that `examples/hard_flocks.rs` has found.
+/// The layout of greatest effort that a search among drawn layouts has found.
 fn hardest() -> Vec<Pos> {
     let cell = |line: &str| {
         let (i, j) = line.split_once(' ')?;

@@ -84,8 +84,6 @@ pub(super) struct Assignment {
     /// Twice the length of the shortest path so far (plus one, see `column_price`), by column.
     reach: Lanes,
     path: Vec<Settled>,
-    /// Number of times that a row was compared with all columns.
-    pub(super) looks: usize,
 }
 
 impl Assignment {
@@ -165,7 +163,6 @@ impl Assignment {
     /// value.
     fn set_prices(&mut self, by: Step) -> i32 {
         let mut sum = 0;
-        self.looks += self.rows.len();
         let prices = &mut self.row_price;
         for (price, row) in prices.iter_mut().zip(&self.rows) {
             let (i, j) = place(*row, by);
@@ -296,7 +293,6 @@ impl Assignment {
 
     /// Updates the reach of all columns from a row, with `base` added to each; returns the least reach.
     fn relax(&mut self, row: u16, base: i16, by: Step) -> i16 {
-        self.looks += 1;
         let base = i16x8::splat(base);
         let mut least = i16x8::splat(i16::MAX);
         let mut look = |new: i16x8, reach: &mut i16x8| {

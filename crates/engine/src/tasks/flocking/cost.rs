@@ -38,18 +38,6 @@ pub fn distance(agents: &[Pos], target: &[Pos]) -> i32 {
     Search::default().least(&Shape::new(few), many, &mut Known::default())
 }
 
-/// The work of [`distance`]: the number of times that it compares a target cell with all agents (or an agent with all
-/// target cells). The result is the same on every machine, and about proportional to the time.
-///
-/// # Panics
-/// As [`distance`].
-#[must_use]
-pub fn effort(agents: &[Pos], target: &[Pos]) -> usize {
-    let mut search = Search::default();
-    search.least(&Shape::new(target), agents, &mut Known::default());
-    search.assignment.looks
-}
-
 /// The result of a search that the next one starts from: the translation of the best assignment, its prices and pairs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Known {

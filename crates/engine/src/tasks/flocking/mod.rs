@@ -17,8 +17,8 @@ use crate::names::RuleSet;
 use crate::rng::LayoutRng;
 
 use cells::Shape;
+pub use cost::distance;
 use cost::{Known, Search};
-pub use cost::{distance, effort};
 
 /// The seed of every layout under the rules `reference`.
 const REFERENCE_SEED: u64 = 42;
