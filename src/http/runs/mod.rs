@@ -255,6 +255,16 @@ impl App {
         if caller.may_know(&self.access, known.subject()) { Ok(known) } else { Err(unknown()) }
     }
 
+    /// Whether the caller sees the seeds of a run.
+    pub(super) async fn permit_of_run(
+        &self,
+        caller: &Caller,
+        stored: StoredRun,
+    ) -> Result<SeedPermit, ApiError> {
+        let known = Known::of(self, stored)?;
+        self.may_see_seed(caller, known.subject(), &known.stored.id).await
+    }
+
     /// The current state of a run, with its games.
     async fn run_detail(
         &self,
