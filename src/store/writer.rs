@@ -521,6 +521,7 @@ pub(super) async fn write(
             Entry::ChangeCompetition { competition, definition, closes_at, hidden } => {
                 competitions::change(connection, *competition, definition, *closes_at, *hidden)
                     .await?;
+                delete_tokens_of_entrant(connection, id).await?;
             }
             Entry::ExtendAttempts { competition, number, closes_at } => {
                 super::runs::extend(connection, *competition, *number, *closes_at).await?;
@@ -678,10 +679,17 @@ async fn revoke_key(
         .bind(id)
         .execute(&mut *connection)
         .await?;
-    // A removed member knows the tokens of its team's runs.
+    delete_tokens_of_entrant(connection, id).await
+}
+
+/// Deletes the tokens of what is played in competitions with a key: whoever had it, a removed member or a thief, knows them.
+async fn delete_tokens_of_entrant(
+    connection: &mut Connection,
+    id: &str,
+) -> Result<(), sqlx::Error> {
     let delete = "DELETE FROM tokens WHERE run IN (
-                      SELECT r.key FROM keys k JOIN runs r ON r.owner = k.acts_for
-                      WHERE k.id = $1 AND r.status = 'running')";
+                      SELECT r.key FROM keys k JOIN runs r ON r.owner = coalesce(k.acts_for, k.number)
+                      WHERE k.id = $1 AND r.status = 'running' AND (k.role = 'entrant' OR r.competition IS NOT NULL))";
     query(delete).bind(id).execute(connection).await?;
     Ok(())
 }
