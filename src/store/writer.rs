@@ -18,7 +18,7 @@
 
 use std::collections::HashSet;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex as StdMutex, MutexGuard as StdMutexGuard};
+use std::sync::{Arc, Mutex as StdMutex, MutexGuard as StdMutexGuard, OnceLock};
 use std::time::{Duration, Instant};
 
 use tokio::sync::{Mutex, mpsc};
@@ -123,6 +123,8 @@ const JOB_BYTES_MIN: usize = 4096;
 pub struct WriterState {
     failed: CancellationToken,
     excluded: CancellationToken,
+    /// Why this server of a cluster cannot go on, where no other one has excluded it.
+    fault: OnceLock<String>,
     blocked: StdMutex<Option<(Blocked, Instant)>>,
     backlog_jobs: AtomicUsize,
     backlog_bytes: AtomicUsize,
@@ -145,6 +147,11 @@ impl WriterState {
     /// Cancelled when other servers have taken over this server's places; it may join them again.
     pub fn excluded(&self) -> &CancellationToken {
         &self.excluded
+    }
+
+    /// Why this server of a cluster counts as excluded, where the reason is its own.
+    pub fn fault(&self) -> Option<&str> {
+        self.fault.get().map(String::as_str)
     }
 
     /// Reason why nothing can be written at the moment, if so.
@@ -230,6 +237,13 @@ impl WriterState {
         }
         self.fail(error);
         self.excluded.cancel();
+    }
+
+    /// Records that this server of a cluster cannot go on: others take over its places, as if they had excluded it.
+    pub(super) fn give_up(&self, error: &dyn std::fmt::Display) {
+        // The first reason stands, as in the log.
+        drop(self.fault.set(error.to_string()));
+        self.exclude(error);
     }
 
     pub(super) fn fail(&self, error: &dyn std::fmt::Display) {
@@ -517,11 +531,11 @@ pub(super) async fn write(
                     .bind(id)
                     .execute(&mut *connection)
                     .await?;
+                delete_tokens_of_entrant(connection, id).await?;
             }
             Entry::ChangeCompetition { competition, definition, closes_at, hidden } => {
                 competitions::change(connection, *competition, definition, *closes_at, *hidden)
                     .await?;
-                delete_tokens_of_entrant(connection, id).await?;
             }
             Entry::ExtendAttempts { competition, number, closes_at } => {
                 super::runs::extend(connection, *competition, *number, *closes_at).await?;
