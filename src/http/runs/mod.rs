@@ -27,6 +27,7 @@ use crate::store::games::StoredGame;
 use crate::store::runs::StoredRun;
 use swarmbench_boards::Slot;
 use swarmbench_boards::result::task_results;
+use swarmbench_boards::run::NO_PROMPT;
 use swarmbench_journal::Tally;
 use swarmbench_protocol::Seconds;
 use swarmbench_protocol::run::{ActTally, RunDetail, RunGame, RunSummary, SuiteView, TaskResult};
@@ -43,9 +44,6 @@ impl App {
         Ok(json!({ "entrant": entrant, "attempt": run.replays.unwrap_or(number) }))
     }
 }
-
-/// The prompt of a player that reads none.
-const NO_PROMPT: &str = "none";
 
 /// A run of which the caller may know.
 struct Known {
