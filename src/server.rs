@@ -134,6 +134,9 @@ pub enum StartError {
         "the other servers have excluded this one, as it was not seen for too long: start it again, and it joins them anew"
     )]
     Excluded,
+    /// It cannot go on, and the other servers do.
+    #[error("{0}: the other servers play on; start this one again, and it joins them anew")]
+    Fault(String),
     /// Its games are played by others, whose clocks are right.
     #[error(
         "the clock of this machine was too far from that of the database, so the other servers play on: synchronize it and start \
@@ -309,7 +312,10 @@ impl Server {
         if outcome.is_ok() {
             tokio::select! {
                 () = shutdown => {}
-                () = excluded.cancelled(), if joining.is_some() => outcome = Err(StartError::Excluded),
+                () = excluded.cancelled(), if joining.is_some() => {
+                    let fault = app.store.writer().fault().map(str::to_owned);
+                    outcome = Err(fault.map_or(StartError::Excluded, StartError::Fault));
+                }
                 () = clock_is_off.cancelled() => outcome = Err(StartError::ClockOff),
             }
         }

@@ -183,6 +183,37 @@ fn machines_have_no_clock() {
     }
 }
 
+/// What tells the seed of a game, or makes a permit for it: each handler that names one of these is here, and asks for a permit.
+const TELLS_SEEDS: &[(&str, &[&str])] = &[
+    ("of_creator(", &["seeds.rs", "episodes/create.rs", "episodes/fork.rs"]),
+    ("of_built_in(", &["seeds.rs", "runs/mod.rs"]),
+    (".seed()", &["episodes/mod.rs"]),
+    ("planned.seed", &["runs/mod.rs"]),
+    ("SuiteView::of(", &["runs/mod.rs", "runs/suites.rs"]),
+    ("Export::select(", &["exports/download.rs"]),
+    ("store.journals(", &["competitions/export.rs"]),
+    (
+        "JournalReader::",
+        &["episodes/journal.rs", "episodes/verification.rs", "competitions/export.rs"],
+    ),
+];
+
+#[test]
+fn seeds_are_told_in_few_places() {
+    let http = root().join("src/http");
+    let mut found = BTreeSet::new();
+    for file in files(&http) {
+        let text = fs::read_to_string(&file).expect("a source file");
+        let name = file.strip_prefix(&http).expect("a file of it").to_string_lossy().into_owned();
+        let named = TELLS_SEEDS.iter().filter(|(what, _)| text.contains(what));
+        found.extend(named.map(|(what, _)| (*what, name.clone())));
+    }
+    let homes =
+        TELLS_SEEDS.iter().flat_map(|(what, homes)| homes.iter().map(move |home| (what, home)));
+    let expected: BTreeSet<_> = homes.map(|(what, home)| (*what, (*home).to_owned())).collect();
+    assert_eq!(found, expected);
+}
+
 /// All crates on which one of the workspace depends.
 fn tree(package: &str) -> BTreeSet<String> {
     let output = Command::new(env!("CARGO"))

@@ -167,17 +167,24 @@ fn a_changed_byte_fails() {
 
 /// A journal with other rounds, whose hashes fit; none where `change` says that it changed nothing.
 fn forged(golden: &Golden, mut change: impl FnMut(&mut Round) -> bool) -> Option<String> {
+    rewritten(
+        golden,
+        |record| if let Record::Round(round) = record { change(round) } else { false },
+    )
+}
+
+/// A journal with other records.
+fn rewritten(golden: &Golden, mut change: impl FnMut(&mut Record) -> bool) -> Option<String> {
     let mut head = Head::START;
     let mut forged = String::new();
     let mut is_forged = false;
     for line in std::str::from_utf8(&golden.bytes).expect("UTF-8").lines() {
         // `{"hash":"<64 digits>","record":<the record>}`
         let mut raw = RawRecord::from_stored(line[84..line.len() - 1].to_owned()).expect("JSON");
-        if let Record::Round(mut round) = raw.read().expect("a record")
-            && change(&mut round)
-        {
+        let mut record = raw.read().expect("a record");
+        if change(&mut record) {
             is_forged = true;
-            raw = RawRecord::write(&Record::Round(round));
+            raw = RawRecord::write(&record);
         }
         head = head.link(raw.as_str().as_bytes());
         forged.push_str(&raw.line(head));
@@ -189,6 +196,25 @@ fn refused(golden: &Golden, forged: &str, says: &str) {
     let result = verify(forged.as_bytes(), None, Solver::Flow, |_, _| ());
     let said = result.err().map(|error| error.to_string()).unwrap_or_default();
     assert!(said.contains(says), "{}: {said:?}", golden.name);
+}
+
+/// Programs of today have to read the format of the first field that is added, which nothing writes yet, and no later one.
+#[test]
+fn journals_of_the_next_format_are_read_and_later_ones_refused() {
+    for golden in (1..=RULES_REVISION).flat_map(golden) {
+        let with = |format: u32| {
+            let change = |record: &mut Record| {
+                let Record::Opening(opening) = record else { return false };
+                opening.format = format;
+                true
+            };
+            rewritten(&golden, change).expect("an opening")
+        };
+        let next = verify(with(2).as_bytes(), None, Solver::Flow, |_, _| ());
+        let next = next.unwrap_or_else(|error| panic!("{}: {error}", golden.name));
+        assert_eq!(next.score.to_string(), golden.score, "{}", golden.name);
+        refused(&golden, &with(3), "journal format 3 is not known");
+    }
 }
 
 /// A change of the rules shows even where somebody computes all hashes anew: the records hold digests

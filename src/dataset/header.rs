@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use swarmbench_boards::run::SYSTEM_MESSAGE;
+use swarmbench_boards::run::{SYSTEM_MESSAGE, reads_prompts};
 use swarmbench_engine::AgentId;
 use swarmbench_journal::record::{HeldSeat, Opening, Record, SeatHolder, Seats};
 use swarmbench_prompt::Identity;
@@ -62,6 +62,13 @@ impl Header {
         let Opening { config, prompt_template, prompt_revision, agent_meta, .. } = &self.opening;
         let template = config.custom_template.then_some(prompt_template.as_str());
         Identity::of(template, *prompt_revision, agent_meta.get(SYSTEM_MESSAGE))
+    }
+
+    /// The name of that prompt, if the creator's player reads prompts.
+    pub fn prompt_name(&self) -> Option<String> {
+        let Opening { config, agent_meta, .. } = &self.opening;
+        let is_read = reads_prompts(&config.model, config.player.as_deref(), agent_meta);
+        is_read.then(|| self.prompt().to_string())
     }
 
     /// Models of all holders.

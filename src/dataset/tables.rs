@@ -370,7 +370,7 @@ pub fn episode(header: &Header, stored: &StoredEpisode, outcome: &Outcome) -> Ve
     cells.extend(tally.failures.iter().map(|(_, count)| count.into()));
     let (embedder, revision) = stored_method();
     cells.extend([revision.into(), embedder.into()]);
-    cells.extend([header.prompt().to_string().into(), (&config.answer_reader).into()]);
+    cells.extend([header.prompt_name().as_ref().into(), (&config.answer_reader).into()]);
     let fork = opening.fork.as_ref();
     cells.extend([fork.map(|fork| &fork.episode).into(), fork.map(|fork| fork.round).into()]);
     for metric in Metric::ALL {

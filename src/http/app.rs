@@ -224,7 +224,7 @@ impl App {
         waited.unwrap_or(Err(StoreError::Away)).map_err(ApiError::from)
     }
 
-    /// Lets a key that is revoked in the store open nothing any more, nor the tokens that its holder knew of what a team plays.
+    /// Lets a key that is revoked in the store open nothing any more, nor the tokens that its holder knew of what is played in competitions.
     pub(super) async fn key_revoked(&self, id: &str) -> Result<(), ApiError> {
         self.revoked(|grant| match grant {
             Grant::Key(key) => key.id == id,

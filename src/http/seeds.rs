@@ -5,17 +5,18 @@ use serde_json::json;
 use super::App;
 use super::auth::{Caller, Opened, Subject};
 use super::error::ApiError;
-use crate::episode::spec::Visibility;
+use crate::episode::spec::{Spec, Visibility};
 use swarmbench_protocol::suite::Suite;
 
-/// Permission to show the seed of a game, or the seeds of a run. This file alone makes one that grants it.
-#[derive(Clone, Copy, Debug)]
+/// Permission to show the seed of a game, or the seeds of a run, and all that was played. This file alone makes one that grants it.
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SeedPermit(bool);
 
 impl SeedPermit {
     /// The permit of the creator, in the answer to a creation: where seats are open to others it is one of the players.
-    pub(super) const fn of_creator(is_mixed: bool) -> Self {
-        Self(!is_mixed)
+    pub(super) fn of_creator(caller: &Caller, spec: &Spec) -> Self {
+        let is_open = spec.visibility != Visibility::Sealed;
+        Self(is_open && (caller.is_organizer() || !spec.is_mixed()))
     }
 
     /// The permit of everybody, where the suite is a built-in one: its seeds are in the documentation.
@@ -43,7 +44,8 @@ fn is_sealed(subject: Subject<'_>) -> bool {
 }
 
 impl App {
-    /// Whether the caller sees the seed of the game or run with this id. Where organizers and judges alone do, the audit log has
+    /// Whether the caller sees the seed of the game or run with this id, and may read its journal: until the end only the creator
+    /// may, or only organizers and judges if there are several holders. Where organizers and judges alone do, the audit log has
     /// the look before the answer is sent.
     pub(super) async fn may_see_seed(
         &self,
@@ -59,7 +61,7 @@ impl App {
         Ok(SeedPermit(true))
     }
 
-    /// The same in lists: they show no sealed seeds to organizers and judges, so that the audit log names each game of which
+    /// The same in lists and exports of many games: they show no sealed seeds to organizers and judges, so that the audit log names each game of which
     /// somebody saw the seed.
     pub(super) fn may_see_open_seed(&self, caller: &Caller, subject: Subject<'_>) -> SeedPermit {
         let is_audited = is_sealed(subject) && caller.reads_all();

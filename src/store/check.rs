@@ -15,7 +15,9 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions as _, Connection as _};
 
 use super::again::{StoredJournal, play_again};
-use super::competitions::{RawCompetition, damaged_looks, untaken_names, without_texts};
+use super::competitions::{
+    PEOPLE_PLAY, RawCompetition, damaged_looks, untaken_names, without_texts,
+};
 use super::entries::brief_of;
 use super::metrics::stored_method;
 use super::rebuild::{self, RebuildError};
@@ -507,7 +509,10 @@ async fn definitions(database: &mut Connection, formats: &Formats, checked: &mut
     each(database, checked, entries, |row| {
         let declaration: String = get(row, "declaration")?;
         let brief = row.try_get::<Option<String>>("brief")?;
-        if brief.is_some() && without_texts(&declaration).ok() != brief {
+        let short = without_texts(&declaration).ok();
+        // Earlier versions left out that people play.
+        let older = short.as_ref().map(|short| short.replace(PEOPLE_PLAY, ""));
+        if brief.is_some() && brief != short && brief != older {
             return Ok(Err(
                 "its brief declaration, which lists read, differs from its declaration".to_owned(),
             ));

@@ -18,7 +18,7 @@
 
 use std::collections::HashSet;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex as StdMutex, MutexGuard as StdMutexGuard};
+use std::sync::{Arc, Mutex as StdMutex, MutexGuard as StdMutexGuard, OnceLock};
 use std::time::{Duration, Instant};
 
 use tokio::sync::{Mutex, mpsc};
@@ -123,6 +123,8 @@ const JOB_BYTES_MIN: usize = 4096;
 pub struct WriterState {
     failed: CancellationToken,
     excluded: CancellationToken,
+    /// Why this server of a cluster cannot go on, where no other one has excluded it.
+    fault: OnceLock<String>,
     blocked: StdMutex<Option<(Blocked, Instant)>>,
     backlog_jobs: AtomicUsize,
     backlog_bytes: AtomicUsize,
@@ -145,6 +147,11 @@ impl WriterState {
     /// Cancelled when other servers have taken over this server's places; it may join them again.
     pub fn excluded(&self) -> &CancellationToken {
         &self.excluded
+    }
+
+    /// Why this server of a cluster counts as excluded, where the reason is its own.
+    pub fn fault(&self) -> Option<&str> {
+        self.fault.get().map(String::as_str)
     }
 
     /// Reason why nothing can be written at the moment, if so.
@@ -230,6 +237,13 @@ impl WriterState {
         }
         self.fail(error);
         self.excluded.cancel();
+    }
+
+    /// Records that this server of a cluster cannot go on: others take over its places, as if they had excluded it.
+    pub(super) fn give_up(&self, error: &dyn std::fmt::Display) {
+        // The first reason stands, as in the log.
+        drop(self.fault.set(error.to_string()));
+        self.exclude(error);
     }
 
     pub(super) fn fail(&self, error: &dyn std::fmt::Display) {
@@ -517,6 +531,7 @@ pub(super) async fn write(
                     .bind(id)
                     .execute(&mut *connection)
                     .await?;
+                delete_tokens_of_entrant(connection, id).await?;
             }
             Entry::ChangeCompetition { competition, definition, closes_at, hidden } => {
                 competitions::change(connection, *competition, definition, *closes_at, *hidden)
@@ -678,10 +693,17 @@ async fn revoke_key(
         .bind(id)
         .execute(&mut *connection)
         .await?;
-    // A removed member knows the tokens of its team's runs.
+    delete_tokens_of_entrant(connection, id).await
+}
+
+/// Deletes the tokens of what is played in competitions with a key: whoever had it, a removed member or a thief, knows them.
+async fn delete_tokens_of_entrant(
+    connection: &mut Connection,
+    id: &str,
+) -> Result<(), sqlx::Error> {
     let delete = "DELETE FROM tokens WHERE run IN (
-                      SELECT r.key FROM keys k JOIN runs r ON r.owner = k.acts_for
-                      WHERE k.id = $1 AND r.status = 'running')";
+                      SELECT r.key FROM keys k JOIN runs r ON r.owner = coalesce(k.acts_for, k.number)
+                      WHERE k.id = $1 AND r.status = 'running' AND (k.role = 'entrant' OR r.competition IS NOT NULL))";
     query(delete).bind(id).execute(connection).await?;
     Ok(())
 }

@@ -85,6 +85,11 @@ pub(crate) fn tests() -> Vec<Trial> {
             refusals::a_server_whose_clock_goes_wrong_leaves_its_work_to_the_others,
         ),
         test(
+            "fleet::a_server_whose_commits_are_lost_leaves_its_work_to_the_others",
+            on_postgres,
+            refusals::a_server_whose_commits_are_lost_leaves_its_work_to_the_others,
+        ),
+        test(
             "fleet::an_older_server_and_a_cluster_exclude_each_other",
             on_postgres && refusals::has_old_program(),
             refusals::an_older_server_and_a_cluster_exclude_each_other,

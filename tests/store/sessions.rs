@@ -227,6 +227,32 @@ async fn a_server_whose_database_was_taken_over_writes_nothing_more() {
     }
 }
 
+/// As where the database was restored from a backup, or a standby without the last commits took over.
+#[needs(postgres)]
+#[tokio::test]
+async fn a_server_whose_commits_are_lost_gives_its_games_to_others_where_there_are_some() {
+    for has_joined in [false, true] {
+        let scratch = scratch().await;
+        let store = if has_joined {
+            joined(&scratch, 1).await
+        } else {
+            Store::open(location(&scratch)).await.expect("it opens")
+        };
+        store.keep(vec![note(1)]).await.expect("kept");
+        let mut other = scratch.connect().await;
+        let lose = sqlx::query("UPDATE nodes SET committed = committed - 1");
+        lose.execute(&mut other).await.expect("a commit is lost");
+        let kept = tokio::time::timeout(PATIENCE, store.keep(vec![note(2)])).await;
+        assert!(kept.expect("it ends").is_err());
+        assert!(store.writer().has_failed(), "nothing more is acknowledged");
+        assert_eq!(store.writer().excluded().is_cancelled(), has_joined);
+        let fault = store.writer().fault();
+        assert_eq!(fault.is_some_and(|why| why.contains("were acknowledged")), has_joined);
+        other.close().await.expect("it closes");
+        store.close().await;
+    }
+}
+
 #[needs(postgres)]
 #[tokio::test]
 async fn a_server_notices_a_takeover_while_it_writes_nothing() {

@@ -10,19 +10,23 @@ use swarmbench_testkit::needs;
 use swarmbench_testkit::postgres::{OwnServer, Scratch, Standby};
 
 use super::sessions::{joined, note, noted};
-use super::{Pair, Playing, location, play};
+use super::{Pair, Playing, SEEDS, location, missing, play};
 
 #[needs(postgres, root)]
 #[tokio::test(flavor = "multi_thread")]
 async fn entries_of_all_kinds_are_kept_once_while_a_standby_is_away() {
     let server = OwnServer::start();
-    let pair = Pair::over(Scratch::in_server(&server.url()).await).await;
-    let standby = Standby::of(&pair.scratch).await;
-    let playing = Playing(0);
     let mut reached = BTreeMap::new();
-    play(0, pair, Some(&standby), &mut reached).await;
-    drop(playing);
+    for seed in 0..SEEDS {
+        let pair = Pair::over(Scratch::in_server(&server.url()).await).await;
+        let standby = Standby::of(&pair.scratch).await;
+        let playing = Playing(seed);
+        play(seed, pair, Some(&standby), &mut reached).await;
+        drop(playing);
+    }
     assert!(reached["ok"] > 20 && reached["refused"] > 0, "{reached:?}");
+    let missing = missing(&reached);
+    assert!(missing.is_empty(), "no history has {missing:?}, only {reached:?}");
 }
 
 #[needs(postgres, root)]

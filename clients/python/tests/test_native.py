@@ -311,6 +311,16 @@ def test_it_is_registered() -> None:
     env.close()
 
 
+@pytest.mark.parametrize(("name", "told"), [
+    ("swarmbench/Pursiut-v0", "mean: `Pursuit`"), ("swarmbench/pursuit-v0", "mean: `Pursuit`"),
+    ("swarmbench/Pursuit-v1", "`v0`"),
+])  # fmt: skip
+def test_gymnasium_names_the_environment_that_was_meant(name: str, told: str) -> None:
+    for make in (gymnasium.make, gymnasium.make_vec):
+        with pytest.raises(gymnasium.error.UnregisteredEnv, match=told):
+            make(name)
+
+
 def test_one_episode_alone_is_refused_with_what_to_use() -> None:
     with pytest.raises(gymnasium.error.Error, match=r"make_vec.*parallel_env"):
         gymnasium.make("swarmbench/Pursuit-v0")

@@ -1,10 +1,12 @@
 """`examples/verify_competition.py`, which follows the documents, checks the ends of attempts in newer formats."""
 
 import hashlib
+import json
 import runpy
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from conftest import ROOT
@@ -37,6 +39,29 @@ def test_no_game_of_a_finished_attempt_has_closed_with_its_window() -> None:
     check(FIRST, "finished", "closed", ENDS[0][1])
     with pytest.raises(ValueError, match="it closed with the window"):
         check(FIRST, "finished", "closed", last)
+
+
+def test_journals_of_the_next_format_are_read_and_later_ones_refused() -> None:
+    lines = (ROOT / "tests" / "golden" / "1" / "flocking-paper.jsonl").read_text(encoding="utf-8").splitlines()
+    opening, *rounds, end = [json.loads(line)["record"] for line in lines]
+    at, close = opening["created_at"], "2027-03-01T12:50:00Z"
+    opening |= {"run": "run_1"}
+    opening["config"] |= {"visibility": "sealed", "closes_at": close}
+    config = opening["config"]
+    attempt = SimpleNamespace(
+        plan=[(config["task"], config["seed"])], record={"run": "run_1"}, window={"opens_at": at, "closes_at": close}
+    )
+    game, entrant = {"slot": 0, "episode": opening["episode"]}, {"model": config["model"]}
+    definition = {"settings": config, "rules": config["rules"], "idle_timeout_ms": config["idle_timeout_ms"]}
+
+    def check(journal_format: int) -> None:
+        journal = opening | {"format": journal_format}, rounds, end
+        PROGRAM["check_journal"](*journal, definition, entrant, attempt, game, [("", close)])
+
+    check(1)
+    check(2)
+    with pytest.raises(ValueError, match="should be 1 or 2"):
+        check(3)
 
 
 def test_a_field_of_a_later_format_is_refused_in_an_older_file() -> None:

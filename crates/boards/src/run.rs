@@ -7,6 +7,7 @@ use swarmbench_journal::record::RecordedConfig;
 use swarmbench_journal::record::{first_prompt_revision, is_first_prompt_revision};
 use swarmbench_prompt::Identity;
 use swarmbench_protocol::carried::Carried;
+use swarmbench_protocol::names::BUILT_IN;
 use swarmbench_protocol::suite::{Game, Suite, digest_of_template};
 
 /// Value of `kind` in an `agent_meta`, and of a row, when people played.
@@ -19,6 +20,15 @@ pub const SYSTEM_MESSAGE: &str = "system_message";
 #[must_use]
 pub fn is_human(meta: &Carried) -> bool {
     meta.get("kind").is_some_and(|kind| kind.trim_matches('"') == HUMAN)
+}
+
+/// The name of the prompt of a player that reads none.
+pub const NO_PROMPT: &str = "none";
+
+/// Whether a player reads prompts: built-in players and people read none.
+#[must_use]
+pub fn reads_prompts(model: &str, player: Option<&str>, meta: &Carried) -> bool {
+    player.is_none() && !model.starts_with(BUILT_IN) && !is_human(meta)
 }
 
 /// Immutable part of a run; stored as JSON.
@@ -101,11 +111,8 @@ impl Definition {
         self.reads_prompts().then(|| self.prompt().to_string())
     }
 
-    /// Whether the player reads prompts: built-in players and people read none.
     fn reads_prompts(&self) -> bool {
-        let is_built_in =
-            self.player.is_some() || self.model.starts_with(swarmbench_protocol::names::BUILT_IN);
-        !is_built_in && !is_human(&self.meta)
+        reads_prompts(&self.model, self.player.as_deref(), &self.meta)
     }
 
     /// Digest of the prompt template: the first 12 hexadecimal digits of SHA-256; `None` for the built-in one.

@@ -88,6 +88,9 @@ pub(in super::super) async fn export_competition(
             known.vouched.extend(was);
         }
         known.actions.retain(|action| !is_after(action) || Told::decides(action));
+    } else {
+        // After the end nothing but `hidden` changes.
+        known.actions.retain(|action| !is_after(action) || action.action != CHANGE);
     }
     let format = params.format.unwrap_or(usual);
     if usual == FORMAT && format < FORMAT {

@@ -9,10 +9,10 @@ use super::check_not_erased;
 use crate::ids::{Token, TokenKind};
 use crate::keys::Role;
 use crate::store::entries::Entry;
-use crate::store::tokens::Grant;
 use swarmbench_protocol::competition::ReplacedKey;
 
-/// Make a new key for an entrant that has lost its own; the lost key is no longer valid.
+/// Make a new key for an entrant that has lost its own; the lost key is no longer valid, nor are the tokens of what
+/// it plays. The entrant continues with new ones: `POST /runs/{id}/token`.
 ///
 /// An entrant that entered with a key of its own gets no other here: revoke that key, and make another one with the same role.
 #[utoipa::path(
@@ -51,7 +51,7 @@ pub(in super::super) async fn replace_entrant_key(
         let shown = (competition.key, json!({}));
         let audit_entry = organizer.audit_entry_shown(&app, "entrant.key", &entrant, detail, shown);
         app.store.keep(vec![replace, audit_entry]).await?;
-        app.revoked(|grant| matches!(grant, Grant::Key(one) if one.id == key.id)).await?;
+        app.key_revoked(&key.id).await?;
         let body = ReplacedKey { entrant, key: token.reveal().to_owned() };
         Ok(with_tokens(StatusCode::CREATED, body))
     })

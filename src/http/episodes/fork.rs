@@ -60,12 +60,12 @@ pub(in super::super) async fn fork_episode(
     request: Unread,
 ) -> Result<Response, ApiError> {
     let creator = caller.creator(&app, client)?;
-    let (stored, parent) = app.forkable(&caller, id).await?;
+    let (stored, parent, parents) = app.forkable(&caller, id).await?;
     let (request, body) = request.read::<ForkRequest>(&app).await?;
     let named = [b"fork ", stored.id.as_str().as_bytes(), b" ", body.as_ref()].concat();
     let idempotency = idempotency(&headers, creator.0.owner(), named, &app.limits)?;
     let plan = Plan::new(request, stored, &parent, &app)?;
-    let permit = SeedPermit::of_creator(!caller.is_organizer() && plan.spec.is_mixed());
+    let permit = SeedPermit::of_creator(&caller, &plan.spec);
     // A repeat must find what the first one creates, also if its client hangs up.
     App::run_detached(async move {
         let _lock = app.creations.lock_key(idempotency.as_ref()).await;
@@ -75,23 +75,21 @@ pub(in super::super) async fn fork_episode(
             Some(first) => plan.replace_tokens(&app, first).await?,
         };
         let made = made.iter().map(|(shown, tokens)| created_episode(shown, tokens, permit));
-        let forks = CreatedForks {
-            fork: shown_fork(&fork, SeedPermit::of_creator(false)),
-            episodes: made.collect(),
-        };
+        let forks = CreatedForks { fork: shown_fork(&fork, parents), episodes: made.collect() };
         Ok(answer::created(&format!("/api/v1/episodes?fork_of={}", forks.fork.episode), forks))
     })
     .await
 }
 
 impl App {
-    /// An episode that the caller may fork now.
+    /// An episode that the caller may fork now, with the permit to show its seed.
     async fn forkable(
         &self,
         caller: &Caller,
         id: String,
-    ) -> Result<(StoredEpisode, Spec), ApiError> {
+    ) -> Result<(StoredEpisode, Spec, SeedPermit), ApiError> {
         let (stored, spec) = self.known(caller, id).await?;
+        let permit = self.open_permit_of_game(caller, &stored, &spec);
         let is_over = stored.ended_at.is_some();
         let detail = match spec.visibility {
             Visibility::Sealed if !stored.revealed => {
@@ -100,10 +98,10 @@ impl App {
             _ if spec.is_mixed() && !is_over => {
                 "this episode has several seat holders: it can be forked after its end"
             }
-            _ if !self.may_read_journal(caller, &stored) => {
+            _ if !permit.is_granted() => {
                 "a fork contains all that was played before: until the end of this episode only its creator may fork it"
             }
-            _ => return Ok((stored, spec)),
+            _ => return Ok((stored, spec, permit)),
         };
         Err(ApiError::new(Code::Forbidden, detail))
     }

@@ -134,7 +134,7 @@ impl App {
     /// What is stored of an episode of which the caller may read the journal.
     async fn journaled(&self, caller: &Caller, id: String) -> Result<StoredEpisode, ApiError> {
         let (stored, spec) = self.known(caller, id).await?;
-        if !self.may_read_journal(caller, &stored) {
+        if !self.permit_of_game(caller, &stored, &spec).await?.is_granted() {
             let detail = if spec.is_mixed() {
                 "a journal contains the seed and the answers of all seat holders: it can be read after the end"
             } else {
@@ -142,16 +142,17 @@ impl App {
             };
             return Err(ApiError::new(Code::Forbidden, detail));
         }
-        self.permit_of_game(caller, &stored, &spec).await?;
         Ok(stored)
     }
 
-    /// Whether the caller may read all that was played, with seed and acts. Until the end only the creator may, or only
-    /// organizers if there are several holders.
-    pub(super) fn may_read_journal(&self, caller: &Caller, stored: &StoredEpisode) -> bool {
-        let Ok(spec) = spec(stored) else { return false };
-        let subject = self.subject(stored, &spec);
-        caller.may_read(&self.access, subject) && (subject.is_over || caller.oversees(subject))
+    /// Whether the caller sees the seed of a game, and all that was played, where it is one of many.
+    pub(super) fn open_permit_of_game(
+        &self,
+        caller: &Caller,
+        stored: &StoredEpisode,
+        spec: &Spec,
+    ) -> SeedPermit {
+        self.may_see_open_seed(caller, self.subject(stored, spec))
     }
 
     /// An episode as it is shown, from what is stored of it, without a sealed seed.
@@ -173,7 +174,7 @@ impl App {
     /// A stored episode as lists show it to `caller`: without a sealed seed.
     fn listed(&self, caller: &Caller, stored: &StoredEpisode) -> Result<EpisodeSummary, ApiError> {
         let spec = spec(stored)?;
-        let permit = self.may_see_open_seed(caller, self.subject(stored, &spec));
+        let permit = self.open_permit_of_game(caller, stored, &spec);
         self.summary_of(caller, stored, &spec, permit)
     }
 
@@ -232,7 +233,7 @@ fn broken(problem: &str) -> ApiError {
     ApiError::new(Code::Internal, "what is stored of this episode cannot be read")
 }
 
-fn spec(stored: &StoredEpisode) -> Result<Spec, ApiError> {
+pub(super) fn spec(stored: &StoredEpisode) -> Result<Spec, ApiError> {
     match stored.opening.read() {
         Ok(Record::Opening(opening)) => {
             Spec::from_opening(&opening).map_err(|problem| broken(&problem))

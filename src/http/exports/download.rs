@@ -18,8 +18,10 @@ use tokio_util::sync::DropGuard;
 use utoipa::IntoParams;
 
 use super::super::accept::{self, Binary};
+use super::super::episodes::spec;
 use super::super::extract::{one_of, optional_flag};
 use super::super::prelude::*;
+use super::super::seeds::SeedPermit;
 use super::super::stream::{patiently, refused};
 use crate::budget::Reservation;
 use crate::dataset::export::{Export, ExportError, Exported, Selection};
@@ -120,7 +122,8 @@ impl File {
 ///
 /// `dataset.zip` has the files of the public toolkit: `meta_log.json`, `game_log_<run_id>.json` and `agent_log_<run_id>.json`.
 /// `episodes`, `acts`, `rounds`, `heard` and `views` are tables with one row for each episode, act, state, received message or window,
-/// as JSON Lines (`.jsonl`) or Parquet (`.parquet`). Episodes that the caller may not read are left out. An answer that breaks off is incomplete. With
+/// as JSON Lines (`.jsonl`) or Parquet (`.parquet`). Episodes that the caller may not read are left out, and sealed ones that
+/// neither `episode` nor `run` names. An answer that breaks off is incomplete. With
 /// `Accept: application/octet-stream` any file comes as plain bytes.
 #[utoipa::path(
     get,
@@ -148,12 +151,12 @@ pub(in super::super) async fn download_export(
     Params(params): Params<ExportParams>,
 ) -> Result<Response, ApiError> {
     let file = File::parse(&name).ok_or_else(|| ApiError::not_found("the file"))?;
-    let selection = selection(&app, &caller, params).await?;
+    let (selection, named) = selection(&app, &caller, params).await?;
     let party = Party::current();
     let open = app.streams.exports.reserve(1, Some(party), caller.rank())?;
     let room = app.registry.room_of(file.memory(), Some(party), caller.rank())?;
     let permit = app.streams.parts.acquire(party, Rank::Normal).await.map_err(refused)?;
-    // Organizers' exports may include sealed games, too.
+    // Organizers and judges export games that nobody else may read yet.
     let audit_entry = caller.audit_entry(
         &app,
         "export",
@@ -168,7 +171,10 @@ pub(in super::super) async fn download_export(
     let stop = app.stop.child_token();
     let reader = stop.clone().drop_guard();
     let export = move || {
-        let may = |stored: &_| app.may_read_journal(&caller, stored);
+        let may = |stored: &_| {
+            let permit = |spec| named.or(app.open_permit_of_game(&caller, stored, &spec));
+            spec(stored).is_ok_and(|spec| permit(spec).is_granted())
+        };
         let select = Export::select(&app.store, &selection, may, |_, _| (), stop);
         let export = match select {
             Ok(export) => export,
@@ -208,19 +214,30 @@ fn read_by(reader: DropGuard, pieces: mpsc::Receiver<io::Result<Bytes>>) -> Body
     Body::from_stream(ReceiverStream::new(pieces).inspect(move |_| _ = &reader))
 }
 
-/// Validates the query.
+/// Validates the query. The permit is the one for sealed games that an organizer or a judge names by their own id or by that of
+/// their run: the audit log has the look. Of all other games each has a permit of its own.
 async fn selection(
     app: &App,
     caller: &Caller,
     params: ExportParams,
-) -> Result<Selection, ApiError> {
+) -> Result<(Selection, SeedPermit), ApiError> {
     one_of("status", params.status.as_deref(), &Status::ALL.map(Status::name))?;
     one_of("task", params.task.as_deref(), &TaskName::ALL.map(TaskName::name))?;
     let mut readable = caller.readable(app);
     let mut run = None;
+    let mut named = SeedPermit::default();
+    if let Some(id) = &params.episode {
+        let (stored, spec) = app.known(caller, id.clone()).await?;
+        named = app.permit_of_game(caller, &stored, &spec).await?;
+    }
     if let Some(id) = params.run {
         match app.store.find_run(&id).await? {
-            Some(found) => run = Some(found.run),
+            Some(found) => {
+                run = Some(found.run);
+                if params.episode.is_none() && caller.reads_all() {
+                    named = app.permit_of_run(caller, found).await?;
+                }
+            }
             None => readable = Readable::Nothing,
         }
     }
@@ -234,7 +251,7 @@ async fn selection(
         readable,
         ..Filter::default()
     };
-    Ok(Selection { filter, episode: params.episode.map(EpisodeId::from_text) })
+    Ok((Selection { filter, episode: params.episode.map(EpisodeId::from_text) }, named))
 }
 
 /// Sending side of a body, for an export that runs on another thread and waits for its reader.

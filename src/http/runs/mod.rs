@@ -27,6 +27,7 @@ use crate::store::games::StoredGame;
 use crate::store::runs::StoredRun;
 use swarmbench_boards::Slot;
 use swarmbench_boards::result::task_results;
+use swarmbench_boards::run::NO_PROMPT;
 use swarmbench_journal::Tally;
 use swarmbench_protocol::Seconds;
 use swarmbench_protocol::run::{ActTally, RunDetail, RunGame, RunSummary, SuiteView, TaskResult};
@@ -43,9 +44,6 @@ impl App {
         Ok(json!({ "entrant": entrant, "attempt": run.replays.unwrap_or(number) }))
     }
 }
-
-/// The prompt of a player that reads none.
-const NO_PROMPT: &str = "none";
 
 /// A run of which the caller may know.
 struct Known {
@@ -253,6 +251,16 @@ impl App {
         let unknown = || ApiError::not_found("the run");
         let known = Known::of(self, self.store.find_run(id).await?.ok_or_else(unknown)?)?;
         if caller.may_know(&self.access, known.subject()) { Ok(known) } else { Err(unknown()) }
+    }
+
+    /// Whether the caller sees the seeds of a run.
+    pub(super) async fn permit_of_run(
+        &self,
+        caller: &Caller,
+        stored: StoredRun,
+    ) -> Result<SeedPermit, ApiError> {
+        let known = Known::of(self, stored)?;
+        self.may_see_seed(caller, known.subject(), &known.stored.id).await
     }
 
     /// The current state of a run, with its games.

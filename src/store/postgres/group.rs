@@ -165,7 +165,7 @@ impl Node {
     ) {
         match error.downcast_ref::<Excluded>() {
             Some(Excluded::TakenOver) => state.exclude(&error),
-            Some(Excluded::Lost { .. }) | None if self.cluster.is_some() => state.exclude(&error),
+            Some(Excluded::Lost { .. }) | None if self.cluster.is_some() => state.give_up(&error),
             Some(Excluded::Lost { .. }) | None => state.fail(&error),
         }
     }

@@ -6,7 +6,8 @@ use std::net::IpAddr;
 use futures::TryStreamExt;
 use hmac::{Hmac, KeyInit as _, Mac as _};
 use jiff::Timestamp;
-use serde_json::value::RawValue;
+use serde_json::json;
+use serde_json::value::{RawValue, to_raw_value};
 use sha2::Sha256;
 
 use crate::ids::{CompetitionKey, EntryKey, EpisodeKey, RunKey, TokenHash};
@@ -17,6 +18,7 @@ use crate::store::entries::{CompetitionRow, EntrantFacts, EntrantRow, Secret};
 use crate::store::runs::void_reason;
 use crate::store::sql::{Begin, Builder, Connection, FromRow, Row, from_row, get, query};
 use swarmbench_boards::competition::definition::practice_suite;
+use swarmbench_boards::run::{HUMAN, is_human};
 use swarmbench_protocol::names::looks;
 
 #[derive(Clone, Debug)]
@@ -520,11 +522,18 @@ impl Store {
     }
 }
 
-/// Declaration without the prompt template and the free metadata, which may be large.
+/// What a brief declaration begins with where people play.
+pub(in crate::store) const PEOPLE_PLAY: &str = r#""agent_meta":{"kind":"human"},"#;
+
+/// Declaration without the prompt template and the free metadata, which may be large, but with the word that people play.
 pub(in crate::store) fn without_texts(declaration: &str) -> Result<String, serde_json::Error> {
     let mut fields: BTreeMap<String, Box<RawValue>> = serde_json::from_str(declaration)?;
-    for large in ["prompt_template", "agent_meta"] {
-        fields.remove(large);
+    fields.remove("prompt_template");
+    let meta = fields.remove("agent_meta");
+    // Stored metadata may have halves of characters, which are no text.
+    let read = meta.and_then(|meta| serde_json::from_str(meta.get()).ok());
+    if read.is_some_and(|meta| is_human(&meta)) {
+        fields.insert("agent_meta".to_owned(), to_raw_value(&json!({ "kind": HUMAN }))?);
     }
     serde_json::to_string(&fields)
 }

@@ -153,6 +153,33 @@ pub(crate) async fn a_server_whose_clock_goes_wrong_leaves_its_work_to_the_other
     refused(command).await.because("ms ahead of that of the database");
 }
 
+/// A database that was restored from a backup, or a standby without the last commits that took over.
+pub(crate) async fn a_server_whose_commits_are_lost_leaves_its_work_to_the_others() {
+    let mut fleet = two().await;
+    let members = fleet.members().await;
+    let (secret, own) = (fleet.secret(), format!("127.0.0.1:{}", free_port()));
+    let site = Site::at(fleet.scratch.url().to_owned());
+    let options = ["--node", &own, "--cluster-secret-file", &secret];
+    let mut server = site.start_by(Command::new(program()), &options);
+    server.ready().await;
+    let joined = fleet.members().await.into_iter().max().expect("it is a member");
+    assert!(!members.contains(&joined));
+    let mut other = fleet.scratch.connect().await;
+    let lose = "UPDATE nodes SET committed = committed - 1 WHERE incarnation = $1";
+    sqlx::query(lose).bind(joined).execute(&mut other).await.expect("a commit is lost");
+    let status = server.ended().await;
+    assert_eq!(status.code(), Some(75), "it is to be started again");
+    server.end();
+    let (log, says) = (server.log(), "the other servers play on");
+    let last = log.iter().find(|line| line.contains(says));
+    assert!(last.is_some_and(|line| line.contains("were acknowledged")), "{log:#?}");
+    let began = Instant::now();
+    while fleet.members().await != members {
+        assert!(began.elapsed() < PATIENCE, "nobody takes it over");
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+}
+
 /// Whether there is a program of the version before.
 pub(crate) fn has_old_program() -> bool {
     std::env::var_os(OLD_PROGRAM).is_some()

@@ -143,7 +143,11 @@ async fn ask_all(app: &TestApp, who: &str, token: Option<&str>, ids: &[String]) 
                 continue;
             }
             let path = path.replace("{round}", "0").replace("{agent}", "Agent_0");
-            let mut paths = BTreeSet::from([path]);
+            let files = ["episodes.jsonl", "acts.jsonl", "rounds.jsonl", "views.jsonl"];
+            let mut paths = match id {
+                "download_export" => BTreeSet::from(files.map(|file| path.replace("{file}", file))),
+                _ => BTreeSet::from([path]),
+            };
             while let Some(open) = paths.iter().find(|path| path.contains('{')).cloned() {
                 paths.remove(&open);
                 let (before, rest) = open.split_once('{').expect("one");
@@ -156,6 +160,7 @@ async fn ask_all(app: &TestApp, who: &str, token: Option<&str>, ids: &[String]) 
                     ("get", "show_board") => &["", "?format=csv", "?part=final"],
                     ("get", "show_state") => &["", "?round=0", "?round=1"],
                     ("get", "show_replay") => &["", "?from=1", "?ground=false"],
+                    ("get", "download_export") => &["", "?status=running", "?status=finished"],
                     ("get", "list_episodes" | "list_runs") => &["?limit=1000", "?limit=x"],
                     _ => &[""],
                 };

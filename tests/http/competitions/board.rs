@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use serde_json::{Value, json};
 
 use crate::app::list;
-use crate::cup::{Cup, pass_minutes, request, server};
+use crate::cup::{Attempt, Cup, pass_minutes, request, server};
 
 #[tokio::test]
 async fn nobody_else_gets_onto_the_board_of_a_competition() {
@@ -21,6 +21,32 @@ async fn nobody_else_gets_onto_the_board_of_a_competition() {
         (refused.status, &refused.json()["fields"][0]["field"]),
         (422, &json!("suite.name"))
     );
+}
+
+#[tokio::test]
+async fn a_player_that_reads_no_prompts_has_none() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    for (name, model, meta, prompt) in [
+        ("blue", "m", json!({}), json!("default")),
+        ("red", "built-in/random", json!({}), Value::Null),
+        ("green", "us", json!({ "kind": "human" }), Value::Null),
+    ] {
+        let entry = json!({ "name": name, "model": model, "agent_meta": meta });
+        let made = app.post(&cup.path("/entrants")).json(&entry).ok().await;
+        let key = made["key"].as_str().expect("a key");
+        let attempt = Attempt::of(&app.post(&cup.path("/attempts")).token(key).ok().await);
+        attempt.play(&app, 1).await;
+        let rows = cup.rows(&app, None).await;
+        let row = rows.iter().find(|row| row["entrant"]["name"] == name).expect("its row");
+        let named = if prompt.is_null() { &json!("none") } else { &prompt };
+        assert_eq!(&row["entrant"]["prompt"], named, "{name}");
+        let path = format!("/api/v1/exports/episodes.jsonl?run={}", attempt.run);
+        let table = app.get(&path).token(&app.organizer).send().await.text();
+        let first: Value =
+            serde_json::from_str(table.lines().next().expect("a row")).expect("JSON");
+        assert_eq!(first["prompt"], prompt, "{name}");
+    }
 }
 
 #[tokio::test]

@@ -538,6 +538,13 @@ async fn the_file_of_an_older_competition_has_the_format_that_it_needs() {
             assert_eq!(report.competition.format, asked.unwrap_or(usual));
             assert!(!file.contains("seeds_by_task"));
             example(&file).unwrap_or_else(|problem| panic!("{problem}"));
+            // Organizers export a hidden one.
+            let hide = app.call(Method::PATCH, &cup.path("")).token(&app.organizer);
+            hide.json(&json!({ "hidden": true, "reason": "a test" })).ok().await;
+            let later = app.get(&path).token(&app.organizer).send().await.text();
+            assert_eq!(later, file, "its head was published");
+            let show = app.call(Method::PATCH, &cup.path("")).token(&app.organizer);
+            show.json(&json!({ "hidden": false, "reason": "a test" })).ok().await;
         }
     }
 }

@@ -4,7 +4,7 @@ use reqwest::Method;
 use serde_json::{Value, json};
 
 use crate::app::{Call, TestApp, list, texts};
-use crate::cup::{Cup, server};
+use crate::cup::{Attempt, Cup, server};
 
 async fn judge(app: &TestApp) -> String {
     let request = json!({ "name": "judge", "role": "judge" });
@@ -64,7 +64,13 @@ async fn whoever_sees_a_sealed_seed_is_in_the_audit_log() {
     let blue = cup.enter(&app, "blue").await;
     let attempt = cup.start(&app, &blue).await;
     attempt.play(&app, 1).await;
-    let game = attempt.episodes(&app).await[0]["id"].as_str().expect("an id").to_owned();
+    let red = cup.enter(&app, "red").await;
+    let running = cup.start(&app, &red).await;
+    running.act(&app, 1).await;
+    let first = async |attempt: &Attempt| {
+        attempt.episodes(&app).await[0]["id"].as_str().expect("an id").to_owned()
+    };
+    let (game, unfinished) = (first(&attempt).await, first(&running).await);
     for token in [&judge(&app).await, &app.organizer] {
         let get = |path: &str| app.get(path).token(token);
         let lists = [
@@ -86,6 +92,23 @@ async fn whoever_sees_a_sealed_seed_is_in_the_audit_log() {
                 // Events of a run that has ended end, too, but nobody needs to wait for it.
                 assert_eq!(get(&path).open().await.status(), 200, "{path}");
                 assert_eq!(looks(&app, subject).await, before + 1, "{path}");
+            }
+        }
+        for (query, subject, is_shown) in [
+            (String::new(), &game, false),
+            ("?status=running".to_owned(), &unfinished, false),
+            (format!("?episode={game}"), &game, true),
+            (format!("?run={}", attempt.run), &attempt.run, true),
+            (format!("?episode={unfinished}&status=running"), &unfinished, true),
+        ] {
+            for file in ["episodes.jsonl", "acts.jsonl", "dataset.zip"] {
+                let before = looks(&app, subject).await;
+                let path = format!("/api/v1/exports/{file}{query}");
+                let answer = get(&path).send().await;
+                assert_eq!(answer.status, 200, "{path}: {}", answer.text());
+                // Each line of a table has the seed; an archive without games has only its index.
+                assert_eq!(answer.body.len() > 500, is_shown, "{path}: {}", answer.text());
+                assert_eq!(looks(&app, subject).await, before + usize::from(is_shown), "{path}");
             }
         }
         let shown = get(&format!("/api/v1/runs/{}", attempt.run)).ok().await;

@@ -90,6 +90,53 @@ async fn an_organizer_who_revokes_the_key_of_a_member_ends_its_tokens() {
     other.look(&app).await;
 }
 
+/// Who has stolen a key has asked for tokens with it.
+#[tokio::test]
+async fn tokens_of_attempts_end_with_the_key_that_entered() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let refuse = async |tokens: &[&str]| {
+        for token in tokens {
+            app.get("/swarm/obs").token(token).problem(401, "unauthorized").await;
+        }
+    };
+    let (blue, red) = (cup.enter(&app, "blue").await, cup.enter(&app, "red").await);
+    let (attempt, other) = (cup.start(&app, &blue).await, cup.start(&app, &red).await);
+    let practice = app.post(&cup.path("/practice")).token(&blue.key).ok().await;
+    let practice = text(&practice["swarm_token"]);
+    app.get("/swarm/obs").token(&practice).ok().await;
+    attempt.act(&app, 1).await;
+    let replaced = app.post(&format!("{}/key", path(&cup, &blue))).token(&app.organizer);
+    let key = text(&replaced.ok().await["key"]);
+    refuse(&[&attempt.swarm, &practice]).await;
+    let replace = format!("/api/v1/runs/{}/token", attempt.run);
+    app.post(&replace).token(&blue.key).problem(401, "unauthorized").await;
+    // The entrant goes on in the same games.
+    let swarm = text(&app.post(&replace).token(&key).ok().await["swarm_token"]);
+    let attempt = Attempt { swarm, ..attempt };
+    attempt.act(&app, 1).await;
+
+    let keys = app.get("/api/v1/keys").token(&app.organizer).ok().await;
+    let first = list(&keys["items"]).into_iter().find(|key| key["name"] == "blue");
+    let first = text(&first.expect("the entrant's key")["id"]);
+    app.delete(&format!("/api/v1/keys/{first}")).token(&app.organizer).ok().await;
+    refuse(&[&attempt.swarm]).await;
+    let swarm = text(&app.post(&replace).token(&app.organizer).ok().await["swarm_token"]);
+    Attempt { swarm, ..attempt }.play(&app, 1).await;
+
+    // What a member plays elsewhere with a key of its own goes on with its tokens.
+    let (green, id) = app.key(json!({ "name": "green" })).await;
+    let entry = json!({ "name": "green", "model": "m" });
+    app.post(&cup.path("/entrants")).token(&green).json(&entry).ok().await;
+    let started = Attempt::of(&app.post(&cup.path("/attempts")).token(&green).ok().await);
+    let run = json!({ "suite": "quick", "model": "m" });
+    let elsewhere = app.post("/api/v1/runs").token(&green).json(&run).ok().await;
+    app.delete(&format!("/api/v1/keys/{id}")).token(&app.organizer).ok().await;
+    refuse(&[&started.swarm]).await;
+    app.get("/swarm/obs").token(&text(&elsewhere["swarm_token"])).ok().await;
+    other.look(&app).await;
+}
+
 #[tokio::test]
 async fn members_remove_themselves_alone_and_who_entered_removes_all() {
     let app = server().await;

@@ -743,7 +743,8 @@ class EntrantSummary(TypedDict):
     """Name of the entrant."""
     prompt: str
     """Name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `prompt_template`. A declared
-    system message (`system_message` in `agent_meta`) adds `+system:` and the first digits of its SHA-256.
+    system message (`system_message` in `agent_meta`) adds `+system:` and the first digits of its SHA-256. `none`
+    for built-in players and people, who read no prompts.
     """
     prompt_template: str | None
     """Digest of the prompt template; null for the built-in template."""

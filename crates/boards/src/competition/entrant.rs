@@ -6,6 +6,7 @@ use swarmbench_prompt::Identity;
 use swarmbench_protocol::carried::Carried;
 
 use super::EntrantStatus;
+use crate::run::{SYSTEM_MESSAGE, reads_prompts};
 
 /// Maximum characters of a contact.
 pub const CONTACT_CHARS_MAX: usize = 200;
@@ -90,9 +91,11 @@ impl Declaration {
         of_text.or_else(|| self.template.clone())
     }
 
-    /// Identity of the prompt in the entrant's games.
+    /// Name of the prompt in the entrant's games, if its player reads prompts.
     #[must_use]
-    pub fn prompt(&self) -> Identity {
-        Identity::declared(self.template_digest(), self.agent_meta.get("system_message"))
+    pub fn prompt_name(&self) -> Option<String> {
+        let system_message = self.agent_meta.get(SYSTEM_MESSAGE);
+        let prompt = || Identity::declared(self.template_digest(), system_message).to_string();
+        reads_prompts(&self.model, None, &self.agent_meta).then(prompt)
     }
 }

@@ -16,6 +16,7 @@ use super::definition::{Definition, Window};
 use super::entrant::Entrant;
 use super::phase::Phase;
 use super::standings::{Standing, TaskRow};
+use crate::run::NO_PROMPT;
 
 /// Bytes of a revision: enough that consecutive ones never collide.
 const REVISION_BYTES: usize = 8;
@@ -131,7 +132,7 @@ impl From<&Entrant> for EntrantSummary {
             temperature: entrant.declaration.temperature,
             top_p: entrant.declaration.top_p,
             prompt_template: entrant.declaration.template_digest(),
-            prompt: entrant.declaration.prompt().to_string(),
+            prompt: entrant.declaration.prompt_name().unwrap_or_else(|| NO_PROMPT.to_owned()),
             status: entrant.status.name().to_owned(),
             reason: entrant.reason.clone(),
             vouched: entrant.vouched,

@@ -183,7 +183,7 @@ pub fn result(definition: &Definition, entrant: &Entrant, attempt: &Attempt) -> 
         vouched: entrant.vouched,
         decentralization: decentralization(&definition.settings.control),
         is_human: is_human(&declaration.agent_meta),
-        prompt: Some(declaration.prompt().to_string()),
+        prompt: declaration.prompt_name(),
         answer_reader: Some(definition.settings.answer_reader.clone()),
     };
     RunResult::new(run, &attempt.plan, &attempt.games, attempt.is_over)
