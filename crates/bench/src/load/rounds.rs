@@ -174,9 +174,14 @@ async fn by_seats(
     round: u32,
     waits: bool,
 ) -> Option<RoundTimes> {
-    let turns: FuturesUnordered<_> =
+    let mut playing: FuturesUnordered<_> =
         seats.iter_mut().map(|seat| seat.turn(tally, round, waits)).collect();
-    let turns: Vec<Turn> = turns.collect::<Vec<_>>().await.into_iter().collect::<Option<_>>()?;
+    let mut turns: Vec<Turn> = Vec::with_capacity(playing.len());
+    while let Some(turn) = playing.next().await {
+        // The others would wait for its act for ever.
+        turns.push(turn?);
+    }
+    drop(playing);
     let last = turns.iter().map(|turn| turn.acknowledged).max()?;
     let waited = turns.iter().filter_map(|turn| turn.waited);
     Some(RoundTimes {
