@@ -618,7 +618,10 @@ except ModuleNotFoundError as error:
     print(error)
 """
     shown = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout
-    assert shown == "swarmseat.analysis needs pandas: install this package with its extra `analysis`, as docs/play/python.md says\n"
+    assert (
+        shown
+        == "swarmseat.analysis needs pandas: install this package with its extra `analysis` (docs/play/python.md)\n"
+    )
 
 
 SETTINGS: dict[str, Any] = {"num_agents": 5, "width": 8, "height": 8, "max_round": 6, "view_size": 5}

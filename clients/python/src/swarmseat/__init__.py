@@ -81,7 +81,8 @@ def _load(name: str) -> Any:
             if error.name == "swarmseat._native":
                 raise
             raise ModuleNotFoundError(
-                f"swarmseat.{name} needs {error.name}: install this package with its extra `rl`, as docs/play/python.md says", name=error.name
+                f"swarmseat.{name} needs {error.name}: install this package with its extra `rl` (docs/play/python.md)",
+                name=error.name,
             ) from error
         return getattr(module, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

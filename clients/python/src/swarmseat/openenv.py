@@ -24,7 +24,8 @@ try:
     from pydantic import Field
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(
-        f"swarmseat.openenv needs {error.name}: install this package with its extra `openenv`, as docs/play/python.md says", name=error.name
+        f"swarmseat.openenv needs {error.name}: install this package with its extra `openenv` (docs/play/python.md)",
+        name=error.name,
     ) from error
 
 MODES: tuple[Mode, ...] = ("one_seat", "turns", "joint")

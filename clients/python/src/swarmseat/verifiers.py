@@ -24,7 +24,8 @@ try:
     from verifiers.v1.task import task_key
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(
-        f"swarmseat.verifiers needs {error.name}: install this package with its extra `verifiers`, as docs/play/python.md says, with Python 3.11 or newer",
+        "swarmseat.verifiers needs Python 3.11 or newer and this package's extra `verifiers` (docs/play/python.md): "
+        f"there is no {error.name}",
         name=error.name,
     ) from error
 

@@ -6,4 +6,7 @@ NEEDED = ("jinja2", "matplotlib", "numpy", "pandas", "pyarrow", "scipy", "sklear
 
 for name in NEEDED:
     if find_spec(name) is None:
-        raise ModuleNotFoundError(f"swarmseat.analysis needs {name}: install this package with its extra `analysis`, as docs/play/python.md says", name=name)
+        raise ModuleNotFoundError(
+            f"swarmseat.analysis needs {name}: install this package with its extra `analysis` (docs/play/python.md)",
+            name=name,
+        )
