@@ -110,11 +110,15 @@ impl FromRequestParts<App> for Caller {
     }
 }
 
-/// Whether a request has a token, whose rights its handler on another server decides. A token without any is refused.
+/// Token in the headers of a request; `None` where there is none, or a header that the handler refuses.
+pub(super) fn sent_token(headers: &HeaderMap) -> Option<&str> {
+    let value = headers.get(header::AUTHORIZATION)?.to_str().ok()?;
+    bearer(value).ok()
+}
+
+/// Presence of a token with rights, which the handler on another server decides. A token without rights is refused.
 pub(super) async fn has_token(app: &App, headers: &HeaderMap) -> Result<bool, ApiError> {
-    let value = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
-    // The handler reports what is wrong with another header.
-    let Some(Ok(token)) = value.map(bearer) else { return Ok(false) };
+    let Some(token) = sent_token(headers) else { return Ok(false) };
     app.tokens.grant(token).await?.map(|_| true).ok_or_else(unknown_token)
 }
 

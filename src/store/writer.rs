@@ -696,7 +696,7 @@ async fn revoke_key(
     delete_tokens_of_entrant(connection, id).await
 }
 
-/// Deletes the tokens of what is played in competitions with a key: whoever had it, a removed member or a thief, knows them.
+/// Deletes the tokens of attempts and practice that a key plays: whoever had the key, a removed member or a thief, knows them.
 async fn delete_tokens_of_entrant(
     connection: &mut Connection,
     id: &str,

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use axum::http::{HeaderMap, header};
+use axum::http::HeaderMap;
 use percent_encoding::percent_decode_str;
 
 use super::super::auth;
@@ -67,13 +67,7 @@ impl Nodes {
 
     /// Place that is played with the token of a request.
     async fn of_token(&self, app: &App, headers: &HeaderMap) -> Result<Target, ApiError> {
-        let value = headers.get(header::AUTHORIZATION);
-        let Some(token) =
-            value.and_then(|value| value.to_str().ok()).and_then(|value| auth::bearer(value).ok())
-        else {
-            // The handler reports what is wrong.
-            return Ok(Target::Anybody);
-        };
+        let Some(token) = auth::sent_token(headers) else { return Ok(Target::Anybody) };
         match app.tokens.grant(token).await? {
             Some(Grant::Seat { episode, .. } | Grant::Swarm { episode, .. }) => {
                 let place = self.place_of(&episode).await?;

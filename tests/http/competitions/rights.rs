@@ -111,7 +111,7 @@ async fn tokens_of_attempts_end_with_the_key_that_entered() {
     refuse(&[&attempt.swarm, &practice]).await;
     let replace = format!("/api/v1/runs/{}/token", attempt.run);
     app.post(&replace).token(&blue.key).problem(401, "unauthorized").await;
-    // The entrant goes on in the same games.
+    // The entrant plays the same games with a new token.
     let swarm = text(&app.post(&replace).token(&key).ok().await["swarm_token"]);
     let attempt = Attempt { swarm, ..attempt };
     attempt.act(&app, 1).await;
@@ -124,7 +124,7 @@ async fn tokens_of_attempts_end_with_the_key_that_entered() {
     let swarm = text(&app.post(&replace).token(&app.organizer).ok().await["swarm_token"]);
     Attempt { swarm, ..attempt }.play(&app, 1).await;
 
-    // What a member plays elsewhere with a key of its own goes on with its tokens.
+    // Tokens of games outside competitions stay valid.
     let (green, id) = app.key(json!({ "name": "green" })).await;
     let entry = json!({ "name": "green", "model": "m" });
     app.post(&cup.path("/entrants")).token(&green).json(&entry).ok().await;
