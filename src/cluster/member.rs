@@ -19,6 +19,9 @@ pub const STARTS_WITHIN: Duration = Duration::from_mins(1);
 /// Tolerated offset between a server's clock and the database's.
 pub const CLOCK_OFF_MAX: Duration = Duration::from_millis(500);
 
+/// Longest pause between two commits of a server.
+const COMMIT_PAUSE_MAX: Duration = Duration::from_millis(5);
+
 /// A server of the cluster, as the database shows it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Member {
@@ -48,6 +51,13 @@ impl Member {
     pub(super) fn is_off(&self) -> bool {
         u128::from(self.clock_offset_ms.unsigned_abs()) > CLOCK_OFF_MAX.as_millis()
     }
+}
+
+/// Pause of a server after a commit that took `took`, where `playing` servers commit to the same database: on average each of
+/// the others has its turn meanwhile. Commits carry more acts for it, and a cluster hardly commits more often than one server.
+pub fn commit_pause(took: Duration, playing: usize) -> Duration {
+    let others = u32::try_from(playing.saturating_sub(1)).unwrap_or(u32::MAX);
+    took.saturating_mul(others).min(COMMIT_PAUSE_MAX)
 }
 
 /// Evidence of a server's death.
@@ -96,4 +106,18 @@ const fn mixed(number: u64) -> u64 {
     let number = (number ^ (number >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let number = (number ^ (number >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     number ^ (number >> 31)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_server_pauses_for_the_commits_of_others_and_not_for_long() {
+        let took = Duration::from_millis(1);
+        assert_eq!(commit_pause(took, 0), Duration::ZERO);
+        assert_eq!(commit_pause(took, 1), Duration::ZERO);
+        assert_eq!(commit_pause(took, 3), took * 2);
+        assert_eq!(commit_pause(Duration::MAX, usize::MAX), COMMIT_PAUSE_MAX);
+    }
 }

@@ -4,7 +4,8 @@
 //! `membership` and `http::nodes` drive the machines with the database and the network, the simulation with its own. The database
 //! decides everything that has to be right: a wrong decision costs time, never an act.
 //!
-//! - [`Member`] is a server as the database shows it, [`preferred`] the one that should take a free place.
+//! - [`Member`] is a server as the database shows it, [`preferred`] the one that should take a free place, and
+//!   [`commit_pause`] how servers share the database.
 //! - [`Lease`] is a server's right to answer.
 //! - [`Places`] are the games, runs and competitions that a server owns.
 //! - [`watch`] decides when a server beats, who is dead, and which work is due.
@@ -18,7 +19,7 @@ pub mod watch;
 
 pub use lease::{ANSWERS_FOR, Lease};
 pub use member::{
-    CLOCK_OFF_MAX, Death, Incarnation, Member, STARTS_WITHIN, TAKEN_OVER_AFTER, number_of,
-    preferred,
+    CLOCK_OFF_MAX, Death, Incarnation, Member, STARTS_WITHIN, TAKEN_OVER_AFTER, commit_pause,
+    number_of, preferred,
 };
 pub use places::Places;

@@ -305,6 +305,18 @@ impl Group {
         }
     }
 
+    /// Pause after a commit that took `took`, for the commits of other servers.
+    fn pause(&self, took: Duration) -> Duration {
+        match self {
+            Self::Postgres(node) if let Some(cluster) = node.cluster() => {
+                let members = cluster.members();
+                let playing = members.iter().filter(|member| member.episodes > 0).count();
+                crate::cluster::commit_pause(took, playing)
+            }
+            Self::Sqlite(..) | Self::Postgres(_) => Duration::ZERO,
+        }
+    }
+
     async fn watch(&mut self, state: &WriterState) {
         match self {
             Self::Sqlite(..) => {}
@@ -416,7 +428,9 @@ async fn run(
         }
         let (jobs, receipts): (Vec<_>, Vec<_>) =
             jobs.drain(..).map(|job| (job.entries, (job.bytes, job.committed))).unzip();
-        let outcomes = group.keep(&state, &jobs, Instant::now() + PATIENCE, &stop).await;
+        let begun = Instant::now();
+        let outcomes = group.keep(&state, &jobs, begun + PATIENCE, &stop).await;
+        let pause = group.pause(begun.elapsed());
         for (entries, outcome) in jobs.iter().zip(&outcomes) {
             if outcome.is_ok() {
                 // Changes are noted before senders are notified, so that a client that knows of an end finds it on the board.
@@ -427,6 +441,9 @@ async fn run(
         for ((bytes, committed), outcome) in receipts.into_iter().zip(outcomes) {
             state.remove_backlog(bytes);
             committed(outcome);
+        }
+        if !pause.is_zero() {
+            drop(tokio::time::timeout(pause, stop.cancelled()).await);
         }
     }
     // Closing often fails after a failure: other servers end the sessions of a server that they exclude.
