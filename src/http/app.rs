@@ -19,11 +19,11 @@ use super::idempotency::Creations;
 use super::in_flight::InFlight;
 use super::limits::Limits;
 use super::nodes::Nodes;
+use super::observation_cache::ObservationCache;
 use super::pages::Source;
 use super::ranking::Ranking;
 use super::rates::Rates;
 use super::replay_pages::ReplayPages;
-use super::sights::Sights;
 use super::stream::{Answers, Streams};
 use super::tokens::Tokens;
 use super::waiting::Waits;
@@ -121,7 +121,7 @@ pub struct Shared {
     /// What was found when journals were played again.
     pub(super) verifications: Verifications,
     /// What seats see in open rounds, as it was written.
-    pub(super) sights: Sights,
+    pub(super) observation_cache: ObservationCache,
     pub(super) standings: Standings,
     /// What the entrants of competitions have played.
     pub(super) competitions: CompetitionStandings,
@@ -161,7 +161,7 @@ impl App {
             unsent: Answers::new(registry.clone(), limits),
             replay_pages: ReplayPages::new(eighth),
             verifications: Verifications::new(VERIFICATIONS_MAX),
-            sights: Sights::new(2 * eighth),
+            observation_cache: ObservationCache::new(2 * eighth),
             standings: Standings::new(store.clone()),
             competitions: CompetitionStandings::new(store.clone(), 3 * eighth),
             answers: SharedCache::new(eighth, cache.clone()),

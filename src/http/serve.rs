@@ -23,9 +23,9 @@ use tokio_util::task::TaskTracker;
 
 use super::client::{ByNetwork, Peer, address, site};
 use super::error::{ApiError, Code};
+use super::eviction::{Holder, Holders, Whose};
 use super::front::{Answered, Front, REQUEST_ID};
 use super::limits::Limits;
-use super::room::{Holder, Holders, Whose};
 use super::timers::{ConnectionTimers, TimedBody, TimedStream, Timeouts};
 use crate::fair::Party;
 

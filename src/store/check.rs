@@ -14,7 +14,6 @@ use sqlx::error::BoxDynError;
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions as _, Connection as _};
 
-use super::again::{StoredJournal, play_again};
 use super::competitions::{
     PEOPLE_PLAY, RawCompetition, damaged_looks, untaken_names, without_texts,
 };
@@ -22,6 +21,7 @@ use super::entries::brief_of;
 use super::metrics::stored_method;
 use super::rebuild::{self, RebuildError};
 use super::sql::{Begin, Connection, Engine, FromRow, Row, Statement, get, query};
+use super::stored_replay::{StoredJournal, replay_stored};
 use super::templates::{self, opening};
 use super::{Location, OpenError, postgres, sqlite};
 use crate::ids::EpisodeKey;
@@ -693,7 +693,7 @@ async fn episode(
     };
     let ending = ending.map(|ending| (ending, stored_head));
     let stored = StoredJournal { episode: key, opening, first_round, seating, rounds, ending };
-    let report = match play_again(database, &stored).await? {
+    let report = match replay_stored(database, &stored).await? {
         Ok(report) => report,
         Err(problem) => return Ok(Err(problem)),
     };

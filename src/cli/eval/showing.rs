@@ -84,14 +84,14 @@ impl Showing {
         }
         if self.output.is_some() || self.format() == Format::Table {
             out!("{}", headline(plan));
-            out!("{}", drawn(plan, report, terminal_width()));
+            out!("{}", report_table(plan, report, terminal_width()));
             for reason in reasons(report, terminal_width()) {
                 out!("{reason}");
             }
         }
         let text = match self.format() {
             Format::Table => {
-                let board = drawn(plan, report, u16::MAX).to_string();
+                let board = report_table(plan, report, u16::MAX).to_string();
                 let reasons = reasons(report, u16::MAX);
                 let lines = [headline(plan), board].into_iter().chain(reasons);
                 lines.map(|line| line + "\n").collect()
@@ -184,7 +184,7 @@ fn headline(plan: &Plan) -> String {
 
 /// The board in `width` columns. If it is wider, it gets a row for each task and drops columns until it fits, as a wrapped number
 /// would be unreadable.
-fn drawn(plan: &Plan, report: &Report, width: u16) -> comfy_table::Table {
+fn report_table(plan: &Plan, report: &Report, width: u16) -> comfy_table::Table {
     let narrower: [(Shape, &[&str]); 3] =
         [(Shape::Long, &[]), (Shape::Long, &["seeds"]), (Shape::Long, &["seeds", "least", "most"])];
     let (mut shown, mut least) = laid_out(report.table(plan.shape), &[]);

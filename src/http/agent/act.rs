@@ -11,8 +11,8 @@ use super::super::auth::Seat;
 use super::super::extract::wait;
 use super::super::prelude::*;
 use super::super::stream::Short;
-use super::look::{Look, observation};
 use super::obs::is_past;
+use super::observation::{ObservationRequest, observation};
 use crate::episode::lockstep::{self, Submission};
 use crate::ids::EpisodeId;
 use swarmbench_journal::record::{Decision, Source};
@@ -68,7 +68,9 @@ async fn next_observation(app: &App, seat: &Seat, round: u32, patience: Duration
     let Seat { handle, agent } = seat;
     let waited = app.waits.until(handle, patience, |snapshot| is_past(snapshot, round)).await;
     let next = match waited.ok().filter(|snapshot| is_past(snapshot, round)) {
-        Some(snapshot) => observation(app, Look::now(app, handle, &snapshot, *agent), false).await,
+        Some(snapshot) => {
+            observation(app, ObservationRequest::now(app, handle, &snapshot, *agent), false).await
+        }
         None => Ok(b"null".to_vec()),
     };
     next.unwrap_or_else(|_| b"null".to_vec())

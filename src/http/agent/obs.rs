@@ -9,7 +9,7 @@ use super::super::answer::json;
 use super::super::auth::Seat;
 use super::super::extract::{flag, wait};
 use super::super::prelude::*;
-use super::look::{Look, observation};
+use super::observation::{ObservationRequest, observation};
 use crate::episode::Snapshot;
 use swarmbench_protocol::observation::Observation;
 
@@ -65,8 +65,8 @@ pub(in super::super) async fn see(
         }
         None => seat.handle.snapshot(),
     };
-    let look = Look::now(app, &seat.handle, &snapshot, seat.agent);
-    observation(app, look, prompt).await
+    let request = ObservationRequest::now(app, &seat.handle, &snapshot, seat.agent);
+    observation(app, request, prompt).await
 }
 
 /// Whether the round is past `round`, or the episode is over.

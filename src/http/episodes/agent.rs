@@ -6,7 +6,7 @@ use std::sync::Arc;
 use axum::Json;
 use swarmbench_engine::{AgentId, World};
 
-use super::super::agent::look::result;
+use super::super::agent::observation::result;
 use super::super::extract::AgentPlace;
 use super::super::prelude::*;
 use crate::episode::Status;

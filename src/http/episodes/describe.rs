@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use swarmbench_engine::{AgentId, Config, Settings, TaskName};
 
-use super::super::checks::{drawn_seed, short};
+use super::super::checks::{random_seed, short};
 use super::super::prelude::*;
 use crate::episode::spec::Spec;
 use crate::hosted;
@@ -17,7 +17,7 @@ pub(super) fn described(request: EpisodeRequest, app: &App) -> Result<Spec, ApiE
     let settings = Settings {
         task: request.task.clone().unwrap_or_default(),
         rules: request.rules.clone().unwrap_or_else(|| usual.rules.clone()),
-        seed: request.seed.unwrap_or_else(|| drawn_seed(app)),
+        seed: request.seed.unwrap_or_else(|| random_seed(app)),
         ..request.over(usual)
     };
     let checked = if request.task.is_some() {

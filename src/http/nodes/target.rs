@@ -104,13 +104,13 @@ fn of_name(headers: &HeaderMap) -> Target {
         let first = hash.0.first_chunk().expect("a hash is longer");
         Target::Named(u64::from_le_bytes(*first))
     });
-    named.unwrap_or_else(|| Target::New(drawn()))
+    named.unwrap_or_else(|| Target::New(next_number()))
 }
 
 /// A different number at each call.
-fn drawn() -> u64 {
-    static DRAWN: AtomicU64 = AtomicU64::new(0);
-    DRAWN.fetch_add(1, Ordering::Relaxed)
+fn next_number() -> u64 {
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    NEXT.fetch_add(1, Ordering::Relaxed)
 }
 
 #[cfg(test)]

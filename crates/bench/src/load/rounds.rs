@@ -145,10 +145,10 @@ impl Seat {
     /// Waits until the round is past `round`; returns the begin and the end of the wait.
     pub(crate) async fn wait(&mut self, tally: &Tally, round: u32) -> Option<(Instant, Instant)> {
         let path = format!("/obs?after={round}&wait=30");
-        let look = request(&self.target, "GET", &path, Some(&self.token), None);
+        let request = request(&self.target, "GET", &path, Some(&self.token), None);
         let begun = Instant::now();
         loop {
-            if !self.connection.call(tally, &look).await {
+            if !self.connection.call(tally, &request).await {
                 return None;
             }
             let ended = Instant::now();
@@ -161,9 +161,9 @@ impl Seat {
 
     /// Observes without waiting; returns the duration.
     async fn look(&mut self, tally: &Tally) -> Option<Duration> {
-        let look = request(&self.target, "GET", "/obs", Some(&self.token), None);
+        let request = request(&self.target, "GET", "/obs", Some(&self.token), None);
         let begun = Instant::now();
-        self.connection.call(tally, &look).await.then(|| begun.elapsed())
+        self.connection.call(tally, &request).await.then(|| begun.elapsed())
     }
 }
 
@@ -232,7 +232,7 @@ struct Receipt {
 
 /// The part of a swarm's observations that is read.
 #[derive(Deserialize)]
-struct Look {
+struct SwarmObservations {
     observations: Vec<Seen>,
 }
 
@@ -314,12 +314,12 @@ impl Acting {
     async fn look(&mut self, tally: &Tally, place: usize, round: u32) -> Option<()> {
         let Held { token, agents, .. } = self.games.get(place)?;
         let path = format!("/swarm/obs?wait=30&limit={agents}");
-        let look = request(&self.target, "GET", &path, Some(token), None);
-        if !self.connection.call(tally, &look).await {
+        let request = request(&self.target, "GET", &path, Some(token), None);
+        if !self.connection.call(tally, &request).await {
             return None;
         }
-        let look: Look = self.connection.read_json(tally)?;
-        let open = look.observations.iter().filter(|seen| seen.round == round).count();
+        let seen: SwarmObservations = self.connection.read_json(tally)?;
+        let open = seen.observations.iter().filter(|seen| seen.round == round).count();
         if open != *agents {
             tally.error(|| format!("{open} of {agents} seats wait in round {round}"));
             return None;

@@ -26,7 +26,7 @@ pub(super) struct StoredJournal {
 }
 
 /// Replays and verifies an episode's journal line by line.
-pub(super) async fn play_again(
+pub(super) async fn replay_stored(
     database: &mut Connection,
     stored: &StoredJournal,
 ) -> Result<Result<Report, String>, sqlx::Error> {
