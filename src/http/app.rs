@@ -11,7 +11,7 @@ use swarmbench_engine::World;
 use tokio_util::sync::CancellationToken;
 
 use super::body::Bodies;
-use super::cache::{Answer, SharedCache};
+use super::cache::{CachedResponse, SharedCache};
 use super::episodes::verification::{VERIFICATIONS_MAX, Verifications};
 use super::error::{ApiError, Code};
 use super::heavy::Heavy;
@@ -126,7 +126,7 @@ pub struct Shared {
     /// What the entrants of competitions have played.
     pub(super) competitions: CompetitionStandings,
     /// Boards and lists.
-    pub(super) answers: SharedCache<Answer>,
+    pub(super) answers: SharedCache<CachedResponse>,
     /// Boards of competitions, behind their pages.
     pub(super) rankings: Arc<SharedCache<Arc<Ranking>>>,
 }

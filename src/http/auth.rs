@@ -389,12 +389,12 @@ impl Caller {
 }
 
 /// The seat of a request that only an agent can make.
-pub(super) struct Seat {
+pub(super) struct TokenSeat {
     pub(super) handle: Handle,
     pub(super) agent: AgentId,
 }
 
-impl FromRequestParts<App> for Seat {
+impl FromRequestParts<App> for TokenSeat {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, ApiError> {
@@ -402,7 +402,7 @@ impl FromRequestParts<App> for Seat {
     }
 }
 
-impl Seat {
+impl TokenSeat {
     pub(super) async fn of(caller: Caller, app: &App) -> Result<Self, ApiError> {
         let detail = match caller {
             Caller::Seat(episode, agent) => {

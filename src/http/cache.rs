@@ -57,7 +57,7 @@ pub(super) trait Weighted {
 
 /// A cached response.
 #[derive(Debug)]
-pub(super) struct Answer {
+pub(super) struct CachedResponse {
     headers: HeaderMap,
     body: Bytes,
 }
@@ -247,13 +247,13 @@ impl<T: Weighted> Cached<T> {
     }
 }
 
-impl Weighted for Answer {
+impl Weighted for CachedResponse {
     fn bytes(&self) -> usize {
         self.body.len()
     }
 }
 
-impl Answer {
+impl CachedResponse {
     async fn read(response: Response) -> Result<Self, ApiError> {
         let (parts, body) = response.into_parts();
         Ok(Self { headers: parts.headers, body: whole(body).await? })
@@ -266,7 +266,7 @@ impl Answer {
     }
 }
 
-impl SharedCache<Answer> {
+impl SharedCache<CachedResponse> {
     /// The response to a question that has the same one for all callers, computed by `make` on a miss.
     pub(super) async fn answer(
         &self,
@@ -275,7 +275,7 @@ impl SharedCache<Answer> {
     ) -> Result<Response, ApiError> {
         let make = async {
             let of = self.results();
-            Ok(Cached { of, what: Answer::read(make.await?).await? })
+            Ok(Cached { of, what: CachedResponse::read(make.await?).await? })
         };
         Ok(self.entry(question, make).await?.what.response())
     }
@@ -291,9 +291,9 @@ impl SharedCache<Answer> {
         let asked = now().revision;
         let make = async {
             let of = now();
-            Ok(Cached { of, what: Answer::read(make.await?).await? })
+            Ok(Cached { of, what: CachedResponse::read(make.await?).await? })
         };
-        let is_valid = |made: &Cached<Answer>| made.is_valid(asked, self.clock.now());
+        let is_valid = |made: &Cached<CachedResponse>| made.is_valid(asked, self.clock.now());
         Ok(self.entry_where(question, is_valid, make).await?.what.response())
     }
 
@@ -305,8 +305,8 @@ impl SharedCache<Answer> {
         of: Results,
         make: impl Future<Output = Result<Response, ApiError>>,
     ) -> Result<Response, ApiError> {
-        let make = async { Ok(Cached { of, what: Answer::read(make.await?).await? }) };
-        let is_valid = |made: &Cached<Answer>| made.of.revision >= of.revision;
+        let make = async { Ok(Cached { of, what: CachedResponse::read(make.await?).await? }) };
+        let is_valid = |made: &Cached<CachedResponse>| made.of.revision >= of.revision;
         Ok(self.entry_where(question, is_valid, make).await?.what.response())
     }
 }

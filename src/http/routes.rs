@@ -100,13 +100,13 @@ pub(super) enum Play {
 }
 
 /// A row of the table.
-pub(super) struct Row {
+pub(super) struct RouteRow {
     pub(super) method: &'static str,
     pub(super) path: &'static str,
     pub(super) facts: Facts,
 }
 
-const fn row(method: &'static str, path: &'static str, at: At, who: Who) -> Row {
+const fn row(method: &'static str, path: &'static str, at: At, who: Who) -> RouteRow {
     let is_read = matches!(method.as_bytes(), b"GET");
     let facts = Facts {
         at,
@@ -117,10 +117,10 @@ const fn row(method: &'static str, path: &'static str, at: At, who: Who) -> Row 
         is_repeatable: is_read,
         is_about_health: false,
     };
-    Row { method, path, facts }
+    RouteRow { method, path, facts }
 }
 
-impl Row {
+impl RouteRow {
     const fn plays(mut self, play: Play) -> Self {
         self.facts.play = Some(play);
         self.repeatable().urgent().waits()
@@ -148,7 +148,7 @@ impl Row {
 }
 
 /// The routes by which games are played come first: they are found first.
-pub(super) const PLAYS: [Row; 4] = [
+pub(super) const PLAYS: [RouteRow; 4] = [
     row("GET", "/obs", Token, Seat).plays(Play::Look),
     row("POST", "/act", Token, Seat).plays(Play::Act),
     row("GET", "/swarm/obs", Token, Swarm).plays(Play::SwarmLook),
@@ -156,7 +156,7 @@ pub(super) const PLAYS: [Row; 4] = [
 ];
 
 /// All other routes for programs.
-pub(super) const ROWS: &[Row] = &[
+pub(super) const ROWS: &[RouteRow] = &[
     // The seat's tools for language models: a look among them may wait.
     row("POST", "/mcp", Token, Seat).repeatable().urgent().waits(),
     row("GET", "/api/v1/audit", Anywhere, Key),
@@ -256,7 +256,7 @@ impl Facts {
     /// Facts of a request's route.
     pub(super) fn of(method: &Method, path: &str) -> Self {
         let method = if method == Method::HEAD { "GET" } else { method.as_str() };
-        let is_it = |row: &&Row| row.path == path && row.method == method;
+        let is_it = |row: &&RouteRow| row.path == path && row.method == method;
         if let Some(play) = PLAYS.iter().find(is_it) {
             return play.facts;
         }

@@ -29,7 +29,7 @@ use crate::store::runs::StoredRun;
 use crate::store::{Store, StoreError};
 use swarmbench_boards::competition::definition::practice_suite;
 use swarmbench_clock::{Clock, Entropy};
-use swarmbench_protocol::suite::Game;
+use swarmbench_protocol::suite::PlannedGame;
 
 /// Number of locks. Runs with the same lock are advanced one after another.
 const LOCKS: usize = 256;
@@ -497,7 +497,7 @@ impl Runs {
         &self,
         stored: &StoredRun,
         definition: &Definition,
-        games: Vec<Game>,
+        games: Vec<PlannedGame>,
         mut purpose: Purpose,
     ) -> Result<(), RunError> {
         let Parts { registry, clock, entropy, disk, .. } = &self.0.parts;
@@ -605,7 +605,7 @@ impl Runs {
 /// Next step of an unfinished run.
 #[derive(Debug, PartialEq, Eq)]
 enum Due {
-    Open(Vec<Game>),
+    Open(Vec<PlannedGame>),
     /// Wait for the open games.
     Nothing,
     /// Nothing is left to play.

@@ -134,7 +134,7 @@ impl Replayer {
 
 /// The result of a verified journal.
 #[derive(Clone, Debug)]
-pub struct Report {
+pub struct JournalReport {
     /// The opening record.
     pub opening: Opening,
     /// The holders of the seats, if the journal names them.
@@ -164,7 +164,7 @@ pub fn verify(
     expected: Option<Head>,
     solver: Solver,
     mut progress: impl FnMut(u32, u32),
-) -> Result<Report, Fault> {
+) -> Result<JournalReport, Fault> {
     verify_seen(journal, expected, solver, |world, _| {
         progress(world.round(), world.config().max_round());
     })
@@ -180,7 +180,7 @@ pub fn verify_seen(
     expected: Option<Head>,
     solver: Solver,
     mut see: impl FnMut(&World, &[ActRecord]),
-) -> Result<Report, Fault> {
+) -> Result<JournalReport, Fault> {
     let mut verifier = Verifier::new(solver);
     loop {
         let mut line = Vec::new();
@@ -267,7 +267,7 @@ impl Verifier {
     ///
     /// # Errors
     /// If there was no line, the rounds before a fork are incomplete, or the head differs.
-    pub fn finish(self, expected: Option<Head>) -> Result<Report, Fault> {
+    pub fn finish(self, expected: Option<Head>) -> Result<JournalReport, Fault> {
         let Self { head, played, .. } = self;
         let Some(player) = played else {
             return Err(Fault::Whole("the journal is empty".to_owned()));
@@ -283,7 +283,7 @@ impl Verifier {
                 "its head is {head}, not {expected}: it is consistent, but not the journal you asked for"
             )));
         }
-        Ok(Report {
+        Ok(JournalReport {
             rounds,
             score: player.world().score(),
             opening: player.opening,

@@ -68,7 +68,7 @@ pub(super) struct Column {
 }
 
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Row {
+pub(super) struct SheetRow {
     /// One value per head of the sheet.
     pub(super) heads: Vec<Value>,
     /// One cell per column of the sheet.
@@ -80,7 +80,7 @@ pub(super) struct Sheet {
     /// Names of the columns that identify a row.
     pub(super) heads: Vec<String>,
     pub(super) columns: Vec<Column>,
-    pub(super) rows: Vec<Row>,
+    pub(super) rows: Vec<SheetRow>,
     pub(super) notes: Vec<String>,
 }
 
@@ -199,7 +199,7 @@ mod tests {
             columns: (0..columns)
                 .map(|number| Column { name: name(number), kind: Kind::Score })
                 .collect(),
-            rows: vec![Row {
+            rows: vec![SheetRow {
                 heads: vec!["a-model-of-26-characters-x".into()],
                 cells: vec![cell; columns],
             }],

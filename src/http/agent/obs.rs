@@ -6,7 +6,7 @@ use serde::Deserialize;
 use utoipa::IntoParams;
 
 use super::super::answer::json;
-use super::super::auth::Seat;
+use super::super::auth::TokenSeat;
 use super::super::extract::{flag, wait};
 use super::super::prelude::*;
 use super::observation::{ObservationRequest, observation};
@@ -43,7 +43,7 @@ pub(in super::super) struct ObsParams {
 )]
 pub(in super::super) async fn get_obs(
     State(app): State<App>,
-    seat: Seat,
+    seat: TokenSeat,
     Params(params): Params<ObsParams>,
 ) -> Result<Response, ApiError> {
     let wait = wait(&app, params.wait)?;
@@ -53,7 +53,7 @@ pub(in super::super) async fn get_obs(
 /// Observation of a seat, once the round is past `after` or `wait` has passed.
 pub(in super::super) async fn see(
     app: &App,
-    seat: &Seat,
+    seat: &TokenSeat,
     after: Option<u32>,
     wait: Duration,
     prompt: bool,

@@ -26,8 +26,8 @@ use crate::store::port::StoredEpisode;
 use swarmbench_boards::competition::definition::Definition;
 use swarmbench_boards::competition::entrant::Entrant;
 use swarmbench_boards::competition::export::{
-    AFTER_END, Action, Attempt, Board, CANCEL, CHANGE, Competition, End, Episode, FIRST_FORMAT,
-    FORMAT, Game, Line, Writer, format_of,
+    AFTER_END, Action, Attempt, Board, CANCEL, CHANGE, Competition, End, Episode, ExportedGame,
+    FIRST_FORMAT, FORMAT, Line, Writer, format_of,
 };
 use swarmbench_boards::competition::standings::{Part, Played, standings_of};
 
@@ -370,7 +370,7 @@ impl Reader {
                 voided: stored.void_reason.clone(),
                 games: games
                     .iter()
-                    .map(|game| Game {
+                    .map(|game| ExportedGame {
                         slot: game.slot,
                         episode: game.id.to_string(),
                         voided: game.void_reason.clone(),

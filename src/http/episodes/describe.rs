@@ -31,12 +31,13 @@ pub(super) fn described(request: EpisodeRequest, app: &App) -> Result<Spec, ApiE
         Err(())
     };
     let task = request.task.as_deref().and_then(TaskName::parse);
-    let game = Game { config: checked.ok().map(Arc::new), task, agents: settings.num_agents };
+    let game =
+        DescribedGame { config: checked.ok().map(Arc::new), task, agents: settings.num_agents };
     spec(request, game, problems, app)
 }
 
 /// The simulation of an episode, as far as it is known.
-pub(super) struct Game {
+pub(super) struct DescribedGame {
     pub(super) config: Option<Arc<Config>>,
     pub(super) task: Option<TaskName>,
     pub(super) agents: i64,
@@ -45,7 +46,7 @@ pub(super) struct Game {
 /// Validates all of a request that does not touch the simulation; all errors are reported at once.
 pub(super) fn spec(
     request: EpisodeRequest,
-    Game { config, task, agents }: Game,
+    DescribedGame { config, task, agents }: DescribedGame,
     mut problems: Problems,
     app: &App,
 ) -> Result<Spec, ApiError> {

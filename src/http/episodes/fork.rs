@@ -11,7 +11,7 @@ use super::super::idempotency::{Idempotency, created_before, idempotency};
 use super::super::prelude::*;
 use super::super::seeds::SeedPermit;
 use super::created::{Shown, Tokens, created_episode};
-use super::describe::{Game, spec as checked_spec};
+use super::describe::{DescribedGame, spec as checked_spec};
 use super::shown_fork;
 use crate::episode::past::Past;
 use crate::episode::quota::Purpose;
@@ -189,7 +189,7 @@ impl Plan {
             player: request.player,
             ..EpisodeRequest::default()
         };
-        let game = Game {
+        let game = DescribedGame {
             config: Some(Arc::clone(&parent.config)),
             task: Some(parent.config.task()),
             agents: parent.config.num_agents().into(),

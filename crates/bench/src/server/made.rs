@@ -89,7 +89,7 @@ impl Made {
         &mut self,
         run: RunKey,
         run_id: &str,
-        game: &swarmbench_protocol::suite::Game,
+        game: &swarmbench_protocol::suite::PlannedGame,
         model: &str,
     ) -> [Entry; 2] {
         self.episodes += 1;
