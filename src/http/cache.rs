@@ -142,7 +142,7 @@ impl<T: Weighted> SharedCache<T> {
 }
 
 impl<T: Weighted + Send + Sync + 'static> SharedCache<T> {
-    /// As [`SharedCache::entry`]. After a large entry was computed, a task recomputes it after changes, and readers get the latest
+    /// Entry like [`SharedCache::entry`]. After a large entry was computed, a task recomputes it after changes, and readers get the latest
     /// one. `make` gets the previous entry. The task ends when `stopped` completes.
     pub(super) async fn followed_entry<F>(
         self: &Arc<Self>,
@@ -240,7 +240,7 @@ impl<T: Weighted + Send + Sync + 'static> Drop for Leave<'_, T> {
 }
 
 impl<T: Weighted> Cached<T> {
-    /// Whether the entry is valid for a request that came at this revision.
+    /// A valid entry is as new as the revision at which the request arrived; a large one may be a little older.
     fn is_valid(&self, revision: u64, now: Timestamp) -> bool {
         let is_young = self.of.at <= now && now < after(self.of.at, LARGE_FRESH_FOR);
         self.of.revision >= revision || (self.what.bytes() >= LARGE_BYTES && is_young)
@@ -280,7 +280,7 @@ impl SharedCache<CachedResponse> {
         Ok(self.entry(question, make).await?.what.response())
     }
 
-    /// As [`SharedCache::answer`] for lists of entrants, which do not change when a game ends.
+    /// Answer like [`SharedCache::answer`] for lists of entrants, which do not change when a game ends.
     pub(super) async fn answer_of_entrants(
         &self,
         question: String,

@@ -41,7 +41,7 @@ const NOSNIFF: HeaderValue = HeaderValue::from_static("nosniff");
 #[derive(Clone)]
 pub struct Front {
     inner: Arc<Inner>,
-    /// Whether only the other servers of the cluster use it.
+    /// Only the other servers of the cluster use it.
     is_for_nodes: bool,
 }
 

@@ -18,7 +18,6 @@ pub(super) struct PageKey {
     pub(super) from: u32,
     /// Last round that the page may contain.
     pub(super) to: u32,
-    /// Whether the page contains the agents' decisions.
     pub(super) has_decisions: bool,
 }
 

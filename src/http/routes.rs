@@ -22,16 +22,16 @@ pub(super) struct Facts {
     pub(super) rank: Rank,
     /// The way by which a game is played, without the router.
     pub(super) play: Option<Play>,
-    /// Whether its requests may wait for a round, or have a stream as their answer.
+    /// Its requests may wait for a round, or have a stream as their answer.
     pub(super) waits: bool,
-    /// Whether a request that was done twice has the effect of one: it only reads, or it is an act, and a repeated act gets the
-    /// same receipt.
+    /// A request that was done twice has the effect of one: it only reads, or it is an act, and a repeated act gets the same
+    /// receipt.
     pub(super) is_repeatable: bool,
-    /// Whether it tells operators about the server's health: it is answered however busy the background threads are.
+    /// Operators read the server's health from it: it is answered however busy the background threads are.
     pub(super) is_about_health: bool,
 }
 
-/// Which server of a cluster answers a request.
+/// Server of a cluster that answers a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum At {
     /// The server that receives it, even if its lease has expired: pages, documentation, and what is about this server alone.

@@ -136,7 +136,7 @@ pub async fn serve(
     }
 }
 
-/// Whether `accept` failed because of the one connection, which is gone, and not because of the host.
+/// A failure of the one connection, which is gone, and not of the host.
 const fn is_connection_error(error: ErrorKind) -> bool {
     matches!(
         error,
@@ -278,7 +278,6 @@ impl ConnectionLimit {
         }
     }
 
-    /// Whether the limit of evictions is near.
     fn has_many_evicted(&self) -> bool {
         let open = self.open.lock().expect("nothing panics while it holds this");
         open.evictions >= EVICTIONS_MAX / 2

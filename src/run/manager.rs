@@ -46,7 +46,7 @@ pub struct NewRun {
     /// Purpose under which the first game is admitted.
     pub purpose: Purpose,
     pub definition: Definition,
-    /// For an attempt in a competition: the entry, and the attempt's number, from 1.
+    /// Entry and number (from 1) of an attempt in a competition.
     pub attempt: Option<(EntryKey, u32)>,
     /// Voided attempt that the run repeats, if it uses spare seeds.
     pub replays: Option<u32>,
@@ -79,7 +79,7 @@ pub enum CreateError {
 pub struct OpenGames {
     /// Games that have not ended, oldest first.
     pub open: Arc<[EpisodeId]>,
-    /// Whether the run and all its games have ended.
+    /// The run and all its games have ended.
     pub is_over: bool,
 }
 

@@ -69,7 +69,7 @@ pub(in super::super) async fn see(
     observation(app, request, prompt).await
 }
 
-/// Whether the round is past `round`, or the episode is over.
+/// An episode that is over is past every round.
 pub(in super::super) fn is_past(snapshot: &Snapshot, round: u32) -> bool {
     snapshot.status.is_over() || snapshot.world.round() > round
 }

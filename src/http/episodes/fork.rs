@@ -112,7 +112,7 @@ struct Plan {
     parent: StoredEpisode,
     round: u32,
     count: u32,
-    /// What each of them is, but for its place in the parent.
+    /// Description of each fork, but for its place in the parent.
     spec: Spec,
 }
 

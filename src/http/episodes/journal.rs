@@ -54,7 +54,7 @@ pub(in super::super) struct JournalReader {
     store: Store,
     stored: StoredEpisode,
     at: Position,
-    /// Of the chain after the last line.
+    /// Head of the chain after the last line.
     head: Head,
     acts: ActReader,
     /// Rounds that were read and not written yet.
@@ -66,7 +66,7 @@ pub(in super::super) struct JournalReader {
 enum Position {
     Opening,
     Before(u32),
-    /// In the list of acts of a line.
+    /// Reading the list of acts of a line.
     In(OpenLine),
     End,
     Done,

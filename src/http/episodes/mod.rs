@@ -38,7 +38,7 @@ impl App {
         self.episode(&stored.id).await
     }
 
-    /// What is stored of an episode of which the caller may read the states.
+    /// Stored row of an episode of which the caller may read the states.
     async fn readable_stored(
         &self,
         caller: &Caller,
@@ -59,7 +59,7 @@ impl App {
         Ok(stored)
     }
 
-    /// Whether the caller sees the seed of a game; whatever else tells it needs this first.
+    /// Permit for the seed of a game, which everything that tells the seed needs.
     pub(super) async fn permit_of_game(
         &self,
         caller: &Caller,
@@ -69,7 +69,7 @@ impl App {
         self.may_see_seed(caller, self.subject(stored, spec), stored.id.as_str()).await
     }
 
-    /// What the permissions of a stored episode depend on.
+    /// Facts of a stored episode that decide its permissions.
     fn subject<'a>(&self, stored: &'a StoredEpisode, spec: &Spec) -> Subject<'a> {
         let is_over = Status::parse(&stored.status).is_some_and(Status::is_over);
         Subject {
@@ -114,7 +114,7 @@ impl App {
         })
     }
 
-    /// What is stored of an episode of which the caller may know. The episode is not recovered for that.
+    /// Stored row of an episode that the caller may know of. The episode is not recovered for it.
     pub(super) async fn known(
         &self,
         caller: &Caller,
@@ -131,7 +131,7 @@ impl App {
         }
     }
 
-    /// What is stored of an episode of which the caller may read the journal.
+    /// Stored row of an episode of which the caller may read the journal.
     async fn journaled(&self, caller: &Caller, id: String) -> Result<StoredEpisode, ApiError> {
         let (stored, spec) = self.known(caller, id).await?;
         if !self.permit_of_game(caller, &stored, &spec).await?.is_granted() {
@@ -145,7 +145,7 @@ impl App {
         Ok(stored)
     }
 
-    /// Whether the caller sees the seed of a game, and all that was played, where it is one of many.
+    /// Permit for the seed of a game in a list, and for all that was played in it.
     pub(super) fn open_permit_of_game(
         &self,
         caller: &Caller,
@@ -214,14 +214,14 @@ impl App {
     }
 }
 
-/// Where an episode continues its parent, as it is shown. The seed could be found with the head, by trying.
+/// Fork point of an episode, as it is shown. The seed could be found with the head, by trying.
 fn shown_fork(fork: &Fork, permit: SeedPermit) -> shown::Fork {
     let Fork { episode, round, head } = fork.clone();
     shown::Fork { episode, round, head: permit.show(head) }
 }
 
-/// Whether the caller may see what was decided, of an episode of which it may read the states: while a game of several
-/// holders is played, they know of each other what they see and hear.
+/// Decisions in an open game of several holders are shown to those who oversee it alone: the holders know of each other only
+/// what they see and hear.
 fn may_see_decisions(app: &App, caller: &Caller, stored: &StoredEpisode) -> Result<bool, ApiError> {
     let spec = spec(stored)?;
     let subject = app.subject(stored, &spec);

@@ -28,7 +28,7 @@ impl ScoresParams {
     }
 }
 
-/// How many rounds are between two scores, and after how many rounds the later ones are.
+/// Number of rounds between two scores, and the rounds of all scores but the first.
 pub(in super::super) fn places(rounds: u32, points: u32) -> (u32, Vec<u32>) {
     let every = rounds.div_ceil(points).max(1);
     let mut places: Vec<u32> = (1..=rounds / every).map(|place| place * every).collect();

@@ -22,7 +22,7 @@ use swarmbench_protocol::replay::Verification;
 /// Verifications that are cached.
 pub(in super::super) const VERIFICATIONS_MAX: usize = 4096;
 
-/// What was found, by episode and head.
+/// Verified journals by episode and head.
 pub(in super::super) type Verifications = Cache<(EpisodeKey, Head), Arc<Verification>>;
 
 /// Verify an episode: the server plays its journal again.

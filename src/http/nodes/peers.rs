@@ -215,7 +215,7 @@ struct Asking {
     question: Question,
     /// The answer.
     done: bool,
-    /// Whether the server could not do it.
+    /// The server could not do it.
     is_refused: bool,
 }
 

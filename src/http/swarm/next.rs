@@ -148,8 +148,8 @@ impl Acted {
 }
 
 impl Episode {
-    /// Whether waiting is pointless: the round that was answered is over, or the round waits for a seat whose act was refused, so
-    /// that a better act has to come first.
+    /// Waiting is pointless: the round that was answered is over, or the round waits for a seat whose act was refused, so that a
+    /// better act has to come first.
     fn is_settled(&self, snapshot: &Snapshot) -> bool {
         let Some(round) = self.counted.values().map(|counted| counted.round).max() else {
             return true;
