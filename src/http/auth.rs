@@ -190,7 +190,7 @@ impl Caller {
     }
 
     /// Data of no episode is public, but on a private server it needs a token.
-    pub(super) fn may_look_around(&self, access: &Access) -> Result<(), ApiError> {
+    pub(super) fn check_may_browse(&self, access: &Access) -> Result<(), ApiError> {
         match self {
             Self::Anonymous { .. } if access.private => Err(needs_token("a key")),
             _ => Ok(()),
@@ -249,7 +249,7 @@ impl Caller {
         anyone && (!access.private || self.is_known(episode))
     }
 
-    pub(super) fn may_read_what_is_over(&self, access: &Access) -> bool {
+    pub(super) fn may_read_ended(&self, access: &Access) -> bool {
         !access.private || matches!(self, Self::Key(_))
     }
 

@@ -457,11 +457,11 @@ impl Runs {
         }
         let stored = self.stored(run).await?;
         let done =
-            if stored.ended_at.is_none() { self.do_what_is_due(&stored).await } else { Ok(()) };
+            if stored.ended_at.is_none() { self.take_due_step(&stored).await } else { Ok(()) };
         self.settle(run).await.and(done)
     }
 
-    async fn do_what_is_due(&self, stored: &StoredRun) -> Result<(), RunError> {
+    async fn take_due_step(&self, stored: &StoredRun) -> Result<(), RunError> {
         let Parts { store, clock, .. } = &self.0.parts;
         let definition = definition::read(stored)?;
         let games = store.games_of(stored.run).await?;
@@ -476,7 +476,7 @@ impl Runs {
         }
         match due(&definition, &games, now) {
             // A withdrawn entrant opens no games: others get its share. The run continues once the entrant is readmitted.
-            Due::Open(_) if self.has_left(stored).await? => Ok(()),
+            Due::Open(_) if self.has_withdrawn(stored).await? => Ok(()),
             Due::Open(due) => {
                 let is_playing = games.iter().any(|game| game.counts() && !game.is_over());
                 let purpose = if is_playing { Purpose::Usual } else { Purpose::NextGame };
@@ -487,7 +487,7 @@ impl Runs {
         }
     }
 
-    async fn has_left(&self, stored: &StoredRun) -> Result<bool, RunError> {
+    async fn has_withdrawn(&self, stored: &StoredRun) -> Result<bool, RunError> {
         let Some((entry, _)) = stored.attempt else { return Ok(false) };
         Ok(!self.0.parts.store.is_active(entry).await?)
     }

@@ -191,7 +191,7 @@ pub fn rank(
     rank_players(players.values(), Vec::new(), references, view)
 }
 
-/// As [`rank`], for runs grouped by player, and with games from files.
+/// Variant of [`rank`] for runs grouped by player, and with games from files.
 #[must_use]
 pub fn rank_players<'a>(
     players: impl IntoIterator<Item = &'a PlayerRuns>,

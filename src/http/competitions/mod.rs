@@ -43,7 +43,7 @@ use swarmbench_protocol::names;
 impl App {
     /// Competition of which the caller may know.
     async fn competition(&self, caller: &Caller, id: &str) -> Result<StoredCompetition, ApiError> {
-        caller.may_look_around(&self.access)?;
+        caller.check_may_browse(&self.access)?;
         self.stored_competition(id).await
     }
 

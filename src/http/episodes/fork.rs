@@ -88,7 +88,7 @@ impl App {
         caller: &Caller,
         id: String,
     ) -> Result<(StoredEpisode, Spec, SeedPermit), ApiError> {
-        let (stored, spec) = self.known(caller, id).await?;
+        let (stored, spec) = self.known_episode(caller, id).await?;
         let permit = self.open_permit_of_game(caller, &stored, &spec);
         let is_over = stored.ended_at.is_some();
         let detail = match spec.visibility {

@@ -40,7 +40,7 @@ pub(in super::super) async fn read_journal(
     headers: HeaderMap,
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
-    let stored = app.journaled(&caller, id).await?;
+    let stored = app.journaled_episode(&caller, id).await?;
     // The current state.
     let stored = app.store.find_summary(&stored.id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;

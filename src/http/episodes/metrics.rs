@@ -102,7 +102,7 @@ pub(in super::super) async fn show_episode_metrics(
 ) -> Result<Json<GameMetrics>, ApiError> {
     let definition = definition(params.definition.as_deref())?;
     let wanted = params.series()?;
-    let stored = app.readable_stored(&caller, id).await?;
+    let stored = app.readable_episode(&caller, id).await?;
     let states = wanted.map(|wanted| wanted.of(stored.rounds)).transpose()?;
     let measured = app.measured(&stored).await?;
     let series = match states {

@@ -34,17 +34,17 @@ use swarmbench_protocol::episode::{self as shown, EpisodeConfig, EpisodeResult, 
 impl App {
     /// An episode of which the caller may read everything but the seed.
     async fn readable(&self, caller: &Caller, id: String) -> Result<Handle, ApiError> {
-        let stored = self.readable_stored(caller, id).await?;
+        let stored = self.readable_episode(caller, id).await?;
         self.episode(&stored.id).await
     }
 
     /// Stored row of an episode of which the caller may read the states.
-    async fn readable_stored(
+    async fn readable_episode(
         &self,
         caller: &Caller,
         id: String,
     ) -> Result<StoredEpisode, ApiError> {
-        let (stored, spec) = self.known(caller, id).await?;
+        let (stored, spec) = self.known_episode(caller, id).await?;
         if !caller.may_read(&self.access, self.subject(&stored, &spec)) {
             let detail = if spec.visibility == Visibility::Sealed {
                 "this game is sealed: until its competition is revealed only organizers may read this"
@@ -95,7 +95,7 @@ impl App {
         id: String,
     ) -> Result<(Handle, StoredEpisode), ApiError> {
         caller.check_not_judge()?;
-        let (stored, spec) = self.known(caller, id).await?;
+        let (stored, spec) = self.known_episode(caller, id).await?;
         if !caller.owns(self.subject(&stored, &spec)) {
             let detail = "only the creator of an episode may do this: send its swarm token, or the key with which it was created";
             return Err(ApiError::new(Code::Forbidden, detail));
@@ -115,7 +115,7 @@ impl App {
     }
 
     /// Stored row of an episode that the caller may know of. The episode is not recovered for it.
-    pub(super) async fn known(
+    pub(super) async fn known_episode(
         &self,
         caller: &Caller,
         id: String,
@@ -132,8 +132,12 @@ impl App {
     }
 
     /// Stored row of an episode of which the caller may read the journal.
-    async fn journaled(&self, caller: &Caller, id: String) -> Result<StoredEpisode, ApiError> {
-        let (stored, spec) = self.known(caller, id).await?;
+    async fn journaled_episode(
+        &self,
+        caller: &Caller,
+        id: String,
+    ) -> Result<StoredEpisode, ApiError> {
+        let (stored, spec) = self.known_episode(caller, id).await?;
         if !self.permit_of_game(caller, &stored, &spec).await?.is_granted() {
             let detail = if spec.is_mixed() {
                 "a journal contains the seed and the answers of all seat holders: it can be read after the end"
@@ -167,7 +171,7 @@ impl App {
         caller: &Caller,
         id: &str,
     ) -> Result<EpisodeSummary, ApiError> {
-        let stored = self.readable_stored(caller, id.to_owned()).await?;
+        let stored = self.readable_episode(caller, id.to_owned()).await?;
         self.listed(caller, &stored)
     }
 

@@ -84,7 +84,7 @@ pub(in super::super) async fn show_replay(
     Id(id): Id,
     Params(params): Params<ReplayParams>,
 ) -> Result<Response, ApiError> {
-    let stored = app.readable_stored(&caller, id).await?;
+    let stored = app.readable_episode(&caller, id).await?;
     let has_decisions = super::may_see_decisions(&app, &caller, &stored)?;
     let handle = app.episode(&stored.id).await?;
     let snapshot = handle.snapshot();

@@ -57,7 +57,7 @@ pub(in super::super) async fn show_scores(
     Params(params): Params<ScoresParams>,
 ) -> Result<Json<Scores>, ApiError> {
     let points = params.points(&app)?;
-    let stored = app.readable_stored(&caller, id).await?;
+    let stored = app.readable_episode(&caller, id).await?;
     Ok(Json(app.scores(&stored, points).await?))
 }
 

@@ -46,7 +46,7 @@ pub(in super::super) async fn show_verification(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Json<Verification>, ApiError> {
-    let stored = app.journaled(&caller, id).await?;
+    let stored = app.journaled_episode(&caller, id).await?;
     let verify = async { Ok::<_, ApiError>(Arc::new(app.verify(stored.clone()).await?)) };
     let key = (stored.episode, stored.head);
     let found = app.verifications.get_or_insert_async(&key, verify).await?;

@@ -303,8 +303,8 @@ impl<T: Sending> Driver for Way<'_, T> {
         }
     }
 
-    async fn bury(&mut self, server: Incarnation) -> Result<(), T::Error> {
-        Ok(membership::bury(&*self.nodes.cluster, server).await?)
+    async fn exclude_if_dead(&mut self, server: Incarnation) -> Result<(), T::Error> {
+        Ok(membership::exclude_if_dead(&*self.nodes.cluster, server).await?)
     }
 
     async fn pause(&mut self, pause: Duration) {

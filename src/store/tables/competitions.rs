@@ -522,7 +522,7 @@ impl Store {
     }
 }
 
-/// What a brief declaration begins with where people play.
+/// Beginning of a brief declaration of people who play.
 pub(in crate::store) const PEOPLE_PLAY: &str = r#""agent_meta":{"kind":"human"},"#;
 
 /// Declaration without the prompt template and the free metadata, which may be large, but with the word that people play.

@@ -130,8 +130,8 @@ impl Driver for Way<'_> {
         })
     }
 
-    async fn bury(&mut self, server: Incarnation) -> Result<(), StoreError> {
-        membership::bury(&self.site, server).await
+    async fn exclude_if_dead(&mut self, server: Incarnation) -> Result<(), StoreError> {
+        membership::exclude_if_dead(&self.site, server).await
     }
 
     async fn pause(&mut self, pause: Duration) {

@@ -300,7 +300,7 @@ pub fn standings(
     standings_of(definition, &all)
 }
 
-/// As [`standings`], for entrants with their attempts.
+/// Variant of [`standings`] for entrants with their attempts.
 #[must_use]
 pub fn standings_of(definition: &Definition, entrants: &[(&Entrant, &Played)]) -> Vec<Standing> {
     let view = view(definition);

@@ -93,7 +93,7 @@ pub struct Played {
     pub planned: Planned,
     /// The run on the server.
     pub run: RunDetail,
-    /// What this call sent.
+    /// Acts that this call sent.
     pub sent: SentActs,
     /// Whether all its journals were replayed.
     pub verified: bool,
