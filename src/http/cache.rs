@@ -142,8 +142,8 @@ impl<T: Weighted> SharedCache<T> {
 }
 
 impl<T: Weighted + Send + Sync + 'static> SharedCache<T> {
-    /// Entry like [`SharedCache::entry`]. After a large entry was computed, a task recomputes it after changes, and readers get the latest
-    /// one. `make` gets the previous entry. The task ends when `stopped` completes.
+    /// Entry like [`SharedCache::entry`]. After a large entry was computed, a task recomputes it after changes, and readers get
+    /// the latest one. `make` gets the previous entry. The task ends when `stopped` completes.
     pub(super) async fn followed_entry<F>(
         self: &Arc<Self>,
         question: String,

@@ -1,7 +1,8 @@
 //! The attackers: a process of its own, with a low priority and at most half a core.
 //!
 //! It reads lines: what it is to do ([`Brief`]), `go`, `at ADDRESS` when the server is somewhere else, and it stops at
-//! the end of its input. It writes `ready` when it is prepared, `taken` where others are to wait for that, and in the end what it counted ([`AttackReport`]).
+//! the end of its input. It writes `ready` when it is prepared, `taken` where others are to wait for that, and in the end what it
+//! counted ([`AttackReport`]).
 
 mod boards;
 mod bodies;

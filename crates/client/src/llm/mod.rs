@@ -1,6 +1,6 @@
 //! Language models: questions to any endpoint that speaks chat completions, and cassettes that answer in its place.
 //!
-//! A [`Model`] answers [`Question`]s: a game, an agent, a round, and the prompt of that observation. It returns an [`ModelAnswer`],
+//! A [`Model`] answers [`Question`]s: a game, an agent, a round, and the prompt of that observation. It returns a [`ModelAnswer`],
 //! or a [`Stop`] that says why there are no more answers. Mistakes are divided as follows:
 //!
 //! - The model's own mistake (it refuses, says nothing, runs out of tokens) is an answer with a [`Failure`]. It is
