@@ -12,7 +12,7 @@ use swarmbench_protocol::names;
 pub struct OwnerKey(pub i64);
 
 swarmbench_engine::named! {
-    /// What the holder of a key may do.
+    /// Rights of the holder of a key.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
     pub enum Role {

@@ -51,7 +51,7 @@ pub struct Parts {
     pub access: Access,
     /// Source of the files of pages.
     pub pages: Source,
-    /// How the server joins others on the same database; `None` for a single server.
+    /// Identity with which the server joins others on the same database; `None` for a single server.
     pub joining: Option<Joining>,
 }
 
@@ -259,7 +259,7 @@ impl Server {
         self.run_with(listener, None, shutdown).await
     }
 
-    /// As [`Server::run`], for one of several servers, which the others reach by a listener of their own.
+    /// Variant of [`Server::run`] for one of several servers, which the others reach by a listener of their own.
     pub async fn run_with(
         self,
         listener: TcpListener,

@@ -16,7 +16,7 @@ use swarmbench_boards::collection::{BoardId, BoardSuite, Boards, FinishedRun, Im
 use swarmbench_boards::cross_play::{MixedGame, Model, Setting};
 use swarmbench_boards::result::RunResult;
 use swarmbench_boards::run::is_human;
-use swarmbench_boards::{Decentralization, Game, Owner, Player, Run, Slot};
+use swarmbench_boards::{Decentralization, EndedGame, Owner, PlayedRun, Player, Slot};
 use swarmbench_journal::record::{Record, RecordedConfig};
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
@@ -229,7 +229,7 @@ fn finished_run(stored: BoardRun) -> Result<FinishedRun, StoreError> {
         .collect::<Result<Vec<_>, StoreError>>()?;
     let games = (stored.games.iter())
         .map(|game| {
-            Ok(Game {
+            Ok(EndedGame {
                 slot: Slot { task: task(&game.task)?, seed: game.seed },
                 score: game.score,
                 answers: game.acts,
@@ -247,7 +247,7 @@ fn finished_run(stored: BoardRun) -> Result<FinishedRun, StoreError> {
     let prompt = definition.prompt();
     let prompt_name = definition.prompt_name();
     let is_human = is_human(&definition.meta);
-    let run = Run {
+    let run = PlayedRun {
         player: Player {
             owner: stored.owner.map(|owner| Owner { id: owner.id, name: owner.name }),
             model: definition.model,

@@ -53,7 +53,7 @@ pub fn start_logs(format: LogFormat) {
     start_logs_of(format, "info");
 }
 
-/// As [`start_logs`], with the default filter `usual`.
+/// Variant of [`start_logs`] with the default filter `usual`.
 pub fn start_logs_of(format: LogFormat, usual: &str) {
     use tracing_subscriber::{EnvFilter, fmt};
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(usual));

@@ -12,7 +12,7 @@ use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{RULES_REVISION, RuleSet, TaskName};
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{ActRecord, RawRecord, Record, Round, Source};
-use swarmbench_journal::replay::{Report, verify};
+use swarmbench_journal::replay::{JournalReport, verify};
 
 /// A journal that was recorded once.
 struct Golden {
@@ -23,7 +23,7 @@ struct Golden {
 }
 
 impl Golden {
-    fn verify(&self, bytes: &[u8], solver: Solver) -> Result<Report, String> {
+    fn verify(&self, bytes: &[u8], solver: Solver) -> Result<JournalReport, String> {
         verify(bytes, Some(self.head), solver, |_, _| ()).map_err(|error| error.to_string())
     }
 }

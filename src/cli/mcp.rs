@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use anyhow::bail;
 use swarmbench_client::client::{Client, ClientError};
-use swarmbench_mcp::{Refusal, Seat, serve};
+use swarmbench_mcp::{Refusal, SeatAccess, serve};
 use swarmbench_protocol::act::{ActRequest, Receipt};
 
 #[derive(Debug, clap::Args)]
@@ -57,7 +57,7 @@ impl RemoteSeat {
     }
 }
 
-impl Seat for RemoteSeat {
+impl SeatAccess for RemoteSeat {
     async fn obs(
         &self,
         after: Option<u32>,

@@ -21,7 +21,7 @@ pub(super) struct Models {
 }
 
 #[derive(Deserialize)]
-struct Row {
+struct ModelsRow {
     /// A JSON list.
     models: String,
 }
@@ -68,7 +68,7 @@ impl Write for Models {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let Self { names, splitter } = self;
         splitter.push(bytes, |line| {
-            let row: Row = serde_json::from_slice(line)?;
+            let row: ModelsRow = serde_json::from_slice(line)?;
             add(names, serde_json::from_str::<Vec<String>>(&row.models)?);
             Ok(())
         })?;

@@ -14,7 +14,7 @@ use crate::competitions;
 use crate::store::Location;
 use crate::store::check::{Damage, check};
 use swarmbench_boards::competition::export::Action;
-use swarmbench_boards::competition::standings::Row;
+use swarmbench_boards::competition::standings::StandingsRow;
 use swarmbench_boards::competition::verify::{self as competition, Expected};
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::fork::verify_fork;
@@ -240,7 +240,7 @@ fn run_competition(
     let competition = &report.competition;
     let entrant = |id: &str| report.entrants.iter().find(|entrant| entrant.id == id);
     if args.json {
-        let row = |row: &Row| {
+        let row = |row: &StandingsRow| {
             let entrant = entrant(&row.entrant);
             json!({
                 "rank": row.rank, "entrant": row.entrant, "name": entrant.map(|entrant| &entrant.name),

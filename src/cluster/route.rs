@@ -333,8 +333,10 @@ pub trait Driver: Send {
     /// Forwards the request, and keeps the answer.
     fn send(&mut self, to: Incarnation) -> impl Future<Output = Result<Sent, Self::Error>> + Send;
     /// Excludes a server if its process is gone.
-    fn bury(&mut self, server: Incarnation)
-    -> impl Future<Output = Result<(), Self::Error>> + Send;
+    fn exclude_if_dead(
+        &mut self,
+        server: Incarnation,
+    ) -> impl Future<Output = Result<(), Self::Error>> + Send;
     fn pause(&mut self, pause: Duration) -> impl Future<Output = ()> + Send;
 }
 
@@ -353,7 +355,7 @@ pub async fn follow<D: Driver>(mut route: Route, driver: &mut D) -> Result<End, 
             Step::Take(place) => Event::Taken(driver.take(place).await?),
             Step::Send(to) => Event::Sent(driver.send(to).await?),
             Step::Bury(server) => {
-                driver.bury(server).await?;
+                driver.exclude_if_dead(server).await?;
                 Event::Buried
             }
             Step::Pause(pause) => {

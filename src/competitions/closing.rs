@@ -96,7 +96,7 @@ async fn close(store: &Store, runs: &Runs, clock: &dyn Clock, id: &str) -> Resul
     reveal_if_over(store, clock, &competition).await
 }
 
-/// Whether this server closes the competition, among several that share the database.
+/// The owner of a competition closes it, or the preferred server while it has no owner.
 async fn is_here(store: &Store, place: Place) -> Result<bool, StoreError> {
     match store.cluster() {
         Some(cluster) if !cluster.places().has(place) && !cluster.is_preferred(place) => Ok(false),

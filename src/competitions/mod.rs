@@ -42,7 +42,7 @@ pub struct StoredCompetition {
     pub revealed_at: Option<Timestamp>,
     /// Time and reason of the cancellation.
     pub cancelled: Option<(Timestamp, String)>,
-    /// Whether only organizers see the competition in lists.
+    /// Only organizers see the competition in lists.
     pub hidden: bool,
 }
 

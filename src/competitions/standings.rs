@@ -26,7 +26,7 @@ const BOARDS: usize = 100;
 const CHUNK: u32 = 256;
 
 /// Entrant with its attempts.
-pub type Place = (Arc<Entrant>, Arc<Played>);
+pub type EntrantAttempts = (Arc<Entrant>, Arc<Played>);
 
 #[derive(Debug)]
 pub struct CompetitionStandings {
@@ -61,7 +61,7 @@ struct Content {
     /// Position in the log of changes up to which changes are included.
     position: LogPosition,
     first_read: FirstRead,
-    places: BTreeMap<EntryKey, Place>,
+    places: BTreeMap<EntryKey, EntrantAttempts>,
 }
 
 /// Progress of the first read. It survives a dropped request, so that the next one continues.
@@ -99,7 +99,7 @@ impl CompetitionStandings {
         part: Part,
         before: Option<Timestamp>,
         known: Option<Version>,
-    ) -> Result<Option<(Version, Vec<Place>)>, StoreError> {
+    ) -> Result<Option<(Version, Vec<EntrantAttempts>)>, StoreError> {
         let key = Key { competition: competition.key, part, before };
         let new = || {
             let position = self.store.writer().changes().position();
@@ -223,7 +223,7 @@ impl CompetitionStandings {
         competition: &StoredCompetition,
         key: &Key,
         stored: &StoredEntrant,
-    ) -> Result<Place, StoreError> {
+    ) -> Result<EntrantAttempts, StoreError> {
         let own = std::slice::from_ref(stored);
         let field = Field::of_entrants(&self.store, competition, own).await?;
         let mut played = Played::default();
@@ -253,8 +253,8 @@ impl Content {
 
     /// Approximate bytes in memory.
     fn bytes(&self) -> u64 {
-        let place = |(entrant, played): &Place| {
-            size_of::<Place>() + size_of::<EntryKey>() + entrant.bytes() + played.bytes()
+        let place = |(entrant, played): &EntrantAttempts| {
+            size_of::<EntrantAttempts>() + size_of::<EntryKey>() + entrant.bytes() + played.bytes()
         };
         (size_of::<Self>() + self.places.values().map(place).sum::<usize>()) as u64
     }

@@ -15,7 +15,7 @@ use tokio_util::sync::CancellationToken;
 use super::columns::Table;
 use super::files::Files;
 use super::format::{self, AgentRow, META};
-use super::game::{Game, GameAct, Turn};
+use super::game::{DatasetGame, GameAct, Turn};
 use super::header::Header;
 use super::imported::{self, Unreadable};
 use super::measure;
@@ -289,7 +289,7 @@ impl<'a> Export<'a> {
         if let Some(found) = found {
             return Ok(Measured::read(&found).map_err(ExportError::from)?);
         }
-        let mut game = Game::new(stored).map_err(Fault::Broken)?;
+        let mut game = DatasetGame::new(stored).map_err(Fault::Broken)?;
         let mut meter = measure::meter(game.world());
         self.try_play(stored, &mut game, |game, turn| {
             measure::add(&mut meter, game, turn);
@@ -318,9 +318,12 @@ impl<'a> Export<'a> {
 
     /// A selected episode before its first round; `None` if its journal cannot be replayed. The check by a replay comes
     /// before any output, as a file cannot be withdrawn once begun.
-    fn sound(&mut self, key: EpisodeKey) -> Result<Option<(StoredEpisode, Game)>, ExportError> {
+    fn sound(
+        &mut self,
+        key: EpisodeKey,
+    ) -> Result<Option<(StoredEpisode, DatasetGame)>, ExportError> {
         let Some(stored) = self.stored(key)? else { return Ok(None) };
-        let played = Game::new(&stored)
+        let played = DatasetGame::new(&stored)
             .map_err(Fault::Broken)
             .and_then(|mut game| self.try_play(&stored, &mut game, |_, _| Ok(())));
         match played {
@@ -340,8 +343,8 @@ impl<'a> Export<'a> {
     fn play(
         &self,
         stored: &StoredEpisode,
-        game: &mut Game,
-        each: impl FnMut(&Game, &Turn) -> Result<(), ExportError>,
+        game: &mut DatasetGame,
+        each: impl FnMut(&DatasetGame, &Turn) -> Result<(), ExportError>,
     ) -> Result<(), ExportError> {
         self.try_play(stored, game, each).map_err(|fault| match fault {
             Fault::Broken(problem) => changed(stored, &problem),
@@ -353,8 +356,8 @@ impl<'a> Export<'a> {
     fn play_acts(
         &self,
         stored: &StoredEpisode,
-        game: &mut Game,
-        mut each: impl FnMut(&Game, &Turn, &GameAct) -> Result<(), ExportError>,
+        game: &mut DatasetGame,
+        mut each: impl FnMut(&DatasetGame, &Turn, &GameAct) -> Result<(), ExportError>,
     ) -> Result<(), ExportError> {
         let mut texts = ActReader::new(self.store.clone(), stored.episode, stored.rounds);
         self.play(stored, game, |game, turn| {
@@ -373,8 +376,8 @@ impl<'a> Export<'a> {
     fn try_play(
         &self,
         stored: &StoredEpisode,
-        game: &mut Game,
-        mut each: impl FnMut(&Game, &Turn) -> Result<(), ExportError>,
+        game: &mut DatasetGame,
+        mut each: impl FnMut(&DatasetGame, &Turn) -> Result<(), ExportError>,
     ) -> Result<(), Fault> {
         let mut from = 0;
         while from < stored.rounds {
@@ -544,8 +547,8 @@ fn check(stop: &CancellationToken) -> Result<(), ExportError> {
     if stop.is_cancelled() { Err(ExportError::Stopped) } else { Ok(()) }
 }
 
-fn lay_out(stored: &StoredEpisode) -> Result<Game, ExportError> {
-    Game::new(stored).map_err(|problem| changed(stored, &problem))
+fn lay_out(stored: &StoredEpisode) -> Result<DatasetGame, ExportError> {
+    DatasetGame::new(stored).map_err(|problem| changed(stored, &problem))
 }
 
 /// Error for a journal that changed after its check. Stored episodes never change, so it does not occur.

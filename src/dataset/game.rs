@@ -18,7 +18,7 @@ use swarmbench_prompt::tasks;
 use swarmbench_protocol::observation::Sight;
 use swarmbench_protocol::status::Status;
 
-pub struct Game {
+pub struct DatasetGame {
     pub header: Header,
     config: Arc<Config>,
     description: String,
@@ -58,7 +58,7 @@ impl GameAct {
     }
 }
 
-impl Game {
+impl DatasetGame {
     pub fn new(stored: &StoredEpisode) -> Result<Self, String> {
         let header = Header::read(stored)?;
         let config = header.opening.config.engine().map_err(|error| error.to_string())?;

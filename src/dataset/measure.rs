@@ -7,7 +7,7 @@ use swarmbench_analysis::{Definition, Meter, Metric, Metrics, Options, RunValue}
 use swarmbench_engine::{Action, Control, Direction, Pos, TaskName, World};
 
 use super::format::GameRow;
-use super::game::{Game, Turn};
+use super::game::{DatasetGame, Turn};
 use super::imported::{self, Unreadable};
 use crate::store::entries::ImportedRound;
 use crate::store::imports::StoredImport;
@@ -21,7 +21,7 @@ pub fn meter(layout: &World) -> Meter {
 }
 
 /// Adds the last played round of a game.
-pub fn add(meter: &mut Meter, game: &Game, turn: &Turn) {
+pub fn add(meter: &mut Meter, game: &DatasetGame, turn: &Turn) {
     let world = game.world();
     let acts = turn.acts.iter().map(|act| &act.record);
     meter.round(&decisions(world.config(), acts), State::of(world), Some(&Heard::all(world)));

@@ -80,7 +80,7 @@ pub trait Taker {
 
 /// Reads all games in a folder or archive.
 pub fn read(path: &Path, bounds: &Bounds, taker: &mut dyn Taker) -> anyhow::Result<()> {
-    let mut place = Place::open(path, bounds, taker)?;
+    let mut place = NumberedFiles::open(path, bounds, taker)?;
     let batches = Batches::of(place.names(), taker);
     let of = batches.0.values().map(|batch| batch.games.len() as u64).sum();
     let mut done = 0;
@@ -127,7 +127,7 @@ pub fn read(path: &Path, bounds: &Bounds, taker: &mut dyn Taker) -> anyhow::Resu
     Ok(())
 }
 
-/// The files of a batch, by their numbers in [`Place`].
+/// The files of a batch, by their numbers in [`NumberedFiles`].
 #[derive(Default)]
 struct Batch {
     index: Option<usize>,
@@ -178,7 +178,7 @@ impl Batches {
 }
 
 /// The source of numbered files.
-enum Place {
+enum NumberedFiles {
     Folder(Vec<(String, PathBuf)>),
     Archive(Box<ZipArchive<BufReader<Limited>>>),
 }
@@ -204,7 +204,7 @@ impl Seek for Limited {
     }
 }
 
-impl Place {
+impl NumberedFiles {
     fn open(path: &Path, bounds: &Bounds, taker: &mut dyn Taker) -> Result<Self, ReadError> {
         let failed = |source| ReadError::Io { path: path.to_owned(), source };
         if fs::metadata(path).map_err(failed)?.is_dir() {
@@ -338,7 +338,7 @@ impl Reading<'_> {
     /// Reads a game and reports the problems of its files.
     fn game(
         &self,
-        place: &mut Place,
+        place: &mut NumberedFiles,
         run_id: &str,
         meta: &RawValue,
         logs: Logs,
@@ -383,7 +383,7 @@ impl Reading<'_> {
     /// Reads an array and passes on its elements one at a time.
     fn list<T: DeserializeOwned>(
         &self,
-        place: &mut Place,
+        place: &mut NumberedFiles,
         number: usize,
         add: &mut dyn FnMut(T) -> Result<(), String>,
     ) -> Result<(), String> {
@@ -394,7 +394,7 @@ impl Reading<'_> {
     /// Reads an index. Of a truncated one, `runs` gets the complete entries.
     fn index(
         &self,
-        place: &mut Place,
+        place: &mut NumberedFiles,
         number: usize,
         runs: &mut Vec<(String, Box<RawValue>)>,
     ) -> Result<(), String> {
@@ -404,7 +404,7 @@ impl Reading<'_> {
 
     fn json<S>(
         &self,
-        place: &mut Place,
+        place: &mut NumberedFiles,
         number: usize,
         bounds: Bounds,
         what: S,

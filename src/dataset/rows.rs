@@ -14,7 +14,7 @@ use crate::host::open_file;
 const LINE_BYTES_MAX: usize = 4 * 1024 * 1024;
 
 /// Cells by column names.
-pub type Row = Map<String, Value>;
+pub type DatasetRow = Map<String, Value>;
 
 #[derive(Debug, thiserror::Error)]
 pub enum RowsError {
@@ -64,7 +64,7 @@ pub struct Lines<F> {
     read: u64,
 }
 
-impl<F: FnMut(Row) -> io::Result<()>> Lines<F> {
+impl<F: FnMut(DatasetRow) -> io::Result<()>> Lines<F> {
     pub fn new(each: F) -> Self {
         Self { each, splitter: Splitter::default(), read: 0 }
     }
@@ -75,7 +75,7 @@ impl<F: FnMut(Row) -> io::Result<()>> Lines<F> {
     }
 }
 
-impl<F: FnMut(Row) -> io::Result<()>> Write for Lines<F> {
+impl<F: FnMut(DatasetRow) -> io::Result<()>> Write for Lines<F> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let Self { each, splitter, read } = self;
         splitter.push(bytes, |line| {
@@ -97,7 +97,10 @@ impl<F: FnMut(Row) -> io::Result<()>> Write for Lines<F> {
 }
 
 /// Reads Parquet if the file name ends so, else JSON Lines.
-pub fn read(path: &Path, mut each: impl FnMut(Row) -> io::Result<()>) -> Result<(), RowsError> {
+pub fn read(
+    path: &Path,
+    mut each: impl FnMut(DatasetRow) -> io::Result<()>,
+) -> Result<(), RowsError> {
     let mut file = open_file(path)?;
     if path.extension().is_none_or(|end| end != "parquet") {
         let mut lines = Lines::new(each);
@@ -226,7 +229,7 @@ mod tests {
         ("mixed", Kind::Flag),
     ];
 
-    fn rows_of(path: &Path) -> Result<Vec<Row>, RowsError> {
+    fn rows_of(path: &Path) -> Result<Vec<DatasetRow>, RowsError> {
         let mut rows = Vec::new();
         read(path, |row| {
             rows.push(row);

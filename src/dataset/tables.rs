@@ -11,7 +11,7 @@ use swarmbench_analysis::game::Heard;
 use swarmbench_analysis::{Counts, Definition, Metric};
 use swarmbench_engine::{AgentId, for_each_setting};
 
-use super::game::{Game, GameAct, Turn, grid};
+use super::game::{DatasetGame, GameAct, Turn, grid};
 use super::header::Header;
 use crate::store::metrics::{Measured, stored_method};
 use crate::store::port::StoredEpisode;
@@ -382,7 +382,7 @@ pub fn episode(header: &Header, stored: &StoredEpisode, outcome: &Outcome) -> Ve
 }
 
 /// The row of a message delivered with the current state.
-pub fn heard(game: &Game, heard: &Heard) -> Vec<Cell> {
+pub fn heard(game: &DatasetGame, heard: &Heard) -> Vec<Cell> {
     let sender = &game.header.holder(heard.sender).model;
     let mut cells = head(&game.header, sender);
     cells.extend([
@@ -397,7 +397,7 @@ pub fn heard(game: &Game, heard: &Heard) -> Vec<Cell> {
 }
 
 /// The row of a window that an agent saw when it decided the last played round; `None` once it has escaped.
-pub fn view(game: &Game, turn: &Turn, agent: AgentId) -> Option<Vec<Cell>> {
+pub fn view(game: &DatasetGame, turn: &Turn, agent: AgentId) -> Option<Vec<Cell>> {
     let rows = game.view(turn, agent)?;
     let rows: Vec<String> = rows.into_iter().map(|row| row.join(" ")).collect();
     let mut cells = head(&game.header, &game.header.holder(agent).model);
@@ -406,7 +406,7 @@ pub fn view(game: &Game, turn: &Turn, agent: AgentId) -> Option<Vec<Cell>> {
 }
 
 /// The row of an act of the last played round.
-pub fn act(game: &Game, turn: &Turn, act: &GameAct) -> Vec<Cell> {
+pub fn act(game: &DatasetGame, turn: &Turn, act: &GameAct) -> Vec<Cell> {
     let record = &act.record;
     let holder = game.header.holder(act.agent);
     let at = turn.before.agent_states().nth(act.agent.index()).map(|state| state.at);
@@ -443,7 +443,7 @@ pub fn act(game: &Game, turn: &Turn, act: &GameAct) -> Vec<Cell> {
 
 /// The row of the current state. `turn` is the round that led to it; `None` at the layout.
 pub fn round(
-    game: &Game,
+    game: &DatasetGame,
     turn: Option<&Turn>,
     created_at: Timestamp,
     (counts, values): (&Counts, &[Option<f64>; Metric::ALL.len()]),

@@ -138,7 +138,7 @@ pub enum Refusal {
 
 /// A seat in the open round.
 #[derive(Clone, Debug, PartialEq, Eq)]
-struct Seat {
+struct OpenSeat {
     alive: bool,
     bank: Duration,
     recorded: Option<RecordedAct>,
@@ -164,7 +164,7 @@ pub struct Lockstep {
     is_held: bool,
     phase: Phase,
     round: u32,
-    seats: Vec<Seat>,
+    seats: Vec<OpenSeat>,
     /// Publication of the open round; `None` as long as nobody can see it.
     opened_at: Option<Timestamp>,
     last_act_at: Timestamp,
@@ -212,7 +212,7 @@ impl Lockstep {
             phase,
             round: resume.round,
             seats: seats
-                .map(|(&alive, &spent)| Seat {
+                .map(|(&alive, &spent)| OpenSeat {
                     alive,
                     bank: clocks.bank.saturating_sub(spent),
                     recorded: None,
@@ -505,7 +505,7 @@ impl Lockstep {
         deadline.map_or(Duration::ZERO, |deadline| swarmbench_clock::until(deadline, now))
     }
 
-    fn deadline(&self, seat: &Seat) -> Option<Timestamp> {
+    fn deadline(&self, seat: &OpenSeat) -> Option<Timestamp> {
         let (opened_at, round) = self.opened_at.zip(self.clocks.round_deadline)?;
         Some(after(opened_at, round + seat.bank))
     }

@@ -21,14 +21,14 @@ pub(super) fn check_host(request: &Request) -> Result<(), ApiError> {
     Err(ApiError::new(Code::Malformed, problem))
 }
 
-/// Whether a value is the name of a host with or without a port, or empty, as requests may have it.
+/// A `Host` may be a name with or without a port, or empty.
 fn is_host(value: &HeaderValue) -> bool {
     is_plain_host(value.as_bytes())
         || value.is_empty()
         || value.to_str().is_ok_and(|host| !host.contains('@') && host.parse::<Authority>().is_ok())
 }
 
-/// Whether a value is a name, or an IPv4 address, and a port. Nearly all are, and these need no parser.
+/// Nearly every host is a name or an IPv4 address, and a port, which needs no parser.
 fn is_plain_host(host: &[u8]) -> bool {
     let colon = host.iter().position(|byte| *byte == b':');
     let (name, port) = host.split_at(colon.unwrap_or(host.len()));

@@ -39,7 +39,7 @@ pub(super) fn with_field(object: &impl Serialize, name: &str, value: &[u8]) -> V
     add_field(serde_json::to_vec(object).expect("string keys"), name, value)
 }
 
-/// As [`with_field`], for an object that is already serialized.
+/// Variant of [`with_field`] for an object that is already serialized.
 pub(super) fn add_field(mut body: Vec<u8>, name: &str, value: &[u8]) -> Vec<u8> {
     let end = body.pop();
     debug_assert!(end == Some(b'}') && body.len() > 1, "an object with fields");

@@ -1,4 +1,4 @@
-//! What handlers share.
+//! State that all handlers share.
 
 use std::ops::Deref;
 use std::sync::atomic::AtomicBool;
@@ -11,7 +11,7 @@ use swarmbench_engine::World;
 use tokio_util::sync::CancellationToken;
 
 use super::body::Bodies;
-use super::cache::{Answer, SharedCache};
+use super::cache::{CachedResponse, SharedCache};
 use super::episodes::verification::{VERIFICATIONS_MAX, Verifications};
 use super::error::{ApiError, Code};
 use super::heavy::Heavy;
@@ -19,11 +19,11 @@ use super::idempotency::Creations;
 use super::in_flight::InFlight;
 use super::limits::Limits;
 use super::nodes::Nodes;
+use super::observation_cache::ObservationCache;
 use super::pages::Source;
 use super::ranking::Ranking;
 use super::rates::Rates;
 use super::replay_pages::ReplayPages;
-use super::sights::Sights;
 use super::stream::{Answers, Streams};
 use super::tokens::Tokens;
 use super::waiting::Waits;
@@ -42,23 +42,24 @@ use crate::telemetry;
 use crate::work::Workers;
 use swarmbench_clock::{Clock, Entropy};
 
-/// How long the answer to a revocation waits until all servers of a cluster act by it: longer than a dead one is waited for.
+/// Maximum time that the answer to a revocation waits until all servers of a cluster act by it: longer than the lease of a dead
+/// server.
 const REVOCATION_PATIENCE: Duration = Duration::from_secs(15);
 
-/// How often it looks meanwhile.
+/// Pause between two looks at the servers meanwhile.
 const REVOCATION_PAUSE: Duration = Duration::from_millis(50);
 
 /// Bytes of boards, lists, pages of replays and observations that are cached; an eighth of `memory_bytes_max` where that is less.
 const CACHES_BYTES_MAX: usize = 256 * 1024 * 1024;
 
-/// How long a request waits for the recovery of an episode.
+/// Maximum time that a request waits for the recovery of an episode.
 const RECOVERY_TIMEOUT: Duration = Duration::from_secs(20);
 
-/// What all handlers share. Cloning shares it.
+/// State that all handlers share. Clones are the same state.
 #[derive(Clone)]
 pub struct App(Arc<Shared>);
 
-/// Who may use a server.
+/// Access to a server.
 #[derive(Clone, Debug, Default)]
 pub struct Access {
     /// While there are no keys, every client may create episodes, not only programs on this machine.
@@ -74,7 +75,7 @@ pub struct Access {
 /// The newest competitions whose boards are read at the start, where they are open.
 const COMPETITIONS_READ_MAX: u32 = 100;
 
-/// What a server is put together from.
+/// Parts of a server.
 pub struct Foundation {
     pub store: Store,
     pub registry: Registry,
@@ -85,9 +86,9 @@ pub struct Foundation {
     pub workers: Workers,
     pub limits: Limits,
     pub access: Access,
-    /// Where the files of pages come from.
+    /// Source of the files of pages.
     pub pages: Source,
-    /// Whether a key was ever made. After that creating needs one, even if all keys are revoked.
+    /// A key was made at some time. From then on creating needs one, even if all keys are revoked.
     pub has_keys: bool,
     /// Ends all waits when the server stops.
     pub stop: CancellationToken,
@@ -98,10 +99,10 @@ pub struct Foundation {
 /// See [`App`].
 pub struct Shared {
     foundation: Foundation,
-    /// Whether all unfinished episodes with clocks were recovered.
+    /// All unfinished episodes with clocks are recovered.
     pub(crate) ready: AtomicBool,
     pub(super) started_at: jiff::Timestamp,
-    /// Tells this run of the server from others.
+    /// Random number of this run of the server.
     pub(super) boot: u64,
     pub(super) rates: Rates,
     pub(super) in_flight: Arc<InFlight>,
@@ -118,15 +119,13 @@ pub struct Shared {
     pub(super) unsent: Answers,
     /// Pages of replays as they were written.
     pub(super) replay_pages: ReplayPages,
-    /// What was found when journals were played again.
     pub(super) verifications: Verifications,
-    /// What seats see in open rounds, as it was written.
-    pub(super) sights: Sights,
+    pub(super) observation_cache: ObservationCache,
     pub(super) standings: Standings,
-    /// What the entrants of competitions have played.
+    /// Attempts of the entrants of competitions.
     pub(super) competitions: CompetitionStandings,
     /// Boards and lists.
-    pub(super) answers: SharedCache<Answer>,
+    pub(super) answers: SharedCache<CachedResponse>,
     /// Boards of competitions, behind their pages.
     pub(super) rankings: Arc<SharedCache<Arc<Ranking>>>,
 }
@@ -138,7 +137,6 @@ impl App {
         if self.clock.doubt().is_some() { Timestamp::MIN } else { self.clock.wall() }
     }
 
-    /// What handlers share.
     pub fn new(foundation: Foundation) -> Self {
         let Foundation { store, registry, clock, workers, limits, stop, .. } = &foundation;
         let mut boot = [0; 8];
@@ -161,7 +159,7 @@ impl App {
             unsent: Answers::new(registry.clone(), limits),
             replay_pages: ReplayPages::new(eighth),
             verifications: Verifications::new(VERIFICATIONS_MAX),
-            sights: Sights::new(2 * eighth),
+            observation_cache: ObservationCache::new(2 * eighth),
             standings: Standings::new(store.clone()),
             competitions: CompetitionStandings::new(store.clone(), 3 * eighth),
             answers: SharedCache::new(eighth, cache.clone()),
@@ -206,7 +204,7 @@ impl App {
         self.rates.forget_idle();
     }
 
-    /// Lets tokens that are revoked in the store open nothing any more: on no server of the database, when this returns.
+    /// Ends the rights of tokens that are revoked in the store: on all servers of the database, when this returns.
     pub(super) async fn revoked(
         &self,
         is_revoked: impl Fn(&Grant) -> bool,
@@ -224,7 +222,7 @@ impl App {
         waited.unwrap_or(Err(StoreError::Away)).map_err(ApiError::from)
     }
 
-    /// Lets a key that is revoked in the store open nothing any more, nor the tokens that its holder knew of what is played in competitions.
+    /// Ends the rights of a key that is revoked in the store, and of the tokens of competitions that its holder knew.
     pub(super) async fn key_revoked(&self, id: &str) -> Result<(), ApiError> {
         self.revoked(|grant| match grant {
             Grant::Key(key) => key.id == id,

@@ -1,6 +1,6 @@
 //! Authentication and permissions.
 //!
-//! What a caller may do follows from its token or key, and is decided here only: handlers ask `Caller`.
+//! Permissions of a caller follow from its token or key, and are decided here only: handlers ask `Caller`.
 
 use std::time::Duration;
 
@@ -29,7 +29,7 @@ use crate::store::tokens::{Grant, Seats};
 pub(super) enum Caller {
     /// No token was sent.
     Anonymous {
-        /// Whether the server has no keys and lets this caller create episodes.
+        /// A server without keys lets a caller on its own machine create episodes.
         may_create: bool,
     },
     Seat(EpisodeId, AgentId),
@@ -39,7 +39,7 @@ pub(super) enum Caller {
     Key(Key),
 }
 
-/// What the permissions of an episode, or of a run, depend on.
+/// Facts of an episode or a run that decide its permissions.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Subject<'a> {
     /// None for a run.
@@ -47,14 +47,14 @@ pub(super) struct Subject<'a> {
     pub(super) owner: Option<OwnerKey>,
     pub(super) run: Option<RunKey>,
     pub(super) visibility: Visibility,
-    /// Whether its seats belong to several holders.
+    /// Its seats belong to several holders.
     pub(super) is_mixed: bool,
     pub(super) is_over: bool,
-    /// Who reads it once it has ended, where it is sealed.
+    /// Readers of a sealed episode once it has ended.
     pub(super) opened: Opened,
 }
 
-/// Who reads a sealed episode that has ended.
+/// Readers of a sealed episode that has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Opened {
     /// Only those who oversee it.
@@ -66,7 +66,7 @@ pub(super) enum Opened {
 }
 
 impl Opened {
-    /// Who reads it at this time: everybody once it was revealed; and its owner once the window of its attempt has closed at
+    /// Readers at this time: everybody once it was revealed; and its owner once the window of its attempt has closed at
     /// `own_from`, and a round that others opened just before on the same seeds, of at most `round_max`, has ended.
     pub(super) fn at(
         now: Timestamp,
@@ -153,12 +153,11 @@ fn check_rate(app: &App, owner: Option<OwnerKey>) -> Result<(), ApiError> {
 }
 
 impl Caller {
-    /// Whether the caller runs the server.
     pub(super) fn is_organizer(&self) -> bool {
         matches!(self, Self::Key(key) if key.role == Role::Organizer)
     }
 
-    /// Whether the caller reads what everybody plays: an organizer, or a judge.
+    /// Organizers and judges read all games.
     pub(super) fn reads_all(&self) -> bool {
         matches!(self, Self::Key(key) if matches!(key.role, Role::Organizer | Role::Judge))
     }
@@ -190,15 +189,15 @@ impl Caller {
         }
     }
 
-    /// Whether the caller may read what belongs to no episode. A private server needs a token.
-    pub(super) fn may_look_around(&self, access: &Access) -> Result<(), ApiError> {
+    /// Data of no episode is public, but on a private server it needs a token.
+    pub(super) fn check_may_browse(&self, access: &Access) -> Result<(), ApiError> {
         match self {
             Self::Anonymous { .. } if access.private => Err(needs_token("a key")),
             _ => Ok(()),
         }
     }
 
-    /// Whether the caller has the rights of the creator of the episode.
+    /// An owner has the rights of the creator of the episode.
     pub(super) fn owns(&self, episode: Subject<'_>) -> bool {
         if episode.visibility == Visibility::Sealed {
             return self.is_organizer();
@@ -217,13 +216,13 @@ impl Caller {
         }
     }
 
-    /// Whether the caller may see all of the episode before its end, with its seed. If there are several holders, the
-    /// creator may not, who is one of the players.
+    /// An overseer sees all of the episode before its end, with its seed. The creator is not one if there are several holders, as
+    /// it may be one of the players.
     pub(super) fn oversees(&self, episode: Subject<'_>) -> bool {
         self.reads_all() || (self.owns(episode) && !episode.is_mixed)
     }
 
-    /// Whether the caller has a key, or a token of the episode.
+    /// A known caller has a key, or a token of the episode.
     fn is_known(&self, episode: Subject<'_>) -> bool {
         match self {
             Self::Seat(own, _) | Self::Swarm(own, _) => Some(own) == episode.id,
@@ -233,7 +232,7 @@ impl Caller {
         }
     }
 
-    /// Whether the caller may read state, events and resolved rounds now.
+    /// Readers get state, events and resolved rounds of an open episode.
     pub(super) fn may_read(&self, access: &Access, episode: Subject<'_>) -> bool {
         if self.oversees(episode) {
             return true;
@@ -250,12 +249,11 @@ impl Caller {
         anyone && (!access.private || self.is_known(episode))
     }
 
-    /// Whether the caller may read episodes that have ended.
-    pub(super) fn may_read_what_is_over(&self, access: &Access) -> bool {
+    pub(super) fn may_read_ended(&self, access: &Access) -> bool {
         !access.private || matches!(self, Self::Key(_))
     }
 
-    /// Whether the caller may know that the episode exists.
+    /// For other callers the episode does not exist.
     pub(super) fn may_know(&self, access: &Access, episode: Subject<'_>) -> bool {
         self.may_read(access, episode)
             || self.owns(episode)
@@ -268,7 +266,7 @@ impl Caller {
             }
     }
 
-    /// Whether the caller may create episodes, and claim seats of others'.
+    /// Players create episodes, and claim seats of others' episodes.
     const fn may_play(&self) -> bool {
         match self {
             Self::Key(key) => !matches!(key.role, Role::Judge),
@@ -280,7 +278,7 @@ impl Caller {
         }
     }
 
-    /// Which episodes the caller finds in lists.
+    /// Episodes that the caller finds in lists.
     pub(super) fn readable(&self, app: &App) -> Readable {
         let access = &app.access;
         match self {
@@ -326,7 +324,7 @@ impl Caller {
         }
     }
 
-    /// Whether the caller may read boards. On a private server it takes a key.
+    /// Boards are public, but on a private server they need a key.
     pub(super) fn may_read_boards(&self, access: &Access) -> Result<(), ApiError> {
         match self {
             _ if !access.private => Ok(()),
@@ -389,12 +387,12 @@ impl Caller {
 }
 
 /// The seat of a request that only an agent can make.
-pub(super) struct Seat {
+pub(super) struct TokenSeat {
     pub(super) handle: Handle,
     pub(super) agent: AgentId,
 }
 
-impl FromRequestParts<App> for Seat {
+impl FromRequestParts<App> for TokenSeat {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, ApiError> {
@@ -402,7 +400,7 @@ impl FromRequestParts<App> for Seat {
     }
 }
 
-impl Seat {
+impl TokenSeat {
     pub(super) async fn of(caller: Caller, app: &App) -> Result<Self, ApiError> {
         let detail = match caller {
             Caller::Seat(episode, agent) => {

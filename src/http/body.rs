@@ -31,7 +31,7 @@ pub(super) const FREE_BODY_BYTES: usize = 8 * 1024;
 /// Factor by which a body's bytes are reserved: for the growing buffer that collects it and for its parsed JSON.
 const BODY_FACTOR: usize = 3;
 
-/// Whether the body has at most [`LIGHT_BODY_BYTES_MAX`] bytes and says so.
+/// A light body announces at most [`LIGHT_BODY_BYTES_MAX`] bytes.
 pub(super) fn is_light(request: &Request) -> bool {
     request.body().size_hint().upper().is_some_and(|bytes| bytes <= LIGHT_BODY_BYTES_MAX as u64)
 }

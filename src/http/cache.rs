@@ -57,7 +57,7 @@ pub(super) trait Weighted {
 
 /// A cached response.
 #[derive(Debug)]
-pub(super) struct Answer {
+pub(super) struct CachedResponse {
     headers: HeaderMap,
     body: Bytes,
 }
@@ -142,8 +142,8 @@ impl<T: Weighted> SharedCache<T> {
 }
 
 impl<T: Weighted + Send + Sync + 'static> SharedCache<T> {
-    /// As [`SharedCache::entry`]. After a large entry was computed, a task recomputes it after changes, and readers get the latest
-    /// one. `make` gets the previous entry. The task ends when `stopped` completes.
+    /// Entry like [`SharedCache::entry`]. After a large entry was computed, a task recomputes it after changes, and readers get
+    /// the latest one. `make` gets the previous entry. The task ends when `stopped` completes.
     pub(super) async fn followed_entry<F>(
         self: &Arc<Self>,
         question: String,
@@ -240,20 +240,20 @@ impl<T: Weighted + Send + Sync + 'static> Drop for Leave<'_, T> {
 }
 
 impl<T: Weighted> Cached<T> {
-    /// Whether the entry is valid for a request that came at this revision.
+    /// A valid entry is as new as the revision at which the request arrived; a large one may be a little older.
     fn is_valid(&self, revision: u64, now: Timestamp) -> bool {
         let is_young = self.of.at <= now && now < after(self.of.at, LARGE_FRESH_FOR);
         self.of.revision >= revision || (self.what.bytes() >= LARGE_BYTES && is_young)
     }
 }
 
-impl Weighted for Answer {
+impl Weighted for CachedResponse {
     fn bytes(&self) -> usize {
         self.body.len()
     }
 }
 
-impl Answer {
+impl CachedResponse {
     async fn read(response: Response) -> Result<Self, ApiError> {
         let (parts, body) = response.into_parts();
         Ok(Self { headers: parts.headers, body: whole(body).await? })
@@ -266,7 +266,7 @@ impl Answer {
     }
 }
 
-impl SharedCache<Answer> {
+impl SharedCache<CachedResponse> {
     /// The response to a question that has the same one for all callers, computed by `make` on a miss.
     pub(super) async fn answer(
         &self,
@@ -275,12 +275,12 @@ impl SharedCache<Answer> {
     ) -> Result<Response, ApiError> {
         let make = async {
             let of = self.results();
-            Ok(Cached { of, what: Answer::read(make.await?).await? })
+            Ok(Cached { of, what: CachedResponse::read(make.await?).await? })
         };
         Ok(self.entry(question, make).await?.what.response())
     }
 
-    /// As [`SharedCache::answer`] for lists of entrants, which do not change when a game ends.
+    /// Answer like [`SharedCache::answer`] for lists of entrants, which do not change when a game ends.
     pub(super) async fn answer_of_entrants(
         &self,
         question: String,
@@ -291,9 +291,9 @@ impl SharedCache<Answer> {
         let asked = now().revision;
         let make = async {
             let of = now();
-            Ok(Cached { of, what: Answer::read(make.await?).await? })
+            Ok(Cached { of, what: CachedResponse::read(make.await?).await? })
         };
-        let is_valid = |made: &Cached<Answer>| made.is_valid(asked, self.clock.now());
+        let is_valid = |made: &Cached<CachedResponse>| made.is_valid(asked, self.clock.now());
         Ok(self.entry_where(question, is_valid, make).await?.what.response())
     }
 
@@ -305,8 +305,8 @@ impl SharedCache<Answer> {
         of: Results,
         make: impl Future<Output = Result<Response, ApiError>>,
     ) -> Result<Response, ApiError> {
-        let make = async { Ok(Cached { of, what: Answer::read(make.await?).await? }) };
-        let is_valid = |made: &Cached<Answer>| made.of.revision >= of.revision;
+        let make = async { Ok(Cached { of, what: CachedResponse::read(make.await?).await? }) };
+        let is_valid = |made: &Cached<CachedResponse>| made.of.revision >= of.revision;
         Ok(self.entry_where(question, is_valid, make).await?.what.response())
     }
 }

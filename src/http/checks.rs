@@ -130,7 +130,7 @@ pub(super) fn short(text: &str) -> String {
 }
 
 /// An unpredictable seed: 53 random bits.
-pub(super) fn drawn_seed(app: &App) -> i64 {
+pub(super) fn random_seed(app: &App) -> i64 {
     let mut bytes = [0; 8];
     app.entropy.fill(&mut bytes);
     i64::from_le_bytes(bytes) & ((1 << 53) - 1)

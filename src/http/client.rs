@@ -22,7 +22,7 @@ pub(super) struct Peer(pub(super) IpAddr);
 pub(super) struct Client {
     /// Address of the client, as named by a trusted proxy if there is one.
     pub(super) address: IpAddr,
-    /// Whether the client is a program on this machine: neither a forwarding proxy nor a page of another site in a browser.
+    /// A local client is a program on this machine: neither a forwarding proxy nor a page of another site in a browser.
     pub(super) is_local: bool,
 }
 
@@ -86,7 +86,6 @@ pub(super) fn host<'a>(headers: &'a HeaderMap, uri: &'a Uri) -> Option<&'a str> 
     }
 }
 
-/// Whether `host` or `host:port` is a loopback name.
 fn names_loopback(host: Option<&str>) -> bool {
     host.and_then(name_of).is_some_and(is_loopback)
 }
@@ -128,7 +127,7 @@ pub(super) fn check_site(request: &Request, hosts: &[String]) -> Result<(), ApiE
     Err(ApiError::new(Code::Forbidden, detail))
 }
 
-/// Whether an `Origin` is this server's: the host that the request names, this machine, or one of the server's names.
+/// An `Origin` of this server is the host that the request names, this machine, or one of the server's names.
 pub(super) fn is_own(origin: &str, request: &Request, hosts: &[String]) -> bool {
     let Some(name) = origin.split_once("://").and_then(|(_, host)| name_of(host)) else {
         return false;
@@ -173,14 +172,14 @@ pub(super) fn networks(address: IpAddr) -> impl Iterator<Item = (IpNet, u32)> + 
 pub(super) struct ByNetwork(HashMap<IpNet, usize>);
 
 impl ByNetwork {
-    /// Whether an address may have one more when its limit is `most`.
+    /// An address has room if it may have one more when its limit is `most`.
     pub(super) fn has_room(&self, address: IpAddr, most: usize) -> bool {
         networks(address).all(|(network, times)| {
             self.0.get(&network).is_none_or(|here| *here < most.saturating_mul(times as usize))
         })
     }
 
-    /// Whether all counts of an address are zero.
+    /// All counts of a new address are zero.
     pub(super) fn is_new(&self, address: IpAddr) -> bool {
         networks(address).all(|(network, _)| !self.0.contains_key(&network))
     }

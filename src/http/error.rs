@@ -122,7 +122,7 @@ pub struct ApiError {
     retry_after: Option<Duration>,
     limit: Option<Limit>,
     fields: Vec<FieldProblem>,
-    /// Whether another server of the database must answer.
+    /// Another server of the cluster must answer.
     is_elsewhere: bool,
 }
 

@@ -60,7 +60,7 @@ impl Unread {
     }
 }
 
-/// As [`Json`], where an empty body stands for one with all fields left out.
+/// Variant of [`Json`] where an empty body stands for one with all fields left out.
 pub(super) struct OptionalJson<T>(pub(super) T, pub(super) Arrived);
 
 impl<T: DeserializeOwned + Default> FromRequest<App> for OptionalJson<T> {
@@ -91,7 +91,7 @@ pub(super) fn read<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ApiError> {
     read_envelope(bytes)
 }
 
-/// As [`read`], for a body whose parts are kept as received, to be parsed one by one.
+/// Variant of [`read`] for a body whose parts are kept as received, to be parsed one by one.
 pub(super) fn read_envelope<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ApiError> {
     serde_json::from_slice(bytes).map_err(|error| diagnose::<T>(bytes, &error))
 }
@@ -275,7 +275,7 @@ pub(super) fn flag<'de, D: Deserializer<'de>>(deserializer: D) -> Result<bool, D
     }
 }
 
-/// As [`flag`], for an optional value.
+/// Variant of [`flag`] for an optional value.
 pub(super) fn optional_flag<'de, D: Deserializer<'de>>(
     deserializer: D,
 ) -> Result<Option<bool>, D::Error> {

@@ -55,7 +55,6 @@ pub(super) fn feed(app: &App, caller: &Caller) -> Result<(Feed, Events), ApiErro
     Ok((feed, Sse::new(sent.boxed()).keep_alive(KeepAlive::default())))
 }
 
-/// Whether an answer is an event stream.
 pub(super) fn is_event_stream(response: &Response) -> bool {
     let kind = response.headers().get(header::CONTENT_TYPE);
     kind.is_some_and(|kind| kind.as_bytes().starts_with(b"text/event-stream"))

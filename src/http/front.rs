@@ -21,7 +21,7 @@ use tower::Service;
 use tracing::{Instrument, Level, Span};
 
 use super::admit::check_host;
-use super::auth::{Seat, Swarm};
+use super::auth::{Swarm, TokenSeat};
 use super::body::is_light;
 use super::client::{Client, Peer, check_site};
 use super::error::{ApiError, Code};
@@ -41,7 +41,7 @@ const NOSNIFF: HeaderValue = HeaderValue::from_static("nosniff");
 #[derive(Clone)]
 pub struct Front {
     inner: Arc<Inner>,
-    /// Whether only the other servers of the cluster use it.
+    /// Only the other servers of the cluster use it.
     is_for_nodes: bool,
 }
 
@@ -321,12 +321,12 @@ impl Play {
         let (mut parts, body) = request.into_parts();
         match self {
             Self::Look => {
-                let seat = Seat::from_request_parts(&mut parts, app).await?;
+                let seat = TokenSeat::from_request_parts(&mut parts, app).await?;
                 let params = Params::from_request_parts(&mut parts, app).await?;
                 Box::pin(agent::obs::get_obs(state, seat, params)).await
             }
             Self::Act => {
-                let seat = Seat::from_request_parts(&mut parts, app).await?;
+                let seat = TokenSeat::from_request_parts(&mut parts, app).await?;
                 let params = Params::from_request_parts(&mut parts, app).await?;
                 let body = Json::from_request(Request::from_parts(parts, body), app).await?;
                 Box::pin(agent::act::post_act(state, seat, params, body)).await

@@ -63,7 +63,7 @@ pub(super) async fn show_readiness(State(app): State<App>) -> Result<Json<Health
     Err(error.retry_after(Duration::from_secs(1)))
 }
 
-/// What keeps the server from being used: a short sentence for each problem.
+/// Problems that keep the server from being used, a short sentence each.
 fn problems(app: &App) -> Vec<String> {
     let mut problems = Vec::new();
     if let Err(lost) = app.store.check_files() {

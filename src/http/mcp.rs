@@ -12,7 +12,7 @@ use axum::extract::{FromRequestParts as _, Request};
 use axum::http::header;
 use axum::routing::post;
 use bytes::Bytes;
-use swarmbench_mcp::{Refusal, Seat};
+use swarmbench_mcp::{Refusal, SeatAccess};
 use swarmbench_protocol::act::{ActRequest, Receipt};
 use swarmbench_protocol::loopback::is_loopback;
 
@@ -103,12 +103,12 @@ struct ServerSeat {
 }
 
 impl ServerSeat {
-    async fn find(&self) -> Result<auth::Seat, ApiError> {
-        auth::Seat::of(self.caller.clone()?, &self.app).await
+    async fn find(&self) -> Result<auth::TokenSeat, ApiError> {
+        auth::TokenSeat::of(self.caller.clone()?, &self.app).await
     }
 }
 
-impl Seat for ServerSeat {
+impl SeatAccess for ServerSeat {
     async fn obs(
         &self,
         after: Option<u32>,

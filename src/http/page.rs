@@ -222,7 +222,7 @@ list_params! {
     NewestParams {}
 }
 
-/// Where a page of a list begins: after the item with this number.
+/// Start of a page of a list: after the item with this number.
 pub(super) fn read_cursor(text: Option<&str>) -> Result<Option<i64>, ApiError> {
     let number = |text: &str| i64::from_str_radix(text.strip_prefix('c')?, 16).ok();
     cursor_by(text, |text| number(text).filter(|number| *number >= 0))

@@ -14,17 +14,16 @@ const PAGE_USUAL_BYTES: u64 = 32 * 1024;
 /// Everything that decides the bytes of a page: resolved rounds never change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct PageKey {
-    pub(super) game: Game,
+    pub(super) game: ReplayedGame,
     pub(super) from: u32,
     /// Last round that the page may contain.
     pub(super) to: u32,
-    /// Whether the page contains the agents' decisions.
     pub(super) has_decisions: bool,
 }
 
 /// Game whose states a page contains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) enum Game {
+pub(super) enum ReplayedGame {
     Episode(EpisodeKey),
     Import(ImportKey),
 }

@@ -15,7 +15,7 @@ use crate::store::tokens::Grant;
 /// The token of a request, to be looked at again when the answer is there.
 pub(super) struct SentToken {
     value: HeaderValue,
-    /// How often tokens had been revoked when the request came.
+    /// Number of revocations when the request arrived.
     revocations: u64,
 }
 
@@ -56,7 +56,7 @@ impl SentToken {
             .map(|body| Body::from_stream(body.into_data_stream().take_until(Box::pin(revoked)))))
     }
 
-    /// Whether the token has rights, as far as the store can tell.
+    /// A token that the store cannot check counts as good.
     async fn is_good(&self, app: &App) -> bool {
         let Some(token) = self.value.to_str().ok().and_then(|value| bearer(value).ok()) else {
             return false;

@@ -22,16 +22,16 @@ pub(super) struct Facts {
     pub(super) rank: Rank,
     /// The way by which a game is played, without the router.
     pub(super) play: Option<Play>,
-    /// Whether its requests may wait for a round, or have a stream as their answer.
+    /// Its requests may wait for a round, or have a stream as their answer.
     pub(super) waits: bool,
-    /// Whether a request that was done twice has the effect of one: it only reads, or it is an act, and a repeated act gets the
-    /// same receipt.
+    /// A request that was done twice has the effect of one: it only reads, or it is an act, and a repeated act gets the same
+    /// receipt.
     pub(super) is_repeatable: bool,
-    /// Whether it tells operators about the server's health: it is answered however busy the background threads are.
+    /// Operators read the server's health from it: it is answered however busy the background threads are.
     pub(super) is_about_health: bool,
 }
 
-/// Which server of a cluster answers a request.
+/// Server of a cluster that answers a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum At {
     /// The server that receives it, even if its lease has expired: pages, documentation, and what is about this server alone.
@@ -100,13 +100,13 @@ pub(super) enum Play {
 }
 
 /// A row of the table.
-pub(super) struct Row {
+pub(super) struct RouteRow {
     pub(super) method: &'static str,
     pub(super) path: &'static str,
     pub(super) facts: Facts,
 }
 
-const fn row(method: &'static str, path: &'static str, at: At, who: Who) -> Row {
+const fn row(method: &'static str, path: &'static str, at: At, who: Who) -> RouteRow {
     let is_read = matches!(method.as_bytes(), b"GET");
     let facts = Facts {
         at,
@@ -117,10 +117,10 @@ const fn row(method: &'static str, path: &'static str, at: At, who: Who) -> Row 
         is_repeatable: is_read,
         is_about_health: false,
     };
-    Row { method, path, facts }
+    RouteRow { method, path, facts }
 }
 
-impl Row {
+impl RouteRow {
     const fn plays(mut self, play: Play) -> Self {
         self.facts.play = Some(play);
         self.repeatable().urgent().waits()
@@ -148,7 +148,7 @@ impl Row {
 }
 
 /// The routes by which games are played come first: they are found first.
-pub(super) const PLAYS: [Row; 4] = [
+pub(super) const PLAYS: [RouteRow; 4] = [
     row("GET", "/obs", Token, Seat).plays(Play::Look),
     row("POST", "/act", Token, Seat).plays(Play::Act),
     row("GET", "/swarm/obs", Token, Swarm).plays(Play::SwarmLook),
@@ -156,7 +156,7 @@ pub(super) const PLAYS: [Row; 4] = [
 ];
 
 /// All other routes for programs.
-pub(super) const ROWS: &[Row] = &[
+pub(super) const ROWS: &[RouteRow] = &[
     // The seat's tools for language models: a look among them may wait.
     row("POST", "/mcp", Token, Seat).repeatable().urgent().waits(),
     row("GET", "/api/v1/audit", Anywhere, Key),
@@ -256,7 +256,7 @@ impl Facts {
     /// Facts of a request's route.
     pub(super) fn of(method: &Method, path: &str) -> Self {
         let method = if method == Method::HEAD { "GET" } else { method.as_str() };
-        let is_it = |row: &&Row| row.path == path && row.method == method;
+        let is_it = |row: &&RouteRow| row.path == path && row.method == method;
         if let Some(play) = PLAYS.iter().find(is_it) {
             return play.facts;
         }

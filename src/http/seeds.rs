@@ -1,4 +1,4 @@
-//! Who sees seeds. The seed of a game tells its whole layout, and that of a sealed one what its entrants will see.
+//! Permits to see seeds. The seed of a game tells its whole layout, and that of a sealed one what its entrants will see.
 
 use serde_json::json;
 
@@ -38,15 +38,15 @@ impl SeedPermit {
     }
 }
 
-/// Whether nobody but those who oversee the game may see its seed yet.
+/// The seed of a sealed game is shown to those who oversee it alone.
 fn is_sealed(subject: Subject<'_>) -> bool {
     subject.visibility == Visibility::Sealed && subject.opened != Opened::All
 }
 
 impl App {
-    /// Whether the caller sees the seed of the game or run with this id, and may read its journal: until the end only the creator
-    /// may, or only organizers and judges if there are several holders. Where organizers and judges alone do, the audit log has
-    /// the look before the answer is sent.
+    /// Permit for the seed and the journal of the game or run with this id. Until the end only the creator gets it, or only
+    /// organizers and judges if there are several holders. Where they alone get it, the audit log records the look before the
+    /// answer is sent.
     pub(super) async fn may_see_seed(
         &self,
         caller: &Caller,

@@ -23,9 +23,9 @@ use tokio_util::task::TaskTracker;
 
 use super::client::{ByNetwork, Peer, address, site};
 use super::error::{ApiError, Code};
+use super::eviction::{Holder, Holders, Whose};
 use super::front::{Answered, Front, REQUEST_ID};
 use super::limits::Limits;
-use super::room::{Holder, Holders, Whose};
 use super::timers::{ConnectionTimers, TimedBody, TimedStream, Timeouts};
 use crate::fair::Party;
 
@@ -136,7 +136,7 @@ pub async fn serve(
     }
 }
 
-/// Whether `accept` failed because of the one connection, which is gone, and not because of the host.
+/// A failure of the one connection, which is gone, and not of the host.
 const fn is_connection_error(error: ErrorKind) -> bool {
     matches!(
         error,
@@ -278,7 +278,6 @@ impl ConnectionLimit {
         }
     }
 
-    /// Whether the limit of evictions is near.
     fn has_many_evicted(&self) -> bool {
         let open = self.open.lock().expect("nothing panics while it holds this");
         open.evictions >= EVICTIONS_MAX / 2

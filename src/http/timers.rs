@@ -22,9 +22,9 @@ use super::limits::Limits;
 /// Time limits of a connection.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Timeouts {
-    /// From the first byte of a head to its end; for the first head from the accept.
+    /// Time from the first byte of a head to its end; for the first head from the accept.
     pub(super) head: Duration,
-    /// From the end of a response to the first byte of the next head.
+    /// Time from the end of a response to the first byte of the next head.
     pub(super) idle: Duration,
     /// Time within which the client must take more of a pending write.
     pub(super) write: Duration,

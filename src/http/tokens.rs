@@ -17,7 +17,7 @@ pub(super) struct Tokens {
     grants: Cache<TokenHash, Grant>,
     /// The competitions for which entrants' keys were made; they never change.
     entered: Cache<OwnerKey, CompetitionKey>,
-    /// How often tokens were revoked.
+    /// Number of revocations.
     revocations: watch::Sender<u64>,
 }
 
@@ -52,12 +52,12 @@ impl Tokens {
         Ok(Some(grant))
     }
 
-    /// How often tokens were revoked: see [`Tokens::cache`].
+    /// Number of revocations: see [`Tokens::cache`].
     pub(super) fn revocations(&self) -> u64 {
         *self.revocations.borrow()
     }
 
-    /// Tells of all later revocations.
+    /// Receiver of all later revocations.
     pub(super) fn follow_revocations(&self) -> watch::Receiver<u64> {
         self.revocations.subscribe()
     }

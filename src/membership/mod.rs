@@ -140,7 +140,7 @@ pub async fn work<P: Port + Send + Sync>(port: Arc<P>, mut looks: watch::Receive
         for (server, suspicion) in due.suspects {
             let death = match suspicion {
                 Suspicion::Expired => exclude(port.others(), server, Death::Expired).await,
-                Suspicion::Away => bury(port.others(), server).await,
+                Suspicion::Away => exclude_if_dead(port.others(), server).await,
             };
             warn_of(death, "the work of a server that may be dead cannot be taken over");
         }
@@ -176,7 +176,7 @@ fn warn_of(done: Result<(), StoreError>, what: &str) {
 /// # Errors
 ///
 /// Those of the database.
-pub async fn bury(others: &impl Others, server: Incarnation) -> Result<(), StoreError> {
+pub async fn exclude_if_dead(others: &impl Others, server: Incarnation) -> Result<(), StoreError> {
     let members = others.members();
     let Some(member) = members.iter().find(|member| member.incarnation == server) else {
         return Ok(());

@@ -133,14 +133,14 @@ impl Port for Membership {
 
     async fn look(&self) -> Result<Vec<Member>, StoreError> {
         let Parts { cluster, revoked, .. } = &self.parts;
-        let look = cluster.look().await?;
-        if look.revision > cluster.seen() {
+        let snapshot = cluster.snapshot().await?;
+        if snapshot.revision > cluster.seen() {
             revoked();
-            if let Err(StoreError::Failed) = cluster.act_by(look.revision).await {
+            if let Err(StoreError::Failed) = cluster.act_by(snapshot.revision).await {
                 return Err(StoreError::Failed);
             }
         }
-        Ok(look.members)
+        Ok(snapshot.members)
     }
 
     async fn unowned(&self) -> Result<Vec<Place>, StoreError> {

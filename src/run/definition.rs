@@ -1,7 +1,7 @@
 //! The definition of a run, as it is stored and played.
 
 pub use swarmbench_boards::run::Definition;
-use swarmbench_protocol::suite::Game;
+use swarmbench_protocol::suite::PlannedGame;
 
 use super::RunError;
 use crate::episode::spec::Spec;
@@ -21,7 +21,7 @@ pub fn read(stored: &StoredRun) -> Result<Definition, RunError> {
 pub fn spec(
     definition: &Definition,
     run: &str,
-    game: &Game,
+    game: &PlannedGame,
     salt: Option<String>,
 ) -> Result<Spec, String> {
     let recorded = definition.recorded(game).map_err(|error| error.to_string())?;

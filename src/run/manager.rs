@@ -29,7 +29,7 @@ use crate::store::runs::StoredRun;
 use crate::store::{Store, StoreError};
 use swarmbench_boards::competition::definition::practice_suite;
 use swarmbench_clock::{Clock, Entropy};
-use swarmbench_protocol::suite::Game;
+use swarmbench_protocol::suite::PlannedGame;
 
 /// Number of locks. Runs with the same lock are advanced one after another.
 const LOCKS: usize = 256;
@@ -46,7 +46,7 @@ pub struct NewRun {
     /// Purpose under which the first game is admitted.
     pub purpose: Purpose,
     pub definition: Definition,
-    /// For an attempt in a competition: the entry, and the attempt's number, from 1.
+    /// Entry and number (from 1) of an attempt in a competition.
     pub attempt: Option<(EntryKey, u32)>,
     /// Voided attempt that the run repeats, if it uses spare seeds.
     pub replays: Option<u32>,
@@ -79,7 +79,7 @@ pub enum CreateError {
 pub struct OpenGames {
     /// Games that have not ended, oldest first.
     pub open: Arc<[EpisodeId]>,
-    /// Whether the run and all its games have ended.
+    /// The run and all its games have ended.
     pub is_over: bool,
 }
 
@@ -457,11 +457,11 @@ impl Runs {
         }
         let stored = self.stored(run).await?;
         let done =
-            if stored.ended_at.is_none() { self.do_what_is_due(&stored).await } else { Ok(()) };
+            if stored.ended_at.is_none() { self.take_due_step(&stored).await } else { Ok(()) };
         self.settle(run).await.and(done)
     }
 
-    async fn do_what_is_due(&self, stored: &StoredRun) -> Result<(), RunError> {
+    async fn take_due_step(&self, stored: &StoredRun) -> Result<(), RunError> {
         let Parts { store, clock, .. } = &self.0.parts;
         let definition = definition::read(stored)?;
         let games = store.games_of(stored.run).await?;
@@ -476,7 +476,7 @@ impl Runs {
         }
         match due(&definition, &games, now) {
             // A withdrawn entrant opens no games: others get its share. The run continues once the entrant is readmitted.
-            Due::Open(_) if self.has_left(stored).await? => Ok(()),
+            Due::Open(_) if self.has_withdrawn(stored).await? => Ok(()),
             Due::Open(due) => {
                 let is_playing = games.iter().any(|game| game.counts() && !game.is_over());
                 let purpose = if is_playing { Purpose::Usual } else { Purpose::NextGame };
@@ -487,7 +487,7 @@ impl Runs {
         }
     }
 
-    async fn has_left(&self, stored: &StoredRun) -> Result<bool, RunError> {
+    async fn has_withdrawn(&self, stored: &StoredRun) -> Result<bool, RunError> {
         let Some((entry, _)) = stored.attempt else { return Ok(false) };
         Ok(!self.0.parts.store.is_active(entry).await?)
     }
@@ -497,7 +497,7 @@ impl Runs {
         &self,
         stored: &StoredRun,
         definition: &Definition,
-        games: Vec<Game>,
+        games: Vec<PlannedGame>,
         mut purpose: Purpose,
     ) -> Result<(), RunError> {
         let Parts { registry, clock, entropy, disk, .. } = &self.0.parts;
@@ -605,7 +605,7 @@ impl Runs {
 /// Next step of an unfinished run.
 #[derive(Debug, PartialEq, Eq)]
 enum Due {
-    Open(Vec<Game>),
+    Open(Vec<PlannedGame>),
     /// Wait for the open games.
     Nothing,
     /// Nothing is left to play.

@@ -14,14 +14,14 @@ use sqlx::error::BoxDynError;
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions as _, Connection as _};
 
-use super::again::{StoredJournal, play_again};
 use super::competitions::{
     PEOPLE_PLAY, RawCompetition, damaged_looks, untaken_names, without_texts,
 };
 use super::entries::brief_of;
 use super::metrics::stored_method;
 use super::rebuild::{self, RebuildError};
-use super::sql::{Begin, Connection, Engine, FromRow, Row, Statement, get, query};
+use super::sql::{Begin, Connection, Engine, FromRow, SqlRow, Statement, get, query};
+use super::stored_replay::{StoredJournal, replay_stored};
 use super::templates::{self, opening};
 use super::{Location, OpenError, postgres, sqlite};
 use crate::ids::EpisodeKey;
@@ -31,7 +31,7 @@ use crate::store::results::read_failures;
 use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{ActRecord, End, Opening, RawRecord, Record, Seats};
-use swarmbench_journal::replay::Report;
+use swarmbench_journal::replay::JournalReport;
 
 /// Damages listed in full; further ones are only counted.
 pub const DAMAGES_MAX: usize = 1000;
@@ -173,7 +173,7 @@ async fn tables(
         .fetch_all(&mut *database)
         .await;
     let applied = rows.and_then(|rows| {
-        let read = |row: &Row| {
+        let read = |row: &SqlRow| {
             let checksum = row.try_get::<Vec<u8>>("checksum")?;
             Ok((row.try_get::<i64>("version")?, checksum, row.try_get::<bool>("success")?))
         };
@@ -396,7 +396,7 @@ async fn texts(database: &mut Connection, checked: &mut Checked) {
         }),
         Err(error) => checked.note("the table used_names", unreadable(&error)),
     }
-    let is_json = |row: &Row| {
+    let is_json = |row: &SqlRow| {
         let read = serde_json::from_str::<IgnoredAny>(row.text(1)?);
         Ok(read.map(drop).map_err(|_| "its text is no JSON".to_owned()))
     };
@@ -423,7 +423,7 @@ async fn each_named(
     database: &mut Connection,
     checked: &mut Checked,
     text: &'static str,
-    check: impl Fn(&Row) -> Result<Result<(), String>, sqlx::Error>,
+    check: impl Fn(&SqlRow) -> Result<Result<(), String>, sqlx::Error>,
 ) {
     let mut rows = query(text).fetch(database);
     let mut problems = 0;
@@ -468,7 +468,7 @@ async fn definitions(database: &mut Connection, formats: &Formats, checked: &mut
     let runs = "SELECT key, id, definition, digest, model, suite FROM runs";
     each(database, checked, runs, |row| {
         #[derive(Deserialize)]
-        struct Run {
+        struct CheckedRun {
             suite: Box<RawValue>,
             model: String,
         }
@@ -476,7 +476,7 @@ async fn definitions(database: &mut Connection, formats: &Formats, checked: &mut
         struct Suite {
             name: String,
         }
-        let run: Run = parsed(row.text("definition")?)?;
+        let run: CheckedRun = parsed(row.text("definition")?)?;
         let suite: Suite = parsed(run.suite.get())?;
         let digest = data_encoding::HEXLOWER.encode(&Sha256::digest(run.suite.get())[..6]);
         let is_same = digest == row.text("digest")?
@@ -542,7 +542,7 @@ async fn each(
     database: &mut Connection,
     checked: &mut Checked,
     select: &str,
-    check: impl Fn(&Row) -> Result<Result<(), String>, sqlx::Error>,
+    check: impl Fn(&SqlRow) -> Result<Result<(), String>, sqlx::Error>,
 ) {
     let mut last = i64::MIN;
     loop {
@@ -587,7 +587,7 @@ async fn imports(database: &mut Connection, checked: &mut Checked) {
 async fn import(
     database: &mut Connection,
     key: i64,
-    row: &Row,
+    row: &SqlRow,
 ) -> Result<Result<(), String>, sqlx::Error> {
     let mut digest = ImportHash::new(row.text("run_id")?, row.text("meta")?);
     let mut last: Option<(i64, f64)> = None;
@@ -693,7 +693,7 @@ async fn episode(
     };
     let ending = ending.map(|ending| (ending, stored_head));
     let stored = StoredJournal { episode: key, opening, first_round, seating, rounds, ending };
-    let report = match play_again(database, &stored).await? {
+    let report = match replay_stored(database, &stored).await? {
         Ok(report) => report,
         Err(problem) => return Ok(Err(problem)),
     };
@@ -767,7 +767,7 @@ async fn rounds(
 
 /// Compares the columns by which lists are filtered with the records.
 fn columns(
-    row: &Row,
+    row: &SqlRow,
     opening: &Opening,
     end: Option<&End>,
 ) -> Result<Result<(), String>, sqlx::Error> {
@@ -814,7 +814,7 @@ fn columns(
 async fn seats(
     database: &mut Connection,
     key: EpisodeKey,
-    report: &Report,
+    report: &JournalReport,
     record: Option<&RawRecord>,
 ) -> Result<Result<(), String>, sqlx::Error> {
     let query = query("SELECT agent, holder FROM seats WHERE episode = $1 ORDER BY agent");
@@ -848,7 +848,7 @@ async fn seats(
 async fn open_acts(
     database: &mut Connection,
     key: EpisodeKey,
-    report: &Report,
+    report: &JournalReport,
 ) -> Result<Result<(), String>, sqlx::Error> {
     let text = "SELECT round, agent, record FROM acts WHERE episode = $1 AND round >= $2 ORDER BY round, agent";
     let rows = query(text).bind(key.0).bind(report.rounds).fetch_all(database).await?;
@@ -869,7 +869,7 @@ async fn open_acts(
 async fn result(
     database: &mut Connection,
     key: EpisodeKey,
-    report: &Report,
+    report: &JournalReport,
 ) -> Result<Result<(), String>, sqlx::Error> {
     let text = "SELECT task, seed, score, rounds, status, acts, invalid, clock_outs, prompt_tokens, completion_tokens,
                         failures

@@ -4,7 +4,6 @@
 //! has the types of entries and answers, `tables` the queries, one file a table, in SQL that both engines accept (`sql`);
 //! `sqlite` and `postgres` have what is specific to an engine.
 
-mod again;
 pub mod check;
 pub mod copy;
 mod error;
@@ -15,6 +14,7 @@ mod readers;
 pub mod rebuild;
 mod sql;
 mod sqlite;
+mod stored_replay;
 mod tables;
 mod writer;
 
@@ -31,7 +31,7 @@ pub use error::{Stopped, StoreError};
 pub use location::{Address, Location, LocationError};
 pub use model::{entries, port};
 use port::{Committed, Reply};
-pub use postgres::cluster::{Beat, Cluster, JoinError, Joining, Look};
+pub use postgres::cluster::{Beat, Cluster, ClusterSnapshot, JoinError, Joining};
 pub use postgres::session::SessionError;
 use readers::ReaderOptions;
 pub use readers::{patiently, patiently_blocking};

@@ -4,9 +4,9 @@ use futures::TryStreamExt;
 use swarmbench_analysis::Options;
 use swarmbench_analysis::journal::measure;
 
-use super::again::{StoredJournal, play_again, read_journal};
 use super::metrics::{self, Measured, MetricsRow};
 use super::sql::{Begin, Connection, get, query};
+use super::stored_replay::{StoredJournal, read_journal, replay_stored};
 use super::templates::opening;
 use super::{Alone, Location, OpenError, results};
 use crate::ids::EpisodeKey;
@@ -263,7 +263,7 @@ async fn one(
         // Forks have no results.
         let (first_round, rounds) = (0, end.rounds);
         let stored = StoredJournal { episode, opening, first_round, seating, rounds, ending };
-        play_again(database, &stored).await?.map_err(broken)?;
+        replay_stored(database, &stored).await?.map_err(broken)?;
     }
     let tally = tally(database, episode).await?.map_err(broken)?;
     results::add(database, episode, seed, end.score, end.rounds, tally).await?;

@@ -13,8 +13,8 @@ use swarmbench_testkit::program::{Server, Site, program};
 use tokio::sync::{mpsc, watch};
 use tokio::time::{sleep, timeout};
 
-use crate::attacks::attackers::{ATTACKERS, Attack, Brief, Report};
-use crate::attacks::honest::{Honest, Place, Score, text};
+use crate::attacks::attackers::{ATTACKERS, Attack, AttackReport, Brief};
+use crate::attacks::honest::{Honest, HonestPlace, Score, text};
 use crate::attacks::measure::{cpu_s, memory_peak_mib};
 use crate::attacks::wire::{Request, Source, Wire};
 
@@ -66,7 +66,7 @@ pub(crate) struct Phase {
 pub(crate) struct Outcome {
     pub(crate) alone: Phase,
     pub(crate) beside: Phase,
-    pub(crate) attackers: Report,
+    pub(crate) attackers: AttackReport,
     pub(crate) memory_peak_mib: u64,
     /// The same of the server that was started again, alone.
     pub(crate) memory_again_mib: u64,
@@ -139,7 +139,7 @@ impl<'a> Bout<'a> {
             open_cup,
             member: self::member(&mut wire, &organizer, "stranger").await?,
         };
-        let honest = Honest::new(receiver, Place { cup, member, organizer, rounds });
+        let honest = Honest::new(receiver, HonestPlace { cup, member, organizer, rounds });
         let attackers = Attackers::start(&brief)?;
         Ok(Self { site, peak: 0, attack, setting, server, at: sender, honest, attackers })
     }
@@ -359,7 +359,7 @@ impl Attackers {
     }
 
     /// Lets them end; what they counted.
-    async fn stop(&mut self) -> Option<Report> {
+    async fn stop(&mut self) -> Option<AttackReport> {
         self.input = None;
         let told = timeout(Duration::from_secs(20), async {
             while let Some(line) = self.lines.recv().await {

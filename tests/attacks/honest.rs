@@ -17,7 +17,7 @@ use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval, sleep};
 
 use crate::attacks::measure::Tally;
-use crate::attacks::wire::{Answer, Request, Source, Wire};
+use crate::attacks::wire::{Request, Source, Wire, WireAnswer};
 
 /// A seat acts this often, unless the server is slower.
 const PACE: Duration = Duration::from_millis(50);
@@ -44,7 +44,7 @@ const TASKS: [&str; 5] = ["Transport", "Pursuit", "Synchronization", "Foraging",
 
 /// Where the honest side plays.
 #[derive(Clone, Debug)]
-pub(crate) struct Place {
+pub(crate) struct HonestPlace {
     pub(crate) cup: String,
     /// A member's key, for games of its own.
     pub(crate) member: String,
@@ -104,7 +104,7 @@ impl Score {
 /// An honest entrant and its games.
 pub(crate) struct Honest {
     at: watch::Receiver<SocketAddr>,
-    place: Place,
+    place: HonestPlace,
     entered: AtomicU64,
     /// Finished games of its own, whose journals it reads.
     games: Mutex<Vec<String>>,
@@ -139,7 +139,7 @@ fn action(seen: &Seen) -> &str {
 }
 
 impl Honest {
-    pub(crate) fn new(at: watch::Receiver<SocketAddr>, place: Place) -> Arc<Self> {
+    pub(crate) fn new(at: watch::Receiver<SocketAddr>, place: HonestPlace) -> Arc<Self> {
         Arc::new(Self { at, place, entered: AtomicU64::new(0), games: Mutex::default() })
     }
 
@@ -172,7 +172,7 @@ impl Honest {
 
     /// Asks until there is an answer that is not "later"; the server may be away for a while. An organizer is told that only
     /// where no connection is free: then the server does not know who asks.
-    async fn ask(&self, wire: &mut Wire, request: &Request) -> io::Result<Answer> {
+    async fn ask(&self, wire: &mut Wire, request: &Request) -> io::Result<WireAnswer> {
         let began = Instant::now();
         let is_organizers = request.token.as_ref() == Some(&self.place.organizer);
         loop {
@@ -377,7 +377,7 @@ impl Honest {
     /// What else an honest entrant does: reads the board, its journal, an export. An organizer watches a game, and exports it.
     async fn errands(&self, end: Instant, score: &Score) {
         let mut wire = self.wire(score, 5);
-        let Place { cup, organizer, .. } = &self.place;
+        let HonestPlace { cup, organizer, .. } = &self.place;
         loop {
             let game =
                 self.games.lock().expect("nothing panics while it holds this").last().cloned();

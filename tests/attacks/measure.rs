@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use serde::{Deserialize, Serialize};
 
-use crate::attacks::wire::Answer;
+use crate::attacks::wire::WireAnswer;
 
 /// Ticks of `/proc/PID/stat` in a second, as Linux shows them to programs.
 const TICKS_PER_S: f64 = 100.0;
@@ -38,7 +38,7 @@ impl Tally {
         self.bytes_received.fetch_add(bytes as u64, Ordering::Relaxed);
     }
 
-    pub(crate) fn came(&self, result: Result<&Answer, &io::Error>) {
+    pub(crate) fn came(&self, result: Result<&WireAnswer, &io::Error>) {
         self.count(&match result {
             Ok(answer) => answer.kind(),
             Err(error) if error.kind() == io::ErrorKind::TimedOut => "no answer in time".to_owned(),

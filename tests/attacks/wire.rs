@@ -94,13 +94,13 @@ impl Request {
 
 /// What came back.
 #[derive(Clone, Debug)]
-pub(crate) struct Answer {
+pub(crate) struct WireAnswer {
     pub(crate) status: u16,
     pub(crate) retry_after: Option<Duration>,
     pub(crate) body: Vec<u8>,
 }
 
-impl Answer {
+impl WireAnswer {
     pub(crate) const fn is_ok(&self) -> bool {
         matches!(self.status, 200..=299)
     }
@@ -166,7 +166,7 @@ impl Wire {
     }
 
     /// Sends a request and reads the whole answer; counts both.
-    pub(crate) async fn ask(&mut self, request: &Request) -> io::Result<Answer> {
+    pub(crate) async fn ask(&mut self, request: &Request) -> io::Result<WireAnswer> {
         self.ask_within(request, PATIENCE).await
     }
 
@@ -174,7 +174,7 @@ impl Wire {
         &mut self,
         request: &Request,
         patience: Duration,
-    ) -> io::Result<Answer> {
+    ) -> io::Result<WireAnswer> {
         let began = Instant::now();
         let was_open = self.stream.is_some();
         let mut result = timeout(patience, self.exchange(request)).await;
@@ -241,7 +241,7 @@ impl Wire {
         Ok(self.stream.as_mut().expect("it was opened just now"))
     }
 
-    async fn exchange(&mut self, request: &Request) -> io::Result<Answer> {
+    async fn exchange(&mut self, request: &Request) -> io::Result<WireAnswer> {
         let bytes = request.bytes(self.source);
         self.send_bytes(&bytes).await?;
         let kept = if self.keeps_all { usize::MAX } else { KEPT_BYTES };
@@ -270,7 +270,7 @@ struct Reading<'a> {
 
 impl Reading<'_> {
     /// The answer, and whether the connection ends with it.
-    async fn answer(mut self) -> io::Result<(Answer, bool)> {
+    async fn answer(mut self) -> io::Result<(WireAnswer, bool)> {
         let first = self.line().await?;
         let status = first.split(' ').nth(1).and_then(|status| status.parse().ok());
         let status = status.ok_or_else(|| io::Error::other(format!("not HTTP: {first:?}")))?;
@@ -301,7 +301,7 @@ impl Reading<'_> {
                 while self.some(u64::MAX, &mut body).await? > 0 {}
             }
         }
-        Ok((Answer { status, retry_after, body }, closes))
+        Ok((WireAnswer { status, retry_after, body }, closes))
     }
 
     async fn chunks(&mut self, body: &mut Vec<u8>) -> io::Result<()> {

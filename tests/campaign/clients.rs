@@ -23,7 +23,7 @@ use tokio::task::{JoinHandle, JoinSet};
 
 use crate::campaign::doors::{Doors, Servers, Tried};
 use crate::campaign::ledger::{Holder, Known, Ledger, Played};
-use crate::campaign::plan::{By, Game};
+use crate::campaign::plan::{By, CampaignGame};
 
 /// Seconds that a long poll waits at the only server, and at one of several: there nobody tells a client that the server does not
 /// answer.
@@ -101,7 +101,7 @@ struct Asked {
 }
 
 /// A whole answer.
-pub(crate) struct Answer {
+pub(crate) struct ClientAnswer {
     pub(crate) status: u16,
     body: Vec<u8>,
     run: u64,
@@ -113,7 +113,7 @@ pub(crate) struct Answer {
     after_failure: bool,
 }
 
-impl Answer {
+impl ClientAnswer {
     pub(crate) fn text(&self) -> String {
         String::from_utf8_lossy(&self.body).into_owned()
     }
@@ -180,7 +180,7 @@ impl Clients {
             sitting.spawn(async move {
                 while !clients.closing.load(Ordering::SeqCst) {
                     let number = clients.next_game.fetch_add(1, Ordering::SeqCst);
-                    clients.play(Game::new(clients.seed, number)).await;
+                    clients.play(CampaignGame::new(clients.seed, number)).await;
                 }
             });
         }
@@ -229,7 +229,7 @@ impl Clients {
         });
     }
 
-    async fn play(self: &Arc<Self>, game: Game) {
+    async fn play(self: &Arc<Self>, game: CampaignGame) {
         let key = format!("{}-{}", self.seed, game.number);
         let answer = self
             .ask(|http, base| {
@@ -344,7 +344,7 @@ impl Clients {
     }
 
     /// One request with a token and no body.
-    pub(crate) async fn call(&self, method: Method, path: &str, token: &str) -> Answer {
+    pub(crate) async fn call(&self, method: Method, path: &str, token: &str) -> ClientAnswer {
         self.ask(|http, base| {
             http.request(method.clone(), format!("{base}{path}")).bearer_auth(token)
         })
@@ -352,7 +352,7 @@ impl Clients {
     }
 
     /// One request without a token.
-    pub(crate) async fn read(&self, path: &str) -> Answer {
+    pub(crate) async fn read(&self, path: &str) -> ClientAnswer {
         self.ask(|http, base| http.get(format!("{base}{path}"))).await
     }
 
@@ -380,11 +380,11 @@ impl Clients {
     }
 
     /// Asks until there is an answer, over as many runs of the server as it takes.
-    async fn ask(&self, fill: impl Fn(&reqwest::Client, &str) -> RequestBuilder) -> Answer {
+    async fn ask(&self, fill: impl Fn(&reqwest::Client, &str) -> RequestBuilder) -> ClientAnswer {
         let (mut tried, mut lost) = (Tried::default(), false);
         loop {
             match self.attempt(tried, &fill).await {
-                Ok(answer) => return Answer { lost, ..answer },
+                Ok(answer) => return ClientAnswer { lost, ..answer },
                 Err(broken) => {
                     tried = broken.tried;
                     lost |= broken.lost;
@@ -398,7 +398,7 @@ impl Clients {
         &self,
         tried: Tried,
         fill: impl Fn(&reqwest::Client, &str) -> RequestBuilder,
-    ) -> Result<Answer, Broken> {
+    ) -> Result<ClientAnswer, Broken> {
         let door = match &self.servers {
             Servers::One(door) => door,
             Servers::Any(doors) => return self.attempt_at_any(doors, tried, fill).await,
@@ -413,7 +413,7 @@ impl Clients {
                 Err(Broken { tried, lost: true })
             }
             Ok((status, body)) => {
-                Ok(Answer { status, body, run, sent, lost: false, after_failure })
+                Ok(ClientAnswer { status, body, run, sent, lost: false, after_failure })
             }
             Err(error) => {
                 assert!(door.has_ended(run), "run {run} does not answer: {error:?}");
@@ -430,7 +430,7 @@ impl Clients {
         doors: &Doors,
         tried: Tried,
         fill: impl Fn(&reqwest::Client, &str) -> RequestBuilder,
-    ) -> Result<Answer, Broken> {
+    ) -> Result<ClientAnswer, Broken> {
         let (server, Address { base, run: run_of_server }) = doors.any(tried).await;
         let (run, tried) = (doors.epoch(), Tried { run: 0, server: Some(server) });
         let call = fill(&self.http, &base);
@@ -457,7 +457,7 @@ impl Clients {
                 Err(Broken { tried, lost: true })
             }
             Ok((status, body)) => {
-                Ok(Answer { status, body, run, sent, lost: false, after_failure: false })
+                Ok(ClientAnswer { status, body, run, sent, lost: false, after_failure: false })
             }
             Err(error) => {
                 let may_break = doors.may_break(server, run_of_server);
@@ -543,7 +543,7 @@ impl Clients {
         count(&self.counts.confirmed);
     }
 
-    async fn post_act(&self, token: &str, act: &ActRequest, wait: Option<u32>) -> Answer {
+    async fn post_act(&self, token: &str, act: &ActRequest, wait: Option<u32>) -> ClientAnswer {
         self.ask(|http, base| {
             let call = http.post(format!("{base}/act")).bearer_auth(token).json(act);
             wait.iter().fold(call, |call, wait| call.query(&[("wait", wait)]))
@@ -551,7 +551,11 @@ impl Clients {
         .await
     }
 
-    async fn post_acts(&self, played: &Played, acts: Vec<SwarmAct>) -> (Answer, Vec<SwarmReceipt>) {
+    async fn post_acts(
+        &self,
+        played: &Played,
+        acts: Vec<SwarmAct>,
+    ) -> (ClientAnswer, Vec<SwarmReceipt>) {
         let (body, token) = (SwarmActRequest { acts }, &played.created.swarm_token);
         let answer = self
             .ask(|http, base| http.post(format!("{base}/swarm/act")).bearer_auth(token).json(&body))
@@ -562,14 +566,14 @@ impl Clients {
     }
 
     /// One of several acts was not taken because the journal cannot be used.
-    async fn refused(&self, answer: &Answer, problem: &Problem) {
+    async fn refused(&self, answer: &ClientAnswer, problem: &Problem) {
         assert_eq!(problem.status, 503, "{problem:?}");
         self.is_unavailable(answer.run, &format!("{:?}", problem.code));
         self.pause(answer.run).await;
     }
 
     /// Notes a receipt that a client waited for.
-    fn receive(&self, played: &Played, agent: AgentId, answer: &Answer, receipt: &Receipt) {
+    fn receive(&self, played: &Played, agent: AgentId, answer: &ClientAnswer, receipt: &Receipt) {
         let counts = &self.counts;
         assert!(
             receipt.duplicate || !answer.after_failure,
@@ -725,7 +729,7 @@ impl<'a> Client<'a> {
         played: &Played,
         agents: &[AgentId],
         fill: impl Fn(&reqwest::Client, &str) -> RequestBuilder,
-    ) -> Answer {
+    ) -> ClientAnswer {
         let mut tried = Tried::default();
         loop {
             match self.clients.attempt(tried, &fill).await {

@@ -12,7 +12,7 @@ use swarmbench_protocol::episode::{CreatedEpisode, EpisodeResult, State};
 use swarmbench_protocol::observation::Observation;
 use swarmbench_testkit::dice::Dice;
 
-use crate::campaign::plan::Game;
+use crate::campaign::plan::CampaignGame;
 
 /// An episode; and the seat of a token, if it is one of a seat.
 pub(crate) type Holder = (Arc<Played>, Option<AgentId>);
@@ -26,7 +26,7 @@ pub(crate) struct Ledger {
 }
 
 impl Ledger {
-    pub(crate) fn open(&self, game: Game, created: CreatedEpisode) -> Arc<Played> {
+    pub(crate) fn open(&self, game: CampaignGame, created: CreatedEpisode) -> Arc<Played> {
         let played = Arc::new(Played {
             game,
             created,
@@ -82,7 +82,7 @@ pub(crate) struct Sent {
 
 /// An episode as its clients know it.
 pub(crate) struct Played {
-    pub(crate) game: Game,
+    pub(crate) game: CampaignGame,
     pub(crate) created: CreatedEpisode,
     acts: Mutex<BTreeMap<(AgentId, u32), Sent>>,
     /// The score before each round that was seen, to the bit.

@@ -29,7 +29,7 @@ const FOUND: [(u64, u64); 1] = [
 
 /// An episode to be played.
 #[derive(Clone, Debug)]
-pub(crate) struct Game {
+pub(crate) struct CampaignGame {
     /// From which seed, and as which game, it is drawn.
     drawn: (u64, u64),
     /// Which game of the campaign it is.
@@ -40,7 +40,7 @@ pub(crate) struct Game {
     control: Control,
 }
 
-impl Game {
+impl CampaignGame {
     /// The game with this number: of the seed, or one in which a fault was found.
     pub(crate) fn new(seed: u64, number: u64) -> Self {
         let found = usize::try_from(number % FOUND_EVERY).ok().and_then(|place| FOUND.get(place));

@@ -74,12 +74,12 @@ impl Golden {
 }
 
 /// A database to move to, with what keeps it.
-struct Place {
+struct MoveTarget {
     location: String,
     scratch: Option<Scratch>,
 }
 
-impl Place {
+impl MoveTarget {
     /// A file, and PostgreSQL where the tests run on it.
     async fn all(golden: &Golden) -> Vec<Self> {
         let mut places = vec![Self { location: golden.path("moved.db"), scratch: None }];
@@ -189,7 +189,7 @@ async fn a_database_moves_there_and_back_and_is_the_same() {
     std::fs::copy(&from, &served).expect("a copy");
     let expected = answers(&served, &golden.facts).await;
     assert!(expected.iter().filter(|(_, status, _)| *status == 200).count() > 300);
-    for place in Place::all(&golden).await {
+    for place in MoveTarget::all(&golden).await {
         let there = migrated(&from, &place.location);
         let back = golden.path(if place.scratch.is_some() { "back.db" } else { "again.db" });
         let again = migrated(&place.location, &back);
@@ -266,7 +266,7 @@ async fn a_copy_that_is_dropped_at_any_step_is_refused_and_continues() {
     let golden = Golden::new();
     let from = golden.db();
     let whole = moved(&from, &golden.path("whole.db")).await.expect("a copy");
-    for place in Place::all(&golden).await {
+    for place in MoveTarget::all(&golden).await {
         let to = location(&place.location);
         let (mut steps_max, mut interrupted) = (1, 0);
         let copied = loop {
@@ -319,7 +319,7 @@ fn kill(mut process: Child) {
 async fn a_copy_that_is_killed_is_refused_by_servers_and_continues() {
     let golden = Golden::new();
     let from = golden.db();
-    for place in Place::all(&golden).await {
+    for place in MoveTarget::all(&golden).await {
         let to = &place.location;
         for least in [1, 1500, 4000] {
             let mut process = Command::new(swarmbench_testkit::program::program());
@@ -388,7 +388,7 @@ async fn a_source_that_was_written_meanwhile_is_noticed() {
 async fn a_database_with_rows_of_its_own_is_never_overwritten() {
     let golden = Golden::new();
     let from = golden.db();
-    for place in Place::all(&golden).await {
+    for place in MoveTarget::all(&golden).await {
         let to = &place.location;
         let made = swarmbench(&["key", "create", "--name", "alice", "--db", to]);
         assert!(made.status.success(), "{}", text(&made.stderr));

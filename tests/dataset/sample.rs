@@ -77,12 +77,12 @@ pub(crate) fn write(folder: &Path, size: Size) -> Vec<PathBuf> {
     folders
 }
 
-struct Game {
+struct SampleGame {
     states: Vec<Value>,
     acts: Vec<Value>,
 }
 
-fn play(task: TaskName, seed: u64, size: Size, mut dice: Dice) -> Game {
+fn play(task: TaskName, seed: u64, size: Size, mut dice: Dice) -> SampleGame {
     let settings = Settings {
         max_round: i64::from(size.rounds),
         rules: "reference".to_owned(),
@@ -90,7 +90,7 @@ fn play(task: TaskName, seed: u64, size: Size, mut dice: Dice) -> Game {
     };
     let mut world = World::new(Arc::new(Config::check(&settings).expect("valid settings")));
     let mut time = 1_746_000_000.0;
-    let mut game = Game { states: vec![state(&world, task, time, &[])], acts: Vec::new() };
+    let mut game = SampleGame { states: vec![state(&world, task, time, &[])], acts: Vec::new() };
     let mut tokens = [0; 12];
     while !world.is_over() {
         let round = world.round();

@@ -9,7 +9,7 @@ use serde_json::Value;
 use swarmbench_engine::physics::Solver;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::RawRecord;
-use swarmbench_journal::replay::{Fault, Report, verify as verify_with};
+use swarmbench_journal::replay::{Fault, JournalReport, verify as verify_with};
 
 use swarmbench_testkit::check;
 
@@ -41,7 +41,7 @@ static ORIGINALS: LazyLock<Vec<Original>> = LazyLock::new(|| {
     names.into_iter().map(original).collect()
 });
 
-fn verify(bytes: &[u8], expected: Option<Head>) -> Result<Report, Fault> {
+fn verify(bytes: &[u8], expected: Option<Head>) -> Result<JournalReport, Fault> {
     verify_with(bytes, expected, Solver::Flow, |_, _| ())
 }
 

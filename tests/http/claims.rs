@@ -6,7 +6,7 @@ use futures::future::join_all;
 use serde_json::{Value, json};
 use swarmbench_engine::physics::Solver;
 use swarmbench_journal::chain::Head;
-use swarmbench_journal::replay::{Report, verify};
+use swarmbench_journal::replay::{JournalReport, verify};
 
 use crate::app::{Call, TestApp, fields, list};
 
@@ -83,7 +83,7 @@ async fn member(app: &TestApp, name: &str) -> String {
 }
 
 /// The journal of an episode that has ended, proven.
-async fn proven(app: &TestApp, held: &Held, key: &str) -> (String, Report) {
+async fn proven(app: &TestApp, held: &Held, key: &str) -> (String, JournalReport) {
     let summary = app.get(&held.path("")).token(key).ok().await;
     let head = summary["result"]["journal_head"].as_str().and_then(Head::parse).expect("a head");
     let journal = app.get(&held.path("/journal")).token(key).send().await;

@@ -3,19 +3,19 @@
 use rstest::rstest;
 use serde_json::json;
 
-use crate::app::{Answer, TestApp, game};
+use crate::app::{HttpAnswer, TestApp, game};
 
 const BROWSER: &str = "text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8";
 
 /// A model's name that would be markup.
 const HOSTILE: &str = "<script>alert(1)</script>\"'&{links}";
 
-async fn page(app: &TestApp, address: &str) -> Answer {
+async fn page(app: &TestApp, address: &str) -> HttpAnswer {
     app.get(address).header("accept", BROWSER).send().await
 }
 
 /// Title and description of a page.
-fn head(page: &Answer) -> String {
+fn head(page: &HttpAnswer) -> String {
     page.text().split("</head>").next().expect("a part").to_owned()
 }
 

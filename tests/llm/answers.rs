@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 use swarmbench_client::llm::completion::{REASONING_BYTES_MAX, RESPONSE_BYTES_MAX};
-use swarmbench_client::llm::{Answer, ApiKey, Failure};
+use swarmbench_client::llm::{ApiKey, Failure, ModelAnswer};
 use swarmbench_engine::{Action, AgentId, Config, Settings, TaskName, answer};
 use swarmbench_protocol::act::ActRequest;
 
@@ -76,7 +76,7 @@ async fn the_api_base_is_taken_as_it_is() {
 }
 
 /// The answer to a body.
-async fn read(body: Value) -> Answer {
+async fn read(body: Value) -> ModelAnswer {
     let endpoint = Endpoint::replies(vec![Reply::json(200, &body)]).await;
     let answer = Bench::new(&endpoint).model().answer(&question(0, 0)).await.expect("an answer");
     assert_eq!(endpoint.seen().len(), 1, "a model's own failure is not tried again: {body}");
@@ -283,7 +283,7 @@ fn a_cut_makes_no_marker_of_what_was_none() {
     let text = format!("{}ACTION: UP", "I think of ".repeat(100));
     assert!(!answer::parse(&text, &config, AgentId(0)).is_valid());
     for most in 0..200 {
-        let mut answer = Answer { response: text.clone(), ..Answer::default() };
+        let mut answer = ModelAnswer { response: text.clone(), ..ModelAnswer::default() };
         answer.shorten(most, 0);
         assert!(
             !answer::parse(&answer.response, &config, AgentId(0)).is_valid(),
@@ -292,10 +292,10 @@ fn a_cut_makes_no_marker_of_what_was_none() {
         );
         assert!(answer.response.len() <= most.max(60), "{most}: {}", answer.response);
     }
-    let whole = Answer {
+    let whole = ModelAnswer {
         response: "ACTION: UP".to_owned(),
         reasoning: Some("é".repeat(5)),
-        ..Answer::default()
+        ..ModelAnswer::default()
     };
     let mut kept = whole.clone();
     kept.shorten(10, 10);

@@ -5,7 +5,7 @@ use std::path::Path;
 use swarmbench_testkit::needs;
 
 use serde_json::{Value, json};
-use swarmbench_client::llm::{Answer, Cassette, Failure, Model, Question, Stop};
+use swarmbench_client::llm::{Cassette, Failure, Model, ModelAnswer, Question, Stop};
 use tempfile::TempDir;
 
 use crate::llm::endpoint::{Endpoint, Reply, completion};
@@ -29,7 +29,7 @@ fn questions() -> Vec<Question> {
     (0..ROUNDS).flat_map(|round| (0..SEATS).map(move |agent| question(agent, round))).collect()
 }
 
-async fn answers(model: &Model) -> Vec<Answer> {
+async fn answers(model: &Model) -> Vec<ModelAnswer> {
     let mut answers = Vec::new();
     for question in questions() {
         answers.push(model.answer(&question).await.expect("an answer"));
@@ -49,7 +49,7 @@ fn lines(path: &Path) -> Vec<Value> {
 struct Recorded {
     folder: TempDir,
     bench: Bench,
-    answers: Vec<Answer>,
+    answers: Vec<ModelAnswer>,
 }
 
 impl Recorded {

@@ -91,7 +91,7 @@ pub(crate) async fn stop_of(model: &Model) -> Stop {
 pub(crate) fn ask(
     model: &Model,
     question: Question,
-) -> tokio::task::JoinHandle<Result<swarmbench_client::llm::Answer, Stop>> {
+) -> tokio::task::JoinHandle<Result<swarmbench_client::llm::ModelAnswer, Stop>> {
     let model = model.clone();
     tokio::spawn(async move {
         tokio::time::timeout(PATIENCE, model.answer(&question)).await.expect("it ends")

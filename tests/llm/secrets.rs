@@ -3,7 +3,7 @@
 use std::io;
 use std::sync::Mutex;
 
-use swarmbench_client::llm::{Answer, Cassette, Stop};
+use swarmbench_client::llm::{Cassette, ModelAnswer, Stop};
 
 use crate::llm::endpoint::{Endpoint, Reply};
 use crate::llm::{Bench, KEY, question};
@@ -65,7 +65,7 @@ async fn the_key_is_nowhere() {
     for (round, tries) in [(0, 5), (1, 0)] {
         let answer = model.answer(&question(0, round)).await.expect("an answer");
         assert_eq!(answer.retries, tries);
-        let Answer { response, reasoning, .. } = answer;
+        let ModelAnswer { response, reasoning, .. } = answer;
         texts.extend([response, reasoning.unwrap_or_default()]);
     }
     assert!(

@@ -103,15 +103,15 @@ pub(crate) struct Checker {
     /// Requested episodes that are neither durable nor refused.
     creating: BTreeMap<EpisodeId, Option<OwnerKey>>,
     /// The server and the moment of each submitted act.
-    handed: BTreeMap<Place, (Incarnation, u64)>,
+    handed: BTreeMap<SeatRound, (Incarnation, u64)>,
     /// Acts of clients that went away, which stay in mailboxes all the same.
     orphans: Vec<(EpisodeId, Arrived)>,
     /// Acknowledged acts.
-    acked: BTreeMap<Place, Acked>,
+    acked: BTreeMap<SeatRound, Acked>,
 }
 
 /// A seat in a round of an episode.
-type Place = (EpisodeKey, u32, AgentId);
+type SeatRound = (EpisodeKey, u32, AgentId);
 
 /// An unanswered request.
 struct Sent {
@@ -430,7 +430,7 @@ impl Checker {
 
     /// Forgets acts of a server that were submitted and will never be durable.
     fn forget_handed(&mut self, server: Incarnation) {
-        let is_kept = |(key, round, agent): &Place| {
+        let is_kept = |(key, round, agent): &SeatRound| {
             self.episodes.get(key).is_some_and(|e| e.act(*round, *agent).is_some())
         };
         self.handed.retain(|place, (of, _)| *of != server || is_kept(place));
@@ -618,7 +618,7 @@ impl Checker {
         self.creating.clear();
         self.failed.clear();
         self.refused.clear();
-        let is_kept = |(key, round, agent): &Place| {
+        let is_kept = |(key, round, agent): &SeatRound| {
             self.episodes.get(key).is_some_and(|e| e.act(*round, *agent).is_some())
         };
         self.handed.retain(|place, _| is_kept(place));
@@ -660,7 +660,7 @@ impl Checker {
 
     /// Checks that everything acknowledged is on the disk as it was acknowledged.
     fn on_disk(&mut self, disk: &[Entry]) {
-        let rows: BTreeMap<Place, &ActRow> = (disk.iter())
+        let rows: BTreeMap<SeatRound, &ActRow> = (disk.iter())
             .filter_map(|entry| match entry {
                 Entry::Act(row) => Some(((row.episode, row.round, row.agent), row)),
                 _ => None,

@@ -74,11 +74,11 @@ pub(crate) enum News {
     /// The request saw this snapshot.
     Seen(Arc<Snapshot>),
     /// The request was answered.
-    Answered(Answer),
+    Answered(SimAnswer),
 }
 
 /// The answer to a client.
-pub(crate) enum Answer {
+pub(crate) enum SimAnswer {
     Created(Result<(), CreateError>),
     /// The episode does not exist.
     Nothing,
@@ -97,9 +97,9 @@ pub(crate) enum Answer {
     Away,
 }
 
-fn not_taken_up(error: FindError) -> Answer {
+fn not_taken_up(error: FindError) -> SimAnswer {
     match error {
-        FindError::Recovery(error) => Answer::NotTakenUp(error),
+        FindError::Recovery(error) => SimAnswer::NotTakenUp(error),
         FindError::NoMemory(full) => unreachable!("memory has no bound here: {full}"),
     }
 }
@@ -137,17 +137,17 @@ pub(crate) async fn serve(
         };
         let created = registry.create(creation).await;
         let created = created.map(|handle| say(News::Seen(handle.snapshot())));
-        return say(News::Answered(Answer::Created(created)));
+        return say(News::Answered(SimAnswer::Created(created)));
     }
     let handle = match registry.find(&id).await {
         Ok(Some(handle)) => handle,
-        Ok(None) => return say(News::Answered(Answer::Nothing)),
+        Ok(None) => return say(News::Answered(SimAnswer::Nothing)),
         Err(error) => return say(News::Answered(not_taken_up(error))),
     };
     let answer = match request {
         Request::Create(..) | Request::Look => {
             say(News::Seen(handle.snapshot()));
-            Answer::Looked
+            SimAnswer::Looked
         }
         Request::Wait(round) => {
             let mut published = handle.follow();
@@ -157,7 +157,7 @@ pub(crate) async fn serve(
             let published = std::pin::pin!(async { drop(published.wait_for(past).await) });
             drop(select(published, clock.sleep_until(after(clock.now(), PATIENCE))).await);
             say(News::Seen(handle.snapshot()));
-            Answer::Looked
+            SimAnswer::Looked
         }
         Request::Turn(seats, seed) => {
             let seen = handle.snapshot();
@@ -165,12 +165,12 @@ pub(crate) async fn serve(
             drop(handle);
             let acts = think(seats, seed, seen).await;
             if acts.is_empty() {
-                Answer::Looked
+                SimAnswer::Looked
             } else {
                 // Observing and acting are two requests.
                 match registry.find(&id).await {
                     Ok(Some(handle)) => send(&handle, acts, &say).await,
-                    Ok(None) => Answer::Nothing,
+                    Ok(None) => SimAnswer::Nothing,
                     Err(error) => not_taken_up(error),
                 }
             }
@@ -188,13 +188,13 @@ pub(crate) async fn serve(
             };
             let (seats, swarm) = (Vec::new(), TokenHash([0; 32]));
             let claim = Claim { holder, wanted, seats, swarm, idempotency: None };
-            Answer::Claimed(wanted, handle.claim(claim).await)
+            SimAnswer::Claimed(wanted, handle.claim(claim).await)
         }
-        Request::Start => Answer::Started(handle.start().await),
-        Request::Abort => Answer::Aborted(handle.abort().await),
+        Request::Start => SimAnswer::Started(handle.start().await),
+        Request::Abort => SimAnswer::Aborted(handle.abort().await),
         Request::State(round) => {
             let state = state_at(registry.host(), &handle, round, None).await;
-            Answer::State(round, state.map(|world| world.digest().0))
+            SimAnswer::State(round, state.map(|world| world.digest().0))
         }
     };
     say(News::Answered(answer));
@@ -210,10 +210,10 @@ pub(crate) async fn think(seats: Vec<AgentId>, seed: u64, seen: Arc<Snapshot>) -
         .collect()
 }
 
-async fn send(handle: &Handle, acts: Acts, say: impl Fn(News)) -> Answer {
+async fn send(handle: &Handle, acts: Acts, say: impl Fn(News)) -> SimAnswer {
     say(News::Arrived(acts.clone()));
     let outcomes = handle.submit(acts.clone()).await;
-    Answer::Acted(acts, outcomes, handle.snapshot())
+    SimAnswer::Acted(acts, outcomes, handle.snapshot())
 }
 
 /// A rehearsed game that ends before its last round, with agents that escape, which random play would not reach. With

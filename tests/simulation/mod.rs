@@ -24,7 +24,7 @@ use std::sync::{Mutex, PoisonError};
 
 use broken::{FLAWS, FLAWS_OF_SEVERAL, Flaw};
 use checker::{Invariant, Stats, Violation};
-use run::{Options, Report, run};
+use run::{Options, SimulationReport, run};
 
 /// The default number of seeds.
 const SEEDS: u64 = 500;
@@ -112,7 +112,7 @@ impl Drop for Playing {
 /// A function that draws the options of a run from its seed.
 type Draw = fn(u64, Option<Flaw>) -> Options;
 
-fn play(draw: Draw, seed: u64, flaw: Option<Flaw>) -> Report {
+fn play(draw: Draw, seed: u64, flaw: Option<Flaw>) -> SimulationReport {
     let playing = Playing(seed);
     let report = run(draw(seed, flaw));
     drop(playing);
@@ -120,7 +120,7 @@ fn play(draw: Draw, seed: u64, flaw: Option<Flaw>) -> Report {
 }
 
 /// Runs seeds on all cores, and calls `each` for every run.
-fn play_all(draw: Draw, seeds: std::ops::Range<u64>, each: impl Fn(Report) + Sync) {
+fn play_all(draw: Draw, seeds: std::ops::Range<u64>, each: impl Fn(SimulationReport) + Sync) {
     let next = AtomicU64::new(seeds.start);
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     std::thread::scope(|scope| {

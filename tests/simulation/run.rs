@@ -158,7 +158,7 @@ impl Options {
 }
 
 /// The result of a run.
-pub(crate) struct Report {
+pub(crate) struct SimulationReport {
     pub(crate) options: Options,
     pub(crate) violations: Vec<Violation>,
     pub(crate) stats: Stats,
@@ -168,7 +168,7 @@ pub(crate) struct Report {
     pub(crate) bytes: [u8; 32],
 }
 
-impl Report {
+impl SimulationReport {
     /// A description for debugging.
     pub(crate) fn text(&self) -> String {
         let mut text = format!("{:#?}\n", self.options);
@@ -227,7 +227,7 @@ enum Step {
     Start,
 }
 
-struct Run {
+struct SimulationRun {
     options: Options,
     dice: Dice,
     executor: Executor,
@@ -276,14 +276,14 @@ struct Server {
 }
 
 /// Plays a run to its end.
-pub(crate) fn run(options: Options) -> Report {
-    let mut run = Run::new(options);
+pub(crate) fn run(options: Options) -> SimulationReport {
+    let mut run = SimulationRun::new(options);
     run.play();
     run.finish();
     run.report()
 }
 
-impl Run {
+impl SimulationRun {
     fn new(options: Options) -> Self {
         let seed = options.seed;
         let start: Timestamp = "2026-03-01T12:00:00Z".parse().expect("a time");
@@ -789,7 +789,7 @@ impl Run {
         }
     }
 
-    fn report(mut self) -> Report {
+    fn report(mut self) -> SimulationReport {
         self.note_faults();
         let given_up = self.database.tables().given_up;
         self.checker.stats.count("games given up", given_up);
@@ -802,7 +802,7 @@ impl Run {
             hash.update(b"\n");
         }
         self.trace.retain(|line| !line.starts_with("on disk: "));
-        Report {
+        SimulationReport {
             options: self.options,
             violations: self.checker.violations,
             stats: self.checker.stats,

@@ -34,10 +34,10 @@ const ROUNDS: usize = 4;
 /// Answers that are read in pieces are read in few of them.
 const PIECES_MAX: usize = 10_000;
 
-type Answer<T> = Result<T, StoreError>;
+type StoreAnswer<T> = Result<T, StoreError>;
 
 /// Compares what both answer.
-async fn ask<T: Debug>(pair: &Pair, what: &str, call: impl AsyncFn(&Side) -> Answer<T>) {
+async fn ask<T: Debug>(pair: &Pair, what: &str, call: impl AsyncFn(&Side) -> StoreAnswer<T>) {
     let [sqlite, postgres] = [call(&pair.sqlite).await, call(&pair.postgres).await];
     assert_eq!(kind(&sqlite), kind(&postgres), "{what}: {sqlite:?} and {postgres:?}");
     let (Ok(sqlite), Ok(postgres)) = (sqlite, postgres) else { return };
@@ -86,7 +86,7 @@ struct Questions<'a> {
 }
 
 impl Questions<'_> {
-    async fn ask<T: Debug>(&self, what: &str, call: impl AsyncFn(&Side) -> Answer<T>) {
+    async fn ask<T: Debug>(&self, what: &str, call: impl AsyncFn(&Side) -> StoreAnswer<T>) {
         ask(self.pair, what, call).await;
     }
 
@@ -690,13 +690,13 @@ impl Questions<'_> {
 }
 
 /// The numbers of all entries of the audit log, in order.
-async fn numbers_of_audit(side: &Side) -> Answer<Vec<i64>> {
+async fn numbers_of_audit(side: &Side) -> StoreAnswer<Vec<i64>> {
     let all = side.store.audit(None, u32::MAX).await?;
     Ok(all.into_iter().rev().map(|entry| entry.number).collect())
 }
 
 /// The same entry of the audit log in both, or none.
-async fn before_number(side: &Side, history: &History) -> Answer<Option<i64>> {
+async fn before_number(side: &Side, history: &History) -> StoreAnswer<Option<i64>> {
     let numbers = numbers_of_audit(side).await?;
     // The same place for both sides: nothing is drawn here.
     let place = numbers.len() / 2 + history.episodes.len() % 2;
@@ -722,7 +722,7 @@ async fn all_acts(
     reader: &mut ActReader,
     end: u32,
     bytes_max: usize,
-) -> Answer<Vec<(u32, String)>> {
+) -> StoreAnswer<Vec<(u32, String)>> {
     let mut read = Vec::new();
     for round in 0..=end.min(100) {
         while let Some(record) = reader.next_of(round, bytes_max).await? {

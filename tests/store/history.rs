@@ -88,7 +88,7 @@ pub(crate) struct Episode {
     counts: bool,
 }
 
-pub(crate) struct Run {
+pub(crate) struct HistoryRun {
     pub(crate) key: RunKey,
     pub(crate) id: String,
     pub(crate) owner: Option<OwnerKey>,
@@ -99,7 +99,7 @@ pub(crate) struct History {
     pub(crate) dice: Dice,
     pub(crate) names: Names,
     pub(crate) episodes: Vec<Episode>,
-    pub(crate) runs: Vec<Run>,
+    pub(crate) runs: Vec<HistoryRun>,
     /// Hashes of tokens, keys and invitation codes.
     pub(crate) tokens: Vec<TokenHash>,
     pub(crate) invitations: Vec<TokenHash>,
@@ -342,7 +342,7 @@ impl History {
         (!imports.is_empty()).then(|| *self.dice.pick(imports))
     }
 
-    pub(crate) fn run(&self) -> Option<&Run> {
+    pub(crate) fn run(&self) -> Option<&HistoryRun> {
         (!self.runs.is_empty()).then(|| self.dice.pick(&self.runs))
     }
 
@@ -818,7 +818,7 @@ impl History {
         let owner = self.owner();
         let number = u32::try_from(1 + self.dice.below(3)).expect("small");
         let attempt = self.maybe(Self::entrant).flatten().map(|entry| (entry, number));
-        self.runs.push(Run { key, id: id.clone(), owner, slots: 0 });
+        self.runs.push(HistoryRun { key, id: id.clone(), owner, slots: 0 });
         let visibility = *self.dice.pick(&["public", "owner", "sealed"]);
         let row = RunRow {
             run: key,
@@ -840,7 +840,7 @@ impl History {
     }
 
     fn change_run(&mut self) -> Vec<Entry> {
-        let Some(Run { key, .. }) = self.run() else { return Vec::new() };
+        let Some(HistoryRun { key, .. }) = self.run() else { return Vec::new() };
         let run = *key;
         let status = *self.dice.pick(&["finished", "aborted", "closed"]);
         vec![match self.dice.below(3) {
@@ -852,7 +852,7 @@ impl History {
     fn void(&mut self) -> Vec<Entry> {
         let (reason, at) = (self.named(), self.at());
         if self.dice.one_in(2) {
-            let Some(Run { key, .. }) = self.run() else { return Vec::new() };
+            let Some(HistoryRun { key, .. }) = self.run() else { return Vec::new() };
             return vec![Entry::VoidRun { run: *key, reason, at }];
         }
         let Some(place) = self.episode() else { return Vec::new() };

@@ -12,7 +12,6 @@ from conftest import Cup
 from shapes import differences
 from typing_extensions import assert_type, get_type_hints
 
-import swarmseat
 from swarmseat import (
     ApiError,
     AsyncClient,
@@ -585,15 +584,3 @@ def test_a_call_says_what_it_asks() -> None:
     assert "round" in inspect.signature(Client.state).parameters
     assert "round" in inspect.signature(Client(token="").state).parameters
     assert (Client.state.__doc__ or "").startswith("Show the whole world")
-
-
-def test_old_names_warn_and_work(server: Server) -> None:
-    with server.client() as client, pytest.warns(DeprecationWarning, match="paginate"):
-        assert list(client.every(client.suites)) == client.suites()["items"]
-    for module in swarmseat, swarmseat.errors:
-        with pytest.warns(DeprecationWarning, match="is_refused") as warned:
-            assert module.is_problem is is_refused
-        assert warned[0].filename == __file__
-    asynchronous = AsyncClient(server.url, "")
-    with pytest.warns(DeprecationWarning, match="paginate"):
-        asynchronous.every(asynchronous.suites)

@@ -5,7 +5,7 @@ use std::io::BufRead;
 use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{Action, AgentId, Config};
 use swarmbench_journal::record::{ActRecord, Source};
-use swarmbench_journal::replay::{Fault, Report, verify_seen};
+use swarmbench_journal::replay::{Fault, JournalReport, verify_seen};
 
 use crate::game::{Decision, Heard, Setup, State};
 use crate::meter::{Meter, Metrics, Options};
@@ -19,7 +19,7 @@ pub fn measure(
     journal: impl BufRead,
     options: Options,
     mut progress: impl FnMut(u32, u32),
-) -> Result<(Report, Metrics), Fault> {
+) -> Result<(JournalReport, Metrics), Fault> {
     let mut meter: Option<Meter> = None;
     let report = verify_seen(journal, None, Solver::Flow, |world, acts| {
         progress(world.round(), world.config().max_round());

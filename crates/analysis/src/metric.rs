@@ -184,21 +184,21 @@ impl Metric {
     pub const fn about(self) -> About {
         use Panel::{Choices, Messages, Positions};
         match self {
-            Self::QuestionShare => About::drawn("Proportion of question sentences", Messages),
-            Self::DigitShare => About::drawn("Proportion of digit characters", Messages),
-            Self::MessageLength => About::drawn("Mean message length", Messages),
+            Self::QuestionShare => About::in_paper("Proportion of question sentences", Messages),
+            Self::DigitShare => About::in_paper("Proportion of digit characters", Messages),
+            Self::MessageLength => About::in_paper("Mean message length", Messages),
             Self::MessageLengthStd => {
                 About { of_paper: true, ..About::by_round("Standard deviation of message length") }
             }
-            Self::Homogeneity => About::drawn("Information homogeneity", Messages).of_vectors(),
-            Self::DirectionEntropy => About::drawn("Directional entropy", Choices),
-            Self::Stillness => About::drawn("Stillness proportion", Choices),
-            Self::DominantAction => About::drawn("Dominant action proportion", Choices),
-            Self::Polarization => About::drawn("Polarization index", Choices),
-            Self::StepLength => About::drawn("Average moving distance", Positions),
-            Self::Explored => About::drawn("Exploration rate", Positions),
-            Self::KeptPairs => About::drawn("Local structure preservation count", Positions),
-            Self::Pushes => About::drawn("Agent push events", Positions),
+            Self::Homogeneity => About::in_paper("Information homogeneity", Messages).of_vectors(),
+            Self::DirectionEntropy => About::in_paper("Directional entropy", Choices),
+            Self::Stillness => About::in_paper("Stillness proportion", Choices),
+            Self::DominantAction => About::in_paper("Dominant action proportion", Choices),
+            Self::Polarization => About::in_paper("Polarization index", Choices),
+            Self::StepLength => About::in_paper("Average moving distance", Positions),
+            Self::Explored => About::in_paper("Exploration rate", Positions),
+            Self::KeptPairs => About::in_paper("Local structure preservation count", Positions),
+            Self::Pushes => About::in_paper("Agent push events", Positions),
 
             Self::PathLength => About::by_round("Path length"),
             Self::PushesStrict => About::by_round("Agent push events, strict"),
@@ -248,7 +248,7 @@ impl Metric {
 
 impl About {
     /// A metric that the paper's figures show; there are twelve.
-    const fn drawn(title: &'static str, panel: Panel) -> Self {
+    const fn in_paper(title: &'static str, panel: Panel) -> Self {
         Self { panel: Some(panel), of_paper: true, ..Self::by_round(title) }
     }
 

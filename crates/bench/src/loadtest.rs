@@ -13,7 +13,7 @@ use swarmbench::{host, migrations, telemetry};
 use swarmbench_terminal::{self as terminal, numbers, progress_bar, set};
 use swarmbench_testkit::latencies::Spread;
 
-use crate::load::bare_commit::{Place, Tables};
+use crate::load::bare_commit::{BareLocation, Tables};
 use crate::load::connection::{Answers, Target};
 use crate::load::games::SEATS;
 use crate::load::metrics::Metrics;
@@ -131,7 +131,7 @@ fn seconds(text: &str) -> Result<f64, String> {
 }
 
 #[derive(Debug, Default, Serialize)]
-struct Report {
+struct LoadReport {
     server: String,
     notes: Vec<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -143,11 +143,11 @@ struct Report {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     play: Vec<play::Line>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    reads: Option<reads::Report>,
+    reads: Option<reads::ReadsReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    polls: Option<polls::Report>,
+    polls: Option<polls::PollsReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    slow: Option<slow::Report>,
+    slow: Option<slow::SlowReport>,
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
@@ -167,7 +167,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let metrics = Metrics::of(&target)
         .await
         .with_context(|| format!("{server} does not answer; does a server run there?"))?;
-    let mut report = Report { server, ..Report::default() };
+    let mut report = LoadReport { server, ..LoadReport::default() };
     if target.addr().ip().is_loopback() {
         report.notes.push(
             "client and server share this machine, so the client takes processor time from the server"
@@ -222,10 +222,10 @@ fn connections(args: &Args, metrics: &Metrics, notes: &mut Vec<String>) -> usize
 }
 
 /// Location of the bare writers' databases. Checked here, as clap would print a password in an invalid address.
-fn bare_place(args: &Args) -> anyhow::Result<Place> {
+fn bare_place(args: &Args) -> anyhow::Result<BareLocation> {
     match &args.db {
-        None => Ok(Place::Folder(args.dir.clone())),
-        Some(Location::Postgres(address)) => Ok(Place::Postgres(address.with_password()?)),
+        None => Ok(BareLocation::Folder(args.dir.clone())),
+        Some(Location::Postgres(address)) => Ok(BareLocation::Postgres(address.with_password()?)),
         Some(Location::Unknown(error)) => bail!("{error}"),
         Some(Location::File(_)) => bail!(
             "--db is the address of a PostgreSQL, as in postgres://USER@HOST:PORT/DATABASE; a bare writer of SQLite makes a file \
@@ -240,7 +240,7 @@ async fn measure(
     target: &Target,
     connections_max: usize,
     progress: &Progress,
-    report: &mut Report,
+    report: &mut LoadReport,
 ) -> anyhow::Result<()> {
     let named = |scenario| {
         let default = matches!(scenario, Scenario::Obs | Scenario::Acts | Scenario::Play);
@@ -311,7 +311,7 @@ async fn measure(
     Ok(())
 }
 
-fn answers(report: &Report) -> impl Iterator<Item = &Answers> {
+fn answers(report: &LoadReport) -> impl Iterator<Item = &Answers> {
     (report.obs.iter().map(|obs| &obs.answers))
         .chain(report.acts.iter().map(|acts| &acts.answers))
         .chain(report.alone.iter().map(|alone| &alone.answers))
@@ -321,7 +321,7 @@ fn answers(report: &Report) -> impl Iterator<Item = &Answers> {
         .chain(report.slow.iter().map(|slow| &slow.answers))
 }
 
-fn show(report: &Report) {
+fn show(report: &LoadReport) {
     out!("Load test of {}", report.server);
     for note in &report.notes {
         out!("Note: {note}.");
@@ -469,7 +469,7 @@ fn show_play(lines: &[play::Line]) {
 }
 
 /// Prints the durations of reads.
-pub(super) fn show_reads(reads: &reads::Report) {
+pub(super) fn show_reads(reads: &reads::ReadsReport) {
     let mut shown = numbers(&[
         "read",
         "different",
@@ -513,7 +513,7 @@ fn show_alone(alone: &alone::Comparison) {
     out!("{shown}");
 }
 
-fn show_polls(polls: &polls::Report) {
+fn show_polls(polls: &polls::PollsReport) {
     let mut shown = numbers(&["woken", "requests", "p50 ms", "p99 ms", "max ms"]);
     for (name, spread) in [
         ("one episode after the other", polls.one_by_one),
@@ -545,7 +545,7 @@ fn show_polls(polls: &polls::Report) {
     );
 }
 
-fn show_slow(slow: &slow::Report) {
+fn show_slow(slow: &slow::SlowReport) {
     out!("\n{} slow clients for {} s", slow.clients, slow.seconds);
     let mut kept = numbers(&[
         "they send",

@@ -16,7 +16,7 @@ use swarmbench_boards::Player;
 use swarmbench_boards::interval::difference;
 use swarmbench_boards::result::{RunResult, TaskResult};
 use swarmbench_engine::{Config, Seed, Settings, TaskName};
-use swarmbench_players::game::Game;
+use swarmbench_players::game::LocalGame;
 use swarmbench_players::of_task;
 
 /// Samples of each kind.
@@ -110,7 +110,7 @@ fn result(tasks: &[TaskName], scores: &[Vec<f64>]) -> RunResult {
     };
     let row = Player::default().row();
     RunResult {
-        run: swarmbench_boards::Run::default(),
+        run: swarmbench_boards::PlayedRun::default(),
         row,
         tasks: tasks.iter().zip(scores).map(of).collect(),
     }
@@ -134,7 +134,7 @@ fn real() {
                     .map(|seed| {
                         let config = Config::check(&Settings::standard(task, seed))
                             .expect("the standard setting");
-                        let mut game = Game::new(Arc::new(config), player, seed);
+                        let mut game = LocalGame::new(Arc::new(config), player, seed);
                         while !game.world().is_over() {
                             let acts =
                                 game.decide_by(|player, observation| player.decide(observation));

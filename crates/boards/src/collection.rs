@@ -8,7 +8,7 @@ use swarmbench_engine::{RuleSet, TaskName};
 use swarmbench_protocol::import::KnownSettings;
 
 use super::interval::Difference;
-use super::rank::{Pick, PlayerRuns, Row, View, difference_above, rank_players};
+use super::rank::{Pick, PlayerRuns, RankedRow, View, difference_above, rank_players};
 use super::reference::{self, Table};
 use super::result::RunResult;
 use super::{RowId, Slot, scale};
@@ -128,7 +128,7 @@ pub struct Ranked {
     /// The only task that is shown, if there is one.
     pub task: Option<TaskName>,
     /// All rows, highest first.
-    pub rows: Vec<Row>,
+    pub rows: Vec<RankedRow>,
 }
 
 /// Default suite.
@@ -331,7 +331,7 @@ impl Ranked {
     /// Lead of the nearest row above that has games over the row at this place, and that row. The paper's rows have no games, so
     /// they are skipped.
     #[must_use]
-    pub fn difference(&self, place: usize) -> Option<(&Row, Difference)> {
+    pub fn difference(&self, place: usize) -> Option<(&RankedRow, Difference)> {
         difference_above(&self.rows, place, self.view.ranked_by())
     }
 
@@ -493,7 +493,7 @@ mod tests {
                 ..Question::default()
             };
             let ranked = boards.ranked(&question).expect("a board");
-            let show = |row: &Row| {
+            let show = |row: &RankedRow| {
                 let Source::Imported(result, rules) = &row.source else { panic!("{row:?}") };
                 let task = result.tasks.iter().find(|task| task.games > 0).expect("a game");
                 assert_eq!((row.rank, row.shown()), (None, None), "not all tasks, and no run");

@@ -85,7 +85,7 @@ fn differences(above: &[(Seed, f64)], below: &[(Seed, f64)]) -> Vec<f64> {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::Run;
+    use super::super::PlayedRun;
     use super::super::rank::tests::{game, player, run};
     use super::*;
 
@@ -100,7 +100,7 @@ mod tests {
         };
         let games = [of(BOTH[0], pursuit), of(BOTH[1], flocking)].concat();
         let plan: Vec<_> = games.iter().map(|game| game.slot).collect();
-        let run = Run { player: player(model), ..run(model, "finished", 0) };
+        let run = PlayedRun { player: player(model), ..run(model, "finished", 0) };
         RunResult::new(run, &plan, &games, true)
     }
 

@@ -28,7 +28,7 @@ use sha2::{Digest, Sha256};
 use swarmbench_engine::{Seed, TaskName};
 use swarmbench_prompt::Identity;
 use swarmbench_protocol::failure::Failures;
-use swarmbench_protocol::suite::{Game as Planned, Suite};
+use swarmbench_protocol::suite::{PlannedGame, Suite};
 
 /// Party that answers for a run: the holder of a key, or an entrant of a competition.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -126,7 +126,7 @@ swarmbench_engine::named! {
 
 /// Data of a run besides its games.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Run {
+pub struct PlayedRun {
     /// Id of the run.
     pub id: String,
     /// Player of all games.
@@ -161,14 +161,14 @@ impl Slot {
     #[must_use]
     pub fn plan(suite: &Suite) -> Option<Vec<Self>> {
         let slot =
-            |game: Planned| Some(Self { task: TaskName::parse(&game.task)?, seed: game.seed });
+            |game: PlannedGame| Some(Self { task: TaskName::parse(&game.task)?, seed: game.seed });
         suite.plan().into_iter().map(slot).collect()
     }
 }
 
 /// An ended game, whatever its outcome.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Game {
+pub struct EndedGame {
     /// Planned game that was played.
     pub slot: Slot,
     /// Final score.

@@ -53,7 +53,7 @@ impl View {
 
 /// A row of a board.
 #[derive(Clone, Debug)]
-pub struct Row {
+pub struct RankedRow {
     /// Rank with gaps, such as 1, 2, 2, 4: equal values share a rank, which is one more than the number of better rows. `None`
     /// without a value.
     pub rank: Option<u32>,
@@ -79,7 +79,7 @@ pub enum Source {
     Reference(&'static Reference),
 }
 
-impl Row {
+impl RankedRow {
     /// Id of the row.
     #[must_use]
     pub fn id(&self) -> RowId {
@@ -183,7 +183,7 @@ pub fn rank(
     runs: &[Arc<RunResult>],
     references: impl IntoIterator<Item = &'static Reference>,
     view: &View,
-) -> Vec<Row> {
+) -> Vec<RankedRow> {
     let mut players: BTreeMap<RowId, PlayerRuns> = BTreeMap::new();
     for run in runs {
         players.entry(run.row).or_default().insert(Arc::clone(run));
@@ -191,20 +191,20 @@ pub fn rank(
     rank_players(players.values(), Vec::new(), references, view)
 }
 
-/// As [`rank`], for runs grouped by player, and with games from files.
+/// Variant of [`rank`] for runs grouped by player, and with games from files.
 #[must_use]
 pub fn rank_players<'a>(
     players: impl IntoIterator<Item = &'a PlayerRuns>,
     imported: Vec<(Arc<RunResult>, String)>,
     references: impl IntoIterator<Item = &'static Reference>,
     view: &View,
-) -> Vec<Row> {
+) -> Vec<RankedRow> {
     let sources = players.into_iter().filter_map(|player| player.pick(view));
     let imported = imported.into_iter().map(|(shown, rules)| Source::Imported(shown, rules));
     let references = references.into_iter().map(Source::Reference);
-    let mut rows: Vec<Row> = (sources.chain(imported).chain(references))
+    let mut rows: Vec<RankedRow> = (sources.chain(imported).chain(references))
         .map(|source| {
-            let mut row = Row { rank: None, value: None, source };
+            let mut row = RankedRow { rank: None, value: None, source };
             row.value = row.total(view.ranked_by());
             row
         })
@@ -228,10 +228,10 @@ pub fn rank_players<'a>(
 /// Lead of the nearest row above that was played here over the row at this place, and that row.
 #[must_use]
 pub fn difference_above<'a>(
-    rows: &'a [Row],
+    rows: &'a [RankedRow],
     place: usize,
     tasks: &[TaskName],
-) -> Option<(&'a Row, Difference)> {
+) -> Option<(&'a RankedRow, Difference)> {
     let shown = rows.get(place)?.shown()?;
     let mut above = rows[..place].iter().rev();
     let (row, above) = above.find_map(|row| row.shown().map(|run| (row, run)))?;
@@ -279,7 +279,7 @@ pub(super) mod tests {
 
     use super::super::reference::REFERENCES;
     use super::super::result::TaskResult;
-    use super::super::{Decentralization, Game, Owner, Player, Run, Slot};
+    use super::super::{Decentralization, EndedGame, Owner, PlayedRun, Player, Slot};
     use super::*;
     use swarmbench_engine::Seed;
     use swarmbench_prompt::Identity;
@@ -295,8 +295,8 @@ pub(super) mod tests {
         }
     }
 
-    pub(in super::super) fn run(id: &str, status: &str, second: i64) -> Run {
-        Run {
+    pub(in super::super) fn run(id: &str, status: &str, second: i64) -> PlayedRun {
+        PlayedRun {
             id: id.to_owned(),
             player: player("a model"),
             status: status.to_owned(),
@@ -314,8 +314,8 @@ pub(super) mod tests {
         tasks.iter().flat_map(of).collect()
     }
 
-    pub(in super::super) fn game(task: TaskName, seed: impl Into<Seed>, score: f64) -> Game {
-        Game {
+    pub(in super::super) fn game(task: TaskName, seed: impl Into<Seed>, score: f64) -> EndedGame {
+        EndedGame {
             slot: Slot { task, seed: seed.into() },
             score,
             answers: 10,
@@ -334,13 +334,13 @@ pub(super) mod tests {
 
     /// A finished run with scores of both tasks on two seeds.
     fn played(model: &str, id: &str, second: i64, scores: [f64; 4]) -> Arc<RunResult> {
-        let run = Run { player: player(model), ..run(id, "finished", second) };
+        let run = PlayedRun { player: player(model), ..run(id, "finished", second) };
         let plan = slots(&TASKS, &[1, 2]);
         let games = plan.iter().zip(scores).map(|(slot, score)| game(slot.task, slot.seed, score));
         Arc::new(RunResult::new(run, &plan, &games.collect::<Vec<_>>(), true))
     }
 
-    fn shown(rows: &[Row]) -> Vec<(Option<u32>, String, Option<f64>)> {
+    fn shown(rows: &[RankedRow]) -> Vec<(Option<u32>, String, Option<f64>)> {
         rows.iter().map(|row| (row.rank, row.name().to_owned(), row.value)).collect()
     }
 
@@ -369,7 +369,7 @@ pub(super) mod tests {
             played("a", "third", 3, [2.0, 2.0, 1.0, 5.0]),
         ];
         let of = |pick| match rank(&runs, [], &view(pick)).remove(0) {
-            Row { source: Source::Runs { shown, runs }, value, .. } => {
+            RankedRow { source: Source::Runs { shown, runs }, value, .. } => {
                 (shown.run.id.clone(), runs, value)
             }
             row => panic!("{row:?}"),
@@ -415,7 +415,7 @@ pub(super) mod tests {
         let runs = [Arc::new(RunResult::new(run, &plan, &games, true))];
         let view = View { tasks: TaskName::ALL.to_vec(), sort: None, pick: Pick::Best };
         let rows = rank(&runs, REFERENCES.iter(), &view);
-        let names: Vec<_> = rows.iter().take(5).map(Row::name).collect();
+        let names: Vec<_> = rows.iter().take(5).map(RankedRow::name).collect();
         let above = ["gemini-2.0-flash", "o4-mini", "claude-3.7-sonnet"];
         assert_eq!(names, [&above[..], &["a model", "gpt-4.1"]].concat());
         assert_eq!(rows[3].rank, Some(4));
@@ -447,10 +447,10 @@ pub(super) mod tests {
             let status = if games.iter().all(Option::is_some) { "finished" } else { "aborted" };
             let mut run = run(&format!("run_{number}"), status, *second);
             run.player = player(&model.to_string());
-            let games: Vec<Game> = (plan.iter().zip(games))
+            let games: Vec<EndedGame> = (plan.iter().zip(games))
                 .filter_map(|(slot, played)| {
                     let (score, voided) = (*played)?;
-                    Some(Game { voided, ..game(slot.task, slot.seed, score) })
+                    Some(EndedGame { voided, ..game(slot.task, slot.seed, score) })
                 })
                 .collect();
             Arc::new(RunResult::new(run, &plan, &games, true))
@@ -466,7 +466,7 @@ pub(super) mod tests {
             pick in proptest::sample::select(&Pick::ALL[..]),
         ) {
             let mut runs = results(&runs);
-            let show = |rows: &[Row]| {
+            let show = |rows: &[RankedRow]| {
                 let view = view(pick);
                 let pairs = rows.iter().zip(rows.iter().skip(1)).map(|(above, row)| {
                     difference(above.shown()?, row.shown()?, view.ranked_by())
@@ -492,7 +492,7 @@ pub(super) mod tests {
                     prop_assert_eq!(row.rank, None);
                     continue;
                 };
-                let better = |other: &&Row| other.value.is_some_and(|other| other > value + 2e-9);
+                let better = |other: &&RankedRow| other.value.is_some_and(|other| other > value + 2e-9);
                 prop_assert_eq!(row.rank, Some(u32::try_from(rows.iter().filter(better).count())? + 1));
                 let means = row.shown().expect("a run").tasks.iter().map(TaskResult::mean);
                 let sum: f64 = means.map(|mean| mean.expect("a mean")).sum();

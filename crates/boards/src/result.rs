@@ -7,15 +7,15 @@ pub(super) use swarmbench_analysis::means::{float, mean};
 use swarmbench_engine::{Seed, TaskName};
 use swarmbench_protocol::failure::Failures;
 
-use super::{Game, Player, RowId, Run, Slot};
+use super::{EndedGame, PlayedRun, Player, RowId, Slot};
 
 /// Results of a plan by task, in the order of [`TaskName::ALL`]. `games` are the ended ones.
 ///
 /// Before the end of a run, means cover the games that were played. After it, a planned game that was not played counts as 0: doing
 /// nothing scores about 0, and aborting a bad run must not pay. A voided game does not count, unless it was played again.
 #[must_use]
-pub fn task_results(plan: &[Slot], games: &[Game], is_over: bool) -> Vec<TaskResult> {
-    let mut slots: BTreeMap<Slot, Vec<Game>> =
+pub fn task_results(plan: &[Slot], games: &[EndedGame], is_over: bool) -> Vec<TaskResult> {
+    let mut slots: BTreeMap<Slot, Vec<EndedGame>> =
         plan.iter().map(|&slot| (slot, Vec::new())).collect();
     for &game in games {
         if let Some(played) = slots.get_mut(&game.slot) {
@@ -41,7 +41,7 @@ pub fn task_results(plan: &[Slot], games: &[Game], is_over: bool) -> Vec<TaskRes
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunResult {
     /// The run; for several, the last one with the properties that hold for all.
-    pub run: Run,
+    pub run: PlayedRun,
     /// Row of the player.
     pub row: RowId,
     /// Results of all tasks of the suite, in the order of [`TaskName::ALL`].
@@ -80,7 +80,7 @@ impl RunResult {
         let task = |task: &TaskResult| {
             size_of::<TaskResult>() + task.scores.len() * size_of::<(Seed, f64)>()
         };
-        let Run { id, player, status, prompt, answer_reader, .. } = &self.run;
+        let PlayedRun { id, player, status, prompt, answer_reader, .. } = &self.run;
         let owner = player.owner.as_ref().map_or(0, |owner| owner.id.len() + owner.name.len());
         let names: usize = [prompt, answer_reader].into_iter().flatten().map(String::len).sum();
         let texts = id.len() + status.len() + player.model.len() + owner + names;
@@ -89,7 +89,7 @@ impl RunResult {
 
     /// Result of a run.
     #[must_use]
-    pub fn new(run: Run, plan: &[Slot], games: &[Game], is_over: bool) -> Self {
+    pub fn new(run: PlayedRun, plan: &[Slot], games: &[EndedGame], is_over: bool) -> Self {
         Self { row: run.player.row(), run, tasks: task_results(plan, games, is_over) }
     }
 
@@ -116,7 +116,7 @@ impl RunResult {
             }
         }
         let player = Player { model: model.to_owned(), ..Player::default() };
-        let run = Run { player, status: "imported".to_owned(), ..Run::default() };
+        let run = PlayedRun { player, status: "imported".to_owned(), ..PlayedRun::default() };
         let row = RowId::of(&[b"imported", model.as_bytes()]);
         Self { run, row, tasks: tasks.into_values().collect() }
     }
@@ -177,7 +177,7 @@ impl TaskResult {
     }
 
     /// Adds a planned game and all attempts at it, sorted so that those that count come first.
-    fn add(&mut self, seed: Seed, played: &[Game], is_over: bool) {
+    fn add(&mut self, seed: Seed, played: &[EndedGame], is_over: bool) {
         self.voided += u32::try_from(played.iter().filter(|game| game.voided).count()).unwrap_or(0);
         match played.first() {
             // All attempts were voided, so the game will be played again.
@@ -267,7 +267,7 @@ mod tests {
     #[test]
     fn a_voided_game_does_not_count_unless_it_was_played_again() {
         let plan = slots(&[TaskName::Pursuit], &[1, 2]);
-        let broken = Game { voided: true, invalid: 7, ..game(TaskName::Pursuit, 1, 99.0) };
+        let broken = EndedGame { voided: true, invalid: 7, ..game(TaskName::Pursuit, 1, 99.0) };
         let games = [broken, game(TaskName::Pursuit, 2, 4.0)];
         let result = RunResult::new(run("a", "finished", 1), &plan, &games, true);
         assert_eq!(shown(&result.tasks[0]), "4.00 ± 0.00 1/1");
@@ -278,7 +278,7 @@ mod tests {
         assert_eq!(shown(&result.tasks[0]), "3.00 ± 1.00 2/2");
         assert_eq!(result.tasks[0].voided, 1);
 
-        let all = [broken, Game { voided: true, ..game(TaskName::Pursuit, 2, 4.0) }];
+        let all = [broken, EndedGame { voided: true, ..game(TaskName::Pursuit, 2, 4.0) }];
         let result = RunResult::new(run("a", "finished", 1), &plan, &all, true);
         assert_eq!((result.tasks[0].mean(), result.tasks[0].planned), (None, 0));
         assert_eq!(result.total(&[TaskName::Pursuit]), None);
@@ -304,9 +304,9 @@ mod tests {
         let plan = slots(&[TaskName::Transport, TaskName::Foraging], &[1, 2, 3]);
         let games = [
             game(TaskName::Transport, 1, 6.0),
-            Game { voided: true, ..game(TaskName::Transport, 2, 9.0) },
+            EndedGame { voided: true, ..game(TaskName::Transport, 2, 9.0) },
             game(TaskName::Transport, 2, 3.0),
-            Game { voided: true, ..game(TaskName::Foraging, 2, 8.0) },
+            EndedGame { voided: true, ..game(TaskName::Foraging, 2, 8.0) },
         ];
         let rows = |is_over| {
             let row = |task: &TaskResult| {

@@ -8,7 +8,7 @@ use swarmbench_journal::record::{first_prompt_revision, is_first_prompt_revision
 use swarmbench_prompt::Identity;
 use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::names::BUILT_IN;
-use swarmbench_protocol::suite::{Game, Suite, digest_of_template};
+use swarmbench_protocol::suite::{PlannedGame, Suite, digest_of_template};
 
 /// Value of `kind` in an `agent_meta`, and of a row, when people played.
 pub const HUMAN: &str = "human";
@@ -76,7 +76,7 @@ impl Definition {
     ///
     /// # Errors
     /// Settings that this program does not allow.
-    pub fn recorded(&self, game: &Game) -> Result<RecordedConfig, SettingErrors> {
+    pub fn recorded(&self, game: &PlannedGame) -> Result<RecordedConfig, SettingErrors> {
         let settings = &self.suite.settings;
         let config = Config::check(&self.suite.settings_of(game))?;
         Ok(RecordedConfig {

@@ -49,7 +49,7 @@ impl Header {
 }
 
 /// The position of a line: its first byte, and its length.
-pub(crate) type Place = (u64, usize);
+pub(crate) type LinePosition = (u64, usize);
 
 #[derive(Debug)]
 pub(crate) struct Lines {
@@ -69,7 +69,7 @@ impl Lines {
         path: &Path,
         writes: bool,
         header: Header,
-        mut take: impl FnMut(Place, &[u8]) -> Result<(), String>,
+        mut take: impl FnMut(LinePosition, &[u8]) -> Result<(), String>,
     ) -> Result<Self, String> {
         let text = |error: io::Error| error.to_string();
         let mut options = OpenOptions::new();
@@ -96,13 +96,13 @@ impl Lines {
     }
 
     /// Appends a line in one write.
-    pub(crate) fn write(&mut self, line: &impl Serialize) -> io::Result<Place> {
+    pub(crate) fn write(&mut self, line: &impl Serialize) -> io::Result<LinePosition> {
         let mut text = serde_json::to_vec(line)?;
         text.push(b'\n');
         self.append(&text)
     }
 
-    fn append(&mut self, text: &[u8]) -> io::Result<Place> {
+    fn append(&mut self, text: &[u8]) -> io::Result<LinePosition> {
         if self.is_broken {
             return Err(io::Error::other("an earlier line could not be written"));
         }
@@ -114,7 +114,7 @@ impl Lines {
         Ok((from, text.len()))
     }
 
-    pub(crate) fn read(&mut self, (from, length): Place) -> io::Result<Vec<u8>> {
+    pub(crate) fn read(&mut self, (from, length): LinePosition) -> io::Result<Vec<u8>> {
         let mut text = vec![0; length];
         self.file.seek(SeekFrom::Start(from))?;
         self.file.read_exact(&mut text)?;
@@ -126,7 +126,7 @@ impl Lines {
 fn read(
     file: &File,
     header: Header,
-    take: &mut impl FnMut(Place, &[u8]) -> Result<(), String>,
+    take: &mut impl FnMut(LinePosition, &[u8]) -> Result<(), String>,
 ) -> Result<u64, String> {
     let text = |error: io::Error| error.to_string();
     let mut reader = BufReader::new(file.try_clone().map_err(text)?);

@@ -142,7 +142,7 @@ pub struct BuiltIns {
     params: Arc<GameParams>,
     seed: u64,
     players: Players,
-    games: Recent<Arc<Mutex<Game>>>,
+    games: Recent<Arc<Mutex<GamePlayers>>>,
 }
 
 impl BuiltIns {
@@ -176,7 +176,7 @@ impl BuiltIns {
         let game = self.games.of(&episode, || {
             let (params, seed) = (Arc::clone(&self.params), self.seed);
             let make = move |agent| Some(built_in.make(&params.seat(task, agent, seed)?));
-            Arc::new(Mutex::new(Game {
+            Arc::new(Mutex::new(GamePlayers {
                 make: Box::new(make),
                 players: BTreeMap::new(),
                 decided: BTreeMap::new(),
@@ -221,14 +221,14 @@ impl Swarm for BuiltIns {
 }
 
 /// The players of one game.
-struct Game {
+struct GamePlayers {
     make: Box<dyn Fn(AgentId) -> Option<Box<dyn Player>> + Send>,
     players: BTreeMap<AgentId, Box<dyn Player>>,
     /// The last decision of each agent, with its round, from the replay of the journal.
     decided: BTreeMap<AgentId, (u32, Act)>,
 }
 
-impl Game {
+impl GamePlayers {
     fn player(&mut self, agent: AgentId) -> Option<&mut Box<dyn Player>> {
         if !self.players.contains_key(&agent) {
             self.players.insert(agent, (self.make)(agent)?);

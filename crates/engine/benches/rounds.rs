@@ -11,7 +11,7 @@ use swarmbench_testkit::worlds::{Dice, world};
 /// Number of rounds of the standard setting.
 const ROUNDS: u64 = 100;
 
-type Game = fn(&mut World, &[Vec<Act>], &mut Desk);
+type PlayFn = fn(&mut World, &[Vec<Act>], &mut Desk);
 
 fn play(world: &mut World, rounds: &[Vec<Act>], _: &mut Desk) {
     for acts in rounds {
@@ -63,7 +63,7 @@ impl Desk {
 
 fn main() {
     let mut criterion = Criterion::default().configure_from_args();
-    let games: [(&str, Game); 3] = [
+    let games: [(&str, PlayFn); 3] = [
         ("play", play),
         ("play_and_observe", play_and_observe),
         ("play_and_write", play_and_write),

@@ -39,7 +39,7 @@ impl World {
             Task::Transport(_) => bytes.u8(0),
             Task::Pursuit(task) => {
                 bytes.u8(1);
-                bytes.u64(task.rng.drawn());
+                bytes.u64(task.rng.draw_count());
                 bytes.u8(self.board.body(task.prey).fixed.into());
             }
             Task::Synchronization(task) => {

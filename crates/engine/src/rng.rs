@@ -51,7 +51,7 @@ impl LayoutRng {
 
     /// Number of 32-bit outputs drawn so far; with the seed this is the generator's whole state.
     #[must_use]
-    pub(crate) const fn drawn(&self) -> u64 {
+    pub(crate) const fn draw_count(&self) -> u64 {
         self.drawn
     }
 }

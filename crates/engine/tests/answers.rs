@@ -7,7 +7,7 @@ use swarmbench_engine::{
 };
 
 /// An answer, and its parsed form as [`shown`] writes it.
-type Row = (&'static str, &'static str);
+type AnswerCase = (&'static str, &'static str);
 
 /// Writes an answer as `UP` for an action, `none` for no action, `: …` for a message, `-> …` for its receiver, or
 /// `invalid`.
@@ -38,13 +38,13 @@ fn first_marker(task: TaskName, control: Control) -> Config {
     Config::check(&settings).expect("standard settings")
 }
 
-fn check(config: &Config, agent: AgentId, rows: &[Row]) {
+fn check(config: &Config, agent: AgentId, rows: &[AnswerCase]) {
     for (text, expected) in rows {
         assert_eq!(shown(&answer::parse(text, config, agent)), *expected, "{text:?}");
     }
 }
 
-const ANSWERS: &[Row] = &[
+const ANSWERS: &[AnswerCase] = &[
     // The form that the prompt asks for.
     ("ACTION: UP", "UP"),
     ("ACTION: DOWN\nMSG: hello", "DOWN: hello"),

@@ -7,9 +7,9 @@ use swarmbench_engine::{AgentId, Config, Pos, Settings, TaskName, World};
 use swarmbench_testkit::worlds::{Dice, world};
 
 /// A change to the standard settings of Transport, and the error it causes.
-type Row = (fn(&mut Settings), &'static str);
+type SettingCase = (fn(&mut Settings), &'static str);
 
-const REFUSED: &[Row] = &[
+const REFUSED: &[SettingCase] = &[
     (|s| s.width = 7, "width must be from 8 to 256, is 7"),
     (|s| s.width = 257, "width must be from 8 to 256, is 257"),
     (|s| s.width = i64::MIN, "width must be from 8 to 256, is -9223372036854775808"),
@@ -129,7 +129,7 @@ fn the_ranges_in_the_list_of_settings_are_those_that_are_checked() {
 }
 
 /// Settings that an episode created earlier may have, and a new one may not.
-const REFUSED_WHEN_NEW: &[Row] = &[
+const REFUSED_WHEN_NEW: &[SettingCase] = &[
     (
         |s| (s.width, s.height, s.view_size, s.memory, s.num_agents) = (256, 256, 513, 0, 1024),
         "num_agents × cells of a window must be at most 1048576, is 269485056; num_agents × agents that one of \

@@ -10,7 +10,7 @@ use swarmbench_engine::{
 };
 
 #[derive(Deserialize)]
-struct Game {
+struct RecordedGame {
     config: Recorded,
     initial: State,
     rounds: Vec<Round>,
@@ -49,11 +49,11 @@ struct State {
     carrying: Option<Vec<bool>>,
 }
 
-fn games(text: &str) -> impl Iterator<Item = Game> {
+fn games(text: &str) -> impl Iterator<Item = RecordedGame> {
     text.lines().map(|line| serde_json::from_str(line).expect("a recorded game"))
 }
 
-fn play(game: &Game, solver: Solver) {
+fn play(game: &RecordedGame, solver: Solver) {
     let recorded = &game.config;
     let settings = Settings {
         task: recorded.task.clone(),

@@ -6,7 +6,7 @@ use swarmbench_engine::physics::Solver;
 
 use super::chain::Head;
 use super::record::{ActRecord, Fork, RawRecord};
-use super::replay::{Fault, Report, Verifier};
+use super::replay::{Fault, JournalReport, Verifier};
 
 /// A reason why a journal is not that of a fork of the other.
 #[derive(Debug, thiserror::Error)]
@@ -36,7 +36,7 @@ pub fn verify_fork(
     expected: Option<Head>,
     solver: Solver,
     mut progress: impl FnMut(u32, u32),
-) -> Result<Report, ForkFault> {
+) -> Result<JournalReport, ForkFault> {
     let fork = play(fork, expected, solver, &mut progress).map_err(ForkFault::Fork)?;
     let parent = play(parent, None, solver, &mut progress).map_err(ForkFault::Parent)?;
     belong_together(&fork, &parent).map_err(ForkFault::Differs)?;
@@ -45,7 +45,7 @@ pub fn verify_fork(
 
 /// A replayed journal.
 struct Played {
-    report: Report,
+    report: JournalReport,
     /// The hash of each state and of the acts that led to it; the layout first.
     steps: Vec<[u8; 32]>,
     /// The number of replayed rounds and the head of the chain after each line.

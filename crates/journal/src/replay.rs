@@ -134,7 +134,7 @@ impl Replayer {
 
 /// The result of a verified journal.
 #[derive(Clone, Debug)]
-pub struct Report {
+pub struct JournalReport {
     /// The opening record.
     pub opening: Opening,
     /// The holders of the seats, if the journal names them.
@@ -164,7 +164,7 @@ pub fn verify(
     expected: Option<Head>,
     solver: Solver,
     mut progress: impl FnMut(u32, u32),
-) -> Result<Report, Fault> {
+) -> Result<JournalReport, Fault> {
     verify_seen(journal, expected, solver, |world, _| {
         progress(world.round(), world.config().max_round());
     })
@@ -180,7 +180,7 @@ pub fn verify_seen(
     expected: Option<Head>,
     solver: Solver,
     mut see: impl FnMut(&World, &[ActRecord]),
-) -> Result<Report, Fault> {
+) -> Result<JournalReport, Fault> {
     let mut verifier = Verifier::new(solver);
     loop {
         let mut line = Vec::new();
@@ -267,7 +267,7 @@ impl Verifier {
     ///
     /// # Errors
     /// If there was no line, the rounds before a fork are incomplete, or the head differs.
-    pub fn finish(self, expected: Option<Head>) -> Result<Report, Fault> {
+    pub fn finish(self, expected: Option<Head>) -> Result<JournalReport, Fault> {
         let Self { head, played, .. } = self;
         let Some(player) = played else {
             return Err(Fault::Whole("the journal is empty".to_owned()));
@@ -283,7 +283,7 @@ impl Verifier {
                 "its head is {head}, not {expected}: it is consistent, but not the journal you asked for"
             )));
         }
-        Ok(Report {
+        Ok(JournalReport {
             rounds,
             score: player.world().score(),
             opening: player.opening,
@@ -303,7 +303,7 @@ const AFTER_RECORD: &[u8] = b"}\n";
 /// Hexadecimal digits of a hash.
 const HASH_DIGITS: usize = 64;
 
-/// How a record that cannot be read is reported.
+/// Report of a record that cannot be read.
 #[must_use]
 #[expect(clippy::needless_pass_by_value, reason = "it is passed to map_err")]
 pub fn not_a_record(error: serde_json::Error) -> String {

@@ -10,7 +10,7 @@ use rmcp::transport::streamable_http_server::session::never::NeverSessionManager
 use rmcp::transport::streamable_http_server::{StreamableHttpServerConfig, StreamableHttpService};
 use tokio_util::sync::CancellationToken;
 
-use crate::Seat;
+use crate::SeatAccess;
 use crate::player::Player;
 
 /// Answers one request for the seat of its sender; the body must have passed [`essential`](crate::essential). Dropping
@@ -18,7 +18,7 @@ use crate::player::Player;
 ///
 /// The caller checks whether the sender may ask at all (its address, its `Host` and `Origin`, the length of the body).
 /// The seat's own refusals are results of tools, which models can read.
-pub async fn answer<S: Seat>(seat: S, mut request: Request<Bytes>) -> Response<Bytes> {
+pub async fn answer<S: SeatAccess>(seat: S, mut request: Request<Bytes>) -> Response<Bytes> {
     let gone = CancellationToken::new();
     let _on_drop = gone.clone().drop_guard();
     // There is one kind of answer, so the client's `Accept` does not matter.

@@ -1,10 +1,10 @@
 //! One seat of a SwarmBench server as tools for a language model, over the Model Context Protocol (MCP).
 //!
 //! The crate is separate because two programs offer the same tools: the server at `/mcp`, and `swarmbench mcp`, a
-//! client of a server, over its standard input and output. They differ only in how they reach the seat: [`Seat`]. No
+//! client of a server, over its standard input and output. They differ only in how they reach the seat: [`SeatAccess`]. No
 //! other crate names rmcp.
 //!
-//! - [`Seat`] and [`Refusal`]: the interface that a program provides. [`essential`], [`answer`]: one HTTP request.
+//! - [`SeatAccess`] and [`Refusal`]: the interface that a program provides. [`essential`], [`answer`]: one HTTP request.
 //!   [`serve`]: standard input and output.
 //! - `player.rs`: the requests of the protocol. `arguments.rs`: the arguments that models send, read strictly.
 //!   `seen.rs`: the observations that they see. `texts.rs`: every sentence that they read.
@@ -20,7 +20,7 @@ mod texts;
 
 pub use self::http::answer;
 pub use self::message::essential;
-pub use self::seat::{Refusal, Seat};
+pub use self::seat::{Refusal, SeatAccess};
 pub use self::stdio::{StdioError, serve};
 
 /// Maximum wait of a tool, in seconds. Clients give up a tool call after 60 seconds, and some of them cannot be

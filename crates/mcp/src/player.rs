@@ -19,7 +19,7 @@ use swarmbench_protocol::status::Status;
 use tokio_util::sync::CancellationToken;
 
 use crate::seen::Seen;
-use crate::{MCP_WAIT_S_MAX, Refusal, Seat, arguments, texts};
+use crate::{MCP_WAIT_S_MAX, Refusal, SeatAccess, arguments, texts};
 
 /// The rules of the game.
 const RULES: &str = include_str!("../../../docs/rules.md");
@@ -40,7 +40,7 @@ impl<S> Clone for Player<S> {
     }
 }
 
-impl<S: Seat> Player<S> {
+impl<S: SeatAccess> Player<S> {
     pub(crate) fn new(seat: S, gone: CancellationToken) -> Self {
         Self { seat: Arc::new(seat), gone }
     }
@@ -232,7 +232,7 @@ fn tools() -> Vec<Tool> {
     ]
 }
 
-impl<S: Seat> ServerHandler for Player<S> {
+impl<S: SeatAccess> ServerHandler for Player<S> {
     fn get_info(&self) -> ServerConfig {
         let capabilities = ServerCapabilities::builder()
             .enable_tools()

@@ -6,7 +6,7 @@ use swarmbench_protocol::act::{ActRequest, Receipt};
 use swarmbench_protocol::problem::Problem;
 
 /// A seat of an episode, accessed with its token.
-pub trait Seat: Send + Sync + 'static {
+pub trait SeatAccess: Send + Sync + 'static {
     /// The body of `GET /obs`, unparsed; with the text for language models if `prompt` is set. With `after` it waits
     /// until the round is past that one, the episode is over, or `wait` has passed.
     fn obs(

@@ -3,7 +3,7 @@
 use rmcp::service::{ServerInitializeError, ServiceExt};
 use tokio_util::sync::CancellationToken;
 
-use crate::Seat;
+use crate::SeatAccess;
 use crate::player::Player;
 
 /// The reason why the conversation with a client broke off.
@@ -24,7 +24,7 @@ pub enum StdioError {
 /// # Errors
 ///
 /// [`StdioError`] if the input is not of the protocol, or the conversation breaks off.
-pub async fn serve<S: Seat>(seat: S) -> Result<(), StdioError> {
+pub async fn serve<S: SeatAccess>(seat: S) -> Result<(), StdioError> {
     let player = Player::new(seat, CancellationToken::new());
     let streams = (tokio::io::stdin(), tokio::io::stdout());
     let service = match player.serve(streams).await {

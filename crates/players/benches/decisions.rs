@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use rustix::time::{ClockId, clock_gettime};
 use swarmbench_engine::{Config, Settings, TaskName, limits};
-use swarmbench_players::game::Game;
+use swarmbench_players::game::LocalGame;
 use swarmbench_players::{BuiltIn, of_task};
 
 /// Number of times that each game is played.
@@ -128,7 +128,7 @@ fn processor_time() -> Duration {
 
 /// The times of all decisions of a game.
 fn play(built_in: &BuiltIn, config: &Arc<Config>) -> Vec<Duration> {
-    let mut game = Game::new(Arc::clone(config), built_in, 1);
+    let mut game = LocalGame::new(Arc::clone(config), built_in, 1);
     let mut times = Vec::new();
     while !game.world().is_over() {
         let acts = game.decide_by(|player, observation| {

@@ -8,12 +8,12 @@ use swarmbench_engine::{Act, Config, Observation, SettingErrors, Settings, World
 use crate::{BuiltIn, Player, Seat};
 
 /// A game and the players of all its seats.
-pub struct Game {
+pub struct LocalGame {
     world: World,
     players: Vec<Box<dyn Player>>,
 }
 
-impl Game {
+impl LocalGame {
     /// Lays a game out, with the same player on every seat. The players' seeds are independent of the layout's.
     #[must_use]
     pub fn new(config: Arc<Config>, built_in: &BuiltIn, seed: u64) -> Self {
@@ -34,7 +34,7 @@ impl Game {
         self.decide_by(|player, observation| player.decide(observation))
     }
 
-    /// As [`Self::decide`], with `ask` calling each player so that it can measure the time.
+    /// Variant of [`Self::decide`] with `ask` calling each player so that it can measure the time.
     pub fn decide_by(
         &mut self,
         mut ask: impl FnMut(&mut dyn Player, &Observation) -> Act,
@@ -58,7 +58,7 @@ pub fn play(
     settings: &Settings,
     seed: u64,
 ) -> Result<(f64, Vec<Vec<Act>>), SettingErrors> {
-    let mut game = Game::new(Arc::new(Config::check(settings)?), built_in, seed);
+    let mut game = LocalGame::new(Arc::new(Config::check(settings)?), built_in, seed);
     let mut record = Vec::new();
     while !game.world.is_over() {
         let acts = game.decide();

@@ -9,7 +9,7 @@ use unicode_properties::{GeneralCategory, GeneralCategoryGroup, UnicodeGeneralCa
 use unicode_script::{Script, UnicodeScript};
 use unicode_security::confusable_detection::skeleton;
 
-/// What the models of built-in players begin with.
+/// Prefix of the models of built-in players.
 pub const BUILT_IN: &str = "built-in/";
 
 /// Words that pages, logs and files show in place of a name: no entrant has one of them.
@@ -31,16 +31,16 @@ const RESERVED: [&str; 15] = [
     "unnamed",
 ];
 
-/// What the names of erased entrants, and the ids of entrants and keys, begin with.
+/// Prefixes of the names of erased entrants, and of the ids of entrants and keys.
 const RESERVED_BEGINNINGS: [&str; 4] = [BUILT_IN, "erased", "ent_", "key_"];
 
 /// Characters of a look: looks are keys of an index, and some characters stand for 18 others. Those of 200 letters fit in.
 const LOOK_CHARS_MAX: usize = 400;
 
-/// What is wrong with a name of at most `chars_max` characters.
+/// Fault of a name of at most `chars_max` characters.
 ///
 /// # Errors
-/// What it has to be instead.
+/// The required form of the name.
 pub fn check(name: &str, chars_max: usize) -> Result<(), String> {
     if !(1..=chars_max).contains(&name.chars().count()) || name.chars().any(char::is_control) {
         return Err(format!("must be 1 to {chars_max} characters without control characters"));
@@ -57,10 +57,10 @@ pub fn is_plain_text(text: &str) -> bool {
     !text.chars().any(|c| c.is_control() && c != '\n' && c != '\t')
 }
 
-/// What is wrong with the name of a model.
+/// Fault of the name of a model.
 ///
 /// # Errors
-/// What it has to be instead.
+/// The required form of the name.
 pub fn check_model(model: &str, chars_max: usize) -> Result<(), String> {
     check(model, chars_max)?;
     if begins_like(model, BUILT_IN) && !model.starts_with(BUILT_IN) {
@@ -73,7 +73,7 @@ pub fn check_model(model: &str, chars_max: usize) -> Result<(), String> {
 /// which are reserved, too.
 ///
 /// # Errors
-/// What it has to be instead.
+/// The required form of the name.
 pub fn of_entrant<'a>(
     name: &str,
     chars_max: usize,

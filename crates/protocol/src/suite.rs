@@ -52,7 +52,7 @@ impl Default for SuiteSettings {
 
 /// Game of a plan.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Game {
+pub struct PlannedGame {
     /// Place of the game in the plan, from 0.
     pub slot: u32,
     /// Name of the task.
@@ -112,20 +112,20 @@ impl Suite {
 
     /// All games, task by task.
     #[must_use]
-    pub fn plan(&self) -> Vec<Game> {
+    pub fn plan(&self) -> Vec<PlannedGame> {
         let pairs =
             self.tasks.iter().enumerate().flat_map(|(place, task)| {
                 self.seeds_of(place).iter().map(move |&seed| (task, seed))
             });
         (0..)
             .zip(pairs)
-            .map(|(slot, (task, seed))| Game { slot, task: task.clone(), seed })
+            .map(|(slot, (task, seed))| PlannedGame { slot, task: task.clone(), seed })
             .collect()
     }
 
     /// Settings of the engine for a game of the suite.
     #[must_use]
-    pub fn settings_of(&self, game: &Game) -> Settings {
+    pub fn settings_of(&self, game: &PlannedGame) -> Settings {
         Settings {
             task: game.task.clone(),
             rules: self.rules.clone(),

@@ -234,7 +234,7 @@ impl TermLike for Terminal {
 }
 
 /// Draw target of progress bars: hidden if standard error is not a terminal.
-fn drawn() -> ProgressDrawTarget {
+fn draw_target() -> ProgressDrawTarget {
     let is_dumb = std::env::var_os("TERM").is_some_and(|name| name == "dumb");
     if is_dumb || !is_watched() {
         return ProgressDrawTarget::hidden();
@@ -263,13 +263,13 @@ pub fn note_width() -> Option<u16> {
 /// A progress bar that is drawn by `template`.
 #[must_use]
 pub fn progress_bar(template: &str) -> ProgressBar {
-    ProgressBar::with_draw_target(Some(0), drawn()).with_style(style(template))
+    ProgressBar::with_draw_target(Some(0), draw_target()).with_style(style(template))
 }
 
 /// Progress bars below each other.
 #[must_use]
 pub fn progress_bars() -> MultiProgress {
-    MultiProgress::with_draw_target(drawn())
+    MultiProgress::with_draw_target(draw_target())
 }
 
 /// A style of progress bars.

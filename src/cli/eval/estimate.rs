@@ -86,7 +86,7 @@ fn prompt_bytes(run: &Planned, task: &str) -> anyhow::Result<u64> {
     let template = run.template.as_deref().unwrap_or(BUILT_IN);
     let all = u64::from(config.max_round());
     let rounds = config.max_round().min(ROUNDS_MAX);
-    let mut played = game::Game::new(Arc::new(config.clone()), default_for(config.task()), 1);
+    let mut played = game::LocalGame::new(Arc::new(config.clone()), default_for(config.task()), 1);
     let (mut sum, mut last, mut count) = (0, 0, 0);
     for _ in 0..rounds {
         if played.world().is_done() {

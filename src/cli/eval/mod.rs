@@ -27,7 +27,7 @@ use swarmbench_client::eval::experiment::{Axes, Experiment, List, ModelEntry, Se
 use swarmbench_client::eval::judge::STOP_SHARE;
 use swarmbench_client::eval::lanes::runs_at_once;
 use swarmbench_client::eval::plan::{Plan, Planned};
-use swarmbench_client::eval::report::{Played, Report, SentActs};
+use swarmbench_client::eval::report::{ExperimentReport, Played, SentActs};
 use swarmbench_client::eval::stop_reason::{Reach, StopReason};
 use swarmbench_client::eval::verify::{Fault, verify_run};
 use swarmbench_client::llm::Model;
@@ -318,7 +318,7 @@ async fn play(
     if is_whole && args.verify {
         verify_all(conductor.client, plan, &mut played).await?;
     }
-    let report = Report::of(plan, &played);
+    let report = ExperimentReport::of(plan, &played);
     args.showing.show(plan, &report, is_whole)?;
     if is_whole {
         args.showing.tell_more(plan, &played, &args.hosting);

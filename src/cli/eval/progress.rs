@@ -38,13 +38,13 @@ pub(super) struct Progress<'a> {
     models: &'a [Option<Model>],
     bars: MultiProgress,
     total: ProgressBar,
-    games: BTreeMap<String, Game>,
+    games: BTreeMap<String, GameProgress>,
     begun: Timestamp,
     last_line: Timestamp,
     /// Rounds of the plan, and how many of them are done.
     rounds: Rounds,
     /// Runs in progress, by their numbers in the plan.
-    runs: BTreeMap<usize, Run>,
+    runs: BTreeMap<usize, RunProgress>,
     /// Number of runs in the plan.
     of: usize,
     /// Whether several runs may be played at the same time.
@@ -58,7 +58,7 @@ pub(super) struct Progress<'a> {
 }
 
 /// A run in progress.
-struct Run {
+struct RunProgress {
     name: String,
     /// Rounds that need not be played any more.
     rounds: u64,
@@ -74,7 +74,7 @@ struct Rounds {
     before: u64,
 }
 
-struct Game {
+struct GameProgress {
     /// Number of its run.
     run: usize,
     bar: ProgressBar,
@@ -167,7 +167,7 @@ impl<'a> Progress<'a> {
         });
         let rounds = done(run);
         self.rounds.before += rounds;
-        self.runs.insert(number, Run { name, rounds });
+        self.runs.insert(number, RunProgress { name, rounds });
         if *found == Found::Finished {
             self.leave(number);
         } else {
@@ -208,7 +208,7 @@ impl<'a> Progress<'a> {
         task: &str,
         max_round: u32,
         round: u32,
-    ) -> &mut Game {
+    ) -> &mut GameProgress {
         let name = self.name_of(number, task.to_owned());
         let narrow = if self.is_several { NARROW_WITH_MODEL } else { NARROW.1 };
         let (bars, total) = (&self.bars, &self.total);
@@ -216,7 +216,7 @@ impl<'a> Progress<'a> {
             let bar = progress_bar(if is_wide() { WIDE.1 } else { narrow });
             let bar = bar.with_prefix(name.clone());
             bar.set_length(max_round.into());
-            Game {
+            GameProgress {
                 run: number,
                 bar: bars.insert_before(total, bar),
                 name,
@@ -404,7 +404,7 @@ impl<'a> Progress<'a> {
     }
 }
 
-impl Game {
+impl GameProgress {
     fn shown(&self) -> String {
         let before = if self.is_sealed { " before the last round" } else { "" };
         let mut parts = vec![format!("score {:.2}{before}", self.score)];

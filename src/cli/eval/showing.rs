@@ -14,7 +14,7 @@ use super::Hosting;
 use super::estimate::{ESTIMATED, Estimate, SEALED_ESTIMATE_SEED, estimate};
 use swarmbench_client::eval::experiment::Shape;
 use swarmbench_client::eval::plan::{Plan, Planned, Who, ranges, setting_text};
-use swarmbench_client::eval::report::{Played, Report, short as tokens};
+use swarmbench_client::eval::report::{ExperimentReport, Played, short as tokens};
 
 /// Minimum columns of a terminal into which a model's name may be wrapped.
 const NAME_COLUMNS: usize = 12;
@@ -78,20 +78,25 @@ impl Showing {
     }
 
     /// Shows the board, if anything was played. An incomplete board is not written to a file.
-    pub(super) fn show(&self, plan: &Plan, report: &Report, is_whole: bool) -> anyhow::Result<()> {
+    pub(super) fn show(
+        &self,
+        plan: &Plan,
+        report: &ExperimentReport,
+        is_whole: bool,
+    ) -> anyhow::Result<()> {
         if report.rows.is_empty() {
             return Ok(());
         }
         if self.output.is_some() || self.format() == Format::Table {
             out!("{}", headline(plan));
-            out!("{}", drawn(plan, report, terminal_width()));
+            out!("{}", report_table(plan, report, terminal_width()));
             for reason in reasons(report, terminal_width()) {
                 out!("{reason}");
             }
         }
         let text = match self.format() {
             Format::Table => {
-                let board = drawn(plan, report, u16::MAX).to_string();
+                let board = report_table(plan, report, u16::MAX).to_string();
                 let reasons = reasons(report, u16::MAX);
                 let lines = [headline(plan), board].into_iter().chain(reasons);
                 lines.map(|line| line + "\n").collect()
@@ -184,7 +189,7 @@ fn headline(plan: &Plan) -> String {
 
 /// The board in `width` columns. If it is wider, it gets a row for each task and drops columns until it fits, as a wrapped number
 /// would be unreadable.
-fn drawn(plan: &Plan, report: &Report, width: u16) -> comfy_table::Table {
+fn report_table(plan: &Plan, report: &ExperimentReport, width: u16) -> comfy_table::Table {
     let narrower: [(Shape, &[&str]); 3] =
         [(Shape::Long, &[]), (Shape::Long, &["seeds"]), (Shape::Long, &["seeds", "least", "most"])];
     let (mut shown, mut least) = laid_out(report.table(plan.shape), &[]);
@@ -199,7 +204,7 @@ fn drawn(plan: &Plan, report: &Report, width: u16) -> comfy_table::Table {
 }
 
 /// Reasons for which answers did not count, in lines of at most `width` columns.
-fn reasons(report: &Report, width: u16) -> Vec<String> {
+fn reasons(report: &ExperimentReport, width: u16) -> Vec<String> {
     report.reasons().iter().map(|reason| wrapped(reason, width.into())).collect()
 }
 

@@ -15,7 +15,7 @@ use sha2::{Digest, Sha256};
 use swarmbench_analysis::Metric;
 use swarmbench_engine::{Control, RuleSet, TaskName};
 
-use crate::dataset::rows::Row;
+use crate::dataset::rows::DatasetRow;
 pub(super) use settings::Axes;
 pub(super) use source::Choice;
 
@@ -80,7 +80,7 @@ pub(super) struct Condition {
 impl Games {
     /// Adds the row of a game, unless the game was added before. Nested objects of `agent_meta` become columns such as
     /// `eval.max_tokens`, and width and height also become `map_size`.
-    fn add(&mut self, row: Row) -> anyhow::Result<()> {
+    fn add(&mut self, row: DatasetRow) -> anyhow::Result<()> {
         for name in NEEDED {
             ensure!(
                 row.contains_key(name),
@@ -166,10 +166,14 @@ impl Games {
     }
 
     /// Splits games by their value of a column, in order.
-    pub(super) fn groups(&self, column: &str, games: &[usize]) -> BTreeMap<Place, Vec<usize>> {
-        let mut groups: BTreeMap<Place, Vec<usize>> = BTreeMap::new();
+    pub(super) fn groups(
+        &self,
+        column: &str,
+        games: &[usize],
+    ) -> BTreeMap<RankedValue, Vec<usize>> {
+        let mut groups: BTreeMap<RankedValue, Vec<usize>> = BTreeMap::new();
         for &game in games {
-            groups.entry(Place::of(column, self.value(column, game))).or_default().push(game);
+            groups.entry(RankedValue::of(column, self.value(column, game))).or_default().push(game);
         }
         groups
     }
@@ -282,9 +286,9 @@ fn flat(meta: &str) -> anyhow::Result<Vec<(String, Json)>> {
 
 /// A value with its rank in its column: tasks have the order of boards.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Place(Option<TaskName>, pub(super) Value);
+pub(super) struct RankedValue(Option<TaskName>, pub(super) Value);
 
-impl Place {
+impl RankedValue {
     pub(super) fn of(column: &str, value: &Value) -> Self {
         let task = match value {
             Value::Text(name) if column == "task" => TaskName::parse(name),

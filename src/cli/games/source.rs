@@ -11,7 +11,7 @@ use super::super::options::ServerArgs;
 use super::super::output::{progress_bar, set};
 use super::{Condition, Games, Selected, Value, games_told, told};
 use crate::dataset::export::{Export, Selection};
-use crate::dataset::rows::{self, Lines, Row};
+use crate::dataset::rows::{self, DatasetRow, Lines};
 use crate::dataset::tables::TableName;
 use crate::store::episodes::{Filter, Readable};
 use crate::store::{Location, Store};
@@ -64,7 +64,7 @@ impl Source {
 }
 
 /// Adds rows to games, and passes their error on.
-fn adding(games: &mut Games) -> impl FnMut(Row) -> io::Result<()> + '_ {
+fn adding(games: &mut Games) -> impl FnMut(DatasetRow) -> io::Result<()> + '_ {
     |row| games.add(row).map_err(|error| io::Error::other(format!("{error:#}")))
 }
 

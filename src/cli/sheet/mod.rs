@@ -68,7 +68,7 @@ pub(super) struct Column {
 }
 
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Row {
+pub(super) struct SheetRow {
     /// One value per head of the sheet.
     pub(super) heads: Vec<Value>,
     /// One cell per column of the sheet.
@@ -80,7 +80,7 @@ pub(super) struct Sheet {
     /// Names of the columns that identify a row.
     pub(super) heads: Vec<String>,
     pub(super) columns: Vec<Column>,
-    pub(super) rows: Vec<Row>,
+    pub(super) rows: Vec<SheetRow>,
     pub(super) notes: Vec<String>,
 }
 
@@ -144,7 +144,7 @@ fn one_line(text: &str) -> String {
 /// split into several tables.
 fn terminal(sheet: &Sheet, columns: std::ops::Range<usize>, width: u16) -> String {
     for is_narrow in [false, true] {
-        let (mut shown, least) = drawn(sheet, columns.clone(), is_narrow);
+        let (mut shown, least) = table_of(sheet, columns.clone(), is_narrow);
         if least <= width.into() || (is_narrow && columns.len() < 2) {
             fit(&mut shown, width);
             return format!("{shown}\n");
@@ -158,7 +158,7 @@ fn terminal(sheet: &Sheet, columns: std::ops::Range<usize>, width: u16) -> Strin
 const HEAD_COLUMNS: usize = 11;
 
 /// A table in which only heads may wrap, and its minimum width in columns of a terminal.
-fn drawn(sheet: &Sheet, columns: std::ops::Range<usize>, is_narrow: bool) -> (Table, usize) {
+fn table_of(sheet: &Sheet, columns: std::ops::Range<usize>, is_narrow: bool) -> (Table, usize) {
     let between = if is_narrow { '\n' } else { ' ' };
     let names = sheet.columns[columns.clone()].iter().map(|column| {
         let name = short(&column.name);
@@ -199,7 +199,7 @@ mod tests {
             columns: (0..columns)
                 .map(|number| Column { name: name(number), kind: Kind::Score })
                 .collect(),
-            rows: vec![Row {
+            rows: vec![SheetRow {
                 heads: vec!["a-model-of-26-characters-x".into()],
                 cells: vec![cell; columns],
             }],

@@ -5,7 +5,7 @@ use std::iter;
 use serde_json::{Map, Value, json};
 use swarmbench_protocol::table::{text as guarded, write_csv};
 
-use super::{Cell, Column, Kind, Row, Sheet, one_line};
+use super::{Cell, Column, Kind, Sheet, SheetRow, one_line};
 
 /// A cell for people. `between` separates its two parts.
 pub(super) fn plain(cell: &Cell, kind: Kind, between: char) -> String {
@@ -115,7 +115,7 @@ pub(super) fn json(sheets: &[Sheet], notes: &[String]) -> String {
         }
         Cell::Number(number) => json!(number),
     };
-    let row = |sheet: &Sheet, row: &Row| {
+    let row = |sheet: &Sheet, row: &SheetRow| {
         let names = sheet.columns.iter().map(|column| column.name.clone());
         let cells: Map<String, Value> = names.zip(row.cells.iter().map(value)).collect();
         let heads: Map<String, Value> =
@@ -184,7 +184,7 @@ fn values(cell: &Cell, column: &Column) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Row;
+    use super::super::SheetRow;
     use super::*;
 
     fn sheet(name: &str) -> Sheet {
@@ -197,7 +197,7 @@ mod tests {
         Sheet {
             heads: vec!["model".to_owned()],
             columns: kinds.map(|(name, kind)| Column { name: name.to_owned(), kind }).to_vec(),
-            rows: vec![Row { heads: vec![name.into()], cells }],
+            rows: vec![SheetRow { heads: vec![name.into()], cells }],
             notes: Vec::new(),
         }
     }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use anyhow::{Context, ensure};
 use swarmbench_analysis::means::mean;
 
-use super::super::games::{Place, Value};
+use super::super::games::{RankedValue, Value};
 use super::super::sheet::{Cell, Column, Kind, Sheet};
 use super::grid::{Grid, Key};
 
@@ -52,7 +52,7 @@ pub(super) fn best_of_rows(mut sheet: Sheet) -> Sheet {
 /// Scores of centralized and decentralized control, and the change from the second to the first.
 pub(super) fn centralized(grid: &Grid) -> anyhow::Result<Sheet> {
     let of = |control: &str| -> anyhow::Result<Key> {
-        let key = vec![Place::of("control", &Value::Text(control.into()))];
+        let key = vec![RankedValue::of("control", &Value::Text(control.into()))];
         ensure!(
             grid.columns.contains(&key),
             "no game has {control} control, and the table compares both: \
@@ -75,16 +75,18 @@ pub(super) fn centralized(grid: &Grid) -> anyhow::Result<Sheet> {
 
 /// Scores with noise and delay in each task, their average, the average of the same tasks without, and the change.
 pub(super) fn noise(grid: &Grid) -> anyhow::Result<Sheet> {
-    let none = || Place::of("noise", &Value::Number(0.0));
-    let (quiet, noisy): (BTreeSet<&[Place]>, BTreeSet<&[Place]>) = (grid.columns.iter())
-        .map(|column| &column[..2])
-        .partition(|condition| *condition == [none(), none()]);
+    let none = || RankedValue::of("noise", &Value::Number(0.0));
+    let (quiet, noisy): (BTreeSet<&[RankedValue]>, BTreeSet<&[RankedValue]>) =
+        (grid.columns.iter())
+            .map(|column| &column[..2])
+            .partition(|condition| *condition == [none(), none()]);
     let quiet = quiet.first().context(
         "no game is without noise and delay, and the table compares with such: \
          `swarmbench eval examples/eval/noise.toml` plays both",
     )?;
-    let told =
-        |condition: &&[Place]| format!("noise {} max_delay {}", condition[0].1, condition[1].1);
+    let told = |condition: &&[RankedValue]| {
+        format!("noise {} max_delay {}", condition[0].1, condition[1].1)
+    };
     let all: Vec<String> = noisy.iter().map(told).collect();
     ensure!(
         all.len() == 1,
@@ -93,11 +95,11 @@ pub(super) fn noise(grid: &Grid) -> anyhow::Result<Sheet> {
         if all.is_empty() { "none".to_owned() } else { all.join("; ") }
     );
     let noisy = noisy.first().context("there is one")?;
-    let tasks: BTreeSet<&Place> = grid.columns.iter().map(|column| &column[2]).collect();
-    let key = |condition: &[Place], task: &Place| -> Key {
+    let tasks: BTreeSet<&RankedValue> = grid.columns.iter().map(|column| &column[2]).collect();
+    let key = |condition: &[RankedValue], task: &RankedValue| -> Key {
         condition.iter().chain([task]).cloned().collect()
     };
-    let average = |row: &Key, condition: &[Place]| {
+    let average = |row: &Key, condition: &[RankedValue]| {
         let means: Option<Vec<f64>> =
             tasks.iter().map(|task| grid.mean(row, &key(condition, task))).collect();
         mean(&means?)

@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use anyhow::ensure;
 use swarmbench_analysis::means::mean_and_deviation;
 
-use super::super::games::{Axes, Place, Selected, Value, games_told};
-use super::super::sheet::{Cell, Column, Kind, Row, Sheet};
+use super::super::games::{Axes, RankedValue, Selected, Value, games_told};
+use super::super::sheet::{Cell, Column, Kind, Sheet, SheetRow};
 
 /// Maximum rows or columns of a table.
 const LINES_MAX: usize = 1000;
@@ -23,7 +23,7 @@ pub(super) struct Layout {
 }
 
 /// Values of some columns of a game.
-pub(super) type Key = Vec<Place>;
+pub(super) type Key = Vec<RankedValue>;
 
 pub(super) struct Grid {
     pub(super) layout: Layout,
@@ -51,9 +51,9 @@ impl Grid {
         let shared = games.shared(&chosen, &axes)?;
         games.check_numbers(&layout.value, &chosen)?;
         let key = |names: &[String], game: usize| -> Key {
-            names.iter().map(|name| Place::of(name, games.value(name, game))).collect()
+            names.iter().map(|name| RankedValue::of(name, games.value(name, game))).collect()
         };
-        let mut seeds: BTreeMap<(Key, Key), BTreeSet<Place>> = BTreeMap::new();
+        let mut seeds: BTreeMap<(Key, Key), BTreeSet<RankedValue>> = BTreeMap::new();
         let mut grid = Self {
             rows: BTreeSet::new(),
             columns: BTreeSet::new(),
@@ -69,7 +69,7 @@ impl Grid {
             seeds
                 .entry(place.clone())
                 .or_default()
-                .insert(Place::of("seed", games.value("seed", game)));
+                .insert(RankedValue::of("seed", games.value("seed", game)));
             match games.number(&grid.layout.value, game) {
                 Some(value) => grid.cells.entry(place).or_default().push(value),
                 None => undefined += 1,
@@ -134,7 +134,7 @@ impl Grid {
         columns: Vec<Column>,
         cells: impl Fn(&Key) -> Vec<Cell>,
     ) -> Sheet {
-        let row = |row: &Key| Row { heads: Self::head(row), cells: cells(row) };
+        let row = |row: &Key| SheetRow { heads: Self::head(row), cells: cells(row) };
         Sheet {
             heads: self.layout.rows.clone(),
             columns,

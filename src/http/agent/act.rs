@@ -7,12 +7,12 @@ use swarmbench_engine::{Act, Action, AgentId, Config, Control, Message, answer};
 use utoipa::IntoParams;
 
 use super::super::answer::{json, small, with_field};
-use super::super::auth::Seat;
+use super::super::auth::TokenSeat;
 use super::super::extract::wait;
 use super::super::prelude::*;
 use super::super::stream::Short;
-use super::look::{Look, observation};
 use super::obs::is_past;
+use super::observation::{ObservationRequest, observation};
 use crate::episode::lockstep::{self, Submission};
 use crate::ids::EpisodeId;
 use swarmbench_journal::record::{Decision, Source};
@@ -46,7 +46,7 @@ pub(in super::super) struct ActParams {
 )]
 pub(in super::super) async fn post_act(
     State(app): State<App>,
-    seat: Seat,
+    seat: TokenSeat,
     Params(params): Params<ActParams>,
     Json(request, body): Json<ActRequest>,
 ) -> Result<Response, ApiError> {
@@ -64,11 +64,13 @@ pub(in super::super) async fn post_act(
 
 /// Observation of a seat once the round is past `round`; `null` if that does not happen in time. Never fails, as the act is
 /// durable: the receipt is sent even if the limit of waiting requests is reached, or no thread or memory is free for the observation.
-async fn next_observation(app: &App, seat: &Seat, round: u32, patience: Duration) -> Vec<u8> {
-    let Seat { handle, agent } = seat;
+async fn next_observation(app: &App, seat: &TokenSeat, round: u32, patience: Duration) -> Vec<u8> {
+    let TokenSeat { handle, agent } = seat;
     let waited = app.waits.until(handle, patience, |snapshot| is_past(snapshot, round)).await;
     let next = match waited.ok().filter(|snapshot| is_past(snapshot, round)) {
-        Some(snapshot) => observation(app, Look::now(app, handle, &snapshot, *agent), false).await,
+        Some(snapshot) => {
+            observation(app, ObservationRequest::now(app, handle, &snapshot, *agent), false).await
+        }
         None => Ok(b"null".to_vec()),
     };
     next.unwrap_or_else(|_| b"null".to_vec())
@@ -77,11 +79,11 @@ async fn next_observation(app: &App, seat: &Seat, round: u32, patience: Duration
 /// Submits an act for a seat; returns once the act is durable.
 pub(in super::super) async fn submit(
     app: &App,
-    seat: &Seat,
+    seat: &TokenSeat,
     request: ActRequest,
 ) -> Result<Receipt, ApiError> {
     app.check_backlog()?;
-    let Seat { handle, agent } = seat;
+    let TokenSeat { handle, agent } = seat;
     let submission = submission(request, &handle.spec.config, *agent)?;
     let mut outcomes = handle.submit(vec![(*agent, submission)]).await;
     let given = outcomes.pop().ok_or_else(|| ApiError::new(Code::Internal, "no outcome"))??;

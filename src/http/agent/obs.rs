@@ -6,10 +6,10 @@ use serde::Deserialize;
 use utoipa::IntoParams;
 
 use super::super::answer::json;
-use super::super::auth::Seat;
+use super::super::auth::TokenSeat;
 use super::super::extract::{flag, wait};
 use super::super::prelude::*;
-use super::look::{Look, observation};
+use super::observation::{ObservationRequest, observation};
 use crate::episode::Snapshot;
 use swarmbench_protocol::observation::Observation;
 
@@ -43,7 +43,7 @@ pub(in super::super) struct ObsParams {
 )]
 pub(in super::super) async fn get_obs(
     State(app): State<App>,
-    seat: Seat,
+    seat: TokenSeat,
     Params(params): Params<ObsParams>,
 ) -> Result<Response, ApiError> {
     let wait = wait(&app, params.wait)?;
@@ -53,7 +53,7 @@ pub(in super::super) async fn get_obs(
 /// Observation of a seat, once the round is past `after` or `wait` has passed.
 pub(in super::super) async fn see(
     app: &App,
-    seat: &Seat,
+    seat: &TokenSeat,
     after: Option<u32>,
     wait: Duration,
     prompt: bool,
@@ -65,11 +65,11 @@ pub(in super::super) async fn see(
         }
         None => seat.handle.snapshot(),
     };
-    let look = Look::now(app, &seat.handle, &snapshot, seat.agent);
-    observation(app, look, prompt).await
+    let request = ObservationRequest::now(app, &seat.handle, &snapshot, seat.agent);
+    observation(app, request, prompt).await
 }
 
-/// Whether the round is past `round`, or the episode is over.
+/// An episode that is over is past every round.
 pub(in super::super) fn is_past(snapshot: &Snapshot, round: u32) -> bool {
     snapshot.status.is_over() || snapshot.world.round() > round
 }

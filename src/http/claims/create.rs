@@ -45,7 +45,7 @@ pub(in super::super) async fn create_claim(
     request: Unread,
 ) -> Result<Response, ApiError> {
     let (owner, key) = caller.claimant(&app)?;
-    let (stored, spec) = app.known(&caller, id).await?;
+    let (stored, spec) = app.known_episode(&caller, id).await?;
     let (request, body) = request.read::<ClaimRequest>(&app).await?;
     let idempotency = idempotency(&headers, owner, &body, &app.limits)?;
     let model = request.model.clone().unwrap_or_else(|| "unnamed".to_owned());

@@ -20,7 +20,7 @@ pub(in super::super) async fn list_claims(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Json<SeatList>, ApiError> {
-    let (stored, spec) = app.known(&caller, id).await?;
+    let (stored, spec) = app.known_episode(&caller, id).await?;
     let mut held = app.store.held_seats(stored.episode).await?.into_iter().peekable();
     let seat = |agent: AgentId| {
         let name = agent.to_string();

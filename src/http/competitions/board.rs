@@ -16,7 +16,7 @@ use super::super::page::{cursor_by, page_limit};
 use super::super::prelude::*;
 use super::super::ranking::Ranking;
 use crate::competitions::StoredCompetition;
-use crate::competitions::standings::Place;
+use crate::competitions::standings::EntrantAttempts;
 use crate::measure::method;
 use crate::store::metrics::stored_method;
 use swarmbench_boards::competition::definition::Definition;
@@ -216,7 +216,11 @@ impl App {
 }
 
 /// Rows of a board, with or without the results by task.
-fn ranking(definition: &Definition, places: &[Place], with_tasks: bool) -> Vec<CompetitionRow> {
+fn ranking(
+    definition: &Definition,
+    places: &[EntrantAttempts],
+    with_tasks: bool,
+) -> Vec<CompetitionRow> {
     let places: Vec<_> = places.iter().map(|(entrant, played)| (&**entrant, &**played)).collect();
     let entrants: HashMap<_, _> =
         places.iter().map(|(entrant, _)| (entrant.id.as_str(), *entrant)).collect();

@@ -26,8 +26,8 @@ use crate::store::port::StoredEpisode;
 use swarmbench_boards::competition::definition::Definition;
 use swarmbench_boards::competition::entrant::Entrant;
 use swarmbench_boards::competition::export::{
-    AFTER_END, Action, Attempt, Board, CANCEL, CHANGE, Competition, End, Episode, FIRST_FORMAT,
-    FORMAT, Game, Line, Writer, format_of,
+    AFTER_END, Action, Attempt, Board, CANCEL, CHANGE, Competition, End, Episode, ExportedGame,
+    FIRST_FORMAT, FORMAT, Line, Writer, format_of,
 };
 use swarmbench_boards::competition::standings::{Part, Played, standings_of};
 
@@ -124,7 +124,7 @@ pub(in super::super) struct ExportParams {
 struct Told {
     /// New status, or new reason of the status.
     status: Option<String>,
-    /// Whether an organizer vouched for the model before, if that changed.
+    /// State of the vouching before, if it changed.
     was_vouched: Option<bool>,
     /// Excluded entrants.
     entrants: Option<Vec<String>>,
@@ -135,7 +135,7 @@ impl Told {
         serde_json::from_str(action.detail.get()).unwrap_or_default()
     }
 
-    /// Whether an action after the end changes attempts, games or ranks.
+    /// A deciding action after the end changes attempts, games or ranks.
     fn decides(action: &Action) -> bool {
         let told = Self::of(action);
         AFTER_END.contains(&action.action.as_str())
@@ -153,7 +153,7 @@ struct Known {
     voided: HashSet<RunKey>,
     /// Actions of organizers, oldest first.
     actions: Vec<Action>,
-    /// Whether an organizer vouched for entrants at the end, for those where that changed later.
+    /// Vouching at the end, by entrants for which it changed later.
     vouched: HashMap<String, bool>,
 }
 
@@ -370,7 +370,7 @@ impl Reader {
                 voided: stored.void_reason.clone(),
                 games: games
                     .iter()
-                    .map(|game| Game {
+                    .map(|game| ExportedGame {
                         slot: game.slot,
                         episode: game.id.to_string(),
                         voided: game.void_reason.clone(),

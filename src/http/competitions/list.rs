@@ -21,7 +21,7 @@ pub(in super::super) async fn list_competitions(
     caller: Caller,
     Params(params): Params<NewestParams>,
 ) -> Result<Response, ApiError> {
-    caller.may_look_around(&app.access)?;
+    caller.check_may_browse(&app.access)?;
     let page = params.page(&app)?;
     let now = app.clock.wall();
     let all = caller.reads_all();

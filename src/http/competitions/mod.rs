@@ -43,7 +43,7 @@ use swarmbench_protocol::names;
 impl App {
     /// Competition of which the caller may know.
     async fn competition(&self, caller: &Caller, id: &str) -> Result<StoredCompetition, ApiError> {
-        caller.may_look_around(&self.access)?;
+        caller.check_may_browse(&self.access)?;
         self.stored_competition(id).await
     }
 
@@ -103,7 +103,7 @@ impl App {
         Err(erased())
     }
 
-    /// Whether a caller has the key with which an entrant entered, instead of that of a later member of its team.
+    /// A founder has the key with which the entrant entered, not that of a later member of its team.
     async fn is_founder(&self, caller: &Caller, entrant: &StoredEntrant) -> Result<bool, ApiError> {
         let first = self.store.key(entrant.owner).await?;
         Ok(matches!((caller, first), (Caller::Key(key), Some(first)) if key.id == first.id))

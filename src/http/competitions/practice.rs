@@ -7,7 +7,7 @@ use jiff::SignedDuration;
 use swarmbench_engine::Seed;
 
 use super::super::answer;
-use super::super::checks::drawn_seed;
+use super::super::checks::random_seed;
 use super::super::prelude::*;
 use super::check_open;
 use super::start::{check_active, entrant};
@@ -117,7 +117,7 @@ fn checked(
         let names = all.join(", ");
         problems.refuse("tasks", format!("must name some of {names}, each at most once"));
     }
-    let asked = request.seeds.unwrap_or_else(|| vec![drawn_seed(app)]);
+    let asked = request.seeds.unwrap_or_else(|| vec![random_seed(app)]);
     let is_distinct = asked.iter().collect::<HashSet<_>>().len() == asked.len();
     if !(1..=SEEDS_MAX).contains(&asked.len()) || !is_distinct {
         problems.refuse("seeds", format!("must be 1 to {SEEDS_MAX} different ones"));

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use axum::Json;
 use swarmbench_engine::{AgentId, World};
 
-use super::super::agent::look::result;
+use super::super::agent::observation::result;
 use super::super::extract::AgentPlace;
 use super::super::prelude::*;
 use crate::episode::Status;
@@ -44,7 +44,7 @@ pub(in super::super) async fn show_agent_round(
     AgentPlace { id, round, agent }: AgentPlace,
     _: Params<Nothing>,
 ) -> Result<Json<AgentRound>, ApiError> {
-    let stored = app.journaled(&caller, id).await?;
+    let stored = app.journaled_episode(&caller, id).await?;
     let handle = app.episode(&stored.id).await?;
     let agents = handle.spec.config.num_agents();
     let agent = AgentId::parse(&agent).filter(|agent| agent.0 < agents);

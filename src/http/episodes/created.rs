@@ -36,7 +36,7 @@ impl Shown {
         }
     }
 
-    /// One that exists already. It is not recovered for this: another server may play it.
+    /// Existing episode, which is not recovered for this: another server may play it.
     pub(super) async fn find(app: &App, id: &EpisodeId) -> Result<Self, ApiError> {
         if let Some(handle) = app.registry.find_in_memory(id) {
             return Ok(Self::of(&handle));

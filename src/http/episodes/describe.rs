@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use swarmbench_engine::{AgentId, Config, Settings, TaskName};
 
-use super::super::checks::{drawn_seed, short};
+use super::super::checks::{random_seed, short};
 use super::super::prelude::*;
 use crate::episode::spec::Spec;
 use crate::hosted;
@@ -17,7 +17,7 @@ pub(super) fn described(request: EpisodeRequest, app: &App) -> Result<Spec, ApiE
     let settings = Settings {
         task: request.task.clone().unwrap_or_default(),
         rules: request.rules.clone().unwrap_or_else(|| usual.rules.clone()),
-        seed: request.seed.unwrap_or_else(|| drawn_seed(app)),
+        seed: request.seed.unwrap_or_else(|| random_seed(app)),
         ..request.over(usual)
     };
     let checked = if request.task.is_some() {
@@ -31,12 +31,13 @@ pub(super) fn described(request: EpisodeRequest, app: &App) -> Result<Spec, ApiE
         Err(())
     };
     let task = request.task.as_deref().and_then(TaskName::parse);
-    let game = Game { config: checked.ok().map(Arc::new), task, agents: settings.num_agents };
+    let game =
+        DescribedGame { config: checked.ok().map(Arc::new), task, agents: settings.num_agents };
     spec(request, game, problems, app)
 }
 
 /// The simulation of an episode, as far as it is known.
-pub(super) struct Game {
+pub(super) struct DescribedGame {
     pub(super) config: Option<Arc<Config>>,
     pub(super) task: Option<TaskName>,
     pub(super) agents: i64,
@@ -45,7 +46,7 @@ pub(super) struct Game {
 /// Validates all of a request that does not touch the simulation; all errors are reported at once.
 pub(super) fn spec(
     request: EpisodeRequest,
-    Game { config, task, agents }: Game,
+    DescribedGame { config, task, agents }: DescribedGame,
     mut problems: Problems,
     app: &App,
 ) -> Result<Spec, ApiError> {

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use swarmbench_engine::World;
 use utoipa::IntoParams;
 
-use super::super::agent::look::result;
+use super::super::agent::observation::result;
 use super::super::feed::{Events, Feed, feed};
 use super::super::prelude::*;
 use crate::budget::Reservation;

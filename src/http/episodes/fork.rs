@@ -11,7 +11,7 @@ use super::super::idempotency::{Idempotency, created_before, idempotency};
 use super::super::prelude::*;
 use super::super::seeds::SeedPermit;
 use super::created::{Shown, Tokens, created_episode};
-use super::describe::{Game, spec as checked_spec};
+use super::describe::{DescribedGame, spec as checked_spec};
 use super::shown_fork;
 use crate::episode::past::Past;
 use crate::episode::quota::Purpose;
@@ -88,7 +88,7 @@ impl App {
         caller: &Caller,
         id: String,
     ) -> Result<(StoredEpisode, Spec, SeedPermit), ApiError> {
-        let (stored, spec) = self.known(caller, id).await?;
+        let (stored, spec) = self.known_episode(caller, id).await?;
         let permit = self.open_permit_of_game(caller, &stored, &spec);
         let is_over = stored.ended_at.is_some();
         let detail = match spec.visibility {
@@ -112,7 +112,7 @@ struct Plan {
     parent: StoredEpisode,
     round: u32,
     count: u32,
-    /// What each of them is, but for its place in the parent.
+    /// Description of each fork, but for its place in the parent.
     spec: Spec,
 }
 
@@ -189,7 +189,7 @@ impl Plan {
             player: request.player,
             ..EpisodeRequest::default()
         };
-        let game = Game {
+        let game = DescribedGame {
             config: Some(Arc::clone(&parent.config)),
             task: Some(parent.config.task()),
             agents: parent.config.num_agents().into(),

@@ -40,7 +40,7 @@ pub(in super::super) async fn read_journal(
     headers: HeaderMap,
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
-    let stored = app.journaled(&caller, id).await?;
+    let stored = app.journaled_episode(&caller, id).await?;
     // The current state.
     let stored = app.store.find_summary(&stored.id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
@@ -54,7 +54,7 @@ pub(in super::super) struct JournalReader {
     store: Store,
     stored: StoredEpisode,
     at: Position,
-    /// Of the chain after the last line.
+    /// Head of the chain after the last line.
     head: Head,
     acts: ActReader,
     /// Rounds that were read and not written yet.
@@ -66,7 +66,7 @@ pub(in super::super) struct JournalReader {
 enum Position {
     Opening,
     Before(u32),
-    /// In the list of acts of a line.
+    /// Reading the list of acts of a line.
     In(OpenLine),
     End,
     Done,

@@ -41,7 +41,7 @@ pub(in super::super) fn definition(name: Option<&str>) -> Result<Definition, Api
     Ok(name.and_then(Definition::parse).unwrap_or_default())
 }
 
-/// What is wanted of a series.
+/// Range of a series.
 #[derive(Clone, Copy)]
 pub(in super::super) struct Wanted {
     from: u32,
@@ -49,7 +49,7 @@ pub(in super::super) struct Wanted {
 }
 
 impl MetricsParams {
-    /// Which states are wanted, if any.
+    /// Range of states, if a series is requested.
     pub(in super::super) fn series(&self) -> Result<Option<Wanted>, ApiError> {
         if self.series != Some(true) {
             return match (self.from, self.states) {
@@ -102,7 +102,7 @@ pub(in super::super) async fn show_episode_metrics(
 ) -> Result<Json<GameMetrics>, ApiError> {
     let definition = definition(params.definition.as_deref())?;
     let wanted = params.series()?;
-    let stored = app.readable_stored(&caller, id).await?;
+    let stored = app.readable_episode(&caller, id).await?;
     let states = wanted.map(|wanted| wanted.of(stored.rounds)).transpose()?;
     let measured = app.measured(&stored).await?;
     let series = match states {

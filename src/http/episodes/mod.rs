@@ -34,17 +34,17 @@ use swarmbench_protocol::episode::{self as shown, EpisodeConfig, EpisodeResult, 
 impl App {
     /// An episode of which the caller may read everything but the seed.
     async fn readable(&self, caller: &Caller, id: String) -> Result<Handle, ApiError> {
-        let stored = self.readable_stored(caller, id).await?;
+        let stored = self.readable_episode(caller, id).await?;
         self.episode(&stored.id).await
     }
 
-    /// What is stored of an episode of which the caller may read the states.
-    async fn readable_stored(
+    /// Stored row of an episode of which the caller may read the states.
+    async fn readable_episode(
         &self,
         caller: &Caller,
         id: String,
     ) -> Result<StoredEpisode, ApiError> {
-        let (stored, spec) = self.known(caller, id).await?;
+        let (stored, spec) = self.known_episode(caller, id).await?;
         if !caller.may_read(&self.access, self.subject(&stored, &spec)) {
             let detail = if spec.visibility == Visibility::Sealed {
                 "this game is sealed: until its competition is revealed only organizers may read this"
@@ -59,7 +59,7 @@ impl App {
         Ok(stored)
     }
 
-    /// Whether the caller sees the seed of a game; whatever else tells it needs this first.
+    /// Permit for the seed of a game, which everything that tells the seed needs.
     pub(super) async fn permit_of_game(
         &self,
         caller: &Caller,
@@ -69,7 +69,7 @@ impl App {
         self.may_see_seed(caller, self.subject(stored, spec), stored.id.as_str()).await
     }
 
-    /// What the permissions of a stored episode depend on.
+    /// Facts of a stored episode that decide its permissions.
     fn subject<'a>(&self, stored: &'a StoredEpisode, spec: &Spec) -> Subject<'a> {
         let is_over = Status::parse(&stored.status).is_some_and(Status::is_over);
         Subject {
@@ -95,7 +95,7 @@ impl App {
         id: String,
     ) -> Result<(Handle, StoredEpisode), ApiError> {
         caller.check_not_judge()?;
-        let (stored, spec) = self.known(caller, id).await?;
+        let (stored, spec) = self.known_episode(caller, id).await?;
         if !caller.owns(self.subject(&stored, &spec)) {
             let detail = "only the creator of an episode may do this: send its swarm token, or the key with which it was created";
             return Err(ApiError::new(Code::Forbidden, detail));
@@ -114,8 +114,8 @@ impl App {
         })
     }
 
-    /// What is stored of an episode of which the caller may know. The episode is not recovered for that.
-    pub(super) async fn known(
+    /// Stored row of an episode that the caller may know of. The episode is not recovered for it.
+    pub(super) async fn known_episode(
         &self,
         caller: &Caller,
         id: String,
@@ -131,9 +131,13 @@ impl App {
         }
     }
 
-    /// What is stored of an episode of which the caller may read the journal.
-    async fn journaled(&self, caller: &Caller, id: String) -> Result<StoredEpisode, ApiError> {
-        let (stored, spec) = self.known(caller, id).await?;
+    /// Stored row of an episode of which the caller may read the journal.
+    async fn journaled_episode(
+        &self,
+        caller: &Caller,
+        id: String,
+    ) -> Result<StoredEpisode, ApiError> {
+        let (stored, spec) = self.known_episode(caller, id).await?;
         if !self.permit_of_game(caller, &stored, &spec).await?.is_granted() {
             let detail = if spec.is_mixed() {
                 "a journal contains the seed and the answers of all seat holders: it can be read after the end"
@@ -145,7 +149,7 @@ impl App {
         Ok(stored)
     }
 
-    /// Whether the caller sees the seed of a game, and all that was played, where it is one of many.
+    /// Permit for the seed of a game in a list, and for all that was played in it.
     pub(super) fn open_permit_of_game(
         &self,
         caller: &Caller,
@@ -167,7 +171,7 @@ impl App {
         caller: &Caller,
         id: &str,
     ) -> Result<EpisodeSummary, ApiError> {
-        let stored = self.readable_stored(caller, id.to_owned()).await?;
+        let stored = self.readable_episode(caller, id.to_owned()).await?;
         self.listed(caller, &stored)
     }
 
@@ -214,14 +218,14 @@ impl App {
     }
 }
 
-/// Where an episode continues its parent, as it is shown. The seed could be found with the head, by trying.
+/// Fork point of an episode, as it is shown. The seed could be found with the head, by trying.
 fn shown_fork(fork: &Fork, permit: SeedPermit) -> shown::Fork {
     let Fork { episode, round, head } = fork.clone();
     shown::Fork { episode, round, head: permit.show(head) }
 }
 
-/// Whether the caller may see what was decided, of an episode of which it may read the states: while a game of several
-/// holders is played, they know of each other what they see and hear.
+/// Decisions in an open game of several holders are shown to those who oversee it alone: the holders know of each other only
+/// what they see and hear.
 fn may_see_decisions(app: &App, caller: &Caller, stored: &StoredEpisode) -> Result<bool, ApiError> {
     let spec = spec(stored)?;
     let subject = app.subject(stored, &spec);

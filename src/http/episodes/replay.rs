@@ -10,7 +10,7 @@ use utoipa::IntoParams;
 use super::super::answer::{joined, json};
 use super::super::extract::optional_flag;
 use super::super::prelude::*;
-use super::super::replay_pages::{Game, PageKey, WrittenPage};
+use super::super::replay_pages::{PageKey, ReplayedGame, WrittenPage};
 use crate::episode::Snapshot;
 use crate::episode::actor::Handle;
 use crate::episode::replay::{Rounds, state_at};
@@ -84,14 +84,14 @@ pub(in super::super) async fn show_replay(
     Id(id): Id,
     Params(params): Params<ReplayParams>,
 ) -> Result<Response, ApiError> {
-    let stored = app.readable_stored(&caller, id).await?;
+    let stored = app.readable_episode(&caller, id).await?;
     let has_decisions = super::may_see_decisions(&app, &caller, &stored)?;
     let handle = app.episode(&stored.id).await?;
     let snapshot = handle.snapshot();
     let newest = snapshot.world.round();
     let agents = snapshot.world.config().num_agents().into();
     let (from, to) = params.range(newest, agents)?;
-    let key = PageKey { game: Game::Episode(handle.key), from, to, has_decisions };
+    let key = PageKey { game: ReplayedGame::Episode(handle.key), from, to, has_decisions };
     let page = Box::pin(app.replay_pages.page(key, app.write_page(&handle, key))).await?;
     let next = (page.last < newest).then_some(page.last);
     Ok(json(joined(&head(&handle, &snapshot, params.wants_ground(), next), &page.json)))

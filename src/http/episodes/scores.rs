@@ -28,7 +28,7 @@ impl ScoresParams {
     }
 }
 
-/// How many rounds are between two scores, and after how many rounds the later ones are.
+/// Number of rounds between two scores, and the rounds of all scores but the first.
 pub(in super::super) fn places(rounds: u32, points: u32) -> (u32, Vec<u32>) {
     let every = rounds.div_ceil(points).max(1);
     let mut places: Vec<u32> = (1..=rounds / every).map(|place| place * every).collect();
@@ -57,7 +57,7 @@ pub(in super::super) async fn show_scores(
     Params(params): Params<ScoresParams>,
 ) -> Result<Json<Scores>, ApiError> {
     let points = params.points(&app)?;
-    let stored = app.readable_stored(&caller, id).await?;
+    let stored = app.readable_episode(&caller, id).await?;
     Ok(Json(app.scores(&stored, points).await?))
 }
 

@@ -19,7 +19,7 @@ pub(in super::super) async fn show_episode(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Json<EpisodeSummary>, ApiError> {
-    let (stored, spec) = app.known(&caller, id).await?;
+    let (stored, spec) = app.known_episode(&caller, id).await?;
     let permit = app.permit_of_game(&caller, &stored, &spec).await?;
     Ok(Json(app.summary_of(&caller, &stored, &spec, permit)?))
 }

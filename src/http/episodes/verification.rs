@@ -22,7 +22,7 @@ use swarmbench_protocol::replay::Verification;
 /// Verifications that are cached.
 pub(in super::super) const VERIFICATIONS_MAX: usize = 4096;
 
-/// What was found, by episode and head.
+/// Verified journals by episode and head.
 pub(in super::super) type Verifications = Cache<(EpisodeKey, Head), Arc<Verification>>;
 
 /// Verify an episode: the server plays its journal again.
@@ -46,7 +46,7 @@ pub(in super::super) async fn show_verification(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Json<Verification>, ApiError> {
-    let stored = app.journaled(&caller, id).await?;
+    let stored = app.journaled_episode(&caller, id).await?;
     let verify = async { Ok::<_, ApiError>(Arc::new(app.verify(stored.clone()).await?)) };
     let key = (stored.episode, stored.head);
     let found = app.verifications.get_or_insert_async(&key, verify).await?;

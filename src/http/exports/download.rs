@@ -227,7 +227,7 @@ async fn selection(
     let mut run = None;
     let mut named = SeedPermit::default();
     if let Some(id) = &params.episode {
-        let (stored, spec) = app.known(caller, id.clone()).await?;
+        let (stored, spec) = app.known_episode(caller, id.clone()).await?;
         named = app.permit_of_game(caller, &stored, &spec).await?;
     }
     if let Some(id) = params.run {

@@ -37,7 +37,7 @@ pub(in super::super) async fn list_imports(
 ) -> Result<Response, ApiError> {
     one_of("task", params.task.as_deref(), &TaskName::ALL.map(TaskName::name))?;
     let page = params.page(&app)?;
-    if !caller.may_read_what_is_over(&app.access) {
+    if !caller.may_read_ended(&app.access) {
         return Ok(page.answer());
     }
     let filter = ImportFilter { task: params.task, model: params.model };

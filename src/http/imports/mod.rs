@@ -25,7 +25,7 @@ impl App {
     /// An imported game. Imports are public like ended episodes.
     async fn import(&self, caller: &Caller, id: &str) -> Result<StoredImport, ApiError> {
         let unknown = || ApiError::not_found("the imported game");
-        if !caller.may_read_what_is_over(&self.access) {
+        if !caller.may_read_ended(&self.access) {
             return Err(unknown());
         }
         self.store.find_import(id).await?.ok_or_else(unknown)

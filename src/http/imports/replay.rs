@@ -3,7 +3,7 @@
 use super::super::answer::{joined, json};
 use super::super::episodes::replay::ReplayParams;
 use super::super::prelude::*;
-use super::super::replay_pages::{Game, PageKey, WrittenPage};
+use super::super::replay_pages::{PageKey, ReplayedGame, WrittenPage};
 use super::unreadable;
 use crate::dataset::imported::Unreadable;
 use crate::dataset::replay::{ImportPage, ground, rounds_of_import_page};
@@ -49,7 +49,12 @@ pub(in super::super) async fn show_import_replay(
         Ok((head(&of, &layout, wants_ground, &page)?, page))
     });
     let (head, page) = begin.await?.map_err(unreadable)?;
-    let key = PageKey { game: Game::Import(stored.key), from, to, has_decisions: stored.acts > 0 };
+    let key = PageKey {
+        game: ReplayedGame::Import(stored.key),
+        from,
+        to,
+        has_decisions: stored.acts > 0,
+    };
     let page =
         Box::pin(app.replay_pages.page(key, app.write_import_page(&stored, key, page))).await?;
     let next = (page.last < stored.rounds).then_some(page.last);

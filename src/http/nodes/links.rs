@@ -62,7 +62,7 @@ const OF_A_CONNECTION: [HeaderName; 7] = [
 pub(super) struct Question {
     pub(super) method: Method,
     pub(super) path: PathAndQuery,
-    /// Without hop-by-hop headers.
+    /// Headers that are not hop-by-hop.
     pub(super) headers: HeaderMap,
     pub(super) body: Bytes,
 }

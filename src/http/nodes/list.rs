@@ -26,7 +26,7 @@ pub(in super::super) async fn list_nodes(
     let Some(cluster) = app.store.cluster() else {
         return Ok(Json(NodeList { cluster: false, items: vec![alone(&app)] }));
     };
-    let members = cluster.look().await?.members;
+    let members = cluster.snapshot().await?.members;
     let items = members.into_iter().map(|member| shown(member, cluster.incarnation()));
     Ok(Json(NodeList { cluster: true, items: items.collect() }))
 }

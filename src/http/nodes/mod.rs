@@ -303,8 +303,8 @@ impl<T: Sending> Driver for Way<'_, T> {
         }
     }
 
-    async fn bury(&mut self, server: Incarnation) -> Result<(), T::Error> {
-        Ok(membership::bury(&*self.nodes.cluster, server).await?)
+    async fn exclude_if_dead(&mut self, server: Incarnation) -> Result<(), T::Error> {
+        Ok(membership::exclude_if_dead(&*self.nodes.cluster, server).await?)
     }
 
     async fn pause(&mut self, pause: Duration) {
@@ -312,7 +312,7 @@ impl<T: Sending> Driver for Way<'_, T> {
     }
 }
 
-/// What a client's request came with, other than itself.
+/// Context of a client's request.
 #[derive(Clone, Copy)]
 struct Origin<'a> {
     app: &'a App,
@@ -327,7 +327,7 @@ struct Forwarding<'a> {
     answer: Option<Response>,
 }
 
-/// What of a request is left to send.
+/// Part of a request that is left to send.
 #[expect(clippy::large_enum_variant, reason = "most requests are whole, and are sent once")]
 enum Outgoing {
     /// All of it: it was sent nowhere yet.
@@ -407,7 +407,7 @@ impl Sending for Forwarding<'_> {
     }
 }
 
-/// Whether a body is small enough to be kept, and sent again.
+/// A small body is kept, and can be sent again.
 fn is_small(body: &Body) -> bool {
     body.size_hint().upper().is_some_and(|most| most <= LIGHT_BODY_BYTES_MAX as u64)
 }

@@ -132,7 +132,7 @@ impl Nodes {
         if self.hello(&own).await.ok_or_else(nobody)?.incarnation != me {
             return Err(other());
         }
-        let Ok(seen) = self.cluster.look().await else { return Ok(()) };
+        let Ok(seen) = self.cluster.snapshot().await else { return Ok(()) };
         let mut members = seen.members.iter();
         let one = members.find(|member| member.incarnation != me && member.is_ready);
         let Some(one) = one else { return Ok(()) };
@@ -215,7 +215,7 @@ struct Asking {
     question: Question,
     /// The answer.
     done: bool,
-    /// Whether the server could not do it.
+    /// The server could not do it.
     is_refused: bool,
 }
 

@@ -29,14 +29,14 @@ impl Nodes {
         match at {
             At::Host | At::Anywhere => Ok(Target::Anybody),
             At::Token => self.of_token(app, headers).await,
-            At::New => Ok(of_name(headers)),
+            At::New => Ok(target_of_creation(headers)),
             At::NewCompetition => Ok(Target::Place(NEW_COMPETITIONS)),
             At::Episode | At::Fork => {
                 let place = self.place_of(&EpisodeId::from_text(id_in(path).into_owned())).await?;
                 let Some(place) = place else { return Ok(Target::Anybody) };
                 if at == At::Fork && !self.cluster.is_unfinished(place).await? {
                     // Nobody owns the place of the parent any more, and the forks are new.
-                    return Ok(of_name(headers));
+                    return Ok(target_of_creation(headers));
                 }
                 Ok(Target::Place(place))
             }
@@ -98,19 +98,19 @@ fn id_in(path: &str) -> Cow<'_, str> {
 }
 
 /// Creations with the same `Idempotency-Key` go to one server, which does them one after another.
-fn of_name(headers: &HeaderMap) -> Target {
+fn target_of_creation(headers: &HeaderMap) -> Target {
     let named = headers.get("idempotency-key").map(|name| {
         let hash = TokenHash::of(&String::from_utf8_lossy(name.as_bytes()));
         let first = hash.0.first_chunk().expect("a hash is longer");
         Target::Named(u64::from_le_bytes(*first))
     });
-    named.unwrap_or_else(|| Target::New(drawn()))
+    named.unwrap_or_else(|| Target::New(next_number()))
 }
 
 /// A different number at each call.
-fn drawn() -> u64 {
-    static DRAWN: AtomicU64 = AtomicU64::new(0);
-    DRAWN.fetch_add(1, Ordering::Relaxed)
+fn next_number() -> u64 {
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    NEXT.fetch_add(1, Ordering::Relaxed)
 }
 
 #[cfg(test)]

@@ -77,7 +77,7 @@ fn within(folder: &Path, name: &str) -> Option<PathBuf> {
     (path.starts_with(&folder) && path.is_file()).then_some(path)
 }
 
-/// Whether a client accepts gzip: named, and not with quality 0.
+/// Clients accept gzip if they name it, and not with quality 0.
 fn accepts_gzip(headers: &HeaderMap) -> bool {
     let values =
         headers.get_all(ACCEPT_ENCODING).into_iter().filter_map(|value| value.to_str().ok());

@@ -134,7 +134,7 @@ fn fill(template: &str, values: &[(&str, String)]) -> String {
     filled
 }
 
-/// Whether the request is a browser's, for a page.
+/// Browsers accept HTML; other clients get the answer for programs.
 pub(in super::super) fn wants_page(request: &Request) -> bool {
     let accept = request.headers().get(ACCEPT).and_then(|accept| accept.to_str().ok());
     accept.is_some_and(|accept| accept.contains("text/html"))

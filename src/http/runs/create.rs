@@ -150,7 +150,7 @@ fn definition(request: RunRequest, app: &App) -> Result<Definition, ApiError> {
     })
 }
 
-/// How ids of competitions begin.
+/// Prefix of ids of competitions.
 const COMPETITION_PREFIX: &str = "cmp_";
 
 fn own_suite(own: OwnSuite, rules: &str, app: &App, problems: &mut Problems) -> Option<Suite> {

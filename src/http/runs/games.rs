@@ -12,7 +12,7 @@ const GAMES_USUAL: u32 = 50;
 /// Games of a page at most.
 const GAMES_MAX: u32 = 200;
 
-/// Which games a page has.
+/// Games of a page.
 #[derive(Clone, Copy)]
 pub(super) struct GamesPage {
     limit: u32,
@@ -67,7 +67,7 @@ impl App {
         Ok((games, next))
     }
 
-    /// What is stored of a game.
+    /// Stored row of a game's episode.
     pub(super) async fn stored_game(&self, game: &StoredGame) -> Result<StoredEpisode, ApiError> {
         let stored = self.store.summary_of(game.episode).await?;
         stored.ok_or_else(|| ApiError::not_found("the episode"))

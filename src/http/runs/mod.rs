@@ -34,7 +34,7 @@ use swarmbench_protocol::run::{ActTally, RunDetail, RunGame, RunSummary, SuiteVi
 use swarmbench_protocol::suite::SuiteSettings;
 
 impl App {
-    /// What the audit log has of an attempt to which an organizer does something; nothing of other runs.
+    /// Detail for the audit log of an attempt that an organizer changes; empty for other runs.
     async fn detail_of_run(&self, run: &StoredRun) -> Result<Value, ApiError> {
         let Some((competition, (entry, number))) = run.competition.zip(run.attempt) else {
             return Ok(json!({}));
@@ -70,7 +70,7 @@ impl Known {
         Ok(Self { stored, definition, plan, visibility, opened })
     }
 
-    /// What its permissions depend on.
+    /// Facts of the run that decide its permissions.
     fn subject(&self) -> Subject<'_> {
         Subject {
             id: None,
@@ -83,7 +83,7 @@ impl Known {
         }
     }
 
-    /// Whether the caller sees all seeds, but for sealed ones in lists.
+    /// Permit for all seeds, but for sealed ones in lists.
     fn open_seeds(&self, app: &App, caller: &Caller) -> SeedPermit {
         let subject = self.subject();
         let permit = app.may_see_open_seed(caller, subject);
@@ -94,7 +94,7 @@ impl Known {
         }
     }
 
-    /// Whether the caller sees all seeds.
+    /// Permit for all seeds.
     async fn seeds(&self, app: &App, caller: &Caller) -> Result<SeedPermit, ApiError> {
         let permit = app.may_see_seed(caller, self.subject(), &self.stored.id).await?;
         Ok(permit.or(self.open_seeds(app, caller)))
@@ -152,7 +152,7 @@ impl Known {
         }
     }
 
-    /// What it came to, in the order of its suite.
+    /// Results of the tasks, in the order of the suite.
     fn results(&self, games: &[StoredGame]) -> Vec<TaskResult> {
         let counting = games.iter().filter(|game| game.counts());
         let is_over = self.stored.ended_at.is_some() && counting.clone().all(StoredGame::is_over);
@@ -253,7 +253,7 @@ impl App {
         if caller.may_know(&self.access, known.subject()) { Ok(known) } else { Err(unknown()) }
     }
 
-    /// Whether the caller sees the seeds of a run.
+    /// Permit for the seeds of a run.
     pub(super) async fn permit_of_run(
         &self,
         caller: &Caller,
@@ -278,7 +278,7 @@ impl App {
     }
 }
 
-/// What the acts were of all games that count.
+/// Counts of the acts in all games that count.
 fn tally(games: &[StoredGame]) -> ActTally {
     let mut sum = Tally::default();
     for game in games.iter().filter(|game| game.counts()) {

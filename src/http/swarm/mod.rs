@@ -73,7 +73,7 @@ impl Source {
         }
     }
 
-    /// Whether the run has other open games than at the last listing.
+    /// The run has other open games than at the last listing.
     fn has_changed(&self) -> bool {
         match self {
             Self::Episode(_) => false,
@@ -89,7 +89,7 @@ impl Source {
         Ok(())
     }
 
-    /// Whether the episode, or the run with all its games, is over.
+    /// The episode, or the run with all its games, is over.
     fn is_over(&self) -> bool {
         match self {
             Self::Episode(Seated { handle, .. }) => handle.snapshot().status.is_over(),

@@ -9,8 +9,8 @@ use serde::Deserialize;
 use serde_json::value::RawValue;
 use swarmbench_engine::AgentId;
 
-use super::super::agent::look::{Look, observations};
 use super::super::agent::obs::is_past;
+use super::super::agent::observation::{ObservationRequest, observations};
 use super::super::answer::{add_field, json};
 use super::super::prelude::*;
 use super::super::stream::Short;
@@ -99,7 +99,7 @@ impl Acted {
         mut answer: SwarmActResponse,
     ) -> Response {
         answer.problem = self.settle(app, patience).await.err().map(|error| error.problem());
-        let looks = self.looks(app);
+        let requests = self.requests(app);
         answer.finished = Some(source.is_over());
         let body = serde_json::to_vec(&answer).expect("string keys");
         let bytes_max = app.limits.answer_bytes_max.saturating_sub(body.len() + REST_BYTES_MAX);
@@ -108,7 +108,7 @@ impl Acted {
             answer.observations = Some(Vec::new());
             serde_json::to_vec(&answer).expect("string keys")
         };
-        match observations(app, looks, with_prompt, bytes_max).await {
+        match observations(app, requests, with_prompt, bytes_max).await {
             Ok((seen, _)) => Short::of(json(add_field(body, "observations", &seen)), || {
                 let detail = "no memory is free for the observations: look again";
                 without(ApiError::new(Code::Overloaded, detail).retry_after(LOOK_AGAIN))
@@ -128,8 +128,8 @@ impl Acted {
     }
 
     /// The seats' next observations, as far as they are available, in the order of the acts.
-    fn looks(&self, app: &App) -> Vec<Look> {
-        let mut looks = Vec::new();
+    fn requests(&self, app: &App) -> Vec<ObservationRequest> {
+        let mut requests = Vec::new();
         for Episode { seated, counted, .. } in self.0.values() {
             let handle = &seated.handle;
             let snapshot = handle.snapshot();
@@ -138,18 +138,18 @@ impl Acted {
                 continue;
             }
             let seen = counted.iter().filter(|(_, counted)| is_past(&snapshot, counted.round));
-            looks.extend(seen.map(|(agent, counted)| {
-                (counted.place, Look::now(app, handle, &snapshot, *agent))
+            requests.extend(seen.map(|(agent, counted)| {
+                (counted.place, ObservationRequest::now(app, handle, &snapshot, *agent))
             }));
         }
-        looks.sort_by_key(|(place, _)| *place);
-        looks.into_iter().map(|(_, look)| look).collect()
+        requests.sort_by_key(|(place, _)| *place);
+        requests.into_iter().map(|(_, request)| request).collect()
     }
 }
 
 impl Episode {
-    /// Whether waiting is pointless: the round that was answered is over, or the round waits for a seat whose act was refused, so
-    /// that a better act has to come first.
+    /// Waiting is pointless: the round that was answered is over, or the round waits for a seat whose act was refused, so that a
+    /// better act has to come first.
     fn is_settled(&self, snapshot: &Snapshot) -> bool {
         let Some(round) = self.counted.values().map(|counted| counted.round).max() else {
             return true;

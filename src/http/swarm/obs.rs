@@ -10,7 +10,7 @@ use swarmbench_engine::AgentId;
 use tokio::sync::watch;
 use utoipa::IntoParams;
 
-use super::super::agent::look::{Look, observations};
+use super::super::agent::observation::{ObservationRequest, observations};
 use super::super::answer::{json, with_field};
 use super::super::auth::Swarm;
 use super::super::extract::{flag, wait};
@@ -73,9 +73,9 @@ pub(in super::super) async fn get_swarm_obs(
     let mut source = Source::of(&app, swarm).await?;
     let (open, finished) = wait_for_seats(&app, &mut source, after, timeout).await?;
     let open = &open[..open.len().min(limit)];
-    let looks = open.iter().map(|open| open.look(&app)).collect();
+    let requests = open.iter().map(|open| open.request(&app)).collect();
     let bytes_max = app.limits.answer_bytes_max - REST_BYTES_MAX;
-    let (observations, given) = observations(&app, looks, params.prompt, bytes_max).await?;
+    let (observations, given) = observations(&app, requests, params.prompt, bytes_max).await?;
     // The next answer has the observations that did not fit.
     let cursor = open[..given].last().map_or(after, |last| last.seat);
     let rest = Rest { cursor: cursor.write(app.boot), finished };
@@ -96,8 +96,13 @@ struct Open {
 }
 
 impl Open {
-    fn look(&self, app: &App) -> Look {
-        Look::waiting(app, &self.seated.handle, &self.snapshot, AgentId(self.seat.agent))
+    fn request(&self, app: &App) -> ObservationRequest {
+        ObservationRequest::waiting(
+            app,
+            &self.seated.handle,
+            &self.snapshot,
+            AgentId(self.seat.agent),
+        )
     }
 }
 
@@ -117,7 +122,9 @@ async fn wait_for_seats(
         let (seated, is_over) = source.open(app).await?;
         let mut followed: Vec<Followed> = seated.into_iter().map(Followed::new).collect();
         loop {
-            let Some((open, are_over)) = look(app, source, &mut followed, after) else { break };
+            let Some((open, are_over)) = collect_open(app, source, &mut followed, after) else {
+                break;
+            };
             // The run opens further games when these are over.
             let is_over = is_over.unwrap_or(are_over);
             if !open.is_empty() || is_over || is_up {
@@ -169,7 +176,7 @@ impl Followed {
     }
 }
 
-/// Completes when any episode has changed since the last look; with false where its actor has ended.
+/// Completes when any episode has changed since it was last collected; with false where its actor has ended.
 async fn any_changed(followed: &mut [Followed]) -> bool {
     let changes: FuturesUnordered<_> = followed.iter_mut().map(Followed::changed).collect();
     match { changes }.next().await {
@@ -180,7 +187,7 @@ async fn any_changed(followed: &mut [Followed]) -> bool {
 
 /// Looks at all episodes at one moment. Returns the seats that have to act and were opened after `after`, oldest first, and
 /// whether all episodes are over; `None` if other games were opened meanwhile.
-fn look(
+fn collect_open(
     app: &App,
     source: &Source,
     followed: &mut [Followed],

@@ -17,7 +17,7 @@ use futures::TryStreamExt as _;
 use sha2::{Digest as _, Sha256};
 
 use super::check::{Checked, Damage, Formats, check_open};
-use super::sql::{Begin, Builder, Connection, Row, Statement, Value, chunks, from_row, query};
+use super::sql::{Begin, Builder, Connection, SqlRow, Statement, Value, chunks, from_row, query};
 use super::{Alone, Location, OpenError, postgres};
 use crate::migrations;
 use tables::TABLES;
@@ -505,7 +505,7 @@ impl Table {
         Ok(piece)
     }
 
-    fn values(&self, row: &Row, count: usize) -> Result<Values, sqlx::Error> {
+    fn values(&self, row: &SqlRow, count: usize) -> Result<Values, sqlx::Error> {
         let value = |(place, (_, kind)): (usize, &(&str, Kind))| {
             Ok(match kind {
                 Kind::Int => Value::Int(row.try_get(place)?),

@@ -278,7 +278,7 @@ impl Node {
         }
         let started = Instant::now();
         let connection = self.connection.as_mut().expect("it was reached");
-        let place = Place {
+        let place = CommitPosition {
             incarnation: self.incarnation,
             before: self.committed,
             is_shared: self.cluster.is_some(),
@@ -405,7 +405,7 @@ impl Node {
 
 /// Position of a commit: after `before` earlier commits of this server.
 #[derive(Clone, Copy)]
-pub(in crate::store) struct Place {
+pub(in crate::store) struct CommitPosition {
     pub(in crate::store) incarnation: i64,
     pub(in crate::store) before: i64,
     /// Whether the database belongs to a cluster.
@@ -416,7 +416,7 @@ pub(in crate::store) struct Place {
 async fn commit_all(
     connection: &mut Connection,
     jobs: &[Vec<Entry>],
-    place: Place,
+    place: CommitPosition,
     sent: &mut Option<Sent>,
 ) -> Result<Vec<Outcome>, Failure> {
     let outcomes: Vec<Outcome> = jobs.iter().map(|_| Ok(())).collect();
@@ -448,7 +448,7 @@ async fn commit_each(
     connection: &mut Connection,
     state: &WriterState,
     jobs: &[Vec<Entry>],
-    place: Place,
+    place: CommitPosition,
     sent: &mut Option<Sent>,
 ) -> Result<Vec<Outcome>, Failure> {
     begin(connection, place).await?;
@@ -465,7 +465,7 @@ async fn commit_each(
 }
 
 /// Begins a transaction and counts its commit; fails unless `place` is next.
-async fn begin(connection: &mut Connection, place: Place) -> Result<(), Failure> {
+async fn begin(connection: &mut Connection, place: CommitPosition) -> Result<(), Failure> {
     query("BEGIN").execute(connection).await.map_err(failure)?;
     let counted = query(
         "UPDATE nodes SET committed = committed + 1 WHERE incarnation = $1 AND committed = $2",

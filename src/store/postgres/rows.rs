@@ -3,7 +3,7 @@
 use sqlx::postgres::PgArguments;
 use sqlx::{Arguments as _, Row as _};
 
-use super::group::Place;
+use super::group::CommitPosition;
 use crate::store::entries::{ActRow, Entry, RoundRow, source_code};
 use crate::store::sql::{Connection, Engine};
 use swarmbench_journal::record::RawRecord;
@@ -77,7 +77,7 @@ pub(in crate::store) async fn insert(
 /// Commits acts and rounds by a single statement; false if `place` was not next.
 pub(in crate::store) async fn append(
     connection: &mut Connection,
-    place: Place,
+    place: CommitPosition,
     entries: impl Iterator<Item = &Entry>,
 ) -> Result<bool, sqlx::Error> {
     let (mut acts, mut rounds) = (Vec::new(), Vec::new());

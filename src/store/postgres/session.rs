@@ -15,10 +15,10 @@ const VERSION_MIN: i64 = 150_000;
 /// The code of an error: the role has no right to do it.
 pub(super) const FORBIDDEN: &str = "42501";
 
-/// How long connecting may take.
+/// Maximum time of connecting.
 const CONNECT_PATIENCE: Duration = Duration::from_secs(10);
 
-/// What each session is set to. Short queries: compiling them takes longer than they do. A connection of ours may be idle for
+/// Settings of each session. Short queries: compiling them takes longer than they do. A connection of ours may be idle for
 /// days. These are no parameters of the startup, which poolers refuse.
 const SETTINGS: &str = "SET jit = off; SET idle_session_timeout = 0; SET client_min_messages = warning; \
                         SET extra_float_digits = 2";
@@ -84,7 +84,7 @@ pub enum SessionError {
     Failed { location: String, source: sqlx::Error },
 }
 
-/// How to connect, for one purpose.
+/// Options of connections for one purpose.
 #[derive(Clone)]
 pub(in crate::store) struct Server {
     options: PgConnectOptions,
@@ -321,7 +321,7 @@ pub(in crate::store) async fn try_lock(
     query(lock).bind(LOCK).one(connection).await
 }
 
-/// Who has the database, as the newest row of `nodes` says: host and process.
+/// Holder of the database, as the newest row of `nodes` says: host and process.
 pub(in crate::store) async fn newest_node(
     connection: &mut Connection,
 ) -> Result<Option<String>, sqlx::Error> {

@@ -6,5 +6,5 @@ mod row;
 mod statement;
 
 pub(super) use connection::{Begin, Connection, Engine};
-pub(super) use row::{FromRow, Row, from_row, get};
+pub(super) use row::{FromRow, SqlRow, from_row, get};
 pub(super) use statement::{Builder, CHUNKS, LISTED_AT_ONCE, Statement, Value, chunks, query};

@@ -16,12 +16,12 @@ use swarmbench_journal::record::{ActRecord, RawRecord};
 use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::import::ImportConfig;
 
-pub(in crate::store) enum Row {
+pub(in crate::store) enum SqlRow {
     Sqlite(SqliteRow),
     Postgres(PgRow),
 }
 
-impl Row {
+impl SqlRow {
     /// Reads a column by name or number.
     pub(in crate::store) fn try_get<T: Column>(
         &self,
@@ -49,25 +49,25 @@ impl<T: ColumnIndex<SqliteRow> + ColumnIndex<PgRow>> Index for T {}
 
 /// A type that both engines store directly.
 pub(in crate::store) trait Stored: Sized {
-    fn read(row: &Row, column: impl Index) -> Result<Self, sqlx::Error>;
+    fn read(row: &SqlRow, column: impl Index) -> Result<Self, sqlx::Error>;
 }
 
 macro_rules! stored {
     ($($type:ty),*) => {$(
         impl Stored for Option<$type> {
-            fn read(row: &Row, column: impl Index) -> Result<Self, sqlx::Error> {
+            fn read(row: &SqlRow, column: impl Index) -> Result<Self, sqlx::Error> {
                 match row {
-                    Row::Sqlite(row) => row.try_get(column),
-                    Row::Postgres(row) => row.try_get(column),
+                    SqlRow::Sqlite(row) => row.try_get(column),
+                    SqlRow::Postgres(row) => row.try_get(column),
                 }
             }
         }
 
         impl Stored for $type {
-            fn read(row: &Row, column: impl Index) -> Result<Self, sqlx::Error> {
+            fn read(row: &SqlRow, column: impl Index) -> Result<Self, sqlx::Error> {
                 match row {
-                    Row::Sqlite(row) => row.try_get(column),
-                    Row::Postgres(row) => row.try_get(column),
+                    SqlRow::Sqlite(row) => row.try_get(column),
+                    SqlRow::Postgres(row) => row.try_get(column),
                 }
             }
         }
@@ -78,19 +78,19 @@ stored!(bool, f64, String, Vec<u8>);
 
 /// Columns of PostgreSQL have integers of two, four or eight bytes; SQLite has one integer type.
 impl Stored for Option<i64> {
-    fn read(row: &Row, column: impl Index) -> Result<Self, sqlx::Error> {
+    fn read(row: &SqlRow, column: impl Index) -> Result<Self, sqlx::Error> {
         match row {
-            Row::Sqlite(row) => row.try_get(column),
-            Row::Postgres(row) => row.try_get_unchecked(column),
+            SqlRow::Sqlite(row) => row.try_get(column),
+            SqlRow::Postgres(row) => row.try_get_unchecked(column),
         }
     }
 }
 
 impl Stored for i64 {
-    fn read(row: &Row, column: impl Index) -> Result<Self, sqlx::Error> {
+    fn read(row: &SqlRow, column: impl Index) -> Result<Self, sqlx::Error> {
         match row {
-            Row::Sqlite(row) => row.try_get(column),
-            Row::Postgres(row) => row.try_get_unchecked(column),
+            SqlRow::Sqlite(row) => row.try_get(column),
+            SqlRow::Postgres(row) => row.try_get_unchecked(column),
         }
     }
 }
@@ -103,11 +103,11 @@ pub(in crate::store) trait Column: Sized {
 }
 
 pub(in crate::store) trait FromRow: Sized {
-    fn from_row(row: &Row) -> Result<Self, sqlx::Error>;
+    fn from_row(row: &SqlRow) -> Result<Self, sqlx::Error>;
 }
 
 /// Reads and converts a column by name or number.
-pub(in crate::store) fn get<T: Column>(row: &Row, column: impl Index) -> Result<T, sqlx::Error> {
+pub(in crate::store) fn get<T: Column>(row: &SqlRow, column: impl Index) -> Result<T, sqlx::Error> {
     T::of(T::Stored::read(row, column)?).map_err(sqlx::Error::Decode)
 }
 
@@ -117,7 +117,7 @@ macro_rules! from_row {
     (@ $field:ident $column:literal) => { $column };
     ($($type:ident { $($field:ident $(= $column:literal)?),* $(,)? })*) => {$(
         impl crate::store::sql::FromRow for $type {
-            fn from_row(row: &crate::store::sql::Row) -> Result<Self, sqlx::Error> {
+            fn from_row(row: &crate::store::sql::SqlRow) -> Result<Self, sqlx::Error> {
                 Ok(Self { $($field: crate::store::sql::get(row, from_row!(@ $field $($column)?))?),* })
             }
         }
@@ -178,7 +178,7 @@ columns! {
 
 /// Reads the first column.
 impl<T: Column> FromRow for T {
-    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &SqlRow) -> Result<Self, sqlx::Error> {
         get(row, 0)
     }
 }
@@ -187,7 +187,7 @@ impl<T: Column> FromRow for T {
 macro_rules! tuple {
     ($($type:ident $number:literal),*) => {
         impl<$($type: Column),*> FromRow for ($($type,)*) {
-            fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
+            fn from_row(row: &SqlRow) -> Result<Self, sqlx::Error> {
                 Ok(($(get(row, $number)?,)*))
             }
         }

@@ -9,7 +9,7 @@ use sqlx::sqlite::SqliteArguments;
 use sqlx::{Arguments as _, AssertSqlSafe, Encode, Postgres, SqlSafeStr as _, SqlStr, Type};
 
 use super::connection::{Connection, Engine};
-use super::row::{FromRow, Row};
+use super::row::{FromRow, SqlRow};
 
 /// The value of a placeholder. `NULL` has a type as well, which PostgreSQL needs.
 #[derive(Clone, Debug)]
@@ -137,15 +137,15 @@ impl<'q> Statement<'q> {
     pub(in crate::store) async fn fetch_all(
         self,
         connection: &mut Connection,
-    ) -> Result<Vec<Row>, sqlx::Error> {
+    ) -> Result<Vec<SqlRow>, sqlx::Error> {
         match connection.engine() {
             Engine::Sqlite(connection) => {
                 let rows = self.for_sqlite()?.fetch_all(connection).await?;
-                Ok(rows.into_iter().map(Row::Sqlite).collect())
+                Ok(rows.into_iter().map(SqlRow::Sqlite).collect())
             }
             Engine::Postgres(connection) => {
                 let rows = Box::pin(self.for_postgres()?.fetch_all(connection)).await?;
-                Ok(rows.into_iter().map(Row::Postgres).collect())
+                Ok(rows.into_iter().map(SqlRow::Postgres).collect())
             }
         }
     }
@@ -153,15 +153,15 @@ impl<'q> Statement<'q> {
     pub(in crate::store) async fn fetch_optional(
         self,
         connection: &mut Connection,
-    ) -> Result<Option<Row>, sqlx::Error> {
+    ) -> Result<Option<SqlRow>, sqlx::Error> {
         match connection.engine() {
             Engine::Sqlite(connection) => {
-                Ok(self.for_sqlite()?.fetch_optional(connection).await?.map(Row::Sqlite))
+                Ok(self.for_sqlite()?.fetch_optional(connection).await?.map(SqlRow::Sqlite))
             }
             Engine::Postgres(connection) => {
                 Ok(Box::pin(self.for_postgres()?.fetch_optional(connection))
                     .await?
-                    .map(Row::Postgres))
+                    .map(SqlRow::Postgres))
             }
         }
     }
@@ -169,7 +169,7 @@ impl<'q> Statement<'q> {
     pub(in crate::store) async fn fetch_one(
         self,
         connection: &mut Connection,
-    ) -> Result<Row, sqlx::Error> {
+    ) -> Result<SqlRow, sqlx::Error> {
         self.fetch_optional(connection).await?.ok_or(sqlx::Error::RowNotFound)
     }
 
@@ -201,17 +201,17 @@ impl<'q> Statement<'q> {
     pub(in crate::store) fn fetch<'c>(
         self,
         connection: &'c mut Connection,
-    ) -> BoxStream<'c, Result<Row, sqlx::Error>>
+    ) -> BoxStream<'c, Result<SqlRow, sqlx::Error>>
     where
         'q: 'c,
     {
         match connection.engine() {
             Engine::Sqlite(connection) => match self.for_sqlite() {
-                Ok(query) => query.fetch(connection).map(|row| row.map(Row::Sqlite)).boxed(),
+                Ok(query) => query.fetch(connection).map(|row| row.map(SqlRow::Sqlite)).boxed(),
                 Err(error) => stream::once(async { Err(error) }).boxed(),
             },
             Engine::Postgres(connection) => match self.for_postgres() {
-                Ok(query) => query.fetch(connection).map(|row| row.map(Row::Postgres)).boxed(),
+                Ok(query) => query.fetch(connection).map(|row| row.map(SqlRow::Postgres)).boxed(),
                 Err(error) => stream::once(async { Err(error) }).boxed(),
             },
         }

@@ -16,7 +16,7 @@ use crate::store::Store;
 use crate::store::StoreError;
 use crate::store::entries::{CompetitionRow, EntrantFacts, EntrantRow, Secret};
 use crate::store::runs::void_reason;
-use crate::store::sql::{Begin, Builder, Connection, FromRow, Row, from_row, get, query};
+use crate::store::sql::{Begin, Builder, Connection, FromRow, SqlRow, from_row, get, query};
 use swarmbench_boards::competition::definition::practice_suite;
 use swarmbench_boards::run::{HUMAN, is_human};
 use swarmbench_protocol::names::looks;
@@ -522,7 +522,7 @@ impl Store {
     }
 }
 
-/// What a brief declaration begins with where people play.
+/// Beginning of a brief declaration of people who play.
 pub(in crate::store) const PEOPLE_PLAY: &str = r#""agent_meta":{"kind":"human"},"#;
 
 /// Declaration without the prompt template and the free metadata, which may be large, but with the word that people play.
@@ -930,7 +930,7 @@ from_row! {
 }
 
 impl FromRow for RawEntrant {
-    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &SqlRow) -> Result<Self, sqlx::Error> {
         let mut declaration: String = get(row, "declaration")?;
         if get(row, "is_to_be_cut")? {
             declaration =
@@ -960,7 +960,7 @@ impl FromRow for RawEntrant {
 }
 
 impl FromRow for StoredAttempt {
-    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &SqlRow) -> Result<Self, sqlx::Error> {
         Ok(Self {
             run: get(row, "key")?,
             id: get(row, "id")?,

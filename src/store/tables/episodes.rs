@@ -8,7 +8,7 @@ use crate::keys::OwnerKey;
 use crate::store::Store;
 use crate::store::StoreError;
 use crate::store::port::{StoredEpisode, Unfinished};
-use crate::store::sql::{Builder, FromRow, LISTED_AT_ONCE, Row, get, query};
+use crate::store::sql::{Builder, FromRow, LISTED_AT_ONCE, SqlRow, get, query};
 use crate::store::templates::{listed_opening, opening};
 use swarmbench_journal::record::{End, RawRecord, RecordedConfig, end_record};
 
@@ -538,7 +538,7 @@ impl Store {
 }
 
 impl FromRow for StoredEpisode {
-    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &SqlRow) -> Result<Self, sqlx::Error> {
         let (mut rounds, mut score) = (get(row, "rounds")?, get(row, "score")?);
         if let Some(end) = get::<Option<RawRecord>>(row, "short_end")? {
             let end: Standing = end.read().map_err(|error| sqlx::Error::Decode(error.into()))?;
@@ -603,7 +603,7 @@ struct Configured {
 }
 
 impl FromRow for Unfinished {
-    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &SqlRow) -> Result<Self, sqlx::Error> {
         // Unreadable settings are reported by the recovery of the episode.
         let config = get::<Option<String>>(row, "opening")?
             .and_then(|opening| serde_json::from_str(&opening).ok())

@@ -7,7 +7,7 @@ use swarmbench_engine::AgentId;
 use crate::ids::EpisodeKey;
 use crate::store::Store;
 use crate::store::StoreError;
-use crate::store::sql::{FromRow, Row, from_row, get, query};
+use crate::store::sql::{FromRow, SqlRow, from_row, get, query};
 use swarmbench_journal::record::ActRecord;
 
 #[derive(Clone, Debug)]
@@ -105,7 +105,7 @@ from_row! {
 }
 
 impl FromRow for LoggedRound {
-    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &SqlRow) -> Result<Self, sqlx::Error> {
         Ok(Self {
             round: get(row, "round")?,
             digest: get(row, "digest")?,

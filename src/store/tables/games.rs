@@ -6,13 +6,13 @@ use std::sync::Arc;
 use jiff::Timestamp;
 use quick_cache::Weighter;
 use quick_cache::sync::Cache;
-use swarmbench_boards::{Game, Slot};
+use swarmbench_boards::{EndedGame, Slot};
 use swarmbench_journal::Tally;
 
 use crate::ids::{EpisodeId, EpisodeKey, RunKey};
 use crate::store::results::failures;
 use crate::store::runs::void_reason;
-use crate::store::sql::{Builder, FromRow, LISTED_AT_ONCE, Row, get};
+use crate::store::sql::{Builder, FromRow, LISTED_AT_ONCE, SqlRow, get};
 use crate::store::{Store, StoreError};
 
 /// Size of the cache for games of ended runs: reading a row costs far more than copying it.
@@ -41,8 +41,8 @@ pub struct StoredGame {
 
 impl StoredGame {
     /// Converts the game for boards; `None` if the plan has no such slot.
-    pub fn in_plan(&self, plan: &[Slot]) -> Option<Game> {
-        Some(Game {
+    pub fn in_plan(&self, plan: &[Slot]) -> Option<EndedGame> {
+        Some(EndedGame {
             slot: *plan.get(self.slot as usize)?,
             score: self.score,
             answers: self.tally.acts,
@@ -169,7 +169,7 @@ impl Store {
 }
 
 impl FromRow for (RunKey, StoredGame) {
-    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &SqlRow) -> Result<Self, sqlx::Error> {
         let count = |column| Ok::<_, sqlx::Error>(get::<Option<u64>>(row, column)?.unwrap_or(0));
         let game = StoredGame {
             episode: get(row, "key")?,

@@ -5,7 +5,7 @@ use std::collections::{HashMap, VecDeque};
 use crate::ids::{EpisodeId, EpisodeKey};
 use crate::store::port::{StoredEpisode, StoredRound};
 use crate::store::records::ActReader;
-use crate::store::sql::{Builder, FromRow, Row, get};
+use crate::store::sql::{Builder, FromRow, SqlRow, get};
 use crate::store::{Store, StoreError};
 use swarmbench_journal::record::RawRecord;
 
@@ -103,7 +103,7 @@ fn about_games(query: &str, keys: &[EpisodeKey]) -> Builder<'static> {
 }
 
 impl FromRow for (EpisodeKey, StoredRound) {
-    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &SqlRow) -> Result<Self, sqlx::Error> {
         Ok((get(row, "episode")?, StoredRound::from_row(row)?))
     }
 }

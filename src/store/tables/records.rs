@@ -14,7 +14,7 @@ use crate::store::entries::{Entry, Held};
 use crate::store::port::{
     Committed, EpisodeStore, Reply, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
 };
-use crate::store::sql::{Builder, FromRow, LISTED_AT_ONCE, Row, from_row, get, query};
+use crate::store::sql::{Builder, FromRow, LISTED_AT_ONCE, SqlRow, from_row, get, query};
 use swarmbench_journal::record::{ActRecord, RawRecord};
 
 /// Bytes of records parsed before the task yields its thread.
@@ -265,7 +265,7 @@ from_row! {
 }
 
 impl FromRow for (AgentId, StoredAct) {
-    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &SqlRow) -> Result<Self, sqlx::Error> {
         let record = get(row, "record")?;
         let act =
             StoredAct { record, bytes: get(row, "bytes")?, waiting_for: get(row, "waiting_for")? };

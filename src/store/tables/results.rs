@@ -12,7 +12,7 @@ use crate::ids::{EntryKey, EpisodeKey, RunKey};
 use crate::store::Store;
 use crate::store::StoreError;
 use crate::store::entries::Entry;
-use crate::store::sql::{Builder, Connection, FromRow, Row, get, query};
+use crate::store::sql::{Builder, Connection, FromRow, SqlRow, get, query};
 use crate::store::templates::opening;
 use swarmbench_journal::Tally;
 use swarmbench_journal::record::{ActRecord, RawRecord};
@@ -486,7 +486,7 @@ fn select_runs() -> Builder<'static> {
 }
 
 impl FromRow for Tally {
-    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &SqlRow) -> Result<Self, sqlx::Error> {
         Ok(Self {
             acts: get(row, "acts")?,
             invalid: get(row, "invalid")?,
@@ -499,7 +499,7 @@ impl FromRow for Tally {
 }
 
 /// Kinds of invalid answers and their counts; empty for a game without a result.
-pub(in crate::store) fn failures(row: &Row) -> Result<Failures, sqlx::Error> {
+pub(in crate::store) fn failures(row: &SqlRow) -> Result<Failures, sqlx::Error> {
     let stored: Option<String> = get(row, "failures")?;
     read_failures(stored.as_deref().unwrap_or("{}"))
 }
@@ -515,7 +515,7 @@ fn json(failures: &Failures) -> String {
 }
 
 impl FromRow for BoardRun {
-    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &SqlRow) -> Result<Self, sqlx::Error> {
         let owner = get::<Option<String>>(row, "owner")?.zip(get(row, "name")?);
         Ok(Self {
             run: get(row, "key")?,
@@ -534,7 +534,7 @@ impl FromRow for BoardRun {
 }
 
 impl FromRow for (RunKey, Option<BoardGame>) {
-    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &SqlRow) -> Result<Self, sqlx::Error> {
         let run = get(row, "run")?;
         let Some(task) = get(row, "task")? else { return Ok((run, None)) };
         let game = BoardGame {

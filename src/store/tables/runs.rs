@@ -8,7 +8,7 @@ use crate::store::Store;
 use crate::store::StoreError;
 use crate::store::entries::RunRow;
 use crate::store::episodes::Readable;
-use crate::store::sql::{Builder, Connection, FromRow, Row, get, query};
+use crate::store::sql::{Builder, Connection, FromRow, SqlRow, get, query};
 
 #[derive(Clone, Debug)]
 pub struct StoredRun {
@@ -202,7 +202,7 @@ impl Store {
 }
 
 impl FromRow for StoredRun {
-    fn from_row(row: &Row) -> Result<Self, sqlx::Error> {
+    fn from_row(row: &SqlRow) -> Result<Self, sqlx::Error> {
         let entry: Option<EntryKey> = get(row, "entry")?;
         Ok(Self {
             run: get(row, "key")?,
@@ -224,7 +224,7 @@ impl FromRow for StoredRun {
 }
 
 /// Reason of a voiding.
-pub(in crate::store) fn void_reason(row: &Row) -> Result<Option<String>, sqlx::Error> {
+pub(in crate::store) fn void_reason(row: &SqlRow) -> Result<Option<String>, sqlx::Error> {
     let voided: Option<Timestamp> = get(row, "voided_at")?;
     let reason: Option<String> = get(row, "void_reason")?;
     Ok(voided.map(|_| reason.unwrap_or_default()))

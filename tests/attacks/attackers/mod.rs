@@ -1,7 +1,8 @@
 //! The attackers: a process of its own, with a low priority and at most half a core.
 //!
 //! It reads lines: what it is to do ([`Brief`]), `go`, `at ADDRESS` when the server is somewhere else, and it stops at
-//! the end of its input. It writes `ready` when it is prepared, `taken` where others are to wait for that, and in the end what it counted ([`Report`]).
+//! the end of its input. It writes `ready` when it is prepared, `taken` where others are to wait for that, and in the end what it
+//! counted ([`AttackReport`]).
 
 mod boards;
 mod bodies;
@@ -37,7 +38,7 @@ use tokio::time::sleep;
 
 use crate::attacks::honest::text;
 use crate::attacks::measure::{Counts, Tally};
-use crate::attacks::wire::{Answer, Request, Source, Wire};
+use crate::attacks::wire::{Request, Source, Wire, WireAnswer};
 
 /// The environment variable that makes the program the attackers.
 pub(crate) const ATTACKERS: &str = "SWARMBENCH_ATTACKERS";
@@ -79,7 +80,7 @@ pub(crate) struct Brief {
 
 /// What the attackers tell in the end.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub(crate) struct Report {
+pub(crate) struct AttackReport {
     pub(crate) counts: Counts,
     pub(crate) seconds: f64,
     pub(crate) cpu_s: f64,
@@ -339,7 +340,7 @@ impl Ctx {
     }
 
     /// Asks while the server says "later", for at most half a minute.
-    async fn insist(&self, wire: &mut Wire, request: &Request) -> io::Result<Answer> {
+    async fn insist(&self, wire: &mut Wire, request: &Request) -> io::Result<WireAnswer> {
         let until = Instant::now() + Duration::from_secs(30);
         loop {
             let answer = wire.ask(request).await?;
@@ -439,7 +440,7 @@ async fn attack(brief: Brief) {
         () = keep_to_share() => {}
     }
     let (began, cpu_before) = *ctx.since.lock().expect("nothing panics while it holds this");
-    let report = Report {
+    let report = AttackReport {
         counts: ctx.tally.counts(),
         seconds: began.elapsed().as_secs_f64(),
         cpu_s: cpu_s() - cpu_before,

@@ -8,7 +8,7 @@ use reqwest::Method;
 use serde_json::{Value, json};
 
 use crate::app::mcp::{result, tool_call};
-use crate::app::{Answer, DOCUMENT, Episode, TestApp};
+use crate::app::{DOCUMENT, Episode, HttpAnswer, TestApp};
 use crate::cup::{Attempt, Cup};
 
 /// A kind of token, with what it stands for.
@@ -316,7 +316,7 @@ struct World {
     run_elsewhere: String,
     replaced_run: String,
     /// Places of requests that are refused: these change nothing, so all of a stage have the same.
-    refused: Mutex<Vec<(Stage, Wanted, Place)>>,
+    refused: Mutex<Vec<(Stage, Wanted, AccessScene)>>,
 }
 
 /// Which parts of a place a request needs.
@@ -330,7 +330,7 @@ struct Wanted {
 
 /// An episode in its stage, a claim of one of its seats, and a run.
 #[derive(Clone, Debug)]
-struct Place {
+struct AccessScene {
     episode: Episode,
     claimed: Value,
     run: Value,
@@ -471,7 +471,7 @@ impl World {
     }
 
     /// A new place.
-    async fn new_place(&self, stage: Stage, wanted: Wanted) -> Place {
+    async fn new_place(&self, stage: Stage, wanted: Wanted) -> AccessScene {
         let Wanted { is_of_run, by_run } = wanted;
         let run = if is_of_run || by_run { self.run(stage.visibility).await } else { json!(null) };
         let text = |value: &Value| value.as_str().expect("a text").to_owned();
@@ -495,10 +495,10 @@ impl World {
                 assert!([200, 409].contains(&ended.status), "{}", ended.text());
             }
         }
-        Place { episode, claimed, run }
+        AccessScene { episode, claimed, run }
     }
 
-    async fn place(&self, stage: Stage, wanted: Wanted, is_refused: bool) -> Place {
+    async fn place(&self, stage: Stage, wanted: Wanted, is_refused: bool) -> AccessScene {
         let known = self.refused.lock().expect("no panics").iter().find_map(|(of, what, place)| {
             (is_refused && (*of, *what) == (stage, wanted)).then(|| place.clone())
         });
@@ -519,10 +519,10 @@ impl World {
         kind: Kind,
         stage: Stage,
         is_refused: bool,
-    ) -> Answer {
+    ) -> HttpAnswer {
         let is_of_run = path.starts_with("/api/v1/runs/{id}");
         let wanted = Wanted { is_of_run, by_run: kind == Run };
-        let Place { episode, claimed, run } = self.place(stage, wanted, is_refused).await;
+        let AccessScene { episode, claimed, run } = self.place(stage, wanted, is_refused).await;
         let text = |value: &Value| value.as_str().expect("a text").to_owned();
         let id = match operation {
             "revoke_key" => self.app.key(json!({ "name": "to be revoked" })).await.1,
@@ -590,7 +590,7 @@ impl World {
         };
         if ["stream_events", "stream_run_events"].contains(&operation) {
             // What is streamed does not end before the episode.
-            return Answer::without_body(&call.open().await);
+            return HttpAnswer::without_body(&call.open().await);
         }
         let answer = call.send().await;
         let elsewhere = [SwarmElsewhere, RunElsewhere].contains(&kind)

@@ -56,7 +56,7 @@ async fn keep(app: &TestApp, episode: &Episode, file: &Path, name: &str) {
 }
 
 /// A game to be recorded.
-pub(crate) struct Game {
+pub(crate) struct GoldenGame {
     name: &'static str,
     config: Value,
     how: How,
@@ -81,7 +81,7 @@ enum How {
 }
 
 #[expect(clippy::too_many_lines, reason = "it is a table")]
-pub(crate) fn games() -> Vec<Game> {
+pub(crate) fn games() -> Vec<GoldenGame> {
     use RuleSet::{Paper, Reference};
     use TaskName::{Flocking, Foraging, Pursuit, Synchronization, Transport};
 
@@ -89,7 +89,7 @@ pub(crate) fn games() -> Vec<Game> {
         let mut config = json!({ "task": task.name(), "rules": rules.name(), "model": name });
         let fields = config.as_object_mut().expect("an object");
         fields.extend(rest.as_object().expect("an object").clone());
-        Game { name, config, how }
+        GoldenGame { name, config, how }
     };
     let seed = |seed: u64| json!({ "seed": seed, "max_round": 16 });
     vec![
@@ -278,7 +278,7 @@ pub(crate) fn games() -> Vec<Game> {
     ]
 }
 
-impl Game {
+impl GoldenGame {
     /// Plays it.
     pub(crate) async fn record(&self, app: &TestApp) -> Episode {
         let created = app.post("/api/v1/episodes").json(&self.config).ok().await;

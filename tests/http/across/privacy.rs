@@ -13,7 +13,7 @@ use futures::stream::{self, StreamExt};
 use serde::Deserialize;
 use serde_json::value::RawValue;
 use serde_json::{Value, json};
-use swarmbench_testkit::oracle::{self, Blind, Body, Game, PlannedAct, State};
+use swarmbench_testkit::oracle::{self, Blind, Body, OracleGame, PlannedAct, State};
 use swarmbench_testkit::worlds::Dice;
 
 use crate::app::mcp::observed;
@@ -29,7 +29,7 @@ struct Played {
     holders: Vec<(usize, String)>,
     /// The tokens of all seats, whosever they are.
     seats: Vec<String>,
-    game: Game,
+    game: OracleGame,
     receipts: Vec<String>,
 }
 
@@ -55,7 +55,7 @@ impl Played {
             "height": settings.height, "view_size": settings.view_size, "memory": settings.memory,
             "max_round": settings.max_round, "noise": settings.noise, "max_delay": settings.max_delay,
         });
-        let game = Game { settings, states: Vec::new(), planned: Vec::new() };
+        let game = OracleGame { settings, states: Vec::new(), planned: Vec::new() };
         let mut claims = Vec::new();
         // Who holds what is drawn apart: the games of a seed are the same for all players.
         let mut dice = Dice(!seed);
@@ -72,7 +72,7 @@ impl Played {
     }
 
     /// Creates an episode with open seats, which others claim one after the other.
-    async fn create(app: &TestApp, mut request: Value, claims: &[usize], game: Game) -> Self {
+    async fn create(app: &TestApp, mut request: Value, claims: &[usize], game: OracleGame) -> Self {
         request["open_seats"] = json!(claims.iter().sum::<usize>());
         let episode = app.create(request).await;
         let mut seats: Vec<String> = episode.seats().map(str::to_owned).collect();

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use crate::app::{Episode, TestApp, list};
 
 #[derive(Deserialize)]
-struct Game {
+struct RecordedGame {
     config: Value,
     initial: State,
     rounds: Vec<Round>,
@@ -56,7 +56,8 @@ pub(crate) type Acts = BTreeMap<String, (String, String)>;
 
 /// A recorded game in which agents escape: its configuration, and what is done in every round.
 pub(crate) fn recorded_transport() -> (Value, Vec<Acts>) {
-    let game: Game = serde_json::from_str(PAPER.lines().next().expect("a line")).expect("a game");
+    let game: RecordedGame =
+        serde_json::from_str(PAPER.lines().next().expect("a line")).expect("a game");
     assert_eq!(game.config["task"], "Transport");
     (game.config, game.rounds.into_iter().map(|round| round.actions).collect())
 }
@@ -71,7 +72,7 @@ pub(crate) fn acts(episode: &Episode, round: u64, acts: &Acts) -> Vec<Value> {
     acts.iter().map(act).collect()
 }
 
-async fn play(app: &TestApp, game: &Game) {
+async fn play(app: &TestApp, game: &RecordedGame) {
     let episode = app.create(game.config.clone()).await;
     let title = format!("{} {}", game.config["rules"], game.config["task"]);
     compare_state(&app.state(&episode).await, &game.initial, &title);

@@ -31,8 +31,8 @@ impl Call {
         self.0.send().await.expect("an answer")
     }
 
-    pub(crate) async fn send(self) -> Answer {
-        Answer::of(self.open().await).await
+    pub(crate) async fn send(self) -> HttpAnswer {
+        HttpAnswer::of(self.open().await).await
     }
 
     /// The body of an answer that is no error.
@@ -48,7 +48,7 @@ impl Call {
         let (client, request) = self.0.build_split();
         let request = request.expect("a request");
         let (method, path) = (request.method().clone(), request.url().path().to_owned());
-        let answer = Answer::of(client.execute(request).await.expect("an answer")).await;
+        let answer = HttpAnswer::of(client.execute(request).await.expect("an answer")).await;
         assert_eq!(answer.header("content-type"), "application/problem+json", "{}", answer.text());
         let problem = answer.json();
         check_problem(&problem, status, code);
@@ -94,13 +94,13 @@ pub(crate) fn fields(problem: &Value) -> Vec<String> {
     list(&problem["fields"]).iter().map(name).collect()
 }
 
-pub(crate) struct Answer {
+pub(crate) struct HttpAnswer {
     pub(crate) status: u16,
     headers: reqwest::header::HeaderMap,
     pub(crate) body: Vec<u8>,
 }
 
-impl Answer {
+impl HttpAnswer {
     async fn of(response: reqwest::Response) -> Self {
         let (status, headers) = (response.status().as_u16(), response.headers().clone());
         let body = response.bytes().await.expect("a whole body").to_vec();

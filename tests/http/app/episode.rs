@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 use swarmbench_engine::physics::Solver;
-use swarmbench_journal::replay::{Report, verify};
+use swarmbench_journal::replay::{JournalReport, verify};
 
 use super::{TestApp, list};
 
@@ -116,6 +116,6 @@ impl TestApp {
 }
 
 /// What the journal of a sound episode proves.
-pub(crate) fn verified(journal: &str) -> Report {
+pub(crate) fn verified(journal: &str) -> JournalReport {
     verify(journal.as_bytes(), None, Solver::Flow, |_, _| ()).expect("it plays again")
 }

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::{Answer, Call, TestApp};
+use super::{Call, HttpAnswer, TestApp};
 
 /// A request as it is written.
 pub(crate) fn request(method: &str, params: &Value) -> Value {
@@ -15,7 +15,7 @@ pub(crate) fn tool_call(tool: &str, arguments: &Value) -> Value {
 }
 
 /// The result of a request, which is no error of the protocol.
-pub(crate) fn result(answer: &Answer) -> Value {
+pub(crate) fn result(answer: &HttpAnswer) -> Value {
     assert_eq!(answer.status, 200, "{}", answer.text());
     assert_eq!(answer.header("content-type"), "application/json");
     assert_eq!(answer.header("mcp-session-id"), "", "there are no sessions");

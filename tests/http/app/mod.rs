@@ -28,7 +28,9 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
-pub(crate) use self::call::{Answer, Call, DOCUMENT, check_problem, fields, list, number, texts};
+pub(crate) use self::call::{
+    Call, DOCUMENT, HttpAnswer, check_problem, fields, list, number, texts,
+};
 pub(crate) use self::episode::{Episode, game, verified};
 
 /// Longer than anything takes, so that a test that hangs fails.

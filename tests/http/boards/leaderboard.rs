@@ -395,7 +395,7 @@ async fn a_board_has_what_is_durable() {
             ..Default::default()
         };
         let ranked = standings.boards().await.expect("boards").ranked(&question).expect("a board");
-        let name = |row: &swarmbench_boards::rank::Row| {
+        let name = |row: &swarmbench_boards::rank::RankedRow| {
             let shown = row.shown().expect("a run");
             let task = shown.task(TaskName::Synchronization).expect("a task");
             format!("{} {}/{}", shown.run.player.model, task.games, task.planned)

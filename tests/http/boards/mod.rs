@@ -7,7 +7,7 @@ mod played;
 use serde_json::{Value, json};
 
 use self::played::{Did, Offline, definition};
-use crate::app::{Answer, TestApp, list};
+use crate::app::{HttpAnswer, TestApp, list};
 
 const BOARD: &str = "/api/v1/leaderboard";
 
@@ -15,7 +15,7 @@ async fn board(app: &TestApp, query: &str) -> Value {
     app.get(&format!("{BOARD}?{query}")).ok().await
 }
 
-async fn csv(app: &TestApp, query: &str) -> Answer {
+async fn csv(app: &TestApp, query: &str) -> HttpAnswer {
     let answer = app.get(&format!("{BOARD}?{query}")).header("accept", "text/csv").send().await;
     assert_eq!(answer.status, 200, "{}", answer.text());
     assert_eq!(answer.header("content-type"), "text/csv; charset=utf-8");
@@ -23,7 +23,7 @@ async fn csv(app: &TestApp, query: &str) -> Answer {
 }
 
 /// The records of a table, each with its columns by name.
-fn records(answer: &Answer) -> Vec<std::collections::BTreeMap<String, String>> {
+fn records(answer: &HttpAnswer) -> Vec<std::collections::BTreeMap<String, String>> {
     let mut reader = csv::Reader::from_reader(&answer.body[..]);
     reader.deserialize().map(|record| record.expect("well-formed CSV")).collect()
 }

@@ -54,7 +54,7 @@ async fn whatever_is_wrong_with_a_competition_is_named() {
 }
 
 /// Where a name is given: the path, the field, and the body with a name.
-type Place<'a> = (String, &'a str, Box<dyn Fn(&str) -> Value + 'a>);
+type NamedField<'a> = (String, &'a str, Box<dyn Fn(&str) -> Value + 'a>);
 
 #[tokio::test]
 async fn names_have_to_be_seen_wherever_one_is_given() {
@@ -68,7 +68,7 @@ async fn names_have_to_be_seen_wherever_one_is_given() {
         request
     };
     let path = |name: &str| format!("/api/v1/{name}");
-    let places: [Place<'_>; 6] = [
+    let places: [NamedField<'_>; 6] = [
         (path("episodes"), "model", Box::new(|name| json!({ "task": "Pursuit", "model": name }))),
         (path("runs"), "model", Box::new(|name| json!({ "suite": "quick", "model": name }))),
         (

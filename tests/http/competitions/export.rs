@@ -7,7 +7,7 @@ use reqwest::Method;
 use serde_json::{Value, json};
 use swarmbench_boards::competition::export::{Line, Writer};
 use swarmbench_boards::competition::sealed::Sealed;
-use swarmbench_boards::competition::verify::{Expected, Fault, Report, verify};
+use swarmbench_boards::competition::verify::{CompetitionReport, Expected, Fault, verify};
 use swarmbench_boards::competition::{EntrantStatus, definition::Counts};
 use swarmbench_engine::physics::Solver;
 use swarmbench_journal::chain::Head;
@@ -40,7 +40,7 @@ async fn published() -> (String, Value) {
     (cup.export(&app).await, json!({ "shown": shown, "rows": rows }))
 }
 
-fn check(file: &str, expected: Expected) -> Result<Report, Fault> {
+fn check(file: &str, expected: Expected) -> Result<CompetitionReport, Fault> {
     verify(file.as_bytes(), expected, Solver::Flow, |_| {})
 }
 
@@ -307,13 +307,14 @@ async fn every_forgery_is_found_though_its_chain_fits() {
     refused(&forged.write(), "it is there twice");
 
     // The board.
-    let board = |change: &dyn Fn(&mut Vec<swarmbench_boards::competition::standings::Row>)| {
-        file.forged(|line| {
-            if let Line::Board(board) = line {
-                change(&mut board.rows);
-            }
-        })
-    };
+    let board =
+        |change: &dyn Fn(&mut Vec<swarmbench_boards::competition::standings::StandingsRow>)| {
+            file.forged(|line| {
+                if let Line::Board(board) = line {
+                    change(&mut board.rows);
+                }
+            })
+        };
     refused(&board(&|rows| rows[0].total = Some(1e6)), "row 1: total is 1000000.0");
     refused(&board(&|rows| rows[1].rank = Some(1)), "row 2: rank is 1");
     refused(&board(&|rows| rows[0].tasks[1].mean = Some(0.5)), "row 1: tasks");

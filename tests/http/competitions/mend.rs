@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use reqwest::Method;
 use serde_json::{Value, json};
-use swarmbench_boards::competition::verify::{Expected, Fault, Report, verify};
+use swarmbench_boards::competition::verify::{CompetitionReport, Expected, Fault, verify};
 use swarmbench_engine::physics::Solver;
 use swarmbench_journal::chain::Head;
 
@@ -21,7 +21,7 @@ async fn actions(app: &TestApp, cup: &Cup) -> Vec<Value> {
     list(&app.get(&cup.path("/actions")).ok().await["items"])
 }
 
-fn check(file: &str) -> Result<Report, Fault> {
+fn check(file: &str) -> Result<CompetitionReport, Fault> {
     verify(file.as_bytes(), Expected::default(), Solver::Flow, |_| {})
 }
 

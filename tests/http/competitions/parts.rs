@@ -1,14 +1,14 @@
 //! What decides between equal totals, and boards on a part of the seeds.
 
 use serde_json::{Value, json};
-use swarmbench_boards::competition::verify::{Expected, Report, verify};
+use swarmbench_boards::competition::verify::{CompetitionReport, Expected, verify};
 use swarmbench_engine::physics::Solver;
 
 use crate::app::{TestApp, list};
 use crate::cup::{Cup, pass_minutes, server};
 
 /// The file in a format, verified.
-async fn file(app: &TestApp, cup: &Cup, format: u32) -> Report {
+async fn file(app: &TestApp, cup: &Cup, format: u32) -> CompetitionReport {
     let path = format!("/api/v1/exports/competitions/{}?format={format}", cup.id);
     let text = app.get(&path).send().await.text();
     verify(text.as_bytes(), Expected::default(), Solver::Flow, |_| {}).expect("a true file")
@@ -77,7 +77,8 @@ async fn equal_totals_are_ordered_by_the_rules_of_the_competition() {
     assert_eq!(names, ["blue", "red"]);
     pass_minutes(&app, 60).await;
     cup.closed(&app).await;
-    let ranks = |report: &Report| report.rows.iter().map(|row| row.rank).collect::<Vec<_>>();
+    let ranks =
+        |report: &CompetitionReport| report.rows.iter().map(|row| row.rank).collect::<Vec<_>>();
     assert_eq!(ranks(&file(&app, &cup, 2).await), [Some(1), Some(2)]);
     assert_eq!(ranks(&file(&app, &cup, 1).await), [Some(1), Some(1)]);
 }

@@ -4,10 +4,10 @@ use rstest::rstest;
 use serde_json::{Value, json};
 use swarmbench_engine::physics::Solver;
 use swarmbench_journal::fork::verify_fork;
-use swarmbench_journal::replay::Report;
+use swarmbench_journal::replay::JournalReport;
 
 use super::{finish, request, with};
-use crate::app::{Answer, Call, Episode, TestApp, fields, list, texts, verified};
+use crate::app::{Call, Episode, HttpAnswer, TestApp, fields, list, texts, verified};
 use crate::cup::{Cup, pass_minutes, server};
 
 const SECRETS: [&str; 3] = ["CANARY-ANSWER", "CANARY-REASON", "987654"];
@@ -55,7 +55,7 @@ fn digests(journal: &str) -> Vec<String> {
     with_digest.map(|record| record["digest"].as_str().expect("a text").to_owned()).collect()
 }
 
-fn compared(fork: &str, parent: &str) -> Report {
+fn compared(fork: &str, parent: &str) -> JournalReport {
     verify_fork(fork.as_bytes(), parent.as_bytes(), None, Solver::Flow, |_, _| ())
         .expect("it belongs")
 }
@@ -570,7 +570,7 @@ async fn replays_metrics_and_scores_of_a_fork_have_all_rounds() {
     );
     let verification = get(&fork, "/verification").ok().await;
     assert_eq!(verification["ok"], true, "{verification}");
-    let answer: Answer =
+    let answer: HttpAnswer =
         app.get(&format!("/api/v1/exports/rounds.jsonl?episode={}", fork.id)).send().await;
     assert_eq!(answer.text().lines().filter(|line| line.contains(&fork.id)).count(), 5);
 }

@@ -5,12 +5,12 @@ use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use swarmbench_engine::physics::Solver;
 use swarmbench_journal::chain::Head;
-use swarmbench_journal::replay::{Fault, Report, verify};
+use swarmbench_journal::replay::{Fault, JournalReport, verify};
 
 use super::{finish, request};
 use crate::app::{Episode, TestApp, verified};
 
-fn check(journal: &[u8], head: Option<Head>) -> Result<Report, Fault> {
+fn check(journal: &[u8], head: Option<Head>) -> Result<JournalReport, Fault> {
     verify(journal, head, Solver::Flow, |_, _| ())
 }
 

@@ -3,7 +3,7 @@
 use rstest::rstest;
 use serde_json::{Value, json};
 
-use super::{Run, look, seen, small, with};
+use super::{TestRun, look, seen, small, with};
 use crate::app::{TestApp, fields, list};
 
 #[rstest]
@@ -53,9 +53,9 @@ async fn what_cannot_be_played_is_refused_by_name(#[case] more: Value, #[case] n
 async fn a_repeated_creation_gives_the_same_run_and_a_new_token() {
     let app = TestApp::start().await;
     let call = || app.post("/api/v1/runs").header("Idempotency-Key", "once");
-    let first = Run::of(&call().json(&small()).ok().await);
+    let first = TestRun::of(&call().json(&small()).ok().await);
     look(&app, &first, "").await;
-    let again = Run::of(&call().json(&small()).ok().await);
+    let again = TestRun::of(&call().json(&small()).ok().await);
     assert_eq!(again.id, first.id);
     app.get("/swarm/obs").token(&first.token).problem(401, "unauthorized").await;
     assert_eq!(seen(&look(&app, &again, "").await).len(), 8);

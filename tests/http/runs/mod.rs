@@ -38,13 +38,13 @@ fn with(mut request: Value, more: &Value) -> Value {
 
 /// A run as it was created.
 #[derive(Clone, Debug)]
-struct Run {
+struct TestRun {
     id: String,
     token: String,
     created: Value,
 }
 
-impl Run {
+impl TestRun {
     fn of(created: &Value) -> Self {
         let text = |value: &Value| value.as_str().expect("a text").to_owned();
         Self {
@@ -59,19 +59,19 @@ impl Run {
     }
 }
 
-async fn create(app: &TestApp, request: Value) -> Run {
-    Run::of(&app.post("/api/v1/runs").json(&request).ok().await)
+async fn create(app: &TestApp, request: Value) -> TestRun {
+    TestRun::of(&app.post("/api/v1/runs").json(&request).ok().await)
 }
 
-async fn show(app: &TestApp, run: &Run) -> Value {
+async fn show(app: &TestApp, run: &TestRun) -> Value {
     app.get(&run.path("")).token(&run.token).ok().await
 }
 
-async fn look(app: &TestApp, run: &Run, query: &str) -> Value {
+async fn look(app: &TestApp, run: &TestRun, query: &str) -> Value {
     app.get(&format!("/swarm/obs{query}")).token(&run.token).ok().await
 }
 
-async fn send(app: &TestApp, run: &Run, acts: &[Value]) -> Vec<Value> {
+async fn send(app: &TestApp, run: &TestRun, acts: &[Value]) -> Vec<Value> {
     let call = app.post("/swarm/act").token(&run.token).json(&json!({ "acts": acts }));
     list(&call.ok().await["receipts"])
 }
@@ -99,7 +99,7 @@ fn slots(shown: &Value, status: &str) -> Vec<u64> {
 }
 
 /// Plays all that waits until the run is over; returns which seats of which rounds were shown, each once.
-async fn play(app: &TestApp, run: &Run) -> Vec<(String, String, u64)> {
+async fn play(app: &TestApp, run: &TestRun) -> Vec<(String, String, u64)> {
     let mut shown = Vec::new();
     let mut place = String::new();
     loop {
@@ -125,7 +125,7 @@ async fn play(app: &TestApp, run: &Run) -> Vec<(String, String, u64)> {
 }
 
 /// Plays the open rounds of one game until it has ended.
-async fn play_game(app: &TestApp, run: &Run, episode: &str) {
+async fn play_game(app: &TestApp, run: &TestRun, episode: &str) {
     loop {
         let looked = look(app, run, "?limit=1024").await;
         let acts: Vec<Value> =
@@ -138,7 +138,7 @@ async fn play_game(app: &TestApp, run: &Run, episode: &str) {
 }
 
 /// Asks until `is` holds for the run.
-async fn until(app: &TestApp, run: &Run, is: impl Fn(&Value) -> bool) -> Value {
+async fn until(app: &TestApp, run: &TestRun, is: impl Fn(&Value) -> bool) -> Value {
     for _ in 0..10_000 {
         let shown = show(app, run).await;
         if is(&shown) {

@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use super::{
-    Run, create, look, play, play_game, seen, send, show, slots, small, stay, text, until, with,
+    TestRun, create, look, play, play_game, seen, send, show, slots, small, stay, text, until, with,
 };
 use crate::app::{TestApp, check_problem, list, number};
 
@@ -129,7 +129,7 @@ async fn acts_go_to_their_own_games_and_to_no_others() {
     let run = create(&app, small()).await;
     let other = create(&app, small()).await;
     let alone = app.create(json!({ "task": "Foraging", "num_agents": 2 })).await;
-    let of = |run: &Run, game: usize| run.created["games"][game]["episode"].clone();
+    let of = |run: &TestRun, game: usize| run.created["games"][game]["episode"].clone();
     let act = |episode: Value, agent: &str, round: u64| json!({ "episode": episode, "agent": agent, "round": round, "action": "STAY" });
     let table = [
         (act(of(&run, 1), "Agent_0", 0), Ok((1, false))),

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::{Run, create, play, show, small, stored, text, with};
+use super::{TestRun, create, play, show, small, stored, text, with};
 use crate::app::{TestApp, list, number};
 
 #[tokio::test]
@@ -39,7 +39,7 @@ async fn a_run_is_seen_like_its_episodes() {
     let (member, _) = app.key(json!({ "name": "member" })).await;
     let create = async |visibility: &str| {
         let request = with(small(), &json!({ "visibility": visibility }));
-        Run::of(&app.post("/api/v1/runs").token(&owner).json(&request).ok().await)
+        TestRun::of(&app.post("/api/v1/runs").token(&owner).json(&request).ok().await)
     };
     let private = create("owner").await;
     let public = create("public").await;
@@ -94,7 +94,7 @@ async fn the_player_of_a_sealed_run_sees_only_its_progress() {
     let (owner, _) = app.key(json!({ "name": "owner" })).await;
     let mut request = with(small(), &json!({ "parallel": 2 }));
     request["suite"]["seeds"] = json!([707_070_707, 808_080_808]);
-    let run = Run::of(&app.post("/api/v1/runs").token(&owner).json(&request).ok().await);
+    let run = TestRun::of(&app.post("/api/v1/runs").token(&owner).json(&request).ok().await);
     // Only competitions seal runs.
     app.stop().await;
     let seal = "
@@ -107,7 +107,7 @@ async fn the_player_of_a_sealed_run_sees_only_its_progress() {
     app.tamper(seal).await;
     app.start_again().await;
 
-    let check = async |app: &TestApp, run: &Run, played: u64| {
+    let check = async |app: &TestApp, run: &TestRun, played: u64| {
         for token in [&owner, &run.token] {
             let shown = app.get(&run.path("")).token(token).ok().await;
             assert_eq!(number(&shown["played"]), played);
@@ -138,7 +138,7 @@ async fn the_player_of_a_sealed_run_sees_only_its_progress() {
     check(&app, &run, 0).await;
     // Its player gets a new token, and plays.
     let fresh = app.post(&run.path("/token")).token(&owner).ok().await;
-    let run = Run { token: text(&fresh, "swarm_token").to_owned(), ..run };
+    let run = TestRun { token: text(&fresh, "swarm_token").to_owned(), ..run };
     play(&app, &run).await;
     check(&app, &run, 4).await;
     let events = app.get(&run.path("/events")).token(&owner).send().await.text();
@@ -150,7 +150,7 @@ async fn the_player_of_a_sealed_run_sees_only_its_progress() {
 async fn a_token_of_a_run_reads_its_episodes_and_creates_nothing() {
     let app = TestApp::builder().keys().start().await;
     let (owner, _) = app.key(json!({ "name": "owner" })).await;
-    let run = Run::of(&app.post("/api/v1/runs").token(&owner).json(&small()).ok().await);
+    let run = TestRun::of(&app.post("/api/v1/runs").token(&owner).json(&small()).ok().await);
     let episode = text(&run.created["games"][0], "episode").to_owned();
     for path in ["", "/state", "/journal"] {
         let call = app.get(&format!("/api/v1/episodes/{episode}{path}")).token(&run.token);

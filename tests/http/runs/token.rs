@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::{Run, look, play, small, text, with};
+use super::{TestRun, look, play, small, text, with};
 use crate::app::TestApp;
 
 #[tokio::test]
@@ -10,12 +10,12 @@ async fn a_client_that_lost_its_token_gets_another() {
     let app = TestApp::builder().keys().start().await;
     let (owner, _) = app.key(json!({ "name": "owner" })).await;
     let call = app.post("/api/v1/runs").token(&owner).json(&small());
-    let run = Run::of(&call.ok().await);
+    let run = TestRun::of(&call.ok().await);
     look(&app, &run, "").await;
     let fresh = app.post(&run.path("/token")).token(&owner).send().await;
     assert_eq!((fresh.status, fresh.header("cache-control")), (200, "no-store"));
     app.get("/swarm/obs").token(&run.token).problem(401, "unauthorized").await;
-    let run = Run { token: text(&fresh.json(), "swarm_token").to_owned(), ..run };
+    let run = TestRun { token: text(&fresh.json(), "swarm_token").to_owned(), ..run };
     play(&app, &run).await;
     // Also when it is over.
     app.post(&run.path("/token")).token(&owner).ok().await;

@@ -2,10 +2,10 @@
 
 use serde_json::json;
 
-use super::{Run, play, play_game, show, slots, small, stored, text, with};
-use crate::app::{Answer, TestApp, list, number};
+use super::{TestRun, play, play_game, show, slots, small, stored, text, with};
+use crate::app::{HttpAnswer, TestApp, list, number};
 
-async fn void(app: &TestApp, episode: &str, key: &str) -> Answer {
+async fn void(app: &TestApp, episode: &str, key: &str) -> HttpAnswer {
     let call = app.post(&format!("/api/v1/episodes/{episode}/void")).token(key);
     call.json(&json!({ "reason": "power cut" })).send().await
 }
@@ -15,7 +15,7 @@ async fn voided_games_are_played_again() {
     let app = TestApp::builder().keys().start().await;
     let (owner, _) = app.key(json!({ "name": "owner" })).await;
     let request = with(small(), &json!({ "parallel": 2 }));
-    let run = Run::of(&app.post("/api/v1/runs").token(&owner).json(&request).ok().await);
+    let run = TestRun::of(&app.post("/api/v1/runs").token(&owner).json(&request).ok().await);
     let of = |game: usize| text(&run.created["games"][game], "episode").to_owned();
     // A game that is played, and one that has ended.
     play_game(&app, &run, &of(0)).await;
@@ -48,7 +48,7 @@ async fn what_is_voided_after_the_end_counts_for_nothing() {
     let app = TestApp::builder().keys().start().await;
     let request = with(small(), &json!({ "visibility": "public" }));
     let call = app.post("/api/v1/runs").token(&app.organizer).json(&request);
-    let run = Run::of(&call.ok().await);
+    let run = TestRun::of(&call.ok().await);
     play(&app, &run).await;
     let before = show(&app, &run).await;
     let first = text(&run.created["games"][0], "episode").to_owned();

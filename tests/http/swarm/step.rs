@@ -9,7 +9,7 @@ use swarmbench_testkit::needs;
 use super::{agents, look};
 use crate::across::memory::until_in_memory;
 use crate::across::vectors;
-use crate::app::{Answer, Call, Episode, TestApp, check_problem, game, list, number, texts};
+use crate::app::{Call, Episode, HttpAnswer, TestApp, check_problem, game, list, number, texts};
 use crate::cup::{Attempt, Cup, server};
 
 /// Sends acts with a token.
@@ -222,7 +222,7 @@ async fn a_wait_ends_with_its_episode() {
 }
 
 /// A request of `Agent_0` that waits, on a server where one may.
-async fn waiting(app: &TestApp, episode: &Episode) -> tokio::task::JoinHandle<Answer> {
+async fn waiting(app: &TestApp, episode: &Episode) -> tokio::task::JoinHandle<HttpAnswer> {
     let acts = stay(episode, 0, &[0]);
     let ask = || tokio::spawn(call(app, &episode.swarm, "?wait=60", &acts).send());
     let mut waiting = ask();

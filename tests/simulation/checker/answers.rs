@@ -12,13 +12,13 @@ use swarmbench::store::StoreError;
 use swarmbench_engine::AgentId;
 use swarmbench_journal::record::Source;
 
-use super::{Acked, Checker, Invariant, Place, Sent, same};
-use crate::simulation::clients::{Answer, RequestId};
+use super::{Acked, Checker, Invariant, SeatRound, Sent, same};
+use crate::simulation::clients::{RequestId, SimAnswer};
 use swarmbench::cluster::Incarnation;
 
 impl Checker {
     #[expect(clippy::too_many_lines, reason = "one arm for each kind of answer")]
-    pub(crate) fn answered(&mut self, server: Incarnation, number: RequestId, answer: Answer) {
+    pub(crate) fn answered(&mut self, server: Incarnation, number: RequestId, answer: SimAnswer) {
         let moment = self.next_moment();
         let Some(mut sent) = self.requests.remove(&number) else { return };
         if self.is_shared {
@@ -41,51 +41,51 @@ impl Checker {
         let too_late = failed.is_some_and(|failed| failed < sent.moment);
         let failed = failed.is_some();
         let acks = match answer {
-            Answer::Looked => false,
-            Answer::Away => {
+            SimAnswer::Looked => false,
+            SimAnswer::Away => {
                 // The creation may still become durable.
                 return self.failure(&id, failed, &StoreError::Away);
             }
-            Answer::Nothing => {
+            SimAnswer::Nothing => {
                 return self.broken(Invariant::Durable, format!("{id} is not found"));
             }
-            Answer::NotTakenUp(RecoveryError::Broken { problem, .. }) => {
+            SimAnswer::NotTakenUp(RecoveryError::Broken { problem, .. }) => {
                 return self.broken(Invariant::Replay, format!("{id} is not taken up: {problem}"));
             }
-            Answer::NotTakenUp(RecoveryError::Journal(error))
-            | Answer::State(_, Err(RecoveryError::Journal(error)))
-            | Answer::Started(Err(StartError::Journal(error)))
-            | Answer::Claimed(_, Err(ClaimError::Journal(error)))
-            | Answer::Aborted(Err(error)) => {
+            SimAnswer::NotTakenUp(RecoveryError::Journal(error))
+            | SimAnswer::State(_, Err(RecoveryError::Journal(error)))
+            | SimAnswer::Started(Err(StartError::Journal(error)))
+            | SimAnswer::Claimed(_, Err(ClaimError::Journal(error)))
+            | SimAnswer::Aborted(Err(error)) => {
                 return self.failure(&id, failed, &error);
             }
-            Answer::Created(Err(CreateError::Work(error)))
-            | Answer::NotTakenUp(RecoveryError::Work(error))
-            | Answer::State(_, Err(RecoveryError::Work(error))) => {
+            SimAnswer::Created(Err(CreateError::Work(error)))
+            | SimAnswer::NotTakenUp(RecoveryError::Work(error))
+            | SimAnswer::State(_, Err(RecoveryError::Work(error))) => {
                 unreachable!("work is done at once: {error}")
             }
-            Answer::Started(Err(StartError::SeatsOpen(_))) => {
+            SimAnswer::Started(Err(StartError::SeatsOpen(_))) => {
                 self.stats.count("refused: seats_open", 1);
                 let mixed = self.episode(&id).is_some_and(|episode| episode.spec.is_mixed());
                 self.check(Invariant::TrueRefusals, mixed, || format!("{id} has no open seats"));
                 false
             }
-            Answer::Claimed(_, claimed) => self.claim_answered(&id, claimed),
-            Answer::Created(Ok(())) => {
+            SimAnswer::Claimed(_, claimed) => self.claim_answered(&id, claimed),
+            SimAnswer::Created(Ok(())) => {
                 let is_durable = self.keys.contains_key(&id);
                 self.check(Invariant::Durable, is_durable, || format!("{id} is created, not kept"));
                 true
             }
-            Answer::Created(Err(CreateError::NoMemory(full))) => {
+            SimAnswer::Created(Err(CreateError::NoMemory(full))) => {
                 unreachable!("memory has no bound here: {full}")
             }
-            Answer::Created(Err(CreateError::Full(full))) => {
+            SimAnswer::Created(Err(CreateError::Full(full))) => {
                 self.full(full, &sent);
                 self.note_held();
                 self.creating.remove(&id);
                 return;
             }
-            Answer::Created(Err(CreateError::Closed(at))) => {
+            SimAnswer::Created(Err(CreateError::Closed(at))) => {
                 let is_due = at <= self.now;
                 self.check(Invariant::Closing, is_due, || format!("{id} is refused before {at}"));
                 self.stats.count("refused: closed", 1);
@@ -93,23 +93,23 @@ impl Checker {
                 self.creating.remove(&id);
                 return;
             }
-            Answer::Created(Err(CreateError::Journal(error))) => {
+            SimAnswer::Created(Err(CreateError::Journal(error))) => {
                 self.note_held();
                 self.creating.remove(&id);
                 return self.failure(&id, failed, &error);
             }
-            Answer::Started(Ok(())) => {
+            SimAnswer::Started(Ok(())) => {
                 let kept = self.episode(&id).is_some_and(|e| !e.waiting || e.end.is_some());
                 self.check(Invariant::Durable, kept, || format!("{id}: its start is not kept"));
                 self.stats.count("starts", 1);
                 true
             }
-            Answer::Aborted(Ok(())) => {
+            SimAnswer::Aborted(Ok(())) => {
                 let kept = self.episode(&id).is_some_and(|episode| episode.end.is_some());
                 self.check(Invariant::Durable, kept, || format!("{id}: its end is not kept"));
                 true
             }
-            Answer::State(round, Ok(digest)) => {
+            SimAnswer::State(round, Ok(digest)) => {
                 self.stats.count("earlier states", 1);
                 let known = self.episode(&id).and_then(|e| e.digests.get(round as usize)).copied();
                 self.check(Invariant::Replay, known == Some(digest), || {
@@ -117,11 +117,11 @@ impl Checker {
                 });
                 false
             }
-            Answer::State(round, Err(RecoveryError::Broken { problem, .. })) => {
+            SimAnswer::State(round, Err(RecoveryError::Broken { problem, .. })) => {
                 let what = format!("{id}: no state after {round} rounds: {problem}");
                 return self.broken(Invariant::Replay, what);
             }
-            Answer::Acted(acts, outcomes, snapshot) => {
+            SimAnswer::Acted(acts, outcomes, snapshot) => {
                 self.shown(server, &id, &snapshot, (sent.moment, sent.floor), moment);
                 let whole = acts.len() == outcomes.len();
                 self.check(Invariant::Progress, whole, || format!("{id}: an act has no outcome"));
@@ -266,7 +266,7 @@ impl Checker {
     /// Checks that a refusal is true by the durable entries.
     fn refusal(
         &mut self,
-        (key, sent_round, agent): Place,
+        (key, sent_round, agent): SeatRound,
         sent: &Sent,
         submission: &Submission,
         refusal: Refusal,

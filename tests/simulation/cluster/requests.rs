@@ -16,7 +16,7 @@ use swarmbench_testkit::worlds::Dice;
 use tokio::sync::oneshot;
 
 use super::{Net, Peer, Reply, Site};
-use crate::simulation::clients::{Answer, News, Request, RequestId, Told, serve, think};
+use crate::simulation::clients::{News, Request, RequestId, SimAnswer, Told, serve, think};
 
 /// A client's timeout of an answer: longer than any wait for a round.
 const ANSWER_PATIENCE: Duration = Duration::from_secs(12);
@@ -130,8 +130,8 @@ impl Driver for Way<'_> {
         })
     }
 
-    async fn bury(&mut self, server: Incarnation) -> Result<(), StoreError> {
-        membership::bury(&self.site, server).await
+    async fn exclude_if_dead(&mut self, server: Incarnation) -> Result<(), StoreError> {
+        membership::exclude_if_dead(&self.site, server).await
     }
 
     async fn pause(&mut self, pause: Duration) {
@@ -221,7 +221,7 @@ pub(crate) async fn client(net: Arc<Net>, mut order: Order, seed: u64) {
 }
 
 fn away(net: &Net, Order { number, id, .. }: Order) {
-    let news = News::Answered(Answer::Away);
+    let news = News::Answered(SimAnswer::Away);
     let told = Told { number, id, server: crate::simulation::executor::CLIENTS, plays: true, news };
     net.desk.lock().expect("one thread").push_back(told);
 }
@@ -255,12 +255,12 @@ async fn ask(net: &Arc<Net>, dice: &mut Dice, order: &Order) -> Option<Vec<Told>
 fn failure(told: &[Told]) -> Option<StoreError> {
     let News::Answered(answer) = &told.last()?.news else { return None };
     match answer {
-        Answer::NotTakenUp(RecoveryError::Journal(error))
-        | Answer::State(_, Err(RecoveryError::Journal(error)))
-        | Answer::Started(Err(StartError::Journal(error)))
-        | Answer::Claimed(_, Err(ClaimError::Journal(error)))
-        | Answer::Aborted(Err(error)) => Some(error.clone()),
-        Answer::Acted(_, outcomes, _) => {
+        SimAnswer::NotTakenUp(RecoveryError::Journal(error))
+        | SimAnswer::State(_, Err(RecoveryError::Journal(error)))
+        | SimAnswer::Started(Err(StartError::Journal(error)))
+        | SimAnswer::Claimed(_, Err(ClaimError::Journal(error)))
+        | SimAnswer::Aborted(Err(error)) => Some(error.clone()),
+        SimAnswer::Acted(_, outcomes, _) => {
             let failed = outcomes.iter().map(|outcome| match outcome {
                 Err(ActError::Journal(error)) => Some(error.clone()),
                 _ => None,

@@ -12,11 +12,11 @@ use swarmbench_engine::AgentId;
 /// Maximum number of waits of a request for servers.
 const WAITS_MAX: usize = 400;
 
-use super::{ROUNDS_MAX, Run, STEPS_MAX, Server, Step, UNUSED};
+use super::{ROUNDS_MAX, STEPS_MAX, Server, SimulationRun, Step, UNUSED};
 use crate::simulation::checker::{Episode, Invariant};
 use crate::simulation::clients::{Acts, Request, act};
 
-impl Run {
+impl SimulationRun {
     /// Performs everything that needs neither time nor clients. If several servers share the database a request may
     /// have to wait for one of them, and time passes.
     pub(super) fn settle(&mut self) {

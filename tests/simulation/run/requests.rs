@@ -9,14 +9,14 @@ use swarmbench::keys::OwnerKey;
 use swarmbench_clock::Clock as _;
 use swarmbench_engine::AgentId;
 
-use super::Run;
+use super::SimulationRun;
 use super::trace::asked;
 use crate::simulation::checker::Episode;
 use crate::simulation::clients::{Request, Told, act, again, serve, spec};
 use crate::simulation::cluster::{Order, client};
 use crate::simulation::executor::CLIENTS;
 
-impl Run {
+impl SimulationRun {
     pub(super) fn ask(&mut self, id: EpisodeId, request: Request) {
         self.asked += 1;
         let number = self.asked;

@@ -13,9 +13,9 @@ use swarmbench::store::entries::Entry;
 use swarmbench_clock::Clock as _;
 use tokio::sync::watch;
 
-use super::{Peer, Run, Site};
+use super::{Peer, SimulationRun, Site};
 use crate::simulation::checker::Invariant;
-use crate::simulation::clients::Answer;
+use crate::simulation::clients::SimAnswer;
 use swarmbench::cluster::Incarnation;
 
 /// Time that passes without a beat of the running servers.
@@ -28,7 +28,7 @@ const CALM_FOR: usize = 32;
 /// Maximum duration until all servers play their own places.
 const CALMS_AFTER: Duration = Duration::from_mins(2);
 
-impl Run {
+impl SimulationRun {
     /// Starts a server in a free slot.
     pub(super) fn start_one(&mut self, slot: usize) {
         let (number, now) = (i16::try_from(slot).expect("a few"), self.clock.now());
@@ -256,13 +256,13 @@ impl Run {
 }
 
 /// Whether a server answers so from the episodes that it plays.
-pub(super) const fn is_played(answer: &Answer) -> bool {
+pub(super) const fn is_played(answer: &SimAnswer) -> bool {
     matches!(
         answer,
-        Answer::Acted(..)
-            | Answer::Claimed(_, Ok(_))
-            | Answer::Started(Ok(()))
-            | Answer::Aborted(Ok(()))
-            | Answer::State(_, Ok(_))
+        SimAnswer::Acted(..)
+            | SimAnswer::Claimed(_, Ok(_))
+            | SimAnswer::Started(Ok(()))
+            | SimAnswer::Aborted(Ok(()))
+            | SimAnswer::State(_, Ok(_))
     )
 }

@@ -3,7 +3,7 @@
 use swarmbench::store::entries::Entry;
 use swarmbench_engine::AgentId;
 
-use crate::simulation::clients::{Answer, Request};
+use crate::simulation::clients::{Request, SimAnswer};
 
 /// The line of an entry.
 pub(super) fn line(entry: &Entry) -> String {
@@ -47,14 +47,14 @@ pub(super) fn asked(request: &Request) -> String {
 }
 
 /// The line of an answer.
-pub(super) fn told(answer: &Answer) -> String {
+pub(super) fn told(answer: &SimAnswer) -> String {
     match answer {
-        Answer::Created(result) => format!("created {result:?}"),
-        Answer::Nothing => "no such episode".to_owned(),
-        Answer::NotTakenUp(error) => format!("not taken up: {error}"),
-        Answer::Looked => "looked".to_owned(),
-        Answer::Away => "no server answers".to_owned(),
-        Answer::Acted(_, outcomes, _) => {
+        SimAnswer::Created(result) => format!("created {result:?}"),
+        SimAnswer::Nothing => "no such episode".to_owned(),
+        SimAnswer::NotTakenUp(error) => format!("not taken up: {error}"),
+        SimAnswer::Looked => "looked".to_owned(),
+        SimAnswer::Away => "no server answers".to_owned(),
+        SimAnswer::Acted(_, outcomes, _) => {
             let brief = outcomes.iter().map(|outcome| match outcome {
                 Ok(receipt) => format!(
                     "round {} {} to come, again: {}",
@@ -64,9 +64,9 @@ pub(super) fn told(answer: &Answer) -> String {
             });
             format!("{:?}", brief.collect::<Vec<_>>())
         }
-        Answer::Claimed(wanted, result) => format!("claimed {wanted:?}: {result:?}"),
-        Answer::Started(result) => format!("started {result:?}"),
-        Answer::Aborted(result) => format!("aborted {result:?}"),
-        Answer::State(round, result) => format!("state after {round}: {}", result.is_ok()),
+        SimAnswer::Claimed(wanted, result) => format!("claimed {wanted:?}: {result:?}"),
+        SimAnswer::Started(result) => format!("started {result:?}"),
+        SimAnswer::Aborted(result) => format!("aborted {result:?}"),
+        SimAnswer::State(round, result) => format!("state after {round}: {}", result.is_ok()),
     }
 }

@@ -43,7 +43,7 @@ impl<T: Test<Value: Debug>> Engine<T> for Seeded {
         let seed = dice::chosen();
         set_hook();
         for input in 0..self.inputs {
-            let bytes = drawn(seed, input as u64);
+            let bytes = random_input(seed, input as u64);
             forward_panic(false);
             let Err(error) = test.test(&mut Bytes::new(&bytes, &options)) else { continue };
             let shrunk = test.shrink(bytes, None, &options);
@@ -56,7 +56,7 @@ impl<T: Test<Value: Debug>> Engine<T> for Seeded {
 }
 
 /// The bytes of an input, often few.
-fn drawn(seed: u64, input: u64) -> Vec<u8> {
+fn random_input(seed: u64, input: u64) -> Vec<u8> {
     let entropy = SeededEntropy::new(seed.rotate_left(32) ^ input);
     let mut length = [0; 4];
     entropy.fill(&mut length);

@@ -51,7 +51,7 @@ pub enum Blind {
 
 /// A played game: the state in which each round is decided, and the acts in it.
 #[derive(Clone, Debug)]
-pub struct Game {
+pub struct OracleGame {
     pub settings: Settings,
     pub states: Vec<State>,
     pub planned: Vec<Vec<PlannedAct>>,
@@ -73,7 +73,7 @@ pub struct Knowledge {
     history: Vec<(usize, &'static str, Option<String>)>,
 }
 
-impl Game {
+impl OracleGame {
     fn reach(&self) -> i64 {
         self.settings.view_size / 2
     }
@@ -222,11 +222,11 @@ pub fn settings(dice: &mut Dice) -> Settings {
 }
 
 /// Random acts of all agents in a round.
-pub fn planned(dice: &mut Dice, game: &Game) -> Vec<PlannedAct> {
+pub fn planned(dice: &mut Dice, game: &OracleGame) -> Vec<PlannedAct> {
     (0..game.state().agents.len()).map(|agent| act(dice, game, agent)).collect()
 }
 
-fn act(dice: &mut Dice, game: &Game, agent: usize) -> PlannedAct {
+fn act(dice: &mut Dice, game: &OracleGame, agent: usize) -> PlannedAct {
     let task = TaskName::parse(&game.settings.task).expect("a task");
     let actions = Action::of_task(task);
     let agents = game.state().agents.len();
@@ -243,7 +243,7 @@ fn act(dice: &mut Dice, game: &Game, agent: usize) -> PlannedAct {
 /// sometimes any agent does.
 pub fn changed(
     dice: &mut Dice,
-    game: &Game,
+    game: &OracleGame,
     planned: &[PlannedAct],
     observer: usize,
 ) -> Vec<PlannedAct> {

@@ -10,7 +10,6 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from . import wire
-from ._renamed import renamed
 from .client import AsyncClient, Client
 from .errors import (
     ApiError,
@@ -70,7 +69,7 @@ _NEEDS_RL = {
 """Names that need more than the client, by the module that has them."""
 
 
-def _load(name: str) -> Any:
+def __getattr__(name: str) -> Any:
     """Loads the environment and the analysis, and with them NumPy and others, only where they are used."""
     if name == "analysis":
         return import_module(".analysis", __name__)
@@ -86,6 +85,3 @@ def _load(name: str) -> Any:
             ) from error
         return getattr(module, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-__getattr__ = renamed(__name__, {"is_problem": "is_refused", "vector_env": "gym_vector_env"}, _load)

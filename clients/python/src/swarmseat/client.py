@@ -17,7 +17,6 @@ from typing import Any, ParamSpec, TypeVar
 import httpx
 
 from ._compat import Self
-from ._renamed import warn_renamed
 from .connections import Connections
 from .errors import ArgumentError, ConnectionFailedError, SwarmbenchError
 from .exchange import TIMEOUT_S, Call, Event, EventStream, Flow, NoReply, Pause, Reply, Retry, call, converse
@@ -158,11 +157,6 @@ class Client(_Base):
             if answer["next_cursor"] is None:
                 return
             kwargs["cursor"] = answer["next_cursor"]
-
-    def every(self, page: Callable[P, Page[T]], /, *args: P.args, **kwargs: P.kwargs) -> Iterator[T]:
-        """The old name of `paginate`."""
-        warn_renamed("Client.every", "paginate")
-        return self.paginate(page, *args, **kwargs)
 
     def play(self, decide: Decide, *, prompt: bool = False) -> None:
         """Plays all seats of a swarm token until all its games are over: the games of an episode, a run or an attempt.
@@ -327,11 +321,6 @@ class AsyncClient(_Base):
             if answer["next_cursor"] is None:
                 return
             kwargs["cursor"] = answer["next_cursor"]
-
-    def every(self, page: Callable[P, Awaitable[Page[T]]], /, *args: P.args, **kwargs: P.kwargs) -> AsyncIterator[T]:
-        """The old name of `paginate`."""
-        warn_renamed("AsyncClient.every", "paginate")
-        return self.paginate(page, *args, **kwargs)
 
     async def play(self, decide: AsyncDecide, *, prompt: bool = False, at_once: int = AT_ONCE) -> None:
         """`Client.play` with a coroutine that decides, for at most `at_once` agents at the same time."""

@@ -7,7 +7,6 @@ from datetime import datetime, timezone
 from email.utils import parsedate_to_datetime
 from typing import TYPE_CHECKING, cast
 
-from ._renamed import renamed
 from .wire import FieldProblem, Limit, Problem, Receipt
 
 if TYPE_CHECKING:
@@ -98,9 +97,6 @@ class ServerError(SwarmbenchError):
 def is_refused(receipt: Receipt | Problem) -> "TypeIs[Problem]":
     """Whether an act of a swarm was refused. `ApiError` makes an exception of a problem."""
     return "code" in receipt
-
-
-__getattr__ = renamed(__name__, {"is_problem": "is_refused"})
 
 
 def error_of(asked: str, status: int, headers: Mapping[str, str], body: bytes) -> ApiError | UnexpectedAnswerError:

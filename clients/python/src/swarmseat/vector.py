@@ -9,7 +9,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from ._renamed import renamed
 from .arrays import Layout
 from .cells import CHANNELS
 from .names import TASKS, TaskName
@@ -43,9 +42,6 @@ def gym_vector_env(
         options: Further arguments of `VecEnv`, except `messages` and `copy`.
     """
     return SwarmVectorEnv(task, num_envs, agents=agents, observations=observations, **options)
-
-
-__getattr__ = renamed(__name__, {"vector_env": "gym_vector_env"})
 
 
 class SwarmVectorEnv(VectorEnv[Any, Any, Any]):

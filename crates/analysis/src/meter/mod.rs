@@ -25,7 +25,7 @@ use column::Table;
 use convergence::Trend;
 use counts::{Said, small};
 use places::Explored;
-use row::{Row, SoFar};
+use row::{MeterRow, SoFar};
 use says::Promises;
 use texts::Cosines;
 use toolkit::Toolkit;
@@ -131,7 +131,7 @@ impl Meter {
         };
         meter.explore();
         let counts = Counts { explored: meter.explored.cells, ..Counts::default() };
-        let row = Row { counts, so_far: meter.so_far(), ..Row::default() };
+        let row = MeterRow { counts, so_far: meter.so_far(), ..MeterRow::default() };
         meter.values = Metric::ALL.map(|metric| row.value_of_layout(&meter.state, metric));
         for (metric, value) in Metric::ALL.into_iter().zip(meter.values) {
             meter.table.add_to_series(metric, value);
@@ -202,12 +202,12 @@ impl Meter {
     }
 
     /// The measures that follow from the decisions in the current state.
-    fn row(&mut self, decisions: &[Decision], said: &Said<'_>) -> Row {
-        let mut row = Row {
+    fn row(&mut self, decisions: &[Decision], said: &Said<'_>) -> MeterRow {
+        let mut row = MeterRow {
             counts: Counts::of_acts(&self.state, decisions, said),
             sight: Sight::of(&self.setup, &self.state),
             pushed: Pushed::of(&self.setup, &self.state, decisions),
-            ..Row::default()
+            ..MeterRow::default()
         };
         row.counts.components = row.sight.components;
         if self.options.vectors {

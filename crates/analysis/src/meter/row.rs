@@ -9,7 +9,7 @@ use crate::metric::Metric;
 
 /// Measures of a state and of the round that led to it.
 #[derive(Default)]
-pub(super) struct Row {
+pub(super) struct MeterRow {
     pub(super) counts: Counts,
     pub(super) cosines: Cosines,
     pub(super) edit_consistency: Option<f64>,
@@ -40,7 +40,7 @@ impl SoFar {
     }
 }
 
-impl Row {
+impl MeterRow {
     pub(super) fn value_of_layout(&self, layout: &State, metric: Metric) -> Option<f64> {
         if OF_LAYOUT.contains(&metric) { self.value(layout, metric) } else { None }
     }

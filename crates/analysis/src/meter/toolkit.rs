@@ -3,7 +3,7 @@
 use super::column::Table;
 use super::counts::{Counts, Said};
 use super::places::Explored;
-use super::row::{Row, SoFar};
+use super::row::{MeterRow, SoFar};
 use super::texts::Cosines;
 use crate::game::{Setup, State};
 use crate::metric::{Metric, RunValue};
@@ -88,7 +88,7 @@ impl Toolkit {
             Metric::Homogeneity if counts.distinct_messages >= 2 => cosines.distinct,
             Metric::Homogeneity => Some(0.0),
             _ => {
-                let row = Row { counts, so_far, ..Row::default() };
+                let row = MeterRow { counts, so_far, ..MeterRow::default() };
                 Some(row.value(state, metric).unwrap_or(0.0))
             }
         }

@@ -66,7 +66,7 @@ pub(crate) struct Args {
 
 /// Measurements.
 #[derive(Debug, Serialize)]
-struct Report {
+struct CapacityReport {
     database: PathBuf,
     bytes: u64,
     /// Milliseconds from the start of the program until it reports that it is ready.
@@ -85,9 +85,9 @@ struct Report {
 #[derive(Debug, Serialize)]
 struct Part {
     #[serde(skip_serializing_if = "Option::is_none")]
-    reads: Option<reads::Report>,
+    reads: Option<reads::ReadsReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    while_games_end: Option<competition::Report>,
+    while_games_end: Option<competition::CompetitionReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     competition: Option<File>,
 }
@@ -139,8 +139,15 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let rebuild = if part.reads.is_some() { Some(rebuild(&program, &db).await?) } else { None };
     let bytes = std::fs::metadata(&db)?.len();
     let database = db;
-    let report =
-        Report { database, bytes, ready_ms, first_board_ms, part, server_memory_bytes, rebuild };
+    let report = CapacityReport {
+        database,
+        bytes,
+        ready_ms,
+        first_board_ms,
+        part,
+        server_memory_bytes,
+        rebuild,
+    };
     if json {
         return terminal::json(&report);
     }
@@ -314,8 +321,8 @@ async fn rebuild(program: &Program, db: &Path) -> anyhow::Result<Rebuild> {
     Ok(Rebuild { results, changed, seconds: done.seconds, memory_bytes: done.memory_bytes })
 }
 
-fn show(report: &Report) {
-    let Report { database, bytes, ready_ms, first_board_ms, .. } = report;
+fn show(report: &CapacityReport) {
+    let CapacityReport { database, bytes, ready_ms, first_board_ms, .. } = report;
     let memory = |bytes: Option<u64>| {
         bytes.map_or_else(|| "?".to_owned(), |bytes| HumanBytes(bytes).to_string())
     };
@@ -364,7 +371,7 @@ fn show(report: &Report) {
     report.part.reads.iter().for_each(show_reads);
 }
 
-fn show_pages(report: &competition::Report) {
+fn show_pages(report: &competition::CompetitionReport) {
     out!(
         "\nPages of {} in turn by {} clients at once, for {:.0} s, while {:.1} games a second end ({} in all)",
         report.competition,

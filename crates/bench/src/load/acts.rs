@@ -13,10 +13,10 @@ use tokio::task::JoinSet;
 use tokio::time::MissedTickBehavior;
 
 use super::bare_acts::Setup;
-use super::bare_commit::{BareCommit, Place, Tables};
+use super::bare_commit::{BareCommit, BareLocation, Tables};
 use super::bare_handler::BareHandler;
 use super::connection::{Answers, Target};
-use super::games::{self, Game, SEATS};
+use super::games::{self, LoadGame, SEATS};
 use super::metrics::Metrics;
 use super::rounds::{Player, Score};
 use super::{LoadError, Progress, median, per_second};
@@ -69,7 +69,7 @@ pub(crate) struct Comparison {
 /// `place`. `bare_server` must call [`bare_acts::serve`](super::bare_acts::serve).
 pub(crate) async fn run(
     target: &Target,
-    (place, tables, bare_server): (&Place, Tables<'_>, Command),
+    (place, tables, bare_server): (&BareLocation, Tables<'_>, Command),
     by_seats: bool,
     episodes: usize,
     (turns, turn): (usize, Duration),
@@ -157,7 +157,7 @@ pub(crate) async fn run(
 /// Players of new episodes, each before its first round.
 async fn players_of(
     target: &Target,
-    games: &[Game],
+    games: &[LoadGame],
     by_seats: bool,
     progress: &Progress,
 ) -> Result<Vec<(Player, u32)>, LoadError> {
@@ -214,7 +214,7 @@ async fn play(
 }
 
 /// The record of an act in the server's journal, byte for byte.
-async fn record(target: &Target, game: &Game) -> Result<String, LoadError> {
+async fn record(target: &Target, game: &LoadGame) -> Result<String, LoadError> {
     #[derive(serde::Deserialize)]
     struct Line {
         record: Round,

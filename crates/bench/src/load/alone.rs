@@ -11,7 +11,7 @@ use serde::Serialize;
 use serde_json::json;
 use swarmbench_testkit::latencies::{Latencies, Spread};
 
-use super::bare_commit::{BareCommit, Place, Tables};
+use super::bare_commit::{BareCommit, BareLocation, Tables};
 use super::connection::{Answers, Connection, Tally, Target, request};
 use super::games::{self, SEATS};
 use super::{LoadError, Progress};
@@ -48,7 +48,7 @@ pub(crate) struct Comparison {
 /// Measures the server, the bare writer and the disk of `dir` in turns.
 pub(crate) async fn run(
     target: &Target,
-    (place, tables, dir): (&Place, Tables<'_>, &Path),
+    (place, tables, dir): (&BareLocation, Tables<'_>, &Path),
     (turns, turn): (usize, Duration),
     progress: &Progress,
 ) -> Result<Comparison, LoadError> {

@@ -9,7 +9,7 @@ use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 use tokio::sync::{mpsc, oneshot};
 
-use super::bare_commit::{BareCommit, Place, Tables};
+use super::bare_commit::{BareCommit, BareLocation, Tables};
 use super::bare_handler::{read_body, serve_until_input_ends};
 use super::games::SEATS;
 
@@ -20,7 +20,7 @@ const GROUP_MAX: usize = 1024;
 #[derive(Serialize, Deserialize)]
 pub(crate) struct Setup {
     /// The place of its database.
-    pub(crate) place: Place,
+    pub(crate) place: BareLocation,
     /// Episodes of 12 seats among which the acts are divided.
     pub(crate) episodes: usize,
     /// The record of every act.

@@ -61,7 +61,7 @@ pub(crate) struct Line {
 
 /// The results.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct Report {
+pub(crate) struct CompetitionReport {
     /// The competition.
     pub(crate) competition: String,
     /// Concurrent readers.
@@ -106,7 +106,7 @@ pub(crate) async fn run(
     target: &Target,
     plan: Plan,
     progress: &Progress,
-) -> Result<Report, LoadError> {
+) -> Result<CompetitionReport, LoadError> {
     let reads = Arc::new(Tally::default());
     let plays = Arc::new(Tally::default());
     let setup = Setup { target, plan: &plan, connection: Connection::new(target) };
@@ -130,7 +130,7 @@ pub(crate) async fn run(
     let (ended, elapsed) = (playing.ended.load(Ordering::Relaxed), began.elapsed());
     playing.stops.store(true, Ordering::Relaxed);
     at_play.join_all().await;
-    Ok(Report {
+    Ok(CompetitionReport {
         competition: plan.competition,
         readers: plan.readers,
         seconds: elapsed.as_secs_f64(),
@@ -429,12 +429,12 @@ struct Started {
 /// The part of an observation that is needed to act.
 #[derive(Deserialize)]
 struct Looked {
-    observations: Vec<Seat>,
+    observations: Vec<WaitingSeat>,
     finished: bool,
 }
 
 #[derive(Deserialize)]
-struct Seat {
+struct WaitingSeat {
     episode: String,
     agent: String,
     round: u32,
@@ -488,7 +488,7 @@ impl Attempts {
             if looked.finished {
                 return true;
             }
-            let act = |Seat { episode, agent, round }| json!({ "episode": episode, "agent": agent, "round": round, "action": "STAY" });
+            let act = |WaitingSeat { episode, agent, round }| json!({ "episode": episode, "agent": agent, "round": round, "action": "STAY" });
             let acts: Vec<_> = looked.observations.into_iter().map(act).collect();
             if acts.is_empty() {
                 // The long poll ended without news.

@@ -115,7 +115,7 @@ pub(crate) fn request(
 
 /// The head of an answer.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Answer {
+pub(crate) struct ResponseHead {
     status: u16,
     retry_after: Option<Duration>,
     closes: bool,
@@ -123,7 +123,7 @@ pub(crate) struct Answer {
     body: (usize, usize),
 }
 
-impl Answer {
+impl ResponseHead {
     /// Whether the status is 200 to 299.
     pub(crate) const fn is_ok(&self) -> bool {
         matches!(self.status, 200..=299)
@@ -161,7 +161,7 @@ impl Connection {
     }
 
     /// Sends a request and reads the answer.
-    pub(crate) async fn ask(&mut self, request: &[u8]) -> io::Result<Answer> {
+    pub(crate) async fn ask(&mut self, request: &[u8]) -> io::Result<ResponseHead> {
         let was_open = self.stream.is_some();
         let mut result = timeout(PATIENCE, self.exchange(request)).await;
         if was_open && matches!(&result, Ok(Err(_))) && self.buffer.is_empty() {
@@ -184,7 +184,7 @@ impl Connection {
         }
     }
 
-    async fn exchange(&mut self, request: &[u8]) -> io::Result<Answer> {
+    async fn exchange(&mut self, request: &[u8]) -> io::Result<ResponseHead> {
         self.buffer.clear();
         self.body = (0, 0);
         self.open().await?.write_all(request).await?;
@@ -258,7 +258,7 @@ fn first_line(request: &[u8]) -> String {
 }
 
 /// Reads the head of an answer, if it is complete.
-fn head(bytes: &[u8]) -> io::Result<Option<Answer>> {
+fn head(bytes: &[u8]) -> io::Result<Option<ResponseHead>> {
     let mut headers = [httparse::EMPTY_HEADER; HEADERS_MAX];
     let mut response = httparse::Response::new(&mut headers);
     let parsed = response.parse(bytes).map_err(io::Error::other)?;
@@ -273,7 +273,7 @@ fn head(bytes: &[u8]) -> io::Result<Option<Answer>> {
         None if status == 204 => 0,
         _ => return Err(io::Error::other("an answer without a content-length is not read here")),
     };
-    Ok(Some(Answer {
+    Ok(Some(ResponseHead {
         status,
         retry_after: find("retry-after").and_then(|s| s.parse().ok()).map(Duration::from_secs),
         closes: find("connection").is_some_and(|value| value.eq_ignore_ascii_case("close")),

@@ -21,7 +21,7 @@ const TASK: &str = "Synchronization";
 
 /// An episode and its tokens.
 #[derive(Clone, Debug)]
-pub(crate) struct Game {
+pub(crate) struct LoadGame {
     /// The episode's id.
     pub(crate) id: String,
     /// The token of all seats.
@@ -39,7 +39,7 @@ pub(crate) async fn create(
     agents: usize,
     max_round: u32,
     progress: &Progress,
-) -> Vec<Game> {
+) -> Vec<LoadGame> {
     // Each agent gets at least as many cells as in the standard setting.
     let side = (10..256).find(|side| side * side >= agents * 25 / 2).unwrap_or(256);
     let side = if agents <= SEATS { 10 } else { side };
@@ -67,7 +67,7 @@ pub(crate) async fn create(
             }
         }
     });
-    let games = created.await.into_iter().map(|created| Game {
+    let games = created.await.into_iter().map(|created| LoadGame {
         id: created.id,
         swarm_token: created.swarm_token,
         seats: created.seats.into_iter().map(|seat| seat.token).collect(),
@@ -76,7 +76,7 @@ pub(crate) async fn create(
 }
 
 /// The first game; without games, an error with an answer of the server.
-pub(super) fn first<'a>(games: &'a [Game], tally: &Tally) -> Result<&'a Game, LoadError> {
+pub(super) fn first<'a>(games: &'a [LoadGame], tally: &Tally) -> Result<&'a LoadGame, LoadError> {
     games.first().ok_or_else(|| {
         let samples = tally.answers().samples;
         LoadError::of("no episode to play")(&samples.first().map_or("none", String::as_str))
@@ -87,7 +87,7 @@ pub(super) fn first<'a>(games: &'a [Game], tally: &Tally) -> Result<&'a Game, Lo
 pub(crate) async fn abort(
     target: &Target,
     tally: &Arc<Tally>,
-    games: &[Game],
+    games: &[LoadGame],
     progress: &Progress,
 ) {
     let calls: Vec<_> = (games.iter())

@@ -14,7 +14,7 @@ use tokio::time::{sleep, timeout};
 use super::connection::{Answers, Connection, Tally, Target};
 use super::games;
 use super::metrics::Metrics;
-use super::rounds::{Acting, Seat};
+use super::rounds::{Acting, SeatConnection};
 use super::{LoadError, Progress};
 
 /// Rounds of an episode: more than are played, so that none ends.
@@ -28,7 +28,7 @@ const ACTING: usize = 64;
 
 /// The results of the scenario.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct Report {
+pub(crate) struct PollsReport {
     /// Concurrent waiting requests, each on its own connection.
     pub(crate) polls: usize,
     /// Waiting requests as the server counted them, if it reports them.
@@ -61,7 +61,7 @@ pub(crate) async fn run(
     polls: usize,
     seats: usize,
     progress: &Progress,
-) -> Result<Report, LoadError> {
+) -> Result<PollsReport, LoadError> {
     let tally = Arc::new(Tally::default());
     let count = (polls / seats).max(1);
     let games = games::create(target, &tally, count, seats, ROUNDS_MAX, progress).await;
@@ -72,7 +72,7 @@ pub(crate) async fn run(
     let mut waiting = JoinSet::new();
     for (place, game) in games.iter().enumerate() {
         for (token, connection) in game.seats.iter().zip(open.by_ref()) {
-            let seat = Seat::new(target, connection, token.clone());
+            let seat = SeatConnection::new(target, connection, token.clone());
             waiting.spawn(poll(seat, place, Arc::clone(&tally), send.clone()));
         }
     }
@@ -106,7 +106,7 @@ pub(crate) async fn run(
     games::abort(target, &tally, &games, progress).await;
     let memory = |metrics: &Metrics| metrics.get("process_resident_memory_bytes");
     let grown = memory(&before).zip(memory(&held)).map(|(before, held)| held - before);
-    Ok(Report {
+    Ok(PollsReport {
         polls,
         counted: held.get("swarmbench_waits"),
         episodes: games.len(),
@@ -122,7 +122,7 @@ pub(crate) async fn run(
 
 /// Waits for one round after the other until a request fails.
 async fn poll(
-    mut seat: Seat,
+    mut seat: SeatConnection,
     episode: usize,
     tally: Arc<Tally>,
     woken: mpsc::UnboundedSender<Woken>,

@@ -37,7 +37,7 @@ pub(crate) struct Line {
 
 /// The results.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct Report {
+pub(crate) struct ReadsReport {
     /// Requests of each kind.
     pub(crate) requests: usize,
     /// Concurrent clients.
@@ -104,7 +104,7 @@ pub(crate) async fn run(
     requests: usize,
     clients: usize,
     progress: &Progress,
-) -> Result<Report, LoadError> {
+) -> Result<ReadsReport, LoadError> {
     let tally = Arc::new(Tally::default());
     let episodes = listed(target, &tally, "/api/v1/episodes?status=finished&limit=200").await;
     if episodes.items.is_empty() {
@@ -121,7 +121,7 @@ pub(crate) async fn run(
             lines.push(line(target, &tally, read, paths, (requests, clients)).await);
         }
     }
-    Ok(Report { requests, clients, lines, answers: tally.answers() })
+    Ok(ReadsReport { requests, clients, lines, answers: tally.answers() })
 }
 
 /// The kinds of requests, each with different requests.

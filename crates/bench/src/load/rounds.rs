@@ -11,7 +11,7 @@ use serde::Deserialize;
 use swarmbench_testkit::latencies::Latencies;
 
 use super::connection::{Connection, Tally, Target, request};
-use super::games::Game;
+use super::games::LoadGame;
 
 /// The action of every agent.
 const ACTION: &str = "SWITCH";
@@ -21,7 +21,7 @@ const MESSAGE: &str = "switch all lights on together in the next round";
 #[derive(Debug)]
 pub(crate) enum Player {
     /// `/act` and `/obs` for each seat.
-    Seats(Vec<Seat>),
+    Seats(Vec<SeatConnection>),
     /// `/swarm/act` and `/swarm/obs`.
     Swarm(Box<Swarm>),
 }
@@ -30,12 +30,14 @@ impl Player {
     /// Plays with a connection for each seat.
     pub(crate) fn by_seats(
         target: &Target,
-        game: &Game,
+        game: &LoadGame,
         connections: impl Iterator<Item = Connection>,
     ) -> Self {
         let seats = game.seats.iter().zip(connections);
         Self::Seats(
-            seats.map(|(token, connection)| Seat::new(target, connection, token.clone())).collect(),
+            seats
+                .map(|(token, connection)| SeatConnection::new(target, connection, token.clone()))
+                .collect(),
         )
     }
 
@@ -43,13 +45,13 @@ impl Player {
     /// waits for every round at `watcher`, if there is one.
     pub(crate) fn by_swarm(
         target: &Target,
-        games: &[Game],
+        games: &[LoadGame],
         connection: Connection,
         watcher: Option<Connection>,
     ) -> Self {
         let acting = Acting::of(target, games, connection);
         let seat = games.iter().flat_map(|game| &game.seats).next().cloned().unwrap_or_default();
-        let watcher = watcher.map(|connection| Seat::new(target, connection, seat));
+        let watcher = watcher.map(|connection| SeatConnection::new(target, connection, seat));
         Self::Swarm(Box::new(Swarm { acting, watcher }))
     }
 
@@ -100,7 +102,7 @@ pub(crate) struct Score {
 
 /// One seat at its own connection.
 #[derive(Debug)]
-pub(crate) struct Seat {
+pub(crate) struct SeatConnection {
     connection: Connection,
     target: Target,
     token: String,
@@ -127,7 +129,7 @@ struct Seen {
     round: u32,
 }
 
-impl Seat {
+impl SeatConnection {
     /// A seat at an open connection.
     pub(crate) fn new(target: &Target, connection: Connection, token: String) -> Self {
         Self { connection, target: target.clone(), token }
@@ -145,10 +147,10 @@ impl Seat {
     /// Waits until the round is past `round`; returns the begin and the end of the wait.
     pub(crate) async fn wait(&mut self, tally: &Tally, round: u32) -> Option<(Instant, Instant)> {
         let path = format!("/obs?after={round}&wait=30");
-        let look = request(&self.target, "GET", &path, Some(&self.token), None);
+        let request = request(&self.target, "GET", &path, Some(&self.token), None);
         let begun = Instant::now();
         loop {
-            if !self.connection.call(tally, &look).await {
+            if !self.connection.call(tally, &request).await {
                 return None;
             }
             let ended = Instant::now();
@@ -161,15 +163,15 @@ impl Seat {
 
     /// Observes without waiting; returns the duration.
     async fn look(&mut self, tally: &Tally) -> Option<Duration> {
-        let look = request(&self.target, "GET", "/obs", Some(&self.token), None);
+        let request = request(&self.target, "GET", "/obs", Some(&self.token), None);
         let begun = Instant::now();
-        self.connection.call(tally, &look).await.then(|| begun.elapsed())
+        self.connection.call(tally, &request).await.then(|| begun.elapsed())
     }
 }
 
 /// Lets every seat act, and wait for the next round if `waits` is set. `None` if a request failed.
 async fn by_seats(
-    seats: &mut [Seat],
+    seats: &mut [SeatConnection],
     tally: &Tally,
     round: u32,
     waits: bool,
@@ -200,7 +202,7 @@ fn woken(last: Instant, begun: Instant, ended: Instant) -> Option<Duration> {
 #[derive(Debug)]
 pub(crate) struct Swarm {
     acting: Acting,
-    watcher: Option<Seat>,
+    watcher: Option<SeatConnection>,
 }
 
 /// All seats of some episodes at one connection.
@@ -232,7 +234,7 @@ struct Receipt {
 
 /// The part of a swarm's observations that is read.
 #[derive(Deserialize)]
-struct Look {
+struct SwarmObservations {
     observations: Vec<Seen>,
 }
 
@@ -274,12 +276,12 @@ impl Swarm {
 
 impl Acting {
     /// All seats of an episode at a connection.
-    pub(crate) fn new(target: &Target, game: &Game, connection: Connection) -> Self {
+    pub(crate) fn new(target: &Target, game: &LoadGame, connection: Connection) -> Self {
         Self::of(target, std::slice::from_ref(game), connection)
     }
 
-    fn of(target: &Target, games: &[Game], connection: Connection) -> Self {
-        let held = |game: &Game| Held {
+    fn of(target: &Target, games: &[LoadGame], connection: Connection) -> Self {
+        let held = |game: &LoadGame| Held {
             id: game.id.clone(),
             token: game.swarm_token.clone(),
             agents: game.seats.len(),
@@ -314,12 +316,12 @@ impl Acting {
     async fn look(&mut self, tally: &Tally, place: usize, round: u32) -> Option<()> {
         let Held { token, agents, .. } = self.games.get(place)?;
         let path = format!("/swarm/obs?wait=30&limit={agents}");
-        let look = request(&self.target, "GET", &path, Some(token), None);
-        if !self.connection.call(tally, &look).await {
+        let request = request(&self.target, "GET", &path, Some(token), None);
+        if !self.connection.call(tally, &request).await {
             return None;
         }
-        let look: Look = self.connection.read_json(tally)?;
-        let open = look.observations.iter().filter(|seen| seen.round == round).count();
+        let seen: SwarmObservations = self.connection.read_json(tally)?;
+        let open = seen.observations.iter().filter(|seen| seen.round == round).count();
         if open != *agents {
             tally.error(|| format!("{open} of {agents} seats wait in round {round}"));
             return None;

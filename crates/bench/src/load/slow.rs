@@ -12,7 +12,7 @@ use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval, sleep, sleep_until};
 
 use super::connection::{Answers, Target, request};
-use super::games::{self, Game, SEATS};
+use super::games::{self, LoadGame, SEATS};
 use super::metrics::Metrics;
 use super::rounds::{Player, Score};
 use super::{LoadError, Progress};
@@ -97,7 +97,7 @@ pub(crate) struct Honest {
 
 /// The results of the scenario.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct Report {
+pub(crate) struct SlowReport {
     /// Concurrent slow clients.
     pub(crate) clients: usize,
     /// Duration of each of the two phases, in seconds: honest clients alone, then beside slow ones.
@@ -124,7 +124,7 @@ pub(crate) async fn run(
     clients: usize,
     time: Duration,
     progress: &Progress,
-) -> Result<Report, LoadError> {
+) -> Result<SlowReport, LoadError> {
     let score = Score::default();
     let tally = Arc::clone(&score.tally);
     let games = games::create(target, &tally, HONEST, SEATS, ROUNDS_MAX, progress).await;
@@ -151,7 +151,7 @@ pub(crate) async fn run(
     games::abort(target, &tally, &games, progress).await;
     let kinds = [Kind::Head, Kind::Body, Kind::Silent, Kind::Unread];
     let factor = |before: Spread, during: Spread| during.p99_ms / before.p99_ms.max(0.001);
-    Ok(Report {
+    Ok(SlowReport {
         clients,
         seconds: time.as_secs_f64(),
         kept: kinds.map(|kind| summary(kind, &logs)).into(),
@@ -195,7 +195,7 @@ async fn honest(
 }
 
 /// The first bytes that a slow client sends.
-fn opening(target: &Target, game: &Game, kind: Kind) -> Vec<u8> {
+fn opening(target: &Target, game: &LoadGame, kind: Kind) -> Vec<u8> {
     let token = game.seats.first().map(String::as_str);
     match kind {
         Kind::Head => {

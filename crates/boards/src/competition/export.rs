@@ -20,7 +20,7 @@ use serde_json::value::RawValue;
 use super::change::Changed;
 use super::definition::{Definition, OwnGames, Window};
 use super::entrant::Entrant;
-use super::standings::Row;
+use super::standings::StandingsRow;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{RawRecord, fields_of, kind_of};
 
@@ -261,13 +261,13 @@ pub struct Attempt {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voided: Option<String>,
     /// Ended games, in the order of the plan.
-    pub games: Vec<Game>,
+    pub games: Vec<ExportedGame>,
 }
 
 /// A game of an attempt.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Game {
+pub struct ExportedGame {
     /// Place in the plan, from 0: task by task, and seed by seed within a task.
     pub slot: u32,
     /// Id of the episode.
@@ -296,7 +296,7 @@ pub struct Episode {
 #[serde(deny_unknown_fields)]
 pub struct Board {
     /// Rows in order.
-    pub rows: Vec<Row>,
+    pub rows: Vec<StandingsRow>,
 }
 
 /// The end of the file.

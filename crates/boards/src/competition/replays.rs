@@ -8,7 +8,7 @@ use std::thread;
 
 use swarmbench_engine::physics::Solver;
 use swarmbench_journal::chain::Head;
-use swarmbench_journal::replay::{self, Report as Played, verify};
+use swarmbench_journal::replay::{self, JournalReport, verify};
 
 /// Maximum replaying threads.
 const THREADS_MAX: usize = 64;
@@ -19,7 +19,7 @@ const JOURNAL_BYTES_MAX: usize = 512 * 1024;
 /// Pending journals per thread, so that no thread waits for the file.
 const PENDING_PER_THREAD: usize = 4;
 
-type Result = std::result::Result<Played, replay::Fault>;
+type Result = std::result::Result<JournalReport, replay::Fault>;
 
 /// Threads that replay journals.
 pub(super) struct Replays {

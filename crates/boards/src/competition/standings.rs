@@ -17,10 +17,10 @@ use super::EntrantStatus;
 use super::definition::{Counts, Definition, TieBreak};
 use super::entrant::Entrant;
 use crate::page::row_difference;
-use crate::rank::{Pick, Row as Ranked, View, difference_above, rank};
+use crate::rank::{Pick, RankedRow, View, difference_above, rank};
 use crate::result::RunResult;
 use crate::run::is_human;
-use crate::{Decentralization, Game, Owner, Player, Run, Slot};
+use crate::{Decentralization, EndedGame, Owner, PlayedRun, Player, Slot};
 
 /// An attempt, with the games that have ended.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,7 +46,7 @@ pub struct Attempt {
     /// Planned games.
     pub plan: Vec<Slot>,
     /// Ended games.
-    pub games: Vec<Game>,
+    pub games: Vec<EndedGame>,
 }
 
 swarmbench_engine::named! {
@@ -84,7 +84,7 @@ impl Attempt {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Standing {
     /// The row.
-    pub row: Row,
+    pub row: StandingsRow,
     /// Distance below the nearest row above; `None` for the first row, and for entrants without a rank.
     pub difference: Option<RowDifference>,
     /// Voided attempt in whose place the counting one was played.
@@ -94,7 +94,7 @@ pub struct Standing {
 /// A row of the board.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Row {
+pub struct StandingsRow {
     /// Rank with gaps, such as 1, 2, 2, 4. `None` without a counting attempt, and for entrants that withdrew or were
     /// disqualified.
     #[serde(deserialize_with = "Option::deserialize")]
@@ -169,7 +169,7 @@ pub fn result(definition: &Definition, entrant: &Entrant, attempt: &Attempt) -> 
     // The prompt revision is left out of the identity: rows that are equal otherwise are ordered by the identity of the player,
     // and the order in a published file must follow journal.md, the same in every version of the program.
     let prompt = Identity { template: declaration.template_digest(), ..Identity::default() };
-    let run = Run {
+    let run = PlayedRun {
         id: attempt.run.clone(),
         player: Player {
             owner: Some(Owner { id: entrant.id.clone(), name: entrant.name.clone() }),
@@ -300,7 +300,7 @@ pub fn standings(
     standings_of(definition, &all)
 }
 
-/// As [`standings`], for entrants with their attempts.
+/// Variant of [`standings`] for entrants with their attempts.
 #[must_use]
 pub fn standings_of(definition: &Definition, entrants: &[(&Entrant, &Played)]) -> Vec<Standing> {
     let view = view(definition);
@@ -312,12 +312,12 @@ pub fn standings_of(definition: &Definition, entrants: &[(&Entrant, &Played)]) -
     let mut ranked = rank(&runs, [], &view);
     let by_id: HashMap<&str, (&Entrant, &Played)> =
         active.iter().map(|&of| (of.0.id.as_str(), of)).collect();
-    let entrant_of = |row: &Ranked| {
+    let entrant_of = |row: &RankedRow| {
         let owner = row.shown()?.run.player.owner.as_ref()?;
         by_id.get(owner.id.as_str()).copied()
     };
     if !definition.tie_breaks.is_empty() {
-        let facts = |of: &Ranked| Facts::of(of, entrant_of(of).map(|(_, played)| played));
+        let facts = |of: &RankedRow| Facts::of(of, entrant_of(of).map(|(_, played)| played));
         break_ties(&mut ranked, &definition.tie_breaks, facts);
     }
     let mut rows: Vec<Standing> = Vec::with_capacity(entrants.len());
@@ -345,7 +345,7 @@ struct Facts {
 }
 
 impl Facts {
-    fn of(ranked: &Ranked, played: Option<&Played>) -> Self {
+    fn of(ranked: &RankedRow, played: Option<&Played>) -> Self {
         let shown = ranked.shown();
         let sum = |of: fn(&crate::result::TaskResult) -> u64| {
             shown.map_or(0, |shown| shown.tasks.iter().map(of).sum())
@@ -383,10 +383,10 @@ impl Facts {
 }
 
 /// Orders rows that share a rank by these rules; rows that are equal in all of them still share one.
-fn break_ties(rows: &mut [Ranked], rules: &[TieBreak], facts: impl Fn(&Ranked) -> Facts) {
+fn break_ties(rows: &mut [RankedRow], rules: &[TieBreak], facts: impl Fn(&RankedRow) -> Facts) {
     for tied in rows.chunk_by_mut(|a, b| a.rank.is_some() && a.rank == b.rank) {
         let Some(first) = tied[0].rank.filter(|_| tied.len() > 1) else { continue };
-        let mut with_facts: Vec<(Facts, Ranked)> =
+        let mut with_facts: Vec<(Facts, RankedRow)> =
             tied.iter().map(|row| (facts(row), row.clone())).collect();
         with_facts.sort_by(|(a, _), (b, _)| a.compare(b, rules));
         let mut rank = first;
@@ -418,7 +418,7 @@ fn standing(
     for task in shown.iter().flat_map(|shown| &shown.tasks) {
         failures.add(task.failures);
     }
-    let row = Row {
+    let row = StandingsRow {
         rank,
         entrant: entrant.id.clone(),
         attempt: played.counting.as_ref().map(|one| one.number),
@@ -450,7 +450,11 @@ mod tests {
 
     use super::*;
 
-    fn standings(definition: &Definition, entrants: &[Entrant], attempts: &[Attempt]) -> Vec<Row> {
+    fn standings(
+        definition: &Definition,
+        entrants: &[Entrant],
+        attempts: &[Attempt],
+    ) -> Vec<StandingsRow> {
         let standings = super::standings(definition, entrants, attempts);
         standings.into_iter().map(|standing| standing.row).collect()
     }
@@ -485,7 +489,7 @@ mod tests {
             .into_iter()
             .flat_map(|task| [slot(task, 1), slot(task, 2)])
             .collect::<Vec<_>>();
-        let game = |slot: &Slot| Game {
+        let game = |slot: &Slot| EndedGame {
             slot: *slot,
             score,
             answers: 10,
@@ -509,7 +513,7 @@ mod tests {
         }
     }
 
-    fn order(rows: &[Row]) -> Vec<(Option<u32>, &str, Option<u32>)> {
+    fn order(rows: &[StandingsRow]) -> Vec<(Option<u32>, &str, Option<u32>)> {
         rows.iter().map(|row| (row.rank, row.entrant.as_str(), row.attempt)).collect()
     }
 

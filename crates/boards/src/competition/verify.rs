@@ -20,14 +20,14 @@ use super::entrant::Entrant;
 use super::export::{self, AFTER_END, Decided, FIRST_FORMAT, FORMAT, Line, VOID, later_field};
 use super::replays::{Replays, Waiting};
 use super::sealed::{SALT_BYTES, SEED_BYTES, Sealed};
-use super::standings::{Attempt, Part, Row, standings};
-use crate::run::Definition as Run;
-use crate::{Game, Slot};
+use super::standings::{Attempt, Part, StandingsRow, standings};
+use crate::run::Definition as RunDefinition;
+use crate::{EndedGame, Slot};
 use swarmbench_journal::chain::Head;
-use swarmbench_journal::replay::{self, Report as Played, check_line, not_a_record};
+use swarmbench_journal::replay::{self, JournalReport, check_line, not_a_record};
 use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::status::RunStatus;
-use swarmbench_protocol::suite::Game as Planned;
+use swarmbench_protocol::suite::PlannedGame;
 
 /// First format in which the status of an attempt must fit the ends of its games, and in which each voided attempt has an
 /// action.
@@ -59,7 +59,7 @@ pub enum Fault {
 
 /// Verified content of a file.
 #[derive(Clone, Debug)]
-pub struct Report {
+pub struct CompetitionReport {
     /// First record.
     pub competition: export::Competition,
     /// Actions of organizers.
@@ -73,7 +73,7 @@ pub struct Report {
     /// Number of replayed rounds.
     pub rounds: u64,
     /// Recomputed board.
-    pub rows: Vec<Row>,
+    pub rows: Vec<StandingsRow>,
     /// Head of the file's chain.
     pub head: Head,
 }
@@ -97,7 +97,7 @@ pub fn verify(
     expected: Expected,
     solver: Solver,
     progress: impl FnMut(usize),
-) -> Result<Report, Fault> {
+) -> Result<CompetitionReport, Fault> {
     let reader = Reader {
         file,
         head: Head::START,
@@ -113,7 +113,7 @@ fn read<R: BufRead, P: FnMut(usize)>(
     mut reader: Reader<R, P>,
     expected: Expected,
     replays: &Replays,
-) -> Result<Report, Fault> {
+) -> Result<CompetitionReport, Fault> {
     let competition = match reader.next()? {
         Some(Line::Competition(competition)) => *competition,
         Some(_) => return Err(reader.wrong("the first record is not a competition")),
@@ -146,7 +146,7 @@ fn read<R: BufRead, P: FnMut(usize)>(
         )));
     }
     let Checker { competition, actions, entrants, episodes, rounds, .. } = checker;
-    Ok(Report { competition, actions, entrants, attempts, episodes, rounds, rows, head })
+    Ok(CompetitionReport { competition, actions, entrants, attempts, episodes, rounds, rows, head })
 }
 
 /// Reader of records, which follows their chain.
@@ -195,8 +195,8 @@ impl<R: BufRead, P: FnMut(usize)> Reader<R, P> {
         lines: usize,
         head: Head,
         replays: &Replays,
-    ) -> Result<(Place, Waiting), Fault> {
-        let place = Place { before: self.number, lines, what: self.place.clone() };
+    ) -> Result<(JournalPosition, Waiting), Fault> {
+        let place = JournalPosition { before: self.number, lines, what: self.place.clone() };
         let waiting = replays.begin(&mut self.file, lines, head)?;
         self.number += lines - waiting.left;
         (self.progress)(self.number);
@@ -205,14 +205,14 @@ impl<R: BufRead, P: FnMut(usize)> Reader<R, P> {
 }
 
 /// Place of a game's journal in the file.
-struct Place {
+struct JournalPosition {
     /// Number of the line before the journal.
     before: usize,
     lines: usize,
     what: String,
 }
 
-impl Place {
+impl JournalPosition {
     fn wrong(&self, left: usize, problem: impl Into<String>) -> Fault {
         let line = self.before + self.lines - left;
         Fault::Line { line, place: self.what.clone(), problem: problem.into() }
@@ -312,15 +312,15 @@ struct Checker<'a> {
 /// A game that is being replayed, and the facts by which it is checked.
 struct Pending {
     waiting: Waiting,
-    place: Place,
+    place: JournalPosition,
     published: Arc<export::Attempt>,
     /// Index of the attempt, and of the game in the attempt.
     attempt: usize,
     game: usize,
-    run: Arc<Run>,
+    run: Arc<RunDefinition>,
     window: Window,
     ends: Arc<Ends>,
-    planned: Planned,
+    planned: PlannedGame,
 }
 
 /// Ends that a window has had, each with the time from which it was known.
@@ -356,7 +356,7 @@ impl<'a> Checker<'a> {
     fn rest<R: BufRead, P: FnMut(usize)>(
         &mut self,
         reader: &mut Reader<R, P>,
-    ) -> Result<Vec<Row>, Fault> {
+    ) -> Result<Vec<StandingsRow>, Fault> {
         loop {
             match reader.next()? {
                 Some(Line::Action(action)) => {
@@ -502,7 +502,7 @@ impl<'a> Checker<'a> {
             let attempt = &mut self.attempts[number];
             let slot = attempt.plan[game.slot as usize];
             // The result is known after the replay.
-            let unknown = Game {
+            let unknown = EndedGame {
                 slot,
                 score: 0.0,
                 answers: 0,
@@ -599,7 +599,7 @@ impl<'a> Checker<'a> {
     }
 
     /// Window and run of an attempt.
-    fn place(&mut self, published: &export::Attempt) -> Result<(Window, Run), String> {
+    fn place(&mut self, published: &export::Attempt) -> Result<(Window, RunDefinition), String> {
         let definition = &self.competition.definition;
         let number = *self.entrant_of.get(&published.entrant).ok_or("there is no such entrant")?;
         let window = definition.window(published.attempt);
@@ -635,7 +635,7 @@ impl<'a> Checker<'a> {
     }
 
     /// Checks that a replayed game belongs in its place.
-    fn check_game(check: &GameCheck<'_>, played: &Played) -> Result<(), String> {
+    fn check_game(check: &GameCheck<'_>, played: &JournalReport) -> Result<(), String> {
         let GameCheck { format, published, game, run, window, ends, planned } = *check;
         let opening = &played.opening;
         if opening.episode != game.episode {
@@ -679,13 +679,13 @@ impl<'a> Checker<'a> {
     }
 
     /// Board as it follows from the games.
-    fn board(&mut self, published: Vec<Row>) -> Result<Vec<Row>, String> {
+    fn board(&mut self, published: Vec<StandingsRow>) -> Result<Vec<StandingsRow>, String> {
         let attempts = std::mem::take(&mut self.attempts).into_iter();
         let definition = self.definition();
         let attempts: Vec<_> =
             attempts.map(|attempt| attempt.part(definition, Part::Final)).collect();
         let standings = standings(definition, &self.entrants, &attempts);
-        let rows: Vec<Row> = standings.into_iter().map(|standing| standing.row).collect();
+        let rows: Vec<StandingsRow> = standings.into_iter().map(|standing| standing.row).collect();
         for (place, (published, row)) in (1..).zip(published.iter().zip(&rows)) {
             differs(&format!("row {place}:"), published, row)?;
         }
@@ -701,11 +701,11 @@ impl<'a> Checker<'a> {
 struct GameCheck<'a> {
     format: u32,
     published: &'a export::Attempt,
-    game: &'a export::Game,
-    run: &'a Run,
+    game: &'a export::ExportedGame,
+    run: &'a RunDefinition,
     window: Window,
     ends: &'a Ends,
-    planned: &'a Planned,
+    planned: &'a PlannedGame,
 }
 
 /// Checks that an action voided a voided attempt, for the same reason.

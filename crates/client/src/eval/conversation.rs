@@ -10,7 +10,7 @@ use super::plan::Planned;
 use super::stop_reason::StopReason;
 use crate::client::Client;
 use crate::drive::{Swarm, Thought};
-use crate::llm::{Answer, Model, Question};
+use crate::llm::{Model, ModelAnswer, Question};
 use swarmbench_protocol::act::{ActRequest, SwarmAct};
 use swarmbench_protocol::observation::Observation;
 
@@ -100,7 +100,7 @@ async fn ask(model: &Model, names: &Names, seen: Observation) -> Result<SwarmAct
         system: names.planned.system_of(&sight.task.name).map(str::to_owned),
         prompt,
     };
-    let Answer { response, usage, reasoning, failure, .. } = model.answer(&question).await?;
+    let ModelAnswer { response, usage, reasoning, failure, .. } = model.answer(&question).await?;
     let act = ActRequest {
         round: sight.round,
         // An empty response counts as well: the model said nothing.

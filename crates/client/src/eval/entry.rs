@@ -13,10 +13,10 @@ use super::stop_reason::StopReason;
 use crate::client::{Client, ClientError};
 use swarmbench_prompt::{Identity, chosen};
 
-/// What separates the digest of a system message from the name of a prompt.
+/// Separator between the name of a prompt and the digest of a system message.
 const SYSTEM_PREFIX: &str = "+system:";
 
-/// Who plays attempts in which competition.
+/// Entry of a player in a competition.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     /// The competition.
@@ -48,7 +48,7 @@ pub enum EntryError {
     Several(Vec<String>),
 }
 
-/// What to do about an entrant's attempts.
+/// Plan for an entrant's attempts.
 #[derive(Debug, PartialEq)]
 pub(super) enum Next<'a> {
     /// One was begun.
@@ -91,7 +91,7 @@ impl Entry {
         Ok(shown.attempts)
     }
 
-    /// What to do. Those that were voided are as if they had never been started.
+    /// The next step. Voided attempts are as if they had never been started.
     pub(super) fn next<'a>(&self, attempts: &'a [AttemptSummary], again: bool) -> Next<'a> {
         let is_asked = |attempt: &&AttemptSummary| {
             attempt.voided.is_none() && self.number.is_none_or(|number| number == attempt.attempt)
@@ -124,7 +124,7 @@ impl Entry {
         }
     }
 
-    /// What is played; the seeds are sealed.
+    /// Games to play; the seeds are sealed.
     pub(super) fn suite(&self) -> Suite {
         let SealedSuite { tasks, rules, settings, .. } = &self.competition.suite;
         let all = || TaskName::ALL.map(|task| task.name().to_owned()).to_vec();
@@ -141,7 +141,7 @@ impl Entry {
         }
     }
 
-    /// How many sealed seeds each task is played on.
+    /// Number of sealed seeds of each task.
     #[must_use]
     pub fn seeds(&self) -> usize {
         let seeds = self.competition.suite.seeds.and_then(|seeds| usize::try_from(seeds).ok());

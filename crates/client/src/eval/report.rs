@@ -17,7 +17,7 @@ use swarmbench_protocol::table::{names, text, write_csv};
 
 /// The results of an experiment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct ExperimentReport {
     /// The name of the experiment.
     pub experiment: String,
     /// The purpose of the experiment.
@@ -29,12 +29,12 @@ pub struct Report {
     /// The tasks.
     pub tasks: Vec<&'static str>,
     /// A row for each run.
-    pub rows: Vec<Row>,
+    pub rows: Vec<ExperimentRow>,
 }
 
 /// A run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Row {
+pub struct ExperimentRow {
     /// The player's name.
     pub model: String,
     /// Whether the player is a language model, not a built-in player.
@@ -93,7 +93,7 @@ pub struct Played {
     pub planned: Planned,
     /// The run on the server.
     pub run: RunDetail,
-    /// What this call sent.
+    /// Acts that this call sent.
     pub sent: SentActs,
     /// Whether all its journals were replayed.
     pub verified: bool,
@@ -130,7 +130,7 @@ impl SentActs {
     }
 }
 
-impl Report {
+impl ExperimentReport {
     /// Builds the report of a plan.
     #[must_use]
     pub fn of(plan: &Plan, played: &[Played]) -> Self {
@@ -140,7 +140,7 @@ impl Report {
             settings: plan.shared().into_iter().collect(),
             varied: plan.varied.clone(),
             tasks: plan.tasks.iter().map(|task| task.name()).collect(),
-            rows: played.iter().map(|played| Row::of(plan, played)).collect(),
+            rows: played.iter().map(|played| ExperimentRow::of(plan, played)).collect(),
         }
     }
 
@@ -205,7 +205,7 @@ impl Report {
         (headings, rows)
     }
 
-    fn wide(&self, row: &Row) -> Vec<String> {
+    fn wide(&self, row: &ExperimentRow) -> Vec<String> {
         let mut cells = row.name();
         for task in &self.tasks {
             let cell = row.tasks.iter().find(|cell| cell.task == *task);
@@ -233,7 +233,7 @@ impl Report {
         cells
     }
 
-    fn long(row: &Row) -> Vec<Vec<String>> {
+    fn long(row: &ExperimentRow) -> Vec<Vec<String>> {
         let line = |cell: &Cell| {
             let mut cells = row.name();
             cells.extend([
@@ -275,7 +275,7 @@ impl Report {
             .chain(Failures::columns().map(|column| format!("run_{column}")));
         let full =
             |number: Option<f64>| number.map_or_else(String::new, |number| number.to_string());
-        let line = |row: &Row, cell: &Cell| {
+        let line = |row: &ExperimentRow, cell: &Cell| {
             let mut cells = vec![text(&self.experiment), text(&row.model)];
             cells.extend(row.varied().map(|value| text(&value.unwrap_or_default())));
             cells.extend([
@@ -315,7 +315,7 @@ impl Report {
     }
 }
 
-impl Row {
+impl ExperimentRow {
     fn of(plan: &Plan, Played { planned, run, sent, verified }: &Played) -> Self {
         let cell = |result: &TaskResult| {
             let ended = run.games.iter().filter(|game| {

@@ -10,7 +10,7 @@ use swarmbench_boards::result::mean_and_deviation;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::replay::verify;
 use swarmbench_protocol::run::RunDetail;
-use swarmbench_protocol::suite::Game;
+use swarmbench_protocol::suite::PlannedGame;
 
 /// Concurrent downloads of journals.
 const AT_ONCE: usize = 4;
@@ -52,7 +52,7 @@ pub async fn verify_run(
     progress: impl Fn(),
 ) -> Result<Verified, Fault> {
     let wrong = |problem: String| Fault::Wrong { run: run.run.id.clone(), problem };
-    let mut counted: Vec<(Game, String)> = Vec::new();
+    let mut counted: Vec<(PlannedGame, String)> = Vec::new();
     for game in planned.suite.plan() {
         let mut games = run.games.iter();
         let played = games.find(|of| of.slot == game.slot && of.void_reason.is_none());
@@ -107,7 +107,7 @@ impl From<ClientError> for GameFault {
 async fn check(
     client: &Client,
     planned: &Planned,
-    game: &Game,
+    game: &PlannedGame,
     episode: &str,
 ) -> Result<(TaskName, f64, u64), GameFault> {
     let wrong = |problem: String| GameFault::Wrong(format!("{episode}: {problem}"));

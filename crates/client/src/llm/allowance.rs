@@ -23,11 +23,11 @@ struct Inner {
     interruption: CancellationToken,
     /// Permits by server.
     turns: Mutex<BTreeMap<String, Arc<Semaphore>>>,
-    gates: Mutex<BTreeMap<Place, Arc<Gate>>>,
+    gates: Mutex<BTreeMap<GateKey, Arc<Gate>>>,
 }
 
 /// Key of a gate: an address, a model, and the model's own limit.
-type Place = (String, String, Option<usize>);
+type GateKey = (String, String, Option<usize>);
 
 /// Permits for requests to one endpoint, first come, first served; `None` for a model with its own limit.
 #[derive(Debug)]

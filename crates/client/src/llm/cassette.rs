@@ -18,9 +18,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::Question;
-use super::completion::Answer;
+use super::completion::ModelAnswer;
 use super::stop::Stop;
-use crate::lines::{Hash, Header, Lines, Place, digest, hash};
+use crate::lines::{Hash, Header, LinePosition, Lines, digest, hash};
 
 /// Version of the format.
 pub const VERSION: u32 = 1;
@@ -52,7 +52,7 @@ struct Index {
     /// Hashes of voice, game, agent and round, without the prompt.
     places: HashSet<Hash>,
     /// Positions of answers by their keys.
-    answers: HashMap<Hash, Place>,
+    answers: HashMap<Hash, LinePosition>,
 }
 
 /// A line that declares a model by the body of its requests.
@@ -76,7 +76,7 @@ struct AnswerLine {
     /// SHA-256 of the system message, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     system: Option<String>,
-    answer: Answer,
+    answer: ModelAnswer,
 }
 
 #[derive(Deserialize)]
@@ -170,7 +170,7 @@ pub(super) struct RecordedModel {
 
 impl RecordedModel {
     /// Recorded answer to a question; `None` if the endpoint may be asked.
-    pub(super) fn find(&self, question: &Question) -> Result<Option<Answer>, Stop> {
+    pub(super) fn find(&self, question: &Question) -> Result<Option<ModelAnswer>, Stop> {
         let Cassette(inner) = &self.cassette;
         let mut tape = inner.tape();
         let found = self.number.map(|number| tape.find(number, question)).transpose();
@@ -187,7 +187,7 @@ impl RecordedModel {
         }
     }
 
-    pub(super) fn record(&self, question: &Question, answer: &Answer) -> Result<(), Stop> {
+    pub(super) fn record(&self, question: &Question, answer: &ModelAnswer) -> Result<(), Stop> {
         let Cassette(inner) = &self.cassette;
         let Some(voice) = self.number else { return Ok(()) };
         let line = AnswerLine {
@@ -229,7 +229,7 @@ impl RecordedModel {
 }
 
 impl Tape {
-    fn find(&mut self, voice: usize, question: &Question) -> io::Result<Option<Answer>> {
+    fn find(&mut self, voice: usize, question: &Question) -> io::Result<Option<ModelAnswer>> {
         let Question { game, agent, round, system, prompt } = question;
         let system = system.as_deref().map(digest);
         let asked = key(voice, game, agent, *round, &digest(prompt), system.as_deref());
@@ -240,7 +240,7 @@ impl Tape {
 }
 
 impl Index {
-    fn take(&mut self, place: Place, text: &[u8]) -> Result<(), &'static str> {
+    fn take(&mut self, place: LinePosition, text: &[u8]) -> Result<(), &'static str> {
         match serde_json::from_slice(text) {
             Ok(Line::Model(line)) if line.voice == self.models.len() => self.models.push(line.body),
             Ok(Line::Answer(line)) if line.voice < self.models.len() => self.note(&line, place),
@@ -250,7 +250,7 @@ impl Index {
         Ok(())
     }
 
-    fn note(&mut self, line: &AnswerLine, place: Place) {
+    fn note(&mut self, line: &AnswerLine, place: LinePosition) {
         let AnswerLine { voice, game, agent, round, prompt, system, .. } = line;
         self.games.insert((*voice, game.clone()));
         self.places.insert(hash(&(voice, game, agent, round)));

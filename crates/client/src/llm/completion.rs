@@ -24,7 +24,7 @@ const SAID_CHARS_MAX: usize = 300;
 
 /// Answer of a model to a question.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Answer {
+pub struct ModelAnswer {
     /// Text of the answer, for the `response` of an act; empty without one. It is the model's own text, `<think>` included: the
     /// rules define which part counts. A response longer than [`RESPONSE_BYTES_MAX`] loses its beginning, as the last marker
     /// counts.
@@ -47,7 +47,7 @@ pub struct Answer {
 /// Answer, and its tokens if the endpoint reports them.
 #[derive(Debug)]
 pub(super) struct Completion {
-    pub(super) answer: Answer,
+    pub(super) answer: ModelAnswer,
     pub(super) tokens: Option<u64>,
 }
 
@@ -133,7 +133,7 @@ pub(super) fn read(body: &Value) -> Option<Completion> {
     }
     let (usage, tokens) = usage(&body["usage"]);
     let reasoning = Some(thoughts).filter(|thoughts| !thoughts.trim().is_empty());
-    let answer = Answer { response: text, usage, reasoning, failure, retries: 0 };
+    let answer = ModelAnswer { response: text, usage, reasoning, failure, retries: 0 };
     Some(Completion { answer, tokens })
 }
 
@@ -270,7 +270,7 @@ pub(crate) fn one_line(text: &str) -> String {
     line
 }
 
-impl Answer {
+impl ModelAnswer {
     pub(super) fn bounded(mut self) -> Self {
         self.shorten(RESPONSE_BYTES_MAX, REASONING_BYTES_MAX);
         self

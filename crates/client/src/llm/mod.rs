@@ -1,6 +1,6 @@
 //! Language models: questions to any endpoint that speaks chat completions, and cassettes that answer in its place.
 //!
-//! A [`Model`] answers [`Question`]s: a game, an agent, a round, and the prompt of that observation. It returns an [`Answer`],
+//! A [`Model`] answers [`Question`]s: a game, an agent, a round, and the prompt of that observation. It returns a [`ModelAnswer`],
 //! or a [`Stop`] that says why there are no more answers. Mistakes are divided as follows:
 //!
 //! - The model's own mistake (it refuses, says nothing, runs out of tokens) is an answer with a [`Failure`]. It is
@@ -38,7 +38,7 @@ pub mod stop;
 pub use allowance::Allowance;
 pub use api::Api;
 pub use cassette::Cassette;
-pub use completion::{Answer, Failure};
+pub use completion::{Failure, ModelAnswer};
 pub use headers::Headers;
 pub use key::ApiKey;
 pub use settings::{Sampling, Settings};
@@ -130,7 +130,7 @@ impl Model {
     /// # Errors
     /// A [`Stop`] if there is no answer. All but [`Stop::NotOnCassette`], [`Stop::BudgetSpent`] and [`Stop::Interrupted`] are
     /// also the errors of all later questions to this model.
-    pub async fn answer(&self, question: &Question) -> Result<Answer, Stop> {
+    pub async fn answer(&self, question: &Question) -> Result<ModelAnswer, Stop> {
         let Inner { requests, recorded } = &*self.0;
         if let Some(recorded) = recorded
             && let Some(answer) = recorded.find(question)?
@@ -157,7 +157,7 @@ impl Model {
     }
 
     /// Asks the endpoint, and asks again if it rejects the question.
-    async fn ask(&self, question: &Question) -> Result<Answer, Stop> {
+    async fn ask(&self, question: &Question) -> Result<ModelAnswer, Stop> {
         let requests = &self.0.requests;
         let settings = requests.settings();
         let chat = Chat { text: &question.prompt, question: Some(question), settings };
@@ -253,7 +253,7 @@ impl Chat<'_> {
         let reasoning = Some(format!("[{what}] {}", said.0));
         let failure = Some(failure);
         Some(Completion {
-            answer: Answer { reasoning, failure, ..Answer::default() },
+            answer: ModelAnswer { reasoning, failure, ..ModelAnswer::default() },
             tokens: None,
         })
     }

@@ -2,7 +2,7 @@
 
 use std::sync::{Mutex, MutexGuard};
 
-use super::completion::{Answer, Completion, Failure};
+use super::completion::{Completion, Failure, ModelAnswer};
 use super::endpoint::Kind;
 use swarmbench_protocol::act::Usage;
 use swarmbench_protocol::failure::Failures;
@@ -95,7 +95,7 @@ impl Counters {
         self.get().retries += 1;
     }
 
-    pub(super) fn replayed(&self, answer: &Answer) {
+    pub(super) fn replayed(&self, answer: &ModelAnswer) {
         let mut spent = self.get();
         spent.replayed += 1;
         let Usage { prompt_tokens, completion_tokens, .. } = answer.usage;

@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use swarmbench_engine::{Act, Action, AgentId, Config, Message, World};
-use swarmbench_testkit::oracle::{self, Blind, Body, Game, PlannedAct, State};
+use swarmbench_testkit::oracle::{self, Blind, Body, OracleGame, PlannedAct, State};
 use swarmbench_testkit::worlds::Dice;
 
 /// Number of pairs of games played.
@@ -13,7 +13,7 @@ const CASES: u64 = 2_000;
 
 /// A game and its world.
 struct Played {
-    game: Game,
+    game: OracleGame,
     world: World,
 }
 
@@ -21,7 +21,7 @@ impl Played {
     fn new(dice: &mut Dice) -> Self {
         let settings = oracle::settings(dice);
         let world = World::new(Arc::new(Config::check(&settings).expect("settings to be played")));
-        let game = Game { settings, states: vec![state(&world)], planned: Vec::new() };
+        let game = OracleGame { settings, states: vec![state(&world)], planned: Vec::new() };
         Self { game, world }
     }
 

@@ -39,7 +39,7 @@ pub(super) struct Exit {
 
 /// A cell in the coordinates of an exit: depth inside the open side, and distance from the corner along it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Place {
+pub(super) struct ExitCell {
     pub(super) deep: i32,
     pub(super) far: i32,
 }
@@ -61,13 +61,13 @@ impl Exit {
     }
 
     /// Converts a cell to the coordinates of this exit.
-    pub(super) const fn place(&self, cell: Pos) -> Place {
+    pub(super) const fn place(&self, cell: Pos) -> ExitCell {
         let by = Pos::new(self.corner.i - cell.i, self.corner.j - cell.j);
-        Place { deep: dot(self.out, by), far: dot(self.along, by) }
+        ExitCell { deep: dot(self.out, by), far: dot(self.along, by) }
     }
 
     /// Converts coordinates of this exit to a cell.
-    pub(super) const fn cell(&self, place: Place) -> Pos {
+    pub(super) const fn cell(&self, place: ExitCell) -> Pos {
         let ((out_i, out_j), (along_i, along_j)) = (self.out.offset(), self.along.offset());
         let i = self.corner.i - out_i * place.deep - along_i * place.far;
         Pos::new(i, self.corner.j - out_j * place.deep - along_j * place.far)
@@ -75,7 +75,7 @@ impl Exit {
 
     /// The cells of the block before the first push.
     pub(super) fn block(self) -> impl Iterator<Item = Pos> {
-        let places = (0..=3).flat_map(|deep| (0..=4).map(move |far| Place { deep, far }));
+        let places = (0..=3).flat_map(|deep| (0..=4).map(move |far| ExitCell { deep, far }));
         places.filter(|place| is_block(*place, 0)).map(move |place| self.cell(place))
     }
 
@@ -140,7 +140,7 @@ impl<'a> Sight<'a> {
 }
 
 /// Whether the block covers a place after `pushes` pushes, the first along and the others out.
-pub(super) fn is_block(place: Place, pushes: u32) -> bool {
+pub(super) fn is_block(place: ExitCell, pushes: u32) -> bool {
     let along = i32::from(pushes > 0);
     let out = i32::try_from(pushes.saturating_sub(1)).unwrap_or(0);
     match place.deep + out {

@@ -2,7 +2,7 @@
 
 use swarmbench_engine::{Act, Action, Direction, Observation, Pos};
 
-use super::exit::{Exit, PUSHES, Place, Sight, is_block};
+use super::exit::{Exit, ExitCell, PUSHES, Sight, is_block};
 use crate::chance::Chance;
 use crate::chart::{Chart, push};
 use crate::walk::toward;
@@ -78,16 +78,19 @@ impl FindAndPush {
     fn work(&self, here: Pos, exit: Exit, order: [Direction; 4]) -> Action {
         let chart = &self.chart;
         let is_lane = |cell: Pos| match exit.place(cell) {
-            Place { far, .. } if self.freed => (1..=3).contains(&far),
-            Place { deep, far } => (1..=3).contains(&deep) && far >= 5,
+            ExitCell { far, .. } if self.freed => (1..=3).contains(&far),
+            ExitCell { deep, far } => (1..=3).contains(&deep) && far >= 5,
         };
         if is_lane(here) {
             return push(if self.freed { exit.out } else { exit.along });
         }
         let is_goal = |cell: Pos| is_lane(cell) && !chart.is_taken(cell, 1);
-        let Place { deep, far } = exit.place(here);
-        let beside =
-            if self.freed { Place { deep, far: 2 } } else { Place { deep: 2, far: far.max(5) } };
+        let ExitCell { deep, far } = exit.place(here);
+        let beside = if self.freed {
+            ExitCell { deep, far: 2 }
+        } else {
+            ExitCell { deep: 2, far: far.max(5) }
+        };
         let target = exit.cell(beside);
         toward(chart, here, target, order, CROWD, is_goal).map_or(Action::Stay, push)
     }

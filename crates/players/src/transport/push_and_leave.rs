@@ -2,7 +2,7 @@
 
 use swarmbench_engine::{Act, Action, AgentId, Direction, Observation, Pos};
 
-use super::exit::{Exit, PUSHES, Place, Sight, is_block};
+use super::exit::{Exit, ExitCell, PUSHES, Sight, is_block};
 use super::swarm::{News, Swarm};
 use crate::assign::assign;
 use crate::chance::Chance;
@@ -132,7 +132,7 @@ impl PushAndLeave {
     fn search(&self, here: Pos, order: [Direction; 4]) -> Action {
         let possible = (0..8).filter(|bit| self.possible >> bit & 1 == 1);
         let mut exits: Vec<Exit> = possible.map(|bit| self.exits[bit]).collect();
-        let middle_of = |exit: &Exit| exit.cell(Place { deep: 2, far: 3 });
+        let middle_of = |exit: &Exit| exit.cell(ExitCell { deep: 2, far: 3 });
         let count = i32::try_from(exits.len()).unwrap_or(8).max(1);
         let sum = exits.iter().map(middle_of).fold(Pos::new(0, 0), Pos::plus);
         let middle = Pos::new(sum.i / count, sum.j / count);
@@ -153,7 +153,7 @@ impl PushAndLeave {
     }
 
     /// The known places of agents, the nearest to the corner first.
-    fn team(&self, round: u32, exit: Exit) -> Vec<(AgentId, Place)> {
+    fn team(&self, round: u32, exit: Exit) -> Vec<(AgentId, ExitCell)> {
         let mut team: Vec<_> =
             self.swarm.known(round).map(|(agent, at)| (agent, exit.place(at))).collect();
         team.sort_by_key(|(agent, place)| (place.deep + place.far, *agent));
@@ -165,7 +165,7 @@ impl PushAndLeave {
     fn line_up(&self, round: u32, here: Pos, exit: Exit, order: [Direction; 4]) -> Action {
         let team = self.team(round, exit);
         let me = team.iter().position(|(agent, _)| *agent == self.seat.agent);
-        let places: Vec<Place> = team.iter().map(|(_, place)| *place).collect();
+        let places: Vec<ExitCell> = team.iter().map(|(_, place)| *place).collect();
         let place = exit.place(here);
         if let Some(direction) = self.make_way(exit, place) {
             return push(direction);
@@ -173,7 +173,7 @@ impl PushAndLeave {
         let target = match me.map(|me| plan(exit, &places, usize::from(self.seat.num_agents))[me]) {
             Some(target) => target,
             // Too many agents are nearer. The agent comes closer, and keeps out of their way.
-            None if place.deep + place.far > 2 * SMALL => Place { deep: SMALL, far: SMALL },
+            None if place.deep + place.far > 2 * SMALL => ExitCell { deep: SMALL, far: SMALL },
             None => return Action::Stay,
         };
         let is_behind_along = target.deep < FRONT && target.deep == place.deep;
@@ -182,7 +182,7 @@ impl PushAndLeave {
         }
         if target.deep >= FRONT && target.far == place.far && target.deep <= place.deep {
             // An agent that pushes here while the block is not in front of it gets into the block's way.
-            let is_blocked = is_block(Place { deep: FRONT - 1, far: place.far }, 0);
+            let is_blocked = is_block(ExitCell { deep: FRONT - 1, far: place.far }, 0);
             let is_there = target.deep == place.deep;
             return if is_there && !is_blocked { Action::Stay } else { push(exit.out) };
         }
@@ -193,8 +193,8 @@ impl PushAndLeave {
 
     /// The direction that takes precedence over the plan: out of the corner between block and wall; in a crowd, where
     /// no agent gets past the others, also away from that corner, and onward in the agent's lane.
-    fn make_way(&self, exit: Exit, place: Place) -> Option<Direction> {
-        let is_taken = |deep| self.chart.is_taken(exit.cell(Place { deep, far: 1 }), 1);
+    fn make_way(&self, exit: Exit, place: ExitCell) -> Option<Direction> {
+        let is_taken = |deep| self.chart.is_taken(exit.cell(ExitCell { deep, far: 1 }), 1);
         let is_corner_empty = !(1..FRONT).any(|deep| deep != place.deep && is_taken(deep));
         let is_crowd = is_crowd(&self.seat);
         if place.far == 1 && (place.deep < FRONT || is_crowd && !is_corner_empty) {
@@ -212,16 +212,16 @@ impl PushAndLeave {
     fn leave(&self, round: u32, here: Pos, exit: Exit, order: [Direction; 4]) -> Action {
         let place = exit.place(here);
         let front = FRONT + 1 - i32::try_from(self.pushes).unwrap_or(0);
-        let is_lane = |place: Place| (1..=3).contains(&place.far);
+        let is_lane = |place: ExitCell| (1..=3).contains(&place.far);
         if is_lane(place) || place.deep == 0 {
             return push(exit.out);
         }
-        let is_pusher = |place: Place| is_lane(place) && place.deep >= front;
+        let is_pusher = |place: ExitCell| is_lane(place) && place.deep >= front;
         let pushers =
             || self.team(round, exit).iter().filter(|(_, place)| is_pusher(*place)).count();
         if self.pushes < PUSHES && pushers() < PUSHERS {
             let is_goal = |cell: Pos| is_pusher(exit.place(cell)) && !self.chart.is_taken(cell, 1);
-            let target = exit.cell(Place { deep: place.deep.max(front), far: 3 });
+            let target = exit.cell(ExitCell { deep: place.deep.max(front), far: 3 });
             return toward(&self.chart, here, target, order, 1, is_goal).map_or(Action::Stay, push);
         }
         push(exit.along)
@@ -251,15 +251,15 @@ const FRONT: i32 = 4;
 ///
 /// The last agent to arrive counts, so each further step costs three times as much. Agents of unknown place are in the
 /// plan, too: otherwise an agent that knows of few others would leave places empty that are needed first.
-fn plan(exit: Exit, team: &[Place], agents: usize) -> Vec<Place> {
+fn plan(exit: Exit, team: &[ExitCell], agents: usize) -> Vec<ExitCell> {
     let count = agents.min(PLANNED_MAX).max(team.len());
     let later = if exit.goes_along_first() { 0 } else { LATER_ROUNDS };
-    let cost = |from: Option<&Place>, slot: Place| {
+    let cost = |from: Option<&ExitCell>, slot: ExitCell| {
         let later = if slot.deep >= FRONT { later } else { 0 };
         let steps = from.map_or(UNKNOWN_STEPS, |from| distance(*from, slot));
         3_i64.pow((steps - later + LATER_ROUNDS).clamp(0, 16).unsigned_abs())
     };
-    let mut best: Option<(i64, Vec<Place>)> = None;
+    let mut best: Option<(i64, Vec<ExitCell>)> = None;
     for alone in 1..FRONT {
         let slots = slots(exit, count, alone);
         let rows = team.iter().map(Some).chain(std::iter::repeat(None)).take(slots.len());
@@ -277,16 +277,16 @@ fn plan(exit: Exit, team: &[Place], agents: usize) -> Vec<Place> {
 /// The places from which `agents` agents push: five that push along, in two lanes two behind each other and one in the
 /// lane `alone`, then those that push out. Where a push along and a push out can both succeed in one round, the latter
 /// keep to the lanes in which the block lies before them from the start.
-fn slots(exit: Exit, agents: usize, alone: i32) -> Vec<Place> {
-    let along = (5..=6).flat_map(|far| (1..FRONT).rev().map(move |deep| Place { deep, far }));
+fn slots(exit: Exit, agents: usize, alone: i32) -> Vec<ExitCell> {
+    let along = (5..=6).flat_map(|far| (1..FRONT).rev().map(move |deep| ExitCell { deep, far }));
     let along = along.filter(|place| (place.deep, place.far) != (alone, 6));
     let lanes: &[i32] = if exit.goes_along_first() { &[3, 2] } else { &[3, 2, 1] };
-    let out = (FRONT..).flat_map(|deep| lanes.iter().map(move |&far| Place { deep, far }));
+    let out = (FRONT..).flat_map(|deep| lanes.iter().map(move |&far| ExitCell { deep, far }));
     along.chain(out).take(agents).collect()
 }
 
 /// Number of steps from a place to a slot, around the block.
-fn distance(from: Place, slot: Place) -> i32 {
+fn distance(from: ExitCell, slot: ExitCell) -> i32 {
     let is_pocket = from.far <= 1 && from.deep < FRONT && slot.far >= 5;
     let detour = if is_pocket { 2 * (FRONT - from.deep.max(slot.deep)) } else { 0 };
     (from.deep - slot.deep).abs() + (from.far - slot.far).abs() + detour

@@ -7,7 +7,7 @@ use swarmbench_engine::{
     Act, Action, AgentId, Config, Control, Message, Observation, Pos, RuleSet, Seen, Settings,
     TaskName, View,
 };
-use swarmbench_players::game::Game;
+use swarmbench_players::game::LocalGame;
 use swarmbench_players::{Seat, all, of_task};
 
 /// Checks the rules for every act.
@@ -178,7 +178,7 @@ proptest! {
         let config = Arc::new(config.expect("it was checked"));
         let task = config.task();
         for built_in in of_task(task) {
-            let mut game = Game::new(Arc::clone(&config), built_in, seed);
+            let mut game = LocalGame::new(Arc::clone(&config), built_in, seed);
             while !game.world().is_over() {
                 let acts = game.decide();
                 for act in &acts {
@@ -200,7 +200,7 @@ proptest! {
         let config = Arc::new(config.expect("it was checked"));
         let task = config.task();
         for built_in in of_task(task) {
-            let mut game = Game::new(Arc::clone(&config), built_in, seed);
+            let mut game = LocalGame::new(Arc::clone(&config), built_in, seed);
             let mut lies = lies.iter().cycle();
             while !game.world().is_over() {
                 let acts = game.decide_by(|player, observation| {

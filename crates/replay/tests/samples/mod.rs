@@ -6,7 +6,7 @@ use swarmbench_analysis::game::{Decision, Setup, State};
 use swarmbench_analysis::{Meter, Options};
 use swarmbench_engine::{Act, Config, Message, Settings, TaskName};
 use swarmbench_players::default_for;
-use swarmbench_players::game::Game;
+use swarmbench_players::game::LocalGame;
 use swarmbench_replay::draw::Scene;
 use swarmbench_replay::draw::frame::Moment;
 use swarmbench_replay::draw::moments::Moments;
@@ -29,7 +29,7 @@ pub(crate) fn moments(
     windows: bool,
 ) -> Vec<Moment> {
     let config = Config::check(settings).expect("settings that can be played");
-    let mut game = Game::new(Arc::new(config), default_for(task), 1);
+    let mut game = LocalGame::new(Arc::new(config), default_for(task), 1);
     let mut moments = Vec::new();
     let options = Options { series: false, vectors: false, edits: false };
     let layout = State::of(game.world());

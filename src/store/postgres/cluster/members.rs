@@ -56,7 +56,7 @@ pub enum JoinError {
 
 /// A snapshot of the cluster.
 #[derive(Clone, Debug, Default)]
-pub struct Look {
+pub struct ClusterSnapshot {
     /// All members, oldest first.
     pub members: Vec<Member>,
     /// The revision of tokens and keys that members must apply.
@@ -220,7 +220,7 @@ impl Cluster {
     }
 
     /// Reads all members and the revision they must apply.
-    pub async fn look(&self) -> Result<Look, StoreError> {
+    pub async fn snapshot(&self) -> Result<ClusterSnapshot, StoreError> {
         self.on(&self.beats, Purpose::Beats, async |connection| {
             let revision = query("SELECT revision FROM cluster").one(connection).await?;
             let rows = query(
@@ -251,7 +251,7 @@ impl Cluster {
                 })
             });
             let members = members.collect::<Result<_, sqlx::Error>>()?;
-            Ok(Look { members, revision })
+            Ok(ClusterSnapshot { members, revision })
         })
         .await
     }

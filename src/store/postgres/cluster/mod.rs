@@ -23,7 +23,7 @@ use crate::store::sql::{Connection, query};
 use changes::ChangesRead;
 pub(in crate::store) use changes::write;
 pub(in crate::store) use members::check;
-pub use members::{Beat, JoinError, Joining, Look};
+pub use members::{Beat, ClusterSnapshot, JoinError, Joining};
 
 /// Timeout of a statement on the cluster's two connections. The writer has timeouts of its own.
 const ANSWER_PATIENCE: Duration = Duration::from_secs(2);

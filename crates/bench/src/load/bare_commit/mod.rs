@@ -15,14 +15,14 @@ mod sqlite;
 
 /// The place where a bare writer creates its database. It has no `Debug`, as it may contain a password.
 #[derive(Clone, Serialize, Deserialize)]
-pub(crate) enum Place {
+pub(crate) enum BareLocation {
     /// A new folder below this one, for SQLite.
     Folder(PathBuf),
     /// A new database on the server of this URL, for PostgreSQL.
     Postgres(String),
 }
 
-impl Place {
+impl BareLocation {
     /// The name of the engine, for people.
     pub(crate) const fn engine(&self) -> &'static str {
         match self {
@@ -117,17 +117,17 @@ impl Group<'_> {
 impl BareCommit {
     /// Creates a database at `place` with the server's `tables`, for acts with this `record` in `episodes` episodes.
     pub(crate) async fn open(
-        place: &Place,
+        place: &BareLocation,
         tables: Tables<'_>,
         episodes: usize,
         record: String,
     ) -> Result<Self, LoadError> {
         let failed = LoadError::of("the database of the bare writer cannot be created");
         let engine = match place {
-            Place::Folder(folder) => {
+            BareLocation::Folder(folder) => {
                 Engine::Sqlite(sqlite::Writer::open(folder, tables.sqlite).await?)
             }
-            Place::Postgres(url) => {
+            BareLocation::Postgres(url) => {
                 let writer = postgres::Writer::open(url, tables.postgres).await;
                 Engine::Postgres(Box::new(writer.map_err(|error| failed(&error))?))
             }
@@ -210,7 +210,7 @@ mod tests {
 
     use super::*;
 
-    async fn open(place: &Place) -> BareCommit {
+    async fn open(place: &BareLocation) -> BareCommit {
         let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../migrations"));
         let read =
             async |name| Migrator::new(folder.join(name)).await.expect("the server's tables");
@@ -231,7 +231,7 @@ mod tests {
 
     #[tokio::test]
     async fn groups_are_as_large_as_they_are_to_be() {
-        let mut bare = open(&Place::Folder(std::env::temp_dir())).await;
+        let mut bare = open(&BareLocation::Folder(std::env::temp_dir())).await;
         write_two_groups(&mut bare).await;
         let Engine::Sqlite(writer) = &mut bare.engine else { panic!("it is SQLite") };
         let row = sqlx::query(COUNTS).fetch_one(&mut writer.connection).await.expect("a row");
@@ -245,7 +245,7 @@ mod tests {
     #[tokio::test]
     async fn groups_of_postgres_are_the_same() {
         let url = swarmbench_testkit::postgres::server().expect("a server for tests");
-        let place = Place::Postgres(url.clone());
+        let place = BareLocation::Postgres(url.clone());
         let mut bare = open(&place).await;
         write_two_groups(&mut bare).await;
         let Engine::Postgres(writer) = &mut bare.engine else { panic!("it is PostgreSQL") };

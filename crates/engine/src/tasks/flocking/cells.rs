@@ -37,7 +37,7 @@ impl Cells {
 
 /// Adjacent cells in a row, or in a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Run {
+pub(super) struct CellRun {
     pub(super) first: Step,
     pub(super) length: i16,
     pub(super) is_column: bool,
@@ -48,7 +48,7 @@ pub(super) struct Run {
 pub(super) struct Shape {
     pub(super) cells: Cells,
     /// The same cells as few runs.
-    pub(super) runs: Vec<Run>,
+    pub(super) runs: Vec<CellRun>,
     /// The coordinates of the cells along each of [`ALONG`], sorted.
     pub(super) along: [Vec<i32>; 4],
 }
@@ -77,7 +77,7 @@ impl Shape {
                 let (along, beside) = if is_column { (i, j) } else { (j, i) };
                 beside != 0 || along < 0 || along >= length
             });
-            runs.push(Run { first, length, is_column });
+            runs.push(CellRun { first, length, is_column });
         }
         let along = ALONG.map(|along| {
             let places = cells.all.iter().map(|&(i, j)| along(i.into(), j.into()));

@@ -7,7 +7,7 @@
 
 use wide::{i16x8, i32x8};
 
-use super::cells::{Cells, Run, Shape, Step};
+use super::cells::{CellRun, Cells, Shape, Step};
 
 /// Number of rows, and of columns, processed together: a block of cells that is transposed.
 const BLOCK: usize = 8;
@@ -71,7 +71,7 @@ impl Field {
 
     /// The least cost that the prices allow for a translation.
     pub(super) fn bound(&self, few: &Shape, by: Step) -> i32 {
-        let sum = |run: &Run| {
+        let sum = |run: &CellRun| {
             let (row, column) = self.row_and_column((by.0 + run.first.0, by.1 + run.first.1));
             let length = usize::from(run.length.unsigned_abs());
             if run.is_column {

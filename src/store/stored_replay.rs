@@ -8,7 +8,7 @@ use swarmbench_engine::physics::Solver;
 use crate::ids::EpisodeKey;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{RawRecord, next_line, round_record};
-use swarmbench_journal::replay::{Report, verify};
+use swarmbench_journal::replay::{JournalReport, verify};
 
 /// Lines of a journal that are read ahead of their replay.
 const AHEAD: usize = 4;
@@ -26,10 +26,10 @@ pub(super) struct StoredJournal {
 }
 
 /// Replays and verifies an episode's journal line by line.
-pub(super) async fn play_again(
+pub(super) async fn replay_stored(
     database: &mut Connection,
     stored: &StoredJournal,
-) -> Result<Result<Report, String>, sqlx::Error> {
+) -> Result<Result<JournalReport, String>, sqlx::Error> {
     let head = stored.ending.as_ref().map(|(_, head)| *head);
     read_journal(database, stored, move |journal| {
         verify(journal, head, Solver::Flow, |_, _| ()).map_err(|fault| fault.to_string())

@@ -15,7 +15,7 @@ const SIGHT_CACHED_BYTES_MAX: usize = 16 * 1024;
 const SIGHT_USUAL_BYTES: u64 = 4 * 1024;
 
 /// Written sights by everything that decides their bytes.
-pub(super) struct Sights(Cache<Key, Bytes, ByBytes>);
+pub(super) struct ObservationCache(Cache<Key, Bytes, ByBytes>);
 
 pub(super) type Key = (EpisodeKey, u32, Status, AgentId);
 
@@ -28,7 +28,7 @@ impl Weighter<Key, Bytes> for ByBytes {
     }
 }
 
-impl Sights {
+impl ObservationCache {
     pub(super) fn new(bytes_max: u64) -> Self {
         let items = usize::try_from(bytes_max / SIGHT_USUAL_BYTES).unwrap_or(0);
         Self(Cache::with_weighter(items, bytes_max, ByBytes))

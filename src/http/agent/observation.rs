@@ -5,8 +5,8 @@ use std::sync::Arc;
 use bytes::Bytes;
 use swarmbench_engine::AgentId;
 
+use super::super::observation_cache::Key;
 use super::super::prelude::*;
-use super::super::sights::Key;
 use crate::episode::Snapshot;
 use crate::episode::actor::Handle;
 use crate::fair::Permit;
@@ -25,7 +25,7 @@ const PROMPT_CELLS: usize = 4096;
 
 /// A seat, and the state to show it.
 #[derive(Clone)]
-pub(in super::super) struct Look {
+pub(in super::super) struct ObservationRequest {
     handle: Handle,
     snapshot: Arc<Snapshot>,
     agent: AgentId,
@@ -34,12 +34,12 @@ pub(in super::super) struct Look {
     cached: Option<Bytes>,
 }
 
-struct Written {
+struct Rendered {
     sight: Bytes,
     prompt: Option<Vec<u8>>,
 }
 
-impl Look {
+impl ObservationRequest {
     pub(in super::super) fn now(
         app: &App,
         handle: &Handle,
@@ -58,9 +58,9 @@ impl Look {
         agent: AgentId,
     ) -> Self {
         let (handle, snapshot) = (handle.clone(), Arc::clone(snapshot));
-        let mut look = Self { handle, snapshot, agent, acted: false, cached: None };
-        look.cached = app.sights.get(&look.key());
-        look
+        let mut request = Self { handle, snapshot, agent, acted: false, cached: None };
+        request.cached = app.observation_cache.get(&request.key());
+        request
     }
 
     fn key(&self) -> Key {
@@ -89,14 +89,14 @@ impl Look {
     }
 
     /// Writes the part that stays the same while the round is open.
-    fn write(&self, app: &App, with_prompt: bool) -> Result<Written, ApiError> {
+    fn write(&self, app: &App, with_prompt: bool) -> Result<Rendered, ApiError> {
         if let (Some(sight), false) = (&self.cached, with_prompt) {
-            return Ok(Written { sight: sight.clone(), prompt: None });
+            return Ok(Rendered { sight: sight.clone(), prompt: None });
         }
         let seen = self.sight();
         let sight = self.cached.clone().unwrap_or_else(|| {
             let sight = Bytes::from(serde_json::to_vec(&seen).expect("string keys"));
-            app.sights.insert(self.key(), &sight);
+            app.observation_cache.insert(self.key(), &sight);
             sight
         });
         let spec = &self.handle.spec;
@@ -104,19 +104,19 @@ impl Look {
             .then(|| swarmbench_prompt::render(&spec.prompt_template, &seen, &spec.config));
         let prompt = prompt.transpose()?;
         let prompt = prompt.map(|text| serde_json::to_vec(&text).expect("a text"));
-        Ok(Written { sight, prompt })
+        Ok(Rendered { sight, prompt })
     }
 
     /// Appends the whole observation to a body.
-    fn add_to(&self, body: &mut Vec<u8>, written: &Written, app: &App) {
+    fn add_to(&self, body: &mut Vec<u8>, rendered: &Rendered, app: &App) {
         let moment = serde_json::to_vec(&self.moment(app)).expect("string keys");
-        let prompt_bytes = written.prompt.as_ref().map_or(0, Vec::len);
-        body.reserve(written.sight.len() + moment.len() + prompt_bytes + 16);
+        let prompt_bytes = rendered.prompt.as_ref().map_or(0, Vec::len);
+        body.reserve(rendered.sight.len() + moment.len() + prompt_bytes + 16);
         // Two objects are joined to one: `{…`, `,…` and `}`.
-        body.extend_from_slice(&written.sight[..written.sight.len() - 1]);
+        body.extend_from_slice(&rendered.sight[..rendered.sight.len() - 1]);
         body.push(b',');
         body.extend_from_slice(&moment[1..moment.len() - 1]);
-        if let Some(prompt) = &written.prompt {
+        if let Some(prompt) = &rendered.prompt {
             body.extend_from_slice(b",\"prompt\":");
             body.extend_from_slice(prompt);
         }
@@ -144,13 +144,14 @@ impl Look {
 /// Writes an observation as JSON.
 pub(in super::super) async fn observation(
     app: &App,
-    look: Look,
+    request: ObservationRequest,
     with_prompt: bool,
 ) -> Result<Vec<u8>, ApiError> {
     let mut body = Vec::new();
-    let _permit = permit(app, std::slice::from_ref(&look), with_prompt).await?;
-    for (look, written) in Pen::new(app, with_prompt).write(vec![look]).await? {
-        look.add_to(&mut body, &written, app);
+    let _permit = permit(app, std::slice::from_ref(&request), with_prompt).await?;
+    for (request, rendered) in ObservationWriter::new(app, with_prompt).write(vec![request]).await?
+    {
+        request.add_to(&mut body, &rendered, app);
     }
     Ok(body)
 }
@@ -159,29 +160,29 @@ pub(in super::super) async fn observation(
 /// the client has gone, at most one piece is written.
 pub(in super::super) async fn observations(
     app: &App,
-    looks: Vec<Look>,
+    requests: Vec<ObservationRequest>,
     with_prompt: bool,
     bytes_max: usize,
 ) -> Result<(Vec<u8>, usize), ApiError> {
     let (mut body, mut given) = (b"[".to_vec(), 0);
-    let _permit = permit(app, &looks, with_prompt).await?;
-    let mut pen = Pen::new(app, with_prompt);
-    let mut rest = looks.into_iter().peekable();
+    let _permit = permit(app, &requests, with_prompt).await?;
+    let mut writer = ObservationWriter::new(app, with_prompt);
+    let mut rest = requests.into_iter().peekable();
     while rest.peek().is_some() {
         let mut cells = 0;
         let mut piece = Vec::new();
-        while let Some(look) = rest.next_if(|look| {
-            cells += look.cells(with_prompt);
+        while let Some(request) = rest.next_if(|request| {
+            cells += request.cells(with_prompt);
             piece.is_empty() || cells <= PIECE_CELLS_MAX
         }) {
-            piece.push(look);
+            piece.push(request);
         }
-        for (look, written) in pen.write(piece).await? {
+        for (request, rendered) in writer.write(piece).await? {
             let before = body.len();
             if given > 0 {
                 body.push(b',');
             }
-            look.add_to(&mut body, &written, app);
+            request.add_to(&mut body, &rendered, app);
             if given > 0 && body.len() >= bytes_max {
                 body.truncate(before);
                 body.push(b']');
@@ -195,33 +196,41 @@ pub(in super::super) async fn observations(
 }
 
 /// Permit for a large answer; an answer of one piece needs none.
-async fn permit(app: &App, looks: &[Look], with_prompt: bool) -> Result<Option<Permit>, ApiError> {
-    let cells: usize = looks.iter().map(|look| look.cells(with_prompt)).sum();
+async fn permit(
+    app: &App,
+    requests: &[ObservationRequest],
+    with_prompt: bool,
+) -> Result<Option<Permit>, ApiError> {
+    let cells: usize = requests.iter().map(|request| request.cells(with_prompt)).sum();
     Ok(if cells > PIECE_CELLS_MAX { Some(Box::pin(app.heavy.large_answer()).await?) } else { None })
 }
 
 /// Writes the observations of one request: one piece on this thread, all others on worker threads.
-struct Pen<'a> {
+struct ObservationWriter<'a> {
     app: &'a App,
     with_prompt: bool,
     /// Cells written on the async thread, and on worker threads.
     cells: [usize; 2],
 }
 
-impl<'a> Pen<'a> {
+impl<'a> ObservationWriter<'a> {
     const fn new(app: &'a App, with_prompt: bool) -> Self {
         Self { app, with_prompt, cells: [0; 2] }
     }
 
-    async fn write(&mut self, looks: Vec<Look>) -> Result<Vec<(Look, Written)>, ApiError> {
+    async fn write(
+        &mut self,
+        requests: Vec<ObservationRequest>,
+    ) -> Result<Vec<(ObservationRequest, Rendered)>, ApiError> {
         let with_prompt = self.with_prompt;
-        let cells: usize = looks.iter().map(|look| look.cells(with_prompt)).sum();
+        let cells: usize = requests.iter().map(|request| request.cells(with_prompt)).sum();
         let work = {
             let app = self.app.clone();
             move || {
-                let write =
-                    |look: Look| look.write(&app, with_prompt).map(|written| (look, written));
-                looks.into_iter().map(write).collect()
+                let write = |request: ObservationRequest| {
+                    request.write(&app, with_prompt).map(|rendered| (request, rendered))
+                };
+                requests.into_iter().map(write).collect()
             }
         };
         let [here, elsewhere] = &mut self.cells;
@@ -235,7 +244,7 @@ impl<'a> Pen<'a> {
     }
 }
 
-impl Drop for Pen<'_> {
+impl Drop for ObservationWriter<'_> {
     fn drop(&mut self) {
         let frequent = telemetry::frequent();
         let of = [&frequent.cells_async, &frequent.cells_worker];
