@@ -54,7 +54,8 @@ pub(super) enum At {
     NewCompetition,
 }
 
-/// Tokens with which a route may be asked, as the OpenAPI document shows them. The extractors of its handler refuse all others.
+/// Tokens with which a route may be asked, as the OpenAPI document shows them. A test asks every operation with every kind of token,
+/// and compares.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Who {
     /// Anybody: no token is read.
