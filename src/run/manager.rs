@@ -260,10 +260,8 @@ impl Runs {
     /// The other servers, if one of them owns the run, or takes a run without an owner.
     async fn elsewhere(&self, run: RunKey) -> Result<Option<&dyn Peers>, RunError> {
         let Parts { store, peers, .. } = &self.0.parts;
-        let (Some(cluster), Some(peers)) = (store.cluster(), peers) else { return Ok(None) };
-        let place = Place::Run(run);
-        let is_here = cluster.places().has(place)
-            || (cluster.is_preferred(place) && store.take_place(place).await?);
+        let Some(peers) = peers else { return Ok(None) };
+        let is_here = store.owns_or_takes(Place::Run(run)).await?;
         Ok((!is_here).then_some(&**peers))
     }
 

@@ -224,6 +224,15 @@ impl Store {
         Ok(cluster.places().has(place))
     }
 
+    /// Whether this server does what is due at a place for which no request has come. Takes a place without an owner where this
+    /// server is to keep it.
+    pub async fn owns_or_takes(&self, place: Place) -> Result<bool, StoreError> {
+        match &self.cluster {
+            Some(cluster) if cluster.keeper(place) != Some(cluster.incarnation()) => Ok(false),
+            _ => self.take_place(place).await,
+        }
+    }
+
     /// Notes the commits of the other servers, so that boards and lists read after this call show them.
     pub async fn catch_up(&self) -> Result<(), StoreError> {
         let Some(cluster) = &self.cluster else { return Ok(()) };

@@ -739,12 +739,13 @@ async fn all_acts(
 #[test]
 fn all_methods_that_read_are_asked() {
     /// What writes, opens or closes, and what is about several servers, of which SQLite has one.
-    const OTHERS: [&str; 16] = [
+    const OTHERS: [&str; 17] = [
         "join",
         "catch_up",
         "has",
         "take",
         "take_place",
+        "owns_or_takes",
         "open",
         "open_to_read",
         "close",

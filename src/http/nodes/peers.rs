@@ -16,8 +16,8 @@ use super::super::error::{ApiError, Code};
 use super::super::prelude::*;
 use super::links::{Failed, OF_A_SERVER, Question};
 use super::{Nodes, Other, Sending, Way, elsewhere, is_elsewhere};
+use crate::cluster::Incarnation;
 use crate::cluster::route::{End, Route, Sender, Sent, Target, View as _, follow};
-use crate::cluster::{Incarnation, number_of};
 use crate::ids::{Place, RoutingName, RunKey};
 use crate::run::manager::Peers;
 use crate::run::{RunError, RunStatus};
@@ -89,14 +89,8 @@ impl Nodes {
 
     /// Name of the server that owns a place, or that will take it.
     async fn name_of_owner(&self, place: Place) -> Option<RoutingName> {
-        let owner = if self.has(place) {
-            self.me()
-        } else {
-            self.preferred(number_of(place)).unwrap_or_else(|| self.me())
-        };
-        if owner == self.me() {
-            return self.routing_name();
-        }
+        let owner = self.cluster.keeper(place).filter(|keeper| *keeper != self.me());
+        let Some(owner) = owner else { return self.routing_name() };
         if let Some(name) = self.routing_names.get(&owner) {
             return name;
         }
