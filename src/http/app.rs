@@ -38,7 +38,6 @@ use crate::run::manager::Runs;
 use crate::standings::Standings;
 use crate::store::tokens::Grant;
 use crate::store::{Store, StoreError};
-use crate::telemetry;
 use crate::work::Workers;
 use swarmbench_clock::{Clock, Entropy};
 
@@ -243,15 +242,6 @@ impl App {
     pub(super) fn check_disk(&self) -> Result<(), ApiError> {
         let least = self.limits.disk_free_percent_min;
         if self.disk.is_full(least) { Err(ApiError::disk_full(least)) } else { Ok(()) }
-    }
-
-    /// Runs work in a task of its own, so that it completes: a handler is dropped at an `await`
-    /// when its client hangs up.
-    pub(super) async fn run_detached<T: Send + 'static>(
-        work: impl Future<Output = Result<T, ApiError>> + Send + 'static,
-    ) -> Result<T, ApiError> {
-        let done = telemetry::spawn(work).await;
-        done.unwrap_or_else(|error| Err(ApiError::new(Code::Internal, error.to_string())))
     }
 
     /// The episode with this id. The request waits while an unfinished one is recovered, up to a limit.

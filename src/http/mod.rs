@@ -67,4 +67,5 @@ mod prelude {
     pub(super) use super::checks::Problems;
     pub(super) use super::error::{ApiError, Code};
     pub(super) use super::extract::{Id, Ids, Json, Nothing, OptionalJson, Params, Unread};
+    pub(super) use crate::telemetry::detached;
 }
