@@ -1,7 +1,7 @@
 //! A cluster as machines: what a server knows of it, and what it decides.
 //!
 //! Nothing here reads a clock, a socket or a database. Time comes in as an argument, and what is to be done goes out as a step.
-//! `membership` and `http::nodes` drive the machines with the database and the network, the simulation with its own. The database
+//! `membership` and `http::forward` drive the machines with the database and the network, the simulation with its own. The database
 //! decides everything that has to be right: a wrong decision costs time, never an act.
 //!
 //! - [`Member`] is a server as the database shows it, [`preferred`] the one that should take a free place.

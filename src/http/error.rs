@@ -12,7 +12,7 @@ use axum::response::{IntoResponse, Response};
 
 use swarmbench_engine::SettingErrors;
 
-use super::nodes::IsElsewhere;
+use super::forward::IsElsewhere;
 use crate::budget::Exhausted;
 use crate::episode::actor::{ActError, ClaimError, StartError};
 use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;

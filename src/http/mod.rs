@@ -22,6 +22,7 @@ pub mod error;
 mod exports;
 mod extract;
 mod feed;
+mod forward;
 mod front;
 mod heavy;
 mod host;
@@ -31,7 +32,6 @@ mod in_flight;
 mod keys;
 pub mod limits;
 mod mcp;
-mod nodes;
 pub mod openapi;
 mod page;
 mod pages;
@@ -53,8 +53,8 @@ mod tokens;
 mod waiting;
 
 pub use app::{Access, App, Foundation};
+pub use forward::{NodePeers, Nodes};
 pub use front::Front;
-pub use nodes::{NodePeers, Nodes};
 pub use pages::Source;
 
 /// Names that most handlers import.
