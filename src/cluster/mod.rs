@@ -4,21 +4,21 @@
 //! `membership` and `http::forward` drive the machines with the database and the network, the simulation with its own. The database
 //! decides everything that has to be right: a wrong decision costs time, never an act.
 //!
-//! - [`Member`] is a server as the database shows it, [`preferred`] the one that should take a free place.
+//! - [`ServerRow`] is a server as the database shows it, [`preferred`] the one that should take a free place.
 //! - [`Lease`] is a server's right to answer.
 //! - [`Places`] are the games, runs and competitions that a server owns.
 //! - [`watch`] decides when a server beats, who is dead, and which work is due.
 //! - [`route`] decides which server answers a request.
 
 mod lease;
-mod member;
 mod places;
 pub mod route;
+mod server;
 pub mod watch;
 
 pub use lease::{ANSWERS_FOR, Lease};
-pub use member::{
-    CLOCK_OFF_MAX, Death, Incarnation, Member, STARTS_WITHIN, TAKEN_OVER_AFTER, number_of,
+pub use places::Places;
+pub use server::{
+    CLOCK_OFF_MAX, Death, Incarnation, STARTS_WITHIN, ServerRow, TAKEN_OVER_AFTER, number_of,
     preferred,
 };
-pub use places::Places;

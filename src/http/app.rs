@@ -14,7 +14,7 @@ use super::body::Bodies;
 use super::cache::{Answer, SharedCache};
 use super::episodes::verification::{VERIFICATIONS_MAX, Verifications};
 use super::error::{ApiError, Code};
-use super::forward::Nodes;
+use super::forward::Forwarder;
 use super::heavy::Heavy;
 use super::idempotency::Creations;
 use super::in_flight::InFlight;
@@ -91,7 +91,7 @@ pub struct Foundation {
     /// Ends all waits when the server stops.
     pub stop: CancellationToken,
     /// The other servers of the database, where there may be some.
-    pub nodes: Option<Arc<Nodes>>,
+    pub forwarder: Option<Arc<Forwarder>>,
 }
 
 /// See [`App`].
@@ -195,7 +195,7 @@ impl App {
 
     /// A new token of seats that this server plays.
     pub(super) fn token(&self, kind: TokenKind) -> Token {
-        let name = self.nodes.as_ref().and_then(|nodes| nodes.routing_name());
+        let name = self.forwarder.as_ref().and_then(|forwarder| forwarder.routing_name());
         Token::named(kind, name, &*self.entropy)
     }
 

@@ -45,6 +45,7 @@ mod routes;
 mod runs;
 mod seeds;
 pub mod serve;
+mod servers;
 mod sights;
 mod stream;
 mod swarm;
@@ -53,7 +54,7 @@ mod tokens;
 mod waiting;
 
 pub use app::{Access, App, Foundation};
-pub use forward::{NodePeers, Nodes};
+pub use forward::{Forwarder, ForwardingPeers};
 pub use front::Front;
 pub use pages::Source;
 

@@ -8,8 +8,8 @@ use crate::store::StoreError;
 /// Takes unowned places that this server is to keep, and resumes what is unfinished there.
 pub(super) async fn adopt<P: Port + Sync>(port: &P) -> Result<(), StoreError> {
     let unowned = port.unowned().await?;
-    let (me, members) = (port.me(), port.others().members());
-    let is_own = |place: &Place| port.places().keeper(*place, me, &members) == Some(me);
+    let (me, servers) = (port.me(), port.others().servers());
+    let is_own = |place: &Place| port.places().keeper(*place, me, &servers) == Some(me);
     port.places().note_taken(unowned.into_iter().filter(is_own));
     resume_taken(port).await
 }
@@ -40,9 +40,9 @@ pub(super) async fn tidy<P: Port + Sync>(port: &P) -> Result<(), StoreError> {
     port.release_ended().await?;
     let mut leaving = port.places().all();
     // Its tokens lead to the server that took a place, so a place moves to no server that was there before.
-    let members = port.others().members();
+    let servers = port.others().servers();
     let moves = |place| {
-        let preferred = preferred(&members, number_of(place));
+        let preferred = preferred(&servers, number_of(place));
         preferred.is_some_and(|server| port.places().is_older(place, server))
     };
     leaving.retain(|place| !matches!(place, Place::Competition(_)) && moves(*place));

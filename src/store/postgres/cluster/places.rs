@@ -1,4 +1,4 @@
-//! Ownership of places: a member takes and releases them, and its exclusion frees them.
+//! Ownership of places: a server takes and releases them, and its exclusion frees them.
 
 use std::collections::HashSet;
 use std::time::Duration;
@@ -22,7 +22,7 @@ const PLACES_AT_ONCE: usize = 1000;
 impl Cluster {
     /// [`Places::keeper`](crate::cluster::Places::keeper), as far as this server knows.
     pub fn keeper(&self, place: Place) -> Option<Incarnation> {
-        self.places.keeper(place, self.incarnation, &self.members())
+        self.places.keeper(place, self.incarnation, &self.servers())
     }
 
     /// Notes the places taken by committed entries.
@@ -214,7 +214,7 @@ impl Cluster {
         Ok(rows.into_iter().filter_map(place_of).collect())
     }
 
-    /// Deletes incomplete forks of dead members.
+    /// Deletes incomplete forks of dead servers.
     pub async fn delete_incomplete_forks(&self) -> Result<(), StoreError> {
         self.on(&self.takes, Purpose::Takes, async |connection| {
             crate::store::forks::delete_incomplete(connection).await
