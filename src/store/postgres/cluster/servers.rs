@@ -1,4 +1,4 @@
-//! Members of the cluster: joining, beats, exclusion.
+//! Servers of the cluster: joining, beats, exclusion.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -396,7 +396,7 @@ async fn delete(
     if expired.execute(connection).await? == 0 {
         return Ok(false);
     }
-    let node = query("DELETE FROM nodes WHERE incarnation = $1").bind(incarnation);
-    node.execute(connection).await?;
+    let row = query("DELETE FROM nodes WHERE incarnation = $1").bind(incarnation);
+    row.execute(connection).await?;
     Ok(true)
 }
