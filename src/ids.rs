@@ -50,7 +50,7 @@ impl Numbers {
         Self { next: AtomicI64::new(last + 1), slot: None }
     }
 
-    /// Numbers of one of several servers; `slot` is its own alone. Their order is that of time, also between servers.
+    /// Numbers of a server of a cluster; `slot` is its own alone. Their order is that of time, also between servers.
     pub const fn of_slot(slot: i16, last: i64) -> Self {
         Self { next: AtomicI64::new(last + 1), slot: Some(slot as i64) }
     }
@@ -84,7 +84,7 @@ impl Numbers {
     }
 }
 
-/// Unit of work that one of several servers on a database does alone: play a game that belongs to no run, play a run with all its
+/// Unit of work that one server of a cluster does alone: play a game that belongs to no run, play a run with all its
 /// games, or change a competition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Place {

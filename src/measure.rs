@@ -159,7 +159,7 @@ pub async fn run(store: &Store, host: &Host, clock: &dyn Clock) {
 
 /// Measures the first games of the queue and stores their metrics in one commit. False if the queue is empty.
 async fn measure_queued(store: &Store, host: &Host) -> Result<bool, RecoveryError> {
-    // One of several servers works off the queue.
+    // One server of a cluster works off the queue.
     if store.cluster().is_some_and(|cluster| !cluster.is_oldest()) {
         return Ok(false);
     }

@@ -22,7 +22,7 @@ use crate::host::{Disk, HostDisk, OtherHostsDisk, memory_bytes, raise_open_files
 use crate::hosted;
 use crate::http::limits::Limits;
 use crate::http::serve::{CONNECTION_BYTES, serve};
-use crate::http::{Access, App, Foundation, Front, NodePeers, Nodes, Source};
+use crate::http::{Access, App, Forwarder, ForwardingPeers, Foundation, Front, Source};
 use crate::ids::Numbers;
 use crate::measure;
 use crate::membership::{self, Membership};
@@ -202,9 +202,9 @@ impl Server {
         )
         .with_numbers(numbers(last_key))
         .with_budget(Budget::memory(limits.memory_bytes_max));
-        let nodes = joining.as_ref().zip(store.cluster()).map(|(joining, cluster)| {
+        let forwarder = joining.as_ref().zip(store.cluster()).map(|(joining, cluster)| {
             let name = joining.routing_name;
-            Arc::new(Nodes::new(store.clone(), Arc::clone(cluster), &joining.secret, name))
+            Arc::new(Forwarder::new(store.clone(), Arc::clone(cluster), &joining.secret, name))
         });
         let disk = disk.unwrap_or_else(|| match database.file() {
             Some(file) => Arc::new(HostDisk::of(file)),
@@ -220,7 +220,9 @@ impl Server {
             disk_free_percent_min: limits.disk_free_percent_min,
             stop: stop.clone(),
             numbers: numbers(store.last_run_key().await?),
-            peers: nodes.clone().map(|nodes| Arc::new(NodePeers(nodes)) as Arc<dyn Peers>),
+            peers: forwarder
+                .clone()
+                .map(|forwarder| Arc::new(ForwardingPeers(forwarder)) as Arc<dyn Peers>),
         });
         let app = App::new(Foundation {
             store,
@@ -235,7 +237,7 @@ impl Server {
             pages,
             has_keys,
             stop,
-            nodes,
+            forwarder,
         });
         Ok(Self { app, joining })
     }
@@ -259,11 +261,11 @@ impl Server {
         self.run_with(listener, None, shutdown).await
     }
 
-    /// Variant of [`Server::run`] for one of several servers, which the others reach by a listener of their own.
+    /// Variant of [`Server::run`] for a server of a cluster, which the others reach by a listener of their own.
     pub async fn run_with(
         self,
         listener: TcpListener,
-        for_nodes: Option<TcpListener>,
+        for_servers: Option<TcpListener>,
         shutdown: impl Future<Output = ()> + Send,
     ) -> Result<(), StartError> {
         let Self { app, joining } = self;
@@ -286,17 +288,17 @@ impl Server {
         let trusted_proxies = app.access.trusted_proxies.clone();
         let front = Front::new(app.clone());
         // Another server forwards the requests of all its clients from one address.
-        let of_nodes = Limits { connections_per_address_max: usize::MAX, ..app.limits };
-        let serving_nodes = for_nodes.map(|listener| {
-            let front = front.for_nodes();
-            tokio::spawn(serve(listener, front, of_nodes, Vec::new(), stop.clone()))
+        let in_cluster = Limits { connections_per_address_max: usize::MAX, ..app.limits };
+        let serving_cluster = for_servers.map(|listener| {
+            let front = front.for_servers();
+            tokio::spawn(serve(listener, front, in_cluster, Vec::new(), stop.clone()))
         });
         let (excluded, mut outcome) = (app.store.writer().excluded().clone(), Ok(()));
         let mut clock_is_off = CancellationToken::new();
         let mut shutdown = pin!(shutdown);
         if let Some((joining, cluster)) = joining.as_ref().zip(app.store.cluster()) {
             let is_reachable = Arc::new(AtomicBool::new(false));
-            let parts = member(&app, cluster, &is_reachable, joining.forwards_only);
+            let parts = parts(&app, cluster, &is_reachable, joining.forwards_only);
             clock_is_off = parts.clock_is_off.clone();
             services.spawn(membership::run(Arc::new(Membership::new(parts))));
             tokio::select! {
@@ -323,7 +325,7 @@ impl Server {
         stop.cancel();
         // The panic was already logged.
         drop(serving.await);
-        if let Some(serving) = serving_nodes {
+        if let Some(serving) = serving_cluster {
             drop(serving.await);
         }
         // The services read the database, so it is closed after they have stopped.
@@ -333,8 +335,8 @@ impl Server {
     }
 }
 
-/// Parts of a server that is a member of a cluster.
-fn member(
+/// Parts of a server in a cluster.
+fn parts(
     app: &App,
     cluster: &Arc<Cluster>,
     is_reachable: &Arc<AtomicBool>,
@@ -362,12 +364,14 @@ fn member(
 
 /// Sends this server's first heartbeat, before it answers any request, and checks that the other servers reach it.
 async fn check_reachable(app: &App, address: &str) -> Result<(), String> {
-    let (Some(nodes), Some(cluster)) = (&app.nodes, app.store.cluster()) else { return Ok(()) };
+    let (Some(forwarder), Some(cluster)) = (&app.forwarder, app.store.cluster()) else {
+        return Ok(());
+    };
     let first = Beat { is_ready: false, episodes: 0 };
     while let Err(StoreError::Away) = cluster.beat(first, membership::host_ms).await {
         tokio::time::sleep(RECOVERY_RETRY_PAUSE).await;
     }
-    nodes.check_reachable(address).await
+    forwarder.check_reachable(address).await
 }
 
 /// Reads the clock often enough to detect that the process was stopped. Logs each stop, and each doubt about the time of day once.

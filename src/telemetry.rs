@@ -4,9 +4,11 @@ use std::fmt::Debug;
 use std::io::IsTerminal;
 use std::sync::OnceLock;
 
+use futures::future::BoxFuture;
 use metrics::{Counter, Histogram, counter, histogram};
 use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 use metrics_process::Collector;
+use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tracing::field::Field;
 use tracing::{Instrument as _, Span};
@@ -21,6 +23,38 @@ use crate::fair;
 /// Spawns a part of a request with its log span, its party and its rank.
 pub fn spawn<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> JoinHandle<T> {
     tokio::spawn(fair::inherit(work).in_current_span())
+}
+
+/// The task of some work panicked, or its runtime is shut down.
+#[derive(Clone, Copy, Debug, thiserror::Error)]
+#[error("a task was lost")]
+pub struct Lost;
+
+/// Runs work in a task of its own, so that it completes: a caller may be dropped at an `await`, as a handler is when its client
+/// hangs up.
+///
+/// # Errors
+///
+/// The error of the work, or [`Lost`].
+pub async fn detached<T: Send + 'static, E: From<Lost> + Send + 'static>(
+    work: impl Future<Output = Result<T, E>> + Send + 'static,
+) -> Result<T, E> {
+    detached_by(&|task| drop(tokio::spawn(task)), work).await?
+}
+
+/// As [`detached`], in a task of `spawn`, for work with any result.
+///
+/// # Errors
+///
+/// [`Lost`].
+pub async fn detached_by<T: Send + 'static>(
+    spawn: &(dyn Fn(BoxFuture<'static, ()>) + Send + Sync),
+    work: impl Future<Output = T> + Send + 'static,
+) -> Result<T, Lost> {
+    let (done, result) = oneshot::channel();
+    let task = async move { drop(done.send(work.await)) };
+    spawn(Box::pin(fair::inherit(task).in_current_span()));
+    result.await.map_err(|_| Lost)
 }
 
 /// Spawns blocking work with the log span of the request. Party and rank are not inherited.

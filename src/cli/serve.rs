@@ -70,25 +70,36 @@ pub(super) struct Args {
     pages: Option<PathBuf>,
     /// Join other servers on the same PostgreSQL database: the host and port where they reach this server. The address must
     /// not be reachable from outside.
-    #[arg(long, env = "SWARMBENCH_NODE", value_name = "HOST:PORT", requires = "cluster_secret_file", value_parser = node)]
+    #[arg(long, env = "SWARMBENCH_CLUSTER_ADDRESS", value_name = "HOST:PORT", group = "joins", requires = "cluster_secret_file", value_parser = reachable)]
+    cluster_address: Option<String>,
+    #[arg(long, env = "SWARMBENCH_NODE", hide = true, group = "joins", requires = "cluster_secret_file", value_parser = reachable)]
     node: Option<String>,
-    /// The address and port on which to listen for the other servers, if they differ from --node. Default where --node has a
-    /// name: all addresses, at the same port.
-    #[arg(long, env = "SWARMBENCH_NODE_LISTEN", value_name = "ADDR:PORT", requires = "node")]
+    /// The address and port on which to listen for the other servers, if they differ from --cluster-address. Default where that
+    /// has a name: all addresses, at the same port.
+    #[arg(long, env = "SWARMBENCH_CLUSTER_LISTEN", value_name = "ADDR:PORT", requires = "joins")]
+    cluster_listen: Option<SocketAddr>,
+    #[arg(long, env = "SWARMBENCH_NODE_LISTEN", hide = true, requires = "joins")]
     node_listen: Option<SocketAddr>,
     /// Play no games: answer from the database, and forward all other requests to the other servers.
-    #[arg(long, env = "SWARMBENCH_FORWARD_ONLY", requires = "node", value_parser = clap::builder::FalseyValueParser::new())]
+    #[arg(long, env = "SWARMBENCH_FORWARD_ONLY", requires = "joins", value_parser = clap::builder::FalseyValueParser::new())]
     forward_only: bool,
     /// The name of this server for load balancers, two characters of a–z and 2–7, such as s2: seat and swarm tokens begin
     /// with it, so that a load balancer can send a request to the server that plays. Each server has its own, and keeps it.
-    #[arg(long, env = "SWARMBENCH_ROUTING_NAME", value_name = "NAME", requires = "node", value_parser = routing_name)]
+    #[arg(long, env = "SWARMBENCH_ROUTING_NAME", value_name = "NAME", requires = "joins", value_parser = routing_name)]
     routing_name: Option<RoutingName>,
     /// A file with the shared secret of the cluster, at least 16 bytes: `openssl rand -hex 32` makes one.
-    #[arg(long, env = "SWARMBENCH_CLUSTER_SECRET_FILE", value_name = "FILE", requires = "node")]
+    #[arg(long, env = "SWARMBENCH_CLUSTER_SECRET_FILE", value_name = "FILE", requires = "joins")]
     cluster_secret_file: Option<PathBuf>,
     /// The log format; `RUST_LOG` sets the log level.
     #[arg(long, env = "SWARMBENCH_LOG_FORMAT", default_value = "text")]
     log_format: LogFormat,
+}
+
+impl Args {
+    /// Address at which the other servers of a cluster reach this one. The options and variables with `node` are older names.
+    fn cluster_address(&self) -> Option<&str> {
+        self.cluster_address.as_deref().or(self.node.as_deref())
+    }
 }
 
 fn network(text: &str) -> Result<IpNet, String> {
@@ -98,7 +109,7 @@ fn network(text: &str) -> Result<IpNet, String> {
         .map_err(|_| "an address such as 127.0.0.1 or a network such as 10.0.0.0/8".to_owned())
 }
 
-fn node(text: &str) -> Result<String, String> {
+fn reachable(text: &str) -> Result<String, String> {
     let is_of_name = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-');
     let is_host = |host: &str| {
         let is_name = !host.is_empty() && host.chars().all(is_of_name);
@@ -109,7 +120,8 @@ fn node(text: &str) -> Result<String, String> {
     if text.rsplit_once(':').is_some_and(|(host, port)| is_host(host) && is_port(port)) {
         Ok(text.to_owned())
     } else {
-        Err("an address and a port such as 10.0.0.5:7000 or node1.example.org:7000, without http://".to_owned())
+        Err("an address and a port such as 10.0.0.5:7000 or one.example.org:7000, without http://"
+            .to_owned())
     }
 }
 
@@ -122,7 +134,8 @@ const SECRET_BYTES_MIN: usize = 16;
 
 /// Listens for the other servers of a cluster, if this server joins one.
 fn joining(args: &Args) -> anyhow::Result<Option<(TcpListener, Joining)>> {
-    let Some((address, file)) = args.node.as_ref().zip(args.cluster_secret_file.as_ref()) else {
+    let Some((address, file)) = args.cluster_address().zip(args.cluster_secret_file.as_ref())
+    else {
         return Ok(None);
     };
     let secret = read_text(file).with_context(|| {
@@ -140,13 +153,14 @@ fn joining(args: &Args) -> anyhow::Result<Option<(TcpListener, Joining)>> {
         let port = address.rsplit_once(':')?.1.parse().ok()?;
         Some(address.parse().unwrap_or_else(|_| (Ipv4Addr::UNSPECIFIED, port).into()))
     };
-    let at = args.node_listen.or_else(usual).context("--node has no port")?;
+    let at = args.cluster_listen.or(args.node_listen).or_else(usual);
+    let at = at.context("--cluster-address has no port")?;
     // Listens before it joins: success proves that an earlier process at this address has ended.
     let listener = listen(at).with_context(|| {
         format!("cannot listen on {at} for the other servers; is another program there?")
     })?;
     let joining = Joining {
-        address: address.clone(),
+        address: address.to_owned(),
         secret: secret.into(),
         forwards_only: args.forward_only,
         routing_name: args.routing_name,
@@ -202,7 +216,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         ..Limits::default()
     };
     let limits = fit_memory(limits, args.memory_max);
-    let (for_nodes, joining) = joining(&args)?.unzip();
+    let (for_servers, joining) = joining(&args)?.unzip();
     let access = access(&args);
     let pages = args.pages.map_or_else(Source::default, Source::Folder);
     let parts =
@@ -225,14 +239,39 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         .with_context(|| format!("cannot listen on {}; is another server there?", args.addr))?;
     let addr = listener.local_addr()?;
     tracing::info!(%addr, db = %args.db, "serving; documentation at http://{addr}/docs");
-    server.run_with(listener, for_nodes, stop).await?;
+    server.run_with(listener, for_servers, stop).await?;
     tracing::info!("stopped");
     Ok(())
 }
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser as _;
+
     use super::*;
+
+    #[derive(Debug, clap::Parser)]
+    struct Command {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    #[test]
+    fn options_of_a_cluster_have_older_names() {
+        for (address, listen) in
+            [("--cluster-address", "--cluster-listen"), ("--node", "--node-listen")]
+        {
+            let secret = ["serve", "--cluster-secret-file", "secret"];
+            let place = [address, "10.0.0.5:7000", listen, "0.0.0.0:7001"];
+            let words = secret.into_iter().chain(place);
+            let Command { args } = Command::try_parse_from(words).expect("good options");
+            assert_eq!(args.cluster_address(), Some("10.0.0.5:7000"));
+            assert_eq!(args.cluster_listen.or(args.node_listen).map(|at| at.port()), Some(7001));
+            for part in [&secret[..], &["serve", address, "10.0.0.5:7000"]] {
+                assert!(Command::try_parse_from(part).is_err(), "{part:?} is not all");
+            }
+        }
+    }
 
     #[test]
     fn bytes_have_units() {

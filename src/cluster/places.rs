@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Mutex, MutexGuard};
 
-use super::{Incarnation, Member};
+use super::{Incarnation, ServerRow, number_of, preferred};
 use crate::ids::Place;
 
 /// Places that a server owns, and those that it may have taken. The database has the truth: a change there comes first, and is
@@ -38,6 +38,18 @@ impl Places {
     #[must_use]
     pub fn has(&self, place: Place) -> bool {
         self.owned().get(&place).is_some_and(|owned| owned.state == State::Has)
+    }
+
+    /// The server that does what is due at a place for which no request has come: `me`, where it has the place, or else the
+    /// preferred one, which takes the place unless another owns it. `None` if no server takes places.
+    #[must_use]
+    pub fn keeper(
+        &self,
+        place: Place,
+        me: Incarnation,
+        servers: &[ServerRow],
+    ) -> Option<Incarnation> {
+        if self.has(place) { Some(me) } else { preferred(servers, number_of(place)) }
     }
 
     /// All owned places, including those being released.
@@ -99,8 +111,8 @@ impl Places {
     }
 
     /// Notes the servers of the cluster.
-    pub fn saw(&self, members: &[Member]) {
-        if let Some(newest) = members.iter().map(|member| member.incarnation).max() {
+    pub fn saw(&self, servers: &[ServerRow]) {
+        if let Some(newest) = servers.iter().map(|row| row.incarnation).max() {
             self.newest.fetch_max(newest, Ordering::AcqRel);
         }
     }

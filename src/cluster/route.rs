@@ -33,7 +33,7 @@ pub trait View {
     fn takes_places(&self) -> bool;
     /// Whether this server owns a place and is not releasing it.
     fn has(&self, place: Place) -> bool;
-    fn is_member(&self, server: Incarnation) -> bool;
+    fn is_in_cluster(&self, server: Incarnation) -> bool;
     /// Server that should take something with a number; `None` if no server takes places.
     fn preferred(&self, number: u64) -> Option<Incarnation>;
     /// Owner of a place as it was read last.
@@ -202,7 +202,7 @@ impl Route {
             Target::Place(place) if view.has(place) => Some(view.me()),
             Target::Place(place) => match view.known_owner(place) {
                 Some(Owner::Nobody) => Some(view.me()),
-                Some(Owner::Server(owner)) if view.is_member(owner) => Some(owner),
+                Some(Owner::Server(owner)) if view.is_in_cluster(owner) => Some(owner),
                 _ => return Step::ReadOwner(place),
             },
         };
@@ -243,7 +243,7 @@ impl Route {
         if server == view.me() {
             return Step::End(End::Here);
         }
-        if !view.is_member(server) {
+        if !view.is_in_cluster(server) {
             // The owner has joined at this moment, or is gone.
             self.forget(view);
             return self.lost(now);
@@ -287,7 +287,7 @@ impl Route {
     fn again(&mut self, view: &impl View, now: Duration) -> Step {
         self.forget(view);
         match self.turn {
-            Turn::Again { before, is_away: true, .. } if view.is_member(before) => {
+            Turn::Again { before, is_away: true, .. } if view.is_in_cluster(before) => {
                 Step::Bury(before)
             }
             _ => self.locate(view, now),
@@ -383,14 +383,14 @@ mod tests {
 
     /// A server that knows servers 1 to `members`, and prefers the last one.
     struct Known {
-        members: Incarnation,
+        servers: Incarnation,
         takes_places: bool,
         has: bool,
         owners: RefCell<BTreeMap<Place, Owner>>,
     }
 
-    fn known(members: Incarnation) -> Known {
-        Known { members, takes_places: true, has: false, owners: RefCell::default() }
+    fn known(servers: Incarnation) -> Known {
+        Known { servers, takes_places: true, has: false, owners: RefCell::default() }
     }
 
     impl View for Known {
@@ -403,11 +403,11 @@ mod tests {
         fn has(&self, _: Place) -> bool {
             self.has
         }
-        fn is_member(&self, server: Incarnation) -> bool {
-            (1..=self.members).contains(&server)
+        fn is_in_cluster(&self, server: Incarnation) -> bool {
+            (1..=self.servers).contains(&server)
         }
         fn preferred(&self, _: u64) -> Option<Incarnation> {
-            (self.members > 0).then_some(self.members)
+            (self.servers > 0).then_some(self.servers)
         }
         fn known_owner(&self, place: Place) -> Option<Owner> {
             self.owners.borrow().get(&place).copied()

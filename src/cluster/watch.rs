@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::{ANSWERS_FOR, Incarnation, Member, TAKEN_OVER_AFTER};
+use super::{ANSWERS_FOR, Incarnation, ServerRow, TAKEN_OVER_AFTER};
 
 /// Interval between looks at the other servers.
 pub const LOOKS_EVERY: Duration = Duration::from_millis(250);
@@ -29,7 +29,7 @@ const CLOCK_OFF_PATIENCE: Duration = Duration::from_secs(10);
 /// The last look at the cluster.
 #[derive(Clone, Debug, Default)]
 pub struct Seen {
-    pub members: Arc<[Member]>,
+    pub servers: Arc<[ServerRow]>,
     /// Time since which the database has answered every look; `None` while it does not answer.
     pub up_since: Option<Duration>,
 }
@@ -63,8 +63,8 @@ impl Looks {
     }
 
     /// The database has answered.
-    pub fn answered(&mut self, members: Arc<[Member]>, now: Duration) -> Seen {
-        Seen { members, up_since: Some(*self.up_since.get_or_insert(now)) }
+    pub fn answered(&mut self, servers: Arc<[ServerRow]>, now: Duration) -> Seen {
+        Seen { servers, up_since: Some(*self.up_since.get_or_insert(now)) }
     }
 
     /// The database has not answered; returns whether that is new.
@@ -73,18 +73,17 @@ impl Looks {
     }
 
     /// This server's clock. Where all clocks are off, the database's is.
-    pub fn clock(&mut self, members: &[Member], me: Incarnation, now: Duration) -> ClockSeen {
-        let Some(own) = members.iter().find(|member| member.incarnation == me && member.is_off())
-        else {
+    pub fn clock(&mut self, servers: &[ServerRow], me: Incarnation, now: Duration) -> ClockSeen {
+        let Some(own) = servers.iter().find(|row| row.incarnation == me && row.is_off()) else {
             self.off_since = None;
             return ClockSeen::Right;
         };
-        let is_heir = |one: &Member| {
+        let is_heir = |one: &ServerRow| {
             one.incarnation != own.incarnation && one.is_ready && one.is_connected && !one.is_off()
         };
         let is_new = self.off_since.is_none();
         let since = *self.off_since.get_or_insert(now);
-        if now.saturating_sub(since) >= CLOCK_OFF_PATIENCE && members.iter().any(is_heir) {
+        if now.saturating_sub(since) >= CLOCK_OFF_PATIENCE && servers.iter().any(is_heir) {
             ClockSeen::OffForTooLong
         } else {
             ClockSeen::Off { is_new }
@@ -127,18 +126,18 @@ pub struct Work {
     forwards_only: bool,
     /// The last beats of the other servers, and since when they are the last. The database's clock alone could be set forward.
     beats: HashMap<Incarnation, (i64, Duration)>,
-    /// Members that take places, and all members, when unowned places were searched last, and when that was.
+    /// Servers that take places, and all servers, when unowned places were searched last, and when that was.
     searched: Option<(Composition, Duration)>,
     tidied: Duration,
     deleted: Duration,
 }
 
-/// Members that take places, and all members: a server that is gone leaves places behind, even if it took no more.
+/// Servers that take places, and all servers: a server that is gone leaves places behind, even if it took no more.
 type Composition = (Vec<Incarnation>, Vec<Incarnation>);
 
-fn composition(members: &[Member]) -> Composition {
-    let ready = members.iter().filter(|member| member.is_ready).map(|member| member.incarnation);
-    (ready.collect(), members.iter().map(|member| member.incarnation).collect())
+fn composition(servers: &[ServerRow]) -> Composition {
+    let ready = servers.iter().filter(|row| row.is_ready).map(|row| row.incarnation);
+    (ready.collect(), servers.iter().map(|row| row.incarnation).collect())
 }
 
 impl Work {
@@ -149,14 +148,14 @@ impl Work {
     /// What is due after a look at which the database answered.
     pub fn due(&mut self, seen: &Seen, now: Duration) -> Due {
         let Some(up_since) = seen.up_since else { return Due::default() };
-        self.note_beats(&seen.members, now);
-        let others = seen.members.iter().filter(|member| member.incarnation != self.me);
-        let suspects = others.filter_map(|member| {
-            let suspicion = self.suspicion(member, up_since, now)?;
-            Some((member.incarnation, suspicion))
+        self.note_beats(&seen.servers, now);
+        let others = seen.servers.iter().filter(|row| row.incarnation != self.me);
+        let suspects = others.filter_map(|row| {
+            let suspicion = self.suspicion(row, up_since, now)?;
+            Some((row.incarnation, suspicion))
         });
         let suspects = suspects.collect();
-        let composition = composition(&seen.members);
+        let composition = composition(&seen.servers);
         let ready = &composition.0;
         if !ready.contains(&self.me) {
             let is_ready = self.forwards_only && !ready.is_empty();
@@ -180,30 +179,29 @@ impl Work {
 
     /// Unowned places were searched and taken after this look; returns whether for the first time.
     pub fn adopted(&mut self, seen: &Seen, now: Duration) -> bool {
-        self.searched.replace((composition(&seen.members), now)).is_none()
+        self.searched.replace((composition(&seen.servers), now)).is_none()
     }
 
-    fn note_beats(&mut self, members: &[Member], now: Duration) {
+    fn note_beats(&mut self, servers: &[ServerRow], now: Duration) {
         let last = std::mem::take(&mut self.beats);
-        let seen = members.iter().map(|member| {
-            let (number, beat_at) = (member.incarnation, member.beat_at_ms);
+        let seen = servers.iter().map(|row| {
+            let (number, beat_at) = (row.incarnation, row.beat_at_ms);
             let same = last.get(&number).filter(|(last, _)| *last == beat_at);
             (number, (beat_at, same.map_or(now, |(_, since)| *since)))
         });
         self.beats = seen.collect();
     }
 
-    fn suspicion(&self, member: &Member, up_since: Duration, now: Duration) -> Option<Suspicion> {
+    fn suspicion(&self, row: &ServerRow, up_since: Duration, now: Duration) -> Option<Suspicion> {
         // Negative while a server starts.
-        let is_expired =
-            i128::from(member.seen_ms_ago) > TAKEN_OVER_AFTER.as_millis().cast_signed();
-        let last = self.beats.get(&member.incarnation);
+        let is_expired = i128::from(row.seen_ms_ago) > TAKEN_OVER_AFTER.as_millis().cast_signed();
+        let last = self.beats.get(&row.incarnation);
         let is_silent = last.is_some_and(|(_, since)| now.saturating_sub(*since) > ANSWERS_FOR);
         // While the database was away, no server could beat.
         let could_beat = now.saturating_sub(up_since) > TAKEN_OVER_AFTER;
         if is_expired && is_silent && could_beat {
             Some(Suspicion::Expired)
-        } else if member.is_connected {
+        } else if row.is_connected {
             None
         } else {
             Some(Suspicion::Away)
@@ -226,8 +224,8 @@ mod tests {
 
     const ME: Incarnation = 1;
 
-    fn member(incarnation: Incarnation, clock_offset_ms: i64) -> Member {
-        Member {
+    fn row(incarnation: Incarnation, clock_offset_ms: i64) -> ServerRow {
+        ServerRow {
             incarnation,
             address: "127.0.0.1:7000".to_owned(),
             name: "a machine, process 1".to_owned(),
@@ -243,24 +241,24 @@ mod tests {
         }
     }
 
-    /// Whether a server that sees these members for so long leaves its places.
-    fn leaves(members: &[Member], seconds: u64) -> bool {
+    /// Whether a server that sees these servers for so long leaves its places.
+    fn leaves(servers: &[ServerRow], seconds: u64) -> bool {
         let mut looks = Looks::default();
         let mut seen = (0..=seconds).map(Duration::from_secs);
-        seen.any(|now| looks.clock(members, ME, now) == ClockSeen::OffForTooLong)
+        seen.any(|now| looks.clock(servers, ME, now) == ClockSeen::OffForTooLong)
     }
 
     #[test]
     fn a_server_whose_clock_stays_off_leaves_its_places_to_one_whose_clock_is_right() {
         let patience = CLOCK_OFF_PATIENCE.as_secs();
-        let (off, right) = (member(ME, -501), member(2, 500));
+        let (off, right) = (row(ME, -501), row(2, 500));
         assert!(leaves(&[off.clone(), right.clone()], patience));
         assert!(!leaves(&[off.clone(), right.clone()], patience - 1), "it may come back");
-        assert!(!leaves(&[member(ME, 500), right.clone()], 1000));
+        assert!(!leaves(&[row(ME, 500), right.clone()], 1000));
         for nobody in [
-            member(2, 501),
-            Member { is_ready: false, ..right.clone() },
-            Member { is_connected: false, ..right },
+            row(2, 501),
+            ServerRow { is_ready: false, ..right.clone() },
+            ServerRow { is_connected: false, ..right },
         ] {
             assert!(!leaves(&[off.clone(), nobody], 1000), "nobody would play on");
         }
@@ -269,11 +267,11 @@ mod tests {
 
     #[test]
     fn a_clock_that_was_right_in_between_is_off_anew() {
-        let (mut looks, right) = (Looks::default(), member(2, 0));
+        let (mut looks, right) = (Looks::default(), row(2, 0));
         for second in 0..1000 {
             let offset = if second % 9 == 0 { 0 } else { 60_000 };
-            let members = [member(ME, offset), right.clone()];
-            let seen = looks.clock(&members, ME, Duration::from_secs(second));
+            let servers = [row(ME, offset), right.clone()];
+            let seen = looks.clock(&servers, ME, Duration::from_secs(second));
             let expected = match second % 9 {
                 0 => ClockSeen::Right,
                 rest => ClockSeen::Off { is_new: rest == 1 },
@@ -294,14 +292,14 @@ mod tests {
         assert_eq!(seen.up_since, Some(Duration::from_secs(9)));
     }
 
-    fn seen<const N: usize>(members: [Member; N], up_since_s: u64) -> Seen {
-        Seen { members: members.into(), up_since: Some(Duration::from_secs(up_since_s)) }
+    fn seen<const N: usize>(servers: [ServerRow; N], up_since_s: u64) -> Seen {
+        Seen { servers: servers.into(), up_since: Some(Duration::from_secs(up_since_s)) }
     }
 
     #[test]
     fn a_server_is_suspected_by_its_age_in_the_database_and_by_its_silence_here() {
         let now = Duration::from_secs(100);
-        let old = Member { seen_ms_ago: 6_001, ..member(2, 0) };
+        let old = ServerRow { seen_ms_ago: 6_001, ..row(2, 0) };
         let mut work = Work::new(ME, false, Duration::ZERO);
         assert_eq!(work.due(&seen([old.clone()], 0), now).suspects, [], "seen for the first time");
         let later = now + ANSWERS_FOR + Duration::from_millis(1);
@@ -309,17 +307,17 @@ mod tests {
         assert_eq!(due.suspects, [(2, Suspicion::Expired)]);
         let due = work.due(&seen([old.clone()], 99), later);
         assert_eq!(due.suspects, [], "no server could beat while the database was away");
-        let beats = Member { beat_at_ms: 1, ..old.clone() };
+        let beats = ServerRow { beat_at_ms: 1, ..old.clone() };
         assert_eq!(work.due(&seen([beats], 0), later).suspects, [], "the database's clock was set");
-        let young = Member { seen_ms_ago: 6_000, ..old };
-        let away = Member { is_connected: false, ..young.clone() };
+        let young = ServerRow { seen_ms_ago: 6_000, ..old };
+        let away = ServerRow { is_connected: false, ..young.clone() };
         assert_eq!(work.due(&seen([young], 0), later * 2).suspects, []);
         assert_eq!(work.due(&seen([away], 0), later * 2).suspects, [(2, Suspicion::Away)]);
     }
 
     #[test]
     fn places_are_searched_when_a_server_comes_or_goes_and_now_and_then() {
-        let (own, other) = (member(ME, 0), member(2, 0));
+        let (own, other) = (row(ME, 0), row(2, 0));
         let both = seen([own.clone(), other.clone()], 0);
         let mut work = Work::new(ME, false, Duration::ZERO);
         let second = Duration::from_secs(1);
@@ -330,7 +328,7 @@ mod tests {
         assert!(work.adopted(&both, second));
         assert!(!adopts(&mut work, &both, second));
         assert!(adopts(&mut work, &seen([own.clone()], 0), second));
-        let stops = Member { is_ready: false, ..other };
+        let stops = ServerRow { is_ready: false, ..other };
         assert!(adopts(&mut work, &seen([own, stops], 0), second));
         assert!(!work.adopted(&both, second), "not for the first time");
         assert!(adopts(&mut work, &both, second + SEARCHES_EVERY));
@@ -338,7 +336,7 @@ mod tests {
 
     #[test]
     fn a_server_that_takes_no_places_has_no_duties_but_to_be_ready() {
-        let (own, other) = (Member { is_ready: false, ..member(ME, 0) }, member(2, 0));
+        let (own, other) = (ServerRow { is_ready: false, ..row(ME, 0) }, row(2, 0));
         let now = Duration::from_secs(1000);
         let mut forwards = Work::new(ME, true, Duration::ZERO);
         let both = seen([own.clone(), other], 0);
@@ -350,7 +348,7 @@ mod tests {
     #[test]
     fn the_oldest_server_that_takes_places_deletes_old_changes() {
         let now = DELETES_EVERY;
-        let all = seen([member(ME, 0), member(2, 0)], 0);
+        let all = seen([row(ME, 0), row(2, 0)], 0);
         let mut oldest = Work::new(ME, false, Duration::ZERO);
         let duties = oldest.due(&all, now).duties;
         assert_eq!(duties, [Duty::Adopt, Duty::Tidy, Duty::DeleteOldChanges]);

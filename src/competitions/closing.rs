@@ -84,7 +84,7 @@ fn failure(id: &str, error: String, last: Option<Failure>, now: Timestamp) -> Fa
 async fn close(store: &Store, runs: &Runs, clock: &dyn Clock, id: &str) -> Result<(), RunError> {
     // An unreadable competition stays sealed, as publication cannot be undone.
     let Some(competition) = super::find(store, id).await? else { return Ok(()) };
-    if !is_here(store, Place::Competition(competition.key)).await? {
+    if !store.owns_or_takes(Place::Competition(competition.key)).await? {
         return Ok(());
     }
     for attempt in store.running_attempts(competition.key).await? {
@@ -94,14 +94,6 @@ async fn close(store: &Store, runs: &Runs, clock: &dyn Clock, id: &str) -> Resul
     // The lock waits for attempts whose start began in time.
     let _closed = runs.block_entries().await;
     reveal_if_over(store, clock, &competition).await
-}
-
-/// The owner of a competition closes it, or the preferred server while it has no owner.
-async fn is_here(store: &Store, place: Place) -> Result<bool, StoreError> {
-    match store.cluster() {
-        Some(cluster) if !cluster.places().has(place) && !cluster.is_preferred(place) => Ok(false),
-        _ => store.take_place(place).await,
-    }
 }
 
 /// Publishes everything once all games have ended.

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use futures::{StreamExt, stream};
 use jiff::Timestamp;
-use tokio::sync::{OnceCell, mpsc, oneshot};
+use tokio::sync::{OnceCell, mpsc};
 
 use super::actor::{Handle, Host, Spawn, Times, spawn};
 use super::heavy::step_micros;
@@ -20,10 +20,11 @@ use super::slot::Slot;
 use super::slots::Slots;
 use super::spec::Spec;
 use crate::budget::{Budget, Exhausted, Reservation, SMALL_BYTES};
-use crate::fair::{self, FairLimit, Group, Party, REPLAYS_MAX, Rank};
+use crate::fair::{FairLimit, Group, Party, REPLAYS_MAX, Rank};
 use crate::ids::{EpisodeId, EpisodeKey, Numbers, Place, RunKey};
 use crate::store::port::{EpisodeStore, StoredEpisode, Unfinished};
 use crate::store::{Stopped, StoreError};
+use crate::telemetry::detached_by;
 use crate::work::Workers;
 pub use creation::{CreateError, Creation, FORK_PIECE_ROWS_MAX};
 use swarmbench_clock::{Clock, after};
@@ -301,13 +302,11 @@ impl Registry {
         cell: Arc<OnceCell<Handle>>,
         id: &EpisodeId,
     ) -> Result<Option<Handle>, FindError> {
-        let (done, recovered) = oneshot::channel();
         let (registry, id) = (self.clone(), id.clone());
-        (self.host.spawn)(Box::pin(fair::inherit(async move {
-            drop(done.send(registry.fill(&cell, &id).await));
-        })));
+        let recovering = async move { registry.fill(&cell, &id).await };
+        let recovered = detached_by(&*self.host.spawn, recovering).await;
         let stopping = || Err(RecoveryError::from(StoreError::Stopped(Stopped::Server)).into());
-        recovered.await.unwrap_or_else(|_| stopping())
+        recovered.unwrap_or_else(|_| stopping())
     }
 
     /// Fills the slot of an episode: the first caller recovers the episode, the others wait for it.

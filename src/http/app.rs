@@ -14,11 +14,11 @@ use super::body::Bodies;
 use super::cache::{CachedResponse, SharedCache};
 use super::episodes::verification::{VERIFICATIONS_MAX, Verifications};
 use super::error::{ApiError, Code};
+use super::forward::Forwarder;
 use super::heavy::Heavy;
 use super::idempotency::Creations;
 use super::in_flight::InFlight;
 use super::limits::Limits;
-use super::nodes::Nodes;
 use super::observation_cache::ObservationCache;
 use super::pages::Source;
 use super::ranking::Ranking;
@@ -38,7 +38,6 @@ use crate::run::manager::Runs;
 use crate::standings::Standings;
 use crate::store::tokens::Grant;
 use crate::store::{Store, StoreError};
-use crate::telemetry;
 use crate::work::Workers;
 use swarmbench_clock::{Clock, Entropy};
 
@@ -93,7 +92,7 @@ pub struct Foundation {
     /// Ends all waits when the server stops.
     pub stop: CancellationToken,
     /// The other servers of the database, where there may be some.
-    pub nodes: Option<Arc<Nodes>>,
+    pub forwarder: Option<Arc<Forwarder>>,
 }
 
 /// See [`App`].
@@ -194,7 +193,7 @@ impl App {
 
     /// A new token of seats that this server plays.
     pub(super) fn token(&self, kind: TokenKind) -> Token {
-        let name = self.nodes.as_ref().and_then(|nodes| nodes.routing_name());
+        let name = self.forwarder.as_ref().and_then(|forwarder| forwarder.routing_name());
         Token::named(kind, name, &*self.entropy)
     }
 
@@ -241,15 +240,6 @@ impl App {
     pub(super) fn check_disk(&self) -> Result<(), ApiError> {
         let least = self.limits.disk_free_percent_min;
         if self.disk.is_full(least) { Err(ApiError::disk_full(least)) } else { Ok(()) }
-    }
-
-    /// Runs work in a task of its own, so that it completes: a handler is dropped at an `await`
-    /// when its client hangs up.
-    pub(super) async fn run_detached<T: Send + 'static>(
-        work: impl Future<Output = Result<T, ApiError>> + Send + 'static,
-    ) -> Result<T, ApiError> {
-        let done = telemetry::spawn(work).await;
-        done.unwrap_or_else(|error| Err(ApiError::new(Code::Internal, error.to_string())))
     }
 
     /// The episode with this id. The request waits while an unfinished one is recovered, up to a limit.

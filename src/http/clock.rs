@@ -11,6 +11,7 @@ use super::error::ApiError;
 use super::extract::{Nothing, Params};
 use crate::store::clock::CONFIRMED;
 use crate::store::entries::{AuditRow, Entry};
+use crate::telemetry::detached;
 use swarmbench_protocol::clock::ConfirmedClock;
 
 /// Confirm that the clock of the server's host is right.
@@ -33,7 +34,7 @@ pub(super) async fn confirm_clock(
     organizer: Organizer,
     _: Params<Nothing>,
 ) -> Result<Json<ConfirmedClock>, ApiError> {
-    App::run_detached(async move {
+    detached(async move {
         let newest = app.store.newest_entry_at().await?;
         let (before, host) = (app.clock.wall(), app.clock.host());
         let doubt = app.clock.doubt().map(|doubt| doubt.to_string());

@@ -12,7 +12,7 @@ use axum::response::{IntoResponse, Response};
 
 use swarmbench_engine::SettingErrors;
 
-use super::nodes::IsElsewhere;
+use super::forward::IsElsewhere;
 use crate::budget::Exhausted;
 use crate::episode::actor::{ActError, ClaimError, StartError};
 use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
@@ -23,6 +23,7 @@ use crate::episode::registry::{CreateError, FindError};
 use crate::fair::{Busy, HEAVY_AT_ONCE, HEAVY_AT_ONCE_MAX, WAITING_MAX};
 use crate::run::{RunError, manager};
 use crate::store::StoreError;
+use crate::telemetry::Lost;
 use crate::work::WorkError;
 use swarmbench_boards::collection::Unknown;
 use swarmbench_clock::millis;
@@ -292,6 +293,12 @@ impl From<StoreError> for ApiError {
             return Self { is_elsewhere: true, ..error };
         }
         Self::no_journal(&error)
+    }
+}
+
+impl From<Lost> for ApiError {
+    fn from(lost: Lost) -> Self {
+        Self::new(Code::Internal, lost.to_string())
     }
 }
 

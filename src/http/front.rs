@@ -25,8 +25,8 @@ use super::auth::{Swarm, TokenSeat};
 use super::body::is_light;
 use super::client::{Client, Peer, check_site};
 use super::error::{ApiError, Code};
+use super::forward::{self, Routed};
 use super::in_flight::RequestContext;
-use super::nodes::{self, Routed};
 use super::prelude::*;
 use super::revoked::SentToken;
 use super::routes::{At, Facts, PLAYS, Play};
@@ -42,7 +42,7 @@ const NOSNIFF: HeaderValue = HeaderValue::from_static("nosniff");
 pub struct Front {
     inner: Arc<Inner>,
     /// Only the other servers of the cluster use it.
-    is_for_nodes: bool,
+    is_for_servers: bool,
 }
 
 struct Inner {
@@ -66,13 +66,13 @@ impl Front {
         let router = router::router(app.clone());
         let plays = PLAYS.map(|row| Meter::new(row.path, row.method));
         let inner = Arc::new(Inner { app, router, requests: AtomicU64::new(0), plays });
-        Self { inner, is_for_nodes: false }
+        Self { inner, is_for_servers: false }
     }
 
     /// The same service, for the other servers of a cluster.
     #[must_use]
-    pub fn for_nodes(&self) -> Self {
-        Self { inner: Arc::clone(&self.inner), is_for_nodes: true }
+    pub fn for_servers(&self) -> Self {
+        Self { inner: Arc::clone(&self.inner), is_for_servers: true }
     }
 
     /// Answers a request of a connection from `peer`.
@@ -84,7 +84,7 @@ impl Front {
     ) -> Answered {
         let started = Instant::now();
         let name = RequestName::of(&request, self.id_of(&request));
-        if self.inner.app.nodes.is_some() {
+        if self.inner.app.forwarder.is_some() {
             // Another server may answer the request, under the same id.
             request.headers_mut().insert(REQUEST_ID, name.id.clone());
         }
@@ -133,13 +133,13 @@ impl Front {
         context: &mut Option<RequestContext>,
     ) -> Result<Response, ApiError> {
         let Inner { app, .. } = &*self.inner;
-        let (client, in_flight) = if self.is_for_nodes {
+        let (client, in_flight) = if self.is_for_servers {
             // The server that received the request has counted it.
-            let nodes = app.nodes.as_deref();
+            let forwarder = app.forwarder.as_deref();
             let refuse = || ApiError::not_found("a cluster");
-            match nodes.ok_or_else(refuse)?.client_of_hop(request.headers())? {
+            match forwarder.ok_or_else(refuse)?.client_of_hop(request.headers())? {
                 Some(client) => (client, None),
-                None => return Ok(nodes::elsewhere()),
+                None => return Ok(forward::elsewhere()),
             }
         } else {
             let trusted = &app.access.trusted_proxies;
@@ -150,7 +150,7 @@ impl Front {
         if facts.play.is_none() {
             request.extensions_mut().insert(client);
         }
-        let is_of_a_server = self.is_for_nodes && request.uri().path().starts_with(nodes::PATH);
+        let is_of_a_server = self.is_for_servers && request.uri().path().starts_with(forward::PATH);
         let plays = facts.play.is_some() && is_light(&request);
         let may_run_here = is_of_a_server || plays || facts.is_about_health;
         let front = self.clone();
@@ -171,35 +171,38 @@ impl Front {
         facts: Facts,
         client: Client,
     ) -> Result<Response, ApiError> {
-        if !self.is_for_nodes {
+        if !self.is_for_servers {
             // The server that received the request has done these checks.
             check_host(&request)?;
             check_site(&request, &self.inner.app.access.hosts)?;
         }
-        match self.inner.app.nodes.as_deref() {
+        match self.inner.app.forwarder.as_deref() {
             None => self.handle(request, facts).await,
             // This branch has by far the larger future: a server without a cluster shall not reserve memory for it.
-            Some(nodes) => Box::pin(self.route_among(nodes, request, facts, client)).await,
+            Some(forwarder) => Box::pin(self.route_among(forwarder, request, facts, client)).await,
         }
     }
 
     /// Answers a request, or forwards it to another server of the cluster.
     async fn route_among(
         &self,
-        nodes: &nodes::Nodes,
+        forwarder: &forward::Forwarder,
         request: Request,
         facts: Facts,
         client: Client,
     ) -> Result<Response, ApiError> {
         let Inner { app, .. } = &*self.inner;
-        if self.is_for_nodes && request.uri().path().starts_with(nodes::PATH) {
-            return nodes.answer(app, request).await;
+        if self.is_for_servers && request.uri().path().starts_with(forward::PATH) {
+            return forwarder.answer(app, request).await;
         }
         if facts.at == At::Host {
             return self.handle(request, facts).await;
         }
-        nodes.check_may_answer()?;
-        let response = match nodes.route(app, request, facts, client, self.is_for_nodes).await? {
+        forwarder.check_may_answer()?;
+        let response = match forwarder
+            .route(app, request, facts, client, self.is_for_servers)
+            .await?
+        {
             Routed::Answered(response) => response,
             Routed::Here(request) => {
                 if facts.play.is_none() {
@@ -209,12 +212,12 @@ impl Front {
                 let response =
                     self.handle(request, facts).await.unwrap_or_else(IntoResponse::into_response);
                 // This process may have been stopped, and excluded meanwhile.
-                nodes.check_may_answer()?;
+                forwarder.check_may_answer()?;
                 response
             }
         };
-        if self.is_for_nodes && response.extensions().get::<nodes::IsElsewhere>().is_some() {
-            return Ok(nodes::elsewhere());
+        if self.is_for_servers && response.extensions().get::<forward::IsElsewhere>().is_some() {
+            return Ok(forward::elsewhere());
         }
         Ok(response)
     }

@@ -75,7 +75,7 @@ fn problems(app: &App) -> Vec<String> {
             "a commit failed: nothing is acknowledged until the server is restarted".to_owned(),
         );
     }
-    if app.nodes.as_ref().is_some_and(|nodes| nodes.check_may_answer().is_err()) {
+    if app.forwarder.as_ref().is_some_and(|forwarder| forwarder.check_may_answer().is_err()) {
         problems.push(
             "the database was not reached for so long that other servers may have taken over what this one plays".to_owned(),
         );

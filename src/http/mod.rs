@@ -23,6 +23,7 @@ mod eviction;
 mod exports;
 mod extract;
 mod feed;
+mod forward;
 mod front;
 mod heavy;
 mod host;
@@ -32,7 +33,6 @@ mod in_flight;
 mod keys;
 pub mod limits;
 mod mcp;
-mod nodes;
 mod observation_cache;
 pub mod openapi;
 mod page;
@@ -46,6 +46,7 @@ mod routes;
 mod runs;
 mod seeds;
 pub mod serve;
+mod servers;
 mod stream;
 mod swarm;
 mod timers;
@@ -53,8 +54,8 @@ mod tokens;
 mod waiting;
 
 pub use app::{Access, App, Foundation};
+pub use forward::{Forwarder, ForwardingPeers};
 pub use front::Front;
-pub use nodes::{NodePeers, Nodes};
 pub use pages::Source;
 
 /// Names that most handlers import.
@@ -67,4 +68,5 @@ mod prelude {
     pub(super) use super::checks::Problems;
     pub(super) use super::error::{ApiError, Code};
     pub(super) use super::extract::{Id, Ids, Json, Nothing, OptionalJson, Params, Unread};
+    pub(super) use crate::telemetry::detached;
 }

@@ -11,7 +11,7 @@ use utoipa_axum::routes;
 use super::error::{ApiError, Code};
 use super::{
     App, agent, audit, boards, claims, clock, competitions, description, docs, episodes, exports,
-    host, imports, keys, mcp, nodes, pages, runs, swarm,
+    host, imports, keys, mcp, pages, runs, servers, swarm,
 };
 
 /// Routes that the OpenAPI document describes.
@@ -90,7 +90,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(keys::revoke::revoke_key))
         .routes(routes!(boards::leaderboard::show_leaderboard))
         .routes(routes!(boards::cross_play::show_cross_play))
-        .routes(routes!(nodes::list::list_nodes))
+        .routes(routes!(servers::list_servers))
         .routes(routes!(host::show_health))
         .routes(routes!(host::show_readiness))
         .routes(routes!(host::show_metrics))

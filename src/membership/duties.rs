@@ -1,14 +1,15 @@
 //! What a server does about places: it takes those without an owner, resumes what is unfinished there, and releases idle ones.
 
 use super::{Others as _, Port};
-use crate::cluster::{Incarnation, number_of, preferred};
+use crate::cluster::{number_of, preferred};
 use crate::ids::Place;
 use crate::store::StoreError;
 
-/// Takes unowned places that this server is preferred for, and resumes what is unfinished there.
+/// Takes unowned places that this server is to keep, and resumes what is unfinished there.
 pub(super) async fn adopt<P: Port + Sync>(port: &P) -> Result<(), StoreError> {
     let unowned = port.unowned().await?;
-    let is_own = |place: &Place| preferred_for(port, *place) == Some(port.me());
+    let (me, servers) = (port.me(), port.others().servers());
+    let is_own = |place: &Place| port.places().keeper(*place, me, &servers) == Some(me);
     port.places().note_taken(unowned.into_iter().filter(is_own));
     resume_taken(port).await
 }
@@ -39,8 +40,10 @@ pub(super) async fn tidy<P: Port + Sync>(port: &P) -> Result<(), StoreError> {
     port.release_ended().await?;
     let mut leaving = port.places().all();
     // Its tokens lead to the server that took a place, so a place moves to no server that was there before.
+    let servers = port.others().servers();
     let moves = |place| {
-        preferred_for(port, place).is_some_and(|server| port.places().is_older(place, server))
+        let preferred = preferred(&servers, number_of(place));
+        preferred.is_some_and(|server| port.places().is_older(place, server))
     };
     leaving.retain(|place| !matches!(place, Place::Competition(_)) && moves(*place));
     if leaving.is_empty() {
@@ -58,9 +61,4 @@ pub(super) async fn tidy<P: Port + Sync>(port: &P) -> Result<(), StoreError> {
         tracing::info!(places = evicted.len(), "gave up idle games for other servers");
     }
     Ok(())
-}
-
-/// The server that should take a free place.
-fn preferred_for<P: Port>(port: &P, place: Place) -> Option<Incarnation> {
-    preferred(&port.others().members(), number_of(place))
 }

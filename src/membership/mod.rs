@@ -14,7 +14,7 @@ use std::time::Duration;
 use tokio::sync::watch;
 
 use crate::cluster::watch::{ClockSeen, Duty, LOOKS_EVERY, Looks, Seen, Suspicion, Work};
-use crate::cluster::{Death, Incarnation, Member, Places};
+use crate::cluster::{Death, Incarnation, Places, ServerRow};
 use crate::ids::Place;
 use crate::store::StoreError;
 pub use server::{Membership, Parts, host_ms};
@@ -22,10 +22,10 @@ pub use server::{Membership, Parts, host_ms};
 /// The other servers, and the exclusion of those that are dead.
 pub trait Others: Send + Sync {
     /// The servers as last seen, oldest first.
-    fn members(&self) -> Arc<[Member]>;
-    fn set_members(&self, members: Arc<[Member]>);
+    fn servers(&self) -> Arc<[ServerRow]>;
+    fn set_servers(&self, servers: Arc<[ServerRow]>);
     /// Whether the process of a server is gone.
-    fn is_dead(&self, member: &Member) -> impl Future<Output = bool> + Send;
+    fn is_dead(&self, row: &ServerRow) -> impl Future<Output = bool> + Send;
     /// Excludes a server: it can commit nothing more, and its places are free. False if it is alive after all.
     fn exclude(
         &self,
@@ -55,7 +55,7 @@ pub trait Port: 'static {
     /// Shows that this server is alive, which renews its lease. [`StoreError::Failed`] means that it was excluded.
     fn beat(&self) -> impl Future<Output = Result<(), StoreError>> + Send;
     /// Reads all servers, and applies what all of them must know. [`StoreError::Failed`] means that this one was excluded.
-    fn look(&self) -> impl Future<Output = Result<Vec<Member>, StoreError>> + Send;
+    fn look(&self) -> impl Future<Output = Result<Vec<ServerRow>, StoreError>> + Send;
     /// Unfinished games and runs without an owner.
     fn unowned(&self) -> impl Future<Output = Result<Vec<Place>, StoreError>> + Send;
     /// Takes the free ones among some places, which the caller resumes; returns the owner of each, in any order.
@@ -108,12 +108,12 @@ pub async fn beat<P: Port + Send + Sync>(port: Arc<P>, look: watch::Sender<Seen>
             port.look().await
         };
         match looked.await {
-            Ok(members) => {
-                let members: Arc<[Member]> = members.into();
-                port.others().set_members(Arc::clone(&members));
+            Ok(servers) => {
+                let servers: Arc<[ServerRow]> = servers.into();
+                port.others().set_servers(Arc::clone(&servers));
                 let now = port.now();
-                port.clock_seen(looks.clock(&members, port.me(), now));
-                look.send_replace(looks.answered(members, now));
+                port.clock_seen(looks.clock(&servers, port.me(), now));
+                look.send_replace(looks.answered(servers, now));
             }
             Err(StoreError::Failed) => return port.excluded(),
             Err(error) => {
@@ -177,11 +177,11 @@ fn warn_of(done: Result<(), StoreError>, what: &str) {
 ///
 /// Those of the database.
 pub async fn exclude_if_dead(others: &impl Others, server: Incarnation) -> Result<(), StoreError> {
-    let members = others.members();
-    let Some(member) = members.iter().find(|member| member.incarnation == server) else {
+    let servers = others.servers();
+    let Some(row) = servers.iter().find(|row| row.incarnation == server) else {
         return Ok(());
     };
-    if others.is_dead(member).await { exclude(others, server, Death::Seen).await } else { Ok(()) }
+    if others.is_dead(row).await { exclude(others, server, Death::Seen).await } else { Ok(()) }
 }
 
 async fn exclude(
@@ -193,8 +193,8 @@ async fn exclude(
         tracing::warn!(server, ?death, "a server is dead: the others take its work over");
         metrics::counter!("swarmbench_takeovers_total").increment(1);
     }
-    let left = others.members();
-    let left = left.iter().filter(|member| member.incarnation != server).cloned();
-    others.set_members(left.collect());
+    let left = others.servers();
+    let left = left.iter().filter(|row| row.incarnation != server).cloned();
+    others.set_servers(left.collect());
     Ok(())
 }

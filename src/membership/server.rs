@@ -12,7 +12,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::{Others, Port};
 use crate::cluster::watch::ClockSeen;
-use crate::cluster::{Death, Incarnation, Member, Places};
+use crate::cluster::{Death, Incarnation, Places, ServerRow};
 use crate::episode::registry::Registry;
 use crate::fair::Party;
 use crate::ids::{EpisodeKey, Place, RunKey};
@@ -55,9 +55,9 @@ impl Membership {
     }
 
     /// This server, as last seen.
-    fn own(&self) -> Option<Member> {
-        let members = self.parts.cluster.members();
-        members.iter().find(|member| member.incarnation == self.me()).cloned()
+    fn own(&self) -> Option<ServerRow> {
+        let servers = self.parts.cluster.servers();
+        servers.iter().find(|row| row.incarnation == self.me()).cloned()
     }
 }
 
@@ -67,23 +67,23 @@ pub fn host_ms() -> i64 {
 }
 
 impl Others for Cluster {
-    fn members(&self) -> Arc<[Member]> {
-        Self::members(self)
+    fn servers(&self) -> Arc<[ServerRow]> {
+        Self::servers(self)
     }
 
-    fn set_members(&self, members: Arc<[Member]>) {
-        Self::set_members(self, members);
+    fn set_servers(&self, servers: Arc<[ServerRow]>) {
+        Self::set_servers(self, servers);
     }
 
     /// The database has no session of the server, and its address refuses connections. An address that does not answer proves
     /// nothing, as the process may be stopped, or cut off.
-    async fn is_dead(&self, member: &Member) -> bool {
-        let connecting = TcpStream::connect(&member.address);
+    async fn is_dead(&self, row: &ServerRow) -> bool {
+        let connecting = TcpStream::connect(&row.address);
         let refused = match tokio::time::timeout(ACCEPT_PATIENCE, connecting).await {
             Ok(Err(error)) => error.kind() == ErrorKind::ConnectionRefused,
             Ok(Ok(_)) | Err(_) => false,
         };
-        refused && matches!(self.is_connected(member.incarnation).await, Ok(false))
+        refused && matches!(self.is_connected(row.incarnation).await, Ok(false))
     }
 
     async fn exclude(&self, server: Incarnation, death: Death) -> Result<bool, StoreError> {
@@ -131,7 +131,7 @@ impl Port for Membership {
         cluster.beat(Beat { is_ready, episodes }, host_ms).await
     }
 
-    async fn look(&self) -> Result<Vec<Member>, StoreError> {
+    async fn look(&self) -> Result<Vec<ServerRow>, StoreError> {
         let Parts { cluster, revoked, .. } = &self.parts;
         let snapshot = cluster.snapshot().await?;
         if snapshot.revision > cluster.seen() {
@@ -140,7 +140,7 @@ impl Port for Membership {
                 return Err(StoreError::Failed);
             }
         }
-        Ok(snapshot.members)
+        Ok(snapshot.servers)
     }
 
     async fn unowned(&self) -> Result<Vec<Place>, StoreError> {
@@ -226,7 +226,7 @@ impl Port for Membership {
 
     fn measure(&self) {
         let cluster = &self.parts.cluster;
-        metrics::gauge!("swarmbench_nodes").set(count(cluster.members().len()));
+        metrics::gauge!("swarmbench_nodes").set(count(cluster.servers().len()));
         metrics::gauge!("swarmbench_places").set(count(cluster.places().count()));
         metrics::gauge!("swarmbench_lease_seconds").set(cluster.answers_for().as_secs_f64());
         if let Some(own) = self.own() {

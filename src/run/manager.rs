@@ -27,6 +27,7 @@ use crate::store::games::StoredGame;
 use crate::store::port::EpisodeStore as _;
 use crate::store::runs::StoredRun;
 use crate::store::{Store, StoreError};
+use crate::telemetry::detached;
 use swarmbench_boards::competition::definition::practice_suite;
 use swarmbench_clock::{Clock, Entropy};
 use swarmbench_protocol::suite::PlannedGame;
@@ -248,7 +249,7 @@ impl Runs {
     /// time and any number of times. Where no other game is admitted, the run waits for the next call.
     pub async fn advance(&self, run: RunKey) -> Result<(), RunError> {
         let runs = self.clone();
-        self.run_detached(async move {
+        detached(async move {
             match runs.elsewhere(run).await? {
                 Some(peers) => peers.advance(run).await,
                 None => runs.advance_now(run).await,
@@ -260,10 +261,8 @@ impl Runs {
     /// The other servers, if one of them owns the run, or takes a run without an owner.
     async fn elsewhere(&self, run: RunKey) -> Result<Option<&dyn Peers>, RunError> {
         let Parts { store, peers, .. } = &self.0.parts;
-        let (Some(cluster), Some(peers)) = (store.cluster(), peers) else { return Ok(None) };
-        let place = Place::Run(run);
-        let is_here = cluster.places().has(place)
-            || (cluster.is_preferred(place) && store.take_place(place).await?);
+        let Some(peers) = peers else { return Ok(None) };
+        let is_here = store.owns_or_takes(Place::Run(run)).await?;
         Ok((!is_here).then_some(&**peers))
     }
 
@@ -280,7 +279,7 @@ impl Runs {
     pub async fn advance_here(&self, run: RunKey) -> Result<(), RunError> {
         self.check_here(run).await?;
         let runs = self.clone();
-        self.run_detached(async move { runs.advance_now(run).await }).await
+        detached(async move { runs.advance_now(run).await }).await
     }
 
     /// Handles [`Peers::end`] of another server.
@@ -361,7 +360,7 @@ impl Runs {
         audit_entries: Vec<Entry>,
     ) -> Result<bool, RunError> {
         let runs = self.clone();
-        self.run_detached(async move {
+        detached(async move {
             let _guard = runs.lock(run).await;
             let stored = runs.stored(run).await?;
             let ends = stored.ended_at.is_none();
@@ -436,16 +435,6 @@ impl Runs {
         {
             tracing::error!(%error, run = run.0, "a run cannot be advanced");
         }
-    }
-
-    /// Runs work in a task of its own, so that it completes: if it were dropped while a game opens, the lock would be released
-    /// before the game can be found.
-    async fn run_detached<T: Send + 'static>(
-        &self,
-        work: impl Future<Output = Result<T, RunError>> + Send + 'static,
-    ) -> Result<T, RunError> {
-        let done = crate::telemetry::spawn(work).await;
-        done.unwrap_or_else(|error| Err(RunError::Panicked(error.to_string())))
     }
 
     async fn advance_now(&self, run: RunKey) -> Result<(), RunError> {

@@ -8,6 +8,7 @@ pub use swarmbench_protocol::status::RunStatus;
 
 use crate::ids::{RunKey, dated_id};
 use crate::store::StoreError;
+use crate::telemetry::Lost;
 use swarmbench_clock::Entropy;
 
 /// Failure of the host to do something with a run; never a player's fault.
@@ -23,7 +24,7 @@ pub enum RunError {
     #[error("the journal failed: {0}")]
     Game(String),
     #[error("the journal failed: {0}")]
-    Panicked(String),
+    Lost(#[from] Lost),
 }
 
 pub fn new_id(now: Timestamp, entropy: &dyn Entropy) -> String {

@@ -90,7 +90,7 @@ pub enum OpenError {
     #[error(transparent)]
     Join(#[from] JoinError),
     #[error(
-        "several servers cannot share the file {0}: name a database of PostgreSQL with --db, or leave out --node"
+        "a cluster cannot share the file {0}: name a database of PostgreSQL with --db, or leave out --cluster-address"
     )]
     Alone(PathBuf),
     #[error(transparent)]
@@ -160,13 +160,14 @@ impl Store {
                 Ok(Self::of(readers, writer::Writer::spawn(group), files, Some(lock)))
             }
             Location::Postgres(address) => {
-                let postgres::Opened { node, readers } = postgres::open(&address, joining).await?;
+                let postgres::Opened { committer, readers } =
+                    postgres::open(&address, joining).await?;
                 let failed =
                     |source| SessionError::Failed { location: address.to_string(), source };
                 let readers = ReaderOptions::Postgres(readers);
                 let readers = readers::Readers::open(readers).await.map_err(failed)?;
-                let cluster = node.cluster().cloned();
-                let group = writer::Group::Postgres(Box::new(node));
+                let cluster = committer.cluster().cloned();
+                let group = writer::Group::Postgres(Box::new(committer));
                 let store = Self::of(readers, writer::Writer::spawn(group), Files::default(), None);
                 Ok(Self { cluster, ..store })
             }
@@ -222,6 +223,15 @@ impl Store {
         }
         cluster.take(&[place]).await?;
         Ok(cluster.places().has(place))
+    }
+
+    /// Whether this server does what is due at a place for which no request has come. Takes a place without an owner where this
+    /// server is to keep it.
+    pub async fn owns_or_takes(&self, place: Place) -> Result<bool, StoreError> {
+        match &self.cluster {
+            Some(cluster) if cluster.keeper(place) != Some(cluster.incarnation()) => Ok(false),
+            _ => self.take_place(place).await,
+        }
     }
 
     /// Notes the commits of the other servers, so that boards and lists read after this call show them.

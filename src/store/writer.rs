@@ -260,7 +260,7 @@ impl WriterState {
 /// Committer of groups of jobs, by engine.
 pub(super) enum Group {
     Sqlite(Connection, Files),
-    Postgres(Box<postgres::group::Node>),
+    Postgres(Box<postgres::group::Committer>),
 }
 
 impl Group {
@@ -284,7 +284,7 @@ impl Group {
             Self::Sqlite(connection, files) => {
                 sqlite::group::keep(connection, files, state, jobs, deadline).await
             }
-            Self::Postgres(node) => node.keep(state, jobs, deadline, stop).await,
+            Self::Postgres(committer) => committer.keep(state, jobs, deadline, stop).await,
         }
     }
 
@@ -298,8 +298,8 @@ impl Group {
 
     /// Tells the cluster about durable entries.
     fn note(&self, entries: &[Entry]) {
-        if let Self::Postgres(node) = self
-            && let Some(cluster) = node.cluster()
+        if let Self::Postgres(committer) = self
+            && let Some(cluster) = committer.cluster()
         {
             cluster.note(entries);
         }
@@ -309,8 +309,8 @@ impl Group {
     fn pause(&self, took: Duration) -> Duration {
         match self {
             Self::Postgres(node) if let Some(cluster) = node.cluster() => {
-                let members = cluster.members();
-                let playing = members.iter().filter(|member| member.episodes > 0).count();
+                let servers = cluster.servers();
+                let playing = servers.iter().filter(|row| row.episodes > 0).count();
                 crate::cluster::commit_pause(took, playing)
             }
             Self::Sqlite(..) | Self::Postgres(_) => Duration::ZERO,
@@ -320,14 +320,14 @@ impl Group {
     async fn watch(&mut self, state: &WriterState) {
         match self {
             Self::Sqlite(..) => {}
-            Self::Postgres(node) => node.watch(state).await,
+            Self::Postgres(committer) => committer.watch(state).await,
         }
     }
 
     async fn close(self) -> Result<(), sqlx::Error> {
         match self {
             Self::Sqlite(connection, _) => connection.close().await,
-            Self::Postgres(node) => node.leave().await,
+            Self::Postgres(committer) => committer.leave().await,
         }
     }
 }

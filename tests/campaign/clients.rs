@@ -30,7 +30,7 @@ use crate::campaign::plan::{By, CampaignGame};
 const WAIT_S: u32 = 20;
 const WAIT_OF_SEVERAL_S: u32 = 2;
 
-/// How long an answer of one of several servers may take, on top of what the request asks it to wait; then another one is asked.
+/// How long an answer of a server of a cluster may take, on top of what the request asks it to wait; then another one is asked.
 const ANSWER_PATIENCE: Duration = Duration::from_millis(1500);
 
 /// How long a client waits before it asks a server again that has refused it.
@@ -50,11 +50,11 @@ pub(crate) struct Counts {
     pub(crate) creations_repeated: AtomicU64,
     pub(crate) states_compared: AtomicU64,
     pub(crate) checked_after_restart: AtomicU64,
-    /// Of several servers: answers that nobody waited for any more, by what they were.
+    /// Of a cluster: answers that nobody waited for any more, by what they were.
     pub(crate) late_answers: AtomicU64,
     pub(crate) late_unavailable: AtomicU64,
     pub(crate) late_broken: AtomicU64,
-    /// How often one of several servers was unavailable.
+    /// How often a server of a cluster was unavailable.
     pub(crate) unavailable: AtomicU64,
 }
 
@@ -84,7 +84,7 @@ pub(crate) struct Clients {
     failed: AtomicU64,
     /// The server may say for a while that it is unavailable, and continues later.
     pauses: AtomicBool,
-    /// Requests that one of several servers has not answered in time; what it answers must be right all the same.
+    /// Requests that a server of a cluster has not answered in time; what it answers must be right all the same.
     late: Mutex<Vec<(Asked, JoinHandle<Whole>)>>,
 }
 
@@ -141,7 +141,7 @@ impl Clients {
         Self::of(seed, Servers::One(door))
     }
 
-    /// Clients of several servers, of which they ask any.
+    /// Clients of a cluster, of which they ask any.
     pub(crate) fn of_several(seed: u64, doors: Arc<Doors>) -> Arc<Self> {
         let clients = Self::of(seed, Servers::Any(doors));
         clients.expect_pauses();
@@ -393,7 +393,7 @@ impl Clients {
         }
     }
 
-    /// Asks the first run after the one that was tried once, or one of several servers. A run that nobody ended must answer.
+    /// Asks the first run after the one that was tried once, or a server of a cluster. A run that nobody ended must answer.
     async fn attempt(
         &self,
         tried: Tried,
@@ -423,7 +423,7 @@ impl Clients {
         }
     }
 
-    /// Asks one of several servers once. One that takes too long may have been stopped: somebody else is asked then, and what it
+    /// Asks a server of a cluster once. One that takes too long may have been stopped: somebody else is asked then, and what it
     /// answers later is looked at in the end.
     async fn attempt_at_any(
         &self,
@@ -580,7 +580,7 @@ impl Clients {
             "{}: acknowledged after a failed commit: {receipt:?}",
             played.name()
         );
-        // One of several servers may have sent it again by itself.
+        // A server of a cluster may have sent it again by itself.
         let lost = answer.lost || matches!(self.servers, Servers::Any(_)) && receipt.duplicate;
         assert!(played.acknowledged(agent, receipt, lost), "it was received before");
         if lost {

@@ -24,7 +24,7 @@ impl Servers {
         }
     }
 
-    /// The run that is asked next: of several servers, how many faults are behind them.
+    /// The run that is asked next: of a cluster, how many faults are behind them.
     pub(crate) async fn run_after(&self, tried: Tried) -> u64 {
         match self {
             Self::One(door) => door.after(tried.run).await.run,
@@ -38,7 +38,7 @@ impl Servers {
 pub(crate) struct Tried {
     /// The next run to be asked is one after this.
     pub(crate) run: u64,
-    /// The next one of several servers is asked next.
+    /// The next a server of a cluster is asked next.
     pub(crate) server: Option<usize>,
 }
 

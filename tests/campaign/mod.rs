@@ -7,10 +7,10 @@
 mod audit;
 mod away;
 mod clients;
+mod cluster;
 #[cfg(target_os = "linux")]
 mod disk;
 mod doors;
-mod fleet;
 mod forks;
 mod kills;
 mod ledger;
@@ -25,7 +25,7 @@ use std::sync::PoisonError;
 use libtest_mimic::Trial;
 use swarmbench_testkit::postgres;
 
-use self::fleet::refusals;
+use self::cluster::refusals;
 use crate::PROCESSORS;
 
 /// All tests of the campaign. Those of SQLite's files are ignored where the tests run on PostgreSQL, those that need it where
@@ -65,32 +65,32 @@ pub(crate) fn tests() -> Vec<Trial> {
             away::a_database_that_goes_away_is_a_pause,
         ),
         test(
-            "fleet::several_servers_lose_nothing_and_play_nothing_twice",
+            "cluster::servers_lose_nothing_and_play_nothing_twice",
             on_postgres,
-            fleet::several_servers_lose_nothing_and_play_nothing_twice,
+            cluster::servers_lose_nothing_and_play_nothing_twice,
         ),
         test(
-            "fleet::a_server_that_does_not_fit_says_why_and_ends",
+            "cluster::a_server_that_does_not_fit_says_why_and_ends",
             on_postgres,
             refusals::a_server_that_does_not_fit_says_why_and_ends,
         ),
         test(
-            "fleet::a_server_with_a_wrong_clock_does_not_join",
+            "cluster::a_server_with_a_wrong_clock_does_not_join",
             on_postgres,
             refusals::a_server_with_a_wrong_clock_does_not_join,
         ),
         test(
-            "fleet::a_server_whose_clock_goes_wrong_leaves_its_work_to_the_others",
+            "cluster::a_server_whose_clock_goes_wrong_leaves_its_work_to_the_others",
             on_postgres,
             refusals::a_server_whose_clock_goes_wrong_leaves_its_work_to_the_others,
         ),
         test(
-            "fleet::a_server_whose_commits_are_lost_leaves_its_work_to_the_others",
+            "cluster::a_server_whose_commits_are_lost_leaves_its_work_to_the_others",
             on_postgres,
             refusals::a_server_whose_commits_are_lost_leaves_its_work_to_the_others,
         ),
         test(
-            "fleet::an_older_server_and_a_cluster_exclude_each_other",
+            "cluster::an_older_server_and_a_cluster_exclude_each_other",
             on_postgres && refusals::has_old_program(),
             refusals::an_older_server_and_a_cluster_exclude_each_other,
         ),

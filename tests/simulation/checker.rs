@@ -58,7 +58,7 @@ pub(crate) enum Invariant {
     /// A seat has one holder; an episode starts once, when all seats are held; the server plays its seats as if it
     /// had never crashed.
     Seats,
-    /// Only one of several servers plays an episode: no other writes it, or answers for it.
+    /// One server of a cluster plays an episode: no other writes it, or answers for it.
     OneOwner,
 }
 
@@ -88,7 +88,7 @@ pub(crate) struct Checker {
     keys: BTreeMap<EpisodeId, EpisodeKey>,
     /// A counter of events, which orders them.
     moment: u64,
-    /// Whether several servers share the database.
+    /// Whether the server is one of a cluster.
     is_shared: bool,
     /// Whether all servers are up and stay so, and no place moves any more.
     is_calm: bool,
@@ -96,7 +96,7 @@ pub(crate) struct Checker {
     started_at: BTreeMap<Incarnation, Timestamp>,
     /// The moment at which each server was first told that a commit failed.
     failed: BTreeMap<Incarnation, u64>,
-    /// Episodes with a refused job in this run of the server, or of several servers.
+    /// Episodes with a refused job in this run of the server, or of a cluster.
     refused: BTreeSet<EpisodeId>,
     /// Unanswered requests.
     requests: BTreeMap<RequestId, Sent>,
@@ -635,7 +635,7 @@ impl Checker {
         self.started_at.insert(server, self.now);
     }
 
-    /// One of several servers is gone, and so are its unwritten entries; requests of clients go on elsewhere.
+    /// A server of a cluster is gone, and so are its unwritten entries; requests of clients go on elsewhere.
     pub(crate) fn gone(&mut self, server: Incarnation, disk: &[Entry]) {
         for sent in self.requests.values_mut() {
             sent.arrived.retain(|arrived| arrived.server != server);
@@ -645,7 +645,7 @@ impl Checker {
         self.on_disk(disk);
     }
 
-    /// One of several servers was excluded: it can no longer write, whether it knows that or not.
+    /// A server of a cluster was excluded: it can no longer write, whether it knows that or not.
     pub(crate) fn excluded(&mut self, server: Incarnation) {
         self.stats.count("take-overs", 1);
         self.forget_handed(server);

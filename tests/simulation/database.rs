@@ -1,4 +1,4 @@
-//! The durable data: the entries of all episodes, and, if several servers share it, the servers, the times when they
+//! The durable data: the entries of all episodes, and of a cluster the servers, the times when they
 //! were seen, and the owners of places. It stands for the tables `nodes`, `members` and `places` of PostgreSQL.
 
 use std::collections::BTreeMap;

@@ -24,7 +24,7 @@ use crate::simulation::executor::pause;
 /// checker finds jobs that should not have been submitted. It refuses single jobs when the run says so, and then,
 /// like the writer, all later jobs of that episode until it is recovered.
 ///
-/// Each of several servers that share the database has its own journal, which stores nothing any more once that
+/// Each server of a cluster has its own journal, which stores nothing any more once that
 /// server is excluded.
 pub(crate) struct MemoryJournal {
     flaw: Option<Flaw>,
@@ -300,7 +300,7 @@ impl MemoryJournal {
         self.at_database(|tables| look(tables)).await
     }
 
-    // ---- places of one of several servers
+    // ---- places of a server of a cluster
 
     pub(crate) const fn places(&self) -> &Places {
         &self.places

@@ -3,7 +3,7 @@
 //! evicted, commits that fail, entries that are refused, and crashes between any two effects. [`checker`] contains
 //! the invariants; [`broken`] shows that violations of them are found.
 //!
-//! The same runs with several servers that share a database ([`cluster`]): they crash, stop and resume, leave and join,
+//! The same runs with a cluster ([`cluster`]): they crash, stop and resume, leave and join,
 //! and clients send requests to any of them.
 //!
 //! `SWARMBENCH_SEEDS` is the number of seeds, `SWARMBENCH_SEED` the first, and `SWARMBENCH_LINES` the number of lines
@@ -29,7 +29,7 @@ use run::{Options, SimulationReport, run};
 /// The default number of seeds.
 const SEEDS: u64 = 500;
 
-/// The default number of seeds with several servers, which take longer.
+/// The default number of seeds with a cluster, which take longer.
 const SEEDS_OF_SEVERAL: u64 = 150;
 
 /// The number of seeds within which a flaw must be found.
@@ -73,7 +73,7 @@ const REACHED: [&str; 34] = [
     "evictions",
 ];
 
-/// Events that the seeds with several servers must reach together.
+/// Events that the seeds with a cluster must reach together.
 const REACHED_BY_SEVERAL: [&str; 17] = [
     "episodes",
     "rounds",
@@ -144,7 +144,7 @@ fn seeds_find_no_fault() {
 }
 
 #[test]
-fn several_servers_find_no_fault() {
+fn clusters_find_no_fault() {
     find_no_fault(Options::draw_several, SEEDS_OF_SEVERAL, &REACHED_BY_SEVERAL);
 }
 
@@ -206,7 +206,7 @@ fn every_flaw_is_found() {
 }
 
 #[test]
-fn every_flaw_of_several_servers_is_found() {
+fn every_flaw_of_a_cluster_is_found() {
     find(Options::draw_several, FLAWS_OF_SEVERAL);
 }
 

@@ -186,7 +186,7 @@ impl SimulationReport {
         _ = writeln!(
             text,
             "again: SWARMBENCH_SEED={seed} SWARMBENCH_SEEDS=1 cargo test --test parts simulation::{}",
-            if self.options.servers > 0 { "several_servers" } else { "seeds" }
+            if self.options.servers > 0 { "clusters" } else { "seeds" }
         );
         text
     }
@@ -215,7 +215,7 @@ enum Step {
     Refuse,
     /// Crashes the server and starts it again; one of several is started later.
     Crash,
-    /// Stops one of several servers abruptly.
+    /// Stops a server of a cluster abruptly.
     Stop,
     /// Resumes a stopped server.
     GoOn,
@@ -237,7 +237,7 @@ struct SimulationRun {
     servers: Vec<Server>,
     /// The slots of absent servers.
     down: Vec<i16>,
-    /// The network among several servers.
+    /// The network of a cluster.
     net: Arc<Net>,
     desk: Desk,
     checker: Checker,
@@ -264,7 +264,7 @@ struct Server {
     incarnation: Incarnation,
     journal: Arc<MemoryJournal>,
     registry: Registry,
-    /// The server's part in the cluster, if there are several servers.
+    /// The server's part in the cluster, if it is in one.
     peer: Option<Arc<Peer>>,
     slot: i16,
     /// Whether a commit is on its way to the database although the server is stopped.

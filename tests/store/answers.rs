@@ -738,13 +738,14 @@ async fn all_acts(
 /// A method that reads and is not asked here would be compared by nobody.
 #[test]
 fn all_methods_that_read_are_asked() {
-    /// What writes, opens or closes, and what is about several servers, of which SQLite has one.
-    const OTHERS: [&str; 16] = [
+    /// What writes, opens or closes, and what is about clusters, of which SQLite has one.
+    const OTHERS: [&str; 17] = [
         "join",
         "catch_up",
         "has",
         "take",
         "take_place",
+        "owns_or_takes",
         "open",
         "open_to_read",
         "close",

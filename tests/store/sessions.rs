@@ -294,7 +294,7 @@ async fn a_server_that_lost_its_session_is_excluded_by_the_next() {
     other.close().await.expect("it closes");
 }
 
-/// One of several servers on a database, which shows others only by hand that it lives.
+/// A server of a cluster on a database, which shows others only by hand that it lives.
 pub(super) async fn joined(scratch: &Scratch, port: u16) -> Store {
     let joining = Joining {
         address: format!("127.0.0.1:{port}"),

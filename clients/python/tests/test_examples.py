@@ -1,4 +1,4 @@
-"""The minimal agents of `examples/agents` play seats to the end, and well; the load balancer of `examples/fleet`."""
+"""The minimal agents of `examples/agents` play seats to the end, and well; the load balancer of `examples/cluster`."""
 
 import os
 import shutil
@@ -119,14 +119,14 @@ def standin(dies: bool) -> Iterator[tuple[str, list[str]]]:
 
 
 @contextmanager
-def balancer(*nodes: str) -> Iterator[str]:
+def balancer(*servers: str) -> Iterator[str]:
     """The load balancer of the example, in front of these servers."""
     assert shutil.which("haproxy"), "install haproxy for this test, on Debian: apt-get install haproxy"
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         listen = f"127.0.0.1:{free.getsockname()[1]}"
-    names = {f"NODE{number}": node for number, node in enumerate(nodes, 1)}
-    config = ROOT / "examples" / "fleet" / "haproxy.cfg"
+    names = {f"SERVER{number}": server for number, server in enumerate(servers, 1)}
+    config = ROOT / "examples" / "cluster" / "haproxy.cfg"
     process = subprocess.Popen(["haproxy", "-f", config], env={**os.environ, "LISTEN": listen, **names})
     try:
         with httpx.Client(transport=httpx.HTTPTransport(retries=8), timeout=20) as first:

@@ -39,8 +39,8 @@ pub(super) struct Args {
     key: Option<String>,
     /// Another server of the same cluster; may be repeated. Connections go to all servers in turn, so most requests are
     /// forwarded. Counts are sums over the servers.
-    #[arg(long, value_name = "URL")]
-    node: Vec<String>,
+    #[arg(long = "other-server", alias = "node", value_name = "URL")]
+    other_servers: Vec<String>,
     /// Print all measurements as JSON instead of tables.
     #[arg(long)]
     json: bool,
@@ -161,8 +161,8 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     }
     let server = args.server.clone();
     let mut target = Target::new(&server, args.key.clone()).await?;
-    for node in &args.node {
-        target.add(node).await?;
+    for server in &args.other_servers {
+        target.add(server).await?;
     }
     let metrics = Metrics::of(&target)
         .await

@@ -6,9 +6,8 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 use swarmbench_engine::World;
-use tokio::sync::{OnceCell, oneshot};
+use tokio::sync::OnceCell;
 use tokio_util::sync::{CancellationToken, DropGuard};
-use tracing::Instrument as _;
 
 use super::super::actor::{EpisodeInit, Handle, Running, Times, note_end, seated, spawn};
 use super::super::heavy::{is_heavy, off_thread};
@@ -21,13 +20,14 @@ use super::super::seating::Seating;
 use super::super::spec::Spec;
 use super::Registry;
 use crate::budget::{Exhausted, Reservation};
-use crate::fair::{self, Party, Rank};
+use crate::fair::{Party, Rank};
 use crate::ids::{EpisodeId, EpisodeKey, Place, RunKey};
 use crate::keys::OwnerKey;
 use crate::store::entries::{
     ActRow, ClaimRow, Entry, Holder, OpeningRow, RoundRow, SeatingRow, TokenRow,
 };
 use crate::store::{Stopped, StoreError};
+use crate::telemetry::detached_by;
 use crate::work::{Cancelled, WorkError};
 use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
@@ -129,11 +129,8 @@ impl Registry {
         party: Party,
         creating: impl Future<Output = Result<Vec<Handle>, CreateError>> + Send + 'static,
     ) -> Result<Vec<Handle>, CreateError> {
-        let (done, created) = oneshot::channel();
-        let creating = fair::inherit(party.scope(async move { drop(done.send(creating.await)) }));
-        (self.host.spawn)(Box::pin(creating.in_current_span()));
-        let stopping = || Err(StoreError::Stopped(Stopped::Server).into());
-        created.await.unwrap_or_else(|_| stopping())
+        let created = detached_by(&*self.host.spawn, party.scope(creating)).await;
+        created.unwrap_or_else(|_| Err(StoreError::Stopped(Stopped::Server).into()))
     }
 
     fn release_unless_opened(

@@ -61,7 +61,7 @@ pub(in super::super) async fn create_claim(
     let idempotency = idempotency.map(|(key, body)| (format!("{}/{key}", stored.id), body));
     let handle = app.episode(&stored.id).await?;
     // Detached, so that a repeat finds the first claim even if its client hung up.
-    App::run_detached(async move {
+    detached(async move {
         let _lock = app.creations.lock_key(idempotency.as_ref()).await;
         let find = |key| app.store.claimed_with(key);
         match created_before(idempotency.as_ref(), find).await? {

@@ -67,7 +67,7 @@ pub(in super::super) async fn announce(
     Json(AnnouncementRequest { text }, _): Json<AnnouncementRequest>,
 ) -> Result<(StatusCode, JsonBody<Announcement>), ApiError> {
     check(&text)?;
-    App::run_detached(async move {
+    detached(async move {
         let competition = app.stored_competition(&id).await?;
         let shown: Value = json!({ "text": text });
         let at = app.clock.wall();

@@ -36,7 +36,7 @@ pub(in super::super) async fn cancel_competition(
     let mut problems = Problems::default();
     problems.text("reason", &reason, app.limits.reason_chars_max);
     let reason = problems.none_or(Some(reason))?;
-    App::run_detached(async move {
+    detached(async move {
         let cancelled = {
             // The lock waits for attempts that are being started, and blocks further ones.
             let _closed = app.runs.block_entries().await;

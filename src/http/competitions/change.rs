@@ -62,7 +62,7 @@ pub(in super::super) async fn change_competition(
         windows: windows.map(|of| (of.attempt, whole(of.closes_at.into()))).collect(),
         terms,
     };
-    App::run_detached(async move {
+    detached(async move {
         // The lock keeps attempts from starting, and the competition from being revealed, while windows change.
         let _closed = app.runs.block_entries().await;
         let competition = app.stored_competition(&id).await?;

@@ -39,7 +39,7 @@ pub(in super::super) async fn change_entrant(
     let wanted = Wanted::of(&app, change)?;
     let competition = app.stored_competition(&id).await?;
     wanted.check(&caller, &app.entrant(&competition, &entrant).await?)?;
-    App::run_detached(async move {
+    detached(async move {
         // The lock serializes decisions about entrants, and keeps others from entering with the same name.
         let _lock = app.lock_entrants(&competition).await;
         let before = app.entrant(&competition, &entrant).await?;
@@ -166,7 +166,7 @@ pub(in super::super) async fn erase_entrant(
         let detail = "a team is erased with the key with which it entered, or by an organizer; other members can remove themselves";
         return Err(ApiError::new(Code::Forbidden, detail));
     }
-    App::run_detached(async move {
+    detached(async move {
         let _lock = app.lock_entrants(&competition).await;
         let before = app.entrant(&competition, &entrant).await?;
         if !before.entrant.erased {

@@ -134,7 +134,7 @@ pub(in super::super) async fn revoke_codes(
         let problem = format!("must be 1 to {CODES_MAX} together with codes, are {count}");
         return Err(ApiError::field("labels", problem));
     }
-    App::run_detached(async move {
+    detached(async move {
         let stored = app.stored_competition(&id).await?;
         // The lock keeps entrants from using the codes meanwhile.
         let _lock = app.lock_entrants(&stored).await;

@@ -42,7 +42,7 @@ pub(in super::super) async fn exclude_entrants(
     Json(request, _): Json<ExclusionRequest>,
 ) -> Result<JsonBody<Exclusion>, ApiError> {
     let wanted = Description::of(&app, &request)?;
-    App::run_detached(async move {
+    detached(async move {
         let competition = app.stored_competition(&id).await?;
         // The lock keeps others from entering, and serializes decisions of organizers.
         let _lock = app.lock_entrants(&competition).await;

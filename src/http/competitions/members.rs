@@ -68,7 +68,7 @@ pub(in super::super) async fn add_member(
     let mut problems = Problems::default();
     let name = App::entrant_name(&mut problems, &name);
     let name = problems.none_or(name)?;
-    App::run_detached(async move {
+    detached(async move {
         let competition = app.stored_competition(&id).await?;
         // Rights are checked before the lock is taken, so that a stranger makes nobody wait. The lock keeps the team from being
         // erased meanwhile.
@@ -137,7 +137,7 @@ pub(in super::super) async fn remove_member(
     _: Params<Nothing>,
 ) -> Result<JsonBody<MemberSummary>, ApiError> {
     // A detached task removes the revoked key from the cache, even if the client hangs up.
-    App::run_detached(async move {
+    detached(async move {
         let competition = app.stored_competition(&id).await?;
         // Rights are checked before the lock is taken, so that a stranger makes nobody wait. The lock keeps the team from being
         // erased meanwhile.

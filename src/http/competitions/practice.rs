@@ -57,7 +57,7 @@ pub(in super::super) async fn start_practice(
     // The party is the competition if the key was made for it.
     let party = Party::current();
     // A detached task completes the start even if the client hangs up. The lock admits one start per key at a time.
-    App::run_detached(async move {
+    detached(async move {
         let owner = found.owner;
         let _lock = app.creations.lock(&format!("practice of {}", owner.0)).await;
         let now = app.clock.wall();

@@ -61,7 +61,7 @@ pub(in super::super) async fn register_entrant(
     let name = check(&request, &app)?;
     let request = EntrantRequest { name, ..request };
     // The lock makes the limits exact under concurrent entries, and codes usable once.
-    App::run_detached(async move {
+    detached(async move {
         let _lock = app.lock_entrants(&competition).await;
         let registered = register(&app, &competition, own_key, client.address, request).await;
         // The memory of the body stays reserved while the request waits, even if its client is gone.

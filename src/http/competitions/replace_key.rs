@@ -32,7 +32,7 @@ pub(in super::super) async fn replace_entrant_key(
     Ids(id, entrant): Ids,
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
-    App::run_detached(async move {
+    detached(async move {
         let competition = app.stored_competition(&id).await?;
         let _lock = app.lock_entrants(&competition).await;
         let stored = app.entrant(&competition, &entrant).await?;

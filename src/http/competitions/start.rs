@@ -60,7 +60,7 @@ pub(in super::super) async fn start_attempt(
     let of = |key| format!("{}/{key}", entrant.entrant.id);
     let idempotency = idempotency.map(|(key, body)| (of(key), body));
     // A detached task completes the start even if the client hangs up. The lock admits one start per entrant at a time.
-    App::run_detached(async move {
+    detached(async move {
         let _lock = app.creations.lock(&format!("attempt {}", entrant.entrant.id)).await;
         // The entrant may have been excluded while the request waited for the lock.
         check_active(&app.entrant(&competition, &entrant.entrant.id).await?)?;

@@ -39,7 +39,7 @@ pub(in super::super) async fn void_attempt(
     let mut problems = Problems::default();
     problems.text("reason", &reason, app.limits.reason_chars_max);
     let reason = problems.none_or(Some(reason))?;
-    App::run_detached(async move {
+    detached(async move {
         let competition = app.stored_competition(&id).await?;
         let _lock = app.creations.lock(&format!("void {run}")).await;
         let attempt = app.store.find_attempt(competition.key, &run).await?;

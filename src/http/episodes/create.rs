@@ -46,7 +46,7 @@ pub(in super::super) async fn create_episode(
     let spec = described(request, &app)?;
     let permit = SeedPermit::of_creator(&caller, &spec);
     // A repeat must find what the first one creates, also if its client hangs up.
-    App::run_detached(async move {
+    detached(async move {
         let _lock = app.creations.lock_key(idempotency.as_ref()).await;
         let find = |key| app.store.created_with(key);
         match created_before(idempotency.as_ref(), find).await? {

@@ -34,7 +34,7 @@ pub(in super::super) async fn void_episode(
     let mut problems = Problems::default();
     problems.text("reason", &reason, app.limits.reason_chars_max);
     let reason = problems.none_or(Some(reason))?;
-    App::run_detached(async move { void(&app, key, id, reason).await }).await
+    detached(async move { void(&app, key, id, reason).await }).await
 }
 
 async fn void(

@@ -29,7 +29,7 @@ pub(in super::super) async fn revoke_key(
     _: Params<Nothing>,
 ) -> Result<Json<KeySummary>, ApiError> {
     // Detached, as the revoked key must be removed from the cache even if the client hangs up.
-    App::run_detached(async move {
+    detached(async move {
         let now = app.clock.wall();
         let find = async || {
             let key = app.store.keys().await?.into_iter().find(|key| key.id == id);

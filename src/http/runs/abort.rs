@@ -38,7 +38,7 @@ pub(in super::super) async fn abort_run(
         };
         return Err(ApiError::new(Code::Forbidden, detail));
     }
-    App::run_detached(async move {
+    detached(async move {
         let run = known.stored.run;
         let at = app.clock.wall();
         let StoredRun { owner, competition, .. } = known.stored;

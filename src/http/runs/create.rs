@@ -51,7 +51,7 @@ pub(in super::super) async fn create_run(
     let idempotency = idempotency(&headers, creator.0.owner(), &body, &app.limits)?;
     let definition = definition(request, &app)?;
     // A repeat must find what the first one creates, also if its client hangs up.
-    App::run_detached(async move {
+    detached(async move {
         let _lock = app.creations.lock_key(idempotency.as_ref()).await;
         let find = |key| app.store.run_created_with(key);
         let (stored, token) = match created_before(idempotency.as_ref(), find).await? {

@@ -42,7 +42,7 @@ pub(in super::super) async fn replace_run_token(
         let detail = "the server itself plays this run; it has no token";
         return Err(ApiError::new(Code::Forbidden, detail));
     }
-    App::run_detached(async move {
+    detached(async move {
         let detail = app.detail_of_run(&known.stored).await?;
         let (at, competition) = (app.clock.wall(), known.stored.competition);
         let audit_entry = caller.audit_foreign(owner, at, "run.token", &id, detail, competition);

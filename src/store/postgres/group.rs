@@ -35,7 +35,7 @@ const STOP_PATIENCE: Duration = Duration::from_secs(5);
 /// Time to wait for the end of an old session of this server after its termination.
 const TERMINATE_PATIENCE: Duration = Duration::from_secs(5);
 
-pub(in crate::store) struct Node {
+pub(in crate::store) struct Committer {
     server: Server,
     /// `None` while the database is unreachable.
     connection: Option<Connection>,
@@ -125,7 +125,7 @@ fn blocked_by(error: &sqlx::Error) -> Blocked {
     }
 }
 
-impl Node {
+impl Committer {
     /// Registers a process that holds the lock of the database, alone or shared.
     pub(in crate::store) async fn join(
         server: Server,

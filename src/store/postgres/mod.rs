@@ -16,7 +16,7 @@ use super::sql::{Connection, Engine};
 use super::{OpenError, copy};
 use crate::migrations;
 use cluster::Joining;
-use group::Node;
+use group::Committer;
 use session::{Server, SessionError};
 
 /// Wait for the session of a process that has just ended, and interval between attempts.
@@ -25,7 +25,7 @@ const PREDECESSOR_PAUSE: Duration = Duration::from_millis(50);
 
 /// A database that only this process writes to.
 pub(super) struct Opened {
-    pub(super) node: Node,
+    pub(super) committer: Committer,
     pub(super) readers: PgConnectOptions,
 }
 
@@ -38,8 +38,8 @@ pub(super) async fn open(
     let server = Server::at(address)?;
     let readers = server.readers();
     let connection = ready(&server, joining).await?;
-    let node = Node::join(server, connection, joining).await?;
-    Ok(Opened { node, readers })
+    let committer = Committer::join(server, connection, joining).await?;
+    Ok(Opened { committer, readers })
 }
 
 /// A connection for a command that writes while no server has the database.
@@ -92,7 +92,7 @@ async fn lock(server: &Server, is_shared: bool) -> Result<Connection, OpenError>
     let failed = |error| server.failed(error);
     if !lock_of_predecessor(&mut connection, is_shared).await.map_err(failed)? {
         // A database that is taken for the first time has no such table yet.
-        let by = session::newest_node(&mut connection).await.ok().flatten();
+        let by = session::newest_holder(&mut connection).await.ok().flatten();
         let by = by.unwrap_or_else(|| "another process".to_owned());
         let holder = session::lock_holder(&mut connection).await.map_err(failed)?;
         let session =

@@ -322,7 +322,7 @@ pub(in crate::store) async fn try_lock(
 }
 
 /// Holder of the database, as the newest row of `nodes` says: host and process.
-pub(in crate::store) async fn newest_node(
+pub(in crate::store) async fn newest_holder(
     connection: &mut Connection,
 ) -> Result<Option<String>, sqlx::Error> {
     query("SELECT name FROM nodes ORDER BY incarnation DESC LIMIT 1").optional(connection).await

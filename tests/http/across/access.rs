@@ -108,6 +108,17 @@ impl Kind {
     fn owns_run(self) -> bool {
         matches!(self, Run | Owner | Organizer)
     }
+
+    /// The name of such a token in the OpenAPI document; empty for none, and `None` for what is worth nothing.
+    fn scheme(self) -> Option<&'static str> {
+        match self {
+            Kind::None => Some(""),
+            _ if self.is_seat() => Some("seat"),
+            _ if self.is_swarm() => Some("swarm"),
+            _ if self.is_key() => Some("key"),
+            _ => None,
+        }
+    }
 }
 
 /// The episode that is asked for, and the server.
@@ -119,6 +130,9 @@ struct Stage {
     /// Whether somebody else holds a seat of it, too.
     mixed: bool,
 }
+
+/// Operations that ask for no token, and look at none.
+const OPEN: [&str; 4] = ["show_health", "show_readiness", "show_metrics", "list_suites"];
 
 /// The status of the refusal, if the route refuses the token.
 fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
@@ -138,8 +152,7 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
         let anyone = stage.visibility == "public" || stage.ended;
         kind.owns_run() || (anyone && (!stage.private || kind.is_key()))
     };
-    if ["show_health", "show_readiness", "show_metrics", "list_suites"].contains(&operation) {
-        // They ask for no token, and look at none.
+    if OPEN.contains(&operation) {
         return None;
     }
     if kind.is_worthless() {
@@ -280,14 +293,29 @@ fn organizers_alone(kind: Kind) -> Option<u16> {
     }
 }
 
-/// All operations of the document: the method, the path, the id of the operation and what it answers.
-fn operations() -> Vec<(Method, String, String, Value)> {
+/// An operation of the OpenAPI document.
+struct Operation {
+    method: Method,
+    path: String,
+    id: String,
+    responses: Value,
+    /// The kinds of tokens with which it may be asked, as [`Kind::scheme`] names them.
+    tokens: Vec<String>,
+}
+
+fn operations() -> Vec<Operation> {
     let mut all = Vec::new();
     for (path, item) in DOCUMENT["paths"].as_object().expect("paths") {
         for (method, operation) in item.as_object().expect("operations") {
-            let id = operation["operationId"].as_str().expect("an id").to_owned();
-            let method = method.to_uppercase().parse().expect("a method");
-            all.push((method, path.clone(), id, operation["responses"].clone()));
+            let one_of = operation["security"].as_array().expect("kinds of tokens");
+            let token = |one: &Value| one.as_object()?.keys().next().cloned();
+            all.push(Operation {
+                method: method.to_uppercase().parse().expect("a method"),
+                path: path.clone(),
+                id: operation["operationId"].as_str().expect("an id").to_owned(),
+                responses: operation["responses"].clone(),
+                tokens: one_of.iter().map(|one| token(one).unwrap_or_default()).collect(),
+            });
         }
     }
     assert!(all.len() >= 18, "{}", all.len());
@@ -608,7 +636,7 @@ async fn check_all(private: bool, mixed: bool, stages: &[(&'static str, bool)]) 
     let mut refused = 0;
     for (visibility, ended) in stages.iter().copied() {
         let stage = Stage { visibility, ended, private, mixed };
-        for (method, path, operation, responses) in operations() {
+        for Operation { method, path, id: operation, responses, .. } in operations() {
             // A run has no seats for others.
             for kind in KINDS.into_iter().filter(|kind| !(mixed && *kind == Run)) {
                 let refused_with = refusal(&operation, kind, stage);
@@ -650,6 +678,57 @@ async fn check_tools(private: bool, mixed: bool, stages: &[(&'static str, bool)]
                 }
             }
         }
+    }
+}
+
+/// The stages in which every operation is asked with every kind of token, below.
+const STAGES: [Stage; 7] = {
+    const fn stage(visibility: &'static str, ended: bool, private: bool, mixed: bool) -> Stage {
+        Stage { visibility, ended, private, mixed }
+    }
+    [
+        stage("owner", false, false, false),
+        stage("public", false, false, false),
+        stage("owner", true, false, false),
+        stage("owner", false, false, true),
+        stage("public", false, false, true),
+        stage("public", false, true, false),
+        stage("owner", true, true, false),
+    ]
+};
+
+/// A kind of token that the document names is accepted in some stage; any other is worth no more than no token.
+#[test]
+fn the_document_names_the_tokens_of_each_operation() {
+    for Operation { id, tokens, .. } in operations() {
+        let is_answered = |kind, stage| refusal(&id, kind, stage).is_none();
+        for name in tokens.iter().filter(|name| !name.is_empty()) {
+            let kinds = KINDS.into_iter().filter(|kind| kind.scheme() == Some(name));
+            let is_accepted = |kind| {
+                STAGES.iter().any(|stage| !matches!(refusal(&id, kind, *stage), Some(401 | 403)))
+            };
+            assert!(kinds.into_iter().any(is_accepted), "{id} accepts no {name}");
+        }
+        let is_named = |kind: &Kind| tokens.iter().any(|name| kind.scheme() == Some(name));
+        for kind in KINDS.into_iter().filter(|kind| !is_named(kind)) {
+            let gains =
+                |stage: &&Stage| is_answered(kind, **stage) && !is_answered(Kind::None, **stage);
+            let gained = STAGES.iter().find(gains);
+            assert!(gained.is_none(), "{id} is answered with {kind:?} in {gained:?}");
+        }
+        assert_eq!(tokens == [""], OPEN.contains(&id.as_str()), "{id}");
+    }
+}
+
+/// A server without keys: whatever asks for a token does so only where the document names no request without one.
+#[tokio::test]
+async fn a_request_without_a_token() {
+    let app = TestApp::start().await;
+    for Operation { method, path, id, tokens, .. } in operations() {
+        let path = path.replace("{round}", "0").replace(['{', '}'], "");
+        let answer = app.call(method, &path).send().await;
+        let may_ask = tokens.iter().any(String::is_empty);
+        assert_eq!(answer.status != 401, may_ask, "{id}: {}", answer.text());
     }
 }
 

@@ -174,7 +174,7 @@ impl Checker {
     /// Checks that a failure is reported only after a failed commit or a refused job.
     fn failure(&mut self, id: &EpisodeId, failed: bool, error: &StoreError) {
         self.stats.count("refused: unavailable", 1);
-        // One of several servers may be stopped, excluded or leaving, which makes the failure true.
+        // A server of a cluster may be stopped, excluded or leaving, which makes the failure true.
         let moves = self.is_shared && !self.is_calm;
         let is_true = failed || moves || self.refused.contains(id);
         self.check(Invariant::Progress, is_true, || format!("{id}: {error}, and none failed"));

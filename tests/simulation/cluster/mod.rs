@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use jiff::{SignedDuration, Timestamp};
 use swarmbench::cluster::route::{Owner, View};
-use swarmbench::cluster::{Incarnation, Lease, Member, preferred};
+use swarmbench::cluster::{Incarnation, Lease, ServerRow, preferred};
 use swarmbench::episode::actor::Spawn;
 use swarmbench::episode::registry::Registry;
 use swarmbench::ids::{EpisodeId, Place};
@@ -105,7 +105,7 @@ pub(crate) struct Peer {
     /// The error of its own clock.
     off: SignedDuration,
     /// All servers, as last seen.
-    members: Mutex<Arc<[Member]>>,
+    servers: Mutex<Arc<[ServerRow]>>,
     owners: Mutex<BTreeMap<Place, Owner>>,
     places: Mutex<BTreeMap<EpisodeId, Place>>,
     accepts: AtomicBool,
@@ -129,7 +129,7 @@ impl Peer {
             spawn,
             flaw,
             off,
-            members: Mutex::new(Arc::default()),
+            servers: Mutex::new(Arc::default()),
             owners: Mutex::default(),
             places: Mutex::default(),
             accepts: AtomicBool::new(true),
@@ -171,8 +171,8 @@ impl Peer {
         now
     }
 
-    fn members(&self) -> Arc<[Member]> {
-        Arc::clone(&self.members.lock().expect("one thread"))
+    fn servers(&self) -> Arc<[ServerRow]> {
+        Arc::clone(&self.servers.lock().expect("one thread"))
     }
 }
 
@@ -189,12 +189,12 @@ impl View for Peer {
         self.journal.places().has(place)
     }
 
-    fn is_member(&self, server: Incarnation) -> bool {
-        self.members().iter().any(|member| member.incarnation == server)
+    fn is_in_cluster(&self, server: Incarnation) -> bool {
+        self.servers().iter().any(|row| row.incarnation == server)
     }
 
     fn preferred(&self, number: u64) -> Option<Incarnation> {
-        preferred(&self.members(), number)
+        preferred(&self.servers(), number)
     }
 
     fn known_owner(&self, place: Place) -> Option<Owner> {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use swarmbench::cluster::watch::ClockSeen;
-use swarmbench::cluster::{Death, Incarnation, Member, Places};
+use swarmbench::cluster::{Death, Incarnation, Places, ServerRow};
 use swarmbench::ids::Place;
 use swarmbench::membership::{Others, Port};
 use swarmbench::store::StoreError;
@@ -23,11 +23,11 @@ pub(crate) struct Site {
 
 impl Site {
     /// The servers in the database.
-    fn shown(&self, tables: &Tables) -> Vec<Member> {
+    fn shown(&self, tables: &Tables) -> Vec<ServerRow> {
         let now = self.peer.lease_clock();
         // A server with the flaw believes its clock alone, and not the beats that it sees.
         let sees_beats = self.peer.flaw != Some(Flaw::LeaseByOwnClock);
-        let member = |(incarnation, beat_at, is_ready): (_, jiff::Timestamp, _)| Member {
+        let row = |(incarnation, beat_at, is_ready): (_, jiff::Timestamp, _)| ServerRow {
             incarnation,
             address: String::new(),
             name: String::new(),
@@ -41,22 +41,22 @@ impl Site {
             episodes: 0,
             places: 0,
         };
-        tables.servers().map(member).collect()
+        tables.servers().map(row).collect()
     }
 }
 
 impl Others for Site {
-    fn members(&self) -> Arc<[Member]> {
-        self.peer.members()
+    fn servers(&self) -> Arc<[ServerRow]> {
+        self.peer.servers()
     }
 
-    fn set_members(&self, members: Arc<[Member]>) {
-        self.places().saw(&members);
-        *self.peer.members.lock().expect("one thread") = members;
+    fn set_servers(&self, servers: Arc<[ServerRow]>) {
+        self.places().saw(&servers);
+        *self.peer.servers.lock().expect("one thread") = servers;
     }
 
-    async fn is_dead(&self, member: &Member) -> bool {
-        !self.net.is_there(member.incarnation)
+    async fn is_dead(&self, row: &ServerRow) -> bool {
+        !self.net.is_there(row.incarnation)
     }
 
     async fn exclude(&self, server: Incarnation, death: Death) -> Result<bool, StoreError> {
@@ -126,7 +126,7 @@ impl Port for Site {
         Ok(())
     }
 
-    async fn look(&self) -> Result<Vec<Member>, StoreError> {
+    async fn look(&self) -> Result<Vec<ServerRow>, StoreError> {
         Ok(self.peer.journal.at_database(|tables| self.shown(tables)).await)
     }
 

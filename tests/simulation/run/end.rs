@@ -17,7 +17,7 @@ use crate::simulation::checker::{Episode, Invariant};
 use crate::simulation::clients::{Acts, Request, act};
 
 impl SimulationRun {
-    /// Performs everything that needs neither time nor clients. If several servers share the database a request may
+    /// Performs everything that needs neither time nor clients. In a cluster a request may
     /// have to wait for one of them, and time passes.
     pub(super) fn settle(&mut self) {
         self.drain();

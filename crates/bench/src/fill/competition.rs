@@ -10,8 +10,7 @@ use swarmbench::run::definition::Definition;
 use swarmbench::store::StoreError;
 use swarmbench::store::competitions::Declared;
 use swarmbench::store::entries::{CompetitionRow, EntrantRow, Entry, Secret};
-use swarmbench_boards::competition::definition::Definition as Announced;
-use swarmbench_boards::competition::definition::{Admission, BoardRule, Counts, OwnGames, Window};
+use swarmbench_boards::competition::definition::{Definition as Announced, Window};
 use swarmbench_boards::competition::entrant::Declaration;
 use swarmbench_boards::competition::sealed::Sealed;
 use swarmbench_clock::after;
@@ -90,34 +89,15 @@ impl Competition {
         let entropy = filling.entropy(b'c', number);
         let at = filling.since;
         let opens_at = at;
+        let settings = swarmbench_protocol::suite::SuiteSettings {
+            round_deadline_ms: Some(60_000),
+            ..settings(filling.fill)
+        };
+        let (name, window) = (format!("Cup {}", number + 1), Window { opens_at, closes_at });
         let definition = Announced {
-            name: format!("Cup {}", number + 1),
             description: "Small games by drawn acts.".to_owned(),
-            tasks,
-            seeds,
-            rules: "paper".to_owned(),
-            settings: swarmbench_protocol::suite::SuiteSettings {
-                round_deadline_ms: Some(60_000),
-                ..settings(filling.fill)
-            },
             idle_timeout_ms: millis(Duration::from_hours(24)),
-            opens_at,
-            closes_at,
-            entry: Admission::Anybody,
-            attempts: vec![Window { opens_at, closes_at }; attempts as usize],
-            spares: 0,
-            parallel: 5,
-            counts: Counts::Best,
-            board: BoardRule::Public,
-            board_freezes_at: None,
-            entries_per_key: 1,
-            attempts_per_day: None,
-            public_seeds: 0,
-            terms: None,
-            categories: Vec::new(),
-            tie_breaks: Vec::new(),
-            own_games: OwnGames::Sealed,
-            seeds_by_task: true,
+            ..Announced::plain(&name, tasks, seeds, settings, window, attempts as usize)
         };
         let problems = definition.problems_when_new(at);
         if let Some((field, problem)) = problems.first() {

@@ -10,7 +10,7 @@ use super::connection::{Connection, Target, request};
 pub(crate) struct Metrics(HashMap<String, f64>);
 
 impl Metrics {
-    /// Reads the metrics of a server, or the sums over several servers.
+    /// Reads the metrics of a server, or the sums over those of a cluster.
     pub(crate) async fn of(target: &Target) -> Result<Self, LoadError> {
         let mut all = Self::default();
         for server in target.each() {

@@ -58,7 +58,7 @@ pub(crate) async fn start(
         pages: Source::default(),
         has_keys: false,
         stop: stop.clone(),
-        nodes: None,
+        forwarder: None,
     });
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
     let address = listener.local_addr().expect("an address");

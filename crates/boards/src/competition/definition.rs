@@ -209,6 +209,45 @@ pub type Problem = (String, String);
 type Check = fn(&Settings) -> Result<Config, SettingErrors>;
 
 impl Definition {
+    /// A competition without special rules: anybody enters, each attempt is open all the time, the best one counts, and the board
+    /// is public.
+    #[must_use]
+    pub fn plain(
+        name: &str,
+        tasks: Vec<String>,
+        seeds: u32,
+        settings: SuiteSettings,
+        window: Window,
+        attempts: usize,
+    ) -> Self {
+        Self {
+            name: name.to_owned(),
+            description: String::new(),
+            tasks,
+            seeds,
+            public_seeds: 0,
+            rules: "paper".to_owned(),
+            settings,
+            idle_timeout_ms: 3_600_000,
+            opens_at: window.opens_at,
+            closes_at: window.closes_at,
+            entry: Admission::Anybody,
+            attempts: vec![window; attempts],
+            spares: 0,
+            parallel: 5,
+            counts: Counts::Best,
+            board: BoardRule::Public,
+            board_freezes_at: None,
+            entries_per_key: 1,
+            attempts_per_day: None,
+            terms: None,
+            categories: Vec::new(),
+            own_games: OwnGames::Sealed,
+            tie_breaks: Vec::new(),
+            seeds_by_task: true,
+        }
+    }
+
     /// Problems of the definition at this time.
     #[must_use]
     pub fn problems(&self, now: Timestamp) -> Vec<Problem> {
@@ -547,37 +586,14 @@ pub(crate) mod tests {
     /// Opens at minute 10 and closes at minute 100; two attempts of four games.
     pub(crate) fn definition() -> Definition {
         let window = Window { opens_at: at(10), closes_at: at(100) };
-        Definition {
-            name: "a cup".to_owned(),
-            description: String::new(),
-            tasks: vec!["Synchronization".to_owned(), "Foraging".to_owned()],
-            seeds: 2,
-            rules: "paper".to_owned(),
-            settings: SuiteSettings {
-                round_deadline_ms: Some(10_000),
-                num_agents: 2,
-                max_round: 3,
-                ..SuiteSettings::default()
-            },
-            idle_timeout_ms: 3_600_000,
-            opens_at: at(10),
-            closes_at: at(100),
-            entry: Admission::Anybody,
-            attempts: vec![window; 2],
-            spares: 0,
-            parallel: 2,
-            counts: Counts::Best,
-            board: BoardRule::Public,
-            board_freezes_at: None,
-            entries_per_key: 1,
-            attempts_per_day: None,
-            public_seeds: 0,
-            terms: None,
-            categories: Vec::new(),
-            tie_breaks: Vec::new(),
-            own_games: OwnGames::Sealed,
-            seeds_by_task: true,
-        }
+        let tasks = vec!["Synchronization".to_owned(), "Foraging".to_owned()];
+        let settings = SuiteSettings {
+            round_deadline_ms: Some(10_000),
+            num_agents: 2,
+            max_round: 3,
+            ..SuiteSettings::default()
+        };
+        Definition { parallel: 2, ..Definition::plain("a cup", tasks, 2, settings, window, 2) }
     }
 
     type Change<'a> = &'a dyn Fn(&mut Definition);

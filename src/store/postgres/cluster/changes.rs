@@ -1,4 +1,4 @@
-//! Changes that all members must know: revoked tokens and keys, and the effects of commits on boards and lists.
+//! Changes that all servers must know: revoked tokens and keys, and the effects of commits on boards and lists.
 
 use std::collections::HashSet;
 use std::sync::atomic::Ordering;
@@ -16,7 +16,7 @@ use crate::store::entries::Entry;
 use crate::store::results::Effect;
 use crate::store::sql::{Connection, Engine, query};
 
-/// Age at which changes are deleted. A member that has not read them by then reads everything again.
+/// Age at which changes are deleted. A server that has not read them by then reads everything again.
 const CHANGES_KEPT: Duration = Duration::from_mins(30);
 
 #[derive(Default)]
@@ -36,7 +36,7 @@ impl Cluster {
         i64::try_from(self.seen.load(Ordering::Acquire)).unwrap_or(i64::MAX)
     }
 
-    /// Announces revoked tokens or keys; returns the revision that all members must apply.
+    /// Announces revoked tokens or keys; returns the revision that all servers must apply.
     pub async fn announce(&self) -> Result<i64, StoreError> {
         self.on(&self.takes, Purpose::Takes, async |connection| {
             let count = query("UPDATE cluster SET revision = revision + 1 RETURNING revision");
@@ -56,10 +56,10 @@ impl Cluster {
         Ok(())
     }
 
-    /// Whether all members have applied a revision.
+    /// Whether all servers have applied a revision.
     pub async fn all_act_by(&self, revision: i64) -> Result<bool, StoreError> {
         self.on(&self.beats, Purpose::Beats, async |connection| {
-            // A starting member has cached no token, and sends its first beat before it answers requests.
+            // A starting server has cached no token, and sends its first beat before it answers requests.
             let behind = query(
                 "SELECT NOT EXISTS (SELECT 1 FROM members WHERE seen < $1 AND beat_at <= now_ms() + $2)",
             );
@@ -69,7 +69,7 @@ impl Cluster {
         .await
     }
 
-    /// Reads the other members' changes since the last read and passes them to `note`; calls `forget` where some are lost.
+    /// Reads the other servers' changes since the last read and passes them to `note`; calls `forget` where some are lost.
     /// Concurrent callers share a read.
     pub(in crate::store) async fn read_changes(
         &self,

@@ -1,4 +1,4 @@
-//! A cluster of servers on one database: members, ownership of places, and changes that all members must know.
+//! A cluster of servers on one database: joining, ownership of places, and changes that all servers must know.
 //!
 //! The database decides everything. A server is alive while its row in `members` is renewed, by the database's clock. The
 //! places it owns are in `places`, where only free ones can be taken. Deleting a server's row in `nodes` deletes both, and
@@ -6,8 +6,8 @@
 //! more, and answers nothing once its last beat is older than [`ANSWERS_FOR`](crate::cluster::ANSWERS_FOR).
 
 mod changes;
-mod members;
 mod places;
+mod servers;
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -17,18 +17,18 @@ use tokio::sync::watch;
 
 use super::group::session_name;
 use super::session::{self, Server};
-use crate::cluster::{Incarnation, Lease, Member, Places};
+use crate::cluster::{Incarnation, Lease, Places, ServerRow};
 use crate::store::StoreError;
 use crate::store::sql::{Connection, query};
 use changes::ChangesRead;
 pub(in crate::store) use changes::write;
-pub(in crate::store) use members::check;
-pub use members::{Beat, ClusterSnapshot, JoinError, Joining};
+pub(in crate::store) use servers::check;
+pub use servers::{Beat, ClusterSnapshot, JoinError, Joining};
 
 /// Timeout of a statement on the cluster's two connections. The writer has timeouts of its own.
 const ANSWER_PATIENCE: Duration = Duration::from_secs(2);
 
-/// This server as a member of the cluster. All methods may fail with [`StoreError::Failed`] once it was excluded.
+/// This server in its cluster. All methods may fail with [`StoreError::Failed`] once it was excluded.
 pub struct Cluster {
     server: Server,
     incarnation: Incarnation,
@@ -39,9 +39,9 @@ pub struct Cluster {
     /// A connection whose commits are durable.
     takes: tokio::sync::Mutex<Option<Connection>>,
     places: Places,
-    /// All members as last seen.
-    members: Mutex<Arc<[Member]>>,
-    /// Numbers of all members; subscribers learn when one comes or goes.
+    /// All servers as last seen.
+    servers: Mutex<Arc<[ServerRow]>>,
+    /// Numbers of all servers; subscribers learn when one comes or goes.
     incarnations: watch::Sender<Vec<i64>>,
     /// Whether this server takes free places.
     takes_places: AtomicBool,
@@ -65,7 +65,7 @@ impl Cluster {
         self.incarnation
     }
 
-    /// A small number, unique among the current members.
+    /// A small number, unique among the current servers.
     pub const fn slot(&self) -> i16 {
         self.slot
     }
@@ -134,7 +134,7 @@ impl Cluster {
             // A beat may be lost in a crash of the database, so its commit need not wait for the disk.
             Purpose::Beats => {
                 query("SET synchronous_commit = off").execute(&mut connection).await?;
-                members::show_connected(&mut connection, self.incarnation).await?;
+                servers::show_connected(&mut connection, self.incarnation).await?;
             }
             Purpose::Takes => {
                 query(
@@ -182,7 +182,7 @@ fn is_passing(code: &str) -> bool {
     matches!(&code[..2], "08" | "25" | "40" | "53" | "55" | "57" | "58")
 }
 
-/// Class of the advisory locks that prove a member's session.
+/// Class of the advisory locks that prove a server's session.
 const ALIVE: i32 = 0x5377_6172;
 
 fn alive_key(incarnation: i64) -> i64 {

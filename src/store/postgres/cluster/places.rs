@@ -1,4 +1,4 @@
-//! Ownership of places: a member takes and releases them, and its exclusion frees them.
+//! Ownership of places: a server takes and releases them, and its exclusion frees them.
 
 use std::collections::HashSet;
 use std::time::Duration;
@@ -7,7 +7,7 @@ use sqlx::postgres::PgArguments;
 use sqlx::{Arguments as _, Row as _};
 
 use super::{Cluster, Purpose};
-use crate::cluster::{Incarnation, number_of, preferred};
+use crate::cluster::Incarnation;
 use crate::ids::{EpisodeKey, Place, RunKey};
 use crate::store::StoreError;
 use crate::store::entries::Entry;
@@ -20,9 +20,9 @@ const PAUSE: Duration = Duration::from_millis(500);
 const PLACES_AT_ONCE: usize = 1000;
 
 impl Cluster {
-    /// Whether this server is the preferred one for a free place.
-    pub fn is_preferred(&self, place: Place) -> bool {
-        preferred(&self.members(), number_of(place)) == Some(self.incarnation)
+    /// [`Places::keeper`](crate::cluster::Places::keeper), as far as this server knows.
+    pub fn keeper(&self, place: Place) -> Option<Incarnation> {
+        self.places.keeper(place, self.incarnation, &self.servers())
     }
 
     /// Notes the places taken by committed entries.
@@ -214,7 +214,7 @@ impl Cluster {
         Ok(rows.into_iter().filter_map(place_of).collect())
     }
 
-    /// Deletes incomplete forks of dead members.
+    /// Deletes incomplete forks of dead servers.
     pub async fn delete_incomplete_forks(&self) -> Result<(), StoreError> {
         self.on(&self.takes, Purpose::Takes, async |connection| {
             crate::store::forks::delete_incomplete(connection).await

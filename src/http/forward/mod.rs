@@ -6,7 +6,6 @@
 
 mod credential;
 mod links;
-pub(super) mod list;
 mod peers;
 mod target;
 
@@ -36,7 +35,7 @@ use crate::ids::{CompetitionKey, EpisodeId, Place, RoutingName, RunKey};
 use crate::membership;
 use crate::store::{Cluster, Store, StoreError};
 use links::{Failed, Links, Question};
-pub use peers::NodePeers;
+pub use peers::ForwardingPeers;
 pub(super) use peers::PATH;
 
 /// Capacity of the caches of owners and of games; those of runs and competitions are smaller.
@@ -53,7 +52,7 @@ const ELSEWHERE: HeaderName = HeaderName::from_static("x-swarmbench-elsewhere");
 pub(super) struct IsElsewhere;
 
 /// One server's view of its cluster: owners of places, and connections to the other servers.
-pub struct Nodes {
+pub struct Forwarder {
     cluster: Arc<Cluster>,
     store: Store,
     links: Links,
@@ -100,7 +99,7 @@ pub(super) enum Routed {
     Answered(Response),
 }
 
-impl Nodes {
+impl Forwarder {
     /// `store` is the database that the cluster shares.
     pub fn new(
         store: Store,
@@ -166,7 +165,7 @@ impl Nodes {
         let counted = if facts.play.is_some() { &self.players } else { &self.others };
         let outgoing = Outgoing::Whole(parts, body);
         let sending = Forwarding { origin: Origin { app, facts, client }, outgoing, answer: None };
-        let mut way = Way { nodes: self, sending };
+        let mut way = Way { forwarder: self, sending };
         let end = follow(Route::new(target, sender), &mut way).await?;
         match end {
             End::Here if !is_hop && target != Target::Anybody => counted.here.increment(1),
@@ -186,9 +185,9 @@ impl Nodes {
 
     /// Address of another server; `None` once it is gone.
     fn other(&self, incarnation: Incarnation) -> Option<Other> {
-        let members = self.cluster.members();
-        let member = members.iter().find(|member| member.incarnation == incarnation)?;
-        Some(Other { incarnation, address: member.address.clone() })
+        let servers = self.cluster.servers();
+        let row = servers.iter().find(|row| row.incarnation == incarnation)?;
+        Some(Other { incarnation, address: row.address.clone() })
     }
 
     /// Sends a client's request, whose wait ends when this server stops.
@@ -220,7 +219,7 @@ impl Nodes {
     }
 }
 
-impl View for Nodes {
+impl View for Forwarder {
     fn me(&self) -> Incarnation {
         self.cluster.incarnation()
     }
@@ -233,12 +232,12 @@ impl View for Nodes {
         self.cluster.places().has(place)
     }
 
-    fn is_member(&self, server: Incarnation) -> bool {
-        self.cluster.members().iter().any(|member| member.incarnation == server)
+    fn is_in_cluster(&self, server: Incarnation) -> bool {
+        self.cluster.servers().iter().any(|row| row.incarnation == server)
     }
 
     fn preferred(&self, number: u64) -> Option<Incarnation> {
-        preferred(&self.cluster.members(), number)
+        preferred(&self.cluster.servers(), number)
     }
 
     fn known_owner(&self, place: Place) -> Option<Owner> {
@@ -256,7 +255,7 @@ impl View for Nodes {
 
 /// A request on its way: the database of the cluster, and how the request is sent.
 struct Way<'a, T> {
-    nodes: &'a Nodes,
+    forwarder: &'a Forwarder,
     sending: T,
 }
 
@@ -266,45 +265,45 @@ trait Sending: Send {
 
     fn send(
         &mut self,
-        nodes: &Nodes,
+        forwarder: &Forwarder,
         to: &Other,
     ) -> impl Future<Output = Result<Sent, Self::Error>> + Send;
 }
 
 impl<T: Sending> Driver for Way<'_, T> {
-    type View = Nodes;
+    type View = Forwarder;
     type Error = T::Error;
 
-    fn view(&self) -> &Nodes {
-        self.nodes
+    fn view(&self) -> &Forwarder {
+        self.forwarder
     }
 
     fn now(&self) -> Duration {
-        self.nodes.started.elapsed()
+        self.forwarder.started.elapsed()
     }
 
     async fn owner(&mut self, place: Place) -> Result<Option<Incarnation>, T::Error> {
-        Ok(self.nodes.cluster.owner(place).await?)
+        Ok(self.forwarder.cluster.owner(place).await?)
     }
 
     async fn is_unfinished(&mut self, place: Place) -> Result<bool, T::Error> {
-        Ok(self.nodes.cluster.is_unfinished(place).await?)
+        Ok(self.forwarder.cluster.is_unfinished(place).await?)
     }
 
     async fn take(&mut self, place: Place) -> Result<Option<Incarnation>, T::Error> {
-        let owners = self.nodes.cluster.take(&[place]).await?;
+        let owners = self.forwarder.cluster.take(&[place]).await?;
         Ok(owners.first().map(|(_, owner)| *owner))
     }
 
     async fn send(&mut self, to: Incarnation) -> Result<Sent, T::Error> {
-        match self.nodes.other(to) {
-            Some(other) => self.sending.send(self.nodes, &other).await,
+        match self.forwarder.other(to) {
+            Some(other) => self.sending.send(self.forwarder, &other).await,
             None => Ok(Sent::NotSent),
         }
     }
 
     async fn exclude_if_dead(&mut self, server: Incarnation) -> Result<(), T::Error> {
-        Ok(membership::exclude_if_dead(&*self.nodes.cluster, server).await?)
+        Ok(membership::exclude_if_dead(&*self.forwarder.cluster, server).await?)
     }
 
     async fn pause(&mut self, pause: Duration) {
@@ -372,24 +371,24 @@ impl Forwarding<'_> {
 impl Sending for Forwarding<'_> {
     type Error = ApiError;
 
-    async fn send(&mut self, nodes: &Nodes, to: &Other) -> Result<Sent, ApiError> {
+    async fn send(&mut self, forwarder: &Forwarder, to: &Other) -> Result<Sent, ApiError> {
         let answered = match std::mem::replace(&mut self.outgoing, Outgoing::Streamed) {
             Outgoing::Whole(mut parts, body) if !is_small(&body) => {
                 let question = Question::of(&mut parts, Bytes::new());
-                nodes.send(&question, Some(body), self.origin.client, to).await
+                forwarder.send(&question, Some(body), self.origin.client, to).await
             }
             Outgoing::Whole(mut parts, body) => {
                 let app = self.origin.app;
                 let has_token = auth::has_token(app, &parts.headers).await?;
                 let body = app.bodies.light(has_token, body).await?;
                 let question = Question::of(&mut parts, body.bytes());
-                let answered = nodes.ask(&question, self.origin, to).await;
+                let answered = forwarder.ask(&question, self.origin, to).await;
                 self.outgoing = Outgoing::Small(Box::new(Small { parts, question, _body: body }));
                 answered
             }
             Outgoing::Small(small) => {
                 metrics::counter!("swarmbench_forwarded_again_total").increment(1);
-                let answered = nodes.ask(&small.question, self.origin, to).await;
+                let answered = forwarder.ask(&small.question, self.origin, to).await;
                 self.outgoing = Outgoing::Small(small);
                 answered
             }

@@ -16,7 +16,7 @@ use crate::campaign::ledger::{Ledger, Played};
 use crate::campaign::proxy::Proxy;
 
 /// How many servers there are.
-pub(crate) const NODES: usize = 3;
+pub(crate) const SERVERS: usize = 3;
 
 /// The exit code of a server that others have taken over.
 const START_AGAIN: i32 = 75;
@@ -57,7 +57,7 @@ const REASONS: [&str; 20] = [
 ];
 
 /// One server, whichever process it is.
-pub(crate) struct Node {
+pub(crate) struct Slot {
     site: Site,
     /// Between it and the database.
     pub(crate) database: Proxy,
@@ -67,8 +67,8 @@ pub(crate) struct Node {
     server: Option<Server>,
 }
 
-pub(crate) struct Fleet {
-    nodes: Vec<Node>,
+pub(crate) struct Cluster {
+    slots: Vec<Slot>,
     pub(crate) doors: Arc<Doors>,
     pub(crate) scratch: Scratch,
     /// Of the test itself, past all proxies.
@@ -95,7 +95,7 @@ pub(crate) fn free_port() -> u16 {
     }
 }
 
-impl Fleet {
+impl Cluster {
     pub(crate) async fn new(seed: u64) -> Self {
         let server = rustix::process::geteuid().is_root().then(OwnServer::start);
         let scratch = match &server {
@@ -103,20 +103,20 @@ impl Fleet {
             None => Scratch::new().await.expect("the tests run on PostgreSQL"),
         };
         let database = Scratch::address_of(scratch.url());
-        let mut nodes = Vec::new();
-        for _ in 0..NODES {
+        let mut slots = Vec::new();
+        for _ in 0..SERVERS {
             let database = Proxy::before(database.clone()).await;
             let listens = free_port();
             let peers = Proxy::at(free_port(), format!("127.0.0.1:{listens}")).await;
             let site = Site::at(scratch.url_at(database.address));
-            nodes.push(Node { site, database, peers, listens, server: None });
+            slots.push(Slot { site, database, peers, listens, server: None });
         }
-        let doors = nodes.iter().map(|node| Arc::clone(&node.site.door)).collect();
+        let doors = slots.iter().map(|slot| Arc::clone(&slot.site.door)).collect();
         let folder = TempDir::new().expect("a folder");
         std::fs::write(folder.path().join("secret"), "a secret of the campaign").expect("a file");
         let connection = scratch.connect().await;
         let doors = Doors::new(seed, doors);
-        Self { nodes, doors, scratch, connection, folder, exclusions: 0, server }
+        Self { slots, doors, scratch, connection, folder, exclusions: 0, server }
     }
 
     /// Whether the settings of PostgreSQL are those of this campaign alone.
@@ -124,12 +124,12 @@ impl Fleet {
         self.server.is_some()
     }
 
-    pub(crate) fn node(&self, node: usize) -> &Node {
-        &self.nodes[node]
+    pub(crate) fn slot(&self, slot: usize) -> &Slot {
+        &self.slots[slot]
     }
 
-    pub(crate) fn nodes(&self) -> &[Node] {
-        &self.nodes
+    pub(crate) fn slots(&self) -> &[Slot] {
+        &self.slots
     }
 
     /// The file with the secret that all of them have.
@@ -137,132 +137,134 @@ impl Fleet {
         self.folder.path().join("secret").display().to_string()
     }
 
-    pub(crate) fn start(&mut self, node: usize) {
+    pub(crate) fn start(&mut self, slot: usize) {
         let secret = self.secret();
-        let Node { site, peers, listens, server, .. } = &mut self.nodes[node];
+        let Slot { site, peers, listens, server, .. } = &mut self.slots[slot];
         assert!(server.is_none(), "it runs");
         peers.open();
         let (address, listen) = (peers.address.to_string(), format!("127.0.0.1:{listens}"));
         let mut command = Command::new(program());
         command.env("RUST_LOG", "info");
-        let options =
-            ["--node", &address, "--node-listen", &listen, "--cluster-secret-file", &secret];
+        let options = [
+            "--cluster-address",
+            &address,
+            "--cluster-listen",
+            &listen,
+            "--cluster-secret-file",
+            &secret,
+        ];
         *server = Some(site.start_by(command, &options));
     }
 
     /// Waits until a server takes games.
-    pub(crate) async fn ready(&mut self, node: usize) -> Duration {
-        self.server(node).ready().await
+    pub(crate) async fn ready(&mut self, slot: usize) -> Duration {
+        self.server(slot).ready().await
     }
 
     pub(crate) async fn start_all(&mut self) {
-        for node in 0..NODES {
-            if self.nodes[node].server.is_none() {
-                self.start(node);
+        for slot in 0..SERVERS {
+            if self.slots[slot].server.is_none() {
+                self.start(slot);
             }
         }
-        for node in 0..NODES {
-            self.ready(node).await;
+        for slot in 0..SERVERS {
+            self.ready(slot).await;
         }
     }
 
-    fn server(&mut self, node: usize) -> &mut Server {
-        self.nodes[node].server.as_mut().expect("it runs")
+    fn server(&mut self, slot: usize) -> &mut Server {
+        self.slots[slot].server.as_mut().expect("it runs")
     }
 
     /// `kill -9`. What it had of ports is refused when this returns.
-    pub(crate) fn kill(&mut self, node: usize) {
-        let server = self.nodes[node].server.take().expect("it runs");
+    pub(crate) fn kill(&mut self, slot: usize) {
+        let server = self.slots[slot].server.take().expect("it runs");
         let log = server.kill();
-        self.nodes[node].peers.leave();
-        check_log(node, &log, &[]);
+        self.slots[slot].peers.leave();
+        check_log(slot, &log, &[]);
     }
 
     /// SIGTERM; the server must end well. It takes no request any more once it was told.
-    pub(crate) async fn stop(&mut self, node: usize) -> Duration {
-        let server = self.nodes[node].server.take().expect("it runs");
+    pub(crate) async fn stop(&mut self, slot: usize) -> Duration {
+        let server = self.slots[slot].server.take().expect("it runs");
         let (status, taken, log) = server.terminate().await;
-        self.nodes[node].peers.leave();
-        assert_eq!(status.code(), Some(0), "server {node}: {log:#?}");
-        check_log(node, &log, &[]);
+        self.slots[slot].peers.leave();
+        assert_eq!(status.code(), Some(0), "server {slot}: {log:#?}");
+        check_log(slot, &log, &[]);
         taken
     }
 
-    pub(crate) fn freeze(&mut self, node: usize) {
-        self.doors.excuse(node, true);
-        self.server(node).freeze();
+    pub(crate) fn freeze(&mut self, slot: usize) {
+        self.doors.excuse(slot, true);
+        self.server(slot).freeze();
     }
 
-    pub(crate) fn thaw(&mut self, node: usize) {
-        self.server(node).thaw();
+    pub(crate) fn thaw(&mut self, slot: usize) {
+        self.server(slot).thaw();
     }
 
     /// From now on a server may be taken over, and ends then.
-    pub(crate) fn expect_exclusion(&mut self, node: usize) {
-        let run = self.server(node).run;
-        self.nodes[node].site.door.expect_end(run);
+    pub(crate) fn expect_exclusion(&mut self, slot: usize) {
+        let run = self.server(slot).run;
+        self.slots[slot].site.door.expect_end(run);
     }
 
     /// Does what supervisors do: a server that has ended because it was taken over is started again, and all get ready.
     pub(crate) async fn mend(&mut self) {
-        for node in 0..NODES {
-            if self.nodes[node].server.is_some() && self.incarnation(node).await.is_none() {
+        for slot in 0..SERVERS {
+            if self.slots[slot].server.is_some() && self.incarnation(slot).await.is_none() {
                 // It is about to notice.
                 let began = Instant::now();
-                while self.server(node).exit().is_none() {
+                while self.server(slot).exit().is_none() {
                     assert!(
                         began.elapsed() < PATIENCE,
-                        "server {node} was taken over and goes on: {:#?}",
-                        self.server(node).log()
+                        "server {slot} was taken over and goes on: {:#?}",
+                        self.server(slot).log()
                     );
                     tokio::time::sleep(Duration::from_millis(10)).await;
                 }
             }
-            if let Some(status) = self.nodes[node].server.as_mut().and_then(Server::exit) {
-                let run = self.server(node).run;
-                let may_end = self.nodes[node].site.door.has_ended(run);
-                let log = self.nodes[node].server.take().expect("it ran").kill();
-                assert!(may_end, "server {node} ended by itself: {status:?} {log:#?}");
-                assert_eq!(status.code(), Some(START_AGAIN), "server {node}: {log:#?}");
-                assert!(log.iter().any(|line| line.contains(EXCLUDED)), "{node}: {log:#?}");
-                check_log(node, &log, &REASONS_OF_EXCLUDED);
+            if let Some(status) = self.slots[slot].server.as_mut().and_then(Server::exit) {
+                let run = self.server(slot).run;
+                let may_end = self.slots[slot].site.door.has_ended(run);
+                let log = self.slots[slot].server.take().expect("it ran").kill();
+                assert!(may_end, "server {slot} ended by itself: {status:?} {log:#?}");
+                assert_eq!(status.code(), Some(START_AGAIN), "server {slot}: {log:#?}");
+                assert!(log.iter().any(|line| line.contains(EXCLUDED)), "{slot}: {log:#?}");
+                check_log(slot, &log, &REASONS_OF_EXCLUDED);
                 self.exclusions += 1;
-                self.start(node);
+                self.start(slot);
             }
         }
         self.start_all().await;
-        for node in 0..NODES {
-            self.doors.excuse(node, false);
+        for slot in 0..SERVERS {
+            self.doors.excuse(slot, false);
         }
     }
 
-    /// The members, as the database has them: number and address.
-    async fn members_with_addresses(&mut self) -> Vec<(i64, String)> {
+    /// The servers, as the database has them: number and address.
+    async fn addresses(&mut self) -> Vec<(i64, String)> {
         sqlx::query_as("SELECT incarnation, address FROM members ORDER BY incarnation")
             .fetch_all(&mut self.connection)
             .await
-            .expect("members")
+            .expect("servers")
     }
 
     /// Who plays together now.
-    pub(crate) async fn members(&mut self) -> Vec<i64> {
-        self.members_with_addresses()
-            .await
-            .into_iter()
-            .map(|(incarnation, _)| incarnation)
-            .collect()
+    pub(crate) async fn servers(&mut self) -> Vec<i64> {
+        self.addresses().await.into_iter().map(|(incarnation, _)| incarnation).collect()
     }
 
-    /// The number of a server, if it is a member.
-    pub(crate) async fn incarnation(&mut self, node: usize) -> Option<i64> {
-        let address = self.nodes[node].peers.address.to_string();
-        let members = self.members_with_addresses().await;
-        members.into_iter().find(|(_, of)| *of == address).map(|(incarnation, _)| incarnation)
+    /// The number of a server, if it is in the cluster.
+    pub(crate) async fn incarnation(&mut self, slot: usize) -> Option<i64> {
+        let address = self.slots[slot].peers.address.to_string();
+        let servers = self.addresses().await;
+        servers.into_iter().find(|(_, of)| *of == address).map(|(incarnation, _)| incarnation)
     }
 
     /// The servers that play games that have not ended, each once per game.
     pub(crate) async fn owners(&mut self) -> Vec<usize> {
-        let members = self.members_with_addresses().await;
+        let servers = self.addresses().await;
         let owners: Vec<i64> = sqlx::query_scalar(
             "SELECT p.owner FROM places p JOIN episodes e ON e.key = p.key
              WHERE p.kind = 0 AND e.ended_at IS NULL ORDER BY p.key",
@@ -270,16 +272,16 @@ impl Fleet {
         .fetch_all(&mut self.connection)
         .await
         .expect("owners");
-        let node = |owner: i64| {
-            let (_, address) = members.iter().find(|(incarnation, _)| *incarnation == owner)?;
-            self.nodes.iter().position(|node| node.peers.address.to_string() == *address)
+        let slot = |owner: i64| {
+            let (_, address) = servers.iter().find(|(incarnation, _)| *incarnation == owner)?;
+            self.slots.iter().position(|slot| slot.peers.address.to_string() == *address)
         };
-        owners.into_iter().filter_map(node).collect()
+        owners.into_iter().filter_map(slot).collect()
     }
 
     /// The games that a server plays at this moment, as clients know them.
-    pub(crate) async fn played_by(&mut self, node: usize, ledger: &Ledger) -> Vec<Arc<Played>> {
-        let Some(incarnation) = self.incarnation(node).await else { return Vec::new() };
+    pub(crate) async fn played_by(&mut self, slot: usize, ledger: &Ledger) -> Vec<Arc<Played>> {
+        let Some(incarnation) = self.incarnation(slot).await else { return Vec::new() };
         let ids: Vec<String> = sqlx::query_scalar(
             "SELECT e.id FROM places p JOIN episodes e ON e.key = p.key
              WHERE p.kind = 0 AND e.ended_at IS NULL AND p.owner = $1",
@@ -317,14 +319,14 @@ impl Fleet {
         sqlx::query_scalar(statement).fetch_one(&mut self.connection).await.expect("a number")
     }
 
-    /// Waits until each game that has not ended is played by exactly one member, and nothing belongs to anybody else.
+    /// Waits until each game that has not ended is played by exactly one server, and nothing belongs to anybody else.
     pub(crate) async fn settle(&mut self) {
         let began = Instant::now();
         loop {
             let strays = self
                 .number("SELECT count(*) FROM places WHERE owner NOT IN (SELECT incarnation FROM members)")
                 .await;
-            assert_eq!(strays, 0, "somebody who is no member has places");
+            assert_eq!(strays, 0, "somebody who is not in the cluster has places");
             let nobodys = self
                 .number(
                     "SELECT count(*) FROM episodes e WHERE e.ended_at IS NULL AND e.run IS NULL
@@ -357,7 +359,7 @@ impl Fleet {
     }
 }
 
-impl Drop for Fleet {
+impl Drop for Cluster {
     /// Keeps the logs of a run that has failed.
     fn drop(&mut self) {
         if !std::thread::panicking() {
@@ -365,8 +367,8 @@ impl Drop for Fleet {
         }
         let kept = TempDir::new().map(TempDir::keep);
         let Ok(kept) = kept else { return };
-        for (number, node) in self.nodes.iter_mut().enumerate() {
-            let Some(server) = &mut node.server else { continue };
+        for (number, slot) in self.slots.iter_mut().enumerate() {
+            let Some(server) = &mut slot.server else { continue };
             let ended = format!("ended by itself: {:?}", server.exit());
             let log = server.log().join("\n");
             drop(std::fs::write(
@@ -379,12 +381,12 @@ impl Drop for Fleet {
 }
 
 /// Nothing may be in a log that nobody expects.
-fn check_log(node: usize, log: &[String], further: &[&str]) {
-    assert!(!log.iter().any(|line| line.contains("panicked")), "server {node}: {log:#?}");
+fn check_log(slot: usize, log: &[String], further: &[&str]) {
+    assert!(!log.iter().any(|line| line.contains("panicked")), "server {slot}: {log:#?}");
     let has_reason = |line: &&String| {
         let mut reasons = REASONS.iter().chain(further);
         reasons.any(|reason| line.contains(reason))
     };
     let unexpected: Vec<_> = complaints(log).into_iter().filter(|line| !has_reason(line)).collect();
-    assert_eq!(unexpected, Vec::<&String>::new(), "server {node}");
+    assert_eq!(unexpected, Vec::<&String>::new(), "server {slot}");
 }

@@ -1,8 +1,8 @@
 //! Three servers on one PostgreSQL: they are killed, stopped, cut off from the database and from each other, and the database goes
 //! away. Clients ask any of them, and everything that holds for one server must hold for all of them together.
 
-mod nodes;
 pub(crate) mod refusals;
+mod servers;
 mod times;
 
 use std::sync::Arc;
@@ -19,10 +19,10 @@ use crate::campaign::clients::{Clients, while_playing};
 use crate::campaign::kills::Moment;
 use crate::campaign::ledger::Played;
 use crate::campaign::proxy::{Proxy, Way};
-use nodes::{Fleet, NODES};
+use servers::{Cluster, SERVERS};
 use times::{Kind, Times};
 
-/// How many faults of a kind there are, where `SWARMBENCH_FLEET_KILLS`, `_STOPS` and `_PARTITIONS` do not say otherwise.
+/// How many faults of a kind there are, where `SWARMBENCH_CLUSTER_KILLS`, `_STOPS` and `_PARTITIONS` do not say otherwise.
 const FEW: u64 = 5;
 
 /// How many games are played at once.
@@ -62,7 +62,7 @@ enum Fault {
     /// Between a server and the database.
     DatabaseCut(Break, Duration),
     /// Between a server and the others.
-    NodesCut(Apart, Duration),
+    ServersCut(Apart, Duration),
     /// Sessions of any servers are ended by the database.
     Sessions,
     /// Nobody reaches the database.
@@ -171,9 +171,9 @@ struct Setting {
 impl Setting {
     fn of_environment() -> Self {
         Self {
-            kills: number("SWARMBENCH_FLEET_KILLS").unwrap_or(FEW),
-            stops: number("SWARMBENCH_FLEET_STOPS").unwrap_or(FEW),
-            partitions: number("SWARMBENCH_FLEET_PARTITIONS").unwrap_or(FEW),
+            kills: number("SWARMBENCH_CLUSTER_KILLS").unwrap_or(FEW),
+            stops: number("SWARMBENCH_CLUSTER_STOPS").unwrap_or(FEW),
+            partitions: number("SWARMBENCH_CLUSTER_PARTITIONS").unwrap_or(FEW),
         }
     }
 
@@ -198,7 +198,7 @@ impl Setting {
             if number.is_multiple_of(2) {
                 Fault::DatabaseCut(Break::ALL[nth(way, Break::ALL.len())], time)
             } else {
-                Fault::NodesCut(Apart::ALL[nth(way, Apart::ALL.len())], time)
+                Fault::ServersCut(Apart::ALL[nth(way, Apart::ALL.len())], time)
             }
         }));
         let away = AWAY[usize::from(is_long(self.kills.max(self.stops).max(self.partitions)))];
@@ -214,7 +214,7 @@ impl Setting {
             faults.extend(some(100, 1, Fault::StandbyAway(2 * away, Sessions::Wait)));
             faults.extend(some(100, 1, Fault::StandbyAway(2 * away, Sessions::Ended)));
         }
-        if let Ok(only) = std::env::var("SWARMBENCH_FLEET_ONLY") {
+        if let Ok(only) = std::env::var("SWARMBENCH_CLUSTER_ONLY") {
             faults.retain(|fault| format!("{fault:?}").contains(&only));
         }
         let dice = Dice::of(seed, "order");
@@ -225,22 +225,22 @@ impl Setting {
     }
 }
 
-/// The fleet, those who play, and how long they waited.
+/// The cluster, those who play, and how long they waited.
 struct Campaign {
-    fleet: Fleet,
+    cluster: Cluster,
     clients: Arc<Clients>,
     times: Times,
 }
 
-pub(crate) async fn several_servers_lose_nothing_and_play_nothing_twice() {
-    let seed = seed("fleet");
-    let fleet = Fleet::new(seed).await;
+pub(crate) async fn servers_lose_nothing_and_play_nothing_twice() {
+    let seed = seed("cluster");
+    let cluster = Cluster::new(seed).await;
     let began = Instant::now();
-    let clients = Clients::of_several(seed, Arc::clone(&fleet.doors));
-    let mut campaign = Campaign { fleet, clients: Arc::clone(&clients), times: Times::default() };
-    campaign.fleet.start_all().await;
+    let clients = Clients::of_several(seed, Arc::clone(&cluster.doors));
+    let mut campaign = Campaign { cluster, clients: Arc::clone(&clients), times: Times::default() };
+    campaign.cluster.start_all().await;
     let mut tables = clients.sit_down(TABLES);
-    let faults = Setting::of_environment().faults(seed, campaign.fleet.has_own_server());
+    let faults = Setting::of_environment().faults(seed, campaign.cluster.has_own_server());
     while_playing(&mut tables, async {
         for (number, fault) in faults.iter().enumerate() {
             let dice = Dice::of(seed, &format!("fault {number}"));
@@ -263,15 +263,15 @@ pub(crate) async fn several_servers_lose_nothing_and_play_nothing_twice() {
     clients.judge_late_answers().await;
     let totals = journals(&clients).await;
     assert_eq!(totals.acts, clients.counts.acknowledged.load(Ordering::SeqCst));
-    let Campaign { fleet, times, .. } = &mut campaign;
-    fleet.all_given_back().await;
-    for node in 0..NODES {
-        fleet.stop(node).await;
+    let Campaign { cluster, times, .. } = &mut campaign;
+    cluster.all_given_back().await;
+    for slot in 0..SERVERS {
+        cluster.stop(slot).await;
     }
-    assert_eq!(fleet.members().await, Vec::<i64>::new(), "they have left");
-    let location: Location = fleet.scratch.url().parse().expect("a location");
+    assert_eq!(cluster.servers().await, Vec::<i64>::new(), "they have left");
+    let location: Location = cluster.scratch.url().parse().expect("a location");
     check_database(location).await;
-    show(&clients, totals, &faults, times, fleet, began.elapsed());
+    show(&clients, totals, &faults, times, cluster, began.elapsed());
     times.check();
 }
 
@@ -285,7 +285,7 @@ impl Campaign {
             Fault::KillTwo => self.kill_two(dice).await,
             Fault::Stop(time) => self.stop(time, dice).await,
             Fault::DatabaseCut(way, time) => self.cut_database(way, time, dice).await,
-            Fault::NodesCut(way, time) => self.cut_nodes(way, time, dice).await,
+            Fault::ServersCut(way, time) => self.cut_servers(way, time, dice).await,
             Fault::Sessions => self.end_sessions(dice).await,
             Fault::DatabaseAway(time) => self.take_database_away(time).await,
             Fault::StandbyAway(time, sessions) => self.take_standby_away(time, sessions).await,
@@ -294,18 +294,18 @@ impl Campaign {
                 self.stop_well(victim, Kind::Graceful).await;
             }
             Fault::Rolling => {
-                for node in 0..NODES {
-                    self.stop_well(node, Kind::Rolling).await;
-                    self.fleet.mend().await;
+                for slot in 0..SERVERS {
+                    self.stop_well(slot, Kind::Rolling).await;
+                    self.cluster.mend().await;
                 }
             }
             Fault::All => self.kill_all(dice).await,
         }
         let broken = Instant::now();
-        self.fleet.mend().await;
-        self.fleet.settle().await;
+        self.cluster.mend().await;
+        self.cluster.settle().await;
         let mended = Instant::now();
-        let epoch = self.fleet.doors.next_epoch();
+        let epoch = self.cluster.doors.next_epoch();
         self.clients.all_checked(epoch).await;
         print!(
             ", mended in {:.1} s, looked over in {:.1} s",
@@ -316,8 +316,8 @@ impl Campaign {
 
     /// The server that plays some game.
     async fn victim(&mut self, dice: &Dice) -> usize {
-        let owners = self.fleet.owners().await;
-        if owners.is_empty() { dice.below(NODES) } else { *dice.pick(&owners) }
+        let owners = self.cluster.owners().await;
+        if owners.is_empty() { dice.below(SERVERS) } else { *dice.pick(&owners) }
     }
 
     /// From now on it is measured how long the next receipts of these games take.
@@ -349,7 +349,7 @@ impl Campaign {
     async fn kill(&mut self, moment: Moment, dice: &Dice) {
         let clients = Arc::clone(&self.clients);
         let victim = self.victim(dice).await;
-        let games = self.fleet.played_by(victim, &clients.ledger).await;
+        let games = self.cluster.played_by(victim, &clients.ledger).await;
         match moment {
             Moment::Acknowledged => {
                 clients.further(&clients.acknowledged, 1 + dice.below(5)).await;
@@ -361,30 +361,30 @@ impl Campaign {
             Moment::Start | Moment::Ready => {}
             Moment::Any => tokio::time::sleep(dice.time(Duration::from_millis(100))).await,
         }
-        self.fleet.kill(victim);
+        self.cluster.kill(victim);
         Self::begin(&games);
         if matches!(moment, Moment::Start | Moment::Ready) {
-            self.fleet.start(victim);
+            self.cluster.start(victim);
             if moment == Moment::Start {
                 tokio::time::sleep(dice.time(Duration::from_millis(400))).await;
             } else {
-                self.fleet.ready(victim).await;
+                self.cluster.ready(victim).await;
                 tokio::time::sleep(dice.time(Duration::from_millis(60))).await;
             }
-            self.fleet.kill(victim);
+            self.cluster.kill(victim);
         }
         self.go_on(Kind::Killed, &games).await;
     }
 
     async fn kill_two(&mut self, dice: &Dice) {
-        let spared = dice.below(NODES);
-        let victims: Vec<usize> = (0..NODES).filter(|node| *node != spared).collect();
+        let spared = dice.below(SERVERS);
+        let victims: Vec<usize> = (0..SERVERS).filter(|slot| *slot != spared).collect();
         let mut games = Vec::new();
         for victim in &victims {
-            games.extend(self.fleet.played_by(*victim, &self.clients.ledger).await);
+            games.extend(self.cluster.played_by(*victim, &self.clients.ledger).await);
         }
         for victim in victims {
-            self.fleet.kill(victim);
+            self.cluster.kill(victim);
         }
         Self::begin(&games);
         self.go_on(Kind::TwoKilled, &games).await;
@@ -392,53 +392,53 @@ impl Campaign {
 
     async fn kill_all(&mut self, dice: &Dice) {
         let games = self.clients.ledger.running();
-        for node in 0..NODES {
-            self.fleet.kill(node);
+        for slot in 0..SERVERS {
+            self.cluster.kill(slot);
         }
         Self::begin(&games);
         tokio::time::sleep(dice.time(Duration::from_millis(300))).await;
-        self.fleet.start_all().await;
+        self.cluster.start_all().await;
         self.go_on(Kind::AllKilled, &games).await;
     }
 
     async fn stop_well(&mut self, victim: usize, kind: Kind) {
-        let games = self.fleet.played_by(victim, &self.clients.ledger).await;
+        let games = self.cluster.played_by(victim, &self.clients.ledger).await;
         Self::begin(&games);
-        self.fleet.stop(victim).await;
+        self.cluster.stop(victim).await;
         self.go_on(kind, &games).await;
     }
 
     async fn stop(&mut self, time: Duration, dice: &Dice) {
         let victim = self.victim(dice).await;
-        let games = self.fleet.played_by(victim, &self.clients.ledger).await;
-        let members = self.fleet.members().await;
+        let games = self.cluster.played_by(victim, &self.clients.ledger).await;
+        let servers = self.cluster.servers().await;
         if time > KEPT {
-            self.fleet.expect_exclusion(victim);
+            self.cluster.expect_exclusion(victim);
         }
-        self.fleet.freeze(victim);
+        self.cluster.freeze(victim);
         let stopped = Self::begin(&games);
         tokio::time::sleep(time).await;
-        self.fleet.thaw(victim);
+        self.cluster.thaw(victim);
         assert!(stopped.elapsed() >= time);
         let kind = if time > KEPT { Kind::StoppedForLong } else { Kind::StoppedShortly };
         self.go_on(kind, &games).await;
         if time <= KEPT {
-            self.nobody_was_taken_over(&members).await;
+            self.nobody_was_taken_over(&servers).await;
         }
     }
 
     async fn cut_database(&mut self, way: Break, time: Duration, dice: &Dice) {
         let victim = self.victim(dice).await;
-        let games = self.fleet.played_by(victim, &self.clients.ledger).await;
-        let members = self.fleet.members().await;
+        let games = self.cluster.played_by(victim, &self.clients.ledger).await;
+        let servers = self.cluster.servers().await;
         let is_kept = time <= KEPT || way == Break::Slow;
         if !is_kept {
-            self.fleet.expect_exclusion(victim);
+            self.cluster.expect_exclusion(victim);
         }
-        way.begin(&self.fleet.node(victim).database);
+        way.begin(&self.cluster.slot(victim).database);
         Self::begin(&games);
         tokio::time::sleep(time).await;
-        way.end(&self.fleet.node(victim).database);
+        way.end(&self.cluster.slot(victim).database);
         let kind = match way {
             Break::Slow => Kind::SlowDatabase,
             _ if is_kept => Kind::CutOffShortly,
@@ -446,18 +446,18 @@ impl Campaign {
         };
         self.go_on(kind, &games).await;
         if is_kept {
-            self.nobody_was_taken_over(&members).await;
+            self.nobody_was_taken_over(&servers).await;
         }
     }
 
-    async fn cut_nodes(&mut self, way: Apart, time: Duration, dice: &Dice) {
+    async fn cut_servers(&mut self, way: Apart, time: Duration, dice: &Dice) {
         let victim = self.victim(dice).await;
-        let games = self.fleet.played_by(victim, &self.clients.ledger).await;
-        let members = self.fleet.members().await;
-        let incarnation = self.fleet.incarnation(victim).await;
-        let other = (victim + 1 + dice.below(NODES - 1)) % NODES;
-        let of_other = self.fleet.incarnation(other).await;
-        let peers = &self.fleet.node(victim).peers;
+        let games = self.cluster.played_by(victim, &self.clients.ledger).await;
+        let servers = self.cluster.servers().await;
+        let incarnation = self.cluster.incarnation(victim).await;
+        let other = (victim + 1 + dice.below(SERVERS - 1)) % SERVERS;
+        let of_other = self.cluster.incarnation(other).await;
+        let peers = &self.cluster.slot(victim).peers;
         match way {
             Apart::Refused => {
                 peers.leave();
@@ -471,55 +471,55 @@ impl Campaign {
             Apart::QuestionsHeld => peers.set_ways(Way::Held, Way::Open),
             Apart::AnswersHeld => peers.set_ways(Way::Open, Way::Held),
             Apart::OutgoingHeld => {
-                for node in self.fleet.nodes() {
-                    node.peers.hold_caller(incarnation);
+                for slot in self.cluster.slots() {
+                    slot.peers.hold_caller(incarnation);
                 }
             }
             Apart::Pair => {
                 peers.hold_caller(of_other);
-                self.fleet.node(other).peers.hold_caller(incarnation);
+                self.cluster.slot(other).peers.hold_caller(incarnation);
             }
         }
         Self::begin(&games);
         tokio::time::sleep(time).await;
-        for node in self.fleet.nodes() {
-            node.peers.open();
+        for slot in self.cluster.slots() {
+            slot.peers.open();
         }
         self.go_on(Kind::Apart, &games).await;
-        self.nobody_was_taken_over(&members).await;
+        self.nobody_was_taken_over(&servers).await;
     }
 
     async fn end_sessions(&mut self, dice: &Dice) {
         let games = self.clients.ledger.running();
-        let members = self.fleet.members().await;
+        let servers = self.cluster.servers().await;
         Self::begin(&games);
         let of = *dice.pick(&[1, 2, 4]);
-        self.fleet.end_sessions(dice, of).await;
+        self.cluster.end_sessions(dice, of).await;
         self.go_on(Kind::SessionsEnded, &games).await;
-        self.nobody_was_taken_over(&members).await;
+        self.nobody_was_taken_over(&servers).await;
     }
 
     async fn take_database_away(&mut self, time: Duration) {
         let games = self.clients.ledger.running();
-        let members = self.fleet.members().await;
-        for node in self.fleet.nodes() {
-            Break::Broken.begin(&node.database);
+        let servers = self.cluster.servers().await;
+        for slot in self.cluster.slots() {
+            Break::Broken.begin(&slot.database);
         }
         tokio::time::sleep(time).await;
-        for node in self.fleet.nodes() {
-            Break::Broken.end(&node.database);
+        for slot in self.cluster.slots() {
+            Break::Broken.end(&slot.database);
         }
         let back = Self::begin(&games);
         self.go_on(Kind::DatabaseBack, &games).await;
         // Each has to show again that it lives, before the others may think that it does not.
         tokio::time::sleep(NOBODY_LATER.saturating_sub(back.elapsed())).await;
-        self.nobody_was_taken_over(&members).await;
+        self.nobody_was_taken_over(&servers).await;
     }
 
     async fn take_standby_away(&mut self, time: Duration, sessions: Sessions) {
         let games = self.clients.ledger.running();
-        let members = self.fleet.members().await;
-        let standby = Standby::of(&self.fleet.scratch).await;
+        let servers = self.cluster.servers().await;
+        let standby = Standby::of(&self.cluster.scratch).await;
         standby.set(true).await;
         let away = tokio::time::sleep(time);
         match sessions {
@@ -534,11 +534,11 @@ impl Campaign {
         let back = Self::begin(&games);
         self.go_on(Kind::StandbyBack, &games).await;
         tokio::time::sleep(NOBODY_LATER.saturating_sub(back.elapsed())).await;
-        self.nobody_was_taken_over(&members).await;
+        self.nobody_was_taken_over(&servers).await;
     }
 
     async fn nobody_was_taken_over(&mut self, before: &[i64]) {
-        assert_eq!(self.fleet.members().await, before, "somebody was taken over that lives");
+        assert_eq!(self.cluster.servers().await, before, "somebody was taken over that lives");
     }
 }
 
@@ -547,7 +547,7 @@ fn show(
     totals: Totals,
     faults: &[Fault],
     times: &Times,
-    fleet: &Fleet,
+    cluster: &Cluster,
     taken: Duration,
 ) {
     let counts = &clients.counts;
@@ -557,9 +557,9 @@ fn show(
         ("  killed", of(|fault| matches!(fault, Fault::Kill(_) | Fault::KillTwo)) as u64),
         ("  stopped", of(|fault| matches!(fault, Fault::Stop(_))) as u64),
         ("  cut off from the database", of(|fault| matches!(fault, Fault::DatabaseCut(..))) as u64),
-        ("  cut off from other servers", of(|fault| matches!(fault, Fault::NodesCut(..))) as u64),
+        ("  cut off from other servers", of(|fault| matches!(fault, Fault::ServersCut(..))) as u64),
         ("  without a standby", of(|fault| matches!(fault, Fault::StandbyAway(..))) as u64),
-        ("servers taken over that were alive", fleet.exclusions),
+        ("servers taken over that were alive", cluster.exclusions),
     ];
     for (name, value) in [
         ("acts acknowledged", &counts.acknowledged),
@@ -590,7 +590,7 @@ fn show(
     }
     times.show();
     tell(&format!(
-        "fleet: {} faults, {} acts acknowledged, all was in order, {:.0} s",
+        "cluster: {} faults, {} acts acknowledged, all was in order, {:.0} s",
         faults.len(),
         totals.acts,
         taken.as_secs_f64()

@@ -9,7 +9,7 @@ use percent_encoding::percent_decode_str;
 use super::super::auth;
 use super::super::prelude::*;
 use super::super::routes::At;
-use super::Nodes;
+use super::Forwarder;
 use crate::cluster::route::Target;
 use crate::ids::{CompetitionKey, EpisodeId, Place, TokenHash};
 use crate::store::tokens::Grant;
@@ -17,7 +17,7 @@ use crate::store::tokens::Grant;
 /// One server creates all competitions, so that no two get the same id.
 const NEW_COMPETITIONS: Place = Place::Competition(CompetitionKey(0));
 
-impl Nodes {
+impl Forwarder {
     /// Finds the target of a request. Any server answers for ids that do not exist.
     pub(super) async fn target(
         &self,

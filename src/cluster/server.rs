@@ -24,7 +24,7 @@ const COMMIT_PAUSE_MAX: Duration = Duration::from_millis(5);
 
 /// A server of the cluster, as the database shows it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Member {
+pub struct ServerRow {
     pub incarnation: Incarnation,
     /// Host and port for requests of the other servers.
     pub address: String,
@@ -46,7 +46,7 @@ pub struct Member {
     pub places: u32,
 }
 
-impl Member {
+impl ServerRow {
     /// Whether the clock of the server is too far from the database's.
     pub(super) fn is_off(&self) -> bool {
         u128::from(self.clock_offset_ms.unsigned_abs()) > CLOCK_OFF_MAX.as_millis()
@@ -89,9 +89,9 @@ impl Death {
 /// cluster agree, places are spread over servers, and few of them change when a server comes or goes. `None` if no server takes
 /// places.
 #[must_use]
-pub fn preferred(members: &[Member], number: u64) -> Option<Incarnation> {
-    let ready = members.iter().filter(|member| member.is_ready).map(|member| member.incarnation);
-    ready.max_by_key(|member| mixed(mixed(member.cast_unsigned()) ^ number))
+pub fn preferred(servers: &[ServerRow], number: u64) -> Option<Incarnation> {
+    let ready = servers.iter().filter(|row| row.is_ready).map(|row| row.incarnation);
+    ready.max_by_key(|row| mixed(mixed(row.cast_unsigned()) ^ number))
 }
 
 /// The number of a place for [`preferred`].

@@ -15,9 +15,9 @@ use serde::{Deserialize, Serialize};
 use super::super::error::{ApiError, Code};
 use super::super::prelude::*;
 use super::links::{Failed, OF_A_SERVER, Question};
-use super::{Nodes, Other, Sending, Way, elsewhere, is_elsewhere};
+use super::{Forwarder, Other, Sending, Way, elsewhere, is_elsewhere};
+use crate::cluster::Incarnation;
 use crate::cluster::route::{End, Route, Sender, Sent, Target, View as _, follow};
-use crate::cluster::{Incarnation, number_of};
 use crate::ids::{Place, RoutingName, RunKey};
 use crate::run::manager::Peers;
 use crate::run::{RunError, RunStatus};
@@ -49,9 +49,9 @@ struct Hello {
 }
 
 /// Forwards steps of runs to the servers that own them.
-pub struct NodePeers(pub Arc<Nodes>);
+pub struct ForwardingPeers(pub Arc<Forwarder>);
 
-impl Peers for NodePeers {
+impl Peers for ForwardingPeers {
     fn advance(&self, run: RunKey) -> BoxFuture<'_, Result<(), RunError>> {
         async move { self.0.ask_owner(run, "advance").await.map(drop) }.boxed()
     }
@@ -65,7 +65,7 @@ impl Peers for NodePeers {
     }
 }
 
-impl Nodes {
+impl Forwarder {
     /// Asks the owner of a run, or the server that would take it, to advance or end it.
     async fn ask_owner(&self, run: RunKey, what: &str) -> Result<bool, RunError> {
         let place = Place::Run(run);
@@ -74,7 +74,7 @@ impl Nodes {
         // Both steps have the effect of one if they are done twice.
         let sender = Sender::Client { is_repeatable: true, may_resend: true };
         let sending = Asking { question, done: false, is_refused: false };
-        let mut way = Way { nodes: self, sending };
+        let mut way = Way { forwarder: self, sending };
         match follow(Route::new(Target::Place(place), sender), &mut way).await? {
             End::Answered => Ok(way.sending.done),
             // Everything of the run has ended.
@@ -89,14 +89,8 @@ impl Nodes {
 
     /// Name of the server that owns a place, or that will take it.
     async fn name_of_owner(&self, place: Place) -> Option<RoutingName> {
-        let owner = if self.has(place) {
-            self.me()
-        } else {
-            self.preferred(number_of(place)).unwrap_or_else(|| self.me())
-        };
-        if owner == self.me() {
-            return self.routing_name();
-        }
+        let owner = self.cluster.keeper(place).filter(|keeper| *keeper != self.me());
+        let Some(owner) = owner else { return self.routing_name() };
         if let Some(name) = self.routing_names.get(&owner) {
             return name;
         }
@@ -107,7 +101,7 @@ impl Nodes {
         name
     }
 
-    /// Asks another server, which may not be in the list of members yet; `None` where it does not answer.
+    /// Asks another server, which may not be in the list of servers yet; `None` where it does not answer.
     async fn ask_at(&self, method: Method, path: &str, at: &Other) -> Option<Response> {
         let question = question(method, path)?;
         let gone = std::future::pending;
@@ -121,20 +115,20 @@ impl Nodes {
         let nobody = || {
             format!(
                 "nothing answers at {address}, where the other servers are to reach this one: name an address of this machine with \
-                 --node, and let no firewall be between the servers"
+                 --cluster-address, and let no firewall be between the servers"
             )
         };
         let other = || {
             format!(
-                "another program answers at {address}, where the other servers are to reach this one: name another with --node"
+                "another program answers at {address}, where the other servers are to reach this one: name another with --cluster-address"
             )
         };
         if self.hello(&own).await.ok_or_else(nobody)?.incarnation != me {
             return Err(other());
         }
         let Ok(seen) = self.cluster.snapshot().await else { return Ok(()) };
-        let mut members = seen.members.iter();
-        let one = members.find(|member| member.incarnation != me && member.is_ready);
+        let mut servers = seen.servers.iter();
+        let one = servers.find(|row| row.incarnation != me && row.is_ready);
         let Some(one) = one else { return Ok(()) };
         let at = Other { incarnation: one.incarnation, address: one.address.clone() };
         let path = format!("{PATH}reach/{me}/{address}");
@@ -144,7 +138,7 @@ impl Nodes {
             Ok(Some(response)) if response.status().is_success() => Ok(()),
             Ok(Some(_)) => Err(format!(
                 "{address}, where the other servers are to reach this one, is not reached from {}: name an address that all of them \
-                 reach with --node",
+                 reach with --cluster-address",
                 one.address
             )),
             // The other server is unreachable, which is no fault of this one's address.
@@ -222,8 +216,8 @@ struct Asking {
 impl Sending for Asking {
     type Error = StoreError;
 
-    async fn send(&mut self, nodes: &Nodes, to: &Other) -> Result<Sent, StoreError> {
-        let asked = nodes.send(&self.question, None, OF_A_SERVER, to);
+    async fn send(&mut self, forwarder: &Forwarder, to: &Other) -> Result<Sent, StoreError> {
+        let asked = forwarder.send(&self.question, None, OF_A_SERVER, to);
         let response = match tokio::time::timeout(ASK_PATIENCE, asked).await {
             Ok(Ok(response)) => response,
             Ok(Err(Failed::NotSent)) => return Ok(Sent::NotSent),

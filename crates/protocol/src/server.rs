@@ -6,8 +6,8 @@ use crate::time::Timestamp;
 
 /// Server.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct Node {
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = Node))]
+pub struct Server {
     /// Number of the server: a server that is started again gets another. 0 for a server that plays alone.
     pub id: i64,
     /// Host and process.
@@ -37,10 +37,10 @@ pub struct Node {
 
 /// Servers of a database, oldest first. The first server does what only one does: it measures games, and deletes what is old.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct NodeList {
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = NodeList))]
+pub struct ServerList {
     /// Whether several servers may play on this database.
     pub cluster: bool,
     /// All servers.
-    pub items: Vec<Node>,
+    pub items: Vec<Server>,
 }

@@ -1,4 +1,4 @@
-//! Members of the cluster: joining, beats, exclusion.
+//! Servers of the cluster: joining, beats, exclusion.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -10,20 +10,20 @@ use tokio::sync::watch;
 use super::super::group::session_name;
 use super::super::session::{self, Server};
 use super::{ALIVE, Cluster, Purpose, alive_key};
-use crate::cluster::{CLOCK_OFF_MAX, Death, Lease, Member, Places, STARTS_WITHIN};
+use crate::cluster::{CLOCK_OFF_MAX, Death, Lease, Places, STARTS_WITHIN, ServerRow};
 use crate::ids::RoutingName;
 use crate::store::sql::{Begin, Connection, query};
 use crate::store::{OpenError, StoreError};
 
-/// Limit of members at the same time, each of which has a slot.
-const MEMBERS_MAX: i16 = 1024;
+/// Limit of servers at the same time, each of which has a slot.
+const SERVERS_MAX: i16 = 1024;
 
 /// Settings of a server that joins a cluster.
 #[derive(Clone, Debug)]
 pub struct Joining {
-    /// Host and port for requests of the other members.
+    /// Host and port for requests of the other servers.
     pub address: String,
-    /// Secret shared by the members: proof of membership.
+    /// Secret shared by the servers: proof of membership.
     pub secret: Arc<[u8]>,
     /// A forwarding server owns no places: it forwards every request about games to the owner.
     pub forwards_only: bool,
@@ -46,10 +46,10 @@ pub enum JoinError {
         most = CLOCK_OFF_MAX.as_millis()
     )]
     Clock { off_ms: u64, direction: &'static str },
-    #[error("there are {MEMBERS_MAX} servers on {0} already")]
+    #[error("there are {SERVERS_MAX} servers on {0} already")]
     Full(String),
     #[error(
-        "another server with the address {0} is running on this database: give each its own --node"
+        "another server with the address {0} is running on this database: give each its own --cluster-address"
     )]
     Address(String),
 }
@@ -57,9 +57,9 @@ pub enum JoinError {
 /// A snapshot of the cluster.
 #[derive(Clone, Debug, Default)]
 pub struct ClusterSnapshot {
-    /// All members, oldest first.
-    pub members: Vec<Member>,
-    /// The revision of tokens and keys that members must apply.
+    /// All servers, oldest first.
+    pub servers: Vec<ServerRow>,
+    /// The revision of tokens and keys that servers must apply.
     pub revision: i64,
 }
 
@@ -115,7 +115,7 @@ impl Cluster {
         incarnation: i64,
         joining: &Joining,
     ) -> Result<Arc<Self>, OpenError> {
-        // Joins are serialized, so that no two members get the same slot.
+        // Joins are serialized, so that no two servers get the same slot.
         let (slot, seen) = connection
             .transaction(Begin::Write, async |connection| {
                 query("LOCK TABLE members IN SHARE ROW EXCLUSIVE MODE").execute(connection).await?;
@@ -134,7 +134,7 @@ impl Cluster {
             beats: tokio::sync::Mutex::default(),
             takes: tokio::sync::Mutex::default(),
             places: Places::default(),
-            members: Mutex::new(Arc::default()),
+            servers: Mutex::new(Arc::default()),
             incarnations: watch::Sender::new(Vec::new()),
             takes_places: AtomicBool::new(false),
             lease: Lease::default(),
@@ -146,11 +146,11 @@ impl Cluster {
         Ok(Arc::new(cluster))
     }
 
-    /// Replaces the known members.
-    pub fn set_members(&self, members: Arc<[Member]>) {
-        self.places.saw(&members);
-        let numbers: Vec<i64> = members.iter().map(|member| member.incarnation).collect();
-        *self.members.lock().expect("nothing panics while it holds this") = members;
+    /// Replaces the known servers.
+    pub fn set_servers(&self, servers: Arc<[ServerRow]>) {
+        self.places.saw(&servers);
+        let numbers: Vec<i64> = servers.iter().map(|row| row.incarnation).collect();
+        *self.servers.lock().expect("nothing panics while it holds this") = servers;
         self.incarnations.send_if_modified(|known| {
             let is_new = *known != numbers;
             *known = numbers;
@@ -158,12 +158,12 @@ impl Cluster {
         });
     }
 
-    /// The members as last seen, oldest first.
-    pub fn members(&self) -> Arc<[Member]> {
-        Arc::clone(&self.members.lock().expect("nothing panics while it holds this"))
+    /// The servers as last seen, oldest first.
+    pub fn servers(&self) -> Arc<[ServerRow]> {
+        Arc::clone(&self.servers.lock().expect("nothing panics while it holds this"))
     }
 
-    /// Completes when a member has left or was excluded.
+    /// Completes when a server has left or was excluded.
     pub fn gone(&self, incarnation: i64) -> impl Future<Output = ()> + Send + 'static {
         let mut known = self.incarnations.subscribe();
         async move {
@@ -175,11 +175,11 @@ impl Cluster {
         }
     }
 
-    /// Whether this is the oldest member that takes places, which does the work of a single member. Two members may briefly
+    /// Whether this is the oldest server that takes places, which does the work of a single server. Two servers may briefly
     /// both believe it.
     pub fn is_oldest(&self) -> bool {
-        let members = self.members();
-        let oldest = members.iter().find(|member| member.is_ready);
+        let servers = self.servers();
+        let oldest = servers.iter().find(|row| row.is_ready);
         oldest.is_some_and(|oldest| oldest.incarnation == self.incarnation)
     }
 
@@ -219,7 +219,7 @@ impl Cluster {
         Ok(())
     }
 
-    /// Reads all members and the revision they must apply.
+    /// Reads all servers and the revision they must apply.
     pub async fn snapshot(&self) -> Result<ClusterSnapshot, StoreError> {
         self.on(&self.beats, Purpose::Beats, async |connection| {
             let revision = query("SELECT revision FROM cluster").one(connection).await?;
@@ -234,8 +234,8 @@ impl Cluster {
                  ORDER BY m.incarnation",
             );
             let rows = rows.bind(i64::from(ALIVE)).fetch_all(connection).await?;
-            let members = rows.iter().map(|row| {
-                Ok(Member {
+            let servers = rows.iter().map(|row| {
+                Ok(ServerRow {
                     incarnation: row.try_get(0)?,
                     address: row.try_get(1)?,
                     name: row.try_get(2)?,
@@ -250,13 +250,13 @@ impl Cluster {
                     beat_at_ms: row.try_get(11)?,
                 })
             });
-            let members = members.collect::<Result<_, sqlx::Error>>()?;
-            Ok(ClusterSnapshot { members, revision })
+            let servers = servers.collect::<Result<_, sqlx::Error>>()?;
+            Ok(ClusterSnapshot { servers, revision })
         })
         .await
     }
 
-    /// Whether a member has a session in the database, which ends with its process or connection.
+    /// Whether a server has a session in the database, which ends with its process or connection.
     pub async fn is_connected(&self, incarnation: i64) -> Result<bool, StoreError> {
         self.on(&self.beats, Purpose::Beats, async |connection| {
             is_connected(connection, incarnation).await
@@ -264,7 +264,7 @@ impl Cluster {
         .await
     }
 
-    /// Excludes a dead member: it can commit nothing more and its places are free. False if the member is alive after all.
+    /// Excludes a dead server: it can commit nothing more and its places are free. False if the server is alive after all.
     pub async fn exclude(&self, incarnation: i64, death: Death) -> Result<bool, StoreError> {
         self.on(&self.takes, Purpose::Takes, async |connection| {
             exclude(connection, incarnation, death).await
@@ -289,7 +289,7 @@ enum EnterError {
     Database(#[from] sqlx::Error),
 }
 
-/// Inserts the rows of a new member, which gets a free slot.
+/// Inserts the rows of a new server, which gets a free slot.
 async fn enter(
     location: &str,
     connection: &mut Connection,
@@ -297,7 +297,7 @@ async fn enter(
     joining: &Joining,
 ) -> Result<(i64, i64), EnterError> {
     let secret = digest(&joining.secret);
-    // A cluster without members may get another secret.
+    // A cluster without servers may get another secret.
     let kept = query(
         "INSERT INTO cluster (secret) VALUES ($1) ON CONFLICT (one) DO UPDATE SET secret = excluded.secret
          WHERE cluster.secret = excluded.secret OR NOT EXISTS (SELECT 1 FROM members)",
@@ -327,7 +327,7 @@ async fn enter(
         .bind(incarnation)
         .bind(&joining.address)
         .bind(env!("CARGO_PKG_VERSION"))
-        .bind(i64::from(MEMBERS_MAX - 1))
+        .bind(i64::from(SERVERS_MAX - 1))
         .bind(i64::try_from(STARTS_WITHIN.as_millis()).unwrap_or(i64::MAX))
         .optional::<(i64, i64)>(connection)
         .await?;
@@ -358,14 +358,14 @@ async fn is_connected(connection: &mut Connection, incarnation: i64) -> Result<b
     lock.bind(i64::from(ALIVE)).bind(alive_key(incarnation)).one(connection).await
 }
 
-/// Deletes a member's rows in an order that excludes it for certain: a later beat finds no row, and a commit under way is
-/// done before the deletion or fails. False if the member has sent a beat meanwhile.
+/// Deletes a server's rows in an order that excludes it for certain: a later beat finds no row, and a commit under way is
+/// done before the deletion or fails. False if the server has sent a beat meanwhile.
 async fn exclude(
     connection: &mut Connection,
     incarnation: i64,
     death: Death,
 ) -> Result<bool, sqlx::Error> {
-    // Otherwise the deletion would wait for a transaction that the member left open.
+    // Otherwise the deletion would wait for a transaction that the server left open.
     let sessions = query(
         "SELECT CAST(pid AS bigint) FROM pg_stat_activity
          WHERE datname = current_database() AND (application_name = $1 OR application_name LIKE $1 || '/%')
@@ -385,7 +385,7 @@ async fn exclude(
         .await
 }
 
-/// Deletes a member's rows in the open transaction; false if the member has sent a beat meanwhile.
+/// Deletes a server's rows in the open transaction; false if the server has sent a beat meanwhile.
 async fn delete(
     connection: &mut Connection,
     incarnation: i64,
@@ -396,7 +396,7 @@ async fn delete(
     if expired.execute(connection).await? == 0 {
         return Ok(false);
     }
-    let node = query("DELETE FROM nodes WHERE incarnation = $1").bind(incarnation);
-    node.execute(connection).await?;
+    let row = query("DELETE FROM nodes WHERE incarnation = $1").bind(incarnation);
+    row.execute(connection).await?;
     Ok(true)
 }

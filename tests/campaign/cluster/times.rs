@@ -90,9 +90,9 @@ impl Times {
         }
     }
 
-    /// Compares the times with the goals, where the machine has nothing else to do: `SWARMBENCH_FLEET_GOALS=1`.
+    /// Compares the times with the goals, where the machine has nothing else to do: `SWARMBENCH_CLUSTER_GOALS=1`.
     pub(crate) fn check(&self) {
-        if number("SWARMBENCH_FLEET_GOALS").unwrap_or(0) == 0 {
+        if number("SWARMBENCH_CLUSTER_GOALS").unwrap_or(0) == 0 {
             return;
         }
         for (kind, times) in &self.0 {
