@@ -303,7 +303,7 @@ const AFTER_RECORD: &[u8] = b"}\n";
 /// Hexadecimal digits of a hash.
 const HASH_DIGITS: usize = 64;
 
-/// How a record that cannot be read is reported.
+/// Report of a record that cannot be read.
 #[must_use]
 #[expect(clippy::needless_pass_by_value, reason = "it is passed to map_err")]
 pub fn not_a_record(error: serde_json::Error) -> String {
@@ -396,7 +396,7 @@ impl Player {
         self.replayer.world()
     }
 
-    /// Whether a record must name the holders of the seats before the first round.
+    /// True if a record must name the holders of the seats before the first round.
     fn is_seated(&self) -> bool {
         let config = &self.opening.config;
         !config.open_seats.is_empty() || config.player.is_some()

@@ -255,7 +255,7 @@ impl Run {
     }
 }
 
-/// Whether a server answers so from the episodes that it plays.
+/// True if a server answers so from the episodes that it plays.
 pub(super) const fn is_played(answer: &Answer) -> bool {
     matches!(
         answer,

@@ -22,7 +22,7 @@ use swarmbench_protocol::suite::Suite;
 /// Players; each has several runs.
 pub(crate) const PLAYERS: i64 = 1000;
 
-/// What was made so far.
+/// Rows made so far.
 pub(crate) struct Made {
     suite: Suite,
     pub(crate) runs: i64,
