@@ -292,8 +292,7 @@ consistency, r Pearson's, n the number of rounds or of games (means over their r
 """What each table shows, by the heading of its section."""
 
 
-HEAD = """Metrics of revision {revision}, text vectors of `{embedder}`. Players and layouts follow from their seeds, so the games are the
-same on every machine. [What can be read from these tables](../evaluate/insight.md), and what cannot.
+HEAD = """Metrics of revision {revision}, text vectors of `{embedder}`.
 """
 
 

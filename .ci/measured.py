@@ -1,7 +1,8 @@
-"""What `.ci/measure` knows of numbers.
+"""The pages of `docs/measured`: their heads, and the numbers of `.ci/measure`.
 
     measured.py machine SETTING       prints on which machine it is measured, as JSON
     measured.py criterion FOLDER      prints the estimates that criterion left there, as JSON
+    measured.py head NAME             prints the head of the page NAME, measured now on this machine
     measured.py page NAME FOLDER      prints the page NAME of the measurements there
 """
 
@@ -17,6 +18,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 TASKS = ["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"]
 # Goals of the engine, by measurement.
@@ -44,7 +46,7 @@ def machine(setting: str) -> dict[str, object]:
         "kernel": f"{platform.system()} {platform.release()}",
         "rust": output("rustc", "--version").split()[1],
         "load_average": os.getloadavg()[0],
-        "commit": output("git", "describe", "--always", "--abbrev=10", "--dirty= with changes", "--exclude=*"),
+        "commit": output("git", "describe", "--always", "--abbrev=12", "--dirty= with changes", "--exclude=*"),
     }
 
 
@@ -100,9 +102,35 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]], text: int = 0)
     return "".join(f"| {' | '.join(row)} |\n" for row in [headings, marks, *rows])
 
 
-def about(machine: dict) -> str:
-    """The machine and the method of a measurement."""
-    setting = "" if machine["setting"] == "full" else f" (`SWARMBENCH_MEASURE={machine['setting']}`: few and short turns)"
+def head(name: str, machine: dict) -> str:
+    """The beginning of each page: its title, its script, and what was measured."""
+    page = PAGES[name]
+    when = f"Written by `{page.command}` on {machine['date']}, of the commit {machine['commit']}, on {machine['cores']} processors."
+    return "\n\n".join([f"# {page.title}", when, *([page.introduction] if page.introduction else [])]) + "\n"
+
+
+# The second line of a page, of one whose numbers are older than what its script prints now, and of one without numbers.
+WRITTEN = re.compile(r"Written by `(?P<command>.+)` on [\d-]+, of the commit [0-9a-f]+(?: with changes)?, on \d+ processors\.")
+OLDER = re.compile(r"Measured on [\d-]+, added by the commit [0-9a-f]+, on \d+ processors[^.]*\. `(?P<command>.+)` writes this page anew\.")
+EMPTY = re.compile(r"`(?P<command>.+)` writes this page\. It has not run [^.]*\.\n?")
+
+
+def problem(file: Path) -> str | None:
+    """Why a file of `docs/measured` is no page of a script; None where it is one."""
+    if not (page := PAGES.get(file.stem)):
+        return "no page in .ci/measured.py"
+    title, when, rest = f"{file.read_text()}\n\n".split("\n\n", 2)
+    named = WRITTEN.fullmatch(when) or OLDER.fullmatch(when) or EMPTY.fullmatch(when)
+    begins = named and (named.re is EMPTY or rest.startswith(page.introduction))
+    if title != f"# {page.title}" or not begins or named["command"] != page.command:
+        return "the head is not that of .ci/measured.py"
+    script = Path(page.command.split()[0])
+    return None if file.stem in (file.parents[2] / script).read_text() else f"{script} does not write it"
+
+
+def conditions(machine: dict) -> str:
+    """What else was measured with: a measurement that is kept may be older than its page."""
+    setting = "" if machine["setting"] == "full" else f", with `SWARMBENCH_MEASURE={machine['setting']}`: few and short turns"
     load = machine["load_average"]
     beside = "" if load < 0.5 else "; **other programs ran beside it**"
     text = (
@@ -312,10 +340,62 @@ def competition(report: dict) -> str:
         ["who reads what", "reads", "p50", "p99", "max"], rows)
 
 
-# The sections of each page: heading, measurement, and its text.
 Section = tuple[str, str, Callable[[dict], str]]
-PAGES: dict[str, tuple[str, str, list[Section]]] = {
-    "load": ("The server under load", "[The load test](../operate/load.md) says what the columns mean.", [
+"""A heading, the measurement below it, and its text."""
+
+
+class Page(NamedTuple):
+    """What a page says but its numbers. A page without sections gets its numbers from the script itself."""
+
+    title: str
+    command: str
+    introduction: str
+    sections: Sequence[Section] = ()
+
+
+PAGES = {
+    "attacks": Page("The attacks", ".ci/measure attacks", """\
+Release profile, eight seconds of each attack, the databases on a disk. Attackers, honest client and server share the processors.
+`holds`: all that must hold does."""),
+    "baselines": Page("Scores of the built-in players", ".ci/baselines", """\
+Players follow from their seed (1), so the scores are the same on every machine."""),
+    "boards": Page("Boards", ".ci/measure boards", "[The load test](../operate/load.md#boards) says what is measured."),
+    "build": Page("What compiling costs", ".ci/measure build", """\
+The program is compiled from nothing, one unit at a time. Processor seconds of a dependency are those of the crates that would not be
+compiled without it, of which the first column has the number; crates that two dependencies need count for neither."""),
+    "campaign": Page("The campaign", ".ci/long", """\
+One server is killed again and again, then the servers of a cluster on one PostgreSQL are killed, stopped and cut off, while clients
+play. [The campaign](../develop/campaign.md) says what must hold."""),
+    "capacity": Page("A million episodes", ".ci/measure capacity", "[The load test](../operate/load.md#large-databases) says what is measured.", [
+        ("The server on a large database", "capacity", capacity),
+    ]),
+    "checks": Page("Checks", ".ci/full", "Tests are those of cargo, pytest and node; ignored are those that did not run."),
+    "cluster": Page("A cluster beside one server", ".ci/measure cluster", """\
+One server, and a cluster of three that share one PostgreSQL, all behind haproxy; games of 12 seats, of which each acts by `/act`,
+as the load test's [client](../operate/load.md#what-is-measured) does. Clients, load balancer, servers and PostgreSQL share the
+processors, so more servers cannot be faster than one. Medians of several turns; a ratio is of one turn. *Forwarded* is the
+share of the requests of players that a server sent on to the one that plays."""),
+    "competition": Page(
+        "A competition of a million attempts", ".ci/measure competition", "[The load test](../operate/load.md#large-databases) says what is measured.", [
+        ("Its pages while games end", "competition", competition),
+    ]),
+    "coverage": Page("Coverage of intervals", ".ci/measure coverage", """\
+How often the interval of a difference contains the true difference, in 4,000 samples each: of tasks × seeds with differences from
+known distributions, and of games of pairs of built-in players."""),
+    "embedders": Page("hash-1 and a sentence model", ".ci/embedder --write", ""),
+    "engine": Page("The engine", ".ci/measure engine", "[Benchmarks of the engine](../develop/benchmarks.md) says what is measured.", [
+        ("Rounds a second", "rounds", rounds),
+        ("The cost of a flock", "flocking", lambda rows: by_size(rows, "distance",
+         ["random", "corner", "crowds", "diagonal", "nearly formed"], "agents, map", FLOCK_GOALS)),
+        ("Growth", "growth", growth),
+    ]),
+    "insight": Page("Games of built-in players, analysed", ".ci/insight", """\
+Players and layouts follow from their seeds, so the games are the same on every machine.
+[What can be read from these tables](../evaluate/insight.md), and what cannot."""),
+    "learning": Page("Learned policies", ".ci/measure learning", """\
+The [commands of the learner](../play/learning.md#do-it-yourself): `ppo.py` learns, and `play.py` prints the scores on the board, with
+intervals of 95 %."""),
+    "load": Page("The server under load", ".ci/measure load", "[The load test](../operate/load.md) says what the columns mean.", [
         ("Looks", "obs", looks),
         ("Durable acts", "acts", acts),
         ("Games at once", "play", grid),
@@ -323,35 +403,28 @@ PAGES: dict[str, tuple[str, str, list[Section]]] = {
         ("Requests that wait, on episodes of 1,000 seats", "crowd", polls),
         ("Slow clients", "slow", slow),
     ]),
-    "engine": ("The engine", "[Benchmarks of the engine](../develop/benchmarks.md) says what is measured.", [
-        ("Rounds a second", "rounds", rounds),
-        ("The cost of a flock", "flocking", lambda rows: by_size(rows, "distance",
-         ["random", "corner", "crowds", "diagonal", "nearly formed"], "agents, map", FLOCK_GOALS)),
-        ("Growth", "growth", growth),
-    ]),
-    "capacity": ("A million episodes", "[The load test](../operate/load.md#large-databases) says what is measured.", [
-        ("The server on a large database", "capacity", capacity),
-    ]),
-    "competition": ("A competition of a million attempts", "[The load test](../operate/load.md#large-databases) says what is measured.", [
-        ("Its pages while games end", "competition", competition),
-    ]),
-    "boards": ("Boards", "[The load test](../operate/load.md#boards) says what is measured.", []),
+    "training": Page("Environments in process", ".ci/measure training", """\
+Release profile. Medians of five turns in the standard setting: 12 agents, memory 0, random actions, by the clock. A step is a round of
+a whole episode; for steps of agents multiply by 12."""),
 }
 
 
 def page(name: str, folder: Path) -> str:
-    title, explained, sections = PAGES[name]
-    parts = [f"# {title}", f"Written by `.ci/measure {name}`. {explained}"]
+    parts = []
+    machines = []
 
-    def machine_of(file: str) -> str:
-        return about(json.loads((folder / f"{file}.machine").read_text()))
+    def measured(file: str) -> dict:
+        machines.append(json.loads((folder / f"{file}.machine").read_text()))
+        return machines[-1]
 
-    for heading, measured, make in sections:
-        if (file := folder / f"{measured}.json").exists():
-            parts += [f"## {heading}", machine_of(file.name), make(json.loads(file.read_text())).rstrip()]
+    for heading, measurement, make in PAGES[name].sections:
+        if (file := folder / f"{measurement}.json").exists():
+            parts += [f"## {heading}", conditions(measured(file.name)), make(json.loads(file.read_text())).rstrip()]
     if name == "boards":
-        parts += [machine_of("boards.md"), (folder / "boards.md").read_text().rstrip()]
-    return "\n\n".join(parts) + "\n"
+        parts += [conditions(measured("boards.md")), (folder / "boards.md").read_text().rstrip()]
+    # The newest measurement dates the page.
+    newest = max(machines, key=lambda machine: machine["date"])
+    return "\n\n".join([head(name, newest).rstrip(), *parts]) + "\n"
 
 
 if __name__ == "__main__":
@@ -360,6 +433,8 @@ if __name__ == "__main__":
             print(json.dumps(machine(setting), indent=1))
         case ["criterion", folder]:
             print(json.dumps(criterion(Path(folder)), indent=1))
+        case ["head", name]:
+            print(head(name, machine("full")))
         case ["page", name, folder]:
             print(page(name, Path(folder)), end="")
         case _:

@@ -1,4 +1,4 @@
-//! What a compiler cannot say of ARCHITECTURE.md: which module of the server may know which, where the large libraries are
+//! Rules of ARCHITECTURE.md that no compiler checks: which module of the server may know which, where the large libraries are
 //! named, and what the crates are built without.
 
 use std::collections::BTreeSet;
@@ -158,7 +158,7 @@ fn handlers_hold_no_sql_and_no_rules() {
     }
 }
 
-/// What decides under time is driven by the simulation as it is, so it must not look at a clock itself.
+/// Machines that decide under time are driven by the simulation as they are, so they must not look at a clock themselves.
 #[test]
 fn machines_have_no_clock() {
     let mut machines = files(&root().join("src/cluster"));
@@ -183,7 +183,7 @@ fn machines_have_no_clock() {
     }
 }
 
-/// What tells the seed of a game, or makes a permit for it: each handler that names one of these is here, and asks for a permit.
+/// Names that tell the seed of a game, or make a permit for it: each handler that has one of these is here, and asks for a permit.
 const TELLS_SEEDS: &[(&str, &[&str])] = &[
     ("of_creator(", &["seeds.rs", "episodes/create.rs", "episodes/fork.rs"]),
     ("of_built_in(", &["seeds.rs", "runs/mod.rs"]),

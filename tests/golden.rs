@@ -98,7 +98,7 @@ fn every_journal_plays_to_the_head_and_the_score_that_it_had() {
     }
 }
 
-/// What the journals of a revision have to hold, so that they would show a change.
+/// Contents that the journals of a revision need, so that they would show a change.
 #[test]
 fn every_revision_holds_all_tasks_and_whatever_else_decides_a_score() {
     for revision in 1..=RULES_REVISION {

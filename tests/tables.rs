@@ -55,7 +55,7 @@ impl Export {
             .expect("the binary runs")
     }
 
-    /// What a command writes, which has to succeed.
+    /// Output of a command, which has to succeed.
     #[track_caller]
     fn shown(&self, args: &[&str]) -> String {
         let output = self.run(args);

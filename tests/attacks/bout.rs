@@ -22,13 +22,13 @@ use crate::attacks::wire::{Request, Source, Wire};
 /// database reserve and do not use. An attack on memory ends the server and not the host.
 const SPACE_RESERVE_MIB: u64 = 2 * 1024;
 
-/// How long attackers may prepare.
+/// Maximum time of the attackers' preparation.
 const PREPARATION_MAX: Duration = Duration::from_mins(4);
 
-/// How long what was begun may take after the time is over.
+/// Maximum time for begun work after the end.
 const FINISH_MAX: Duration = Duration::from_secs(90);
 
-/// How long the attackers are played.
+/// Duration of the attacks.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Setting {
     pub(crate) seed: u64,
@@ -70,13 +70,13 @@ pub(crate) struct Outcome {
     pub(crate) memory_peak_mib: u64,
     /// The same of the server that was started again, alone.
     pub(crate) memory_again_mib: u64,
-    /// How the server ended, where it ended by itself.
+    /// Exit of a server that ended by itself.
     pub(crate) died: Option<String>,
-    /// How long it took until it was ready again.
+    /// Time until the server was ready again.
     pub(crate) ready_again: Option<Duration>,
-    /// What the log complains of.
+    /// Complaints in the log.
     pub(crate) faults: Vec<String>,
-    /// What kept the attack from being played.
+    /// Reason why the attack was not played.
     pub(crate) not_played: Option<String>,
 }
 

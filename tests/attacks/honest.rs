@@ -22,16 +22,16 @@ use crate::attacks::wire::{Request, Source, Wire, WireAnswer};
 /// A seat acts this often, unless the server is slower.
 const PACE: Duration = Duration::from_millis(50);
 
-/// How often health is asked for, each time on a new connection.
+/// Interval of requests for health, each on a new connection.
 const HEALTH_PACE: Duration = Duration::from_millis(100);
 
-/// How often the honest side does something else than play.
+/// Interval of the honest side's errands beside its games.
 const ERRAND_PACE: Duration = Duration::from_secs(1);
 
 /// For how long a request is tried again before it has failed.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// How long the server may be away before its clients give up.
+/// Absence of the server after which its clients give up.
 const AWAY: Duration = Duration::from_mins(1);
 
 /// Agents of each game: the standard setting.
@@ -42,7 +42,7 @@ const FAILURES_MAX: usize = 8;
 
 const TASKS: [&str; 5] = ["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"];
 
-/// Where the honest side plays.
+/// Place of the honest side's games.
 #[derive(Clone, Debug)]
 pub(crate) struct HonestPlace {
     pub(crate) cup: String,
@@ -131,7 +131,7 @@ struct Waiting {
     finished: bool,
 }
 
-/// What an agent does in a round: anything, but always the same.
+/// Action of an agent in a round: anything, but always the same.
 fn action(seen: &Seen) -> &str {
     let place =
         seen.round as usize + seen.agent.len() + seen.agent.bytes().map(usize::from).sum::<usize>();
@@ -374,7 +374,7 @@ impl Honest {
         }
     }
 
-    /// What else an honest entrant does: reads the board, its journal, an export. An organizer watches a game, and exports it.
+    /// Errands of an honest entrant: it reads the board, its journal, an export. An organizer watches a game, and exports it.
     async fn errands(&self, end: Instant, score: &Score) {
         let mut wire = self.wire(score, 5);
         let HonestPlace { cup, organizer, .. } = &self.place;

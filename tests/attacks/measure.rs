@@ -1,4 +1,4 @@
-//! What is counted and measured: requests, durations, and what the server's process takes.
+//! Counts and measurements: requests, durations, and the resources of the server's process.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -20,12 +20,11 @@ pub(crate) struct Tally {
     kinds: Mutex<BTreeMap<String, u64>>,
 }
 
-/// What was counted.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Counts {
     pub(crate) bytes_sent: u64,
     pub(crate) bytes_received: u64,
-    /// How many answers there were of each status, code and limit.
+    /// Answers of each status, code and limit.
     pub(crate) kinds: BTreeMap<String, u64>,
 }
 

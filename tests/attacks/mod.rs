@@ -20,18 +20,18 @@ use self::attackers::{ATTACKERS, ATTACKS, Attack};
 use self::bout::{Outcome, Setting};
 use crate::PROCESSORS;
 
-/// How long each attack is played, where `SWARMBENCH_ATTACK_S` does not say otherwise.
+/// Duration of each attack, unless `SWARMBENCH_ATTACK_S` says otherwise.
 const TIME: Duration = Duration::from_secs(2);
 
-/// What the attacks came to that were played so far.
+/// Outcomes of the attacks that were played so far.
 static ROWS: Mutex<Vec<(&'static str, Outcome, Vec<String>)>> = Mutex::new(Vec::new());
 
-/// Whether this process is the attackers.
+/// True if this process is the attackers.
 pub(crate) fn is_attackers() -> bool {
     std::env::var_os(ATTACKERS).is_some()
 }
 
-/// What the attackers do.
+/// Entry point of the attackers' process.
 pub(crate) fn attack() {
     attackers::main();
 }

@@ -25,7 +25,7 @@ const READY: Duration = Duration::from_secs(5);
 
 const KINDS: [&str; 3] = ["/act", "/act?wait", "/swarm/act"];
 
-/// What is not as it must be; with times only in a long run.
+/// Deviations from the rules for an attack; those of times only in a long run.
 pub(crate) fn problems(attack: &Attack, outcome: &Outcome, setting: Setting) -> Vec<String> {
     let is_long = setting.is_long;
     let mut problems = Vec::new();
@@ -98,7 +98,7 @@ pub(crate) fn problems(attack: &Attack, outcome: &Outcome, setting: Setting) -> 
     problems
 }
 
-/// What a creation by the attackers cost the server: its time, but for what the honest entrant takes of it alone.
+/// Processor time of the server for a creation by the attackers, without the share of the honest entrant alone.
 fn creation_ms(outcome: &Outcome) -> f64 {
     let (alone, beside) = (&outcome.alone, &outcome.beside);
     let of_honest = alone.server_cpu_s / alone.seconds.max(0.001) * beside.seconds;

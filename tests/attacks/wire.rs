@@ -15,7 +15,7 @@ use tokio::time::timeout;
 
 use crate::attacks::measure::Tally;
 
-/// How long an answer may take, long polls included.
+/// Maximum time of an answer, long polls included.
 const PATIENCE: Duration = Duration::from_secs(75);
 
 /// Bytes of a line of a head, or of a chunk's size.
@@ -92,7 +92,7 @@ impl Request {
     }
 }
 
-/// What came back.
+/// An answer.
 #[derive(Clone, Debug)]
 pub(crate) struct WireAnswer {
     pub(crate) status: u16,
@@ -105,12 +105,12 @@ impl WireAnswer {
         matches!(self.status, 200..=299)
     }
 
-    /// Whether the server asks to come back later.
+    /// True if the server asks to come back later.
     pub(crate) const fn is_later(&self) -> bool {
         matches!(self.status, 429 | 503)
     }
 
-    /// Whether a connection is refused, of whoever asks.
+    /// True if a connection is refused, of whoever asks.
     pub(crate) fn is_of_connections(&self) -> bool {
         self.kind().contains("connections")
     }
@@ -146,7 +146,7 @@ impl WireAnswer {
 pub(crate) struct Wire {
     pub(crate) to: SocketAddr,
     pub(crate) source: Source,
-    /// Whether answers are kept to their end.
+    /// True if answers are kept to their end.
     pub(crate) keeps_all: bool,
     tally: Arc<Tally>,
     stream: Option<BufReader<TcpStream>>,
@@ -205,7 +205,7 @@ impl Wire {
         Ok(())
     }
 
-    /// Whether the first line of an answer says that all is well.
+    /// True if the first line of an answer says that all is well.
     pub(crate) async fn is_ok(&mut self) -> io::Result<bool> {
         let mut line = String::new();
         self.open(None).await?.read_line(&mut line).await?;
@@ -255,7 +255,7 @@ impl Wire {
     }
 }
 
-/// How an answer's end is found.
+/// Ways to find an answer's end.
 enum Length {
     Known(u64),
     Chunked,

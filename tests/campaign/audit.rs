@@ -1,4 +1,4 @@
-//! What is checked when all is played: journals, ledger and database must tell the same.
+//! Checks after all games: journals, ledger and database must tell the same.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -18,7 +18,7 @@ use swarmbench_testkit::program::{Server, Site, complaints};
 use crate::campaign::clients::Clients;
 use crate::campaign::ledger::{Played, Sent};
 
-/// What the journals hold.
+/// Contents of the journals.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Totals {
     pub(crate) episodes: u64,
@@ -60,7 +60,7 @@ pub(crate) async fn journals(clients: &Clients) -> Totals {
     totals
 }
 
-/// What a server leaves behind that has stopped in good order.
+/// Files of a server that has stopped in good order.
 pub(crate) async fn check_left_behind(site: &Site) {
     if site.is_on_postgres() {
         return check_database(site.direct().parse().expect("a location")).await;
@@ -89,7 +89,7 @@ pub(crate) async fn integrity(db: &Path) {
     assert_eq!(found, ["ok"], "{}", db.display());
 }
 
-/// How many episodes of the clients the server lists.
+/// Episodes of the clients that the server lists.
 async fn episodes(clients: &Clients) -> u64 {
     let (mut count, mut cursor) = (0, String::new());
     loop {

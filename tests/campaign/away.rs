@@ -12,28 +12,28 @@ use swarmbench_testkit::dice::{Dice, number, seed, tell};
 use swarmbench_testkit::postgres::{self, Scratch};
 use swarmbench_testkit::program::{PATIENCE, Site};
 
-/// How often the database goes away, where `SWARMBENCH_CUTS` does not say otherwise.
+/// Absences of the database, unless `SWARMBENCH_CUTS` says otherwise.
 const CUTS: u64 = 12;
 
-/// How long it is away once. Acts that were sent before wait as long.
+/// Duration of one absence. Acts that were sent before wait as long.
 const LONG: Duration = Duration::from_secs(20);
 
-/// What the server complains about while the database is away: that it is, connections that broke, and requests that had to
+/// Permitted complaints of the server while the database is away: that it is, connections that broke, and requests that had to
 /// read it.
 const REASONS: [&str; 4] =
     ["the database is not reached", "sqlx_core::pool", "a request failed", "answered status=503"];
 
-/// How many games are played at once.
+/// Games that are played at once.
 const TABLES: usize = 6;
 
-/// How connections break.
+/// Ways in which connections break.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Cut {
     /// All at once, in both directions.
     Whole,
-    /// What the database answers is lost, for a while before the connections break: commits are done, and nobody knows.
+    /// Answers of the database are lost for a while before the connections break: commits are done, and nobody knows.
     Answers,
-    /// What the server sends is lost for a while: commits are not done, and nobody knows.
+    /// Requests of the server are lost for a while: commits are not done, and nobody knows.
     Questions,
 }
 

@@ -30,16 +30,16 @@ use crate::campaign::plan::{By, CampaignGame};
 const WAIT_S: u32 = 20;
 const WAIT_OF_SEVERAL_S: u32 = 2;
 
-/// How long an answer of a server of a cluster may take, on top of what the request asks it to wait; then another one is asked.
+/// Maximum time of an answer of a server of a cluster, beyond the `wait` of the request; then another one is asked.
 const ANSWER_PATIENCE: Duration = Duration::from_millis(1500);
 
-/// How long a client waits before it asks a server again that has refused it.
+/// Pause before a client asks a server again that has refused it.
 const PAUSE: Duration = Duration::from_millis(10);
 
-/// How many acknowledged acts of a seat are sent again after a restart.
+/// Acknowledged acts of a seat that are sent again after a restart.
 const SAMPLE: usize = 3;
 
-/// What happened, for the table at the end.
+/// Counts for the table at the end.
 #[derive(Default)]
 pub(crate) struct Counts {
     pub(crate) acknowledged: AtomicU64,
@@ -50,11 +50,11 @@ pub(crate) struct Counts {
     pub(crate) creations_repeated: AtomicU64,
     pub(crate) states_compared: AtomicU64,
     pub(crate) checked_after_restart: AtomicU64,
-    /// Of a cluster: answers that nobody waited for any more, by what they were.
+    /// Answers of a cluster that nobody waited for any more, by kind.
     pub(crate) late_answers: AtomicU64,
     pub(crate) late_unavailable: AtomicU64,
     pub(crate) late_broken: AtomicU64,
-    /// How often a server of a cluster was unavailable.
+    /// Refusals by a server of a cluster that was unavailable.
     pub(crate) unavailable: AtomicU64,
 }
 
@@ -69,7 +69,7 @@ pub(crate) struct Clients {
     servers: Servers,
     pub(crate) ledger: Ledger,
     pub(crate) counts: Counts,
-    /// How many acts were sent and acknowledged.
+    /// Acts that were sent and acknowledged.
     pub(crate) sent: watch::Sender<u64>,
     pub(crate) acknowledged: watch::Sender<u64>,
     /// By client, the last run in which it found everything in order.
@@ -107,9 +107,9 @@ pub(crate) struct ClientAnswer {
     run: u64,
     /// When the request was sent that was answered.
     sent: Instant,
-    /// Whether an earlier answer to the same request may have been lost.
+    /// True if an earlier answer to the same request may have been lost.
     lost: bool,
-    /// Whether the run had already refused an act when this was sent.
+    /// True if the run had already refused an act when this was sent.
     after_failure: bool,
 }
 
@@ -132,7 +132,7 @@ impl ClientAnswer {
 /// A request that was not answered.
 struct Broken {
     tried: Tried,
-    /// Whether the server may have got it.
+    /// True if the server may have got it.
     lost: bool,
 }
 
@@ -332,7 +332,7 @@ impl Clients {
         }
     }
 
-    /// Whether a seat lets its clock run out. When all is about to end everybody hurries.
+    /// True if a seat lets its clock run out. When all is about to end everybody hurries.
     fn leaves_out(&self, played: &Played, agent: AgentId, round: u32) -> bool {
         !self.closing.load(Ordering::SeqCst) && played.game.is_left_out(agent, round)
     }
@@ -484,7 +484,7 @@ impl Clients {
         }
     }
 
-    /// Whether the disk of a run may fail.
+    /// True if the disk of a run may fail.
     fn is_faulty(&self, run: u64) -> bool {
         self.faulty.load(Ordering::SeqCst) == run
     }
@@ -813,7 +813,7 @@ impl<'a> Client<'a> {
         }
     }
 
-    /// Where another run answers: everything must be as it was, and acknowledged acts are confirmed, those
+    /// Checks at another run of the server: everything must be as it was, and acknowledged acts are confirmed, those
     /// of this episode and those of one that has ended.
     async fn check_after_restart(&mut self, played: &Played, agents: &[AgentId]) {
         while self.checked < self.run {

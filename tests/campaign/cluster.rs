@@ -22,21 +22,21 @@ use crate::campaign::proxy::{Proxy, Way};
 use servers::{Cluster, SERVERS};
 use times::{Kind, Times};
 
-/// How many faults of a kind there are, where `SWARMBENCH_CLUSTER_KILLS`, `_STOPS` and `_PARTITIONS` do not say otherwise.
+/// Faults of a kind, unless `SWARMBENCH_CLUSTER_KILLS`, `_STOPS` and `_PARTITIONS` say otherwise.
 const FEW: u64 = 5;
 
-/// How many games are played at once.
+/// Games that are played at once.
 const TABLES: usize = 6;
 
-/// How long a server is stopped: the others take it over after 6 s. The last one only where there are many.
+/// Durations of stops: the others take a server over after 6 s. The last one only where there are many.
 const STOPS: [Duration; 3] =
     [Duration::from_secs(3), Duration::from_secs(7), Duration::from_secs(30)];
 
-/// How long it is cut off.
+/// Durations of cuts.
 const CUTS: [Duration; 3] =
     [Duration::from_secs(3), Duration::from_secs(8), Duration::from_secs(20)];
 
-/// How long the database is away, in a short run and in a long one.
+/// Absence of the database, in a short run and in a long one.
 const AWAY: [Duration; 2] = [Duration::from_secs(10), Duration::from_secs(20)];
 
 /// After this time nobody is taken over by mistake any more.
@@ -48,10 +48,10 @@ const KEPT: Duration = Duration::from_secs(4);
 /// After how many faults the times so far are shown.
 const SHOWN_EVERY: usize = 25;
 
-/// How slow a slow network is, each way.
+/// Delay of a slow network, each way.
 const SLOW: Duration = Duration::from_millis(100);
 
-/// What goes wrong.
+/// Kinds of faults.
 #[derive(Clone, Copy, Debug)]
 enum Fault {
     /// `kill -9` of the server that plays some game.
@@ -77,14 +77,14 @@ enum Fault {
     All,
 }
 
-/// What becomes of sessions that wait for a standby.
+/// Fate of sessions that wait for a standby.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Sessions {
     Wait,
     Ended,
 }
 
-/// How a server does not reach the database.
+/// Ways in which a server does not reach the database.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Break {
     /// Connections break, and no others can be made.
@@ -94,7 +94,7 @@ enum Break {
     AnswersHeld,
     QuestionsLost,
     AnswersLost,
-    /// It takes long, and works.
+    /// The network is slow, and works.
     Slow,
 }
 
@@ -132,18 +132,18 @@ impl Break {
     }
 }
 
-/// How servers do not reach each other.
+/// Ways in which servers do not reach each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Apart {
     /// The host of one refuses connections of the others.
     Refused,
     /// Connections to one break, and no others can be made.
     Broken,
-    /// What is sent to one, and its answers, are held.
+    /// Requests to one server, and its answers, are held.
     Held,
     QuestionsHeld,
     AnswersHeld,
-    /// What one sends to the others is held; they reach it.
+    /// Requests of one server to the others are held; they reach it.
     OutgoingHeld,
     /// Two do not reach each other, and both reach the third one.
     Pair,
@@ -161,7 +161,7 @@ impl Apart {
     ];
 }
 
-/// How many faults there are.
+/// Numbers of faults.
 struct Setting {
     kills: u64,
     stops: u64,

@@ -22,10 +22,10 @@ use crate::campaign::ledger::Played;
 use crate::campaign::plan::By;
 use crate::campaign::preload;
 
-/// How many games are played at once.
+/// Games that are played at once.
 const TABLES: usize = 4;
 
-/// How often it is tried whether an act is taken.
+/// Attempts to have an act taken.
 const TRIES: u64 = 20;
 
 /// A disk that fails on command.
@@ -58,7 +58,7 @@ impl FaultyDisk {
         std::fs::remove_file(&self.control).expect("it failed");
     }
 
-    /// How often it has failed.
+    /// Number of failures.
     fn hits(&self) -> u64 {
         std::fs::metadata(self.control.with_extension("hits")).map_or(0, |file| file.len())
     }

@@ -1,4 +1,4 @@
-//! Where clients find a server: the one that runs now, or any of several.
+//! Addresses of servers for clients: of the one that runs now, or of any of several.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use swarmbench_testkit::dice::Dice;
 use swarmbench_testkit::program::{Address, Door, PATIENCE};
 
-/// How long nobody listens before it is looked again.
+/// Pause between two looks for a listening server.
 const PAUSE: Duration = Duration::from_millis(5);
 
 pub(crate) enum Servers {
@@ -79,7 +79,7 @@ impl Doors {
         self.excused[server].store(is_excused, Ordering::SeqCst);
     }
 
-    /// Whether a run of a server may leave a request without an answer.
+    /// True if a run of a server may leave a request without an answer.
     pub(crate) fn may_break(&self, server: usize, run: u64) -> bool {
         self.servers[server].has_ended(run) || self.excused[server].load(Ordering::SeqCst)
     }

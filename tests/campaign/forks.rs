@@ -20,7 +20,7 @@ const AGENTS: u64 = 12;
 /// Forks that are made at once: 23,400 rows in six commits.
 const COUNT: usize = 30;
 
-/// How long a server lives at most after it was asked for forks.
+/// Maximum life of a server after it was asked for forks.
 const LIFE: Duration = Duration::from_millis(400);
 
 async fn post(server: &Address, path: &str, body: &Value) -> Result<Value, reqwest::Error> {
@@ -28,7 +28,7 @@ async fn post(server: &Address, path: &str, body: &Value) -> Result<Value, reqwe
     call.send().await?.error_for_status()?.json().await
 }
 
-/// Where a server listens.
+/// Address of a server.
 struct Address {
     client: reqwest::Client,
     base: String,

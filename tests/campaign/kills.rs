@@ -9,10 +9,10 @@ use crate::campaign::clients::{Clients, while_playing};
 use swarmbench_testkit::dice::{Dice, number, seed, tell};
 use swarmbench_testkit::program::{Server, Site, complaints};
 
-/// How many kills there are, where `SWARMBENCH_KILLS` does not say otherwise.
+/// Kills, unless `SWARMBENCH_KILLS` says otherwise.
 const KILLS: u64 = 30;
 
-/// How many games are played at once.
+/// Games that are played at once.
 const TABLES: usize = 6;
 
 /// After how many kills a copy of the database is checked as the kill left it.

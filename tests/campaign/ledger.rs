@@ -1,4 +1,4 @@
-//! What clients know: every act they sent, every receipt, and how far they saw each episode come. Whatever
+//! The ledger of the clients: every act they sent, every receipt, and how far they saw each episode come. Whatever
 //! contradicts it is a failure, told at once.
 
 use std::collections::{BTreeMap, HashMap};
@@ -76,7 +76,7 @@ pub(crate) struct Sent {
     pub(crate) request: ActRequest,
     /// The first receipt.
     pub(crate) receipt: Option<Receipt>,
-    /// Whether it came too late.
+    /// True if the act came too late.
     pub(crate) refused: bool,
 }
 
@@ -94,7 +94,7 @@ pub(crate) struct Played {
     next_receipt: Mutex<NextReceipt>,
 }
 
-/// How long the next receipt of an episode takes after something happened.
+/// Time until the next receipt of an episode after a fault.
 #[derive(Clone, Copy, Debug, Default)]
 struct NextReceipt {
     after: Option<Instant>,
@@ -104,7 +104,7 @@ struct NextReceipt {
 /// A receipt that comes so soon after a server was ended was already on its way.
 const ON_ITS_WAY: Duration = Duration::from_millis(20);
 
-/// What a client knew when it asked: the answer must not fall behind it.
+/// Knowledge of a client when it asked: the answer must not fall behind it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Known {
     stands_at: u32,
@@ -121,7 +121,7 @@ impl Played {
         (0..self.created.config.num_agents).map(AgentId)
     }
 
-    /// What tells of which episode a failure is.
+    /// Name of the episode in messages of failures.
     pub(crate) fn name(&self) -> String {
         format!("{} (game {})", self.created.id, self.game.number)
     }
@@ -140,7 +140,7 @@ impl Played {
         *self.next_receipt.lock().expect("no failure yet") = next;
     }
 
-    /// How long the next receipt took, if it has come.
+    /// Time until the next receipt, if it has come.
     pub(crate) fn next_receipt(&self) -> Option<Duration> {
         self.next_receipt.lock().expect("no failure yet").taken
     }

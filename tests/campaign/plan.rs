@@ -1,4 +1,4 @@
-//! What is played and what is sent: all of it follows from one seed, so a client that lost an answer sends
+//! Games and requests: all of it follows from one seed, so a client that lost an answer sends
 //! the very same act again, and a failure can be played again as far as a real process allows.
 
 use std::time::Duration;
@@ -90,22 +90,22 @@ impl CampaignGame {
         Dice::of(seed, &format!("{purpose} {number} {agent} {round}"))
     }
 
-    /// Whether a seat lets its clock run out in a round.
+    /// True if a seat lets its clock run out in a round.
     pub(crate) fn is_left_out(&self, agent: AgentId, round: u32) -> bool {
         self.is_clocked() && self.dice("leave out", agent, round).one_in(6)
     }
 
-    /// How long a seat thinks about a round.
+    /// Time that a seat thinks about a round.
     pub(crate) fn thinks(&self, agent: AgentId, round: u32) -> Duration {
         self.dice("think", agent, round).time(Duration::from_millis(20))
     }
 
-    /// Whether a seat waits for the next observation with the same call.
+    /// True if a seat waits for the next observation with the same call.
     pub(crate) fn waits_with_the_act(&self, agent: AgentId, round: u32) -> bool {
         self.dice("wait", agent, round).one_in(2)
     }
 
-    /// What a seat does in a round.
+    /// Act of a seat in a round.
     pub(crate) fn act(&self, agent: AgentId, round: u32) -> ActRequest {
         let dice = self.dice("act", agent, round);
         let action = dice.pick(Action::of_task(self.task)).name().to_owned();

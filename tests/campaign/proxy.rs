@@ -9,18 +9,18 @@ use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::watch;
 
-/// What becomes of what is sent in one direction.
+/// Fate of bytes in one direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Way {
     #[default]
     Open,
-    /// It waits, and arrives when the way is open again, as over a network that loses packets for a while.
+    /// Bytes wait, and arrive when the way is open again, as over a network that loses packets for a while.
     Held,
-    /// It never arrives. Connections must be broken before the way is open again.
+    /// Bytes never arrive. Connections must be broken before the way is open again.
     Lost,
 }
 
-/// What becomes of new connections.
+/// Fate of new connections.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Doorway {
     #[default]
@@ -64,7 +64,7 @@ impl Proxy {
         Self { address, state }
     }
 
-    /// What becomes from now on of what the one that connects sends, and of what it is answered.
+    /// Sets the fate of requests of the connecting side, and of the answers.
     pub(crate) fn set_ways(&self, questions: Way, answers: Way) {
         self.state.questions.send_replace(questions);
         self.state.answers.send_replace(answers);
@@ -103,7 +103,7 @@ impl Proxy {
         self.state.doorway.send_replace(Doorway::Open);
     }
 
-    /// How many connections there were.
+    /// Connections so far.
     pub(crate) fn opened(&self) -> u64 {
         self.state.opened.load(Ordering::SeqCst)
     }

@@ -17,7 +17,7 @@ use tokio::task::JoinHandle;
 use crate::campaign::audit::{audit, check_left_behind};
 use crate::campaign::clients::{Clients, while_playing};
 
-/// How often the server is stopped while many play.
+/// Stops of the server while many play.
 const STOPS: u64 = 5;
 
 /// Stops a server in good order and checks what it leaves behind.

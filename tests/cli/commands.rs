@@ -1,4 +1,4 @@
-//! What holds for every command: it does not panic where nobody reads, and what it shows is there as JSON, too.
+//! Rules for every command: it does not panic where nobody reads, and what it shows is there as JSON, too.
 
 use std::cell::{Cell, OnceCell};
 use std::net::TcpListener;
@@ -29,7 +29,7 @@ fn commands() -> Vec<String> {
     named(&[]).into_iter().flat_map(inner).collect()
 }
 
-/// What a command writes to the standard output.
+/// Standard output of a command.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Shows {
     /// A table or facts; with `--json` one JSON value.
@@ -196,7 +196,7 @@ impl Site {
         command
     }
 
-    /// What a command shows with `--json`.
+    /// Output of a command with `--json`.
     fn json(&self, args: &[String]) -> Value {
         let output = self.command(&[args, &["--json".to_owned()]].concat()).output();
         let output = output.expect("the binary runs");

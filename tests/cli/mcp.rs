@@ -52,7 +52,7 @@ impl Assistant {
         answer["result"].clone()
     }
 
-    /// Whether a tool fails, and all that a model reads.
+    /// Answer of a tool: true if it failed, and all that a model reads.
     fn tool(&mut self, tool: &str, arguments: &Value) -> (bool, String) {
         let result = self.ask("tools/call", &json!({ "name": tool, "arguments": arguments }));
         let blocks = result["content"].as_array().expect("blocks");

@@ -89,7 +89,7 @@ impl MoveTarget {
         places
     }
 
-    /// How many rows were copied so far; none where there is no unfinished copy.
+    /// Rows copied so far; none where there is no unfinished copy.
     async fn copied(&self) -> Option<i64> {
         let sum = "SELECT CAST(sum(copied) AS bigint) FROM copying";
         if let Some(scratch) = &self.scratch {
@@ -115,14 +115,14 @@ fn migrate(from: &str, to: &str) -> [String; 5] {
     ["migrate", "--from", from, "--to", to].map(str::to_owned)
 }
 
-/// What the command shows with `--json`.
+/// Output of the command with `--json`.
 fn migrated(from: &str, to: &str) -> Value {
     let output = swarmbench(&["migrate", "--json", "--from", from, "--to", to]);
     assert!(output.status.success(), "{}", text(&output.stderr));
     serde_json::from_slice(&output.stdout).expect("JSON")
 }
 
-/// What a command says that has to fail.
+/// Error of a command that has to fail.
 fn refused(args: &[&str]) -> String {
     let output = swarmbench(args);
     assert!(!output.status.success(), "{args:?}: {}", text(&output.stdout));

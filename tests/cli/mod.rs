@@ -298,7 +298,7 @@ fn journal_of(model: &str) -> String {
     lines.collect()
 }
 
-/// What others wrote reaches a terminal as text: it sets no title, moves no cursor, and turns nothing around.
+/// Foreign text reaches a terminal as text: it sets no title, moves no cursor, and turns nothing around.
 #[test]
 fn what_others_wrote_is_not_obeyed_by_a_terminal() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -53,7 +53,7 @@ impl Collected {
         taken
     }
 
-    /// What is said of a file.
+    /// Problem of a file.
     fn problem(&self, file: &str) -> &str {
         let found: Vec<_> = self.problems.iter().filter(|problem| problem.file == file).collect();
         assert_eq!(found.len(), 1, "{file} in {:?}", self.problems);
@@ -579,7 +579,7 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// What is in the tables of a database.
+/// Rows in the tables of a database.
 async fn kept(db: &Path) -> Vec<(String, u64, f64)> {
     let store = Store::open_to_read(db).await.expect("it opens");
     let games = store.list_imports(&ImportFilter::default(), None, 1000).await.expect("a list");

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use serde_json::{Value, json};
 use swarmbench_engine::{Act, Action, Config, Message, Settings, TaskName, World};
 
-/// How large the data is.
+/// Size of the data.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Size {
     pub(crate) tasks: usize,
@@ -137,7 +137,7 @@ fn state(world: &World, task: TaskName, time: f64, said: &[Value]) -> Value {
     })
 }
 
-/// What an agent sees, as the toolkit writes it: its own number in the middle.
+/// An agent's view, as the toolkit writes it: its own number in the middle.
 fn view(world: &World, own: usize) -> Option<Vec<Vec<String>>> {
     let agent = world.agents().nth(own)?;
     let view = world.observe(agent).view?;

@@ -16,7 +16,7 @@ use tokio::task::{JoinHandle, spawn_blocking};
 /// The database where nobody names one.
 const DATABASE: &str = "swarmbench.db";
 
-/// What a call of the program came to.
+/// Result of a call of the program.
 #[derive(Debug)]
 pub(crate) struct Done {
     pub(crate) status: ExitStatus,
@@ -29,13 +29,13 @@ impl Done {
         self.status.code()
     }
 
-    /// It ended with this code.
+    /// Asserts the exit code.
     pub(crate) fn ends(self, code: i32) -> Self {
         assert_eq!(self.code(), Some(code), "{}\n{}", self.out, self.err);
         self
     }
 
-    /// It says all of this.
+    /// Asserts that the output has all of these texts.
     pub(crate) fn says(self, texts: &[&str]) -> Self {
         for text in texts {
             let said = self.out.contains(text) || self.err.contains(text);

@@ -1,4 +1,4 @@
-//! What is shown at the end, in every format.
+//! The board at the end, in every format.
 
 use std::path::Path;
 

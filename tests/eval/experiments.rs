@@ -1,4 +1,4 @@
-//! What files and command lines come down to.
+//! Experiments from files and command lines.
 
 use std::fs;
 use std::path::Path;

@@ -10,7 +10,7 @@ use crate::llm::endpoint::{Endpoint, Reply, Seen, completion};
 /// Small games: two agents, four rounds.
 const SMALL: [&str; 6] = ["--num-agents", "2", "--max-round", "4", "--seeds", "1,2"];
 
-/// What an agent answers that turns its light on and off.
+/// Answer of an agent that switches its light.
 fn switch() -> Reply {
     Reply::says("I look around.\n**ACTION:** SWITCH\nMSG: hello")
 }

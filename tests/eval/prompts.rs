@@ -1,4 +1,4 @@
-//! What models are asked: system messages, the template `toolkit`, and how answers are read.
+//! Questions to models: system messages, the template `toolkit`, and how answers are read.
 
 use serde_json::{Value, json};
 
@@ -8,7 +8,7 @@ use crate::llm::endpoint::{Endpoint, Reply};
 const SMALL: [&str; 8] =
     ["--num-agents", "2", "--max-round", "2", "--seeds", "1", "--task", "Synchronization"];
 
-/// What comes first in the answers counts with one reader, what comes last with the other.
+/// An answer with two actions: one reader takes the first, the other the last.
 fn answers() -> Reply {
     Reply::says("ACTION: SWITCH\nACTION: STAY")
 }

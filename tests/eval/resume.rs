@@ -132,7 +132,7 @@ async fn a_second_interruption_stops_at_once() {
     assert_eq!((before, after), (7, ALL - 7));
 }
 
-/// What differs in anything that matters is another run, and it says so.
+/// A run that differs in anything that matters is another run, and the command says so.
 #[tokio::test]
 async fn another_definition_is_another_run() {
     let bench = Bench::new();

@@ -1,4 +1,4 @@
-//! How long evaluations take beside their endpoints, measured with the real program:
+//! Durations of evaluations beside their endpoints, measured with the real program:
 //! `cargo test --test program evaluations_take -- --ignored --nocapture`.
 
 use std::sync::Mutex;

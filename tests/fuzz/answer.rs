@@ -8,7 +8,7 @@ use swarmbench_engine::{
 
 use swarmbench_testkit::check;
 
-/// What makes a difference to the reader.
+/// Pieces of text that make a difference to the reader.
 const PIECES: [&str; 47] = [
     "\nACTION: ",
     "\nACTION: UP",
@@ -84,7 +84,7 @@ fn config(task: TaskName, control: Control, reader: AnswerReader) -> Config {
     Config::check(&settings).expect("standard settings")
 }
 
-/// What the rules say of every answer.
+/// Rules for every answer.
 fn check(text: &str, config: &Config, agent: AgentId) -> Answer {
     let answer = answer::parse(text, config, agent);
     let (act, valid) = (&answer.act, answer.is_valid());

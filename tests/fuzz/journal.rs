@@ -151,7 +151,7 @@ fn any_bytes_are_no_journal() {
     });
 }
 
-/// What a place in a record may be changed to.
+/// Replacements for a place in a record.
 #[derive(Clone, Debug, TypeGenerator)]
 enum Leaf {
     /// Another value of the same type.

@@ -21,7 +21,7 @@ const AGENTS: u16 = 4;
 /// Longer than any game here.
 const NEVER: Duration = Duration::from_secs(1_000_000);
 
-/// What happens; numbers are taken modulo what there is.
+/// Events; numbers are taken modulo what there is.
 #[derive(Clone, Debug, TypeGenerator)]
 enum Move {
     /// An act for this round, the one before, or the next.
@@ -48,12 +48,12 @@ enum Move {
 /// The refusal of an act without room.
 const FULL: Full = Full::BytesOfEpisode(1);
 
-/// Whether the journal has room for an act: for one agent it takes one of the two actions only.
+/// True if the journal has room for an act: for one agent it takes one of the two actions only.
 fn has_room(agent: AgentId, action: Action) -> bool {
     agent != AgentId(3) || action == Action::Up
 }
 
-/// How a game is set up.
+/// Settings of a game.
 #[derive(Clone, Debug, TypeGenerator)]
 struct Setting {
     round_tenths: Option<u8>,
@@ -114,7 +114,7 @@ impl Subject {
         Self { machine, now, round: 0, alive, kept, banks, began_at: now, closes_at, setting }
     }
 
-    /// Whether no round may begin at this time.
+    /// True if no round may begin at this time.
     fn is_closed(&self, at: Timestamp) -> bool {
         self.closes_at.is_some_and(|closes_at| closes_at <= at)
     }

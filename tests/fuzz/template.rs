@@ -11,7 +11,7 @@ use swarmbench_protocol::status::Status;
 
 use swarmbench_testkit::check;
 
-/// What makes a template deeper, and what hides it.
+/// Pieces that make a template deeper, or hide its depth.
 const PIECES: [&str; 46] = [
     "{{ ",
     " }}",

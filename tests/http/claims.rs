@@ -19,7 +19,7 @@ struct Held {
 }
 
 impl Held {
-    /// Of a creation or of a claim.
+    /// Reads the answer to a creation or to a claim.
     fn of(answer: &Value) -> Self {
         let text = |value: &Value| value.as_str().expect("a text").to_owned();
         let episode = if answer["id"].is_string() { &answer["id"] } else { &answer["episode"] };

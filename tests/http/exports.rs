@@ -256,7 +256,7 @@ fn check_act(config: &Value, states: &[Value], row: &Value, seen: &Value, act: &
     assert_eq!(row["action_success"], succeeds, "{row}");
 }
 
-/// How an agent's own cell is written: as others see it.
+/// An agent's own cell, written as others see it.
 fn own_cell(config: &Value, seen: &Value, number: &str) -> String {
     let flags = [&seen["light_on"], &seen["carrying_food"]];
     let marks = config["rules"] == "paper";
@@ -368,7 +368,7 @@ async fn tables_say_the_same_as_lines_and_as_parquet() {
     assert_eq!(rounds.last().expect("a round")["score"], played.score);
 }
 
-/// What a summary has is in the row of the episode.
+/// The row of the episode has every field of its summary.
 fn check_row(row: &Map<String, Value>, summary: &Value) {
     for (name, value) in summary.as_object().expect("an object") {
         let column = match name.as_str() {

@@ -20,7 +20,7 @@ use crate::app::{TestApp, game};
 const PAGE: &str =
     "<html><body><h1>Bad Gateway</h1>\nThe server returned an invalid answer.\n</body></html>\n";
 
-/// What becomes of a request.
+/// Fate of a request.
 #[derive(Clone, Copy, Debug)]
 enum Fault {
     /// The server does it, and its answer is lost.

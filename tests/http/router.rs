@@ -1,4 +1,4 @@
-//! What the router adds to every answer, its own pages, and the routes in the metrics.
+//! The router: headers of every answer, its own pages, and the routes in the metrics.
 
 use crate::app::TestApp;
 

@@ -1,4 +1,4 @@
-//! What is asked, and what is made of the answers.
+//! Questions, and how their answers are read.
 
 use serde_json::{Value, json};
 use swarmbench_client::llm::completion::{REASONING_BYTES_MAX, RESPONSE_BYTES_MAX};

@@ -35,7 +35,7 @@ impl Seen {
     }
 }
 
-/// What the endpoint does with a request.
+/// Reaction of the endpoint to a request.
 pub(crate) struct Reply {
     status: u16,
     headers: Vec<(&'static str, String)>,
@@ -82,13 +82,13 @@ impl Reply {
         self
     }
 
-    /// It comes only after so many calls of [`Endpoint::release`].
+    /// The reply is held until so many calls of [`Endpoint::release`].
     pub(crate) fn held_until(mut self, stage: usize) -> Self {
         self.stage = stage;
         self
     }
 
-    /// It comes only after this time, for measurements.
+    /// The reply is sent after this time, for measurements.
     pub(crate) fn after(mut self, after: Duration) -> Self {
         self.after = after;
         self
@@ -204,7 +204,7 @@ impl Endpoint {
         self.shared.stage.send_modify(|stage| *stage += 1);
     }
 
-    /// How many requests were there at once at most since the last call.
+    /// Maximum requests at once since the last call.
     pub(crate) fn most_at_once(&self) -> usize {
         let mut in_flight = self.shared.in_flight.lock().expect("a lock");
         let most = in_flight.1;

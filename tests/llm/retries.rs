@@ -1,4 +1,4 @@
-//! What may be better the next time is tried again, later and later.
+//! Errors that may be gone the next time are retried, with longer and longer pauses.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
@@ -14,7 +14,7 @@ use crate::llm::endpoint::{Endpoint, Reply, completion};
 use crate::llm::time::{Leaps, TIME_OUT};
 use crate::llm::{Bench, ask, question, stop_of};
 
-/// What it is called, what comes, and where it is counted.
+/// A name, a reply, and the count that it raises.
 type Case = (&'static str, Reply, fn(&Spent) -> u64);
 
 /// All kinds of trouble that pass, and how they are counted.

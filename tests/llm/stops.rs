@@ -1,4 +1,4 @@
-//! What no retry helps against stops at once, with a sentence that does.
+//! Errors that no retry mends stop at once, with a sentence that helps.
 
 use serde_json::json;
 use swarmbench_client::llm::{ApiKey, Failure, Stop};
@@ -7,7 +7,7 @@ use crate::llm::endpoint::{Endpoint, Reply};
 use crate::llm::time::Leaps;
 use crate::llm::{Bench, KEY, VARIABLE, ask, key, question, stop_of};
 
-/// What a model that is refused so says, without having asked twice.
+/// Stop of a model that is refused, without a second request.
 async fn refused(reply: Reply, change: impl FnOnce(&mut Bench)) -> Stop {
     let endpoint = Endpoint::replies(vec![reply]).await;
     let mut bench = Bench::new(&endpoint);
@@ -68,10 +68,10 @@ async fn white_space_around_a_key_is_no_part_of_it() {
     assert_eq!(endpoint.seen()[0].headers["authorization"], format!("Bearer {KEY}"));
 }
 
-/// What comes, what it is, and the words that help.
+/// A reply, the stop that it causes, and the words that help.
 type Case = (Reply, fn(&Stop) -> bool, &'static [&'static str]);
 
-/// What is wrong with the settings.
+/// A mistake in the settings.
 type Change = Box<dyn Fn(&mut Bench)>;
 
 #[tokio::test]
@@ -201,7 +201,7 @@ async fn one_question_that_is_rejected_twice_costs_the_model_its_move() {
     }
 }
 
-/// What is rejected once and then taken is an answer like any other.
+/// An answer that is rejected once and then taken counts like any other.
 #[tokio::test]
 async fn a_question_that_is_taken_the_second_time_loses_nothing() {
     let replies = vec![Reply::error(400, "odd"), Reply::says("OK"), Reply::says("ACTION: UP")];

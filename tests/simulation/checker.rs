@@ -88,9 +88,9 @@ pub(crate) struct Checker {
     keys: BTreeMap<EpisodeId, EpisodeKey>,
     /// A counter of events, which orders them.
     moment: u64,
-    /// Whether the server is one of a cluster.
+    /// True if the server is one of a cluster.
     is_shared: bool,
-    /// Whether all servers are up and stay so, and no place moves any more.
+    /// True if all servers are up and stay so, and no place moves any more.
     is_calm: bool,
     /// The start of each server.
     started_at: BTreeMap<Incarnation, Timestamp>,
@@ -175,7 +175,7 @@ pub(crate) struct Episode {
     /// The round that was open when a job was refused: the recovered episode opens it again, and some requests may
     /// still see it as it was before.
     reopened: Option<u32>,
-    /// Whether the server knows the end.
+    /// True if the server knows the end.
     end_told: bool,
     /// The furthest state that anybody saw, with its first moment below.
     seen: (u32, bool),
@@ -204,12 +204,12 @@ impl Episode {
         self.acts.get(round as usize)?.get(&agent)
     }
 
-    /// Whether the server plays this seat.
+    /// True if the server plays this seat.
     fn is_hosted(&self, agent: AgentId) -> bool {
         self.hosted.iter().any(|(hosted, _)| *hosted == agent)
     }
 
-    /// Whether a client holds this seat. Only a client's seat has a token outside the server.
+    /// True if a client holds this seat. Only a client's seat has a token outside the server.
     pub(crate) fn is_clients(&self, agent: AgentId) -> bool {
         self.holders[agent.index()].is_some() && !self.is_hosted(agent)
     }
@@ -228,13 +228,13 @@ impl Episode {
         after(self.last_act_at, self.spec.idle_timeout)
     }
 
-    /// Whether no round may begin at this time.
+    /// True if no round may begin at this time.
     fn is_closed(&self, at: Timestamp) -> bool {
         self.spec.closes_at.is_some_and(|closes_at| closes_at <= at)
     }
 }
 
-/// Whether the wire contract treats two acts of a seat and round as the same.
+/// True if the wire contract treats two acts of a seat and round as the same.
 fn same(one: &ActRecord, other: &ActRecord) -> bool {
     let told = |record: &ActRecord| {
         let ActRecord { action, message, to, response, .. } = record.clone();
@@ -702,7 +702,7 @@ impl Checker {
     }
 }
 
-/// Whether arrived acts include one of this seat that fits into any quota.
+/// True if arrived acts include one of this seat that fits into any quota.
 fn fits(arrived: &Arrived, row: &ActRow) -> bool {
     let mut acts = arrived.acts.iter();
     acts.any(|(agent, act)| {

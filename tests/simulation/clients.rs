@@ -109,7 +109,7 @@ pub(crate) struct Told {
     pub(crate) number: RequestId,
     pub(crate) id: EpisodeId,
     pub(crate) server: Incarnation,
-    /// Whether that server played the episode at this moment, or nobody did as it was over.
+    /// True if that server played the episode at this moment, or nobody did as it was over.
     pub(crate) plays: bool,
     pub(crate) news: News,
 }
@@ -284,9 +284,9 @@ pub(crate) fn again(dice: &mut Dice, sent: &Submission) -> Submission {
 /// The clocks of a run's episodes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Times {
-    /// Whether rounds have deadlines: never, sometimes or always.
+    /// True if rounds have deadlines: never, sometimes or always.
     pub(crate) clocked: usize,
-    /// Whether episodes without deadlines are abandoned after 30 seconds, not hours.
+    /// True if episodes without deadlines are abandoned after 30 seconds, not hours.
     pub(crate) short_idle: bool,
 }
 

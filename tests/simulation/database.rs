@@ -56,7 +56,7 @@ impl Tables {
         self.given
     }
 
-    /// Whether a server is registered, and thus may write.
+    /// True if a server is registered, and thus may write.
     pub(crate) fn knows(&self, incarnation: Incarnation) -> bool {
         self.servers.contains_key(&incarnation)
     }
@@ -131,7 +131,7 @@ impl Tables {
         self.places.iter().map(|(&place, &owner)| (place, owner))
     }
 
-    /// Whether a place has anything unfinished.
+    /// True if a place has anything unfinished.
     pub(crate) fn is_unfinished(&self, place: Place) -> bool {
         self.openings()
             .any(|row| Place::Game(row.episode) == place && self.end(row.episode).is_none())

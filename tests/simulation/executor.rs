@@ -35,12 +35,12 @@ struct Task {
     future: BoxFuture<'static, ()>,
     /// Its server.
     server: Incarnation,
-    /// Whether it runs as long as its server does.
+    /// True if the task runs as long as its server does.
     is_lasting: bool,
     woken: Arc<Woken>,
 }
 
-/// Whether a task is woken.
+/// True if a task is woken.
 struct Woken(AtomicBool);
 
 impl Wake for Woken {
@@ -115,7 +115,7 @@ impl Executor {
         self.tasks.remove(&id);
     }
 
-    /// Whether a task has not ended.
+    /// True if a task has not ended.
     pub(crate) fn is_alive(&self, id: TaskId) -> bool {
         self.tasks.contains_key(&id)
     }

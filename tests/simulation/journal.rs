@@ -31,7 +31,7 @@ pub(crate) struct MemoryJournal {
     pauses_max: usize,
     incarnation: Incarnation,
     database: Arc<Database>,
-    /// Whether other servers also use the database.
+    /// True if other servers also use the database.
     is_shared: bool,
     /// A lock that serializes takes and releases of places, like the server's one connection for them.
     takes: tokio::sync::Mutex<()>,
@@ -143,7 +143,7 @@ impl MemoryJournal {
         self.state().telling.len()
     }
 
-    /// Whether a commit has failed since the start.
+    /// True if a commit has failed since the start.
     pub(crate) fn has_failed(&self) -> bool {
         self.state().has_failed
     }
@@ -227,7 +227,7 @@ impl MemoryJournal {
         self.state().has_failed = true;
     }
 
-    /// Whether the first job of the queue has entries to refuse.
+    /// True if the first job of the queue has entries to refuse.
     pub(crate) fn can_refuse(&self) -> bool {
         let state = self.state();
         state.telling.is_empty() && state.queue.front().is_some_and(|job| !job.entries.is_empty())
@@ -374,7 +374,7 @@ fn taken_by(entry: &Entry) -> Option<Place> {
 }
 
 impl State {
-    /// Whether a job continues an episode whose chain would have a gap.
+    /// True if a job continues an episode whose chain would have a gap.
     fn continues_broken(&self, entries: &[Entry]) -> bool {
         entries.iter().filter_map(Entry::chain).any(|episode| self.broken.contains(&episode))
     }

@@ -68,7 +68,7 @@ pub(crate) struct Options {
     /// Maximum number of requests in flight.
     pending: usize,
     times: Times,
-    /// Whether time ever moves by minutes, so that episodes are evicted.
+    /// True if time ever moves by minutes, so that episodes are evicted.
     long_waits: bool,
     crashes: usize,
     failures: usize,
@@ -77,7 +77,7 @@ pub(crate) struct Options {
     /// The weight of clients that go away.
     drops: usize,
     aborts: bool,
-    /// Whether acts are sent again, changed, too late and too early.
+    /// True if acts are sent again, changed, too late and too early.
     strays: usize,
     /// Maximum number of jobs of a commit.
     group: usize,
@@ -86,7 +86,7 @@ pub(crate) struct Options {
     caps: Caps,
     /// The weight of polls, relative to other steps.
     haste: usize,
-    /// Whether the run ends in silence: no requests, and time passes.
+    /// True if the run ends in silence: no requests, and time passes.
     silence: bool,
     /// Number of servers that share the database; 0 for a server alone.
     servers: usize,
@@ -251,7 +251,7 @@ struct SimulationRun {
     refusals: usize,
     stops: usize,
     leaves: usize,
-    /// Whether no more faults are injected.
+    /// True if no more faults are injected.
     is_calm: bool,
     /// The registered servers, as last seen.
     known: Vec<Incarnation>,
@@ -267,7 +267,7 @@ struct Server {
     /// The server's part in the cluster, if it is in one.
     peer: Option<Arc<Peer>>,
     slot: i16,
-    /// Whether a commit is on its way to the database although the server is stopped.
+    /// True if a commit is on its way to the database although the server is stopped.
     is_sent: bool,
     /// Episodes with seats that the server plays.
     hosted: UnboundedReceiver<Handle>,

@@ -28,7 +28,7 @@ use crate::store::{Pair, kind};
 /// Characters of two answers that are shown around the first difference.
 const SHOWN: usize = 300;
 
-/// How many arguments each method that takes some is asked with.
+/// Sets of arguments for each method that takes some.
 const ROUNDS: usize = 4;
 
 /// Answers that are read in pieces are read in few of them.
@@ -57,7 +57,7 @@ fn assert_same(what: &str, sqlite: &str, postgres: &str) {
     panic!("{what}\nSQLite:     …{}…\nPostgreSQL: …{}…", near(sqlite), near(postgres));
 }
 
-/// What was committed since a position in the log of SQLite's store, which is the same in both.
+/// Commits since a position in the log of SQLite's store, which is the same in both.
 pub(crate) fn compare_changes(pair: &Pair, since: LogPosition) {
     let [sqlite, postgres] = [&pair.sqlite, &pair.postgres].map(|side| {
         let changes = side.store.writer().changes();
@@ -717,7 +717,7 @@ fn own_readable(side: &Side, common: &Readable) -> Readable {
     }
 }
 
-/// What a reader of acts gives round by round, to its end.
+/// Acts from a reader, round by round, to its end.
 async fn all_acts(
     reader: &mut ActReader,
     end: u32,
@@ -738,7 +738,7 @@ async fn all_acts(
 /// A method that reads and is not asked here would be compared by nobody.
 #[test]
 fn all_methods_that_read_are_asked() {
-    /// What writes, opens or closes, and what is about clusters, of which SQLite has one.
+    /// Methods that write, open or close, and those about several servers, of which SQLite has one.
     const OTHERS: [&str; 17] = [
         "join",
         "catch_up",

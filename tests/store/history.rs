@@ -57,7 +57,7 @@ pub(crate) const NAMED: [&str; 12] = [
     "it's \"quoted\"",
 ];
 
-/// What stands in a text where a record is to have the escape of half a character.
+/// Mark in a text where a record is to have the escape of half a character.
 const HALF: &str = "HALF-A-CHARACTER";
 
 /// Texts longer than this are read in parts.
@@ -66,7 +66,7 @@ const LARGE: usize = 70_000;
 /// Earlier entries that may be written again.
 const REMEMBERED: usize = 60;
 
-/// What is done next.
+/// The next step.
 pub(crate) enum Step {
     /// Jobs that are handed over at once.
     Jobs(Vec<Vec<Entry>>),
@@ -106,7 +106,7 @@ pub(crate) struct History {
     pub(crate) idempotency: Vec<String>,
     /// Forks that were begun.
     begun: Vec<EpisodeKey>,
-    /// What is stored of keys, competitions, entrants and imports.
+    /// Keys, competitions, entrants and imports that are stored.
     stored: [Vec<i64>; 4],
     queued: usize,
     earlier: VecDeque<Entry>,
@@ -117,7 +117,7 @@ pub(crate) struct History {
     is_new: bool,
 }
 
-/// How often each kind of job is made, and by whom.
+/// Kinds of jobs: how often each is made, and by whom.
 type Kinds = [(usize, fn(&mut History) -> Vec<Entry>)];
 
 const KINDS: &Kinds = &[
@@ -408,12 +408,11 @@ impl History {
 
     // Jobs.
 
-    /// It only waits.
     fn nothing(_: &mut Self) -> Vec<Entry> {
         Vec::new()
     }
 
-    /// What was written before.
+    /// Entries that were written before.
     fn again(&mut self) -> Vec<Entry> {
         if self.earlier.is_empty() {
             return Vec::new();

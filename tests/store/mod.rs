@@ -40,7 +40,7 @@ pub(crate) async fn scratch() -> Scratch {
     Scratch::new().await.expect("the tests run on PostgreSQL")
 }
 
-/// Where a database of PostgreSQL is.
+/// Address of a database of PostgreSQL.
 pub(crate) fn location(scratch: &Scratch) -> Location {
     scratch.url().parse().expect("an address")
 }
@@ -111,7 +111,7 @@ async fn kept(side: &Side, jobs: &[Vec<Entry>]) -> Vec<Result<(), StoreError>> {
     join_all(pending).await
 }
 
-/// What an outcome is; the words of the engines differ.
+/// Kind of an outcome; the words of the engines differ.
 pub(crate) fn kind<T>(outcome: &Result<T, StoreError>) -> &'static str {
     match outcome {
         Ok(_) => "ok",

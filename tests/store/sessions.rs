@@ -1,4 +1,4 @@
-//! What PostgreSQL alone has: other servers, sessions that end, and a database that another server takes over.
+//! Features of PostgreSQL alone: other servers, sessions that end, and a database that another server takes over.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -65,7 +65,7 @@ async fn end_writers(other: &mut PgConnection) -> usize {
     ended.len()
 }
 
-/// How often each number was noted.
+/// Notes of each number.
 pub(super) async fn noted(store: &Store) -> BTreeMap<u32, usize> {
     let mut noted = BTreeMap::new();
     for entry in store.audit(None, u32::MAX).await.expect("read") {
@@ -227,7 +227,7 @@ async fn a_server_whose_database_was_taken_over_writes_nothing_more() {
     }
 }
 
-/// As where the database was restored from a backup, or a standby without the last commits took over.
+/// The database was restored from a backup, or a standby without the last commits took over.
 #[needs(postgres)]
 #[tokio::test]
 async fn a_server_whose_commits_are_lost_gives_its_games_to_others_where_there_are_some() {

@@ -1,4 +1,4 @@
-//! What goes wrong with a PostgreSQL before anything is written, and what is said then: each sentence has to say what to do.
+//! Faults of a PostgreSQL before anything is written, and their messages: each sentence has to say what to do.
 
 use std::net::TcpListener;
 use std::process::{Child, Command, Stdio};
@@ -13,7 +13,7 @@ use swarmbench::store::{Location, OpenError, Store};
 
 use crate::store::{location, scratch};
 
-/// How long a program of these tests may take to listen.
+/// Maximum time until a program of these tests listens.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// The sentences of an error, the causes too.
@@ -27,7 +27,7 @@ fn sentences(error: &OpenError) -> String {
     said
 }
 
-/// What is said where a database is not opened.
+/// Message of a database that is not opened.
 async fn refused(location: impl Into<Location>) -> String {
     match Store::open(location).await {
         Err(error) => sentences(&error),
@@ -149,7 +149,7 @@ async fn a_role_that_may_not_make_tables_is_told_the_right_that_it_needs() {
     }
 }
 
-/// What PostgreSQL does with a full disk it does with a tablespace on one: the commit fails, and works again once there is room.
+/// A full disk is like a tablespace on one: the commit fails, and works again once there is room.
 #[needs(postgres, root)]
 #[tokio::test(flavor = "multi_thread")]
 async fn a_full_disk_is_a_pause_that_says_what_it_waits_for() {

@@ -27,7 +27,7 @@ const OTHER_DIGITS: [(char, char); 20] = [
     ('\u{1f100}', '\u{1f10a}'),
 ];
 
-/// Whether `c` is a decimal digit of any script (category Nd).
+/// True if the character is a decimal digit of any script (category Nd).
 pub(crate) fn is_digit(c: char) -> bool {
     if c.is_ascii() {
         return c.is_ascii_digit();
@@ -35,12 +35,12 @@ pub(crate) fn is_digit(c: char) -> bool {
     c.general_category() == GeneralCategory::DecimalNumber
 }
 
-/// Whether the toolkit counts `c` as a digit.
+/// True if the toolkit counts `c` as a digit.
 pub(crate) fn is_toolkit_digit(c: char) -> bool {
     is_digit(c) || OTHER_DIGITS.iter().any(|&(first, last)| (first..=last).contains(&c))
 }
 
-/// Whether `c` is a letter (categories L) or a decimal digit.
+/// True if the character is a letter (categories L) or a decimal digit.
 pub(crate) fn is_of_token(c: char) -> bool {
     if c.is_ascii() {
         return c.is_ascii_alphanumeric();

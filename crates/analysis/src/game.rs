@@ -41,9 +41,9 @@ pub struct State {
 pub struct Agent {
     /// The cell of the agent, or the cell to which it escaped.
     pub at: Pos,
-    /// Whether the agent is on the map.
+    /// True if the agent is on the map.
     pub alive: bool,
-    /// Whether the agent's light is on (Synchronization).
+    /// True if the agent's light is on (Synchronization).
     pub light_on: Option<bool>,
 }
 
@@ -54,9 +54,9 @@ pub struct Decision {
     pub action: Option<Action>,
     /// The message as it was passed on, if any; never empty.
     pub message: Option<String>,
-    /// Whether the answer could not be read.
+    /// True if the answer could not be read.
     pub invalid: bool,
-    /// Whether the agent's clock expired.
+    /// True if the agent's clock expired.
     pub timeout: bool,
     /// Tokens of prompt and answer together, if reported.
     pub tokens: Option<u64>,
@@ -100,7 +100,7 @@ impl Setup {
         self.view_size / 2
     }
 
-    /// Whether a cell lies on the map.
+    /// True if a cell lies on the map.
     pub(crate) const fn contains(&self, cell: Pos) -> bool {
         0 <= cell.i && cell.i < self.height && 0 <= cell.j && cell.j < self.width
     }
@@ -149,7 +149,7 @@ impl Heard {
         world.heard().map(own).collect()
     }
 
-    /// Whether the receiver is the sender.
+    /// True if the receiver is the sender.
     pub(crate) fn is_own(&self) -> bool {
         self.receiver == self.sender
     }

@@ -131,11 +131,11 @@ pub struct About {
     pub title: &'static str,
     /// The panel of the paper's figures; `None` if they do not draw the metric.
     pub panel: Option<Panel>,
-    /// Whether the metric is one of the paper's thirteen.
+    /// True if the metric is one of the paper's thirteen.
     pub of_paper: bool,
-    /// Whether the metric has a value in each round, not only one for the whole game.
+    /// True if the metric has a value in each round, not only one for the whole game.
     pub by_round: bool,
-    /// Whether the metric depends on text vectors, and thus on the embedder.
+    /// True if the metric depends on text vectors, and thus on the embedder.
     pub of_vectors: bool,
 }
 

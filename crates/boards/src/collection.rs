@@ -53,7 +53,7 @@ pub struct Imported {
 struct Board {
     suite: BoardSuite,
     players: BTreeMap<RowId, Arc<PlayerRuns>>,
-    /// Whether the suite is one of the program's own.
+    /// True if the suite is one of the program's own.
     is_built_in: bool,
 }
 
@@ -100,11 +100,11 @@ pub struct Question {
     pub sort: Option<String>,
     /// `best`, `last` or `mean`.
     pub pick: Option<String>,
-    /// Whether the rows of the paper are left out.
+    /// True if the rows of the paper are left out.
     pub no_reference: bool,
-    /// Whether the rows of people are left out.
+    /// True if the rows of people are left out.
     pub no_people: bool,
-    /// Whether games read from files are shown, too.
+    /// True if games read from files are shown, too.
     pub imported: bool,
 }
 

@@ -33,7 +33,7 @@ pub struct MixedGame {
 pub struct Model {
     /// Name of the model.
     pub name: String,
-    /// Whether somebody besides the holder vouches for the model.
+    /// True if somebody besides the holder vouches for the model.
     pub vouched: bool,
     /// Holder, as the number of a key, if known.
     pub owner: Option<i64>,
@@ -46,7 +46,7 @@ pub struct Pair {
     pub setting: Setting,
     /// Names of the models, sorted.
     pub models: [String; 2],
-    /// Whether both models are vouched for in all of the games.
+    /// True if both models are vouched for in all of the games.
     pub vouched: bool,
     /// Number of games together.
     pub games: usize,

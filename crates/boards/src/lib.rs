@@ -135,11 +135,11 @@ pub struct PlayedRun {
     pub status: String,
     /// Start of the run.
     pub created_at: Timestamp,
-    /// Whether somebody besides the owner vouches for the model.
+    /// True if somebody besides the owner vouches for the model.
     pub vouched: bool,
     /// Evidence of decentralized control; `None` under centralized control.
     pub decentralization: Option<Decentralization>,
-    /// Whether the owner declares that people played.
+    /// True if the owner declares that people played.
     pub is_human: bool,
     /// Name of the prompt; `None` for players that read none, and for games of files.
     pub prompt: Option<String>,
@@ -181,6 +181,6 @@ pub struct EndedGame {
     pub failures: Failures,
     /// Moves that timed out.
     pub timeouts: u64,
-    /// Whether the game was voided and does not count.
+    /// True if the game was voided and does not count.
     pub voided: bool,
 }

@@ -135,7 +135,7 @@ pub struct PlayerRuns {
 }
 
 impl PlayerRuns {
-    /// Whether people played one of the runs.
+    /// True if people played one of the runs.
     #[must_use]
     pub fn is_human(&self) -> bool {
         self.runs.iter().any(|run| run.run.is_human)
@@ -155,7 +155,7 @@ impl PlayerRuns {
         self.together.take();
     }
 
-    /// Whether no runs are left.
+    /// True if no runs are left.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.runs.is_empty()
@@ -191,7 +191,7 @@ pub fn rank(
     rank_players(players.values(), Vec::new(), references, view)
 }
 
-/// Variant of [`rank`] for runs grouped by player, and with games from files.
+/// [`rank`], for runs grouped by player, and with games from files.
 #[must_use]
 pub fn rank_players<'a>(
     players: impl IntoIterator<Item = &'a PlayerRuns>,

@@ -16,7 +16,7 @@ pub const HUMAN: &str = "human";
 /// Field of an `agent_meta` with the model's system message: a text, or an object with one for each task.
 pub const SYSTEM_MESSAGE: &str = "system_message";
 
-/// Whether an `agent_meta` declares that people played.
+/// True if an `agent_meta` declares that people played.
 #[must_use]
 pub fn is_human(meta: &Carried) -> bool {
     meta.get("kind").is_some_and(|kind| kind.trim_matches('"') == HUMAN)
@@ -25,7 +25,7 @@ pub fn is_human(meta: &Carried) -> bool {
 /// The name of the prompt of a player that reads none.
 pub const NO_PROMPT: &str = "none";
 
-/// Whether a player reads prompts: built-in players and people read none.
+/// True if a player reads prompts: built-in players and people read none.
 #[must_use]
 pub fn reads_prompts(model: &str, player: Option<&str>, meta: &Carried) -> bool {
     player.is_none() && !model.starts_with(BUILT_IN) && !is_human(meta)
@@ -66,7 +66,7 @@ pub struct Definition {
     /// Time from which no round begins any more.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub closes_at: Option<Timestamp>,
-    /// Whether the run's creator may read its ended games while they are sealed.
+    /// True if the run's creator may read its ended games while they are sealed.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub own_games: bool,
 }

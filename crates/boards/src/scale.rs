@@ -20,7 +20,7 @@ pub fn factor(task: TaskName, from: &str, to: &str) -> Option<f64> {
     }
 }
 
-/// Whether games of a task differ between two rule sets in more than the scale of their scores.
+/// True if games of a task differ between two rule sets in more than the scale of their scores.
 #[must_use]
 pub fn differs(task: TaskName, from: &str, to: &str) -> bool {
     from != to && matches!(task, TaskName::Pursuit | TaskName::Flocking)

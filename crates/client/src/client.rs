@@ -89,7 +89,7 @@ pub enum ClientError {
 }
 
 impl ClientError {
-    /// Whether a retry may succeed.
+    /// A temporary error may be gone at a retry.
     #[must_use]
     pub fn is_temporary(&self) -> bool {
         match self {
@@ -169,7 +169,7 @@ pub struct Client {
     http: reqwest::Client,
     base: Url,
     key: Option<Secret>,
-    /// Whether the server has ever answered. A server that never did is more likely absent than restarting.
+    /// True if the server has answered at least once. A server that never did is more likely absent than restarting.
     answered: Arc<AtomicBool>,
 }
 
@@ -511,7 +511,7 @@ impl Client {
             .await
     }
 
-    /// Whether this client has found no server at the address so far.
+    /// True if this client has found no server at the address so far.
     fn is_absent(&self, error: &ClientError) -> bool {
         let ClientError::Transport { error, .. } = error else { return false };
         error.is_connect() && !self.answered.load(Ordering::Relaxed)

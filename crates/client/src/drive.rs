@@ -52,16 +52,16 @@ pub trait Swarm {
     /// A reason why it cannot decide.
     type Error: Display + Send + 'static;
 
-    /// Whether it reads the texts for language models.
+    /// True if the decider reads the texts for language models.
     fn reads_prompts(&self) -> bool;
 
     /// Begins to decide for seats that wait for an act. Each seat and round comes once.
     fn decide(&mut self, looked: Vec<Observation>) -> Vec<Thought<Self::Error>>;
 
-    /// Whether a stop waits for decisions in flight, rather than dropping them.
+    /// True if a stop waits for decisions in flight, rather than dropping them.
     const WAITS_WHEN_STOPPED: bool = false;
 
-    /// Whether an error like this waits for the other decisions in flight, rather than dropping them.
+    /// True if an error like this waits for the other decisions in flight, rather than dropping them.
     fn waits_for_others(_error: &Self::Error) -> bool {
         false
     }

@@ -55,7 +55,7 @@ pub(crate) type LinePosition = (u64, usize);
 pub(crate) struct Lines {
     file: File,
     end: u64,
-    /// Whether a write failed: later lines might be unreadable.
+    /// True if a write failed: later lines might be unreadable.
     is_broken: bool,
 }
 

@@ -1,6 +1,6 @@
 //! Pages that proxies answer with, as a few words for an error.
 
-/// Length of the part of a page that an error shows.
+/// Maximum characters of a page that an error shows.
 const TEXT_CHARS_MAX: usize = 200;
 
 /// The first printable text of a page: no markup, scripts or styles, and one space where there were several or a control

@@ -22,7 +22,7 @@ pub struct Answer {
 }
 
 impl Answer {
-    /// Whether the answer is valid.
+    /// True if the answer is valid.
     #[must_use]
     pub const fn is_valid(&self) -> bool {
         self.fault.is_none()
@@ -74,7 +74,7 @@ struct Read<'a> {
     message: Option<Message>,
     /// The value of `TO`.
     to: Option<&'a str>,
-    /// Whether there is a marker `ACTION:`, whatever follows.
+    /// True if the answer has a marker `ACTION:`, whatever follows.
     names_action: bool,
     valid: bool,
 }
@@ -128,7 +128,7 @@ enum Kind {
 struct Marker<'a> {
     kind: Kind,
     value: &'a str,
-    /// Whether this is an `ACTION:` with nothing before the `MSG:` that follows on its line, as in `ACTION: MSG:
+    /// An `ACTION:` with nothing before the `MSG:` that follows on its line, as in `ACTION: MSG:
     /// hello`.
     announces_message: bool,
 }
@@ -191,7 +191,7 @@ fn marker_at(line: &str, place: usize, centralized: bool) -> Option<(Kind, usize
     Some((kind, line.len() - value.len()))
 }
 
-/// Whether a character may stand before the first marker of a line: white space, list signs, emphasis, headings.
+/// True if a character may stand before the first marker of a line: white space, list signs, emphasis, headings.
 fn leads(c: char) -> bool {
     c.is_whitespace()
         || is_emphasis(c)
@@ -254,7 +254,7 @@ fn unwrapped(value: &str) -> &str {
     value
 }
 
-/// Whether the character at `place` is an apostrophe within a word, as in `don't`, which closes no quote.
+/// True if the character at `place` is an apostrophe within a word, as in `don't`, which closes no quote.
 fn is_apostrophe(text: &str, place: usize) -> bool {
     let (before, after) = text.split_at(place);
     after.starts_with('\'')
@@ -262,7 +262,7 @@ fn is_apostrophe(text: &str, place: usize) -> bool {
         && after.chars().nth(1).is_some_and(char::is_alphanumeric)
 }
 
-/// Whether the quotes or brackets around `inner` match each other.
+/// True if the quotes or brackets around `inner` match each other.
 fn is_balanced(inner: &str, open: char, close: char) -> bool {
     if open == close {
         return inner.match_indices(open).all(|(place, _)| is_apostrophe(inner, place));

@@ -53,7 +53,7 @@ pub struct Body {
     pub(crate) shape: Shape,
     pub(crate) mass: i32,
     pub(crate) fixed: bool,
-    /// Whether it lies wholly outside the map and takes no further part.
+    /// A body that lies wholly outside the map takes no further part.
     pub(crate) gone: bool,
 }
 
@@ -75,7 +75,7 @@ impl Body {
         Self { kind, at, shape: Shape::Cells(cells.into()), mass, fixed, gone: false }
     }
 
-    /// Whether it lies on a single cell.
+    /// True if the body lies on a single cell.
     pub(crate) const fn is_single(&self) -> bool {
         matches!(self.shape, Shape::Cell)
     }

@@ -74,7 +74,7 @@ impl Config {
     /// before, which are checked by [`Config::check`].
     ///
     /// # Errors
-    /// As [`Config::check`]; if that passes, as [`Config::check_new`].
+    /// Those of [`Config::check`], then those of [`Config::check_new`].
     pub fn admit(settings: &Settings) -> Result<Self, SettingErrors> {
         let config = Self::check(settings)?;
         config.check_new()?;

@@ -43,7 +43,7 @@ impl Pos {
         Self::new(self.i + by.i, self.j + by.j)
     }
 
-    /// Whether `other` lies within `reach` rows and `reach` columns.
+    /// True if the other cell lies within `reach` rows and `reach` columns.
     #[must_use]
     pub const fn is_within(self, reach: i32, other: Pos) -> bool {
         (self.i - other.i).abs() <= reach && (self.j - other.j).abs() <= reach
@@ -155,7 +155,7 @@ impl Grid {
         self.width
     }
 
-    /// Whether the cell lies on the map.
+    /// True if the cell lies on the map.
     #[must_use]
     pub const fn contains(&self, at: Pos) -> bool {
         at.i >= 0 && at.i < self.height && at.j >= 0 && at.j < self.width
@@ -171,7 +171,7 @@ impl Grid {
         (id != EMPTY).then_some(BodyId(id))
     }
 
-    /// Whether the cell lies on the map and nothing lies on it.
+    /// True if the cell lies on the map and nothing lies on it.
     #[must_use]
     pub fn is_free(&self, at: Pos) -> bool {
         self.contains(at) && self.cell(at) == EMPTY

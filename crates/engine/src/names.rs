@@ -105,7 +105,7 @@ impl AnswerReader {
         Self::default().name().to_owned()
     }
 
-    /// Whether this is the name of the default reader.
+    /// True if the name is that of the default reader.
     #[must_use]
     pub fn is_usual(name: &str) -> bool {
         name == Self::default().name()

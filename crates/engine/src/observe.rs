@@ -34,7 +34,7 @@ pub enum Seen {
     Agent {
         /// The number of the agent.
         number: u16,
-        /// Whether its light is on, or it carries food, under the rules `paper`; the opposite under `reference`.
+        /// True if the light is on, or the agent carries food, under the rules `paper`; the opposite under `reference`.
         marked: bool,
     },
 }
@@ -124,9 +124,9 @@ pub struct Observation {
     pub position: Option<Pos>,
     /// The agent's window; `None` once it has escaped.
     pub view: Option<View>,
-    /// Whether its light is on; in Synchronization only.
+    /// State of the agent's light; in Synchronization only.
     pub light_on: Option<bool>,
-    /// Whether it carries food; in Foraging only.
+    /// Load of the agent; in Foraging only.
     pub carrying_food: Option<bool>,
     /// The messages delivered to it, sorted by text.
     pub messages: Vec<Message>,
@@ -191,11 +191,11 @@ pub struct AgentState {
     pub agent: AgentId,
     /// The agent's position; the cell to which it went if it has escaped.
     pub at: Pos,
-    /// Whether it is on the map.
+    /// True if the agent is on the map.
     pub alive: bool,
-    /// Whether its light is on (Synchronization).
+    /// State of the agent's light (Synchronization).
     pub light_on: Option<bool>,
-    /// Whether it carries food (Foraging).
+    /// Load of the agent (Foraging).
     pub carrying_food: Option<bool>,
 }
 
@@ -297,7 +297,7 @@ impl World {
         })
     }
 
-    /// Whether the agent's light is on, and whether it carries food; `None` if the task has no such flag.
+    /// State of the agent's light, and its load; `None` if the task has no such flag.
     fn flag_of(&self, agent: AgentId) -> (Option<bool>, Option<bool>) {
         match &self.task {
             Task::Synchronization(task) => (Some(task.light_on[agent.index()]), None),

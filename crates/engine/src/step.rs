@@ -36,7 +36,7 @@ impl World {
     /// Resolves one round with reused memory.
     ///
     /// # Panics
-    /// As [`World::step`].
+    /// Those of [`World::step`].
     pub fn step_in(&mut self, acts: &[Act], scratch: &mut Scratch) {
         self.advance(acts, Solver::Flow, scratch).expect("the flow cannot fail");
     }
@@ -47,7 +47,7 @@ impl World {
     /// See [`Solver::movers`]; the world is unchanged after an error.
     ///
     /// # Panics
-    /// As [`World::step`].
+    /// Those of [`World::step`].
     pub fn step_with(
         &mut self,
         acts: &[Act],
@@ -104,7 +104,7 @@ impl World {
     }
 
     /// The moment that agents will remember of the round: the current board, and their acts; escaped agents do nothing.
-    /// It replaces the oldest remembered moment, and reuses its memory unless a clone of the world shares it.
+    /// The new moment replaces the oldest remembered one, and reuses its memory unless a clone of the world shares it.
     fn remember(&mut self, acts: &[Act]) -> Arc<Moment> {
         let agents = self.board.agents().iter().zip(acts);
         let fixed =

@@ -84,19 +84,19 @@ impl World {
         self.score
     }
 
-    /// Whether the task itself is done, before the last round or with it.
+    /// True if the task itself is done, before the last round or with it.
     #[must_use]
     pub fn is_done(&self) -> bool {
         self.task.is_done(&self.board)
     }
 
-    /// Whether the episode has ended: the task is done or all rounds are played.
+    /// True if the episode has ended: the task is done or all rounds are played.
     #[must_use]
     pub fn is_over(&self) -> bool {
         self.round >= self.config.max_round || self.is_done()
     }
 
-    /// Whether an agent is on the map; an escaped agent neither sees nor acts any more.
+    /// True if an agent is on the map; an escaped agent neither sees nor acts any more.
     #[must_use]
     pub fn is_alive(&self, agent: AgentId) -> bool {
         self.board.agents().get(agent.index()).is_some_and(|body| !body.gone)

@@ -232,14 +232,14 @@ pub const fn first_prompt_revision() -> u32 {
     1
 }
 
-/// Whether journals leave this revision out.
+/// True if journals leave this revision out.
 #[must_use]
 pub const fn is_first_prompt_revision(revision: &u32) -> bool {
     *revision == 1
 }
 
 impl Opening {
-    /// Whether boards count the episode: it belongs to a run or has several holders, and it is no fork.
+    /// True if boards count the episode: it belongs to a run or has several holders, and it is no fork.
     #[must_use]
     pub fn counts(&self) -> bool {
         let is_listed = self.run.is_some() || !self.config.open_seats.is_empty();
@@ -414,7 +414,7 @@ pub struct ActRecord {
     /// The only receiver of a commander's message.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub to: Option<String>,
-    /// Whether the act counts, which an invalid answer of a language model does not.
+    /// True if the act counts, which an invalid answer of a language model does not.
     pub valid: bool,
     /// The reason why the answer is invalid, which journals of earlier versions do not contain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -445,7 +445,7 @@ pub struct Decision {
     pub source: Source,
     /// The act.
     pub act: Act,
-    /// Whether the act counts, which an invalid answer of a language model does not.
+    /// True if the act counts, which an invalid answer of a language model does not.
     pub valid: bool,
     /// The reason why the answer is invalid, which journals of earlier versions do not contain.
     pub failure: Option<Failure>,
@@ -540,7 +540,7 @@ impl ActRecord {
         has_texts.then_some(Self { response: None, reasoning: None, ..self })
     }
 
-    /// Whether the record has only the fields that a fork takes over.
+    /// True if the record has only the fields that a fork takes over.
     #[must_use]
     pub const fn is_taken_over(&self) -> bool {
         self.response.is_none()

@@ -396,7 +396,7 @@ impl Player {
         self.replayer.world()
     }
 
-    /// Whether a record must name the holders of the seats before the first round.
+    /// True if a record must name the holders of the seats before the first round.
     fn is_seated(&self) -> bool {
         let config = &self.opening.config;
         !config.open_seats.is_empty() || config.player.is_some()

@@ -30,7 +30,7 @@ pub enum Refusal {
 }
 
 impl Refusal {
-    /// Whether the server refused with this code.
+    /// True if the server refused with this code.
     pub(crate) fn is(&self, code: &str) -> bool {
         matches!(self, Self::Problem(problem) if problem.code == code)
     }

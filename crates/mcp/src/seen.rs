@@ -52,7 +52,7 @@ impl Seen {
 }
 
 impl Facts {
-    /// Whether the episode waits for this seat.
+    /// True if the episode waits for this seat.
     pub(crate) const fn is_due(&self) -> bool {
         matches!(self.status, Status::Running) && self.alive && !self.acted
     }

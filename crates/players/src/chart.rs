@@ -18,7 +18,7 @@ pub(crate) struct Chart {
     width: i32,
     /// A packed [`Glimpse`] for each cell, 0 for none: the system allocates zeroed pages only when they are written.
     cells: Vec<u64>,
-    /// Whether there is a wall all around the map, seen or not.
+    /// True if the map has a wall all around, seen or not.
     ring_closed: bool,
     /// The round of the last observation.
     now: u32,
@@ -125,12 +125,11 @@ impl Chart {
         }
     }
 
-    /// Whether the cell lies on the map.
     pub(crate) fn contains(&self, at: Pos) -> bool {
         self.index(at).is_some()
     }
 
-    /// Whether the cell lies on the edge of the map, where the wall is.
+    /// True if the cell lies on the edge of the map, where the wall is.
     pub(crate) fn is_on_ring(&self, at: Pos) -> bool {
         let inside = (1..self.height - 1).contains(&at.i) && (1..self.width - 1).contains(&at.j);
         self.contains(at) && !inside
@@ -149,17 +148,17 @@ impl Chart {
         self.glimpse(at).map(|glimpse| glimpse.seen)
     }
 
-    /// Whether the cell lies on the map and was never seen.
+    /// True if the cell lies on the map and was never seen.
     pub(crate) fn is_unknown(&self, at: Pos) -> bool {
         self.contains(at) && self.glimpse(at).is_none()
     }
 
-    /// Whether another agent was seen on the cell within the last `rounds`, this one included.
+    /// True if another agent was seen on the cell within the last `rounds`, this one included.
     pub(crate) fn is_taken(&self, at: Pos, rounds: u32) -> bool {
         self.index(at).is_some_and(|index| self.is_crowded(self.cells[index], rounds))
     }
 
-    /// Whether an agent may enter the cell. Unknown cells count as open.
+    /// An agent may enter an open cell. Unknown cells count as open.
     pub(crate) fn is_open(&self, at: Pos) -> bool {
         self.index(at).is_some_and(|index| !self.is_shut(at, self.cells[index]))
     }
@@ -222,12 +221,12 @@ impl Chart {
         glimpse.or_else(|| (self.ring_closed && self.is_on_ring(at)).then(ring))
     }
 
-    /// Whether the packed glimpse of a cell shows that no agent can enter it.
+    /// True if the packed glimpse of a cell shows that no agent can enter it.
     fn is_shut(&self, at: Pos, packed: u64) -> bool {
         kind(packed) >= FIXED || packed == 0 && self.ring_closed && self.is_on_ring(at)
     }
 
-    /// Whether the packed glimpse shows an agent within the last `rounds`.
+    /// True if the packed glimpse shows an agent within the last `rounds`.
     fn is_crowded(&self, packed: u64, rounds: u32) -> bool {
         let round = u32::try_from(packed >> 32).unwrap_or(0);
         kind(packed) == AGENT && self.now.saturating_sub(round) < rounds

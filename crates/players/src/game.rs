@@ -34,7 +34,7 @@ impl LocalGame {
         self.decide_by(|player, observation| player.decide(observation))
     }
 
-    /// Variant of [`Self::decide`] with `ask` calling each player so that it can measure the time.
+    /// [`Self::decide`], with `ask` calling each player so that it can measure the time.
     pub fn decide_by(
         &mut self,
         mut ask: impl FnMut(&mut dyn Player, &Observation) -> Act,

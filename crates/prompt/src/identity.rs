@@ -48,7 +48,7 @@ fn digest_of_system(message: &str) -> String {
     digest_of_template(text.as_deref().unwrap_or(message))
 }
 
-/// Whether a template may print the program's own words, which are in `task.description` and in `meaning` of actions.
+/// The template may print the program's own words, which are in `task.description` and in `meaning` of actions.
 fn has_own_words(template: &str) -> bool {
     ["description", "meaning", "{{ task }}", "{{ actions }}"]
         .iter()

@@ -37,7 +37,7 @@ impl PageMaker {
         maker
     }
 
-    /// Whether the page has [`PAGE_BYTES_MAX`].
+    /// True if the page has [`PAGE_BYTES_MAX`].
     #[must_use]
     pub const fn is_full(&self) -> bool {
         self.bytes >= PAGE_BYTES_MAX && self.page.length > 1

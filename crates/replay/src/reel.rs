@@ -30,7 +30,7 @@ pub struct Scene {
 pub struct Round {
     /// Decisions in the order of the agents' numbers.
     pub decisions: Vec<Decision>,
-    /// Whether the decisions have actions; some imported games have messages only.
+    /// True if the decisions have actions; some imported games have messages only.
     pub has_actions: bool,
     /// Sender and receiver of each message that a commander addressed.
     pub to: Vec<(u16, u16)>,

@@ -1,4 +1,4 @@
-//! How programs are asked and answer: [`arguments`], text, tables, JSON and progress bars. The server's program and
+//! Input and output of programs: [`arguments`], text, tables, JSON and progress bars. The server's program and
 //! `crates/bench` share it.
 //!
 //! Much of the text comes from others: names, journals, responses of servers. Control characters would act on a terminal, and
@@ -44,7 +44,7 @@ static FAILED: OnceLock<io::Error> = OnceLock::new();
 /// Interval between lines of progress if there is no terminal.
 pub const LINE_EVERY: Duration = Duration::from_mins(1);
 
-/// Whether a [`Stream`] has lost its reader.
+/// True if a [`Stream`] has lost its reader.
 static CUT: AtomicBool = AtomicBool::new(false);
 
 /// Prints text for people to standard output. [`code`] reports errors.
@@ -242,7 +242,7 @@ fn draw_target() -> ProgressDrawTarget {
     ProgressDrawTarget::term_like_with_hz(Box::<Terminal>::default(), 20)
 }
 
-/// Whether the standard error is a terminal.
+/// True if the standard error is a terminal.
 #[must_use]
 pub fn is_watched() -> bool {
     io::stderr().is_terminal()

@@ -83,7 +83,7 @@ impl Frame<'_> {
         })
     }
 
-    /// Whether all slices have the sizes of the shape.
+    /// True if all slices have the sizes of the shape.
     pub(crate) fn fits(&self, shape: &Shape) -> bool {
         let Shape { environments, agents, planes, actions, flag, .. } = *shape;
         let seats = environments * agents;

@@ -21,7 +21,7 @@ pub struct Options {
     pub autoreset: Autoreset,
     /// Actions that the mask allows.
     pub mask: Mask,
-    /// Whether the acts of each episode are recorded, which states and journals require.
+    /// True if the acts of each episode are recorded, which states and journals require.
     pub record: bool,
 }
 

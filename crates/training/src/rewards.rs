@@ -9,7 +9,7 @@ use crate::options::Rewards;
 pub(crate) struct Before {
     score: f64,
     round: u32,
-    /// Whether an agent carried food (Foraging) or was on the map (Transport), by agent.
+    /// Agents that carried food (Foraging) or were on the map (Transport), by agent.
     had: Vec<bool>,
 }
 

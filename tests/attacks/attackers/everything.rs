@@ -7,7 +7,7 @@ use tokio::task::JoinSet;
 
 use super::{ATTACKS, Attack, Attacking, Ctx, play};
 
-/// Whether an attack says nothing beside others: it needs a server of its own, or the memory of one.
+/// True if an attack says nothing beside others: it needs a server of its own, or the memory of one.
 fn is_apart(attack: &Attack) -> bool {
     let has_own_server = attack.restarts || attack.files.is_some() || !attack.options.is_empty();
     has_own_server || attack.takes || !attack.least.is_zero() || attack.name == "everything"

@@ -1,6 +1,6 @@
 //! The attackers: a process of its own, with a low priority and at most half a core.
 //!
-//! It reads lines: what it is to do ([`Brief`]), `go`, `at ADDRESS` when the server is somewhere else, and it stops at
+//! The process reads lines: what it is to do ([`Brief`]), `go`, `at ADDRESS` when the server is somewhere else, and it stops at
 //! the end of its input. It writes `ready` when it is prepared, `taken` where others are to wait for that, and in the end what it
 //! counted ([`AttackReport`]).
 
@@ -46,13 +46,13 @@ pub(crate) const ATTACKERS: &str = "SWARMBENCH_ATTACKERS";
 /// The share of one core that all attackers together use at most.
 pub(crate) const CPU_SHARE: f64 = 0.5;
 
-/// How often that is looked at.
+/// Interval of looks at the processor time.
 const CPU_PACE: Duration = Duration::from_millis(5);
 
-/// How far they may be ahead of it, in seconds.
+/// Maximum seconds by which the attackers may be ahead of it.
 const CPU_AHEAD_S: f64 = 0.02;
 
-/// How much nicer they are than the server and the honest entrant.
+/// Niceness of the attackers above the server and the honest entrant.
 const NICER: i32 = 10;
 
 /// After this time no more is prepared, where less does, too.
@@ -67,7 +67,7 @@ pub(crate) struct Brief {
     pub(crate) attack: String,
     pub(crate) at: SocketAddr,
     pub(crate) seed: u64,
-    /// Whether there is time for large numbers.
+    /// True if the run has time for large numbers.
     pub(crate) is_long: bool,
     pub(crate) server: u32,
     /// The competition that the honest entrant plays.
@@ -78,7 +78,7 @@ pub(crate) struct Brief {
     pub(crate) member: String,
 }
 
-/// What the attackers tell in the end.
+/// Report of the attackers at the end.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct AttackReport {
     pub(crate) counts: Counts,
@@ -94,19 +94,19 @@ pub(crate) struct Attack {
     pub(crate) name: &'static str,
     pub(crate) what: &'static str,
     run: fn(Arc<Ctx>) -> Attacking,
-    /// Whether the server is killed and started again in the middle of it.
+    /// True if the server is killed and started again in the middle of it.
     pub(crate) restarts: bool,
-    /// How many files the server may have open; as many as the host allows where it is none.
+    /// Maximum open files of the server; as many as the host allows where it is none.
     pub(crate) files: Option<u32>,
-    /// What each answer 201 may cost the server of its time on the processors, in milliseconds; asserted in a long run.
+    /// Maximum processor time of the server for each answer 201, in milliseconds; asserted in a long run.
     pub(crate) creation_ms_max: Option<f64>,
     /// `--memory-max` of its server, in MiB: little, where memory is what is attacked.
     pub(crate) memory_mib: u64,
     /// Further options of the server.
     pub(crate) options: &'static [&'static str],
-    /// How long it takes at least, also in a short run.
+    /// Minimum duration, also in a short run.
     pub(crate) least: Duration,
-    /// Whether the honest entrant comes when the attackers have all that they take.
+    /// True if the honest entrant comes when the attackers have all that they take.
     pub(crate) takes: bool,
 }
 
@@ -247,16 +247,16 @@ enum Addresses {
     Host,
 }
 
-/// What attackers share.
+/// State that attackers share.
 pub(crate) struct Ctx {
     pub(crate) brief: Brief,
     pub(crate) tally: Arc<Tally>,
     at: watch::Receiver<SocketAddr>,
     stage: Arc<watch::Sender<bool>>,
-    /// How many attacks are not prepared yet.
+    /// Attacks that are not prepared yet.
     preparing: Arc<AtomicUsize>,
     is_prepared: AtomicBool,
-    /// How much of what they take the attackers have.
+    /// Resources that the attackers have taken so far.
     taken: AtomicUsize,
     notes: Arc<Mutex<Vec<String>>>,
     started: Instant,
@@ -289,7 +289,7 @@ impl Ctx {
         Dice::of(self.brief.seed, purpose)
     }
 
-    /// Whether there is time to prepare more.
+    /// True if time is left to prepare more.
     fn has_time(&self) -> bool {
         self.started.elapsed() < PREPARATION_MAX
     }

@@ -64,7 +64,7 @@ pub(super) const TEMPLATES: [Shape; 27] = [
     chain("", "{{ agent }}", ""),
 ];
 
-/// How often a part of a template is repeated: around what may be a limit, and where stacks end.
+/// Repetitions of a part of a template: around what may be a limit, and where stacks end.
 pub(super) const PARTS: [usize; 10] = [17, 33, 65, 151, 1_000, 2_334, 4_000, 8_100, 11_031, 32_768];
 
 /// JSON that takes many times its bytes where it is read into values.

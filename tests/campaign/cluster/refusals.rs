@@ -12,7 +12,7 @@ use swarmbench_testkit::program::{PATIENCE, Site, program};
 /// The program of an earlier version.
 const OLD_PROGRAM: &str = "SWARMBENCH_OLD_PROGRAM";
 
-/// What a program said that has ended by itself.
+/// Last words of a program that has ended by itself.
 struct Refused {
     status: ExitStatus,
     text: String,
@@ -187,7 +187,7 @@ pub(crate) async fn a_server_whose_commits_are_lost_leaves_its_work_to_the_other
     }
 }
 
-/// Whether there is a program of the version before.
+/// True if a program of the version before is there.
 pub(crate) fn has_old_program() -> bool {
     std::env::var_os(OLD_PROGRAM).is_some()
 }

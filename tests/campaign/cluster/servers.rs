@@ -15,23 +15,23 @@ use crate::campaign::doors::Doors;
 use crate::campaign::ledger::{Ledger, Played};
 use crate::campaign::proxy::Proxy;
 
-/// How many servers there are.
+/// Servers of the cluster.
 pub(crate) const SERVERS: usize = 3;
 
 /// The exit code of a server that others have taken over.
 const START_AGAIN: i32 = 75;
 
-/// What it says then.
+/// Last words of an excluded server.
 const EXCLUDED: &str = "the other servers have excluded this one";
 
-/// What a server may complain about that was taken over.
+/// Permitted complaints of a server that was taken over.
 const REASONS_OF_EXCLUDED: [&str; 3] = [
     EXCLUDED,
     "another server has taken the database over",
     "the actor of an episode has ended: the episode is recovered from the journal",
 ];
 
-/// What a server may complain about while others die, and while it does not reach them or the database.
+/// Permitted complaints of a server while others die, and while it does not reach them or the database.
 const REASONS: [&str; 20] = [
     "a server is dead: the others take its work over",
     "the work of a server that may be dead cannot be taken over",
@@ -71,10 +71,10 @@ pub(crate) struct Cluster {
     slots: Vec<Slot>,
     pub(crate) doors: Arc<Doors>,
     pub(crate) scratch: Scratch,
-    /// Of the test itself, past all proxies.
+    /// Connection of the test itself, past all proxies.
     connection: PgConnection,
     folder: TempDir,
-    /// How often a server was taken over that was alive.
+    /// Take-overs of a server that was alive.
     pub(crate) exclusions: u64,
     /// The PostgreSQL of this campaign alone, whose settings faults change.
     server: Option<OwnServer>,
@@ -119,7 +119,7 @@ impl Cluster {
         Self { slots, doors, scratch, connection, folder, exclusions: 0, server }
     }
 
-    /// Whether the settings of PostgreSQL are those of this campaign alone.
+    /// True if the settings of PostgreSQL are those of this campaign alone.
     pub(crate) const fn has_own_server(&self) -> bool {
         self.server.is_some()
     }

@@ -1,11 +1,11 @@
-//! How long games stand still after a fault.
+//! Times for which games stand still after a fault.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 use swarmbench_testkit::dice::number;
 
-/// What happened to the server that played, or to the database.
+/// Fault of the server that played, or of the database.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Kind {
     Killed,
@@ -46,7 +46,7 @@ impl Kind {
         }
     }
 
-    /// What 99 of 100 games have to keep, where something was promised.
+    /// Limit for 99 of 100 games, where one is promised.
     const fn goal(self) -> Option<Duration> {
         match self {
             Self::Killed | Self::TwoKilled => Some(Duration::from_secs(2)),

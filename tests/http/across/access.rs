@@ -99,12 +99,12 @@ impl Kind {
         matches!(self, Owner | Member | Entrant | Organizer)
     }
 
-    /// Whether it stands where the creator of the episode does.
+    /// True if the caller has the rights of the episode's creator.
     fn owns(self) -> bool {
         matches!(self, Swarm | Run | Owner | Organizer)
     }
 
-    /// Whether it stands where the creator of the run does.
+    /// True if the caller has the rights of the run's creator.
     fn owns_run(self) -> bool {
         matches!(self, Run | Owner | Organizer)
     }
@@ -127,7 +127,7 @@ struct Stage {
     visibility: &'static str,
     ended: bool,
     private: bool,
-    /// Whether somebody else holds a seat of it, too.
+    /// True if somebody else holds a seat, too.
     mixed: bool,
 }
 
@@ -764,7 +764,7 @@ async fn a_private_server() {
     check_all(true, false, &[("public", false), ("owner", true)]).await;
 }
 
-/// What a route shows depends on who asks, too.
+/// Answers of a route depend on the caller, too.
 #[tokio::test]
 async fn lists_and_seeds_are_shown_to_those_who_may_read_them() {
     let world = World::new(false).await;

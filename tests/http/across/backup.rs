@@ -18,7 +18,7 @@ async fn backup(db: &Path, file: &Path) -> Output {
     swarmbench(&["backup".as_ref(), "--db".as_ref(), db, file]).await
 }
 
-/// What a backup that must not be made says.
+/// Message of a refused backup.
 async fn refusal(db: &Path, file: &Path) -> String {
     let output = backup(db, file).await;
     assert!(!output.status.success(), "{}", text(&output.stdout));

@@ -1,4 +1,4 @@
-//! What one answer costs at most, and what a new game may not ask for.
+//! Bounds of the cost of one answer, and of the settings of a new game.
 
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
@@ -232,7 +232,7 @@ fn window(settings: &Settings) -> i64 {
     }
 }
 
-/// How many agents one of them hears at most.
+/// Maximum agents that one agent hears.
 fn heard(settings: &Settings) -> i64 {
     match &*settings.control {
         "centralized" => settings.num_agents,
@@ -240,7 +240,7 @@ fn heard(settings: &Settings) -> i64 {
     }
 }
 
-/// What makes an answer large, or a round.
+/// Settings that make an answer or a round large.
 const COSTS: [fn(&Settings) -> i64; 6] = [
     window,
     heard,
@@ -319,8 +319,7 @@ async fn bytes(app: &TestApp, path: &str, token: &str) -> usize {
     answer.body.len()
 }
 
-/// Of the looks of this process that wrote cells on async threads: how many wrote at most `cells` there, and how
-/// many there were.
+/// Looks of this process that wrote at most `cells` cells on async threads, and all that wrote cells there.
 async fn looks_on_async_threads(app: &TestApp, cells: &str) -> (u64, u64) {
     let metrics = app.get("/metrics").send().await.text();
     let value = |series: String| {

@@ -21,7 +21,7 @@ async fn act(app: &TestApp, episode: &Episode, seat: usize, round: u64) {
     app.act(episode.seat(seat), &json!({ "round": round, "action": "SWITCH" })).await;
 }
 
-/// What is left to a seat: until its clock runs out, and of its bank.
+/// Time left to a seat: until its clock runs out, and of its bank.
 async fn left(app: &TestApp, episode: &Episode, seat: usize) -> (u64, u64) {
     let seen = app.obs(episode.seat(seat)).await;
     (number(&seen["remaining_ms"]), number(&seen["bank_ms"]))

@@ -15,7 +15,7 @@ use crate::app::program::{printed, swarmbench};
 use crate::app::{Episode, TestApp};
 use crate::cup::{Cup, pass_minutes, server};
 
-/// What no hash covers: names and labels, times, who may read, and what is only said.
+/// Fields that no hash covers: names and labels, times, who may read, and what is only said.
 const UNCHECKED: [(&str, &str); 70] = [
     ("_sqlx_migrations", "description"),
     ("_sqlx_migrations", "execution_time"),

@@ -1,4 +1,4 @@
-//! What fails, fails alone: an entry that the database refuses, a locked database, a competition that cannot be
+//! Faults stay alone: an entry that the database refuses, a locked database, a competition that cannot be
 //! closed.
 
 use std::time::Duration;

@@ -96,7 +96,7 @@ async fn no_path_leads_a_second_server_into_the_same_file() {
     assert_eq!(app.show(&episode).await["round"], 1);
 }
 
-/// What an operator does to the files of a running server.
+/// Operations on the files of a running server.
 #[derive(Clone, Copy, Debug)]
 enum Accident {
     Removed,

@@ -4,7 +4,7 @@
 //! cargo test --test http -- --ignored golden_journals_are_recorded
 //! ```
 //!
-//! It plays the games of [`games`] on a server whose time is moved by hand, and writes what is missing
+//! The recorder plays the games of [`games`] on a server whose time is moved by hand, and writes what is missing
 //! in `tests/golden/REVISION/`. What is there already is never written again: see CONTRIBUTING.md.
 
 use std::fs::{self, File, OpenOptions};
@@ -62,7 +62,7 @@ pub(crate) struct GoldenGame {
     how: How,
 }
 
-/// How a game is played.
+/// A way to play a game.
 enum How {
     /// To its end, by the task's default player.
     BuiltIn,
@@ -315,7 +315,7 @@ impl GoldenGame {
     }
 }
 
-/// What is said: what a message must cope with, and what is usual.
+/// Messages: difficult ones, and usual ones.
 const TEXTS: [&str; 12] = [
     "the block is to the left",
     "going (3, 4) → (3, 5), \"don't\" wait",
@@ -331,7 +331,7 @@ const TEXTS: [&str; 12] = [
     "ёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёёё",
 ];
 
-/// What language models write; `{A}` is an action, `{M}` a text, `{R}` an agent.
+/// Answers of language models; `{A}` is an action, `{M}` a text, `{R}` an agent.
 const ANSWERS: [&str; 16] = [
     "ACTION: {A}",
     "I see the others.\n\nACTION: {A}\nMSG: {M}",

@@ -8,7 +8,7 @@
 //! cargo test --test http -- --ignored golden_database_is_recorded
 //! ```
 //!
-//! What is there already is never written again: see CONTRIBUTING.md.
+//! Existing files are never written again: see CONTRIBUTING.md.
 
 use std::fs::{self, File};
 use std::io::{Read as _, Write as _};
@@ -43,7 +43,7 @@ struct Facts {
     /// A key that may be used, and those that may not.
     member: String,
     refused_keys: Vec<String>,
-    /// What was answered. Later versions may answer with more fields, never with other values.
+    /// Recorded answers. Later versions may answer with more fields, never with other values.
     answers: Vec<RecordedAnswer>,
     /// Journals: the path, head, score and number of rounds of each.
     journals: Vec<Journal>,
@@ -62,7 +62,7 @@ struct Facts {
 /// Competitions, by what they are in the middle of.
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct Cups {
-    /// It opens later, and its settings are the largest that there were.
+    /// A competition that opens later, with the largest settings of its version.
     announced: String,
     opens_in_minutes: u64,
     open: String,
@@ -99,7 +99,7 @@ struct Repeated {
     token: String,
     name: String,
     body: Value,
-    /// What of the answer is the same again.
+    /// The part of the answer that must be the same again.
     same: Value,
 }
 
@@ -207,7 +207,7 @@ async fn create_named(
     created
 }
 
-/// What people without keys leave on a server of their own: all games of the golden journals, and runs.
+/// Rows of people without keys on a server of their own: all games of the golden journals, and runs.
 async fn without_keys(app: &TestApp, facts: &mut Facts) {
     for game in games() {
         game.record(app).await;
@@ -289,7 +289,7 @@ async fn without_keys(app: &TestApp, facts: &mut Facts) {
     facts.runs.push(running);
 }
 
-/// What people with keys of every kind leave.
+/// Rows of people with keys of every kind.
 async fn with_keys(app: &TestApp, facts: &mut Facts) {
     let (member, _) = app.key(json!({ "name": "a member" })).await;
     let (second, _) = app.key(json!({ "name": "second", "role": "organizer" })).await;

@@ -12,7 +12,7 @@ use swarmbench_journal::replay::verify;
 
 use crate::app::{Episode, TestApp, list, verified};
 
-/// What a server plays by itself, once it has ended.
+/// A game that the server plays by itself, once it has ended.
 async fn ended(app: &TestApp, episode: &Episode) -> Value {
     let wait = app.get("/swarm/obs?wait=60").token(&episode.swarm).ok().await;
     assert_eq!(wait["finished"], true, "{wait}");

@@ -7,7 +7,7 @@ use swarmbench_testkit::needs;
 
 use crate::app::{Episode, TestApp, game, list, number, verified};
 
-/// What `/metrics` says of something that is counted in whole numbers.
+/// A metric that counts whole numbers.
 fn metric(text: &str, name: &str) -> u64 {
     let line = text.lines().find(|line| line.starts_with(name) && !line.starts_with('#'));
     line.and_then(|line| line.rsplit(' ').next()?.parse().ok())

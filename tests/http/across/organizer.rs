@@ -10,9 +10,9 @@ use serde_json::{Value, json};
 use crate::app::{DOCUMENT, TestApp, list};
 use crate::cup::Attempt;
 
-/// What the guide says is to be done.
+/// A step of the guide.
 enum Step {
-    /// It is this time now.
+    /// The clock is set to this time.
     Time(jiff::Timestamp),
     /// These attempts, by the variables that hold their tokens, are played for a while.
     Play(Vec<String>),
@@ -137,7 +137,7 @@ impl Shell {
     }
 }
 
-/// What an organizer has done before others read their guides: a competition, and a code for it.
+/// Preparation for other readers of the guides: a competition, and a code for it.
 async fn prepared(app: &TestApp) -> Shell {
     let organizer = Shell::new(app, Some(app.organizer.clone()));
     organizer

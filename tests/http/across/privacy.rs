@@ -1,4 +1,4 @@
-//! What an agent is sent depends on nothing that it may not know.
+//! Answers to an agent depend on nothing that it may not know.
 //!
 //! Two episodes of the same settings are played alike for some rounds. Then agents do hidden things differently
 //! in the second: they move out of sight, say something to others, switch lights that are far away; and
@@ -149,7 +149,7 @@ impl Played {
         agents.filter(|(_, body)| body.alive).map(|(agent, _)| agent).collect()
     }
 
-    /// What each agent is sent now, to the byte; the escaped ask for themselves. Nothing once the episode has
+    /// Answers to each agent now, to the byte; the escaped ask for themselves. Nothing once the episode has
     /// ended: its result names a head, which stands for everything.
     async fn sent(&self, app: &TestApp) -> Option<Vec<String>> {
         let mut sent = vec![String::new(); self.game.state().agents.len()];
@@ -175,13 +175,13 @@ impl Played {
         Some(sent)
     }
 
-    /// What one agent gets by its own token.
+    /// Observation of one agent by its own token.
     async fn obs(&self, app: &TestApp, agent: usize) -> String {
         let call = app.get("/obs?prompt=true").token(&self.seats[agent]);
         self.anonymous(&call.send().await.text())
     }
 
-    /// What one agent gets by the tool of its seat.
+    /// Observation of one agent by the tool of its seat.
     async fn look_by_tool(&self, app: &TestApp, agent: usize) -> Value {
         let looked = app.tool(&self.seats[agent], "look", json!({})).await;
         serde_json::from_str(&self.anonymous(&looked.to_string())).expect("JSON")
@@ -215,11 +215,11 @@ fn worded(planned: &PlannedAct, words: &mut Dice) -> Value {
     act
 }
 
-/// How often two agents were to be sent the same, and the result.
+/// Comparisons of two agents that were to be sent the same, and the result.
 #[derive(Debug, Default)]
 struct Count {
     alike: u32,
-    /// Of these, in episodes in which something differed: at that moment, and ever.
+    /// Comparisons in episodes in which something differed: at that moment, and ever.
     hidden: [u32; 2],
     differ: u32,
 }

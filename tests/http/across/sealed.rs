@@ -1,6 +1,6 @@
 //! Until a competition is closed nothing of its sealed games reaches anybody but organizers.
 //!
-//! What is sealed is known here from the organizer's own answers: seeds, salts, layouts, states, scores, digests. Then
+//! The sealed values are taken from the organizer's own answers: seeds, salts, layouts, states, scores, digests. Then
 //! every route is asked with every other kind of token, and all answers and all lines of the log are searched.
 
 use std::collections::BTreeSet;
@@ -115,7 +115,7 @@ async fn canaries(app: &TestApp, cup: &Cup) -> BTreeSet<Canary> {
     found
 }
 
-/// What was answered to somebody.
+/// An answer, and to whom it was given.
 struct Said {
     who: String,
     call: String,
@@ -306,7 +306,7 @@ async fn nothing_of_a_sealed_game_reaches_anybody_but_organizers() {
     assert!(app.get(&path).ok().await["grid"].is_array());
 }
 
-/// What is done in tasks of their own, so that it is not broken off, belongs to its request all the same.
+/// Work in tasks of its own, which no hang-up breaks off, belongs to its request all the same.
 #[tokio::test]
 async fn log_lines_of_spawned_tasks_have_the_id_of_their_request() {
     listen();

@@ -51,7 +51,7 @@ async fn recorded_games_are_the_same_over_http(#[case] text: &str) {
     assert_eq!(text.lines().count(), 11);
 }
 
-/// What every living agent does in a round: an action and a message.
+/// Acts of all living agents in a round: an action and a message each.
 pub(crate) type Acts = BTreeMap<String, (String, String)>;
 
 /// A recorded game in which agents escape: its configuration, and what is done in every round.

@@ -1,4 +1,4 @@
-//! What one agent sees and does.
+//! Observations and acts of one agent.
 
 mod act;
 mod failures;

@@ -115,7 +115,7 @@ impl TestApp {
     }
 }
 
-/// What the journal of a sound episode proves.
+/// Report of the verification of a sound episode's journal.
 pub(crate) fn verified(journal: &str) -> JournalReport {
     verify(journal.as_bytes(), None, Solver::Flow, |_, _| ()).expect("it plays again")
 }

@@ -36,7 +36,7 @@ pub(crate) use self::episode::{Episode, game, verified};
 /// Longer than anything takes, so that a test that hangs fails.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(100);
 
-/// How a server is started.
+/// Options of a test server.
 #[derive(Default)]
 pub(crate) struct Builder {
     clock: Option<Arc<ManualClock>>,
@@ -150,7 +150,7 @@ async fn pause() {
     tokio::time::sleep(Duration::from_millis(2)).await;
 }
 
-/// Whether a server stands before the one that plays, which takes nothing and forwards everything.
+/// True if a server that plays nothing stands before the one that plays, and forwards everything.
 fn is_forwarding() -> bool {
     std::env::var_os("SWARMBENCH_TEST_ON").is_some_and(|on| on == "forwarding")
 }
@@ -221,7 +221,7 @@ impl TestApp {
         panic!("it does not get ready: {}", self.problems().await);
     }
 
-    /// What keeps the server from being used, as it says itself; empty where nothing does.
+    /// Problems that the server names itself; empty if it can be used.
     pub(crate) async fn problems(&self) -> String {
         let answer = self.get("/readyz").send().await;
         if answer.status == 200 {
@@ -351,7 +351,6 @@ impl TestApp {
         self.start_again().await;
     }
 
-    /// Where the database is.
     pub(crate) fn location(&self) -> Location {
         self.db().parse().expect("a location")
     }

@@ -12,7 +12,7 @@ use super::{Episode, PATIENCE, TestApp};
 /// A connection whose bytes the test sends and reads itself.
 pub(crate) struct Raw {
     stream: TcpStream,
-    /// What was received and not read yet.
+    /// Bytes that were received and not read yet.
     pub(crate) received: Vec<u8>,
 }
 
@@ -105,7 +105,7 @@ impl Raw {
     }
 }
 
-/// How often a slow client sends a byte.
+/// Interval between two bytes of a slow client.
 const NOW_AND_THEN: Duration = Duration::from_millis(20);
 
 pub(crate) async fn playing(app: &TestApp) -> Episode {
@@ -122,7 +122,7 @@ pub(crate) fn act_head(episode: &Episode, length: usize) -> String {
     )
 }
 
-/// Whether connections were cut for this reason, by any test of this process.
+/// True if connections were cut for this reason, by any test of this process.
 pub(crate) async fn was_cut(app: &TestApp, reason: &str) -> bool {
     let metrics = app.get("/metrics").send().await.text();
     metrics.contains(&format!("swarmbench_connections_cut_total{{reason=\"{reason}\"}}"))

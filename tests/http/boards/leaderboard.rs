@@ -381,7 +381,7 @@ async fn sealed_results_are_not_on_the_board_before_they_are_revealed() {
     app.get(&format!("{BOARD}?suite=small")).problem(400, "malformed").await;
 }
 
-/// What was read once is kept up with what is committed.
+/// A board that was read once is updated by later commits.
 #[needs(own_server)]
 #[tokio::test]
 async fn a_board_has_what_is_durable() {

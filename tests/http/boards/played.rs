@@ -39,19 +39,19 @@ const DEADLINE: Duration = Duration::from_mins(1);
 /// The outcome of a game.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Did {
-    /// It was played to its end.
+    /// The game was played to its end.
     Scored(u32),
     /// The same, with invalid answers and timeouts.
     Wrong { score: u32, invalid: u32, late: u32 },
-    /// It was aborted as soon as it had this score.
+    /// The game was aborted as soon as it had this score.
     Aborted(u32),
-    /// It was played to its end, and then the host found that it had broken it.
+    /// The game was played to its end, and then the host found that it had broken it.
     Voided(u32),
     /// Several agents played until they had this score; then it was aborted.
     Together(u32),
-    /// It was opened and is running.
+    /// The game is running.
     GoesOn,
-    /// It was never opened.
+    /// The game was never opened.
     NotBegun,
 }
 

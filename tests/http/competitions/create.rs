@@ -53,7 +53,7 @@ async fn whatever_is_wrong_with_a_competition_is_named() {
     assert_eq!(list(&app.get("/api/v1/competitions").ok().await["items"]).len(), 0);
 }
 
-/// Where a name is given: the path, the field, and the body with a name.
+/// Place of a name: the path, the field, and the body with a name.
 type NamedField<'a> = (String, &'a str, Box<dyn Fn(&str) -> Value + 'a>);
 
 #[tokio::test]

@@ -1,4 +1,4 @@
-//! What entrants do with themselves: they rename, withdraw and erase themselves; and what organizers do for them.
+//! Entrants rename, withdraw and erase themselves, and organizers do it for them.
 
 use std::time::Duration;
 

@@ -345,7 +345,7 @@ async fn every_forgery_is_found_though_its_chain_fits() {
     check(&forged, Expected { commitment: None, head: Some(honest) }).expect_err("another file");
 }
 
-/// What the program that was written from the documents says of a file; the error where it refuses it.
+/// Verdict on a file by the program that was written from the documents; the error if it refuses the file.
 fn example(file: &str) -> Result<String, String> {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("cup.jsonl");
@@ -437,7 +437,7 @@ async fn a_program_that_was_written_from_the_documents_checks_all_that_a_file_ma
     }
 }
 
-/// What is forged, and what the program says of it.
+/// A forgery, and what the program says of it.
 type Forgery = (&'static str, fn(&mut Line));
 
 const FORGERIES: [Forgery; 5] = [

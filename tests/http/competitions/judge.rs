@@ -50,7 +50,7 @@ async fn a_judge_reads_sealed_games_and_that_is_in_the_audit_log() {
     assert!(actions.contains(&"competition.export".to_owned()), "{actions:?}");
 }
 
-/// How often the audit log has a look at something sealed.
+/// Looks at something sealed in the audit log.
 async fn looks(app: &TestApp, subject: &str) -> usize {
     let log = app.get("/api/v1/audit?limit=1000").token(&app.organizer).ok().await;
     let is_look = |entry: &&Value| entry["action"] == "sealed.read" && entry["subject"] == subject;

@@ -123,7 +123,7 @@ async fn own_games_open_once_no_round_is_open_on_their_seeds() {
     }
 }
 
-/// What an entrant reads of one task tells nothing of the others.
+/// The games of one task tell an entrant nothing of the others.
 #[tokio::test]
 async fn each_task_has_seeds_of_its_own() {
     let app = server().await;

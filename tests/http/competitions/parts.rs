@@ -1,4 +1,4 @@
-//! What decides between equal totals, and boards on a part of the seeds.
+//! Order of equal totals, and boards on a part of the seeds.
 
 use serde_json::{Value, json};
 use swarmbench_boards::competition::verify::{CompetitionReport, Expected, verify};

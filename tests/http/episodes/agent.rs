@@ -1,4 +1,4 @@
-//! What an agent knew in a round, and what it did.
+//! Knowledge and act of one agent in a round.
 
 use serde_json::{Value, json};
 
@@ -10,7 +10,7 @@ async fn shown(app: &TestApp, episode: &Episode, round: u32, agent: &str) -> Val
     app.get(&path).token(&episode.swarm).ok().await
 }
 
-/// What an agent was shown, without what belongs to its clock.
+/// An observation without the fields of the agent's clock.
 fn seen(mut observation: Value) -> (Value, Value) {
     let fields = observation.as_object_mut().expect("fields");
     for moment in ["acted", "deadline", "remaining_ms", "bank_ms"] {

@@ -1,4 +1,4 @@
-//! What each caller may read of an episode, before and after its end.
+//! Rights of each caller to read an episode, before and after its end.
 
 use rstest::rstest;
 use serde_json::json;
@@ -15,7 +15,7 @@ enum Who {
     Stranger,
 }
 
-/// What `who` gets from the reading routes: show, state, events and journal.
+/// Statuses of the reading routes for `who`: show, state, events and journal.
 async fn statuses(app: &TestApp, episode: &Episode, stranger: &Episode, who: Who) -> [u16; 4] {
     let mut statuses = [0; 4];
     for (status, rest) in statuses.iter_mut().zip(["", "/state", "/events", "/journal"]) {

@@ -49,7 +49,7 @@ impl Net {
         drop(peer);
     }
 
-    /// Whether the process of a server exists, stopped or not.
+    /// True if the process of a server exists, stopped or not.
     fn is_there(&self, incarnation: Incarnation) -> bool {
         self.peers.lock().expect("one thread").contains_key(&incarnation)
     }
@@ -147,12 +147,12 @@ impl Peer {
         !self.accepts.load(Ordering::Relaxed)
     }
 
-    /// Whether the server's lease lets it answer.
+    /// True if the server's lease lets it answer.
     pub(crate) fn may_answer(&self) -> bool {
         !self.lease.left(self.time()).is_zero()
     }
 
-    /// Whether the server believes that it may answer.
+    /// True if the server believes that it may answer.
     fn answers(&self) -> bool {
         self.flaw == Some(Flaw::AnswersForever) || self.may_answer()
     }

@@ -33,7 +33,7 @@ pub(crate) struct Order {
 }
 
 impl Order {
-    /// Whether the request may be sent twice: it only reads, or it is an act, which is idempotent.
+    /// True if the request may be sent twice: it only reads, or it is an act, which is idempotent.
     const fn is_repeatable(&self) -> bool {
         !matches!(
             self.request,
@@ -169,7 +169,7 @@ async fn here(net: &Net, peer: &Peer, order: &Order, is_hop: bool) -> Reply {
 }
 
 impl Peer {
-    /// Whether this server plays an episode, or nobody does as it has ended or does not exist.
+    /// True if this server plays an episode, or nobody does as it has ended or does not exist.
     fn plays(&self, id: &EpisodeId) -> bool {
         self.journal.with_tables(|tables| {
             tables.key_of(id).is_none_or(|key| {

@@ -255,7 +255,7 @@ impl SimulationRun {
     }
 }
 
-/// Whether a server answers so from the episodes that it plays.
+/// True if a server answers so from the episodes that it plays.
 pub(super) const fn is_played(answer: &SimAnswer) -> bool {
     matches!(
         answer,

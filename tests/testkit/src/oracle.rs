@@ -14,7 +14,7 @@ use crate::worlds::Dice;
 pub struct Body {
     pub at: (i64, i64),
     pub alive: bool,
-    /// Whether its light is on, or whether it carries food.
+    /// True if the agent's light is on, or it carries food.
     pub flag: bool,
 }
 
@@ -90,13 +90,13 @@ impl OracleGame {
         self.states.last().expect("a state")
     }
 
-    /// Whether the current state differs from the other game, and whether anything ever did.
+    /// True if the current state differs from the other game, and whether anything ever did.
     pub fn differs_from(&self, other: &Self) -> [bool; 2] {
         let ever = self.states != other.states || self.planned != other.planned;
         [self.state() != other.state(), ever]
     }
 
-    /// Whether one agent is within the window of another.
+    /// True if one agent is within the window of another.
     pub fn is_near(&self, state: &State, one: usize, other: usize) -> bool {
         let ((i, j), (k, l)) = (state.agents[one].at, state.agents[other].at);
         (i - k).abs() <= self.reach() && (j - l).abs() <= self.reach()
@@ -185,7 +185,7 @@ impl OracleGame {
         messages
     }
 
-    /// Whether a message reaches an agent, by the positions in a state.
+    /// True if a message reaches an agent, by the positions in a state.
     fn hears(&self, state: &State, sender: usize, to: Option<usize>, agent: usize) -> bool {
         match (self.is_centralized(), sender) {
             _ if !state.agents[agent].alive => false,

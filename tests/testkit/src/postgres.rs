@@ -18,7 +18,7 @@ use tokio::sync::Mutex;
 /// The variable with the URL of a server on which databases may be created; `.ci/postgres` sets it.
 pub const VARIABLE: &str = "SWARMBENCH_TEST_DB";
 
-/// Whether the tests run on PostgreSQL; [`crate::needs`] decides by the same variable.
+/// True if the tests run on PostgreSQL; [`crate::needs`] decides by the same variable.
 pub fn is_asked() -> bool {
     std::env::var_os("SWARMBENCH_TEST_ON").is_some_and(|on| !on.is_empty())
 }

@@ -61,12 +61,12 @@ impl Door {
         self.ended.fetch_max(run, Ordering::SeqCst);
     }
 
-    /// Whether a run was permitted to end.
+    /// True if a run was permitted to end.
     pub fn has_ended(&self, run: u64) -> bool {
         self.ended.load(Ordering::SeqCst) >= run
     }
 
-    /// Whether this run is listening.
+    /// True if this run is listening.
     pub fn is_open(&self, run: u64) -> bool {
         self.address.borrow().as_ref().is_some_and(|address| address.run == run)
     }
@@ -108,7 +108,7 @@ impl Site {
         self
     }
 
-    /// Whether the database is one of PostgreSQL.
+    /// True if the database is one of PostgreSQL.
     pub fn is_on_postgres(&self) -> bool {
         self.scratch.is_some()
     }

@@ -146,7 +146,7 @@ pub(super) fn compare(
     kept_of_all
 }
 
-/// Whether an agent advanced in a direction, whatever its movement across it.
+/// True if an agent advanced in a direction, whatever its movement across it.
 fn is_ahead(from: Pos, to: Pos, direction: Direction) -> bool {
     let (di, dj) = direction.offset();
     di * (to.i - from.i) + dj * (to.j - from.j) > 0

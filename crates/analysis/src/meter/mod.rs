@@ -34,11 +34,11 @@ use totals::Totals;
 /// Optional computations, by default none. Metrics that are left out have no value, from 0 rounds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Options {
-    /// Whether to return the values of all rounds, not only those of the game.
+    /// Return the values of all rounds, not only those of the game.
     pub series: bool,
-    /// Whether to compare text vectors ([`Metric::Homogeneity`] and metrics that follow from it).
+    /// Compare text vectors ([`Metric::Homogeneity`] and metrics that follow from it).
     pub vectors: bool,
-    /// Whether to compare texts character by character ([`Metric::EditConsistency`] and metrics that follow from it,
+    /// Compare texts character by character ([`Metric::EditConsistency`] and metrics that follow from it,
     /// [`Metric::SelfRepeat`], [`Metric::Echo`]).
     pub edits: bool,
 }
@@ -56,7 +56,7 @@ impl Options {
 pub struct Metrics {
     /// Resolved rounds.
     pub rounds: u32,
-    /// Whether a comparison left texts out because a round had too many.
+    /// True if a comparison left texts out because a round had too many.
     pub sampled: bool,
     /// The values of the game by definition and metric, for all metrics of each definition.
     pub values: BTreeMap<(Definition, Metric), RunValue>,

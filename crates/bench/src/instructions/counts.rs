@@ -122,7 +122,7 @@ pub(crate) struct Comparison {
 }
 
 impl Comparison {
-    /// Whether nothing has to be done. Counts of another compiler or processor always pass.
+    /// True if nothing has to be done. Counts of another compiler or processor always pass.
     pub(crate) fn passes(&self) -> bool {
         !self.differences.is_empty() || self.lines.iter().all(|line| line.complaint().is_none())
     }

@@ -53,7 +53,7 @@ pub(crate) struct Line {
     pub(crate) path: String,
     /// The number of different requests of this kind, which are sent in turn.
     pub(crate) different: usize,
-    /// Whether it is a page of a list, not the whole list in one answer.
+    /// True if the read is a page of a list, not the whole list in one answer.
     pub(crate) is_page: bool,
     /// Time from sending the request until the last byte of the answer.
     pub(crate) latency: Spread,

@@ -124,7 +124,7 @@ pub(crate) struct ResponseHead {
 }
 
 impl ResponseHead {
-    /// Whether the status is 200 to 299.
+    /// True if the status is 200 to 299.
     pub(crate) const fn is_ok(&self) -> bool {
         matches!(self.status, 200..=299)
     }

@@ -294,7 +294,7 @@ async fn pile_up(mut stream: TcpStream, asked: &[u8], end: Instant) -> bool {
     }
 }
 
-/// Whether the connection is closed. A full buffer does not count.
+/// True if the connection is closed. A full buffer does not count.
 fn is_closed(written: &io::Result<usize>) -> bool {
     written.as_ref().is_err_and(|error| error.kind() != io::ErrorKind::WouldBlock)
 }

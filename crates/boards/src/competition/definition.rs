@@ -100,7 +100,7 @@ pub struct Definition {
     /// Tie-breaks between equal totals, in the order in which they apply.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub tie_breaks: Vec<TieBreak>,
-    /// Whether each task has seeds of its own. False in older competitions, where one ended game reveals the seeds of all
+    /// True if each task has seeds of its own. False in older competitions, where one ended game reveals the seeds of all
     /// tasks.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub seeds_by_task: bool,

@@ -27,7 +27,7 @@ pub struct Entrant {
     /// Reason of a status other than `active`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// Whether an organizer vouches for the model.
+    /// True if an organizer vouches for the model.
     pub vouched: bool,
     /// Time of registration.
     pub registered_at: Timestamp,
@@ -37,7 +37,7 @@ pub struct Entrant {
     /// Version of the terms that was accepted last.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub terms: Option<u32>,
-    /// Whether the personal data were erased; not in a published file.
+    /// True if the personal data were erased; not in a published file.
     #[serde(skip)]
     pub erased: bool,
 }

@@ -80,7 +80,7 @@ pub struct Started {
     pub number: u32,
     /// Voided attempt that this spare attempt replaces.
     pub replays: Option<u32>,
-    /// Whether it was voided.
+    /// An organizer voided the attempt.
     pub voided: bool,
     /// Time of the start.
     pub at: Timestamp,

@@ -108,7 +108,7 @@ pub struct State {
     pub revealed: Option<Revealed>,
     /// Time and reason of the cancellation, if the competition was cancelled.
     pub cancelled: Option<(Timestamp, String)>,
-    /// Whether lists omit the competition.
+    /// True if lists omit the competition.
     pub hidden: bool,
 }
 

@@ -35,9 +35,9 @@ pub struct Attempt {
     pub run: String,
     /// Name of the run's status.
     pub status: String,
-    /// Whether the attempt and all of its games have ended.
+    /// True if the attempt and all of its games have ended.
     pub is_over: bool,
-    /// Whether the whole attempt was voided.
+    /// True if the whole attempt was voided.
     pub voided: bool,
     /// Start of the attempt.
     pub created_at: Timestamp,
@@ -300,7 +300,7 @@ pub fn standings(
     standings_of(definition, &all)
 }
 
-/// Variant of [`standings`] for entrants with their attempts.
+/// [`standings`], for entrants with their attempts.
 #[must_use]
 pub fn standings_of(definition: &Definition, entrants: &[(&Entrant, &Played)]) -> Vec<Standing> {
     let view = view(definition);

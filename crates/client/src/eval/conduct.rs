@@ -70,7 +70,7 @@ pub struct Conductor<'a> {
     pub client: &'a Client,
     /// Open games of a new run.
     pub parallel: u32,
-    /// Whether a finished run is played again.
+    /// True if a finished run is played again.
     pub again: bool,
     /// The share of a model's answers failing in one way above which a run stops; never with 1.
     pub stop_share: f64,

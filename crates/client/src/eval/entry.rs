@@ -13,7 +13,7 @@ use super::stop_reason::StopReason;
 use crate::client::{Client, ClientError};
 use swarmbench_prompt::{Identity, chosen};
 
-/// Separator between the name of a prompt and the digest of a system message.
+/// Separator of the digest of a system message from the name of a prompt.
 const SYSTEM_PREFIX: &str = "+system:";
 
 /// Entry of a player in a competition.
@@ -27,7 +27,7 @@ pub struct Entry {
     pub number: Option<u32>,
 }
 
-/// It is not known which entrant is to play.
+/// Error of an entry: the entrant that is to play is not known.
 #[derive(Debug, thiserror::Error)]
 pub enum EntryError {
     /// The server cannot be asked.
@@ -48,7 +48,7 @@ pub enum EntryError {
     Several(Vec<String>),
 }
 
-/// Plan for an entrant's attempts.
+/// Next step with an entrant's attempts.
 #[derive(Debug, PartialEq)]
 pub(super) enum Next<'a> {
     /// One was begun.
@@ -91,7 +91,7 @@ impl Entry {
         Ok(shown.attempts)
     }
 
-    /// The next step. Voided attempts are as if they had never been started.
+    /// Next step. Attempts that were voided are as if they had never been started.
     pub(super) fn next<'a>(&self, attempts: &'a [AttemptSummary], again: bool) -> Next<'a> {
         let is_asked = |attempt: &&AttemptSummary| {
             attempt.voided.is_none() && self.number.is_none_or(|number| number == attempt.attempt)
@@ -124,7 +124,7 @@ impl Entry {
         }
     }
 
-    /// Games to play; the seeds are sealed.
+    /// Suite that is played; the seeds are sealed.
     pub(super) fn suite(&self) -> Suite {
         let SealedSuite { tasks, rules, settings, .. } = &self.competition.suite;
         let all = || TaskName::ALL.map(|task| task.name().to_owned()).to_vec();
@@ -141,7 +141,7 @@ impl Entry {
         }
     }
 
-    /// Number of sealed seeds of each task.
+    /// Number of sealed seeds on which each task is played.
     #[must_use]
     pub fn seeds(&self) -> usize {
         let seeds = self.competition.suite.seeds.and_then(|seeds| usize::try_from(seeds).ok());
@@ -187,12 +187,12 @@ impl Entry {
         found
     }
 
-    /// Whether the server says whether a system message was declared. Those of earlier versions do not.
+    /// True if the server says if a system message was declared. Servers of earlier versions do not.
     fn tells_system(&self) -> bool {
         !self.entrant.prompt.is_empty()
     }
 
-    /// What of a run cannot be compared with what was declared, as the server does not show it: names of options.
+    /// Options of a run that cannot be compared with what was declared, as the server does not show them.
     #[must_use]
     pub fn unknown(&self, planned: &Planned) -> Vec<&'static str> {
         let Who::Model(model) = &planned.who else { return Vec::new() };

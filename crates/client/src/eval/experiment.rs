@@ -241,7 +241,7 @@ impl Price {
         cost(prompt_tokens, self.input) + cost(completion_tokens, self.output)
     }
 
-    /// Whether both prices are finite and at least 0.
+    /// True if both prices are finite and at least 0.
     #[must_use]
     pub fn is_sane(&self) -> bool {
         [self.input, self.output].iter().all(|price| price.is_finite() && *price >= 0.0)

@@ -37,7 +37,7 @@ pub struct ExperimentReport {
 pub struct ExperimentRow {
     /// The player's name.
     pub model: String,
-    /// Whether the player is a language model, not a built-in player.
+    /// True if the player is a language model, not a built-in player.
     pub is_model: bool,
     /// The prompt of a language model: `default`, `toolkit`, `custom:` and a digest; `None` for built-in players.
     pub prompt: Option<String>,
@@ -63,7 +63,7 @@ pub struct ExperimentRow {
     /// The cost of its tokens, if their price is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cost: Option<f64>,
-    /// Whether a replay of all journals gave the same results.
+    /// True if a replay of all journals gave the same results.
     pub verified: bool,
 }
 
@@ -95,7 +95,7 @@ pub struct Played {
     pub run: RunDetail,
     /// Acts that this call sent.
     pub sent: SentActs,
-    /// Whether all its journals were replayed.
+    /// True if all its journals were replayed.
     pub verified: bool,
 }
 
@@ -144,17 +144,16 @@ impl ExperimentReport {
         }
     }
 
-    /// Whether any row has a total.
     fn has_totals(&self) -> bool {
         self.tasks.len() > 1 && self.rows.iter().any(|row| row.total.is_some())
     }
 
-    /// Whether a language model played.
+    /// True if a language model played.
     fn has_models(&self) -> bool {
         self.rows.iter().any(|row| row.is_model)
     }
 
-    /// Whether the price of any model's tokens is known.
+    /// True if the price of some model's tokens is known.
     fn has_costs(&self) -> bool {
         self.rows.iter().any(|row| row.cost.is_some())
     }

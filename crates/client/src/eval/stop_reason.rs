@@ -106,7 +106,7 @@ impl StopReason {
         }
     }
 
-    /// Whether the same command resumes without a fix.
+    /// True if the same command resumes without a fix.
     #[must_use]
     pub fn can_resume(&self) -> bool {
         match self {

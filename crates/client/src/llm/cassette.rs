@@ -118,7 +118,7 @@ impl Cassette {
         &self.0.path
     }
 
-    /// Whether the cassette only replays.
+    /// A replay records nothing.
     #[must_use]
     pub fn is_replay(&self) -> bool {
         !self.0.is_recording

@@ -52,7 +52,7 @@ pub(super) struct Completion {
 }
 
 impl Completion {
-    /// Whether the endpoint rejected the question without an answer.
+    /// True if the endpoint rejected the question without an answer.
     pub(super) fn is_rejected(&self) -> bool {
         self.answer.failure == Some(Failure::Rejected)
     }
@@ -144,7 +144,7 @@ fn spoken(text: &str) -> &str {
     thoughts.rsplit_once("</think>").map_or("", |(_, said)| said.trim())
 }
 
-/// Whether the model called a tool, in the current form or the old one.
+/// True if the model called a tool, in the current form or the old one.
 fn calls_tool(message: &Value, finish: &str) -> bool {
     ["tool_calls", "function_call"].contains(&finish)
         || message["tool_calls"].as_array().is_some_and(|calls| !calls.is_empty())
@@ -209,7 +209,7 @@ pub(super) struct Refusal {
     pub(super) names: Vec<String>,
     /// Status in the body, which may differ from that of the response.
     pub(super) status: Option<u16>,
-    /// Whether a content filter refused the question.
+    /// True if a content filter refused the question.
     pub(super) is_filtered: bool,
 }
 

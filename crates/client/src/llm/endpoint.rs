@@ -35,7 +35,7 @@ pub(super) struct Endpoint {
     pub(super) settings: Settings,
     /// Fields of all requests.
     pub(super) body: Map<String, Value>,
-    /// Whether the endpoint has ever answered.
+    /// True if the endpoint has answered at least once.
     has_spoken: AtomicBool,
 }
 
@@ -56,7 +56,7 @@ pub(super) struct Passing {
     pub(super) said: String,
     /// Pause that the endpoint asks for.
     pub(super) wait: Option<Duration>,
-    /// Whether the endpoint never answered, so that the address may be wrong.
+    /// True if the endpoint never answered, so the address may be wrong.
     pub(super) is_nobody: bool,
 }
 
@@ -317,20 +317,20 @@ struct Body {
     is_cut: bool,
 }
 
-/// Whether an answer is a stream of events.
+/// True if the answer is a stream of events.
 fn is_event_stream(headers: &HeaderMap) -> bool {
     let kind = headers.get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
     kind.is_some_and(|kind| kind.trim_start().to_ascii_lowercase().starts_with("text/event-stream"))
 }
 
-/// Whether a refusal asks for `"stream": true`. A refusal that names `stream_options` concerns another field.
+/// A refusal asks for `"stream": true`. One that names `stream_options` concerns another field.
 fn wants_stream(said: &str) -> bool {
     let said = said.to_ascii_lowercase();
     let demands = ["true", "only", "must", "require"].iter().any(|word| said.contains(word));
     said.contains("stream") && demands && !said.contains("stream_options")
 }
 
-/// Whether a 429 concerns the credit of the account.
+/// True if a 429 concerns the credit of the account.
 fn is_about_credit(name: &str) -> bool {
     [
         "insufficient_quota",

@@ -108,7 +108,7 @@ impl Pass<'_> {
         }
     }
 
-    /// Whether a request may begin now.
+    /// True if a request may begin now.
     pub(super) fn is_open(&mut self, clock: &dyn Clock) -> bool {
         let state = self.gate.state();
         self.closings = state.closings;

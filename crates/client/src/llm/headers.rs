@@ -112,7 +112,7 @@ impl Headers {
         Ok(value)
     }
 
-    /// Whether any header holds a secret.
+    /// True if any header holds a secret.
     #[must_use]
     pub fn has_secret(&self) -> bool {
         !self.secrets.is_empty()

@@ -38,7 +38,7 @@ impl ApiKey {
         &self.variable
     }
 
-    /// Whether there is a key.
+    /// True if the endpoint has a key.
     #[must_use]
     pub const fn is_there(&self) -> bool {
         self.secret.is_some()

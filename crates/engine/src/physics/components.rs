@@ -26,7 +26,7 @@ pub struct Node {
     pub force: i32,
     /// The weight: masses, and the pushes against the pass.
     pub mass: i32,
-    /// Whether one of its bodies cannot move.
+    /// True if one of its bodies cannot move.
     pub fixed: bool,
 }
 

@@ -57,7 +57,7 @@ impl Routing {
         }
     }
 
-    /// Whether a node moves, by the last call of [`Routing::find`].
+    /// True if a node moves, by the last call of [`Routing::find`].
     pub(crate) fn moves(&self, node: usize) -> bool {
         !self.dropped[node]
     }

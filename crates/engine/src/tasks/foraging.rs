@@ -12,7 +12,7 @@ const WALL_SPACING: i32 = 4;
 /// The state of Foraging beside the board (rules: *Foraging*).
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Foraging {
-    /// Whether an agent carries food, by agent.
+    /// Agents that carry food, by agent.
     pub(crate) carrying: Vec<bool>,
 }
 
@@ -39,7 +39,7 @@ pub(super) fn cells_taken(config: &Config) -> i64 {
 struct Ground {
     food: Pos,
     nest: Pos,
-    /// Whether the inner walls lie in columns rather than in rows.
+    /// True if the inner walls lie in columns rather than in rows.
     columns: bool,
     /// Number of inner walls.
     walls: i32,

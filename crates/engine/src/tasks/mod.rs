@@ -29,7 +29,7 @@ pub(crate) struct Stage<'a> {
     pub(crate) config: &'a Config,
     /// Rounds resolved before this one.
     pub(crate) round: u32,
-    /// Whether an agent had left the map before the round, by agent.
+    /// Agents that had left the map before the round, by agent.
     pub(crate) had_gone: &'a [bool],
     /// The acts, by agent.
     pub(crate) acts: &'a [Act],
@@ -60,7 +60,6 @@ impl Task {
         }
     }
 
-    /// Whether the task is done.
     pub(crate) fn is_done(&self, board: &Board) -> bool {
         match self {
             Self::Transport(_) => board.agents().iter().all(|agent| agent.gone),
@@ -69,7 +68,7 @@ impl Task {
         }
     }
 
-    /// Whether an agent's light is on or it carries food, by agent; empty if the task has neither.
+    /// Lights that are on, or loads of food, by agent; empty if the task has neither.
     pub(crate) fn flags(&self) -> &[bool] {
         match self {
             Self::Synchronization(task) => &task.light_on,

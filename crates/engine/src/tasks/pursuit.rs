@@ -23,7 +23,7 @@ pub trait Ground {
     /// The kind of the body on a cell, which must lie on the map; `None` if it is empty.
     fn kind_at(&self, at: Pos) -> Option<Kind>;
 
-    /// Whether the cell lies on the map and nothing lies on it.
+    /// True if the cell lies on the map and nothing lies on it.
     fn is_free(&self, at: Pos) -> bool {
         let on_map = (0..self.height()).contains(&at.i) && (0..self.width()).contains(&at.j);
         on_map && self.kind_at(at).is_none()
@@ -48,7 +48,7 @@ impl Ground for Board {
     }
 }
 
-/// Whether a prey on this cell is caught.
+/// True if a prey on this cell is caught.
 pub fn is_caught(ground: &impl Ground, prey: Pos) -> bool {
     STEPS.iter().all(|&step| !ground.is_free(prey.toward(step)))
 }

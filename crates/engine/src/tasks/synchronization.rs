@@ -9,7 +9,7 @@ use crate::rng::LayoutRng;
 /// The state of Synchronization beside the board (rules: *Synchronization*).
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Synchronization {
-    /// Whether an agent's light is on, by agent.
+    /// Lights that are on, by agent.
     pub(crate) light_on: Vec<bool>,
     /// The common state of all lights in the last round that scored.
     pub(crate) scored: Option<bool>,

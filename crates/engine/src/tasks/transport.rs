@@ -23,7 +23,7 @@ pub(crate) struct Transport {
 struct Layout {
     /// Rows of the block's bounding box; a space is no part of it.
     shape: &'static [&'static str],
-    /// Whether the bounding box touches the last row (not the first), and the last column.
+    /// True if the bounding box touches the last row (not the first), and the last column.
     at_last: (bool, bool),
     /// The side of the ring that is open, at the end where the block lies.
     side: Side,

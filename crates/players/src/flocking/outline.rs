@@ -100,7 +100,7 @@ impl Outline {
         step.map_or(Action::Stay, push)
     }
 
-    /// Whether a cell of the outline is empty and no agent that is not in place can enter it now.
+    /// An empty cell of the outline that no agent out of place can enter now.
     fn is_hole(&self, chart: &Chart, cell: Pos) -> bool {
         let waits = |beside: Pos| chart.is_taken(beside, 1) && !self.cells.contains(&beside);
         !chart.is_taken(cell, 1) && !Direction::ALL.iter().any(|&side| waits(cell.toward(side)))

@@ -33,7 +33,7 @@ pub(super) struct Layout {
     /// The top-left cells of the two squares.
     pub(super) food: Pos,
     pub(super) nest: Pos,
-    /// Whether inner walls are columns.
+    /// The direction of inner walls: columns, or rows.
     columns: bool,
     walls: i32,
 }
@@ -96,12 +96,12 @@ impl Layout {
         Pos::new(self.height, self.width)
     }
 
-    /// Whether an agent can stand on a cell.
+    /// An agent can stand on an open cell.
     pub(super) fn is_open(&self, cell: Pos) -> bool {
         self.at(cell) == Seen::Empty
     }
 
-    /// Whether the view agrees with the layout near the agent and in the corners, where the squares are. A window over
+    /// True if the view agrees with the layout near the agent and in the corners, where the squares are. A window over
     /// a large map has many more cells than needed.
     pub(super) fn fits(&self, here: Pos, view: &View) -> bool {
         let (low, right) = (self.height - 1, self.width - 1);
@@ -111,7 +111,7 @@ impl Layout {
         telling.all(|(middle, reach)| within(view, middle, reach).all(|it| self.has(it)))
     }
 
-    /// Whether the layout has this content on a cell.
+    /// True if the layout has this content on a cell.
     fn has(&self, (cell, seen): (Pos, Seen)) -> bool {
         match seen {
             Seen::Empty | Seen::Yourself | Seen::Agent { .. } => self.is_open(cell),

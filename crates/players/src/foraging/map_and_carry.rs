@@ -21,7 +21,6 @@ struct MapAndCarry {
     chart: Chart,
     /// Position in the previous round.
     before: Option<Pos>,
-    /// Whether it sends and reads messages.
     talks: bool,
 }
 

@@ -28,7 +28,7 @@ pub(super) struct Roads {
     origin: Pos,
     height: i32,
     width: i32,
-    /// Whether an agent can stand on a cell, by cell; false on the rim.
+    /// Cells on which an agent can stand; false on the rim.
     open: Vec<bool>,
     /// The cost of the way to the next delivery, by load and cell.
     costs: [Vec<i32>; 2],
@@ -59,7 +59,7 @@ impl Roads {
         Self { middle, origin, height, width, open, costs, steps }
     }
 
-    /// Whether the roads still reach far enough around an agent.
+    /// True if the roads still reach far enough around an agent.
     pub(super) const fn reach(&self, here: Pos) -> bool {
         here.is_within(DRIFT, self.middle)
     }
@@ -133,7 +133,7 @@ pub(super) struct Walker {
     pub(super) number: u16,
     pub(super) at: usize,
     pub(super) loaded: bool,
-    /// Whether it only makes room for others.
+    /// True for an agent that only makes room for others.
     pub(super) idle: bool,
 }
 
@@ -182,7 +182,6 @@ impl<'a> Traffic<'a> {
         Direction::ALL.into_iter().find(|&side| self.roads.toward(at, side) == Some(to))
     }
 
-    /// Whether an agent is on a cell.
     pub(super) fn is_taken(&self, cell: usize) -> bool {
         self.now[cell] != NOBODY
     }

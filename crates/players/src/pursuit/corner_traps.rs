@@ -303,7 +303,7 @@ impl CornerTraps {
         best.0.posts(&scene, &self.bare, closed)
     }
 
-    /// Whether the agent sees all agents and the prey in this round.
+    /// True if the agent sees all agents and the prey in this round.
     fn sees_all(&self, now: u32) -> bool {
         let is_seen = |fix: &Option<Fix>| fix.is_some_and(|fix| fix.seen == now);
         is_seen(&self.news.prey) && self.news.agents.iter().all(is_seen)

@@ -26,7 +26,7 @@ impl Field {
         field
     }
 
-    /// Whether the cell lies inside the ring.
+    /// True if the cell lies inside the ring.
     pub(super) fn is_inside(&self, at: Pos) -> bool {
         (1..self.height - 1).contains(&at.i) && (1..self.width - 1).contains(&at.j)
     }
@@ -62,7 +62,7 @@ impl Field {
             .filter(|&cell| self.is_free(cell))
     }
 
-    /// Whether a prey on this cell could still get away.
+    /// True if a prey on this cell could still get away.
     pub(super) fn has_gap(&self, at: Pos) -> bool {
         self.gaps(at).next().is_some()
     }

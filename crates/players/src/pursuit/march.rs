@@ -90,7 +90,7 @@ impl<'a> March<'a> {
         self.fix(agent, step);
     }
 
-    /// Whether the agent gets to the next cell without touching another. Passes of the physics follow one another, so a
+    /// True if the agent gets to the next cell without touching another. Passes of the physics follow one another, so a
     /// cell is free in time if the agent on it leaves in an earlier pass, or in the same direction.
     fn can_go(&mut self, agent: usize, step: Direction, goals: &[Option<Pos>]) -> bool {
         let to = self.agents[agent].toward(step);

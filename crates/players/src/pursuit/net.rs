@@ -154,7 +154,7 @@ pub(super) struct Nets {
     closed: Vec<Vec<Pos>>,
     /// Posts that are spread evenly over the map.
     pub(super) watch: Vec<Pos>,
-    /// Whether the agents go after a prey that runs free instead of waiting for it in a net.
+    /// True if the agents go after a prey that runs free instead of waiting for it in a net.
     pub(super) is_hunting: bool,
 }
 
@@ -208,7 +208,7 @@ fn book(seat: &Seat) -> Option<Book> {
     })
 }
 
-/// Whether agents that are spread over the map nearly see all of it, and are not too many for plans in each round.
+/// True if agents that are spread over the map nearly see all of it, and are not too many for plans in each round.
 fn is_close(seat: &Seat) -> bool {
     let inside = |cells: u16| u32::from(cells.saturating_sub(2));
     let (cells, agents) = (inside(seat.height) * inside(seat.width), u32::from(seat.num_agents));

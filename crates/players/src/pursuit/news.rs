@@ -28,7 +28,7 @@ pub(super) struct News {
     /// The last known place of each agent, by number.
     pub(super) agents: Vec<Option<Fix>>,
     pub(super) prey: Option<Fix>,
-    /// Whether the prey that runs free keeps to odd cells (row + column); `None` until an agent has seen it.
+    /// True if the prey that runs free keeps to odd cells (row + column); `None` until an agent has seen it.
     pub(super) is_odd: Option<bool>,
 }
 

@@ -54,7 +54,7 @@ impl Quarry {
         Self { guesses: cells.map(|cell| (cell, 1.0)).collect() }
     }
 
-    /// Whether no possible place is left.
+    /// True if no possible place is left.
     pub(super) fn is_nowhere(&self) -> bool {
         self.guesses.is_empty()
     }
@@ -133,7 +133,7 @@ impl Whereabouts {
     }
 }
 
-/// Whether row and column add up to an odd number. A prey takes two steps, so it keeps to cells of a kind.
+/// True if row and column add up to an odd number. A prey takes two steps, so it keeps to cells of a kind.
 pub(super) fn is_odd_cell(cell: Pos) -> bool {
     (cell.i + cell.j) & 1 == 1
 }

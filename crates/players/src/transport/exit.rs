@@ -79,13 +79,13 @@ impl Exit {
         places.filter(|place| is_block(*place, 0)).map(move |place| self.cell(place))
     }
 
-    /// Whether pushes along come before pushes out in the same round.
+    /// True if pushes along come before pushes out in the same round.
     pub(super) fn goes_along_first(&self) -> bool {
         let turn = |direction| Direction::ALL.iter().position(|&one| one == direction);
         turn(self.along) < turn(self.out)
     }
 
-    /// Whether this exit explains everything in view, after `pushes` pushes of the block. Cells far from the corners
+    /// True if this exit explains everything in view, after `pushes` pushes of the block. Cells far from the corners
     /// are the same for all exits.
     pub(super) fn explains(&self, sight: &Sight<'_>, pushes: u32) -> bool {
         sight.cells.iter().all(|&(cell, seen, on_ring)| {
@@ -139,7 +139,7 @@ impl<'a> Sight<'a> {
     }
 }
 
-/// Whether the block covers a place after `pushes` pushes, the first along and the others out.
+/// True if the block covers a place after `pushes` pushes, the first along and the others out.
 pub(super) fn is_block(place: ExitCell, pushes: u32) -> bool {
     let along = i32::from(pushes > 0);
     let out = i32::try_from(pushes.saturating_sub(1)).unwrap_or(0);

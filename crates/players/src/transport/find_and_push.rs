@@ -19,7 +19,7 @@ struct FindAndPush {
     seat: Seat,
     /// The exits that may be the true one.
     exits: Vec<Exit>,
-    /// Whether the block was pushed along, which leaves the way out free.
+    /// A block that was pushed along leaves the way out free.
     freed: bool,
 }
 

@@ -91,7 +91,7 @@ impl PushAndLeave {
         is_known.then(|| self.exits[self.possible.trailing_zeros() as usize])
     }
 
-    /// Whether the agent has stood still for long and gives way in this round.
+    /// True if the agent has stood still for long and gives way in this round.
     fn is_stuck(&mut self, round: u32, here: Pos) -> bool {
         let since = match self.stands {
             Some((at, since)) if at == here && since <= round => since,
@@ -234,7 +234,7 @@ fn cells(seat: &Seat) -> u32 {
     inside(seat.height) * inside(seat.width)
 }
 
-/// Whether the map is so full that agents cannot get past each other: about every third cell.
+/// A crowded map is so full that agents cannot get past each other: about every third cell.
 fn is_crowd(seat: &Seat) -> bool {
     3 * u32::from(seat.num_agents) > cells(seat)
 }

@@ -32,7 +32,7 @@ impl Work {
         Arc::new(Self { left: AtomicU64::new(READ_BYTES_MAX), is_over: AtomicBool::new(false) })
     }
 
-    /// Whether the template tried to read more than the limit.
+    /// True if the template tried to read more than the limit.
     pub(super) fn is_over(&self) -> bool {
         self.is_over.load(Ordering::Relaxed)
     }

@@ -248,7 +248,7 @@ fn bounds(points: &[Point], border: f64) -> Area {
     Area::new(least.0 - border, least.1 - border, width, height)
 }
 
-/// Whether a point is inside a polygon: a ray to the left crosses its sides an odd number of times.
+/// True if a point is inside a polygon: a ray to the left crosses its sides an odd number of times.
 fn is_inside(polygon: &[Point], (x, y): Point) -> bool {
     let sides = polygon.iter().zip(polygon.iter().cycle().skip(1));
     let crossed = sides.filter(|&(&(ax, ay), &(bx, by))| {

@@ -42,9 +42,9 @@ pub struct Agent {
     pub number: u16,
     /// The row and the column; `None` once the agent has escaped.
     pub at: Option<(i32, i32)>,
-    /// Whether the agent's light is on (Synchronization).
+    /// True if the agent's light is on (Synchronization).
     pub light_on: Option<bool>,
-    /// Whether the agent carries food (Foraging).
+    /// True if the agent carries food (Foraging).
     pub carries: bool,
     /// The choice; `None` in the last state and for an agent that has escaped.
     pub choice: Option<Choice>,
@@ -63,7 +63,7 @@ pub enum Choice {
     Move {
         /// The chosen direction.
         toward: Direction,
-        /// Whether the agent did not advance in that direction.
+        /// True if the agent did not advance in that direction.
         blocked: bool,
     },
 }
@@ -188,11 +188,11 @@ pub struct Stage {
 pub struct Shown {
     /// Pixels along a side of a cell; by default the map gets a side of about 400 pixels.
     pub cell: Option<u16>,
-    /// Whether messages stand below the map.
+    /// True if messages stand below the map.
     pub messages: bool,
-    /// Whether the windows of all agents stand below the map.
+    /// True if the windows of all agents stand below the map.
     pub views: bool,
-    /// Whether a frame ends below its last message. Otherwise all frames have the same size, as a film requires.
+    /// True if a frame ends below its last message. Otherwise all frames have the same size, as a film requires.
     pub cut: bool,
 }
 

@@ -16,7 +16,7 @@ pub struct Moments {
     pub title: String,
     /// The moments, at most [`MOMENTS_MAX`].
     pub moments: Vec<Moment>,
-    /// Whether messages stand below each map.
+    /// True if messages stand below each map.
     pub messages: bool,
 }
 

@@ -20,7 +20,7 @@ use crate::cup;
 /// The database of which a running game and an announced competition are too large for new ones.
 const LARGE: &str = "0005";
 
-/// How many cells the windows of these are too many.
+/// Refusal of windows with too many cells.
 const TOO_MANY: &str = "num_agents × cells of a window must be at most 1048576, is 1116300";
 
 /// Has every creation with these settings refused, by the limit that they exceed.

@@ -99,7 +99,7 @@ pub struct Planned {
     pub suite: Suite,
     /// A custom prompt template for a model.
     pub template: Option<String>,
-    /// Whether a recording answers in place of the model.
+    /// True if a recording answers in place of the model.
     pub is_replay: bool,
     /// The competition and the entrant of an attempt. Its suite has no seeds, as they are sealed.
     pub entry: Option<Box<Entry>>,

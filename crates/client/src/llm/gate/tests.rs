@@ -50,7 +50,7 @@ struct Simulation {
 }
 
 impl Simulation {
-    /// Whether a request that arrives now is refused.
+    /// True if a request that arrives now is refused.
     fn refuses(&self) -> bool {
         let (refuses, random) = &mut *self.refuses.lock().expect("no panic");
         match refuses {

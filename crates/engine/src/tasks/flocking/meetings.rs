@@ -32,7 +32,7 @@ impl Meetings {
         self.places = places;
     }
 
-    /// Whether a translation, back by at most the extent of the few, brings some of the few onto one of the many.
+    /// True if a translation, back by at most the extent of the few, brings some of the few onto one of the many.
     pub(super) fn has(&self, by: Step) -> bool {
         self.meet[self.place(by)]
     }
