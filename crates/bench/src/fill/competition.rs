@@ -98,7 +98,7 @@ impl Competition {
             rules: "paper".to_owned(),
             settings: swarmbench_protocol::suite::SuiteSettings {
                 round_deadline_ms: Some(60_000),
-                ..settings(filling.fill)
+                ..settings()
             },
             idle_timeout_ms: millis(Duration::from_hours(24)),
             opens_at,

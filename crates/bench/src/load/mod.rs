@@ -6,11 +6,9 @@
 //!   while its games end.
 //! - [`obs`] against [`bare_handler`], [`acts`] against [`bare_commit`] and [`bare_acts`]: the server beside the
 //!   optimum of its libraries, measured in turns.
-//! - [`alone`]: single acts against one `fdatasync`, and one commit of [`bare_commit`].
 //! - [`connection`]: a cheap client. [`games`]: episodes to play. [`metrics`], [`rounds`]: shared parts.
 
 pub(crate) mod acts;
-pub(crate) mod alone;
 pub(crate) mod bare_acts;
 pub(crate) mod bare_commit;
 pub(crate) mod bare_handler;

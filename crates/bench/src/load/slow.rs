@@ -57,16 +57,6 @@ impl Kind {
         Self::Head,
         Self::Unread,
     ];
-
-    /// A description for tables.
-    pub(crate) const fn name(self) -> &'static str {
-        match self {
-            Self::Head => "a byte of a head now and then",
-            Self::Body => "a byte of a body now and then",
-            Self::Silent => "nothing at all",
-            Self::Unread => "reads no answer",
-        }
-    }
 }
 
 /// The lifetimes of connections of one kind of slow client.
