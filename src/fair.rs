@@ -922,22 +922,29 @@ mod tests {
             steps in proptest::collection::vec(step(), 0..300),
         ) {
             let mut queue = FairQueue::new(shares);
-            let mut running = Vec::new();
+            let (mut running, mut served) = (Vec::new(), HashMap::new());
             for (number, step) in (0..).zip(steps) {
+                let mut popped = None;
                 match step {
                     Step::Push(party, rank) => drop(queue.push(party, rank, number)),
                     Step::Add(party, rank) => queue.add(party, rank, number),
-                    Step::Pop => running.extend(queue.pop()),
-                    Step::PopOf(rank) => running.extend(queue.pop_of(rank)),
+                    Step::Pop => popped = queue.pop(),
+                    Step::PopOf(rank) => popped = queue.pop_of(rank),
                     Step::Done { which, millis } => {
                         if which < running.len() {
-                            let (party, rank, _) = running.swap_remove(which);
+                            let (party, rank) = running.swap_remove(which);
                             queue.done(party, rank, Duration::from_millis(millis));
                         }
                     }
                     Step::Retain { of } => queue.retain(|request| request % of > 0),
                 }
-                let normal = running.iter().filter(|(_, rank, _)| *rank == Rank::Normal).count();
+                if let Some((party, rank, number)) = popped {
+                    // Requests of one party and rank are served as they came.
+                    let before = served.insert((party, rank == Rank::Urgent), number);
+                    prop_assert!(before.is_none_or(|before: u32| before < number));
+                    running.push((party, rank));
+                }
+                let normal = running.iter().filter(|(_, rank)| *rank == Rank::Normal).count();
                 prop_assert_eq!((queue.running, queue.running_normal), (running.len(), normal));
                 prop_assert!(running.len() <= shares.slots);
                 prop_assert!(normal <= shares.slots.saturating_sub(shares.reserve));
