@@ -14,7 +14,7 @@ use swarmbench_terminal::{self as terminal, progress_bar, set};
 use crate::load::connection::{Answers, Target};
 use crate::load::games::SEATS;
 use crate::load::metrics::Metrics;
-use crate::load::{Progress, acts, bare_acts, bare_handler, obs, play, polls, slow};
+use crate::load::{Progress, acts, bare_acts, bare_handler, obs, play, polls};
 
 /// Open files besides connections: the terminal, the runtime, the database of the bare writer.
 const FILES_RESERVED: u64 = 100;
@@ -64,12 +64,6 @@ pub(super) struct Args {
     /// polls: the number of seats of an episode, whose requests wait and are woken together.
     #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u16).range(1..=1024))]
     seats: u16,
-    /// slow: the number of clients that send a byte now and then, send nothing, or read nothing.
-    #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u16).range(1..))]
-    slow_connections: u16,
-    /// slow: the duration in seconds. Before it, honest clients play alone for as long.
-    #[arg(long, default_value_t = 30.0, value_parser = seconds)]
-    slow_time: f64,
     /// The maximum number of concurrent connections.
     #[arg(long, default_value_t = 15_000, value_parser = clap::value_parser!(u16).range(64..))]
     connections_max: u16,
@@ -91,8 +85,6 @@ enum Scenario {
     Play,
     /// Many long polls.
     Polls,
-    /// Slow clients next to honest ones.
-    Slow,
     /// All scenarios.
     All,
 }
@@ -116,8 +108,6 @@ struct Report {
     play: Vec<play::Line>,
     #[serde(skip_serializing_if = "Option::is_none")]
     polls: Option<polls::Report>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    slow: Option<slow::Report>,
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
@@ -238,13 +228,6 @@ async fn measure(
         let polls = scaled("polls", args.polls.into(), connections_max * seats / (seats + 1));
         report.polls = Some(polls::run(target, polls, seats, progress).await?);
     }
-    if named(Scenario::Slow) {
-        let honest = slow::HONEST * SEATS;
-        let most = connections_max.saturating_sub(honest);
-        let clients = scaled("slow", args.slow_connections.into(), most);
-        let time = Duration::from_secs_f64(args.slow_time);
-        report.slow = Some(slow::run(target, clients, time, progress).await?);
-    }
     Ok(())
 }
 
@@ -253,5 +236,4 @@ fn answers(report: &Report) -> impl Iterator<Item = &Answers> {
         .chain(report.acts.iter().map(|acts| &acts.answers))
         .chain(report.play.iter().map(|line| &line.answers))
         .chain(report.polls.iter().map(|polls| &polls.answers))
-        .chain(report.slow.iter().map(|slow| &slow.answers))
 }

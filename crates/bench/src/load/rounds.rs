@@ -72,15 +72,6 @@ impl Player {
         score.woken.record(times.woken);
         true
     }
-
-    /// Observes once for every seat with a connection; adds the durations to `looked`.
-    pub(crate) async fn look(&mut self, tally: &Tally, looked: &Latencies) {
-        if let Self::Seats(seats) = self {
-            let looks: FuturesUnordered<_> =
-                seats.iter_mut().map(|seat| seat.look(tally)).collect();
-            looked.record(looks.collect::<Vec<_>>().await.into_iter().flatten());
-        }
-    }
 }
 
 /// The measurements of all players of a scenario.
@@ -157,13 +148,6 @@ impl Seat {
                 return Some((begun, ended));
             }
         }
-    }
-
-    /// Observes without waiting; returns the duration.
-    async fn look(&mut self, tally: &Tally) -> Option<Duration> {
-        let look = request(&self.target, "GET", "/obs", Some(&self.token), None);
-        let begun = Instant::now();
-        self.connection.call(tally, &look).await.then(|| begun.elapsed())
     }
 }
 
