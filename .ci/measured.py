@@ -198,34 +198,6 @@ def polls(report: dict) -> str:
     return table(headings, [row])
 
 
-KINDS = {
-    "head": "a byte of a head now and then",
-    "body": "a byte of a body now and then",
-    "silent": "nothing at all",
-    "unread": "a request a second, and read no answer",
-}
-
-
-def slow(report: dict) -> str:
-    slow = report["slow"]
-    kept = [
-        [KINDS.get(kind["kind"], kind["kind"]), count(kind["clients"]),
-         "all" if kind["closed_within_15_s"] >= kind["clients"] else count(kind["closed_within_15_s"]),
-         count(kind["open_after_15_s"]), f"{kind['longest_s']:.1f} s"]
-        for kind in slow["kept"]
-    ]
-    honest = [
-        [name, *(millis(side[of][at]) for of in ("acknowledged", "looked") for at in ("p50_ms", "p99_ms"))]
-        for name, side in [("alone", slow["before"]), ("beside slow ones", slow["during"])]
-    ]
-    headings = ["they send", "clients", "closed within 15 s", "still open after 15 s", "longest connection"]
-    return (
-        f"{count(slow['clients'])} at once for {slow['seconds']:g} s:\n\n" + table(headings, kept) + "\n"
-        + table(["honest clients", "act p50", "act p99", "look p50", "look p99"], honest)
-        + f"\nThe p99 of acts grew {slow['acknowledged_factor']:.2f} times, that of looks {slow['looked_factor']:.2f} times.\n"
-    )
-
-
 def rounds(rows: list[dict]) -> str:
     """Rounds per second: one line per task, one column per way of playing."""
     speeds = {(row["group"], row["function"]): 1e9 / row["ns"] for row in rows}
@@ -401,7 +373,6 @@ intervals of 95 %."""),
         ("Games at once", "play", grid),
         ("Requests that wait, on episodes of 12 seats", "polls", polls),
         ("Requests that wait, on episodes of 1,000 seats", "crowd", polls),
-        ("Slow clients", "slow", slow),
     ]),
     "training": Page("Environments in process", ".ci/measure training", """\
 Release profile. Medians of five turns in the standard setting: 12 agents, memory 0, random actions, by the clock. A step is a round of

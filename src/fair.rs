@@ -189,7 +189,7 @@ impl Shares {
     }
 }
 
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Ranked<T> {
     urgent: T,
     normal: T,
@@ -315,7 +315,7 @@ struct Accounts<K, R> {
 }
 
 /// Order in which accounts are served. Reading the first takes constant time, a change logarithmic time.
-#[derive(Debug)]
+#[derive(Debug, PartialEq)]
 struct Order<K> {
     /// Accounts that may have a slot: by slots in use, then by usage.
     ready: Ranked<BTreeSet<(usize, Duration, K)>>,
@@ -695,13 +695,9 @@ impl Drop for Permit {
 }
 
 #[cfg(test)]
-mod linear;
-
-#[cfg(test)]
 mod tests {
     use proptest::prelude::*;
 
-    use super::linear::Linear;
     use super::*;
 
     const SHARES: Shares = Shares {
@@ -921,49 +917,68 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_queue_serves_as_one_that_looks_at_everybody(
+        fn the_order_and_the_counts_are_those_of_the_accounts(
             shares in shares(),
             steps in proptest::collection::vec(step(), 0..300),
         ) {
-            let (mut queue, mut model) = (FairQueue::new(shares), Linear::new(shares));
-            let mut running = Vec::new();
+            let mut queue = FairQueue::new(shares);
+            let (mut running, mut served) = (Vec::new(), HashMap::new());
             for (number, step) in (0..).zip(steps) {
+                let mut popped = None;
                 match step {
-                    Step::Push(party, rank) => {
-                        let pushed = queue.push(party, rank, number).is_ok();
-                        prop_assert_eq!(pushed, model.push(party, rank, number));
-                    }
-                    Step::Add(party, rank) => {
-                        queue.add(party, rank, number);
-                        model.add(party, rank, number);
-                    }
-                    Step::Pop => {
-                        let popped = queue.pop();
-                        let expected = Rank::ALL.into_iter().find_map(|rank| model.pop_of(rank));
-                        prop_assert_eq!(popped, expected);
-                        running.extend(popped);
-                    }
-                    Step::PopOf(rank) => {
-                        let popped = queue.pop_of(rank);
-                        prop_assert_eq!(popped, model.pop_of(rank));
-                        running.extend(popped);
-                    }
+                    Step::Push(party, rank) => drop(queue.push(party, rank, number)),
+                    Step::Add(party, rank) => queue.add(party, rank, number),
+                    Step::Pop => popped = queue.pop(),
+                    Step::PopOf(rank) => popped = queue.pop_of(rank),
                     Step::Done { which, millis } => {
                         if which < running.len() {
-                            let (party, rank, _) = running.swap_remove(which);
+                            let (party, rank) = running.swap_remove(which);
                             queue.done(party, rank, Duration::from_millis(millis));
-                            model.done(party, rank, Duration::from_millis(millis));
                         }
                     }
-                    Step::Retain { of } => {
-                        queue.retain(|request| request % of > 0);
-                        model.retain(|request| request % of > 0);
-                    }
+                    Step::Retain { of } => queue.retain(|request| request % of > 0),
                 }
-                prop_assert_eq!(queue.waiting(), model.waiting());
-                prop_assert_eq!(queue.running(), model.running());
+                if let Some((party, rank, number)) = popped {
+                    // Requests of one party and rank are served as they came.
+                    let before = served.insert((party, rank == Rank::Urgent), number);
+                    prop_assert!(before.is_none_or(|before: u32| before < number));
+                    running.push((party, rank));
+                }
+                let normal = running.iter().filter(|(_, rank)| *rank == Rank::Normal).count();
+                prop_assert_eq!((queue.running, queue.running_normal), (running.len(), normal));
+                prop_assert!(running.len() <= shares.slots);
+                prop_assert!(normal <= shares.slots.saturating_sub(shares.reserve));
+                in_order(&queue.groups);
+                let (mut waiting, mut idle) = (Ranked::default(), 0);
+                for (name, group) in &queue.groups.known {
+                    let Members { waiting: of_group, accounts, .. } = &group.requests;
+                    in_order(accounts);
+                    let lines = || accounts.known.values().map(|line| &line.requests.0);
+                    for rank in Rank::ALL {
+                        let sum = lines().map(|line| line.of(rank).len()).sum::<usize>();
+                        prop_assert_eq!(*of_group.of(rank), sum);
+                        *waiting.of_mut(rank) += sum;
+                    }
+                    idle += accounts.order.idle.len();
+                    let of_members = accounts.known.values().map(|line| line.running).sum::<usize>();
+                    prop_assert_eq!(group.running, of_members);
+                    prop_assert!(group.running <= shares.slots_per_group);
+                    let most = shares.slots_of_member(*name);
+                    prop_assert!(accounts.known.values().all(|line| line.running <= most));
+                }
+                prop_assert_eq!((queue.waiting, queue.idle_members), (waiting, idle));
             }
         }
+    }
+
+    /// The order of accounts is the one that follows from each of them, and has nobody with whom the others have caught up.
+    fn in_order<K: Copy + Ord + Hash + std::fmt::Debug, R: Requests>(accounts: &Accounts<K, R>) {
+        let mut expected = Accounts::<K, R>::new(accounts.slots).order;
+        for (name, account) in &accounts.known {
+            expected.add(*name, account, accounts.slots);
+        }
+        assert_eq!(accounts.order, expected);
+        assert!(accounts.order.idle.first().is_none_or(|(used, _)| *used > accounts.floor));
     }
 
     fn limit(slots: usize) -> FairLimit {

@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use percent_encoding::percent_decode_str;
-use sqlx::ConnectOptions as _;
 use sqlx::postgres::PgConnectOptions;
 
 use crate::host::read_text;
@@ -50,8 +49,6 @@ pub enum LocationError {
         parameters = PARAMETERS.join(", ")
     )]
     Parameter(String),
-    #[error("the file with the password, {path}, cannot be read: {problem}")]
-    PasswordFile { path: PathBuf, problem: String },
     #[error("it is no address of PostgreSQL, as in postgres://USER@HOST:PORT/DATABASE: {0}")]
     Address(String),
 }
@@ -148,18 +145,6 @@ impl Address {
         PgConnectOptions::from_str(&url)
             .map_err(|error| LocationError::Address(error.to_string()))?;
         Ok(Self { url, password_file })
-    }
-
-    /// The address with its password, to be passed to another process. It must never be shown.
-    ///
-    /// # Errors
-    /// If the file with the password cannot be read.
-    pub fn with_password(&self) -> Result<String, LocationError> {
-        let options = self.options().map_err(|(path, error)| {
-            let problem = error.to_string();
-            LocationError::PasswordFile { path, problem }
-        })?;
-        Ok(options.to_url_lossy().into())
     }
 
     /// Connection options. `PGPASSWORD` or `~/.pgpass` gives the password where the address has none.

@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
-use comfy_table::{CellAlignment, Table, presets};
+use comfy_table::{Table, presets};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 use serde::Serialize;
 use swarmbench_protocol::names::shown;
@@ -168,16 +168,6 @@ pub fn fields<'a>(rows: impl IntoIterator<Item = (&'a str, String)>) -> Table {
 #[must_use]
 pub fn cell(value: Option<impl ToString>) -> String {
     value.map_or_else(String::new, |value| value.to_string())
-}
-
-/// A table of numbers whose first column is text.
-#[must_use]
-pub fn numbers(headings: &[&str]) -> Table {
-    let mut table = table(headings);
-    for column in table.column_iter_mut().skip(1) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
-    table
 }
 
 /// Terminal of standard error for progress bars. Escapes their texts, so that only the bars move the cursor.

@@ -2,20 +2,16 @@
 
 use std::net::{Ipv4Addr, TcpListener};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::bail;
-use indicatif::{HumanBytes, HumanCount};
 use serde::Serialize;
 use serde_json::Value;
-use swarmbench_terminal::{self as terminal, numbers, table};
-use swarmbench_testkit::latencies::Spread;
+use swarmbench_terminal as terminal;
 
 use super::child::{Child, Finished, Program};
 use crate::load::connection::{Connection, Target, request};
-use crate::load::{Progress, competition, reads};
-use crate::loadtest::{millis, show_reads};
+use crate::load::{competition, reads};
 
 /// Maximum time until a server is ready.
 const READY_PATIENCE: Duration = Duration::from_mins(10);
@@ -33,7 +29,7 @@ const LOOK_AGAIN: Duration = Duration::from_millis(2);
     Examples:\n  \
     swarmbench-bench capacity fill --db big.db && swarmbench-bench capacity measure --db big.db\n  \
     swarmbench-bench capacity measure --db copy-of-cup.db --ends 10\n  \
-    swarmbench-bench capacity measure --db small.db --reads 100 --json"
+    swarmbench-bench capacity measure --db small.db --reads 100"
 )]
 pub(crate) struct Args {
     /// The database, such as one of `swarmbench-bench capacity fill`.
@@ -59,9 +55,6 @@ pub(crate) struct Args {
     /// The folder of the temporary export of the competition.
     #[arg(long, default_value = ".")]
     dir: PathBuf,
-    /// Print JSON.
-    #[arg(long)]
-    json: bool,
 }
 
 /// Measurements.
@@ -113,7 +106,7 @@ struct Rebuild {
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let Args { db, program, reads, readers, ends, reading, no_export, dir, json } = args;
+    let Args { db, program, reads, readers, ends, reading, no_export, dir } = args;
     if !db.is_file() {
         bail!("there is no database {}: `swarmbench-bench capacity fill` makes one", db.display());
     }
@@ -148,11 +141,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         server_memory_bytes,
         rebuild,
     };
-    if json {
-        return terminal::json(&report);
-    }
-    show(&report);
-    Ok(())
+    terminal::json(&report)
 }
 
 /// Measures boards, lists and look-ups of all kinds, and a competition that is over.
@@ -162,8 +151,7 @@ async fn of_all(
     readers: usize,
     dir: &Path,
 ) -> anyhow::Result<Part> {
-    let silent: Progress = Arc::new(|_, _, _| ());
-    let reads = reads::run(&server.target, requests, readers, &silent).await?;
+    let reads = reads::run(&server.target, requests, readers).await?;
     if let Some(error) = reads.answers.samples.first() {
         bail!("{} reads were answered with errors: {error}", reads.answers.errors);
     }
@@ -180,9 +168,8 @@ async fn of_open_competition(
     plan: competition::Plan,
     dir: Option<&Path>,
 ) -> anyhow::Result<Part> {
-    let silent: Progress = Arc::new(|_, _, _| ());
     let (id, organizer) = (plan.competition.clone(), plan.organizer.clone());
-    let read = competition::run(&server.target, plan, &silent).await?;
+    let read = competition::run(&server.target, plan).await?;
     let competition = match dir {
         Some(dir) => Some(file(server, &id, Some(&organizer), dir).await?),
         None => None,
@@ -319,100 +306,6 @@ async fn rebuild(program: &Program, db: &Path) -> anyhow::Result<Rebuild> {
     let count = |name: &str| said[name].as_u64().unwrap_or(0);
     let (results, changed) = (count("results"), count("changed"));
     Ok(Rebuild { results, changed, seconds: done.seconds, memory_bytes: done.memory_bytes })
-}
-
-fn show(report: &CapacityReport) {
-    let CapacityReport { database, bytes, ready_ms, first_board_ms, .. } = report;
-    let memory = |bytes: Option<u64>| {
-        bytes.map_or_else(|| "?".to_owned(), |bytes| HumanBytes(bytes).to_string())
-    };
-    let mut shown = table(&["what", "measured"]);
-    let mut row = |what: &str, measured: String| {
-        shown.add_row([what.to_owned(), measured]);
-    };
-    row("database", format!("{}, {}", database.display(), HumanBytes(*bytes)));
-    row("start until ready", format!("{ready_ms:.0} ms"));
-    row("first read of the leaderboard", format!("{first_board_ms:.0} ms"));
-    row("memory of the server, at most", memory(report.server_memory_bytes));
-    if let Some(cup) = &report.part.competition {
-        let File { games, rounds, export_bytes, export_seconds, verify_seconds, .. } = *cup;
-        let rate = |count: u64, seconds: f64| HumanCount(per_second(count, seconds));
-        row(
-            "export of a competition",
-            format!(
-                "{} games, {} in {export_seconds:.2} s: {}/s",
-                HumanCount(games),
-                HumanBytes(export_bytes),
-                HumanBytes(per_second(export_bytes, export_seconds)),
-            ),
-        );
-        row(
-            "its verification",
-            format!(
-                "{} rounds in {verify_seconds:.2} s: {} a second, memory {}",
-                HumanCount(rounds),
-                rate(rounds, verify_seconds),
-                memory(cup.verify_memory_bytes),
-            ),
-        );
-    }
-    if let Some(Rebuild { results, seconds, memory_bytes, .. }) = report.rebuild {
-        row(
-            "board rebuild",
-            format!(
-                "{} results in {seconds:.1} s, memory {}",
-                HumanCount(results),
-                memory(memory_bytes)
-            ),
-        );
-    }
-    out!("{shown}");
-    report.part.while_games_end.iter().for_each(show_pages);
-    report.part.reads.iter().for_each(show_reads);
-}
-
-fn show_pages(report: &competition::CompetitionReport) {
-    out!(
-        "\nPages of {} in turn by {} clients at once, for {:.0} s, while {:.1} games a second end ({} in all)",
-        report.competition,
-        report.readers,
-        report.seconds,
-        report.ended_per_s,
-        report.ended
-    );
-    for is_page in [true, false] {
-        let mut shown =
-            numbers(&["read by", "what", "different", "reads", "p50 ms", "p99 ms", "max ms"]);
-        for line in report.lines.iter().filter(|line| line.is_page == is_page) {
-            let Spread { count, p50_ms, p99_ms, max_ms } = line.latency;
-            let [p50, p99, max] = [p50_ms, p99_ms, max_ms].map(millis);
-            let (by, read) = (line.by.to_owned(), line.read.to_owned());
-            let different = line.different.to_string();
-            shown.add_row([by, read, different, count.to_string(), p50, p99, max]);
-        }
-        if !is_page {
-            out!("\nWhole lists in one answer, read by themselves");
-        }
-        out!("{shown}");
-    }
-    let Spread { p50_ms, p99_ms, .. } = report.acted;
-    out!("receipts of a round: p50 {} ms, p99 {} ms", millis(p50_ms), millis(p99_ms));
-    for (who, answers) in [("readers", &report.reads), ("players", &report.plays)] {
-        if answers.errors + answers.held_back > 0 {
-            let (errors, held_back) = (answers.errors, answers.held_back);
-            out!("answers to {who}: {errors} errors {:?}, {held_back} 429 or 503", answers.samples);
-        }
-    }
-}
-
-#[expect(
-    clippy::cast_precision_loss,
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a rate that is shown"
-)]
-fn per_second(count: u64, seconds: f64) -> u64 {
-    (count as f64 / seconds.max(1e-9)) as u64
 }
 
 fn milliseconds(since: Instant) -> f64 {

@@ -91,7 +91,7 @@ impl Competition {
         let opens_at = at;
         let settings = swarmbench_protocol::suite::SuiteSettings {
             round_deadline_ms: Some(60_000),
-            ..settings(filling.fill)
+            ..settings()
         };
         let (name, window) = (format!("Cup {}", number + 1), Window { opens_at, closes_at });
         let definition = Announced {

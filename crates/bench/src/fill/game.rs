@@ -31,11 +31,6 @@ pub(super) struct NewGame {
 }
 
 impl NewGame {
-    /// Opens the game without playing it.
-    pub(super) fn open(self, entropy: &dyn Entropy) -> Vec<Entry> {
-        vec![Entry::Open(Box::new(self.opening(entropy).1))]
-    }
-
     fn opening(self, entropy: &dyn Entropy) -> (World, OpeningRow) {
         let Self { episode, owner, run, spec, at } = self;
         let world = World::new(Arc::clone(&spec.config));

@@ -54,6 +54,13 @@ const REST: Duration = Duration::from_hours(24);
 /// Pieces in memory at once, being made or waiting for the disk. They bound the memory use.
 const PIECES_AT_ONCE: usize = 4;
 
+/// Determines all games, names and tokens.
+const SEED: u64 = 1;
+
+/// Agents, and the most rounds, of each episode. Some tasks end earlier.
+const AGENTS: i64 = 4;
+const ROUNDS: i64 = 4;
+
 /// Single episodes, or attempts of few games, in a piece.
 const PIECE_EPISODES: u64 = 100;
 
@@ -62,18 +69,10 @@ const PIECE_EPISODES: u64 = 100;
 pub(crate) struct Fill {
     /// Number of ended episodes.
     pub(crate) episodes: u64,
-    /// Number of further episodes that wait for their first act.
-    pub(crate) unfinished: u64,
     /// Entrants of a further competition, which is open; 0 for none.
     pub(crate) entrants: u32,
     /// Attempts of each of these entrants, with two games each.
     pub(crate) attempts: u32,
-    /// Agents of each episode.
-    pub(crate) agents: u16,
-    /// Maximum rounds of each episode. Some tasks end earlier.
-    pub(crate) rounds: u32,
-    /// Determines all games, names and tokens.
-    pub(crate) seed: u64,
 }
 
 #[derive(Debug)]
@@ -121,8 +120,8 @@ pub(crate) async fn fill(
 enum Piece {
     /// A run of a suite with all its games.
     Run { run: RunKey, first: EpisodeKey },
-    /// Episodes without a run, either played to their end or waiting for their first act.
-    Singles { first: EpisodeKey, count: u64, ended: bool },
+    /// Episodes without a run.
+    Singles { first: EpisodeKey, count: u64 },
     /// Attempts in a competition with all their games: `count` attempts from `index` on.
     Attempts {
         competition: Arc<Competition>,
@@ -146,7 +145,7 @@ impl Filling {
         let now = SystemClock.wall();
         let back = |by| now.checked_sub(by).unwrap_or(Timestamp::UNIX_EPOCH);
         let since = Timestamp::from_millisecond(back(SPAN + REST).as_millisecond()).unwrap_or(now);
-        let suites = ["small", "small-late"].map(|name| suite(name, fill)).to_vec();
+        let suites = ["small", "small-late"].map(suite).to_vec();
         Self { store, fill, since, suites }
     }
 
@@ -227,7 +226,7 @@ impl Filling {
             pieces.push(Piece::Run { run, first });
             if made.runs.is_multiple_of(PIECE_EPISODES / RUN_GAMES * (SINGLE_ONE_IN - 1)) {
                 let first = made.next(PIECE_EPISODES);
-                pieces.push(Piece::Singles { first, count: PIECE_EPISODES, ended: true });
+                pieces.push(Piece::Singles { first, count: PIECE_EPISODES });
             }
         }
         if self.fill.entrants > 0 {
@@ -240,12 +239,6 @@ impl Filling {
             }
             made.competitions.push(cup);
         }
-        let mut left = self.fill.unfinished;
-        while left > 0 {
-            let count = left.min(PIECE_EPISODES);
-            pieces.push(Piece::Singles { first: made.next(count), count, ended: false });
-            left -= count;
-        }
         Ok((pieces, made))
     }
 
@@ -253,7 +246,7 @@ impl Filling {
     fn at(&self, episode: EpisodeKey) -> Timestamp {
         let millis = u128::from(episode.0.unsigned_abs()) * SPAN.as_millis();
         let of_attempts = u64::from(self.fill.entrants) * u64::from(self.fill.attempts);
-        let all = self.fill.episodes + of_attempts * OPEN_GAMES + self.fill.unfinished;
+        let all = self.fill.episodes + of_attempts * OPEN_GAMES;
         let millis = millis / u128::from(all.max(1));
         let at = after(self.since, Duration::from_millis(u64::try_from(millis).unwrap_or(0)));
         // The database stores milliseconds.
@@ -264,7 +257,7 @@ impl Filling {
     fn entropy(&self, kind: u8, number: u64) -> SeededEntropy {
         let mut seed = [0; 8];
         // The seed is hashed, so that sequences of consecutive numbers do not overlap.
-        SeededEntropy::new(self.fill.seed ^ (u64::from(kind) << 56) ^ number).fill(&mut seed);
+        SeededEntropy::new(SEED ^ (u64::from(kind) << 56) ^ number).fill(&mut seed);
         SeededEntropy::new(u64::from_le_bytes(seed))
     }
 
@@ -287,10 +280,10 @@ impl Filling {
                 }
                 Ok(entries)
             }
-            Piece::Singles { first, count, ended } => {
+            Piece::Singles { first, count } => {
                 let mut entries = Vec::new();
                 for episode in (first.0..).take(usize::try_from(count).unwrap_or(0)) {
-                    entries.extend(self.single(EpisodeKey(episode), ended)?);
+                    entries.extend(self.single(EpisodeKey(episode))?);
                 }
                 Ok(entries)
             }
@@ -348,7 +341,7 @@ impl Filling {
         Ok(entries)
     }
 
-    fn single(&self, episode: EpisodeKey, ended: bool) -> Result<Vec<Entry>, String> {
+    fn single(&self, episode: EpisodeKey) -> Result<Vec<Entry>, String> {
         let number = episode.0.unsigned_abs();
         let suite = &self.suites[0];
         let mut game = suite.plan().swap_remove(usize::try_from(number % RUN_GAMES).unwrap_or(0));
@@ -357,8 +350,7 @@ impl Filling {
         let spec = Spec { run: None, ..definition::spec(&definition, "", &game, None)? };
         let new =
             NewGame { episode, owner: Some(owner(number)), run: None, spec, at: self.at(episode) };
-        let entropy = self.entropy(b'e', number);
-        Ok(if ended { new.play(&entropy) } else { new.open(&entropy) })
+        Ok(new.play(&self.entropy(b'e', number)))
     }
 }
 
@@ -409,23 +401,19 @@ fn owner(number: u64) -> OwnerKey {
 }
 
 /// A suite of small games.
-fn suite(name: &str, fill: Fill) -> Suite {
+fn suite(name: &str) -> Suite {
     let built_in = Suite::built_in("quick", "paper").expect("it is built in");
     Suite {
         name: name.to_owned(),
         seeds: [27, 42, 57, 72].map(swarmbench_engine::Seed::from).to_vec(),
-        settings: settings(fill),
+        settings: settings(),
         ..built_in
     }
 }
 
 /// The settings of small games.
-fn settings(fill: Fill) -> SuiteSettings {
-    SuiteSettings {
-        num_agents: fill.agents.into(),
-        max_round: fill.rounds.into(),
-        ..SuiteSettings::default()
-    }
+fn settings() -> SuiteSettings {
+    SuiteSettings { num_agents: AGENTS, max_round: ROUNDS, ..SuiteSettings::default() }
 }
 
 fn definition(suite: Suite, model: String) -> Definition {

@@ -1,6 +1,7 @@
 //! Durable acts per second, compared with a bare writer that commits groups of the same size, and with a bare server
 //! that only receives, commits and answers.
 
+use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -8,12 +9,13 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use serde_json::value::RawValue;
+use sqlx::migrate::Migrator;
 use swarmbench_testkit::latencies::Spread;
 use tokio::task::JoinSet;
 use tokio::time::MissedTickBehavior;
 
 use super::bare_acts::Setup;
-use super::bare_commit::{BareCommit, BareLocation, Tables};
+use super::bare_commit::BareCommit;
 use super::bare_handler::BareHandler;
 use super::connection::{Answers, Target};
 use super::games::{self, LoadGame, SEATS};
@@ -31,8 +33,6 @@ pub(crate) struct Comparison {
     pub(crate) by: &'static str,
     /// Concurrent episodes of 12 seats.
     pub(crate) episodes: usize,
-    /// The engine of the bare writer and of the bare server.
-    pub(crate) bare_engine: &'static str,
     /// Turns of each program.
     pub(crate) turns: usize,
     /// Duration of a turn.
@@ -65,11 +65,11 @@ pub(crate) struct Comparison {
     pub(crate) answers: Answers,
 }
 
-/// Runs the server, the bare writer and the bare server in turns; the bare programs use databases of their own at
-/// `place`. `bare_server` must call [`bare_acts::serve`](super::bare_acts::serve).
+/// Runs the server, the bare writer and the bare server in turns; the bare programs use databases of their own
+/// in `dir`. `bare_server` must call [`bare_acts::serve`](super::bare_acts::serve).
 pub(crate) async fn run(
     target: &Target,
-    (place, tables, bare_server): (&BareLocation, Tables<'_>, Command),
+    (dir, tables, bare_server): (&Path, &Migrator, Command),
     by_seats: bool,
     episodes: usize,
     (turns, turn): (usize, Duration),
@@ -83,9 +83,9 @@ pub(crate) async fn run(
     players = play(players, &score, Duration::ZERO, None).await;
     let record = record(target, first).await?;
     let record_bytes = record.len();
-    let setup = Setup { place: place.clone(), episodes: games.len(), record: record.clone() };
+    let setup = Setup { dir: dir.to_owned(), episodes: games.len(), record: record.clone() };
     let setup = serde_json::to_vec(&setup).expect("string keys");
-    let mut bare = BareCommit::open(place, tables, games.len(), record).await?;
+    let mut bare = BareCommit::open(dir, tables, games.len(), record).await?;
     let (_bare_server, bare_target) = BareHandler::start(bare_server, &setup).await?;
     let bare_score = Arc::new(Score::default());
     let mut bare_players = players_of(&bare_target, &games, by_seats, progress).await?;
@@ -135,7 +135,6 @@ pub(crate) async fn run(
     Ok(Comparison {
         by: if by_seats { "/act" } else { "/swarm/act" },
         episodes: games.len(),
-        bare_engine: place.engine(),
         turns,
         turn_s: turn.as_secs_f64(),
         ratio: median(ratios),

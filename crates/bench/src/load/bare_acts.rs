@@ -2,14 +2,17 @@
 //! together with all that arrived meanwhile, and the answer is always the same receipts. It parses no act, checks no
 //! token and plays no round.
 
+use std::path::PathBuf;
+
 use axum::Router;
 use axum::http::{StatusCode, header};
 use axum::routing::{MethodRouter, post};
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
+use sqlx::migrate::Migrator;
 use tokio::sync::{mpsc, oneshot};
 
-use super::bare_commit::{BareCommit, BareLocation, Tables};
+use super::bare_commit::BareCommit;
 use super::bare_handler::{read_body, serve_until_input_ends};
 use super::games::SEATS;
 
@@ -19,8 +22,8 @@ const GROUP_MAX: usize = 1024;
 /// The settings of the process.
 #[derive(Serialize, Deserialize)]
 pub(crate) struct Setup {
-    /// The place of its database.
-    pub(crate) place: BareLocation,
+    /// The folder of its database.
+    pub(crate) dir: PathBuf,
     /// Episodes of 12 seats among which the acts are divided.
     pub(crate) episodes: usize,
     /// The record of every act.
@@ -32,10 +35,10 @@ type Request = (usize, oneshot::Sender<()>);
 
 /// Reads a [`Setup`] from the standard input, prints its address, and serves until the input ends, as
 /// [`serve`](super::bare_handler::serve) does.
-pub(crate) async fn serve(metrics: fn() -> String, tables: Tables<'_>) -> std::io::Result<()> {
+pub(crate) async fn serve(metrics: fn() -> String, tables: &Migrator) -> std::io::Result<()> {
     let setup = read_body(&mut std::io::stdin().lock())?;
-    let Setup { place, episodes, record } = serde_json::from_slice(&setup)?;
-    let bare = BareCommit::open(&place, tables, episodes, record).await;
+    let Setup { dir, episodes, record } = serde_json::from_slice(&setup)?;
+    let bare = BareCommit::open(&dir, tables, episodes, record).await;
     let (queue, requests) = mpsc::unbounded_channel();
     let writer = tokio::spawn(write(bare.map_err(std::io::Error::other)?, requests));
     let receipts = format!("{{\"receipts\":[{}]}}", [RECEIPT; SEATS].join(","));

@@ -13,7 +13,7 @@ use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval};
 
 use super::connection::{Answers, Connection, Tally, Target, request};
-use super::{LoadError, Progress, float, per_second};
+use super::{LoadError, float, per_second};
 
 /// Entrants that play meanwhile.
 const PLAYERS: usize = 8;
@@ -53,7 +53,7 @@ pub(crate) struct Line {
     pub(crate) path: String,
     /// The number of different requests of this kind, which are sent in turn.
     pub(crate) different: usize,
-    /// True if the read is a page of a list, not the whole list in one answer.
+    /// Whether it is a page of a list, not the whole list in one answer.
     pub(crate) is_page: bool,
     /// Time from sending the request until the last byte of the answer.
     pub(crate) latency: Spread,
@@ -102,15 +102,11 @@ struct Player {
 
 /// Withdraws some entrants, as the competition may be full, and lets as many new ones play attempts one after
 /// another, while all pages of the competition are read in turn: first paged lists, then whole lists.
-pub(crate) async fn run(
-    target: &Target,
-    plan: Plan,
-    progress: &Progress,
-) -> Result<CompetitionReport, LoadError> {
+pub(crate) async fn run(target: &Target, plan: Plan) -> Result<CompetitionReport, LoadError> {
     let reads = Arc::new(Tally::default());
     let plays = Arc::new(Tally::default());
     let setup = Setup { target, plan: &plan, connection: Connection::new(target) };
-    let (players, games, kinds) = setup.make(progress).await?;
+    let (players, games, kinds) = setup.make().await?;
     let playing = Arc::new(Playing::default());
     let mut at_play = JoinSet::new();
     let attempts = Attempts::new(target, &plan, games);
@@ -124,7 +120,6 @@ pub(crate) async fn run(
     let mut lines = Vec::new();
     // Whole lists have megabytes, so they are read for a shorter time, and separately.
     for (kinds, reading) in [(pages, plan.reading), (whole, plan.reading / 4)] {
-        progress("reading", lines.len() as u64, 0);
         lines.extend(read(target, &reads, kinds, plan.readers, reading).await);
     }
     let (ended, elapsed) = (playing.ended.load(Ordering::Relaxed), began.elapsed());
@@ -193,13 +188,9 @@ struct Setup<'a> {
 }
 
 impl Setup<'_> {
-    async fn make(
-        mut self,
-        progress: &Progress,
-    ) -> Result<(Vec<Player>, u32, Vec<Kind>), LoadError> {
+    async fn make(mut self) -> Result<(Vec<Player>, u32, Vec<Kind>), LoadError> {
         let cup = format!("/api/v1/competitions/{}", self.plan.competition);
         // The first read of a board computes it from all its games.
-        progress("reading all for the first time", 0, 0);
         let organizer = self.plan.organizer.clone();
         for part in ["", "&part=public"] {
             self.get(&format!("{cup}/board?limit=1{part}"), Some(&organizer)).await?;
@@ -215,7 +206,7 @@ impl Setup<'_> {
         let some = some.iter().filter(|entrant| entrant["status"] == "active");
         let some = some.filter_map(|entrant| entrant["id"].as_str().map(str::to_owned));
         let some: Vec<_> = some.take(2 * PLAYERS).collect();
-        let players = self.players(&cup, &some, progress).await?;
+        let players = self.players(&cup, &some).await?;
         let runs = self.get(&format!("{cup}/attempts?limit={ROWS}"), Some(&organizer)).await?;
         let runs = runs["items"].as_array().cloned().unwrap_or_default();
         let runs: Vec<_> = runs.iter().filter_map(|item| item["run"].as_str()).collect();
@@ -265,16 +256,10 @@ impl Setup<'_> {
     }
 
     /// Withdraws entrants and enters new ones.
-    async fn players(
-        &mut self,
-        cup: &str,
-        others: &[String],
-        progress: &Progress,
-    ) -> Result<Vec<Player>, LoadError> {
+    async fn players(&mut self, cup: &str, others: &[String]) -> Result<Vec<Player>, LoadError> {
         let organizer = self.plan.organizer.clone();
         let mut players = Vec::new();
         for (place, other) in others.iter().take(PLAYERS).enumerate() {
-            progress("entering the competition", place as u64, PLAYERS as u64);
             let withdrawn = json!({ "status": "withdrawn", "reason": "makes room for a player" });
             let path = format!("{cup}/entrants/{other}");
             self.ask("PATCH", &path, Some(&organizer), Some(&withdrawn)).await?;
@@ -429,12 +414,12 @@ struct Started {
 /// The part of an observation that is needed to act.
 #[derive(Deserialize)]
 struct Looked {
-    observations: Vec<WaitingSeat>,
+    observations: Vec<Seat>,
     finished: bool,
 }
 
 #[derive(Deserialize)]
-struct WaitingSeat {
+struct Seat {
     episode: String,
     agent: String,
     round: u32,
@@ -488,7 +473,7 @@ impl Attempts {
             if looked.finished {
                 return true;
             }
-            let act = |WaitingSeat { episode, agent, round }| json!({ "episode": episode, "agent": agent, "round": round, "action": "STAY" });
+            let act = |Seat { episode, agent, round }| json!({ "episode": episode, "agent": agent, "round": round, "action": "STAY" });
             let acts: Vec<_> = looked.observations.into_iter().map(act).collect();
             if acts.is_empty() {
                 // The long poll ended without news.

@@ -6,8 +6,8 @@ use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::io;
 use std::net::SocketAddr;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use reqwest::Url;
@@ -30,13 +30,11 @@ const SAMPLES_MAX: usize = 5;
 /// Headers of an answer that are read.
 const HEADERS_MAX: usize = 32;
 
-/// The tested server, or the servers of one cluster.
+/// The tested server.
 #[derive(Clone, Debug)]
 pub(crate) struct Target {
     host: String,
-    /// The addresses that connections use in turn.
-    addrs: Vec<SocketAddr>,
-    connections: Arc<AtomicUsize>,
+    addr: SocketAddr,
     key: Option<String>,
 }
 
@@ -44,28 +42,12 @@ impl Target {
     /// A server at `base`, such as `http://127.0.0.1:8080`, whose episodes are created with `key`.
     pub(crate) async fn new(base: &str, key: Option<String>) -> Result<Self, LoadError> {
         let (host, addr) = find(base).await?;
-        Ok(Self { host, addrs: vec![addr], connections: Arc::default(), key })
+        Ok(Self { host, addr, key })
     }
 
-    /// Adds another server of the same cluster.
-    pub(crate) async fn add(&mut self, base: &str) -> Result<(), LoadError> {
-        self.addrs.push(find(base).await?.1);
-        Ok(())
-    }
-
-    /// The address of the server, or of the first one of a cluster.
-    pub(crate) fn addr(&self) -> SocketAddr {
-        self.addrs[0]
-    }
-
-    /// The address of the next connection.
-    fn next(&self) -> SocketAddr {
-        self.addrs[self.connections.fetch_add(1, Ordering::Relaxed) % self.addrs.len()]
-    }
-
-    /// A target for each server alone.
-    pub(crate) fn each(&self) -> impl Iterator<Item = Self> {
-        self.addrs.iter().map(|addr| Self { addrs: vec![*addr], ..self.clone() })
+    /// The address of the server.
+    pub(crate) const fn addr(&self) -> SocketAddr {
+        self.addr
     }
 
     /// The key that may create episodes.
@@ -142,7 +124,7 @@ pub(crate) struct Connection {
 impl Connection {
     /// A connection that is not open yet.
     pub(crate) fn new(target: &Target) -> Self {
-        Self { addr: target.next(), stream: None, buffer: Vec::new(), body: (0, 0) }
+        Self { addr: target.addr, stream: None, buffer: Vec::new(), body: (0, 0) }
     }
 
     /// Opens the connection.
@@ -301,14 +283,6 @@ pub(crate) struct Answers {
     pub(crate) errors: u64,
     /// The texts of some errors.
     pub(crate) samples: Vec<String>,
-}
-
-impl Answers {
-    /// The share of requests that succeeded in the end, from 0 to 1.
-    pub(crate) fn success(&self) -> f64 {
-        let all = self.ok + self.errors;
-        if all == 0 { 1.0 } else { super::float(self.ok) / super::float(all) }
-    }
 }
 
 impl Tally {

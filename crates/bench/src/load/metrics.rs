@@ -10,31 +10,28 @@ use super::connection::{Connection, Target, request};
 pub(crate) struct Metrics(HashMap<String, f64>);
 
 impl Metrics {
-    /// Reads the metrics of a server, or the sums over those of a cluster.
+    /// Reads the metrics of a server.
     pub(crate) async fn of(target: &Target) -> Result<Self, LoadError> {
-        let mut all = Self::default();
-        for server in target.each() {
-            let mut connection = Connection::new(&server);
-            let answer = connection.ask(&request(&server, "GET", "/metrics", None, None)).await;
-            let answer =
-                answer.map_err(|error| LoadError::of("/metrics cannot be read")(&error))?;
-            if !answer.is_ok() {
-                return Ok(Self::default());
-            }
-            all.add(&String::from_utf8_lossy(connection.body()));
+        let mut connection = Connection::new(target);
+        let answer = connection.ask(&request(target, "GET", "/metrics", None, None)).await;
+        let answer = answer.map_err(|error| LoadError::of("/metrics cannot be read")(&error))?;
+        if !answer.is_ok() {
+            return Ok(Self::default());
         }
-        Ok(all)
+        Ok(Self::parse(&String::from_utf8_lossy(connection.body())))
     }
 
-    fn add(&mut self, text: &str) {
+    fn parse(text: &str) -> Self {
+        let mut metrics = Self::default();
         for line in text.lines().filter(|line| !line.starts_with('#')) {
             if let Some((series, value)) = line.rsplit_once(' ')
                 && let Ok(value) = value.parse::<f64>()
             {
                 let name = series.split('{').next().unwrap_or(series);
-                *self.0.entry(name.to_owned()).or_insert(0.0) += value;
+                *metrics.0.entry(name.to_owned()).or_insert(0.0) += value;
             }
         }
+        metrics
     }
 
     /// The value of a metric, if the server has it.
@@ -63,17 +60,11 @@ impl Metrics {
 mod tests {
     use super::*;
 
-    fn parse(text: &str) -> Metrics {
-        let mut metrics = Metrics::default();
-        metrics.add(text);
-        metrics
-    }
-
     #[test]
     fn series_of_one_name_are_added_up() {
-        let before = parse("a_total 1\nb{x=\"1\"} 2\n");
+        let before = Metrics::parse("a_total 1\nb{x=\"1\"} 2\n");
         let text = "# HELP a_total text\n# TYPE a_total counter\na_total 5\nb{x=\"1\"} 2\nb{x=\"2\"} 0.5\n";
-        let after = parse(text);
+        let after = Metrics::parse(text);
         assert_eq!(after.since(&before, "a_total"), Some(4.0));
         assert_eq!(after.get("b"), Some(2.5));
         assert_eq!(after.since(&before, "b"), Some(0.5));

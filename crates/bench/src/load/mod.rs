@@ -1,16 +1,14 @@
 //! A load test of a running server, and the bare programs that it is compared with. It shares no code with the server
 //! that it measures, except for the shapes of the wire.
 //!
-//! - [`play`]: a grid of games, small to large. [`polls`]: many waiting requests. [`slow`]: slow clients.
+//! - [`play`]: a grid of games, small to large. [`polls`]: many waiting requests.
 //! - [`reads`]: boards, lists and look-ups on a server with many episodes. [`competition`]: the pages of a large competition
 //!   while its games end.
 //! - [`obs`] against [`bare_handler`], [`acts`] against [`bare_commit`] and [`bare_acts`]: the server beside the
 //!   optimum of its libraries, measured in turns.
-//! - [`alone`]: single acts against one `fdatasync`, and one commit of [`bare_commit`].
 //! - [`connection`]: a cheap client. [`games`]: episodes to play. [`metrics`], [`rounds`]: shared parts.
 
 pub(crate) mod acts;
-pub(crate) mod alone;
 pub(crate) mod bare_acts;
 pub(crate) mod bare_commit;
 pub(crate) mod bare_handler;
@@ -23,7 +21,6 @@ pub(crate) mod play;
 pub(crate) mod polls;
 pub(crate) mod reads;
 pub(crate) mod rounds;
-pub(crate) mod slow;
 
 use std::sync::Arc;
 

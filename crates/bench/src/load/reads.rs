@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use swarmbench_testkit::latencies::{Latencies, Spread};
 use tokio::task::JoinSet;
 
+use super::LoadError;
 use super::connection::{Answers, Connection, Tally, Target, request};
-use super::{LoadError, Progress};
 
 /// Episodes, runs and cursors that are known before the measurement, so that requests differ.
 const SAMPLES_MAX: usize = 1000;
@@ -103,7 +103,6 @@ pub(crate) async fn run(
     target: &Target,
     requests: usize,
     clients: usize,
-    progress: &Progress,
 ) -> Result<ReadsReport, LoadError> {
     let tally = Arc::new(Tally::default());
     let episodes = listed(target, &tally, "/api/v1/episodes?status=finished&limit=200").await;
@@ -115,9 +114,8 @@ pub(crate) async fn run(
     let runs = listed(target, &tally, "/api/v1/runs?limit=50").await;
     let cups = listed(target, &tally, "/api/v1/competitions?limit=50").await;
     let mut lines = Vec::new();
-    for (read, paths) in kinds(&episodes, &runs, &cups, target.key().is_some()) {
+    for (read, paths) in kinds(&episodes, &runs, &cups) {
         if !paths.is_empty() {
-            progress(read, 0, requests as u64);
             lines.push(line(target, &tally, read, paths, (requests, clients)).await);
         }
     }
@@ -125,12 +123,7 @@ pub(crate) async fn run(
 }
 
 /// The kinds of requests, each with different requests.
-fn kinds(
-    episodes: &Listed,
-    runs: &Listed,
-    cups: &Listed,
-    has_key: bool,
-) -> Vec<(&'static str, Vec<String>)> {
+fn kinds(episodes: &Listed, runs: &Listed, cups: &Listed) -> Vec<(&'static str, Vec<String>)> {
     let each = |values: Vec<&str>, path: &dyn Fn(&str) -> String| {
         values.into_iter().map(path).collect::<Vec<_>>()
     };
@@ -175,13 +168,6 @@ fn kinds(
         (
             "50 rows of its board",
             each(cups.ids(), &|id| format!("/api/v1/competitions/{id}/board?limit=50")),
-        ),
-        // Nobody may list them without a key.
-        (
-            "50 of its attempts",
-            each(cups.ids().into_iter().filter(|_| has_key).collect(), &|id| {
-                format!("/api/v1/competitions/{id}/attempts?limit=50")
-            }),
         ),
         ("its entrants", each(cups.ids(), &|id| format!("/api/v1/competitions/{id}/entrants"))),
     ]

@@ -74,15 +74,6 @@ impl Player {
         score.woken.record(times.woken);
         true
     }
-
-    /// Observes once for every seat with a connection; adds the durations to `looked`.
-    pub(crate) async fn look(&mut self, tally: &Tally, looked: &Latencies) {
-        if let Self::Seats(seats) = self {
-            let looks: FuturesUnordered<_> =
-                seats.iter_mut().map(|seat| seat.look(tally)).collect();
-            looked.record(looks.collect::<Vec<_>>().await.into_iter().flatten());
-        }
-    }
 }
 
 /// The measurements of all players of a scenario.
@@ -147,10 +138,10 @@ impl SeatConnection {
     /// Waits until the round is past `round`; returns the begin and the end of the wait.
     pub(crate) async fn wait(&mut self, tally: &Tally, round: u32) -> Option<(Instant, Instant)> {
         let path = format!("/obs?after={round}&wait=30");
-        let request = request(&self.target, "GET", &path, Some(&self.token), None);
+        let look = request(&self.target, "GET", &path, Some(&self.token), None);
         let begun = Instant::now();
         loop {
-            if !self.connection.call(tally, &request).await {
+            if !self.connection.call(tally, &look).await {
                 return None;
             }
             let ended = Instant::now();
@@ -159,13 +150,6 @@ impl SeatConnection {
                 return Some((begun, ended));
             }
         }
-    }
-
-    /// Observes without waiting; returns the duration.
-    async fn look(&mut self, tally: &Tally) -> Option<Duration> {
-        let request = request(&self.target, "GET", "/obs", Some(&self.token), None);
-        let begun = Instant::now();
-        self.connection.call(tally, &request).await.then(|| begun.elapsed())
     }
 }
 
@@ -316,12 +300,12 @@ impl Acting {
     async fn look(&mut self, tally: &Tally, place: usize, round: u32) -> Option<()> {
         let Held { token, agents, .. } = self.games.get(place)?;
         let path = format!("/swarm/obs?wait=30&limit={agents}");
-        let request = request(&self.target, "GET", &path, Some(token), None);
-        if !self.connection.call(tally, &request).await {
+        let look = request(&self.target, "GET", &path, Some(token), None);
+        if !self.connection.call(tally, &look).await {
             return None;
         }
-        let seen: SwarmObservations = self.connection.read_json(tally)?;
-        let open = seen.observations.iter().filter(|seen| seen.round == round).count();
+        let look: SwarmObservations = self.connection.read_json(tally)?;
+        let open = look.observations.iter().filter(|seen| seen.round == round).count();
         if open != *agents {
             tally.error(|| format!("{open} of {agents} seats wait in round {round}"));
             return None;

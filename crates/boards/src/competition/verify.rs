@@ -773,80 +773,39 @@ fn differs<T: serde::Serialize>(what: &str, published: &T, expected: &T) -> Resu
 #[cfg(test)]
 mod tests {
     use serde_json::json;
-    use serde_json::value::to_raw_value;
 
     use swarmbench_journal::record::RawRecord;
 
     use super::super::definition::tests::{at, definition};
-    use super::super::export::{Action, Board, CHANGE, RECORD_BYTES_MAX, Writer};
+    use super::super::export::{CHANGE, RECORD_BYTES_MAX};
     use super::*;
 
     const BEFORE: u32 = FIRST_FORMAT_WITH_CHECKED_ATTEMPTS - 1;
     const NOW: u32 = FIRST_FORMAT_WITH_CHECKED_ATTEMPTS;
 
-    /// Fault of a file of this format in which an attempt was voided because of a power cut.
-    fn fault_of_voided(format: u32, action: Option<(&str, &str)>) -> Option<String> {
-        let definition = definition();
-        let seeds = vec![[0; SEED_BYTES]; definition.sealed_seeds()];
-        let sealed = Sealed { salt: [0; SALT_BYTES], seeds };
-        let competition = export::Competition {
-            format,
-            id: "cmp_1".to_owned(),
-            definition,
-            created_at: at(0),
-            revealed_at: Some(at(100)),
-            commitment: String::new(),
-            salt: String::new(),
-            seeds: Vec::new(),
-        };
-        let action = action.map(|(run, reason)| {
-            let detail = to_raw_value(&json!({ "attempt": 1, "reason": reason })).expect("JSON");
-            let action = VOID.to_owned();
-            Line::Action(Action { at: at(20), action, subject: run.to_owned(), detail })
-        });
-        let declaration = json!({
-            "id": "ent_1", "name": "blue", "model": "m", "status": "active", "vouched": false, "registered_at": at(5),
-        });
-        let entrant = serde_json::from_value(declaration).expect("an entrant");
-        let attempt = export::Attempt {
-            entrant: "ent_1".to_owned(),
-            attempt: 1,
-            replays: None,
-            run: "run_1".to_owned(),
-            status: RunStatus::Aborted.name().to_owned(),
-            created_at: at(15),
-            ended_at: Some(at(20)),
-            voided: Some("a power cut".to_owned()),
-            games: Vec::new(),
-        };
-        let rest = [
-            Line::Entrant(entrant),
-            Line::Attempt(attempt),
-            Line::Board(Board { rows: Vec::new() }),
-        ];
-        let mut writer = Writer::default();
-        let text: String = action.iter().chain(&rest).map(|line| writer.line(line)).collect();
-        let (file, place) = (text.as_bytes(), String::new());
-        let progress = |_| {};
-        let mut reader = Reader { file, head: Head::START, format, number: 0, place, progress };
-        Replays::run(Solver::Flow, |replays| {
-            let read = Checker::new(competition, sealed, replays).rest(&mut reader);
-            read.err().map(|fault| fault.to_string())
-        })
-    }
-
     #[test]
     fn a_voided_attempt_has_its_action() {
-        assert_eq!(fault_of_voided(NOW, Some(("run_1", "a power cut"))), None);
-        for action in [None, Some(("run_2", "a power cut")), Some(("run_1", "a bad score"))] {
-            let fault = fault_of_voided(NOW, action).expect("nobody voided it");
-            assert!(fault.contains("attempt 1 of ent_1") && fault.contains("no action"), "{fault}");
+        let mut attempt = attempt();
+        attempt["status"] = json!("aborted");
+        attempt["voided"] = json!("a power cut");
+        let void = |run: &str, reason: &str| {
+            action(20, VOID, &json!({ "attempt": 1, "reason": reason }).to_string())
+                .replace("run_1", run)
+        };
+        for (format, action, says) in [
+            (NOW, Some(void("run_1", "a power cut")), NO_BOARD),
+            (NOW, Some(void("run_2", "a power cut")), "no action says so"),
+            (NOW, Some(void("run_1", "a bad score")), "no action says so"),
+            (NOW, None, "attempt 1 of ent_1"),
+            // Files of the first format have no actions.
+            (BEFORE, None, NO_BOARD),
+        ] {
+            let mut records = vec![competition(format).to_string()];
+            records.extend(action);
+            records.extend([entrant("blue").to_string(), attempt.to_string()]);
+            let found = fault(&records);
+            assert!(found.contains(says), "{says}: {found}");
         }
-        assert_eq!(
-            fault_of_voided(BEFORE, None),
-            None,
-            "files of the first format have no actions"
-        );
     }
 
     #[test]
