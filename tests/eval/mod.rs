@@ -11,4 +11,3 @@ mod players;
 mod prompts;
 mod resume;
 mod side_by_side;
-mod speed;

@@ -1,7 +1,6 @@
 //! What one answer costs at most, and what a new game may not ask for.
 
 use std::sync::LazyLock;
-use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 use swarmbench_engine::{Control, Settings, TaskName};
@@ -383,64 +382,4 @@ async fn the_longest_prompts_of_own_templates_fit_into_an_answer() {
     let call = app.get("/obs?prompt=true").token(episode.seat(0));
     let problem = call.problem(422, "template_failed").await;
     assert!(problem["detail"].to_string().contains("bytes as JSON"), "{problem}");
-}
-
-/// Prints what the dearest requests cost: `cargo test --release --test http -- --ignored --nocapture dearest_requests`.
-///
-/// The server has one async thread, and a task that is always ready runs beside it: the longest time between two of
-/// its turns is the longest piece of work that was done there.
-#[tokio::test(flavor = "multi_thread", worker_threads = 1)]
-#[ignore = "a measurement"]
-async fn dearest_requests_are_measured() {
-    let app = TestApp::start().await;
-    println!("{:>9} {:>8} {:>9}  request", "bytes", "wall ms", "block ms");
-    for settings in &*DEAREST {
-        let episode = talkative(&app, settings, 1).await;
-        let Settings { task, control, num_agents, view_size, memory, width, .. } = settings;
-        let case = format!("{task} {control} {num_agents} × {view_size} × {memory} on {width}²");
-        let (swarm, seat) = (episode.swarm.clone(), episode.seat(0).to_owned());
-        for (path, token) in [
-            ("/obs", &seat),
-            ("/obs?prompt=true", &seat),
-            ("/swarm/obs?limit=1024", &swarm),
-            ("/swarm/obs?limit=1024&prompt=true", &swarm),
-        ] {
-            measure(&app, path, token, &case).await;
-        }
-        measure(&app, &episode.path("/state"), &swarm, &case).await;
-    }
-    let name = |n: u32| json!({ "task": "Transport", "width": 256, "height": 256, "agent_meta": { "n": n, "x": "y".repeat(16_000) } });
-    for n in 0..600 {
-        app.create(name(n)).await;
-    }
-    measure(&app, "/api/v1/episodes?limit=1000", "", "600 episodes of 16 KB").await;
-}
-
-/// Asks once and prints what it cost.
-async fn measure(app: &TestApp, path: &str, token: &str, case: &str) {
-    let stop = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(false));
-    let stopped = std::sync::Arc::clone(&stop);
-    let beat = tokio::spawn(async move {
-        let (mut last, mut longest) = (Instant::now(), Duration::ZERO);
-        while !stopped.load(std::sync::atomic::Ordering::Relaxed) {
-            tokio::task::yield_now().await;
-            longest = longest.max(last.elapsed());
-            last = Instant::now();
-        }
-        longest
-    });
-    let started = Instant::now();
-    let call = app.get(path);
-    let call = if token.is_empty() { call } else { call.token(token) };
-    let answer = call.send().await;
-    let wall = started.elapsed();
-    stop.store(true, std::sync::atomic::Ordering::Relaxed);
-    let longest = beat.await.expect("no panic");
-    println!(
-        "{:>9} {:>8.1} {:>9.1}  {path} ({}): {case}",
-        answer.text().len(),
-        wall.as_secs_f64() * 1e3,
-        longest.as_secs_f64() * 1e3,
-        answer.status,
-    );
 }

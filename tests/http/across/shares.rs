@@ -416,29 +416,3 @@ async fn a_short_list_waits_for_no_long_answer() {
     app.get(&cup.path("/entrants?limit=20")).ok().await;
     app.get(&cup.path("/attempts")).token(&blue.key).ok().await;
 }
-
-/// Prints what entries cost on the processors, those of the test's client with them: the last thousand cost what the
-/// first did. Run it with `cargo test --release --test http -- --ignored --nocapture ten_thousand`.
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-#[ignore = "a measurement"]
-async fn ten_thousand_entries_cost_the_same_each() {
-    let app = TestApp::builder().manual_clock().keys().start().await;
-    let cup = Cup::with(&app, json!({})).await;
-    let mut before = spent(&app).await;
-    for thousand in 0..10 {
-        for place in 0..1000 {
-            let entry = json!({ "name": format!("entrant {thousand} {place}"), "model": "m" });
-            app.post(&cup.path("/entrants")).json(&entry).ok().await;
-        }
-        let now = spent(&app).await;
-        println!("entries {}: {:.2} s", 1000 * (thousand + 1), now - before);
-        before = now;
-    }
-}
-
-/// Seconds that the process has spent on processors.
-async fn spent(app: &TestApp) -> f64 {
-    let metrics = app.get("/metrics").send().await.text();
-    let line = metrics.lines().find(|line| line.starts_with("process_cpu_seconds_total "));
-    line.and_then(|line| line.rsplit(' ').next()?.parse().ok()).expect("a number")
-}
