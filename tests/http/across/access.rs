@@ -120,6 +120,16 @@ struct Stage {
     mixed: bool,
 }
 
+impl Stage {
+    /// Whether a token is sent in this stage. Worthless ones are refused before the stage is looked at, so one stage of a
+    /// public and one of a private server are enough.
+    fn asks(self, kind: Kind) -> bool {
+        // A run has no seats for others.
+        let is_first = !self.mixed && !self.ended && (self.private || self.visibility == "owner");
+        !(self.mixed && kind == Run) && (is_first || !kind.is_worthless())
+    }
+}
+
 /// The status of the refusal, if the route refuses the token.
 fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
     // A seat claimed elsewhere gives no rights here.
@@ -609,8 +619,7 @@ async fn check_all(private: bool, mixed: bool, stages: &[(&'static str, bool)]) 
     for (visibility, ended) in stages.iter().copied() {
         let stage = Stage { visibility, ended, private, mixed };
         for (method, path, operation, responses) in operations() {
-            // A run has no seats for others.
-            for kind in KINDS.into_iter().filter(|kind| !(mixed && *kind == Run)) {
+            for kind in KINDS.into_iter().filter(|kind| stage.asks(*kind)) {
                 let refused_with = refusal(&operation, kind, stage);
                 let route = (&method, path.as_str(), operation.as_str());
                 let answer = world.ask(route, kind, stage, refused_with.is_some()).await;
@@ -636,7 +645,7 @@ async fn check_tools(private: bool, mixed: bool, stages: &[(&'static str, bool)]
     for (visibility, ended) in stages.iter().copied() {
         let stage = Stage { visibility, ended, private, mixed };
         for (tool, operation) in [("the tool look", "get_obs"), ("the tool act", "post_act")] {
-            for kind in KINDS.into_iter().filter(|kind| !(mixed && *kind == Run)) {
+            for kind in KINDS.into_iter().filter(|kind| stage.asks(*kind)) {
                 let refused_with = refusal(operation, kind, stage);
                 let route = (&Method::POST, "/mcp", tool);
                 let answer = world.ask(route, kind, stage, refused_with.is_some()).await;
