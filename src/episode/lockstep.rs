@@ -518,9 +518,6 @@ fn is_same(recorded: &Decision, sent: &Decision) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
-    use proptest::prelude::*;
     use swarmbench_engine::Action;
 
     use super::*;
@@ -761,85 +758,5 @@ mod tests {
         assert_eq!(machine.apply(at(1100), Event::Tick), [Effect::End(Ending::Idle)]);
         assert_eq!(machine.status(), Status::Abandoned);
         assert_eq!(machine.wakes_at(), None);
-    }
-
-    #[derive(Clone, Debug)]
-    enum Move {
-        Submit { agent: u16, behind: u32, action: bool },
-        Pass { seconds: u64 },
-    }
-
-    fn moves() -> impl Strategy<Value = Vec<Move>> {
-        let submit = (0_u16..4, 0_u32..3, any::<bool>())
-            .prop_map(|(agent, behind, action)| Move::Submit { agent, behind, action });
-        let pass = (0_u64..8).prop_map(|seconds| Move::Pass { seconds });
-        prop::collection::vec(prop_oneof![4 => submit, 1 => pass], 1..200)
-    }
-
-    proptest! {
-        /// In every order of events one act a seat and round is recorded, the round closes when
-        /// all living seats have one, and the same act again gets the same receipt.
-        #[test]
-        fn every_order_of_events_keeps_the_barrier(moves in moves(), timed: bool) {
-            let mut machine = new(4, clocks(timed.then_some(5), 3));
-            let mut kept: BTreeMap<(u32, u16), RecordedAct> = BTreeMap::new();
-            let mut alive = vec![true; 4];
-            let (mut now, mut round) = (START, 0);
-            for step in moves {
-                let event = match step {
-                    Move::Pass { seconds } => {
-                        now = after(now, Duration::from_secs(seconds));
-                        Event::Tick
-                    }
-                    Move::Submit { agent, behind, action } => {
-                        let of = (round + 1_u32).saturating_sub(behind);
-                        let earlier = kept.get(&(of, agent)).filter(|_| of < round).cloned();
-                        let submission = sent(of, if action { Action::Up } else { Action::Down });
-                        Event::Submit { agent: AgentId(agent), submission, earlier, room: Ok(()) }
-                    }
-                };
-                let effects = machine.apply(now, event.clone());
-                for effect in &effects {
-                    match effect {
-                        Effect::KeepAct { agent, recorded } => {
-                            prop_assert!(alive[agent.index()]);
-                            let before = kept.insert((round, agent.0), recorded.clone());
-                            prop_assert_eq!(before, None, "one act a seat and round");
-                            let done = (0..4).filter(|a| kept.contains_key(&(round, *a))).count();
-                            let living = alive.iter().filter(|alive| **alive).count();
-                            prop_assert_eq!(recorded.waiting_for as usize, living - done);
-                        }
-                        Effect::Answer(Ok(receipt)) => {
-                            let Event::Submit { agent, ref submission, .. } = event else {
-                                return Err(TestCaseError::fail("an answer to nobody"));
-                            };
-                            prop_assert_eq!(receipt.round, submission.round);
-                            prop_assert_eq!(&receipt.recorded, &kept[&(submission.round, agent.0)]);
-                            prop_assert_eq!(&receipt.recorded.decision.act, &submission.decision.act);
-                        }
-                        Effect::Answer(Err(_)) => {}
-                        Effect::Resolve => {
-                            for agent in 0..4 {
-                                prop_assert!(!alive[usize::from(agent)] || kept.contains_key(&(round, agent)));
-                            }
-                        }
-                        Effect::KeepStart | Effect::End(_) | Effect::Publish => {
-                            return Err(TestCaseError::fail("nothing started or ended"));
-                        }
-                    }
-                }
-                if effects.contains(&Effect::Resolve) {
-                    // Now and then an agent escapes, but one always stays.
-                    let escaping = round as usize % 7;
-                    if (1..4).contains(&escaping) {
-                        alive[escaping] = false;
-                    }
-                    round += 1;
-                    machine.apply(now, Event::Resolved { alive: alive.clone(), ending: None });
-                    machine.apply(now, Event::Opened { at: now });
-                    prop_assert_eq!(machine.recorded().count(), 0);
-                }
-            }
-        }
     }
 }

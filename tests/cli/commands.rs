@@ -5,7 +5,7 @@ use std::net::TcpListener;
 use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 
-use serde_json::Value;
+use serde_json::{Value, json};
 use tempfile::TempDir;
 
 use super::{Serving, empty_competition, text};
@@ -50,7 +50,7 @@ const CASES: [(&str, Shows, Arguments); 61] = [
     ("key create", Facts, |site| words("--name somebody --server", [site.base()])),
     ("key list", Facts, |site| words("--server", [site.base()])),
     ("key revoke", Facts, |site| {
-        let created = site.json(&words("key create --name nobody --server", [site.base()]));
+        let created = site.post("keys", true, &json!({ "name": "nobody" }));
         words("--server", [site.base(), string(&created["id"])])
     }),
     ("competition create", Facts, |site| words("", [site.definition()])),
@@ -146,6 +146,9 @@ struct Site {
     server: Serving,
     files: Cell<usize>,
     exported: OnceCell<String>,
+    copied: OnceCell<String>,
+    runtime: tokio::runtime::Runtime,
+    client: reqwest::Client,
 }
 
 impl Site {
@@ -166,8 +169,16 @@ impl Site {
         let created: Value = serde_json::from_slice(&created.stdout).expect("JSON");
         let organizer = string(&created["secret"]);
         let server = Serving::start(&db, &[]);
-        let (files, exported) = (Cell::new(0), OnceCell::new());
-        let site = Self { folder, organizer, server, files, exported };
+        let site = Self {
+            folder,
+            organizer,
+            server,
+            files: Cell::new(0),
+            exported: OnceCell::new(),
+            copied: OnceCell::new(),
+            runtime: tokio::runtime::Runtime::new().expect("a runtime"),
+            client: reqwest::Client::new(),
+        };
         let games =
             "eval --player default --task foraging,synchronization --seeds 0..3 --max-round 30";
         site.json(&words(games, []));
@@ -205,10 +216,30 @@ impl Site {
             .unwrap_or_else(|error| panic!("{args:?}: {error}: {}", text(&output.stdout)))
     }
 
+    /// What the server answers to a request, by which a command finds something to work on sooner than by another
+    /// command.
+    fn post(&self, path: &str, is_organizer: bool, body: &Value) -> Value {
+        let mut call = self.client.post(format!("{}/api/v1/{path}", self.base())).json(body);
+        if is_organizer {
+            call = call.bearer_auth(&self.organizer);
+        }
+        self.runtime.block_on(async {
+            let answer = call.send().await.expect("an answer");
+            let (status, body) = (answer.status(), answer.text().await.expect("a text"));
+            assert!(status.is_success(), "{path}: {status} {body}");
+            serde_json::from_str(&body).expect("JSON")
+        })
+    }
+
     /// A database that no server uses.
     fn copy(&self) -> String {
+        let copied = self.copied.get_or_init(|| {
+            let copied = self.new_file("copied.db");
+            self.json(&words("backup --db", [self.db(), copied.clone()]));
+            copied
+        });
         let copy = self.new_file("copy.db");
-        self.json(&words("backup --db", [self.db(), copy.clone()]));
+        std::fs::copy(copied, &copy).expect("a copy");
         copy
     }
 
@@ -232,46 +263,52 @@ impl Site {
     }
 
     fn competition(&self) -> String {
-        string(&self.json(&words("competition create", [self.definition()]))["id"])
+        let definition = json!({
+            "name": "a cup", "opens_at": "2026-01-01T00:00:00Z", "closes_at": "2100-01-01T00:00:00Z",
+            "suite": { "tasks": ["Foraging"], "seeds": 2 }, "clocks": { "round_deadline_s": 60 },
+        });
+        string(&self.post("competitions", true, &definition)["id"])
     }
 
     /// A competition and an entrant of it.
     fn entrant(&self) -> (String, String) {
-        let competition = self.competition();
-        let enter = words("competition enter --name newcomer --model m", [competition.clone()]);
-        (competition, string(&self.json(&enter)["id"]))
+        self.entered(true)
     }
 
     /// A competition and an entrant of it for which a key was made.
     fn entrant_without_key(&self) -> (String, String) {
+        self.entered(false)
+    }
+
+    fn entered(&self, has_key: bool) -> (String, String) {
         let competition = self.competition();
-        let enter = "competition enter --json --name newcomer --model m";
-        let mut command = self.command(&words(enter, [competition.clone()]));
-        let output = command.env_remove("SWARMBENCH_KEY").output().expect("the binary runs");
-        let entered: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        let path = format!("competitions/{competition}/entrants");
+        let entered = self.post(&path, has_key, &json!({ "name": "newcomer", "model": "m" }));
         (competition, string(&entered["id"]))
     }
 
     /// A competition, an entrant of it, and a member of its team.
     fn member(&self) -> [String; 3] {
         let (competition, entrant) = self.entrant_without_key();
-        let place = [competition.clone(), entrant.clone()];
-        let member = string(&self.json(&words("competition add-member --name Ada", place))["id"]);
+        let path = format!("competitions/{competition}/entrants/{entrant}/members");
+        let member = string(&self.post(&path, true, &json!({ "name": "Ada" }))["id"]);
         [competition, entrant, member]
     }
 
     /// A competition with an invitation code for `team`.
     fn invitation(&self) -> String {
         let competition = self.competition();
-        self.json(&words("competition codes", [competition.clone(), "team".to_owned()]));
+        let path = format!("competitions/{competition}/codes");
+        self.post(&path, true, &json!({ "labels": ["team"] }));
         competition
     }
 
     /// A competition and the run of an attempt in it.
     fn attempt(&self) -> (String, String) {
         let (competition, entrant) = self.entrant();
-        let start = words("competition attempt --entrant", [entrant, competition.clone()]);
-        (competition, string(&self.json(&start)["run"]))
+        let path = format!("competitions/{competition}/attempts");
+        let started = self.post(&path, true, &json!({ "entrant": entrant }));
+        (competition, string(&started["run"]))
     }
 
     fn closed_competition(&self) -> String {

@@ -222,7 +222,8 @@ async fn a_database_moves_there_and_back_and_is_the_same() {
     }
 }
 
-/// Whatever version made a database: it is opened, which brings its tables up to date, moves there, and back.
+/// Whatever version made a database: it is opened, which brings its tables up to date, moves there, and from the other
+/// engine back. From file to file both ways are the same.
 #[tokio::test]
 async fn databases_of_all_versions_move_there_and_back_and_are_the_same() {
     let names = Golden::all();
@@ -235,13 +236,15 @@ async fn databases_of_all_versions_move_there_and_back_and_are_the_same() {
         let there = scratch
             .as_ref()
             .map_or_else(|| golden.path("moved.db"), |scratch| scratch.url().to_owned());
-        let back = golden.path("back.db");
         let moved = migrated(&from, &there);
-        let again = migrated(&there, &back);
         assert!(moved["rows"].as_u64().is_some_and(|rows| rows > 100), "{name}: {moved}");
-        assert_eq!((&moved["sound"], &again["sound"]), (&true.into(), &true.into()), "{name}");
-        assert_eq!(moved["tables"], again["tables"], "{name}");
-        assert_eq!(moved["rows"], again["rows"], "{name}");
+        assert_eq!(moved["sound"], true, "{name}");
+        if scratch.is_some() {
+            let again = migrated(&there, &golden.path("back.db"));
+            assert_eq!(again["sound"], true, "{name}");
+            assert_eq!(moved["tables"], again["tables"], "{name}");
+            assert_eq!(moved["rows"], again["rows"], "{name}");
+        }
     }
 }
 

@@ -676,29 +676,3 @@ async fn the_same_data_again_changes_nothing_and_acts_that_were_missing_are_adde
     let output = swarmbench(&["import", &empty.path().display().to_string()], &db);
     assert!(!output.status.success() && text(&output.stderr).contains("no game"));
 }
-
-/// Makes data of the published size in the folder that SAMPLE names: what the numbers of docs/evaluate/dataset.md were
-/// measured with. A tenth of its games has a file that is missing or broken.
-#[test]
-#[ignore = "writes several gigabytes; see docs/evaluate/dataset.md"]
-fn data_of_the_published_size_is_made() {
-    let folder =
-        PathBuf::from(std::env::var_os("SAMPLE").expect("SAMPLE names a folder to be made"));
-    let mut harmed = 0;
-    for batch in sample::write(&folder, Size::PUBLISHED) {
-        for (number, path) in files(&batch).into_iter().enumerate() {
-            let is_log = !path.ends_with("meta_log.json");
-            match number % 40 {
-                7 if is_log => std::fs::remove_file(&path).expect("removed"),
-                23 if is_log => {
-                    let bytes = std::fs::metadata(&path).expect("a file").len();
-                    let log = File::options().write(true).open(&path).expect("a file");
-                    log.set_len(bytes / 2).expect("cut");
-                }
-                _ => continue,
-            }
-            harmed += 1;
-        }
-    }
-    println!("{harmed} files are missing or cut");
-}

@@ -20,11 +20,6 @@ pub(crate) struct Size {
 }
 
 impl Size {
-    /// That of the published data: five batches, thirteen models, five seeds, and some more games than are in
-    /// the paper's tables.
-    pub(crate) const PUBLISHED: Self =
-        Self { tasks: 5, models: 13, seeds: 6, rounds: 100, prompt: 4500 };
-
     pub(crate) const SMALL: Self = Self { tasks: 2, models: 2, seeds: 2, rounds: 5, prompt: 60 };
 }
 

@@ -134,6 +134,16 @@ struct Stage {
 /// Operations that ask for no token, and look at none.
 const OPEN: [&str; 4] = ["show_health", "show_readiness", "show_metrics", "list_suites"];
 
+impl Stage {
+    /// True if a token is sent in this stage. Worthless ones are refused before the stage is looked at, so one stage of a
+    /// public and one of a private server are enough.
+    fn asks(self, kind: Kind) -> bool {
+        // A run has no seats for others.
+        let is_first = !self.mixed && !self.ended && (self.private || self.visibility == "owner");
+        !(self.mixed && kind == Run) && (is_first || !kind.is_worthless())
+    }
+}
+
 /// The status of the refusal, if the route refuses the token.
 fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
     // A seat claimed elsewhere gives no rights here.
@@ -637,8 +647,7 @@ async fn check_all(private: bool, mixed: bool, stages: &[(&'static str, bool)]) 
     for (visibility, ended) in stages.iter().copied() {
         let stage = Stage { visibility, ended, private, mixed };
         for Operation { method, path, id: operation, responses, .. } in operations() {
-            // A run has no seats for others.
-            for kind in KINDS.into_iter().filter(|kind| !(mixed && *kind == Run)) {
+            for kind in KINDS.into_iter().filter(|kind| stage.asks(*kind)) {
                 let refused_with = refusal(&operation, kind, stage);
                 let route = (&method, path.as_str(), operation.as_str());
                 let answer = world.ask(route, kind, stage, refused_with.is_some()).await;
@@ -664,7 +673,7 @@ async fn check_tools(private: bool, mixed: bool, stages: &[(&'static str, bool)]
     for (visibility, ended) in stages.iter().copied() {
         let stage = Stage { visibility, ended, private, mixed };
         for (tool, operation) in [("the tool look", "get_obs"), ("the tool act", "post_act")] {
-            for kind in KINDS.into_iter().filter(|kind| !(mixed && *kind == Run)) {
+            for kind in KINDS.into_iter().filter(|kind| stage.asks(*kind)) {
                 let refused_with = refusal(operation, kind, stage);
                 let route = (&Method::POST, "/mcp", tool);
                 let answer = world.ask(route, kind, stage, refused_with.is_some()).await;

@@ -27,6 +27,7 @@ use swarmbench_journal::chain::Head;
 use swarmbench_journal::replay::verify;
 
 use super::golden::games;
+use crate::agent::readers::rehashed;
 use crate::app::program::{printed, swarmbench};
 use crate::app::{Call, Episode, TestApp, list};
 use crate::cup::{Attempt, Cup, Entrant};
@@ -583,24 +584,28 @@ async fn every_golden_database_says_what_it_said() {
         let commitment = Head::parse(&facts.cups.commitment).expect("a hash").0;
         let expected = Expected { commitment: Some(commitment), head: None };
         verify_competition(&*export.body, expected, Solver::Flow, |_| ()).expect("a proof");
+        if recorded().last() == Some(&migration) {
+            // Beside the server, too.
+            sound(&app.database().display().to_string()).await;
+        }
         commands_work(&mut app).await;
     }
 }
 
+/// The journal is the recorded one, byte by byte. `verify --db` plays all of them again, and compares their scores.
 async fn check_journal(app: &TestApp, facts: &Facts, journal: &Journal) {
-    let head = Head::parse(&journal.head).expect("a head");
-    let answer = app.get(&journal.path).token(&facts.organizer).send().await;
-    let report = verify(&*answer.body, Some(head), Solver::Flow, |_, _| ());
-    let report = report.unwrap_or_else(|error| panic!("{}: {error}", journal.path));
-    assert_eq!((report.score.to_string(), report.rounds), (journal.score.clone(), journal.rounds));
+    let Journal { path, head, .. } = journal;
+    let answer = app.get(path).token(&facts.organizer).send().await.text();
+    assert_eq!(rehashed(&answer), answer, "{path}");
+    let last = answer.lines().last().unwrap_or_else(|| panic!("{path} is empty"));
+    assert!(last.starts_with(&format!("{{\"hash\":\"{head}\"")), "{path}: {last}");
 }
 
-/// The commands for databases, beside the server and without it.
+/// The commands for databases, of which the first copies it.
 async fn commands_work(app: &mut TestApp) {
     let folder = tempfile::tempdir().expect("a folder");
     let (db, copy) = (app.database(), folder.path().join("copy.db"));
     let (db, copy) = (db.display().to_string(), copy.display().to_string());
-    sound(&db).await;
     let output = swarmbench(&["backup", &copy, "--db", &db]).await;
     assert!(output.status.success(), "{}", printed(&output));
     app.stop().await;

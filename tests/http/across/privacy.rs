@@ -258,12 +258,17 @@ async fn compare_pair(app: &TestApp, seed: u64, blind: Blind) -> Count {
             [1, 2].map(|stream| Dice(seed << 8 | stream << 4 | round as u64));
         other.step(app, if is_alike { planned.clone() } else { changed }, &mut others).await;
         one.step(app, planned, &mut words).await;
+        if is_alike {
+            // Nothing is compared yet, and both games end alike.
+            if app.show(&one.episode).await["status"] != "running" {
+                break;
+            }
+            continue;
+        }
         let (Some(mine), Some(theirs)) = (one.sent(app).await, other.sent(app).await) else {
             break;
         };
-        if !is_alike {
-            compare_round(app, seed, [(&one, &mine), (&other, &theirs)], blind, &mut count).await;
-        }
+        compare_round(app, seed, [(&one, &mine), (&other, &theirs)], blind, &mut count).await;
     }
     count
 }
@@ -342,18 +347,15 @@ async fn nobody_is_sent_what_it_may_not_know() {
     }
 }
 
-/// Without these, a comparison that never finds anything would look the same.
+/// Without this, a comparison that never finds anything would look the same. Each thing that an oracle can overlook is
+/// tested without a server, in `crates/engine/tests/privacy`.
 #[tokio::test]
 async fn an_oracle_that_overlooks_something_is_found_out() {
     let app = TestApp::start().await;
-    for blind in [Blind::Edge, Blind::Messages, Blind::Past, Blind::Marks] {
-        let mut differ = 0;
-        for first in (0..1_000).step_by(50) {
-            differ = compare(&app, first..first + 50, blind).await.differ;
-            if differ > 0 {
-                break;
-            }
+    for first in (0..1_000).step_by(16) {
+        if compare(&app, first..first + 16, Blind::Messages).await.differ > 0 {
+            return;
         }
-        assert!(differ > 0, "{blind:?} was not found out");
     }
+    panic!("an oracle that overlooks messages was not found out");
 }

@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 use swarmbench_engine::physics::Solver;
 use swarmbench_journal::replay::verify;
 
+use super::readers::rehashed;
 use super::two_agents;
 use crate::app::{TestApp, check_problem, verified};
 
@@ -83,17 +84,4 @@ async fn a_verification_reads_the_reason_again() {
     );
     let report = verify(valid.as_bytes(), None, Solver::Flow, |_, _| ());
     assert!(report.expect_err("it counts").to_string().contains("why not"));
-}
-
-/// A journal whose records were changed, with the hashes that belong to them.
-fn rehashed(journal: &str) -> String {
-    use swarmbench_journal::chain::Head;
-    let mut head = Head::START;
-    let lines = journal.lines().map(|line| {
-        let record = line.split_once("\"record\":").expect("a record").1;
-        let record = record.strip_suffix('}').expect("an object");
-        head = head.link(record.as_bytes());
-        format!("{{\"hash\":\"{head}\",\"record\":{record}}}\n")
-    });
-    lines.collect()
 }

@@ -21,7 +21,6 @@ from .errors import (
     is_refused,
 )
 from .exchange import Event, Retry
-from .loops import run_async
 from .server import Server
 
 if TYPE_CHECKING:
@@ -51,7 +50,6 @@ __all__ = [
     "gym_vector_env",
     "is_refused",
     "parallel_env",
-    "run_async",
     "wire",
 ]
 
