@@ -5,7 +5,7 @@ use sqlx::SqlSafeStr as _;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 
 /// Version, description and text of each file in `migrations/sqlite`.
-const SQLITE: [(i64, &str, &str); 18] = [
+const SQLITE: [(i64, &str, &str); 19] = [
     (1, "journal", include_str!("../migrations/sqlite/0001_journal.sql")),
     (2, "keys", include_str!("../migrations/sqlite/0002_keys.sql")),
     (3, "runs", include_str!("../migrations/sqlite/0003_runs.sql")),
@@ -24,15 +24,17 @@ const SQLITE: [(i64, &str, &str); 18] = [
     (16, "lists", include_str!("../migrations/sqlite/0016_lists.sql")),
     (17, "names", include_str!("../migrations/sqlite/0017_names.sql")),
     (18, "looks", include_str!("../migrations/sqlite/0018_looks.sql")),
+    (19, "networks", include_str!("../migrations/sqlite/0019_networks.sql")),
 ];
 
 /// The same of `migrations/postgres`. A version makes the same tables and columns in both.
-const POSTGRES: [(i64, &str, &str); 5] = [
+const POSTGRES: [(i64, &str, &str); 6] = [
     (14, "tables", include_str!("../migrations/postgres/0014_tables.sql")),
     (15, "fleet", include_str!("../migrations/postgres/0015_fleet.sql")),
     (16, "lists", include_str!("../migrations/postgres/0016_lists.sql")),
     (17, "names", include_str!("../migrations/postgres/0017_names.sql")),
     (18, "looks", include_str!("../migrations/postgres/0018_looks.sql")),
+    (19, "networks", include_str!("../migrations/postgres/0019_networks.sql")),
 ];
 
 /// Migrations of SQLite, oldest first.

@@ -4,6 +4,7 @@
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::net::IpAddr;
+use std::ops::Range;
 
 use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderName, Uri, header};
@@ -148,9 +149,21 @@ pub(super) fn site(address: IpAddr) -> IpAddr {
     prefix(address, 32, 48).network()
 }
 
-/// Network that counts as one when competitions are entered: a /24 of IPv4, a /48 of IPv6.
-pub(super) fn neighbourhood(address: IpAddr) -> IpNet {
-    prefix(address, 24, 48)
+/// Texts of the [networks](network) that count as one when competitions are entered, a /24 of IPv4 or a /48 of IPv6: a range,
+/// and the first network, whose zeros IPv6 may shorten to a text before it.
+pub(super) fn neighbours(address: IpAddr) -> (Range<String>, String) {
+    let first = prefix(address, 24, 48).network();
+    let (head, dot, next) = match first {
+        IpAddr::V4(first) => {
+            let [a, b, c, _] = first.octets();
+            (format!("{a}.{b}.{c}"), '.', '/')
+        }
+        IpAddr::V6(first) => {
+            let [a, b, c, ..] = first.segments();
+            (format!("{a:x}:{b:x}:{c:x}"), ':', ';')
+        }
+    };
+    (format!("{head}{dot}")..format!("{head}{next}"), first.to_string())
 }
 
 fn prefix(address: IpAddr, v4: u8, v6: u8) -> IpNet {
@@ -218,6 +231,38 @@ mod tests {
             ["127.0.0.1/32".parse().expect("a net"), "10.0.0.0/8".parse().expect("a net")];
         let peer = peer.parse().expect("an address");
         Client::of(peer, &map, &Uri::from_static("/obs"), &trusted)
+    }
+
+    #[test]
+    fn texts_tell_neighbours() {
+        let addresses = [
+            "198.51.100.0",
+            "198.51.100.255",
+            "198.51.10.1",
+            "198.51.101.1",
+            "2001:db8:1::1",
+            "2001:db8:1:2::1",
+            "2001:db8:1:ffff:ffff::",
+            "2001:db8:10::1",
+            "2001:db8::1",
+            "2001:db8:0:5::1",
+            "2001:db8:0:a000::1",
+            "2001::1",
+            "2001:0:0:5::1",
+            "2001:0:1::1",
+            "::2",
+            "0:0:0:5::1",
+            "0:0:1::1",
+        ];
+        let addresses = addresses.map(|address| address.parse::<IpAddr>().expect("an address"));
+        for address in addresses {
+            let (texts, first) = neighbours(address);
+            for other in addresses {
+                let text = network(other).to_string();
+                let is_near = prefix(address, 24, 48).contains(&other);
+                assert_eq!(texts.contains(&text) || text == first, is_near, "{address} {other}");
+            }
+        }
     }
 
     #[test]

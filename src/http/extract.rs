@@ -74,6 +74,9 @@ impl<T: DeserializeOwned + Default> FromRequest<App> for OptionalJson<T> {
     }
 }
 
+/// Maximum characters of a value, or of another text of the body, in an error.
+const PROBLEM_CHARS_MAX: usize = 400;
+
 /// Maximum unknown fields that an error names.
 const UNKNOWN_FIELDS_MAX: usize = 20;
 
@@ -136,8 +139,8 @@ fn diagnose<T: DeserializeOwned>(bytes: &[u8], error: &serde_json::Error) -> Api
     // `field` is a top-level field; the path within it becomes part of the problem.
     let end = path.find(['.', '[']).unwrap_or(path.len());
     let (field, inside) = path.split_at(end);
-    let inside = inside.trim_start_matches('.');
-    match (missing, inside) {
+    let inside = shortened(inside.trim_start_matches('.'));
+    match (missing, &*inside) {
         (Some(missing), "") => ApiError::field(field, format!("must have `{missing}`")),
         (Some(missing), inside) => {
             ApiError::field(field, format!("must have `{missing}` in {inside}"))
@@ -153,22 +156,27 @@ fn diagnose<T: DeserializeOwned>(bytes: &[u8], error: &serde_json::Error) -> Api
 fn plain(problem: &str) -> String {
     let wrong =
         problem.strip_prefix("invalid type: ").or_else(|| problem.strip_prefix("invalid value: "));
-    if let Some((is, expected)) = wrong.and_then(|wrong| wrong.split_once(", expected ")) {
+    if let Some((is, expected)) = wrong.and_then(|wrong| wrong.rsplit_once(", expected ")) {
         let is = match is.split_once(' ') {
-            Some(("string", text)) => text.to_owned(),
+            Some(("string", text)) => text,
             Some((_, value)) if value.ends_with('`') => {
-                value.rsplit('`').nth(1).unwrap_or_default().to_owned()
+                value.rsplit('`').nth(1).unwrap_or_default()
             }
-            _ => in_json(is).to_owned(),
+            _ => in_json(is),
         };
-        return format!("must be {}, is {is}", in_json(expected));
+        return format!("must be {}, is {}", in_json(expected), shortened(is));
     }
     match problem.strip_prefix("unknown field ").and_then(|rest| rest.split_once(", expected ")) {
         Some((_, known)) => {
             format!("is unknown; the fields are {}", known.replacen("one of ", "", 1))
         }
-        None => problem.to_owned(),
+        None => shortened(problem),
     }
+}
+
+/// The beginning of a text that may hold a value of the body, so that a refusal is not as large as the body.
+fn shortened(text: &str) -> String {
+    text.chars().take(PROBLEM_CHARS_MAX).collect()
 }
 
 /// JSON name of a Rust type.

@@ -295,6 +295,9 @@ fn numbered(boot: u64, number: u64) -> HeaderValue {
     HeaderValue::from_bytes(&id[..17 + id.len() - first]).expect("digits")
 }
 
+/// Maximum bytes of the method and of the path of a request in its log lines.
+const LOGGED_BYTES_MAX: usize = 200;
+
 /// Parts of a request in its log lines; never its headers or its query, which may hold tokens.
 struct RequestName {
     id: HeaderValue,
@@ -309,7 +312,9 @@ impl RequestName {
 
     fn span(&self) -> Span {
         let id = self.id.to_str().unwrap_or_default();
-        tracing::info_span!("request", id, method = %self.method, path = self.uri.path())
+        let [method, path] = [self.method.as_str(), self.uri.path()]
+            .map(|text| &text[..text.floor_char_boundary(LOGGED_BYTES_MAX)]);
+        tracing::info_span!("request", id, %method, path)
     }
 
     /// Writes log lines within the span of the request, which is created here where it was not needed before.

@@ -15,12 +15,15 @@ use tokio::time::{sleep, timeout};
 
 use crate::attacks::attackers::{ATTACKERS, Attack, AttackReport, Brief};
 use crate::attacks::honest::{Honest, HonestPlace, Score, text};
-use crate::attacks::measure::{cpu_s, memory_peak_mib};
+use crate::attacks::measure::cpu_s;
 use crate::attacks::wire::{Request, Source, Wire};
 
 /// Address space that a server gets beside twice its memory, in MiB: stacks of its threads, and what the allocator and the
 /// database reserve and do not use. An attack on memory ends the server and not the host.
 const SPACE_RESERVE_MIB: u64 = 2 * 1024;
+
+/// Invitation codes that the honest side has, of which it uses one every second.
+const CODES: usize = 50;
 
 /// Maximum time of the attackers' preparation.
 const PREPARATION_MAX: Duration = Duration::from_mins(4);
@@ -95,7 +98,7 @@ pub(crate) async fn play(attack: &Attack, setting: Setting) -> Outcome {
         outcome.not_played = Some(error.to_string());
     }
     outcome.attackers = bout.attackers.stop().await.unwrap_or_default();
-    let peak = memory_peak_mib(bout.server.pid()).max(bout.peak);
+    let peak = bout.server.memory_peak_mib().max(bout.peak);
     match outcome.ready_again {
         Some(_) => outcome.memory_again_mib = peak,
         None => outcome.memory_peak_mib = peak,
@@ -139,7 +142,8 @@ impl<'a> Bout<'a> {
             open_cup,
             member: self::member(&mut wire, &organizer, "stranger").await?,
         };
-        let honest = Honest::new(receiver, HonestPlace { cup, member, organizer, rounds });
+        let codes = codes(&mut wire, &organizer, &cup).await?;
+        let honest = Honest::new(receiver, HonestPlace { cup, member, organizer, rounds }, codes);
         let attackers = Attackers::start(&brief)?;
         Ok(Self { site, peak: 0, attack, setting, server, at: sender, honest, attackers })
     }
@@ -212,7 +216,7 @@ impl<'a> Bout<'a> {
             outcome.died = Some(status.to_string());
             return Ok(());
         }
-        outcome.memory_peak_mib = memory_peak_mib(self.server.pid()).max(self.peak);
+        outcome.memory_peak_mib = self.server.memory_peak_mib().max(self.peak);
         self.peak = 0;
         self.server.end();
         let began = Instant::now();
@@ -243,7 +247,7 @@ impl<'a> Bout<'a> {
 /// Waits until the process has ended by itself, and notes the memory that it takes.
 async fn end(server: &mut Server, peak: &mut u64) -> ExitStatus {
     loop {
-        *peak = memory_peak_mib(server.pid()).max(*peak);
+        *peak = server.memory_peak_mib().max(*peak);
         if let Some(status) = server.exit() {
             return status;
         }
@@ -300,6 +304,15 @@ async fn member(wire: &mut Wire, organizer: &str, name: &str) -> io::Result<Stri
     let create = Request::post("/api/v1/keys", &json!({ "name": name, "role": "member" }));
     let created: Value = wire.ask(&create.with(organizer)).await?.read()?;
     text(&created, "/secret")
+}
+
+/// Invitation codes of a competition.
+async fn codes(wire: &mut Wire, organizer: &str, cup: &str) -> io::Result<Vec<String>> {
+    let labels: Vec<_> = (0..CODES).map(|number| format!("guest {number}")).collect();
+    let path = format!("/api/v1/competitions/{cup}/codes");
+    let make = Request::post(path, &json!({ "labels": labels })).with(organizer);
+    let made: Value = wire.ask(&make).await?.read()?;
+    (0..CODES).map(|number| text(&made, &format!("/items/{number}/code"))).collect()
 }
 
 async fn competition(

@@ -108,6 +108,8 @@ pub(crate) struct Honest {
     entered: AtomicU64,
     /// Finished games of its own, whose journals it reads.
     games: Mutex<Vec<String>>,
+    /// Invitation codes that nobody has used.
+    codes: Mutex<Vec<String>>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -139,8 +141,13 @@ fn action(seen: &Seen) -> &str {
 }
 
 impl Honest {
-    pub(crate) fn new(at: watch::Receiver<SocketAddr>, place: HonestPlace) -> Arc<Self> {
-        Arc::new(Self { at, place, entered: AtomicU64::new(0), games: Mutex::default() })
+    pub(crate) fn new(
+        at: watch::Receiver<SocketAddr>,
+        place: HonestPlace,
+        codes: Vec<String>,
+    ) -> Arc<Self> {
+        let (games, codes) = (Mutex::default(), Mutex::new(codes));
+        Arc::new(Self { at, place, entered: AtomicU64::new(0), games, codes })
     }
 
     /// Plays for a time, and then what it has begun to its end.
@@ -374,6 +381,19 @@ impl Honest {
         }
     }
 
+    /// Enters as somebody of the network from which attackers enter, with an invitation code.
+    async fn enter_with_code(&self, code: &str, score: &Score) -> io::Result<()> {
+        let number = self.entered.fetch_add(1, Ordering::Relaxed);
+        let path = format!("/api/v1/competitions/{}/entrants", self.place.cup);
+        let body = json!({ "name": format!("guest {number}"), "model": "patience", "code": code });
+        let mut wire =
+            Wire::new(*self.at.borrow(), Source::in_site(0, 0), &score.tally).keeping_all();
+        let began = Instant::now();
+        let entered: Value = self.ask(&mut wire, &Request::post(path, &body)).await?.read()?;
+        score.took("enter with a code", began.elapsed());
+        text(&entered, "/key").map(drop)
+    }
+
     /// Errands of an honest entrant: it reads the board, its journal, an export. An organizer watches a game, and exports it.
     async fn errands(&self, end: Instant, score: &Score) {
         let mut wire = self.wire(score, 5);
@@ -402,6 +422,12 @@ impl Honest {
                     Ok(answer) => score.failed(name, &answer.kind()),
                     Err(error) => score.failed(name, &error),
                 }
+            }
+            let code = self.codes.lock().expect("nothing panics while it holds this").pop();
+            if let Some(code) = code
+                && let Err(error) = self.enter_with_code(&code, score).await
+            {
+                score.failed("an entry with a code", &error);
             }
             if Instant::now() >= end {
                 return;

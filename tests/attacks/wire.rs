@@ -3,7 +3,7 @@
 
 use std::fmt::Write as _;
 use std::io;
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -30,7 +30,7 @@ pub(crate) struct Source {
     /// The address of the connection itself: 127.0.0.1 is the trusted proxy.
     pub(crate) bind: Ipv4Addr,
     /// For whom the proxy asks.
-    pub(crate) forwarded: Option<Ipv4Addr>,
+    pub(crate) forwarded: Option<IpAddr>,
 }
 
 impl Source {
@@ -38,8 +38,13 @@ impl Source {
     pub(crate) const HOST: Self = Self { bind: Ipv4Addr::new(127, 0, 0, 2), forwarded: None };
 
     /// A client behind the proxy.
-    pub(crate) const fn behind_proxy(client: Ipv4Addr) -> Self {
-        Self { bind: Ipv4Addr::LOCALHOST, forwarded: Some(client) }
+    pub(crate) fn behind_proxy(client: impl Into<IpAddr>) -> Self {
+        Self { bind: Ipv4Addr::LOCALHOST, forwarded: Some(client.into()) }
+    }
+
+    /// A client behind the proxy, in a /64 network of the one /48 network that attackers have.
+    pub(crate) fn in_site(network: u16, host: u16) -> Self {
+        Self::behind_proxy(Ipv6Addr::new(0x2001, 0xdb8, 5, network, 0, 0, 0, host))
     }
 }
 

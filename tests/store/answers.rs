@@ -484,12 +484,13 @@ impl Questions<'_> {
             side.store.room_for(side.competition(competition), &model, owner).await
         })
         .await;
-        self.ask(&of("entry_addresses"), async |side| {
-            let mut all = side.store.entry_addresses(side.competition(competition)).await?;
-            all.sort_unstable();
-            Ok(all)
-        })
-        .await;
+        for (texts, other) in [("2001:db8:".."2001:db8;", ""), ("a".."b", "2001:db8::/64")] {
+            let texts = texts.start.to_owned()..texts.end.to_owned();
+            self.ask(&of("is_entered_from"), async |side| {
+                side.store.is_entered_from(side.competition(competition), &texts, other).await
+            })
+            .await;
+        }
         if let Some(entry) = entry {
             self.ask(&of("is_name_taken"), async |side| {
                 let (competition, entry) = (side.competition(competition), side.entry(entry));

@@ -24,6 +24,7 @@ from pettingzoo.test.parallel_test import parallel_api_test
 
 from swarmseat.cells import CHANNELS
 from swarmseat.native import VecEnv, Words
+from swarmseat.text import TextEpisode
 from swarmseat.vector import gym_vector_env
 
 GOLDEN = sorted((ROOT / "tests" / "golden" / "1").glob("*.jsonl"))
@@ -128,6 +129,26 @@ def test_what_is_wrong_is_named_and_changes_nothing(how: Any, says: str) -> None
     with pytest.raises((ValueError, TypeError), match=says):
         how(env)
     assert [env.world_digest(index) for index in range(2)] == before
+
+
+@pytest.mark.parametrize(("template", "limit"), [
+    ("{{ " + "not " * 8_100 + "1 }}", "template_unary_max"), ("{{ " + "- " * 10_534 + "1 }}", "template_unary_max"),
+    ("{{ agent" + ".i" * 11_031 + " }}", "template_chain_max"),
+    ("{% if 0 %}" + "{% elif 0 %}" * 2_334 + "{% endif %}", "template_elif_max"),
+    ("{{ " + "(" * 16_000 + "1" + ")" * 16_000 + " }}", "template_nesting_max"),
+], ids=["not", "minus", "chain", "elif", "brackets"])  # fmt: skip
+def test_templates_too_deep_for_a_stack_are_refused(template: str, limit: str) -> None:
+    environments = [VecEnv("Foraging", 2, seed=1), VecEnv("Foraging", 2, seed=1, prompt_template=template)]
+    for env, given in zip(environments, (template, None), strict=True):
+        env.reset()
+        with pytest.raises(ValueError, match=limit):
+            env.prompt(0, 0, given)
+        env.step(np.zeros((2, 12), int))
+    with pytest.raises(ValueError, match=limit):
+        TextEpisode("Foraging", prompt_template=template)
+    env = parallel_env("Foraging", seed=1, backend="native", observations="text", prompt_template=template)
+    with pytest.raises(ValueError, match=limit):
+        env.reset()
 
 
 def test_what_cannot_be_made_is_named() -> None:

@@ -203,6 +203,8 @@ impl Args {
             (Plan::of_attempt(&experiment, template.as_deref(), entry), Some(client))
         } else {
             let template = swarmbench_prompt::chosen(template);
+            let checked = template.as_deref().map(swarmbench_prompt::check).transpose();
+            checked.context("the prompt template")?;
             (Plan::of(&experiment, template.as_deref()), None)
         };
         let plan = plan.map_err(|wrong| match &self.file {

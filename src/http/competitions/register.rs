@@ -6,7 +6,7 @@ use axum::Extension;
 use axum::http::StatusCode;
 
 use super::super::answer::with_tokens;
-use super::super::client::{Client, neighbourhood, network};
+use super::super::client::{Client, neighbours, network};
 use super::super::prelude::*;
 use super::check_open;
 use crate::competitions::new_entrant_id;
@@ -202,10 +202,9 @@ async fn check_reserve(
     if left > 2 * reserved || address.is_loopback() {
         return Ok(());
     }
-    let near = neighbourhood(address);
+    let (texts, other) = neighbours(address);
     // Excluded entrants count, too: a network stays known after abuse.
-    let known = app.store.entry_addresses(competition.key).await?;
-    if left > reserved && !known.iter().any(|known| near.contains(known)) {
+    if left > reserved && !app.store.is_entered_from(competition.key, &texts, &other).await? {
         return Ok(());
     }
     let detail = "the last places are for entrants with an invitation code, and some of them for networks from which nobody entered; \

@@ -1,7 +1,7 @@
 //! The tables `competitions`, `entries` and `invitations`, and those of similar names and models.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::net::IpAddr;
+use std::ops::Range;
 
 use futures::TryStreamExt;
 use hmac::{Hmac, KeyInit as _, Mac as _};
@@ -244,14 +244,22 @@ impl Store {
         self.fetch_one(query).await
     }
 
-    pub async fn entry_addresses(
+    /// Whether an entrant, active or not, came from a network whose text is within `texts` or is `other`. The index bounds the
+    /// entries that are read by one for each condition, however many there are.
+    pub async fn is_entered_from(
         &self,
         competition: CompetitionKey,
-    ) -> Result<Vec<IpAddr>, StoreError> {
-        let text =
-            "SELECT DISTINCT address FROM entries WHERE competition = $1 AND address IS NOT NULL";
-        let all: Vec<String> = self.fetch_all(query(text).bind(competition.0)).await?;
-        Ok(all.iter().filter_map(|address| address.parse().ok()).collect())
+        texts: &Range<String>,
+        other: &str,
+    ) -> Result<bool, StoreError> {
+        let query = query(
+            "SELECT EXISTS (SELECT 1 FROM entries INDEXED BY entries_by_address
+                            WHERE competition = $1 AND address >= $2 AND address < $3)
+                 OR EXISTS (SELECT 1 FROM entries INDEXED BY entries_by_address
+                            WHERE competition = $1 AND address = $4)",
+        );
+        let query = query.bind(competition.0).bind(texts.start.as_str()).bind(texts.end.as_str());
+        self.fetch_one(query.bind(other)).await
     }
 
     /// Whether an entrant is neither excluded nor withdrawn.

@@ -9,13 +9,16 @@ use tokio::time::{Duration, sleep};
 
 use super::{Addresses, Ctx, on_connections};
 use crate::attacks::measure::cpu_s;
-use crate::attacks::wire::Request;
+use crate::attacks::wire::{Request, Source};
 
 /// Attempts that all places take, with 64 games at a time.
 const ATTEMPTS: usize = 320;
 
 /// Accounts of one competition that have all places which it may have.
 const ACCOUNTS: usize = 60;
+
+/// Networks of the site that enters.
+const SITE_NETWORKS: u16 = 256;
 
 /// Connections on which they are started.
 const STARTERS: usize = 16;
@@ -69,6 +72,40 @@ pub(super) async fn many_accounts(ctx: Arc<Ctx>) -> io::Result<()> {
         }
     })
     .await;
+    Ok(())
+}
+
+/// All of a site enters the honest one's competition, each time from another address of its /64 networks.
+pub(super) async fn one_site(ctx: Arc<Ctx>) -> io::Result<()> {
+    let [next, entered] = [0, 0].map(|none| Arc::new(AtomicUsize::new(none)));
+    let path = format!("/api/v1/competitions/{}/entrants", ctx.brief.cup);
+    ctx.go().await;
+    let entering = on_connections(STARTERS, |number| {
+        let (ctx, path) = (Arc::clone(&ctx), path.clone());
+        let (next, entered) = (Arc::clone(&next), Arc::clone(&entered));
+        async move {
+            let mut wire = ctx.wire(Addresses::Many, number);
+            loop {
+                let one = next.fetch_add(1, Ordering::SeqCst);
+                let host = u16::try_from(one % usize::from(u16::MAX)).unwrap_or_default();
+                wire.source = Source::in_site(host % SITE_NETWORKS, host);
+                let body = json!({ "name": format!("site {one}"), "model": "many" });
+                match wire.ask(&Request::post(&path, &body)).await {
+                    Ok(answer) if answer.is_ok() => {
+                        entered.fetch_add(1, Ordering::SeqCst);
+                    }
+                    _ => sleep(Duration::from_millis(10)).await,
+                }
+            }
+        }
+    });
+    let noting = async {
+        for seconds in 1.. {
+            sleep(Duration::from_secs(1)).await;
+            ctx.note(format!("{} entries after {seconds} s", entered.load(Ordering::SeqCst)));
+        }
+    };
+    tokio::join!(entering, noting);
     Ok(())
 }
 

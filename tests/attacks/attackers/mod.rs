@@ -182,6 +182,11 @@ pub(crate) const ATTACKS: &[Attack] = &[
         ..attack!("registration", entries::registration, "thousands of entries into a competition")
     },
     attack!(
+        "one_site",
+        entries::one_site,
+        "an IPv6 site enters the honest one's competition as often as it may"
+    ),
+    attack!(
         "lists",
         lists::lists,
         "large lists, unread events, long polls, bodies sent byte by byte"

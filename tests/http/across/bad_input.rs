@@ -98,6 +98,22 @@ mod bodies {
         app.obs(episode.seat(0)).await;
     }
 
+    /// A refusal that quotes the body is not larger than the body.
+    #[rstest]
+    #[case::text(r#"{"name": "a", "model": "m", "temperature": "?"}"#)]
+    #[case::words_of_the_refusal(r#"{"name": "a", "model": "m", "temperature": ", expected ?"}"#)]
+    #[case::name(r#"{"name": "a", "model": "m", "?": 1}"#)]
+    #[tokio::test]
+    async fn a_refusal_quotes_the_beginning(#[case] body: &str) {
+        let app = crate::cup::server().await;
+        let cup = crate::cup::Cup::open(&app, json!({})).await;
+        // In a text of Rust each of them takes eight bytes.
+        let body = body.replace('?', &"\u{200b}".repeat(15_000));
+        let answer = app.post(&cup.path("/entrants")).body(&*body).send().await;
+        check_problem(&answer.json(), 422, "invalid");
+        assert!(answer.body.len() < 16_000, "{} bytes", answer.body.len());
+    }
+
     #[tokio::test]
     async fn an_act_nested_too_deep_is_malformed_for_itself() {
         let app = TestApp::start().await;

@@ -32,6 +32,7 @@ use crate::app::program::{printed, swarmbench};
 use crate::app::{Call, Episode, TestApp, list};
 use crate::cup::{Attempt, Cup, Entrant};
 
+mod attacks;
 mod old_settings;
 
 /// All that has to be so when the database is opened again.

@@ -333,3 +333,18 @@ async fn log_lines_of_spawned_tasks_have_the_id_of_their_request() {
         assert!(created.any(|line| line.contains(&id)), "{path} {id}");
     }
 }
+
+/// Who sends long requests fills no disk by the log lines about them.
+#[tokio::test]
+async fn log_lines_name_the_beginning_of_a_request() {
+    listen();
+    let app = server().await;
+    let long = "Z".repeat(3000);
+    let method = long.parse::<Method>().expect("a method");
+    let answer = app.call(method, &format!("/{long}")).send().await;
+    assert!((400..500).contains(&answer.status), "{}", answer.text());
+    let id = format!("id=\"{}\"", answer.header("x-request-id"));
+    let logged = String::from_utf8(log().clone()).expect("text");
+    let lines: Vec<_> = logged.lines().filter(|line| line.contains(&id)).collect();
+    assert!(!lines.is_empty() && lines.iter().all(|line| line.len() < 1000), "{lines:?}");
+}

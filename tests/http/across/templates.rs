@@ -5,13 +5,13 @@ use serde_json::{Value, json};
 
 use crate::agent::readers::rehashed;
 use crate::app::mcp::read;
-use crate::app::program::{printed, swarmbench};
+use crate::app::program::{printed, swarmbench, swarmbench_in};
 use crate::app::{Call, Episode, TestApp, fields, game};
 use crate::cup::{Cup, server};
 
 /// Templates of at most 32 KiB, each of which ended the server, with the limit that they exceed. A parser overflowed its stack
 /// by the first four; the others were stored, and ended it at each rendering.
-fn killers() -> Vec<(String, &'static str)> {
+pub(super) fn killers() -> Vec<(String, &'static str)> {
     let printed =
         |before: &str, times, after: &str| format!("{{{{ {}{after} }}}}", before.repeat(times));
     let chain = |link: &str, times: usize| format!("{{{{ agent{} }}}}", link.repeat(times));
@@ -19,7 +19,7 @@ fn killers() -> Vec<(String, &'static str)> {
         (printed("not ", 8_100, "1"), "template_unary_max"),
         (printed("- ", 10_534, "1"), "template_unary_max"),
         (printed("1 if 1 else ", 2_700, "1"), "template_chain_max"),
-        (format!("{{% if 0 %}}{}{{% endif %}}", "{% elif 0 %}".repeat(2_700)), "template_elif_max"),
+        (format!("{{% if 0 %}}{}{{% endif %}}", "{% elif 0 %}".repeat(2_334)), "template_elif_max"),
         (chain(".i", 11_031), "template_chain_max"),
         (chain("|upper", 5_000), "template_chain_max"),
         (chain(" or 1", 6_000), "template_chain_max"),
@@ -165,4 +165,40 @@ async fn commands_that_read_journals_of_others_show_why_there_is_no_prompt() {
         let shown = std::fs::read_to_string(&page).expect("a page");
         assert!(shown.contains("prompt_problem") && shown.contains(limit), "{limit}");
     }
+}
+
+#[tokio::test]
+async fn commands_that_take_a_template_refuse_it() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(
+        folder.path().join("experiment.toml"),
+        "prompt_template = \"killer\"\ntasks = \"Foraging\"\nseeds = [1]\n",
+    )
+    .expect("a file");
+    let model = "--model m --api-base http://127.0.0.1:9/v1";
+    let eval = format!("eval --task Foraging --seeds 1 --prompt-template killer {model}");
+    let commands = [
+        eval.clone(),
+        format!("{eval} --dry-run"),
+        format!("eval experiment.toml {model} --dry-run"),
+        format!(
+            "competition enter {} --server {} --name a --model m --prompt-template killer",
+            cup.id,
+            app.base()
+        ),
+    ];
+    for (killer, limit) in killers() {
+        std::fs::write(folder.path().join("killer"), killer).expect("a file");
+        for command in &commands {
+            let words: Vec<&str> = command.split(' ').collect();
+            let output = swarmbench_in(folder.path(), &words).await;
+            let said = printed(&output);
+            assert_eq!(output.status.code(), Some(1), "{command}: {said}");
+            assert!(said.contains("template") && said.contains(limit), "{command}: {said}");
+            assert!(said.len() < 1000, "{command}: {said}");
+        }
+    }
+    assert_eq!(app.get(&cup.path("/entrants")).ok().await["items"], json!([]));
 }

@@ -238,6 +238,15 @@ impl Server {
         self.child.id()
     }
 
+    /// The most memory that the process has had resident, in MiB; 0 where the host does not say.
+    pub fn memory_peak_mib(&self) -> u64 {
+        let status = format!("/proc/{}/status", self.child.id());
+        let status = std::fs::read_to_string(status).unwrap_or_default();
+        let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+        let kib = peak.and_then(|peak| peak.trim().trim_end_matches(" kB").parse::<u64>().ok());
+        kib.unwrap_or_default() / 1024
+    }
+
     /// The exit status of the process, if it has ended by itself.
     pub fn exit(&mut self) -> Option<ExitStatus> {
         self.child.try_wait().expect("it can be asked")
