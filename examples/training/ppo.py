@@ -373,13 +373,15 @@ class Training:
         made.replace(self.given.out / "policy.pt")
 
     def left(self) -> float:
-        """The share of the time that is left."""
+        """The share of the training that is left."""
+        if self.given.steps:
+            return max(0.0, 1 - self.steps / self.given.steps)
         spent = self.clock_s if self.given.time == "clock" else self.processor_s / self.given.threads
         share: float = 1 - spent / (60 * self.given.minutes)
         return max(0.0, share)
 
     def run(self) -> None:
-        """Plays and learns until the time is over."""
+        """Plays and learns until the training is over."""
         given, told = self.given, self.told
         clock, processor, ended = time.perf_counter() - self.clock_s, time.process_time() - self.processor_s, self.games
         shown, saved, first = -SHOW_S, self.clock_s, self.clock_s
@@ -428,6 +430,10 @@ def main() -> None:
     )
     parser.add_argument("--minutes", type=float, default=10.0, help="for how long it learns")
     parser.add_argument(
+        "--steps", type=int, default=argparse.SUPPRESS,
+        help="of agents, instead of minutes: the same seed then learns the same policy on the same machine",
+    )  # fmt: skip
+    parser.add_argument(
         "--time", choices=("clock", "processor"), default="clock",
         help="minutes of the clock, or of each processor, where the machine does other things as well",
     )  # fmt: skip
@@ -443,9 +449,9 @@ def main() -> None:
     learning.add_argument("--clip", type=float, default=0.2, help="how far a chance may change in one go")
     learning.add_argument("--trace", type=float, default=0.95, help="lambda of generalized advantages")
     learning.add_argument("--curiosity", type=float, default=0.01, help="weight of the entropy, at first")
-    given = parser.parse_args()
-    for name in ("minutes", "threads", "games", "rounds", "epochs", "batch", "rate"):
-        if getattr(given, name) <= 0:
+    given = parser.parse_args(namespace=argparse.Namespace(steps=None))
+    for name in ("minutes", "steps", "threads", "games", "rounds", "epochs", "batch", "rate"):
+        if getattr(given, name) is not None and getattr(given, name) <= 0:
             parser.error(f"--{name} must be more than 0, is {getattr(given, name)}")
     given.out = Path(str(given.out).replace("TASK", given.task))
     if given.resume and not (given.out / "policy.pt").exists():

@@ -2,6 +2,7 @@
 //!
 //! Permissions of a caller follow from its token or key, and are decided here only: handlers ask `Caller`.
 
+use std::convert::Infallible;
 use std::time::Duration;
 
 use axum::extract::FromRequestParts;
@@ -18,7 +19,7 @@ use crate::episode::actor::Handle;
 use crate::episode::quota::Purpose;
 use crate::episode::spec::Visibility;
 use crate::fair::{Party, Rank};
-use crate::ids::{CompetitionKey, EpisodeId, RunKey};
+use crate::ids::{CompetitionKey, EpisodeId, RunKey, TokenHash};
 use crate::keys::{Key, OwnerKey, Role};
 use crate::store::entries::{AuditRow, Entry};
 use crate::store::episodes::Readable;
@@ -114,6 +115,26 @@ impl FromRequestParts<App> for Caller {
 pub(super) fn sent_token(headers: &HeaderMap) -> Option<&str> {
     let value = headers.get(header::AUTHORIZATION)?.to_str().ok()?;
     bearer(value).ok()
+}
+
+/// Hash of the token with which a request came. It had rights when the request came; the commit of what the request asks for
+/// checks them again.
+#[derive(Clone, Copy)]
+pub(super) struct Credential(pub(super) Option<TokenHash>);
+
+impl Credential {
+    /// The first entry of a job for the request.
+    pub(super) fn check(self) -> Option<Entry> {
+        self.0.map(Entry::CheckToken)
+    }
+}
+
+impl FromRequestParts<App> for Credential {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _: &App) -> Result<Self, Infallible> {
+        Ok(Self(sent_token(&parts.headers).map(TokenHash::of)))
+    }
 }
 
 /// Presence of a token with rights, which the handler on another server decides. A token without rights is refused.

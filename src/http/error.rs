@@ -12,6 +12,7 @@ use axum::response::{IntoResponse, Response};
 
 use swarmbench_engine::SettingErrors;
 
+use super::auth::unknown_token;
 use super::forward::IsElsewhere;
 use crate::budget::Exhausted;
 use crate::episode::actor::{ActError, ClaimError, StartError};
@@ -286,6 +287,9 @@ impl From<StoreError> for ApiError {
             let detail = "too many requests read the database; try again later";
             return Self::limit(Code::Overloaded, HEAVY_AT_ONCE, HEAVY_AT_ONCE_MAX, detail)
                 .retry_after(Duration::from_secs(1));
+        }
+        if matches!(error, StoreError::NoRights) {
+            return unknown_token();
         }
         if matches!(error, StoreError::Elsewhere) {
             let detail = "another server of the cluster plays this, or takes it over at this moment: send the same request again";

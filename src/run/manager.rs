@@ -21,7 +21,9 @@ use crate::episode::spec::Visibility;
 use crate::episode::{Ending, Status};
 use crate::fair::Party;
 use crate::host::Disk;
-use crate::ids::{EntryKey, EpisodeId, Numbers, Place, RoutingName, RunKey, Token, TokenKind};
+use crate::ids::{
+    EntryKey, EpisodeId, Numbers, Place, RoutingName, RunKey, Token, TokenHash, TokenKind,
+};
 use crate::store::entries::{Entry, RunRow};
 use crate::store::games::StoredGame;
 use crate::store::port::EpisodeStore as _;
@@ -54,12 +56,22 @@ pub struct NewRun {
     /// Idempotency key, and hash of the body. The caller guarantees that no run has this key, and that no other request creates
     /// one with it meanwhile.
     pub idempotency: Option<(String, [u8; 32])>,
+    /// Hash of the token of the request, which must have rights in the commit of the run.
+    pub credential: Option<TokenHash>,
 }
 
 impl NewRun {
     /// A run that is no attempt in a competition, without an idempotency key.
     pub const fn by(party: Party, purpose: Purpose, definition: Definition) -> Self {
-        Self { party, purpose, definition, attempt: None, replays: None, idempotency: None }
+        Self {
+            party,
+            purpose,
+            definition,
+            attempt: None,
+            replays: None,
+            idempotency: None,
+            credential: None,
+        }
     }
 }
 
@@ -198,7 +210,7 @@ impl Runs {
     /// none.
     pub async fn create(&self, new: NewRun) -> Result<(StoredRun, Option<Token>), CreateError> {
         let Parts { store, registry, clock, entropy, disk, .. } = &self.0.parts;
-        let NewRun { party, purpose, definition, attempt, replays, idempotency } = new;
+        let NewRun { party, purpose, definition, attempt, replays, idempotency, credential } = new;
         let owner = party.owner();
         let least = self.0.parts.disk_free_percent_min;
         if disk.is_full(least) {
@@ -234,7 +246,9 @@ impl Runs {
             idempotency,
             token: token.as_ref().map(Token::hash),
         };
-        store.keep(vec![Entry::OpenRun(Box::new(row))]).await.map_err(RunError::from)?;
+        let check = credential.map(Entry::CheckToken);
+        let entries = check.into_iter().chain([Entry::OpenRun(Box::new(row))]).collect();
+        store.keep(entries).await.map_err(RunError::from)?;
         if owner.is_none() {
             self.keyless().insert(run, party);
         }
@@ -382,15 +396,15 @@ impl Runs {
         Token::named(TokenKind::Swarm, name, &**entropy)
     }
 
-    /// Replaces the token of a run, and stores audit entries in the same transaction.
+    /// Replaces the token of a run, after other entries of the same transaction.
     pub async fn replace_token(
         &self,
         run: RunKey,
-        audit_entries: Vec<Entry>,
+        mut entries: Vec<Entry>,
     ) -> Result<Token, RunError> {
         let token = self.new_token(run).await;
-        let entry = Entry::ReplaceRunToken { run, hash: token.hash() };
-        self.0.parts.store.keep([entry].into_iter().chain(audit_entries).collect()).await?;
+        entries.push(Entry::ReplaceRunToken { run, hash: token.hash() });
+        self.0.parts.store.keep(entries).await?;
         Ok(token)
     }
 

@@ -26,6 +26,9 @@ pub enum StoreError {
     /// An earlier entry of the episode was refused: this one would leave a gap in its chain.
     #[error("the journal failed: an earlier entry of the episode was refused")]
     Gap,
+    /// The token of a request was replaced or revoked before the commit of what the request asks for.
+    #[error("the token was replaced or revoked")]
+    NoRights,
     /// Another server of the cluster owns the place, or is taking it over.
     #[error("another server of this database plays it")]
     Elsewhere,

@@ -475,6 +475,11 @@ pub(super) async fn write_alone(
         Failure::Refused(error) => Failure::Fatal(error.into()),
         other => other,
     };
+    if let Some(Entry::CheckToken(hash)) = job.first()
+        && !super::tokens::has_rights(connection, *hash).await.map_err(fatal)?
+    {
+        return Ok(refuse(state, job, StoreError::NoRights));
+    }
     query("SAVEPOINT job").execute(connection).await.map_err(fatal)?;
     let written = write(connection, job.iter()).await.map_err(failure);
     if let Err(Failure::Refused(_)) = written {
@@ -498,6 +503,11 @@ pub(super) async fn write(
     let mut rounds = Vec::new();
     for entry in entries {
         match entry {
+            Entry::CheckToken(hash) => {
+                if !super::tokens::has_rights(connection, *hash).await? {
+                    return Err(sqlx::Error::RowNotFound);
+                }
+            }
             Entry::Open(row) => open(connection, row).await?,
             Entry::BeginForks(episodes) => super::forks::begin(connection, episodes).await?,
             Entry::Start { episode, at } => start(connection, *episode, *at).await?,

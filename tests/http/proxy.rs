@@ -16,6 +16,7 @@ use tokio::net::TcpListener;
 use tokio_util::task::AbortOnDropHandle;
 
 use crate::app::{TestApp, game};
+use crate::cup::{Cup, server};
 
 const PAGE: &str =
     "<html><body><h1>Bad Gateway</h1>\nThe server returned an invalid answer.\n</body></html>\n";
@@ -165,4 +166,25 @@ async fn an_error_says_that_a_proxy_answered_and_shows_no_markup() {
     }
     let red = |list: &serde_json::Value| list.to_string().matches("\"name\":\"red\"").count();
     assert_eq!(red(&app.get("/api/v1/keys").token(&app.organizer).ok().await), 1);
+}
+
+/// A second change would be refused because of the first one, as if somebody else had made that.
+#[tokio::test]
+async fn a_change_is_sent_once() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let proxy = Proxy::before(&app).await;
+    let client = proxy.client.clone().with_key(app.organizer.clone());
+    let path = cup.path("");
+    for (fault, done) in [(Fault::BeforeIt(502), false), (Fault::AfterIt(502), true)] {
+        proxy.fail(fault);
+        let shown: serde_json::Value = client.get(&path).await.expect("after a retry");
+        let change = json!({ "description": "corrected", "if_revision": shown["revision"] });
+        proxy.fail(fault);
+        let answer = client.patch::<serde_json::Value>(&path, &change).await;
+        let error = answer.expect_err("it is not known whether it was done");
+        assert!(matches!(error, ClientError::Proxy { .. }), "{error:?}");
+        let shown: serde_json::Value = client.get(&path).await.expect("the competition");
+        assert_eq!(shown["description"] == "corrected", done, "{fault:?}");
+    }
 }

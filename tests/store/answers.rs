@@ -600,8 +600,6 @@ impl Questions<'_> {
     async fn keys(&self) {
         self.ask("keys", async |side| side.store.keys().await).await;
         self.ask("has_keys", async |side| side.store.has_keys().await).await;
-        let id = self.one_of(&self.history.names.keys);
-        self.ask(&format!("revoked_at {id}"), async |side| side.store.revoked_at(&id).await).await;
         for _ in 0..ROUNDS {
             let (owner, limit) = (self.history.owner(), self.limit());
             self.ask(&format!("keys after {owner:?}, {limit}"), async |side| {

@@ -842,10 +842,13 @@ impl History {
         let Some(HistoryRun { key, .. }) = self.run() else { return Vec::new() };
         let run = *key;
         let status = *self.dice.pick(&["finished", "aborted", "closed"]);
-        vec![match self.dice.below(3) {
-            0 => Entry::ReplaceRunToken { run, hash: self.hash() },
-            _ => Entry::EndRun { run, status, at: self.at() },
-        }]
+        let hash = self.hash();
+        let sent = *self.dice.pick(&self.tokens);
+        match self.dice.below(6) {
+            0 => vec![Entry::ReplaceRunToken { run, hash }],
+            1 => vec![Entry::CheckToken(sent), Entry::ReplaceRunToken { run, hash }],
+            _ => vec![Entry::EndRun { run, status, at: self.at() }],
+        }
     }
 
     fn void(&mut self) -> Vec<Entry> {

@@ -124,6 +124,7 @@ pub(crate) fn kind<T>(outcome: &Result<T, StoreError>) -> &'static str {
         Err(StoreError::Gap) => "gap",
         Err(StoreError::Stopped(_)) => "stopped",
         Err(StoreError::Elsewhere) => "elsewhere",
+        Err(StoreError::NoRights) => "no rights",
     }
 }
 

@@ -231,7 +231,8 @@ impl Side {
                 let shown = row.shown.map(|(key, shown)| (self.competition(key), shown));
                 Entry::Audit(Box::new(AuditRow { shown, ..*row }))
             }
-            same @ (Entry::BeginForks(_)
+            same @ (Entry::CheckToken(_)
+            | Entry::BeginForks(_)
             | Entry::Start { .. }
             | Entry::Act(_)
             | Entry::Round(_)
@@ -266,7 +267,7 @@ macro_rules! variants {
 }
 
 variants! {
-    Open, BeginForks, Start, Act, Round, End, Claim, Seat, ReplaceTokens, AddKey, RevokeKey, Import, OpenRun, EndRun,
+    CheckToken, Open, BeginForks, Start, Act, Round, End, Claim, Seat, ReplaceTokens, AddKey, RevokeKey, Import, OpenRun, EndRun,
     ReplaceRunToken, VoidEpisode, VoidRun, AddCompetition, AddEntrant, SetEntrant, DescribeEntrant, RenameEntrant,
     EraseEntrant, ReplaceKey, ChangeCompetition, ExtendAttempts, CancelCompetition, AddInvitations, RevokeInvitations,
     Reveal, Measured, Audit,

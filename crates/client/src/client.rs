@@ -408,13 +408,14 @@ impl Client {
         self.ask(Method::DELETE, path, |call| self.signed(call)).await
     }
 
-    /// Sends a PATCH request.
+    /// Sends a PATCH request. It is not retried: a change of a competition with `if_revision` is refused after itself, and a
+    /// second attempt could undo what somebody else changed in between.
     pub async fn patch<T: DeserializeOwned>(
         &self,
         path: &str,
         body: &(impl Serialize + Sync),
     ) -> Result<T, ClientError> {
-        self.ask(Method::PATCH, path, |call| self.signed(call).json(body)).await
+        self.once(Method::PATCH, path, |call| self.signed(call).json(body)).await
     }
 
     /// Whole board, read page by page.
@@ -478,7 +479,8 @@ impl Client {
         self.once(Method::GET, "/healthz", |call| call.timeout(HEALTH_PATIENCE)).await
     }
 
-    /// Sends a repeatable request, and retries it after temporary errors.
+    /// Sends a repeatable request, and retries it after temporary errors: a read, an act, a creation with an `Idempotency-Key`, or
+    /// the deletion of what stays deleted.
     async fn ask<T: DeserializeOwned>(
         &self,
         method: Method,

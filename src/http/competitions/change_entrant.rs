@@ -3,6 +3,7 @@
 use serde_json::json;
 
 use super::super::audit::audit_entry;
+use super::super::auth::Credential;
 use super::super::prelude::*;
 use super::check_not_over;
 use crate::competitions::StoredEntrant;
@@ -32,6 +33,7 @@ use swarmbench_protocol::competition::{EntrantChange, EntrantSummary};
 pub(in super::super) async fn change_entrant(
     State(app): State<App>,
     caller: Caller,
+    credential: Credential,
     Ids(id, entrant): Ids,
     _: Params<Nothing>,
     Json(change, _): Json<EntrantChange>,
@@ -44,7 +46,7 @@ pub(in super::super) async fn change_entrant(
         let _lock = app.lock_entrants(&competition).await;
         let before = app.entrant(&competition, &entrant).await?;
         wanted.check(&caller, &before)?;
-        let mut entries = Vec::new();
+        let mut entries = Vec::from_iter(credential.check());
         let has_contact = wanted.contact.is_some();
         // The audit log does not name the old or the new name: they may be erased.
         let mut rewritten = Vec::new();
@@ -128,7 +130,7 @@ pub(in super::super) async fn change_entrant(
         }
         if is_excluded {
             app.exclude(&competition, std::slice::from_ref(&before), entries).await?;
-        } else if !entries.is_empty() {
+        } else {
             app.store.keep(entries).await?;
         }
         let after = app.entrant(&competition, &entrant).await?;
@@ -155,6 +157,7 @@ pub(in super::super) async fn change_entrant(
 pub(in super::super) async fn erase_entrant(
     State(app): State<App>,
     caller: Caller,
+    credential: Credential,
     Ids(id, entrant): Ids,
     _: Params<Nothing>,
 ) -> Result<axum::Json<EntrantSummary>, ApiError> {
@@ -174,7 +177,8 @@ pub(in super::super) async fn erase_entrant(
             let _open = app.runs.block_reveal().await;
             let (entry, at) = (before.key, app.clock.wall());
             let name = format!("erased {entrant}");
-            let mut entries = vec![Entry::EraseEntrant { entry, name, at }];
+            let mut entries = Vec::from_iter(credential.check());
+            entries.push(Entry::EraseEntrant { entry, name, at });
             let competition = app.stored_competition(&id).await?;
             // The reason of a withdrawal may be the entrant's own words, and is replaced; an organizer's decision stays.
             let stays = before.entrant.status == EntrantStatus::Disqualified;

@@ -5,6 +5,7 @@ use axum::http::StatusCode;
 use serde_json::json;
 
 use super::super::answer::with_tokens;
+use super::super::auth::Credential;
 use super::super::extract::ThreeIds;
 use super::super::prelude::*;
 use super::start::check_active;
@@ -61,6 +62,7 @@ pub(in super::super) async fn list_members(
 pub(in super::super) async fn add_member(
     State(app): State<App>,
     caller: Caller,
+    credential: Credential,
     Ids(id, entrant): Ids,
     _: Params<Nothing>,
     Json(MemberRequest { name }, _): Json<MemberRequest>,
@@ -105,7 +107,8 @@ pub(in super::super) async fn add_member(
             .map_err(|problem| ApiError::field("name", problem))?;
         let member = summary(&key);
         let row = KeyRow { key, hash: token.hash(), acts_for: Some(stored.owner) };
-        let mut entries = vec![Entry::AddKey(Box::new(row))];
+        let mut entries = Vec::from_iter(credential.check());
+        entries.push(Entry::AddKey(Box::new(row)));
         let detail = json!({ "competition": id, "member": member.id });
         let shown = Some((competition.key, json!({})));
         entries.extend(caller.audit_entry(&app, "member.add", &entrant, detail, shown));
@@ -133,6 +136,7 @@ pub(in super::super) async fn add_member(
 pub(in super::super) async fn remove_member(
     State(app): State<App>,
     caller: Caller,
+    credential: Credential,
     ThreeIds(id, entrant, member): ThreeIds,
     _: Params<Nothing>,
 ) -> Result<JsonBody<MemberSummary>, ApiError> {
@@ -156,7 +160,8 @@ pub(in super::super) async fn remove_member(
         };
         if find().await?.revoked_at.is_none() {
             let at = app.clock.wall();
-            let mut entries = vec![Entry::RevokeKey { id: member.clone(), at }];
+            let mut entries = Vec::from_iter(credential.check());
+            entries.push(Entry::RevokeKey { id: member.clone(), at });
             let detail = json!({ "competition": id, "member": member });
             let shown = Some((competition.key, json!({})));
             entries.extend(caller.audit_entry(&app, "member.remove", &entrant, detail, shown));

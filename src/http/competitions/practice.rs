@@ -7,6 +7,7 @@ use jiff::SignedDuration;
 use swarmbench_engine::Seed;
 
 use super::super::answer;
+use super::super::auth::Credential;
 use super::super::checks::random_seed;
 use super::super::prelude::*;
 use super::check_open;
@@ -44,6 +45,7 @@ const DAY: Duration = Duration::from_hours(24);
 pub(in super::super) async fn start_practice(
     State(app): State<App>,
     caller: Caller,
+    Credential(credential): Credential,
     Id(id): Id,
     _: Params<Nothing>,
     OptionalJson(request, _): OptionalJson<PracticeRequest>,
@@ -86,10 +88,10 @@ pub(in super::super) async fn start_practice(
         let definition =
             competition.definition.practice(&competition.id, declaration, tasks, seeds);
         let games = definition.suite.plan().len();
-        let (run, token) = app.runs.create(NewRun::by(party, Purpose::Usual, definition)).await?;
+        let new = NewRun { credential, ..NewRun::by(party, Purpose::Usual, definition) };
+        let (run, token) = app.runs.create(new).await?;
         app.check_not_excluded(&competition, &found, run.run).await?;
         let token = token.ok_or_else(|| ApiError::new(Code::Internal, "the run has no token"))?;
-        app.check_not_revoked(&caller).await?;
         let body = StartedPractice {
             entrant: found.entrant.id,
             run: run.id,

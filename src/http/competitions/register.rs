@@ -6,6 +6,7 @@ use axum::Extension;
 use axum::http::StatusCode;
 
 use super::super::answer::with_tokens;
+use super::super::auth::Credential;
 use super::super::client::{Client, neighbours, network};
 use super::super::prelude::*;
 use super::check_open;
@@ -39,6 +40,7 @@ use swarmbench_protocol::competition::{CreatedEntrant, EntrantRequest};
 pub(in super::super) async fn register_entrant(
     State(app): State<App>,
     caller: Caller,
+    credential: Credential,
     Extension(client): Extension<Client>,
     Id(id): Id,
     _: Params<Nothing>,
@@ -63,7 +65,8 @@ pub(in super::super) async fn register_entrant(
     // The lock makes the limits exact under concurrent entries, and codes usable once.
     detached(async move {
         let _lock = app.lock_entrants(&competition).await;
-        let registered = register(&app, &competition, own_key, client.address, request).await;
+        let sender = (own_key, credential);
+        let registered = register(&app, &competition, sender, client.address, request).await;
         // The memory of the body stays reserved while the request waits, even if its client is gone.
         drop(body);
         registered
@@ -96,7 +99,7 @@ fn check(request: &EntrantRequest, app: &App) -> Result<String, ApiError> {
 async fn register(
     app: &App,
     competition: &StoredCompetition,
-    own_key: Option<Key>,
+    (own_key, credential): (Option<Key>, Credential),
     address: IpAddr,
     request: EntrantRequest,
 ) -> Result<Response, ApiError> {
@@ -145,7 +148,7 @@ async fn register(
         app.rates.check_entry(address)?;
         check_reserve(app, competition, room.active as usize, address).await?;
     }
-    let mut entries = Vec::new();
+    let mut entries = Vec::from_iter(credential.check());
     let mut secret = None;
     let owner = if let Some(key) = own_key {
         key.id

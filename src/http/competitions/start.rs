@@ -5,6 +5,7 @@ use std::time::Duration;
 use axum::http::HeaderMap;
 
 use super::super::answer;
+use super::super::auth::Credential;
 use super::super::idempotency::{Idempotency, created_before, idempotency};
 use super::super::prelude::*;
 use super::check_not_over;
@@ -46,6 +47,7 @@ const DOUBT_PAUSE: Duration = Duration::from_secs(5);
 pub(in super::super) async fn start_attempt(
     State(app): State<App>,
     caller: Caller,
+    credential: Credential,
     Id(id): Id,
     _: Params<Nothing>,
     headers: HeaderMap,
@@ -65,12 +67,13 @@ pub(in super::super) async fn start_attempt(
         // The entrant may have been excluded while the request waited for the lock.
         check_active(&app.entrant(&competition, &entrant.entrant.id).await?)?;
         let find = |key| app.store.run_created_with(key);
-        let started = match created_before(idempotency.as_ref(), find).await? {
-            None => start(&app, &competition, &entrant, request.attempt, idempotency).await,
-            Some(run) => replace_token(&app, &competition, &entrant, run).await,
-        }?;
-        app.check_not_revoked(&caller).await?;
-        Ok(started)
+        match created_before(idempotency.as_ref(), find).await? {
+            None => {
+                let wanted = request.attempt;
+                start(&app, &competition, &entrant, wanted, idempotency, credential).await
+            }
+            Some(run) => replace_token(&app, &competition, &entrant, run, credential).await,
+        }
     })
     .await
 }
@@ -80,6 +83,7 @@ async fn replace_token(
     competition: &StoredCompetition,
     entrant: &StoredEntrant,
     run: StoredRun,
+    credential: Credential,
 ) -> Result<Response, ApiError> {
     if let Some(reason) = &run.void_reason {
         let detail = format!(
@@ -89,7 +93,7 @@ async fn replace_token(
     }
     let number = run.attempt.map_or(0, |(_, number)| number);
     let before = Started { number, replays: run.replays, voided: false, at: run.created_at };
-    let token = app.new_run_token(run.run, Vec::new()).await?;
+    let token = app.new_run_token(run.run, credential, None).await?;
     started(competition, entrant, before, run.id, &token)
 }
 
@@ -137,6 +141,7 @@ async fn start(
     entrant: &StoredEntrant,
     wanted: Option<u32>,
     idempotency: Option<Idempotency>,
+    Credential(credential): Credential,
 ) -> Result<Response, ApiError> {
     let entrant = &app.entrant(competition, &entrant.entrant.id).await?;
     // The lock keeps the competition from being revealed, and windows from changing, between the check of the time and the new
@@ -167,7 +172,7 @@ async fn start(
     let attempt = Some((entrant.key, number));
     let purpose = Purpose::Usual;
     let party = Party::entrant(competition.key, entrant.owner);
-    let new = NewRun { party, purpose, definition, attempt, replays, idempotency };
+    let new = NewRun { party, purpose, definition, attempt, replays, idempotency, credential };
     let (run, token) = app.runs.create(new).await?;
     app.check_not_excluded(competition, entrant, run.run).await?;
     let token = token.ok_or_else(|| ApiError::new(Code::Internal, "the run has no token"))?;

@@ -7,6 +7,7 @@ use axum::http::HeaderMap;
 use swarmbench_engine::{Config, RuleSet, Seed, SeedError, Settings, TaskName};
 
 use super::super::answer;
+use super::super::auth::Credential;
 use super::super::checks::short;
 use super::super::client::Client;
 use super::super::idempotency::{created_before, idempotency};
@@ -41,6 +42,7 @@ const RUN_PARALLEL_DEFAULT: u32 = 4;
 pub(in super::super) async fn create_run(
     State(app): State<App>,
     caller: Caller,
+    credential: Credential,
     Extension(client): Extension<Client>,
     _: Params<Nothing>,
     headers: HeaderMap,
@@ -58,11 +60,11 @@ pub(in super::super) async fn create_run(
             None => {
                 check_new(&definition.suite)?;
                 let new = NewRun::by(creator.0, creator.1, definition);
-                app.runs.create(NewRun { idempotency, ..new }).await?
+                app.runs.create(NewRun { idempotency, credential: credential.0, ..new }).await?
             }
             Some(stored) if definition.player.is_some() => (stored, None),
             Some(stored) => {
-                let token = app.new_run_token(stored.run, Vec::new()).await?;
+                let token = app.new_run_token(stored.run, credential, None).await?;
                 (stored, Some(token))
             }
         };

@@ -3,9 +3,9 @@
 use axum::http::StatusCode;
 
 use super::super::answer::with_tokens;
+use super::super::auth::Credential;
 use super::super::prelude::*;
 use crate::ids::{RunKey, Token};
-use crate::keys::Key;
 use crate::store::entries::Entry;
 use crate::store::tokens::Grant;
 use swarmbench_protocol::run::RunToken;
@@ -26,6 +26,7 @@ use swarmbench_protocol::run::RunToken;
 pub(in super::super) async fn replace_run_token(
     State(app): State<App>,
     caller: Caller,
+    credential: Credential,
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
@@ -46,8 +47,7 @@ pub(in super::super) async fn replace_run_token(
         let detail = app.detail_of_run(&known.stored).await?;
         let (at, competition) = (app.clock.wall(), known.stored.competition);
         let audit_entry = caller.audit_foreign(owner, at, "run.token", &id, detail, competition);
-        let token = app.new_run_token(run, audit_entry.into_iter().collect()).await?;
-        app.check_not_revoked(&caller).await?;
+        let token = app.new_run_token(run, credential, audit_entry).await?;
         let body = RunToken { id, swarm_token: token.reveal().to_owned() };
         Ok(with_tokens(StatusCode::OK, body))
     })
@@ -59,23 +59,13 @@ impl App {
     pub(in super::super) async fn new_run_token(
         &self,
         run: RunKey,
-        audit_entries: Vec<Entry>,
+        credential: Credential,
+        audit_entry: Option<Entry>,
     ) -> Result<Token, ApiError> {
-        let token = self.runs.replace_token(run, audit_entries).await?;
+        let entries = credential.check().into_iter().chain(audit_entry).collect();
+        let token = self.runs.replace_token(run, entries).await?;
         let is_old = |grant: &Grant| matches!(grant, Grant::Run { run: of, .. } if *of == run);
         self.revoked(is_old).await?;
         Ok(token)
-    }
-
-    /// Refuses a caller whose key was revoked while a token of a run was made for it, and revokes that token.
-    pub(in super::super) async fn check_not_revoked(
-        &self,
-        caller: &Caller,
-    ) -> Result<(), ApiError> {
-        let Caller::Key(Key { id, .. }) = caller else { return Ok(()) };
-        let Some(at) = self.store.revoked_at(id).await? else { return Ok(()) };
-        self.store.keep(vec![Entry::RevokeKey { id: id.clone(), at }]).await?;
-        self.key_revoked(id).await?;
-        Err(ApiError::new(Code::Unauthorized, "the key was revoked meanwhile"))
     }
 }

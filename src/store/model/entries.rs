@@ -15,6 +15,8 @@ use swarmbench_protocol::import::ImportConfig;
 /// A change of the database.
 #[derive(Clone, Debug)]
 pub enum Entry {
+    /// A condition, the first entry of a job: the job is refused unless this token or key has rights in its commit.
+    CheckToken(TokenHash),
     Open(Box<OpeningRow>),
     /// The first commit of forks. Their acts and rounds come in this commit and in later ones, and an [`Entry::Open`] for each
     /// in the last.

@@ -1,7 +1,5 @@
 //! The table `keys`.
 
-use jiff::Timestamp;
-
 use crate::ids::TokenHash;
 use crate::keys::{Key, OwnerKey};
 use crate::store::Store;
@@ -33,12 +31,6 @@ impl Store {
         let mut query = Builder::new(SELECT);
         query.push("WHERE number = ").push_bind(number.0);
         self.fetch_optional(query.build()).await
-    }
-
-    /// Time at which a key was revoked, if it was.
-    pub async fn revoked_at(&self, id: &str) -> Result<Option<Timestamp>, StoreError> {
-        let text = "SELECT revoked_at FROM keys WHERE id = $1 AND revoked_at IS NOT NULL";
-        self.fetch_optional(query(text).bind(id)).await
     }
 
     /// Whether any key exists, revoked and expired ones included.

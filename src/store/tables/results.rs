@@ -119,7 +119,8 @@ impl Effect {
             | Entry::ChangeCompetition { .. }
             | Entry::CancelCompetition { .. } => (Self::LISTED, 0),
             Entry::AddEntrant(_) => (Self::ENTERED, 0),
-            Entry::Start { .. }
+            Entry::CheckToken(_)
+            | Entry::Start { .. }
             | Entry::BeginForks(_)
             | Entry::Act(_)
             | Entry::Round(_)

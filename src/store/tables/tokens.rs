@@ -7,7 +7,7 @@ use swarmbench_engine::AgentId;
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey, TokenHash};
 use crate::keys::{Key, OwnerKey};
 use crate::store::entries::{Entry, TokenRow};
-use crate::store::sql::{from_row, query};
+use crate::store::sql::{Connection, from_row, query};
 use crate::store::{Store, StoreError};
 
 /// The permissions of a token.
@@ -100,6 +100,23 @@ impl Store {
         };
         Ok(Some(Grant::Swarm { episode, owner, seats }))
     }
+}
+
+/// Whether a token or a key has rights. The updates lock its row until the end of the transaction, so that a revocation by another
+/// server comes before or after it.
+pub(in crate::store) async fn has_rights(
+    connection: &mut Connection,
+    hash: TokenHash,
+) -> Result<bool, sqlx::Error> {
+    for lock in [
+        "UPDATE keys SET hash = hash WHERE hash = $1 AND revoked_at IS NULL",
+        "UPDATE tokens SET hash = hash WHERE hash = $1",
+    ] {
+        if query(lock).bind(&hash.0[..]).execute(connection).await? > 0 {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 struct TokenColumns {

@@ -416,3 +416,60 @@ async fn what_is_waited_for_is_not_sent_to_a_revoked_key_or_token() {
     }
     assert_eq!(state(&app, &attempt.run).await.1, "running");
 }
+
+/// The key in the database has another token than the server knew when the request came: a replacement was committed before what
+/// the request asks for.
+#[tokio::test]
+async fn a_request_that_is_overtaken_by_the_replacement_of_its_key_does_nothing() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let blue = cup.enter(&app, "blue").await;
+    let attempt = cup.start(&app, &blue).await;
+    app.get(&path(&cup, &blue)).token(&blue.key).ok().await;
+    app.tamper("UPDATE keys SET hash = substr(hash, 2) WHERE name = 'blue';").await;
+
+    let members = format!("{}/members", path(&cup, &blue));
+    let token = format!("/api/v1/runs/{}/token", attempt.run);
+    for (method, path, body) in [
+        (Method::POST, &token, json!({})),
+        (Method::POST, &cup.path("/attempts"), json!({})),
+        (Method::POST, &cup.path("/practice"), json!({})),
+        (Method::POST, &members, json!({ "name": "Ada" })),
+        (Method::PATCH, &path(&cup, &blue), json!({ "name": "green" })),
+        (Method::DELETE, &path(&cup, &blue), json!({})),
+    ] {
+        let call = app.call(method, path).token(&blue.key);
+        let call = if body == json!({}) { call } else { call.json(&body) };
+        let problem = call.problem(401, "unauthorized").await;
+        assert!(text(&problem["detail"]).contains("was replaced or revoked"), "{path}: {problem}");
+    }
+    assert_eq!(app.count("SELECT count(*) FROM runs").await, 1);
+    assert_eq!(app.count("SELECT count(*) FROM keys WHERE name = 'Ada'").await, 0);
+    let shown = app.get(&path(&cup, &blue)).token(&app.organizer).ok().await;
+    assert_eq!((&shown["name"], &shown["erased"]), (&json!("blue"), &json!(false)));
+    // The refused requests replaced nothing.
+    attempt.look(&app).await;
+}
+
+/// Two requests of one moment, in whichever order they are done.
+#[tokio::test]
+async fn an_old_key_gets_no_token_beside_its_replacement() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    for number in 0..8 {
+        let blue = cup.enter(&app, &format!("team no. {number}")).await;
+        let run = cup.start(&app, &blue).await.run;
+        let replace = format!("{}/key", path(&cup, &blue));
+        let (replaced, token) = tokio::join!(
+            app.post(&replace).token(&app.organizer).ok(),
+            app.post(&format!("/api/v1/runs/{run}/token")).token(&blue.key).send(),
+        );
+        assert!(replaced["key"].is_string());
+        if token.status == 200 {
+            let token = text(&token.json()["swarm_token"]);
+            app.get("/swarm/obs").token(&token).problem(401, "unauthorized").await;
+        } else {
+            assert_eq!(token.status, 401, "{}", token.text());
+        }
+    }
+}
