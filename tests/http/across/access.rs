@@ -723,7 +723,7 @@ fn the_document_names_the_tokens_of_each_operation() {
 /// A server without keys: whatever asks for a token does so only where the document names no request without one.
 #[tokio::test]
 async fn a_request_without_a_token() {
-    let app = TestApp::new().await;
+    let app = TestApp::start().await;
     for Operation { method, path, id, tokens, .. } in operations() {
         let path = path.replace("{round}", "0").replace(['{', '}'], "");
         let answer = app.call(method, &path).send().await;
