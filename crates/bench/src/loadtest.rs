@@ -9,12 +9,13 @@ use anyhow::{Context, bail};
 use indicatif::ProgressBar;
 use serde::Serialize;
 use swarmbench::{host, migrations, telemetry};
-use swarmbench_terminal::{self as terminal, progress_bar, set};
+use swarmbench_terminal::{progress_bar, set};
 
 use crate::load::connection::{Answers, Target};
 use crate::load::games::SEATS;
 use crate::load::metrics::Metrics;
 use crate::load::{Progress, acts, bare_acts, bare_handler, obs, play, polls};
+use crate::report;
 
 /// Open files besides connections: the terminal, the runtime, the database of the bare writer.
 const FILES_RESERVED: u64 = 100;
@@ -133,7 +134,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let bar = progress_bar("{msg:40} {bar:30} {pos:>7}/{len:7}");
     measure(&args, &target, connections_max, &progress(&bar), &mut report).await?;
     bar.finish_and_clear();
-    terminal::json(&report)?;
+    report::print(&report)?;
     let errors: u64 = answers(&report).map(|answers| answers.errors).sum();
     let unfinished: usize = report.play.iter().map(|line| line.episodes - line.ended).sum();
     if errors > 0 || unfinished > 0 {

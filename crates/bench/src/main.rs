@@ -14,6 +14,7 @@ mod fill;
 mod instructions;
 mod load;
 mod loadtest;
+mod report;
 mod server;
 
 use std::process::ExitCode;

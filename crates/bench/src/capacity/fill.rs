@@ -6,9 +6,10 @@ use std::time::Instant;
 use anyhow::bail;
 
 use swarmbench::store::{Location, Store, rebuild};
-use swarmbench_terminal::{self as terminal, progress_bar, set};
+use swarmbench_terminal::{progress_bar, set};
 
 use crate::fill::{Fill, Filled, fill};
+use crate::report;
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -52,7 +53,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let store = Store::open_to_read(&db).await?;
     let bytes = store.bytes().await?;
     store.close().await;
-    terminal::json(&serde_json::json!({
+    report::print(&serde_json::json!({
         "database": db.to_string(), "episodes": episodes, "runs": runs, "competitions": competitions, "bytes": bytes, "acts": acts,
         "seconds": seconds, "organizer": organizer.reveal(),
     }))

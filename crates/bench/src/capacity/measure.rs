@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 use anyhow::bail;
 use serde::Serialize;
 use serde_json::Value;
-use swarmbench_terminal as terminal;
 
 use super::child::{Child, Finished, Program};
 use crate::load::connection::{Connection, Target, request};
 use crate::load::{competition, reads};
+use crate::report;
 
 /// Maximum time until a server is ready.
 const READY_PATIENCE: Duration = Duration::from_mins(10);
@@ -141,7 +141,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         server_memory_bytes,
         rebuild,
     };
-    terminal::json(&report)
+    report::print(&report)
 }
 
 /// Measures boards, lists and look-ups of all kinds, and a competition that is over.
