@@ -36,25 +36,27 @@ pub struct Lost;
 /// # Errors
 ///
 /// The error of the work, or [`Lost`].
-pub async fn detached<T: Send + 'static, E: From<Lost> + Send + 'static>(
+pub fn detached<T: Send + 'static, E: From<Lost> + Send + 'static>(
     work: impl Future<Output = Result<T, E>> + Send + 'static,
-) -> Result<T, E> {
-    detached_by(&|task| drop(tokio::spawn(task)), work).await?
+) -> impl Future<Output = Result<T, E>> + Send {
+    let result = detached_by(&|task| drop(tokio::spawn(task)), work);
+    async { result.await? }
 }
 
-/// As [`detached`], in a task of `spawn`, for work with any result.
+/// Variant of [`detached`] in a task of `spawn`, for work with any result. The task starts at once: the returned future holds
+/// its result alone, however large the work is.
 ///
 /// # Errors
 ///
 /// [`Lost`].
-pub async fn detached_by<T: Send + 'static>(
+pub fn detached_by<T: Send + 'static, W: Future<Output = T> + Send + 'static>(
     spawn: &(dyn Fn(BoxFuture<'static, ()>) + Send + Sync),
-    work: impl Future<Output = T> + Send + 'static,
-) -> Result<T, Lost> {
+    work: W,
+) -> impl Future<Output = Result<T, Lost>> + Send + use<T, W> {
     let (done, result) = oneshot::channel();
     let task = async move { drop(done.send(work.await)) };
     spawn(Box::pin(fair::inherit(task).in_current_span()));
-    result.await.map_err(|_| Lost)
+    async { result.await.map_err(|_| Lost) }
 }
 
 /// Spawns blocking work with the log span of the request. Party and rank are not inherited.

@@ -124,13 +124,16 @@ impl Registry {
     }
 
     /// Creates episodes for a party in a task of its own: a creation has to complete even if the caller is dropped.
-    async fn detached(
+    fn detached(
         &self,
         party: Party,
         creating: impl Future<Output = Result<Vec<Handle>, CreateError>> + Send + 'static,
-    ) -> Result<Vec<Handle>, CreateError> {
-        let created = detached_by(&*self.host.spawn, party.scope(creating)).await;
-        created.unwrap_or_else(|_| Err(StoreError::Stopped(Stopped::Server).into()))
+    ) -> impl Future<Output = Result<Vec<Handle>, CreateError>> {
+        let created = detached_by(&*self.host.spawn, party.scope(creating));
+        async {
+            let stopped = |_| Err(StoreError::Stopped(Stopped::Server).into());
+            created.await.unwrap_or_else(stopped)
+        }
     }
 
     fn release_unless_opened(
