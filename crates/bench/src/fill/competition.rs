@@ -17,7 +17,7 @@ use swarmbench_clock::after;
 use swarmbench_engine::TaskName;
 use swarmbench_protocol::carried::Carried;
 
-use super::{FillError, Filling, REST, SPAN, settings};
+use super::{FillError, Filling, REST, SPAN, random, settings};
 
 /// Sealed seeds of an attempt in an ended competition; every task is played once on each.
 const SEEDS: u32 = 20;
@@ -86,7 +86,7 @@ impl Competition {
         shape: Shape,
     ) -> Result<Self, FillError> {
         let Shape { entrants: count, attempts, tasks, seeds, closes_at, is_over } = shape;
-        let entropy = filling.entropy(b'c', number);
+        let entropy = random(b'c', number);
         let at = filling.since;
         let opens_at = at;
         let settings = swarmbench_protocol::suite::SuiteSettings {

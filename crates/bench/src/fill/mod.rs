@@ -183,7 +183,7 @@ impl Filling {
 
     /// Adds an organizer, whose token is returned, and the keys that own episodes.
     async fn add_keys(&self) -> Result<Token, FillError> {
-        let entropy = self.entropy(b'k', 0);
+        let entropy = random(b'k', 0);
         let key = |role, name: &str| {
             let made = Key::new(role, name, None, self.since, &entropy);
             made.map(|(key, token)| {
@@ -253,14 +253,6 @@ impl Filling {
         Timestamp::from_millisecond(at.as_millisecond()).unwrap_or(at)
     }
 
-    /// The random bytes for a numbered thing of some kind.
-    fn entropy(&self, kind: u8, number: u64) -> SeededEntropy {
-        let mut seed = [0; 8];
-        // The seed is hashed, so that sequences of consecutive numbers do not overlap.
-        SeededEntropy::new(SEED ^ (u64::from(kind) << 56) ^ number).fill(&mut seed);
-        SeededEntropy::new(u64::from_le_bytes(seed))
-    }
-
     fn entries(&self, piece: Piece) -> Result<Vec<Entry>, String> {
         match piece {
             Piece::Run { run, first } => {
@@ -299,7 +291,7 @@ impl Filling {
         attempt: Option<(swarmbench::ids::EntryKey, u32)>,
         owner: Option<OwnerKey>,
     ) -> Result<Vec<Entry>, String> {
-        let entropy = self.entropy(b'r', run.0.unsigned_abs());
+        let entropy = random(b'r', run.0.unsigned_abs());
         let at = self.at(first);
         let id = new_id(at, &entropy);
         let visibility =
@@ -332,7 +324,7 @@ impl Filling {
             let spec = definition::spec(definition, &id, &game, salt)?;
             let new =
                 NewGame { episode, owner, run: Some((run, game.slot)), spec, at: self.at(episode) };
-            entries.extend(new.play(&self.entropy(b'e', episode.0.unsigned_abs())));
+            entries.extend(new.play(&random(b'e', episode.0.unsigned_abs())));
             if let Some(Entry::End(row)) = entries.last() {
                 end = end.max(row.at);
             }
@@ -350,7 +342,7 @@ impl Filling {
         let spec = Spec { run: None, ..definition::spec(&definition, "", &game, None)? };
         let new =
             NewGame { episode, owner: Some(owner(number)), run: None, spec, at: self.at(episode) };
-        Ok(new.play(&self.entropy(b'e', number)))
+        Ok(new.play(&random(b'e', number)))
     }
 }
 
@@ -432,4 +424,12 @@ fn definition(suite: Suite, model: String) -> Definition {
         closes_at: None,
         own_games: false,
     }
+}
+
+/// The random bytes for a numbered thing of some kind.
+fn random(kind: u8, number: u64) -> SeededEntropy {
+    let mut seed = [0; 8];
+    // The seed is hashed, so that sequences of consecutive numbers do not overlap.
+    SeededEntropy::new(SEED ^ (u64::from(kind) << 56) ^ number).fill(&mut seed);
+    SeededEntropy::new(u64::from_le_bytes(seed))
 }

@@ -108,20 +108,9 @@ async fn plant(database: &Path, facts: &Facts) -> Vec<Planted> {
         .fetch_one(&mut *rows)
         .await
         .expect("an episode");
-        let mut tokens = Vec::new();
-        for (kind, agent) in [(TokenKind::Swarm, None), (TokenKind::Seat, Some(0))] {
-            let token = Token::new(kind, &entropy);
-            query("INSERT INTO tokens (hash, episode, agent) VALUES ($1, $2, $3)")
-                .bind(token.hash().0.to_vec())
-                .bind(key)
-                .bind(agent)
-                .execute(&mut *rows)
-                .await
-                .expect("a token");
-            tokens.push(token.reveal().to_owned());
-        }
+        let tokens = plant_tokens(&mut rows, key, &entropy).await;
         if let Some(&(_, limit)) = killer {
-            let [swarm, seat] = tokens.try_into().expect("two");
+            let [swarm, seat] = tokens;
             planted.push(Planted { id, seat, swarm, limit });
         }
     }
@@ -154,6 +143,25 @@ async fn plant(database: &Path, facts: &Facts) -> Vec<Planted> {
         .expect("acts");
     rows.commit().await.expect("a commit");
     planted
+}
+
+/// Writes tokens of an episode's swarm and of its first seat.
+async fn plant_tokens(
+    rows: &mut SqliteConnection,
+    episode: i64,
+    entropy: &SeededEntropy,
+) -> [String; 2] {
+    let tokens = [TokenKind::Swarm, TokenKind::Seat].map(|kind| Token::new(kind, entropy));
+    for (token, agent) in tokens.iter().zip([None, Some(0)]) {
+        query("INSERT INTO tokens (hash, episode, agent) VALUES ($1, $2, $3)")
+            .bind(token.hash().0.to_vec())
+            .bind(episode)
+            .bind(agent)
+            .execute(&mut *rows)
+            .await
+            .expect("a token");
+    }
+    tokens.map(|token| token.reveal().to_owned())
 }
 
 #[needs(sqlite)]
