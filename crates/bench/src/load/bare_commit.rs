@@ -170,7 +170,9 @@ mod tests {
 
     #[tokio::test]
     async fn groups_are_as_large_as_they_are_to_be() {
-        let (dir, tables) = (std::env::temp_dir(), swarmbench::migrations::sqlite());
+        let dir = std::env::temp_dir();
+        let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../migrations/sqlite"));
+        let tables = Migrator::new(folder).await.expect("the server's tables");
         let mut bare =
             BareCommit::open(&dir, &tables, 3, "{}".to_owned()).await.expect("a database");
         // A call without time makes one commit. Of 19.5 entries 18 are acts.
