@@ -169,9 +169,14 @@ async fn tables(
     location: &Location,
     checked: &mut Checked,
 ) -> Result<bool, OpenError> {
-    let rows = query("SELECT version, checksum, success FROM _sqlx_migrations ORDER BY version")
-        .fetch_all(&mut *database)
-        .await;
+    let applied = if database.is_postgres() {
+        "SELECT version, checksum, success FROM _sqlx_migrations ORDER BY version"
+    } else {
+        // SQLite checks no types in this table: a damaged blob may be a text of the same bytes.
+        "SELECT version, iif(typeof(checksum) = 'blob', checksum, NULL) AS checksum, success
+         FROM _sqlx_migrations ORDER BY version"
+    };
+    let rows = query(applied).fetch_all(&mut *database).await;
     let applied = rows.and_then(|rows| {
         let read = |row: &SqlRow| {
             let checksum = row.try_get::<Vec<u8>>("checksum")?;
