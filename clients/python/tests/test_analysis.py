@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from swarm_tables import MODELS, Tables
 
 from swarmseat import Client, Server, analysis
-from swarmseat.analysis import attribution, figures, pieces, reporting, views
+from swarmseat.analysis import attribution, figures, pieces, reporting, views, words
 from swarmseat.analysis.metrics import TWELVE
 from swarmseat.analysis.statistics import correlate
 
@@ -288,14 +289,26 @@ def test_keywords_of_a_small_example(tmp_path: Path) -> None:
     assert own["count"].tolist() == [3, 1, 1, 1]
     assert own["per_1000_words"].tolist() == pytest.approx([3000 / 11, 1000 / 11, 1000 / 11, 1000 / 11])
     assert own["share"].tolist() == [0.5, 0.25, 0.25, 0.25]
+    distinctive = analysis.distinctive_words(games)
+    assert distinctive[distinctive["model"] == "model-a"]["word"].iloc[0] == "hold"
+
+
+def test_log_odds_of_a_small_example() -> None:
+    table = words.log_odds(Counter(up=8, down=2), Counter(up=5, down=5), prior_words=20).set_index("word")
+    # Prior: up 13, down 7. Log-odds: log(21/9) - log(18/12), variance 1/21 + 1/18.
+    difference = np.log(21 / 9) - np.log(18 / 12)
+    assert table.loc["up", "log_odds"] == pytest.approx(difference)
+    assert table.loc["up", "z"] == pytest.approx(difference / np.sqrt(1 / 21 + 1 / 18))
+    assert table.loc["down", "z"] == pytest.approx(-difference / np.sqrt(1 / 9 + 1 / 12))
 
 
 def test_silent_games_have_no_words(tmp_path: Path) -> None:
     games = analysis.load(
         swarm_tables.write(tmp_path, change=lambda tables: tables["acts"].__setitem__("message", None))
     )
-    with pytest.raises(analysis.TooLittleDataError, match="no message was sent"):
-        analysis.keywords(games)
+    for function in (analysis.keywords, analysis.distinctive_words):
+        with pytest.raises(analysis.TooLittleDataError, match="no message was sent"):
+            function(games)
 
 
 def test_hash_1_has_unit_vectors_and_masks_digits() -> None:

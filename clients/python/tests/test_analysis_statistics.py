@@ -8,7 +8,6 @@ from scipy import stats
 from swarmseat.analysis.problems import TooLittleDataError
 from swarmseat.analysis.statistics import (
     RIDGE_PENALTIES,
-    Floats,
     Names,
     benjamini_hochberg,
     bootstrap_interval,
@@ -29,17 +28,47 @@ ANSCOMBE = [
     ([8, 8, 8, 8, 8, 8, 8, 19, 8, 8, 8], [6.58, 5.76, 7.71, 8.84, 8.47, 7.04, 5.25, 12.50, 5.56, 7.91, 6.89]),
 ]
 
+# NIST StRD: total employment, then deflator, product, unemployed, armed forces, population, year.
+LONGLEY = np.array(
+    [
+        [60323, 83.0, 234289, 2356, 1590, 107608, 1947],
+        [61122, 88.5, 259426, 2325, 1456, 108632, 1948],
+        [60171, 88.2, 258054, 3682, 1616, 109773, 1949],
+        [61187, 89.5, 284599, 3351, 1650, 110929, 1950],
+        [63221, 96.2, 328975, 2099, 3099, 112075, 1951],
+        [63639, 98.1, 346999, 1932, 3594, 113270, 1952],
+        [64989, 99.0, 365385, 1870, 3547, 115094, 1953],
+        [63761, 100.0, 363112, 3578, 3350, 116219, 1954],
+        [66019, 101.2, 397469, 2904, 3048, 117388, 1955],
+        [67857, 104.6, 419180, 2822, 2857, 118734, 1956],
+        [68169, 108.4, 442769, 2936, 2798, 120445, 1957],
+        [66513, 110.8, 444546, 4681, 2637, 121950, 1958],
+        [68655, 112.6, 482704, 3813, 2552, 123366, 1959],
+        [69564, 114.2, 502601, 3931, 2514, 125368, 1960],
+        [69331, 115.7, 518173, 4806, 2572, 127852, 1961],
+        [70551, 116.9, 554894, 4007, 2827, 130081, 1962],
+    ]
+)
+LONGLEY_BETA = [
+    15.0618722713733,
+    -0.358191792925910e-01,
+    -2.02022980381683,
+    -1.03322686717359,
+    -0.511041056535807e-01,
+    1829.15146461355,
+]
+LONGLEY_ERROR = [
+    84.9149257747669,
+    0.334910077722432e-01,
+    0.488399681651699,
+    0.214274163161675,
+    0.226073200069370,
+    455.478499142212,
+]
+
 
 def models(n: int, each: int = 1) -> Names:
     return np.array([f"model {at // each}" for at in range(n)], object)
-
-
-def collinear() -> tuple[Floats, Floats]:
-    """A value of 16 games, and six columns of which the last is nearly the first."""
-    random = np.random.default_rng(3)
-    x = random.normal(size=(16, 6))
-    x[:, 5] = x[:, 0] + 0.01 * random.normal(size=16)
-    return x.sum(axis=1) + random.normal(size=16), x
 
 
 @pytest.mark.parametrize(("x", "y"), ANSCOMBE)
@@ -48,19 +77,29 @@ def test_anscombes_quartet(x: list[float], y: list[float]) -> None:
     assert found.r == pytest.approx(0.816, abs=1e-3)
     fit = least_squares(np.array(x, float)[:, None], np.array(y), models(11))
     assert fit.beta[0] / np.std(x) == pytest.approx(0.5, abs=1e-3)
-    assert fit.error[0] / np.std(x) == pytest.approx(0.118, abs=1e-3)
-    assert fit.intercept - fit.beta[0] * np.mean(x) / np.std(x) == pytest.approx(3.0, abs=1e-2)
     assert fit.r2 == pytest.approx(0.667, abs=1e-3)
     assert fit.vif.tolist() == [1.0]
 
 
-def test_the_penalty_of_the_ridge_regression_is_the_one_that_predicts_other_models_best() -> None:
-    y, x = collinear()
-    names = models(16, 4)
-    fit = least_squares(x, y, names)
+def test_longley_has_the_certified_values() -> None:
+    y, x = LONGLEY[:, 0], LONGLEY[:, 1:]
+    fit = least_squares(x, y, models(16, 2))
+    scale = x.std(axis=0)
+    assert fit.beta / scale == pytest.approx(LONGLEY_BETA, rel=1e-7)
+    assert fit.error / scale == pytest.approx(LONGLEY_ERROR, rel=1e-7)
+    assert fit.intercept - fit.beta @ (x.mean(axis=0) / scale) == pytest.approx(-3482258.63459582, rel=1e-7)
+    assert fit.r2 == pytest.approx(0.995479004577296, rel=1e-9)
+    # The textbook example of collinearity.
     assert fit.vif.max() > 1000
     assert fit.ridge is not None
+    assert fit.penalty is not None
     assert np.abs(fit.ridge).sum() < np.abs(fit.beta).sum()
+
+
+def test_the_penalty_of_the_ridge_regression_is_the_one_that_predicts_other_models_best() -> None:
+    y, x = LONGLEY[:, 0], LONGLEY[:, 1:]
+    names = models(16, 4)
+    fit = least_squares(x, y, names)
     errors = []
     for penalty in RIDGE_PENALTIES:
         error = 0.0
@@ -75,9 +114,8 @@ def test_the_penalty_of_the_ridge_regression_is_the_one_that_predicts_other_mode
 
 
 def test_least_squares_needs_enough_rows() -> None:
-    y, x = collinear()
     with pytest.raises(TooLittleDataError, match="at least 8 games with all of them, and there are 7"):
-        least_squares(x[:7], y[:7], models(7))
+        least_squares(LONGLEY[:7, 1:], LONGLEY[:7, 0], models(7))
 
 
 def test_a_model_that_is_left_out_is_predicted_from_the_others() -> None:
@@ -171,3 +209,10 @@ def test_the_bootstrap_draws_models() -> None:
     assert 0.5 < low < correlate(x, y, models(18, 3)).r < high <= 1
     assert bootstrap_interval(x, y, models(18, 3)) == (low, high)
     assert np.isnan(bootstrap_interval(x, y, models(18, 9))).all()
+    # A draw of resampled rows gives the same interval, up to chance.
+    random, names, drawn = np.random.default_rng(5), sorted(set(models(18, 3))), []
+    for _ in range(2000):
+        rows = np.concatenate([np.flatnonzero(models(18, 3) == name) for name in random.choice(names, 6)])
+        if np.ptp(x[rows]) > 2:
+            drawn.append(np.corrcoef(x[rows], y[rows])[0, 1])
+    assert np.quantile(drawn, [0.5, 0.975]) == pytest.approx([np.quantile(drawn, 0.5), high], abs=0.01)

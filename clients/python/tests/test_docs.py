@@ -48,11 +48,10 @@ def test_the_training_learns_with_other_seeds(seed: int, capsys: pytest.CaptureF
 
 
 def test_the_page_works_in_a_notebook(tmp_path: Path) -> None:
-    # As the page says, a notebook awaits what a program runs, and keeps a client from cell to cell.
-    page = PAGE.replace("asyncio.run(main())", "await main()")
-    cells = [block for language, block in BLOCK.findall(page) if language == "python"]
-    # The last cell stops the server.
-    cells[-1:-1] = ["kept = swarmseat.AsyncClient(server.url)", "print(await kept.health())\nawait kept.aclose()"]
+    cells = [block for language, block in BLOCK.findall(PAGE) if language == "python"]
+    # The page's statements about a notebook's own loop are inserted before the last cell, which stops the server.
+    own_loop = "asyncio.get_running_loop()\nawait main()\nkept = swarmseat.AsyncClient(server.url)"
+    cells[-1:-1] = [own_loop, "print(await kept.health())\nawait kept.aclose()"]
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
     file = tmp_path / "page.ipynb"
     nbformat.write(notebook, file)

@@ -21,6 +21,7 @@ from .errors import (
     is_refused,
 )
 from .exchange import Event, Retry
+from .loops import run_async
 from .server import Server
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ __all__ = [
     "gym_vector_env",
     "is_refused",
     "parallel_env",
+    "run_async",
     "wire",
 ]
 

@@ -49,7 +49,7 @@ from .texts import (
     homogeneity_of_games,
     relate_to_edits,
 )
-from .words import keywords
+from .words import distinctive_words, keywords
 
 __all__ = [
     "AnalysisError",
@@ -71,6 +71,7 @@ __all__ = [
     "convergence_by_task",
     "correlation_matrix",
     "correlations",
+    "distinctive_words",
     "dynamics",
     "failure_modes",
     "hash_1",

@@ -28,7 +28,7 @@ from .regression import blocks, regression
 from .series import dynamics, score_trends
 from .tables import Games
 from .texts import relate_to_edits
-from .words import keywords
+from .words import distinctive_words, keywords
 
 Output = pd.DataFrame | Figure | str
 """A table, a figure, or a sentence about them."""
@@ -173,6 +173,7 @@ PIECES = {
     ),
     "homogeneity-and-edits": Piece("Homogeneity and edit similarity", "all", "", _table(relate_to_edits)),
     "keywords": Piece("Keywords by task and model", "all", "figure S.33", _keywords),
+    "distinctive-words": Piece("Words that set a model apart", "all", "", _table(distinctive_words)),
     "attribution": Piece("What actions follow from", "all", "figures 7, S.34", _attribution, ("acts",)),
     "dynamics": Piece("Dynamics", "model", "figures 3, S.35 to S.99", _dynamics),
 }
