@@ -146,9 +146,9 @@ def test_templates_too_deep_for_a_stack_are_refused(template: str, limit: str) -
         env.step(np.zeros((2, 12), int))
     with pytest.raises(ValueError, match=limit):
         TextEpisode("Foraging", prompt_template=template)
-    env = parallel_env("Foraging", seed=1, backend="native", observations="text", prompt_template=template)
+    swarm = parallel_env("Foraging", seed=1, backend="native", observations="text", prompt_template=template)
     with pytest.raises(ValueError, match=limit):
-        env.reset()
+        swarm.reset()
 
 
 def test_what_cannot_be_made_is_named() -> None:
