@@ -130,7 +130,8 @@ pub(super) fn spawn(host: Arc<Host>, init: EpisodeInit, memory: Reservation) -> 
     };
     actor.note_end();
     actor.note_memory();
-    let due = actor.due();
+    let now = actor.host.clock.now();
+    let due = actor.due(now);
     if due.is_empty() && actor.ahead.is_empty() {
         settled.cancel();
     }
@@ -138,7 +139,8 @@ pub(super) fn spawn(host: Arc<Host>, init: EpisodeInit, memory: Reservation) -> 
         // The receiver is gone where hosted seats are not played.
         _ = actor.host.hosted.send(handle.clone());
     }
-    let actor: BoxFuture<'static, ()> = Box::pin(actor.run(due, settled.drop_guard(), messages));
+    let actor: BoxFuture<'static, ()> =
+        Box::pin(actor.run((now, due), settled.drop_guard(), messages));
     if has_clients {
         spawn(actor);
     } else {
@@ -181,10 +183,11 @@ struct Actor {
 }
 
 impl Actor {
-    /// Performs the effects that are due at the start, then handles messages and timers.
+    /// Performs the effects that are due at the start, then handles messages and timers. The effects are recorded at the time for
+    /// which the barrier decided them, however late the task gets its first turn.
     async fn run(
         mut self,
-        due: Vec<Effect>,
+        (decided_at, due): (Timestamp, Vec<Effect>),
         settling: DropGuard,
         mut messages: mpsc::UnboundedReceiver<Envelope>,
     ) {
@@ -192,7 +195,7 @@ impl Actor {
         let mut failed = pin!(self.failed.clone().cancelled_owned());
         let mut timer = Timer::default();
         if !due.is_empty() || !self.ahead.is_empty() {
-            self.perform(self.host.clock.now(), due, |_| drop(settling)).await;
+            self.perform(decided_at, due, |_| drop(settling)).await;
         }
         loop {
             timer.set(self.wakes_at(), &*self.host.clock);
@@ -295,8 +298,7 @@ impl Actor {
 
     /// Effects that are due before the first event: a round whose acts were all stored before a restart is resolved; a solved
     /// layout ends, and so does an episode whose time was over before its actor started.
-    fn due(&mut self) -> Vec<Effect> {
-        let now = self.host.clock.now();
+    fn due(&mut self, now: Timestamp) -> Vec<Effect> {
         let mut effects = self.lockstep.close();
         effects.extend(self.end_if_solved(now));
         effects.extend(self.tick(now, Event::Tick));
