@@ -8,6 +8,8 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
+import time
 from collections import Counter
 from pathlib import Path
 
@@ -112,6 +114,29 @@ def lines_of_rust() -> str:
     return table(["folder", *kinds, "in all"], rows)
 
 
+def after_a_change() -> str:
+    """Seconds from a change of a handler to a debug server that is ready, three times; its build beforehand does not count."""
+    build = ["cargo", "build", "--locked", "--quiet", "--bin=swarmbench"]
+    subprocess.run(build, check=True)
+    metadata = json.loads(output("cargo", "metadata", "--locked", "--offline", "--no-deps", "--format-version=1"))
+    program = Path(metadata["target_directory"]) / "debug" / "swarmbench"
+    rows = []
+    for _ in range(3):
+        # Cargo takes a later time of a file for a change.
+        Path("src/http/episodes/show.rs").touch()
+        began = time.monotonic()
+        subprocess.run(build, check=True)
+        built = time.monotonic()
+        with tempfile.TemporaryDirectory() as folder:
+            serve = [program, "serve", "--addr=127.0.0.1:0", f"--db={folder}/a.db"]
+            with subprocess.Popen(serve, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as server:
+                next(line for line in server.stdout if "http://" in line)
+                ready = time.monotonic()
+                server.kill()
+        rows.append([f"{built - began:.1f}", f"{ready - began:.1f}"])
+    return table(["compiled after, s", "listening after, s"], rows)
+
+
 def main(folder: Path, arguments: list[str]) -> None:
     built = compile_(folder, arguments)
     seconds: Counter[str] = Counter()
@@ -129,6 +154,7 @@ def main(folder: Path, arguments: list[str]) -> None:
     print(f"## `cargo build {' '.join(arguments)}`\n\n{table(['', ''], facts)}")
     print(f"## What each dependency costs\n\n{dependencies(seconds, root)}")
     print(f"## The dearest crates\n\n{dearest(built, seconds)}")
+    print(f"## After a change of a handler\n\nA debug server, on {os.cpu_count()} processors.\n\n{after_a_change()}")
     print(f"## Lines of Rust\n\n{lines_of_rust()}", end="")
 
 

@@ -193,7 +193,8 @@ impl TokenHash {
 
 const RANDOM_BYTES: usize = 24;
 
-/// Name of a server for load balancers: two characters of base32, with which the tokens begin that it gives for what it plays.
+/// Routing name of a server: two base32 characters. Load balancers read it at the beginning of a token, and send the request to that
+/// server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RoutingName([u8; 2]);
 
@@ -228,7 +229,7 @@ impl Token {
         Self::named(kind, None, entropy)
     }
 
-    /// A token that names the server that plays what it opens, in ten of its 192 random bits.
+    /// New token. A routing name replaces the first ten of its 192 random bits.
     pub fn named(kind: TokenKind, name: Option<RoutingName>, entropy: &dyn Entropy) -> Self {
         let mut bytes = [0; RANDOM_BYTES + 4];
         entropy.fill(&mut bytes[..RANDOM_BYTES]);

@@ -5,7 +5,7 @@ use sqlx::SqlSafeStr as _;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 
 /// Version, description and text of each file in `migrations/sqlite`.
-const SQLITE: [(i64, &str, &str); 19] = [
+const SQLITE: [(i64, &str, &str); 20] = [
     (1, "journal", include_str!("../migrations/sqlite/0001_journal.sql")),
     (2, "keys", include_str!("../migrations/sqlite/0002_keys.sql")),
     (3, "runs", include_str!("../migrations/sqlite/0003_runs.sql")),
@@ -25,16 +25,18 @@ const SQLITE: [(i64, &str, &str); 19] = [
     (17, "names", include_str!("../migrations/sqlite/0017_names.sql")),
     (18, "looks", include_str!("../migrations/sqlite/0018_looks.sql")),
     (19, "networks", include_str!("../migrations/sqlite/0019_networks.sql")),
+    (20, "labels", include_str!("../migrations/sqlite/0020_labels.sql")),
 ];
 
 /// The same of `migrations/postgres`. A version makes the same tables and columns in both.
-const POSTGRES: [(i64, &str, &str); 6] = [
+const POSTGRES: [(i64, &str, &str); 7] = [
     (14, "tables", include_str!("../migrations/postgres/0014_tables.sql")),
     (15, "fleet", include_str!("../migrations/postgres/0015_fleet.sql")),
     (16, "lists", include_str!("../migrations/postgres/0016_lists.sql")),
     (17, "names", include_str!("../migrations/postgres/0017_names.sql")),
     (18, "looks", include_str!("../migrations/postgres/0018_looks.sql")),
     (19, "networks", include_str!("../migrations/postgres/0019_networks.sql")),
+    (20, "labels", include_str!("../migrations/postgres/0020_labels.sql")),
 ];
 
 /// Migrations of SQLite, oldest first.
@@ -78,6 +80,30 @@ mod tests {
                 .collect();
             assert_eq!(names, listed);
         }
+    }
+
+    #[tokio::test]
+    async fn labels_of_erased_entrants_are_erased_by_a_migration() {
+        use sqlx::sqlite::SqliteConnectOptions;
+        use sqlx::{ConnectOptions as _, Executor as _, Row as _};
+
+        let opened = SqliteConnectOptions::new().in_memory(true).connect().await;
+        let mut database = opened.expect("a database");
+        let before = SQLITE.iter().filter(|(version, ..)| *version < 20).copied().collect::<Vec<_>>();
+        migrator(&before).run(&mut database).await.expect("the tables of an earlier version");
+        let rows = "
+            INSERT INTO entries (key, id, competition, owner, name, model, declaration, status, registered_at, erased_at)
+            VALUES (1, 'ent_1', 7, 1, 'erased ent_1', 'm', '{}', 'withdrawn', 0, 1), (2, 'ent_2', 7, 2, 'grace', 'm', '{}', 'active', 0, NULL);
+            INSERT INTO invitations (hash, competition, label, entry, created_at)
+            VALUES (x'01', 7, 'Ada', 1, 0), (x'02', 7, 'Grace', 2, 0), (x'03', 7, 'free', NULL, 0);
+            INSERT INTO audit (at, who, action, subject, detail, competition)
+            VALUES (0, 'key_1', 'competition.codes', 'c', '{\"labels\":[\"Ada\"]}', 7), (0, 'key_1', 'competition.codes', 'd', 'other', 8)";
+        database.execute(rows).await.expect("rows");
+        sqlite().run(&mut database).await.expect("the newest tables");
+        let texts = "SELECT label FROM invitations UNION ALL SELECT detail FROM audit";
+        let texts = sqlx::query(texts).fetch_all(&mut database).await.expect("rows");
+        let texts: Vec<String> = texts.iter().map(|row| row.get(0)).collect();
+        assert_eq!(texts, ["erased ent_1", "Grace", "free", "{}", "other"]);
     }
 
     #[test]

@@ -134,10 +134,10 @@ pub enum StartError {
         "the other servers have excluded this one, as it was not seen for too long: start it again, and it joins them anew"
     )]
     Excluded,
-    /// It cannot go on, and the other servers do.
+    /// A fault has stopped this server; the others continue its games.
     #[error("{0}: the other servers play on; start this one again, and it joins them anew")]
     Fault(String),
-    /// Its games are played by others, whose clocks are right.
+    /// The clock of this server was off; servers with correct clocks have taken its games.
     #[error(
         "the clock of this machine was too far from that of the database, so the other servers play on: synchronize it and start \
          this server again"

@@ -50,7 +50,7 @@ pub enum Owner {
     Nobody,
 }
 
-/// What is to be done next for a request.
+/// Next step of a route, for its driver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
     /// Read the owner of the place: [`Event::Owner`].
@@ -109,7 +109,7 @@ pub enum Sent {
     Unknown,
 }
 
-/// Who sent a request, and what a repetition of it does.
+/// Sender of a request, and the effect of sending it again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sender {
     /// Another server, which has located this one: the request is not forwarded again.
@@ -212,7 +212,7 @@ impl Route {
         }
     }
 
-    /// No server owns the place.
+    /// Next step where no server owns the place.
     fn unowned(
         &mut self,
         view: &impl View,
@@ -294,7 +294,7 @@ impl Route {
         }
     }
 
-    /// No server answers at this moment.
+    /// Next step where no server answers: to wait, or to end the route.
     fn lost(&self, now: Duration) -> Step {
         match self.turn {
             Turn::Again { until, .. } if now < until => Step::Pause(MOVE_PAUSE),

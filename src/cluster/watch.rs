@@ -42,7 +42,7 @@ pub struct Looks {
     off_since: Option<Duration>,
 }
 
-/// What a look has shown of this server's own clock.
+/// State of this server's clock at the last look.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClockSeen {
     Right,
@@ -100,7 +100,7 @@ pub enum Suspicion {
     Away,
 }
 
-/// What is due after a look.
+/// Work that is due after a look.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Due {
     pub suspects: Vec<(Incarnation, Suspicion)>,
@@ -132,7 +132,8 @@ pub struct Work {
     deleted: Duration,
 }
 
-/// Servers that take places, and all servers: a server that is gone leaves places behind, even if it took no more.
+/// Servers that take places, and all servers. A change of either starts a search: a server that took no more places leaves some
+/// behind, too.
 type Composition = (Vec<Incarnation>, Vec<Incarnation>);
 
 fn composition(servers: &[ServerRow]) -> Composition {
@@ -145,7 +146,7 @@ impl Work {
         Self { me, forwards_only, beats: HashMap::new(), searched: None, tidied: now, deleted: now }
     }
 
-    /// What is due after a look at which the database answered.
+    /// Work that is due after a look at which the database answered.
     pub fn due(&mut self, seen: &Seen, now: Duration) -> Due {
         let Some(up_since) = seen.up_since else { return Due::default() };
         self.note_beats(&seen.servers, now);

@@ -33,7 +33,7 @@ pub struct Turn {
     pub round: u32,
     /// State before the round.
     pub before: Arc<World>,
-    /// In order of the agents' numbers.
+    /// Acts by number of the agent.
     pub acts: Vec<GameAct>,
     /// Time of the round's resolution.
     pub at: Timestamp,

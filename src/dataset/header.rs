@@ -11,7 +11,7 @@ use crate::store::port::StoredEpisode;
 
 pub struct Header {
     pub opening: Opening,
-    /// In order of their numbers.
+    /// Holders by number.
     holders: Vec<SeatHolder>,
     /// By agent: index of its holder in `holders`.
     seats: Vec<usize>,

@@ -122,7 +122,7 @@ pub enum Refusal {
     EpisodeOver {
         /// The last round.
         round: u32,
-        /// Whether it is the agent alone that is gone.
+        /// True if the agent has escaped; false if the episode has ended.
         escaped: bool,
     },
     #[error("round {sent} is over for this seat; the episode stands at round {round}")]
@@ -153,7 +153,7 @@ pub struct Clocks {
     pub bank: Duration,
     /// Time without any act after which the episode is abandoned.
     pub idle_timeout: Duration,
-    /// From this moment on no round begins: the open round may end, and the episode with it.
+    /// Closing time: no round begins after it, and the open round is the last.
     pub closes_at: Option<Timestamp>,
 }
 

@@ -43,7 +43,7 @@ pub(super) async fn list_audit(
 }
 
 impl Organizer {
-    /// The audit entry of what the organizer does in a competition, of which everybody sees `shown`.
+    /// Audit entry of an organizer's action in a competition. `shown` is its public part.
     pub(super) fn audit_entry_shown(
         &self,
         app: &App,
@@ -87,7 +87,7 @@ impl Caller {
     }
 }
 
-/// The audit entry of what somebody does with the key `who`, to be committed with it.
+/// Audit entry of an action by the holder of the key `who`, committed together with the action.
 pub(super) fn audit_entry(
     app: &App,
     who: &str,

@@ -58,9 +58,9 @@ pub(super) struct Subject<'a> {
 /// Readers of a sealed episode that has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Opened {
-    /// Only those who oversee it.
+    /// Overseers only.
     Nobody,
-    /// Its owner.
+    /// Overseers and the owner.
     Owner,
     /// Everybody.
     All,
@@ -274,7 +274,7 @@ impl Caller {
         !access.private || matches!(self, Self::Key(_))
     }
 
-    /// For other callers the episode does not exist.
+    /// True if the caller may know of the episode; others get `not_found`.
     pub(super) fn may_know(&self, access: &Access, episode: Subject<'_>) -> bool {
         self.may_read(access, episode)
             || self.owns(episode)

@@ -219,7 +219,8 @@ fn operation<'a>(item: &'a mut PathItem, method: &str) -> Option<&'a mut Operati
         "GET" => get,
         "POST" => post,
         "PATCH" => patch,
-        _ => delete,
+        "DELETE" => delete,
+        _ => return None,
     };
     found.as_mut()
 }

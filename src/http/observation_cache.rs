@@ -1,4 +1,4 @@
-//! Cache of written sights (the larger part of an observation), for seats and clients that ask again.
+//! Cache of written observations, without the parts that change within a round, for seats and clients that ask again.
 
 use bytes::Bytes;
 use quick_cache::Weighter;

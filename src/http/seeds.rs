@@ -13,7 +13,7 @@ use swarmbench_protocol::suite::Suite;
 pub(super) struct SeedPermit(bool);
 
 impl SeedPermit {
-    /// The permit of the creator, in the answer to a creation: where seats are open to others it is one of the players.
+    /// Permit of the creator in the answer to a creation. A creator who plays with others gets none.
     pub(super) fn of_creator(caller: &Caller, spec: &Spec) -> Self {
         let is_open = spec.visibility != Visibility::Sealed;
         Self(is_open && (caller.is_organizer() || !spec.is_mixed()))
@@ -38,7 +38,7 @@ impl SeedPermit {
     }
 }
 
-/// The seed of a sealed game is shown to those who oversee it alone.
+/// True if only overseers may see the seed.
 fn is_sealed(subject: Subject<'_>) -> bool {
     subject.visibility == Visibility::Sealed && subject.opened != Opened::All
 }

@@ -136,7 +136,7 @@ pub async fn serve(
     }
 }
 
-/// A failure of the one connection, which is gone, and not of the host.
+/// True for errors of one connection, false for errors of the host.
 const fn is_connection_error(error: ErrorKind) -> bool {
     matches!(
         error,

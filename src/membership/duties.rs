@@ -1,4 +1,4 @@
-//! What a server does about places: it takes those without an owner, resumes what is unfinished there, and releases idle ones.
+//! Duties of a server: it takes places without an owner, resumes unfinished work there, and releases idle places.
 
 use super::{Others as _, Port};
 use crate::cluster::{number_of, preferred};

@@ -81,7 +81,7 @@ pub trait Port: 'static {
 
     /// This server was excluded.
     fn excluded(&self);
-    /// This server has taken the places that waited for it, or has others to forward to. Called repeatedly.
+    /// Called, perhaps repeatedly, when the server is ready: places without an owner are taken, or other servers take places.
     fn ready(&self);
     fn clock_seen(&self, clock: ClockSeen);
     /// Shows the state of this server in the metrics.

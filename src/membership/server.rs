@@ -34,7 +34,7 @@ pub struct Parts {
     pub forwards_only: bool,
     /// Cancelled when this server stops: it takes no more places.
     pub stop: CancellationToken,
-    /// Cancelled when this server has to stop: its clock is off, and those of others are not.
+    /// Stop signal: the clock of this server is off while that of another one is right.
     pub clock_is_off: CancellationToken,
     /// Called when this server has taken the places that waited for it; repeatedly where it only forwards.
     pub ready: Arc<dyn Fn() + Send + Sync>,

@@ -347,8 +347,7 @@ impl Runs {
         self.end_now(run, status, audit_entries).await
     }
 
-    /// Ends runs, and keeps what goes with that in one transaction with the ends of those that this server plays: see
-    /// [`Runs::end`].
+    /// Ends runs. `audit_entries` are committed together with the ends of the runs that this server owns: see [`Runs::end`].
     pub async fn end_all(
         &self,
         runs: &[RunKey],

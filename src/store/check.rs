@@ -54,7 +54,7 @@ pub struct Checked {
     /// Replayed episodes.
     pub episodes: u64,
     pub rounds: u64,
-    /// At most [`DAMAGES_MAX`].
+    /// Damages, at most [`DAMAGES_MAX`].
     pub damages: Vec<Damage>,
     pub more_damages: u64,
 }

@@ -53,6 +53,21 @@ async fn a_board_is_shown_in_every_format_and_they_agree() {
     }
 }
 
+#[tokio::test]
+async fn columns_of_csv_have_names_of_their_own_whatever_varies() {
+    let bench = Bench::new();
+    let varied = ["--max-round", "3,4", "--answer-reader", "last-marker,first-marker"];
+    let usual = ["--seeds", "1", "--num-agents", "3", "--player", "random", "--format", "csv"];
+    for more in [&varied[..], &["--max-round", "3"]] {
+        let csv = bench.eval(&[&usual[..], more].concat()).await.ends(0).out;
+        let header = csv.lines().next().expect("a header");
+        let mut names: Vec<&str> = header.split(',').collect();
+        assert_eq!(names.iter().filter(|name| **name == "answer_reader").count(), 1, "{header}");
+        names.sort_unstable();
+        assert!(names.windows(2).all(|pair| pair[0] != pair[1]), "{header}");
+    }
+}
+
 /// The table of the baselines comes from one command; here with few and short games.
 #[tokio::test]
 async fn baselines_are_a_row_for_each_player_and_task() {

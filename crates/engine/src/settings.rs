@@ -16,7 +16,7 @@ macro_rules! for_each_setting {
     ($then:path, $input:tt, $inner:tt) => {
         $then! { $input
             [
-                /// How many agents play.
+                /// Number of agents.
                 num_agents: i64 => u16 = 12 in 1..=1024;
                 /// Columns of the map.
                 width: i64 => i64 = 10 in 8..=256;
@@ -24,9 +24,9 @@ macro_rules! for_each_setting {
                 height: i64 => i64 = 10 in 8..=256;
                 /// Rows and columns of an agent's window; odd, 3 to 2 · size + 1.
                 view_size: i64 => i64 = 5 in 3..=513;
-                /// How many past rounds an agent remembers.
+                /// Number of past rounds that an agent remembers.
                 memory: i64 => i64 = 5 in 0..=50;
-                /// After how many rounds the episode ends.
+                /// Number of rounds after which the episode ends.
                 max_round: i64 => u32 = 100 in 1..=100_000;
             ] $inner
             [

@@ -118,8 +118,8 @@ fn begins_like(name: &str, beginning: &str) -> bool {
     })
 }
 
-/// What was seen of a name, with letters in place of the digits and signs that are read as one in a word. Words that are
-/// reserved are compared so, and names with each other not: `Team 5` is not `Team S`.
+/// Skeleton of a name with digits and signs read as letters. Reserved words are compared in this form, names with each other are
+/// not: `Team 5` is not `Team S`.
 fn with_letters_for_digits(seen: &str) -> String {
     let letter = |c: char| match c {
         '3' => 'e',
@@ -145,9 +145,9 @@ pub fn is_look_alike(one: &str, other: &str) -> bool {
     looks(one).iter().zip(looks(other)).any(|(one, other)| *one == other)
 }
 
-/// What is seen of a name: one of both is the same for names that look the same. Letters that look alike when they are
-/// small need not when they are capital, as the Greek `ν` and `Ν`: so letters are made small before the first comparison of
-/// looks, or only after it. Characters of ASCII have one look, in either case.
+/// Two skeletons of a name: names that look the same share at least one. Letters may look alike only when they are small, as the Greek
+/// `ν` and `Ν` show: so the first skeleton is lowered before look-alikes are mapped, and the second after it. Characters of ASCII have
+/// the same skeleton in both.
 fn seen(name: &str) -> [String; 2] {
     let plain: String = name.chars().map(with_one_line).nfkc().map(without_frame).collect();
     let name = with_single_spaces(&plain);
@@ -284,7 +284,7 @@ fn is_invisible(character: char) -> bool {
     is_hidden || is_blank(character) || is_ignorable()
 }
 
-/// Whether a mark follows what is not of its script, where fonts show nothing for many: they join or fill letters of theirs.
+/// True if a combining mark follows a character of another script, where fonts often draw nothing.
 fn has_stray_mark(name: &str) -> bool {
     let mut script = Script::Common;
     name.chars().any(|c| match c.script() {

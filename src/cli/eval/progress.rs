@@ -19,7 +19,7 @@ use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::observation::Sight;
 use swarmbench_protocol::run::{RunDetail, RunGame};
 
-/// From how many columns on a line has room for a bar.
+/// Minimum width of a terminal that shows a bar, in columns.
 const WIDE_COLUMNS: u16 = 120;
 
 /// Templates of the line for all games and of the line for one game. Longer text is cut, as a line that wraps could not be redrawn

@@ -36,7 +36,7 @@ use swarmbench_journal::record::RawRecord;
 /// Rows of forks in one commit: it bounds the time for which acts of other episodes wait.
 pub const FORK_PIECE_ROWS_MAX: usize = 4096;
 
-/// A new episode's description, and what belongs to it beside.
+/// Request for a new episode: its description, party, purpose and run.
 pub struct Creation {
     pub id: EpisodeId,
     /// Party whose limits the episode uses, with the key of the creator, if any.

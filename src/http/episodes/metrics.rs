@@ -142,7 +142,7 @@ pub(in super::super) fn game_metrics(
 }
 
 impl App {
-    /// The values of an episode: those that are stored, or else it is measured, and they are stored if it has ended.
+    /// Stored metrics of an episode. Without any, it is measured, and the values of an ended one are stored.
     pub(in super::super) async fn measured(
         &self,
         stored: &StoredEpisode,

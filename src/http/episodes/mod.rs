@@ -218,7 +218,7 @@ impl App {
     }
 }
 
-/// Fork point of an episode, as it is shown. The seed could be found with the head, by trying.
+/// Public fork point of an episode. The head needs a permit: with it the seed can be found by trial.
 fn shown_fork(fork: &Fork, permit: SeedPermit) -> shown::Fork {
     let Fork { episode, round, head } = fork.clone();
     shown::Fork { episode, round, head: permit.show(head) }

@@ -329,17 +329,17 @@ struct Forwarding<'a> {
 /// Part of a request that is left to send.
 #[expect(clippy::large_enum_variant, reason = "most requests are whole, and are sent once")]
 enum Outgoing {
-    /// All of it: it was sent nowhere yet.
+    /// Whole request, not sent yet.
     Whole(Parts, Body),
-    /// All of it, to be sent again if need be.
+    /// Whole request, kept for a second attempt.
     Small(Box<Small>),
-    /// Nothing: its body was streamed.
+    /// Nothing is left, as the body was streamed.
     Streamed,
 }
 
 /// A request whose body is small enough to be kept.
 struct Small {
-    /// Its headers are in the question.
+    /// Parts of the request without headers: those are in `question`.
     parts: Parts,
     question: Question,
     /// The reservation of the body's memory.

@@ -173,7 +173,7 @@ impl Known {
             .collect()
     }
 
-    /// Its games as they are shown to `caller`: those that were opened, and those that were not.
+    /// Games of the run for `caller`, opened or only planned.
     fn games(
         &self,
         app: &App,

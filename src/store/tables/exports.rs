@@ -16,7 +16,7 @@ pub struct LoggedRound {
     /// Digest of the state after the round.
     pub digest: [u8; 32],
     pub at: Timestamp,
-    /// In order of seats.
+    /// Acts by seat.
     pub acts: Vec<LoggedAct>,
 }
 

@@ -35,7 +35,7 @@ const windowField = (window, place) => ({
   initial: shownEnd(window.closes_at),
 });
 
-/** An end that was typed; what was left as it is shown is the exact one. @param {string} typed @param {string} known */
+/** End from the form. An unchanged field keeps the exact time, which the form rounds. @param {string} typed @param {string} known */
 const endOf = (typed, known) => (shownEnd(typed) === shownEnd(known) ? known : typed);
 
 /** The changes to a competition. @param {any} competition @param {any} body what the form has */

@@ -65,7 +65,7 @@ function useAct(game, round, agent, isResting) {
   return read.round === round && read.agent === agent ? read : {};
 }
 
-/** Before the end only those may read acts who may know the seed. @param {Game} game */
+/** True while acts are hidden: the game is running and its seed is secret. @param {Game} game */
 const isSecret = ({ head, summary }) => isLive(head) && summary.config?.seed === null;
 
 /**

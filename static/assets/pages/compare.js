@@ -178,7 +178,7 @@ function inWords(round, [one, other], found, why) {
   return `${scores} Different: ${[...found.things, who].filter(Boolean).join(", ")}.`;
 }
 
-/** Shown at once, and said once it rests. @param {{text: string}} props */
+/** Text for screen readers, announced when it no longer changes. @param {{text: string}} props */
 function Announced({ text }) {
   const [said, setSaid] = useState("");
   useEffect(() => {

@@ -106,7 +106,7 @@ function arrowOf(next, agent) {
   </g>`;
 }
 
-/** Lines from who spoke to who reads it: a path for each speaker, and those of the chosen agent above. @param {State} state @param {State} next @param {number | null} agent */
+/** Lines from each speaker to its readers: a path for each speaker, and those of the chosen agent above. @param {State} state @param {State} next @param {number | null} agent */
 function linesOf(state, next, agent) {
   const [others, own] = [new Map(), new Map()];
   let count = 0;

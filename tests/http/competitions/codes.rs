@@ -59,10 +59,17 @@ async fn an_invitation_code_is_good_once() {
 
 #[tokio::test]
 async fn the_label_of_a_code_is_erased_with_the_entrant_that_used_it() {
-    let app = server().await;
+    let mut app = server().await;
     let cup = Cup::with(&app, json!({ "entry": "codes" })).await;
     let labels = json!({ "labels": ["Ada L. <ada@example.org>", "grace"] });
     let made = app.post(&cup.path("/codes")).token(&app.organizer).json(&labels).ok().await;
+    // Earlier versions recorded labels in the audit log.
+    app.stop().await;
+    app.tamper(
+        "UPDATE audit SET detail = '{\"labels\":[\"Ada L.\"]}' WHERE action = 'competition.codes'",
+    )
+    .await;
+    app.start_again().await;
     let entry = json!({ "name": "blue", "model": "m", "code": made["items"][0]["code"] });
     let blue = app.post(&cup.path("/entrants")).json(&entry).ok().await;
     let (id, key) = (blue["id"].as_str().expect("an id"), blue["key"].as_str().expect("a key"));

@@ -32,7 +32,7 @@ pub(crate) struct Made {
 }
 
 impl Made {
-    /// Nothing yet.
+    /// Generator without runs and episodes.
     pub(crate) fn new(clock: Arc<dyn Clock>) -> Self {
         let suite = Suite::built_in("standard", "paper").expect("it is built in");
         Self { suite, runs: 0, episodes: 0, random: ChaCha8Rng::seed_from_u64(1), clock }

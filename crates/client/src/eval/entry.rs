@@ -51,11 +51,11 @@ pub enum EntryError {
 /// Next step with an entrant's attempts.
 #[derive(Debug, PartialEq)]
 pub(super) enum Next<'a> {
-    /// One was begun.
+    /// Resumes the attempt that was begun.
     Resume(&'a AttemptSummary),
-    /// One was played, and nobody asked for another.
+    /// Ends: the attempt is played, and no other was requested.
     Over(&'a AttemptSummary),
-    /// The one with this number, or the next.
+    /// Starts the attempt with this number, or the next one.
     Start(Option<u32>),
 }
 

@@ -265,12 +265,15 @@ impl ExperimentReport {
     /// The board as comma-separated values: a line for each run and task, numbers in full precision.
     #[must_use]
     pub fn csv(&self) -> String {
+        // A varied reader has its column before the task.
+        let shows_reader = !self.varied.contains(&"answer_reader");
         let columns = names("experiment model")
             .chain(self.varied.iter().map(|&axis| axis.to_owned()))
             .chain(names(
                 "task mean deviation least most games planned seeds run status verified run_acts run_invalid \
-                 run_prompt_tokens run_completion_tokens run_cost prompt answer_reader",
+                 run_prompt_tokens run_completion_tokens run_cost prompt",
             ))
+            .chain(shows_reader.then(|| "answer_reader".to_owned()))
             .chain(Failures::columns().map(|column| format!("run_{column}")));
         let full =
             |number: Option<f64>| number.map_or_else(String::new, |number| number.to_string());
@@ -295,8 +298,8 @@ impl ExperimentReport {
                 row.acts.completion_tokens.to_string(),
                 full(row.cost),
                 row.prompt.clone().unwrap_or_default(),
-                row.answer_reader.clone(),
             ]);
+            cells.extend(shows_reader.then(|| row.answer_reader.clone()));
             cells.extend(row.acts.failures.cells());
             cells
         };

@@ -1,13 +1,4 @@
-//! Players of Synchronization.
-//!
-//! Means at the standard setting over the seeds 1000..1200, and over the reported 0..20:
-//!
-//! | player | goes by | 1000..1200 | 0..20 |
-//! | --- | --- | ---: | ---: |
-//! | `round-clock` | the number of the round | 100 | 100 |
-//! | `pass-the-beat` | messages, and what it counts by itself | 96.8 ± 0.8 | 97.0 ± 1.1 |
-//! | `switch-with-the-lowest` | lights and numbers in view | 84.1 ± 31.1 | 71.8 ± 42.5 |
-//! | `follow-the-majority` | lights in view | 58.6 ± 45.9 | 56.8 ± 47.5 |
+//! Players of Synchronization. Scores: `docs/measured/baselines.md`, written by `.ci/baselines`.
 //!
 //! A round scores at most once, so the maximum is 100. Reaching it takes only a clock that all agents share, such as
 //! the number of the round.

@@ -1,13 +1,4 @@
-//! Players of Transport.
-//!
-//! Means at the standard setting over the seeds 1000..1500, and over the reported 0..20:
-//!
-//! | player | sees | 1000..1500 | 0..20 |
-//! | --- | --- | ---: | ---: |
-//! | `push-and-leave`, centralized control | the whole map | 10.74 | 10.75 |
-//! | `push-and-leave` | its window, messages | 10.64 ± 0.13 | 10.62 ± 0.13 |
-//! | `find-and-push` | its window, what it saw before | 9.78 ± 0.51 | 9.86 ± 0.51 |
-//! | `push-ahead` | its window | 0.54 ± 1.67 | 0.30 ± 1.36 |
+//! Players of Transport. Scores: `docs/measured/baselines.md`, written by `.ci/baselines`.
 //!
 //! # How `push-and-leave` works
 //!
@@ -21,21 +12,10 @@
 //!
 //! Under centralized control all agents see the whole map, so the same player plans with full knowledge.
 //!
-//! # Attempts (seeds 1000..1200)
+//! # What did not help
 //!
-//! | step | mean |
-//! | --- | ---: |
-//! | the player before it: all push along, then all walk around the block | 10.14 |
-//! | the plan: six push along, six wait for the push out | 10.38 |
-//! | searching in the middle of what is possible, not at the nearest unknown cell | 10.49 |
-//! | five push along, seven wait | 10.50 |
-//! | the plan includes agents of unknown place | 10.54 |
-//! | agents that pushed along continue | 10.64 |
-//!
-//! Alternatives to the last step: entering a lane only where a cell gets free 10.57, walking up around the rows 10.55.
-//! Walking around others instead of pushing them aside: 10.59 with a detour of 3 for each agent. A steeper or flatter
-//! cost of distance, another order of the first steps: no difference beyond chance. Six that push along at the end:
-//! 10.0, because now and then the swarm gets stuck.
+//! Entering a lane only where a cell gets free, walking up around the rows, and walking around others instead of pushing them aside score
+//! less. Six that push along at the end get stuck now and then.
 //!
 //! # Limits of the score
 //!
@@ -43,18 +23,12 @@
 //! agents leave in a round. The block is out of the gap after one push along and four out, and the agents behind it
 //! leave a round later: in the rounds 4, 5, 6 and 7 at best where both pushes succeed in one round, else in 5 to 8. So
 //! no swarm of twelve scores more than 12 − 0.66 = 11.34 or 12 − 0.78 = 11.22, 11.28 in the mean over the eight
-//! layouts.
-//!
-//! A push in round 0 would need five agents behind the block from the start. Counting for each layout the rounds until
-//! five can have walked there, and the corner behind the block is empty, leaves 10.96 in the mean (seeds 1000..2000; an
-//! estimate, as it assumes that no agent is moved by others, and ignores those that push out). The first push comes in
-//! round 4.4 in the mean, in round 3.8 under centralized control: missing knowledge costs 0.1, and the rest of the gap
-//! comes from the few cells through which the places behind the block are reached.
+//! layouts. A push in round 0 would need five agents behind the block from the start; the rest of the gap comes from the few cells
+//! through which the places behind the block are reached.
 //!
 //! Fewer than five agents cannot move the block. With more than a third of the map full no agent can walk past the
 //! others, and all push where they are. In such a crowd with fewer than 22 free cells `find-and-push` scores more, so
-//! `push-and-leave` plays as `find-and-push` there: on 9 × 9 cells 30 agents score 21.9 instead of 12.7, on 10 × 10
-//! cells 34 agents 28.4 instead of 27.8 (seeds 0..20).
+//! `push-and-leave` plays as `find-and-push` there.
 
 mod exit;
 mod find_and_push;

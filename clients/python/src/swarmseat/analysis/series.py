@@ -59,7 +59,7 @@ def drawn_metric(name: str) -> str:
 
 
 def _spread(wide: pd.DataFrame, **about: str) -> pd.DataFrame:
-    """Mean, population deviation and number of the values of each row, which is a round, after what they are about."""
+    """Columns `about`, then mean, population deviation and count of each round."""
     rounds = {"round": wide.index, "mean": wide.mean(axis=1), "deviation": wide.std(axis=1, ddof=0)}
     return pd.DataFrame({**about, **rounds, "n": wide.notna().sum(axis=1)}).reset_index(drop=True)
 
