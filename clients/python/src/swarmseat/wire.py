@@ -614,13 +614,13 @@ class SealedSettings(TypedDict):
     max_delay: NotRequired[int | None]
     """The maximum delay of a message, in rounds. `0` where it is left out."""
     max_round: NotRequired[int | None]
-    """After how many rounds the episode ends. `100` where it is left out."""
+    """Number of rounds after which the episode ends. `100` where it is left out."""
     memory: NotRequired[int | None]
-    """How many past rounds an agent remembers. `5` where it is left out."""
+    """Number of past rounds that an agent remembers. `5` where it is left out."""
     noise: NotRequired[float | None]
     """The probability with which a delivered message is corrupted. `0.0` where it is left out."""
     num_agents: NotRequired[int | None]
-    """How many agents play. `12` where it is left out."""
+    """Number of agents. `12` where it is left out."""
     view_size: NotRequired[int | None]
     """Rows and columns of an agent's window; odd, 3 to 2 · size + 1. `5` where it is left out."""
     width: NotRequired[int | None]
@@ -1008,14 +1008,14 @@ class EpisodeConfig(TypedDict):
     max_delay: int
     """The maximum delay of a message, in rounds."""
     max_round: int
-    """After how many rounds the episode ends."""
+    """Number of rounds after which the episode ends."""
     memory: int
-    """How many past rounds an agent remembers."""
+    """Number of past rounds that an agent remembers."""
     model: str
     noise: float
     """The probability with which a delivered message is corrupted."""
     num_agents: int
-    """How many agents play."""
+    """Number of agents."""
     open_seats: int
     player: str | None
     prompt_template: str | None
@@ -1126,13 +1126,13 @@ class SuiteSettingsView(TypedDict):
     max_delay: int
     """The maximum delay of a message, in rounds."""
     max_round: int
-    """After how many rounds the episode ends."""
+    """Number of rounds after which the episode ends."""
     memory: int
-    """How many past rounds an agent remembers."""
+    """Number of past rounds that an agent remembers."""
     noise: float
     """The probability with which a delivered message is corrupted."""
     num_agents: int
-    """How many agents play."""
+    """Number of agents."""
     round_deadline_s: Seconds | None
     view_size: int
     """Rows and columns of an agent's window; odd, 3 to 2 · size + 1."""
@@ -1431,15 +1431,15 @@ class EpisodeRequest(TypedDict):
     max_delay: NotRequired[int | None]
     """The maximum delay of a message, in rounds. `0` where it is left out."""
     max_round: NotRequired[int | None]
-    """After how many rounds the episode ends. `100` where it is left out."""
+    """Number of rounds after which the episode ends. `100` where it is left out."""
     memory: NotRequired[int | None]
-    """How many past rounds an agent remembers. `5` where it is left out."""
+    """Number of past rounds that an agent remembers. `5` where it is left out."""
     model: NotRequired[str | None]
     """Name of the model that plays; at most 200 characters. `unnamed` where it is left out."""
     noise: NotRequired[float | None]
     """The probability with which a delivered message is corrupted. `0.0` where it is left out."""
     num_agents: NotRequired[int | None]
-    """How many agents play. `12` where it is left out."""
+    """Number of agents. `12` where it is left out."""
     open_seats: NotRequired[int | None]
     """Number of seats that are open to claims, those of the last agents; the creator gets no tokens for them. `0`
     where it is left out.
@@ -1838,13 +1838,13 @@ class OwnSettings(TypedDict):
     max_delay: NotRequired[int | None]
     """The maximum delay of a message, in rounds. `0` where it is left out."""
     max_round: NotRequired[int | None]
-    """After how many rounds the episode ends. `100` where it is left out."""
+    """Number of rounds after which the episode ends. `100` where it is left out."""
     memory: NotRequired[int | None]
-    """How many past rounds an agent remembers. `5` where it is left out."""
+    """Number of past rounds that an agent remembers. `5` where it is left out."""
     noise: NotRequired[float | None]
     """The probability with which a delivered message is corrupted. `0.0` where it is left out."""
     num_agents: NotRequired[int | None]
-    """How many agents play. `12` where it is left out."""
+    """Number of agents. `12` where it is left out."""
     view_size: NotRequired[int | None]
     """Rows and columns of an agent's window; odd, 3 to 2 · size + 1. `5` where it is left out."""
     width: NotRequired[int | None]
