@@ -89,7 +89,8 @@ mod tests {
 
         let opened = SqliteConnectOptions::new().in_memory(true).connect().await;
         let mut database = opened.expect("a database");
-        let before = SQLITE.iter().filter(|(version, ..)| *version < 20).copied().collect::<Vec<_>>();
+        let before =
+            SQLITE.iter().filter(|(version, ..)| *version < 20).copied().collect::<Vec<_>>();
         migrator(&before).run(&mut database).await.expect("the tables of an earlier version");
         let rows = "
             INSERT INTO entries (key, id, competition, owner, name, model, declaration, status, registered_at, erased_at)

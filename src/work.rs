@@ -203,7 +203,7 @@ impl Workers {
     }
 
     /// Does work for a party in its turn. Work is not begun once its caller is gone, and can stop early by asking [`Cancelled`].
-    /// Its time is counted under `kind`.
+    /// The time of the work is counted under `kind`.
     pub async fn run<T: Send + 'static>(
         &self,
         kind: &'static str,

@@ -162,7 +162,8 @@ fn handlers_hold_no_sql_and_no_rules() {
 #[test]
 fn machines_have_no_clock() {
     let mut machines = files(&root().join("src/cluster"));
-    machines.extend(["lockstep.rs", "seating.rs"].map(|file| root().join("src/episode").join(file)));
+    machines
+        .extend(["lockstep.rs", "seating.rs"].map(|file| root().join("src/episode").join(file)));
     assert!(machines.len() > 5, "{machines:?}");
     for file in machines {
         let text = fs::read_to_string(&file).expect("a source file");

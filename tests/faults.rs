@@ -1,5 +1,5 @@
 //! Faults of the real program: the campaign (kills, stops, disks and databases that fail, a cluster) and the attacks.
-//! They take minutes, so `cargo test` leaves them out, and `.ci/full` names them: `cargo test --test faults`.
+//! The tests take minutes, so `cargo test` leaves them out, and `.ci/full` names them: `cargo test --test faults`.
 //!
 //! The program has a main of its own, as it starts itself again as the attackers, and as some tests are ignored by what
 //! the host has.

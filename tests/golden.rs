@@ -8,6 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use swarmbench_boards::competition::verify::{Expected, verify as verify_competition};
 use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{RULES_REVISION, RuleSet, TaskName};
 use swarmbench_journal::chain::Head;
@@ -69,6 +70,7 @@ fn every_revision_has_its_journals_and_no_file_is_missing_or_extra() {
         folders.remove("database"),
         "whole databases: see tests/http/across/golden_database.rs"
     );
+    assert!(folders.remove("competitions"), "published files of competitions: see below");
     assert_eq!(folders, revisions, "a folder for every revision up to this one");
     for revision in revisions {
         let folder = folder().join(&revision);
@@ -255,4 +257,30 @@ fn the_clock_does_nothing() {
         }
     }
     assert!(journals > 3, "{journals} journals have acts of the clock");
+}
+
+/// Published files of competitions, as programs before format 3 wrote them, and `heads.tsv`: name, format, head and
+/// commitment of each.
+#[test]
+fn published_files_of_earlier_versions_verify_as_they_did() {
+    let folder = folder().join("competitions");
+    let heads = fs::read_to_string(folder.join("heads.tsv")).expect("a table");
+    let mut listed = BTreeSet::from(["heads.tsv".to_owned()]);
+    let mut formats = BTreeSet::new();
+    for line in heads.lines() {
+        let [name, format, head, commitment] = line.split('\t').collect::<Vec<_>>()[..] else {
+            panic!("{line:?} has no name, format, head and commitment");
+        };
+        let bytes = fs::read(folder.join(name)).expect("a file");
+        let hash = |text| Head::parse(text).expect("a hash");
+        let expected = Expected { commitment: Some(hash(commitment).0), head: Some(hash(head)) };
+        let report = verify_competition(&*bytes, expected, Solver::Flow, |_| ());
+        let report = report.unwrap_or_else(|fault| panic!("{name}: {fault}"));
+        assert_eq!(report.competition.format.to_string(), format, "{name}");
+        assert!(report.episodes > 0, "{name}");
+        formats.insert(format.to_owned());
+        listed.insert(name.to_owned());
+    }
+    assert_eq!(formats, ["1", "2"].map(str::to_owned).into());
+    assert_eq!(names(&folder), listed);
 }

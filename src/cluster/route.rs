@@ -26,7 +26,7 @@ pub enum Target {
     New(u64),
 }
 
-/// What a server knows of its cluster at one moment, without asking the database.
+/// Knowledge of a server about its cluster at one moment, without asking the database.
 pub trait View {
     fn me(&self) -> Incarnation;
     /// Whether this server takes places.
@@ -68,7 +68,7 @@ pub enum Step {
     End(End),
 }
 
-/// How a route ends.
+/// End of a route.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
     /// This server handles the request.
@@ -83,7 +83,7 @@ pub enum End {
     Unknown,
 }
 
-/// What happened since the last step.
+/// Event since the last step.
 #[derive(Clone, Copy, Debug)]
 pub enum Event {
     /// The route begins.

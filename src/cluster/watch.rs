@@ -1,6 +1,6 @@
 //! A server's watch over its cluster: when it beats, who is dead, and what it does about places of others.
 //!
-//! It is told what the server saw and when, and says what is due.
+//! Observations and their time go in, due work comes out.
 
 use std::collections::HashMap;
 use std::sync::Arc;

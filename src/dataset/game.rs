@@ -24,7 +24,7 @@ pub struct DatasetGame {
     description: String,
     replayer: Replayer,
     began_at: Timestamp,
-    /// By agent: total tokens of its answers so far, if any were reported.
+    /// Tokens of the answers of each agent so far, if any were reported.
     tokens: Vec<Option<u64>>,
 }
 

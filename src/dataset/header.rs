@@ -13,7 +13,7 @@ pub struct Header {
     pub opening: Opening,
     /// Holders by number.
     holders: Vec<SeatHolder>,
-    /// By agent: index of its holder in `holders`.
+    /// Index in `holders` of the holder of each agent.
     seats: Vec<usize>,
 }
 

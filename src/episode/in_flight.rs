@@ -11,7 +11,7 @@ use swarmbench_engine::AgentId;
 /// Acts of one seat that may wait at once, in several calls. One call may hold any number where no other act of the seat waits.
 pub const SEAT_ACTS_WAITING_MAX: u32 = 16;
 
-/// By agent: the number of its acts that wait.
+/// Number of waiting acts of each agent.
 #[derive(Debug)]
 pub(super) struct InFlightLimit(Box<[AtomicU32]>);
 

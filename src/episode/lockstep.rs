@@ -52,7 +52,7 @@ pub enum Event {
     },
     /// The round of an [`Effect::Resolve`] was resolved.
     Resolved {
-        /// By agent: whether it is still on the map.
+        /// Agents that are still on the map.
         alive: Vec<bool>,
         /// Reason for the end of the episode, if it has ended.
         ending: Option<Ending>,
@@ -187,9 +187,9 @@ pub struct ResumeState {
     pub waiting: bool,
     pub outcome: Option<Outcome>,
     pub round: u32,
-    /// By agent: whether it is on the map.
+    /// Agents that are on the map.
     pub alive: Vec<bool>,
-    /// By agent: time taken from its bank in all rounds.
+    /// Time taken from the bank of each agent in all rounds.
     pub bank_spent: Vec<Duration>,
     /// Acts that are already recorded for the open round.
     pub recorded: Vec<(AgentId, RecordedAct)>,
@@ -238,7 +238,7 @@ impl Lockstep {
         self.seats.iter().map(|seat| seat.recorded.as_ref().map(act).unwrap_or_default()).collect()
     }
 
-    /// By agent: what was left of its bank when the round opened.
+    /// Rest of the bank of each agent when the round opened.
     pub fn banks(&self) -> Vec<Duration> {
         self.seats.iter().map(|seat| seat.bank).collect()
     }

@@ -33,7 +33,7 @@ pub enum SeatTaken {
 pub struct Seating {
     /// Holders by number; the creator is 0.
     holders: Vec<Holder>,
-    /// By agent: the number of its holder.
+    /// Number of the holder of each agent.
     seats: Vec<Option<u32>>,
     /// Time at which a built-in player takes the open seats, and the player's name.
     fill: Option<(Timestamp, String)>,

@@ -25,9 +25,9 @@ pub struct Snapshot {
     opened_at: OnceLock<Timestamp>,
     /// Position of the open round in the order in which rounds were first seen; empty until somebody sees it.
     place: OnceLock<u64>,
-    /// By agent: what was left of its bank when the round opened.
+    /// Rest of the bank of each agent when the round opened.
     pub banks: Vec<Duration>,
-    /// By agent: whether its act in the open round is durable.
+    /// Agents whose act in the open round is durable.
     acted: Vec<AtomicBool>,
 }
 

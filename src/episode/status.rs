@@ -12,7 +12,7 @@ swarmbench_engine::named! {
         RoundsPlayed = "rounds_played",
         /// The creator ended the episode.
         Aborted = "aborted",
-        /// Nobody acted for too long.
+        /// No act came for too long.
         Idle = "idle",
         /// The competition closed.
         Closed = "closed",

@@ -48,7 +48,7 @@ pub(super) struct Subject<'a> {
     pub(super) owner: Option<OwnerKey>,
     pub(super) run: Option<RunKey>,
     pub(super) visibility: Visibility,
-    /// Its seats belong to several holders.
+    /// True if the seats belong to several holders.
     pub(super) is_mixed: bool,
     pub(super) is_over: bool,
     /// Readers of a sealed episode once it has ended.

@@ -22,7 +22,7 @@ pub(super) struct Facts {
     pub(super) rank: Rank,
     /// The way by which a game is played, without the router.
     pub(super) play: Option<Play>,
-    /// Its requests may wait for a round, or have a stream as their answer.
+    /// True if requests may wait for a round, or have a stream as their answer.
     pub(super) waits: bool,
     /// A request that was done twice has the effect of one: it only reads, or it is an act, and a repeated act gets the same
     /// receipt.

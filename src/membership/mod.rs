@@ -175,7 +175,7 @@ fn warn_of(done: Result<(), StoreError>, what: &str) {
 ///
 /// # Errors
 ///
-/// Those of the database.
+/// Errors of the database.
 pub async fn exclude_if_dead(others: &impl Others, server: Incarnation) -> Result<(), StoreError> {
     let servers = others.servers();
     let Some(row) = servers.iter().find(|row| row.incarnation == server) else {

@@ -76,7 +76,7 @@ impl Request {
         Self { token: Some(token.to_owned()), ..self }
     }
 
-    /// Its bytes, for a source.
+    /// Bytes of the request, for a source.
     pub(crate) fn bytes(&self, source: Source) -> Vec<u8> {
         let Self { method, path, head, .. } = self;
         // The host is an address, as `/mcp` takes no name that the server was not started with.

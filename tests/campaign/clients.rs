@@ -72,7 +72,7 @@ pub(crate) struct Clients {
     /// Acts that were sent and acknowledged.
     pub(crate) sent: watch::Sender<u64>,
     pub(crate) acknowledged: watch::Sender<u64>,
-    /// By client, the last run in which it found everything in order.
+    /// Last run in which each client found everything in order.
     checked: watch::Sender<BTreeMap<u64, u64>>,
     next_client: AtomicU64,
     next_game: AtomicU64,

@@ -65,7 +65,7 @@ enum Fault {
     ServersCut(Apart, Duration),
     /// Sessions of any servers are ended by the database.
     Sessions,
-    /// Nobody reaches the database.
+    /// The database is away from all servers.
     DatabaseAway(Duration),
     /// Commits wait for a standby that is away. Its sessions that wait are ended, or not.
     StandbyAway(Duration, Sessions),

@@ -33,7 +33,7 @@ impl Servers {
     }
 }
 
-/// Who was asked in vain.
+/// Servers that were asked in vain.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Tried {
     /// The next run to be asked is one after this.
@@ -46,7 +46,7 @@ pub(crate) struct Tried {
 pub(crate) struct Doors {
     seed: u64,
     servers: Vec<Arc<Door>>,
-    /// By server, whether its connections may break: it was stopped for a while, say.
+    /// Servers whose connections may break, as they were stopped for a while.
     excused: Vec<AtomicBool>,
     /// Counts faults, from 1: after each of them all clients look whether everything is in order.
     epoch: AtomicU64,

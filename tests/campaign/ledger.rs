@@ -21,7 +21,7 @@ pub(crate) type Holder = (Arc<Played>, Option<AgentId>);
 #[derive(Default)]
 pub(crate) struct Ledger {
     games: Mutex<Vec<Arc<Played>>>,
-    /// By token.
+    /// Holders by token.
     tokens: Mutex<HashMap<String, Holder>>,
 }
 
@@ -46,7 +46,7 @@ impl Ledger {
         played
     }
 
-    /// Who plays with a token.
+    /// Player that has a token.
     pub(crate) fn by_token(&self, token: &str) -> Option<Holder> {
         self.tokens.lock().expect("no failure yet").get(token).cloned()
     }

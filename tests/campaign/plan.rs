@@ -9,7 +9,7 @@ use swarmbench_protocol::episode::EpisodeRequest;
 
 use swarmbench_testkit::dice::Dice;
 
-/// By which calls an episode is played.
+/// Calls by which an episode is played.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum By {
     /// A client for each seat: `/obs` and `/act`.
@@ -32,7 +32,7 @@ const FOUND: [(u64, u64); 1] = [
 pub(crate) struct CampaignGame {
     /// From which seed, and as which game, it is drawn.
     drawn: (u64, u64),
-    /// Which game of the campaign it is.
+    /// Number of the game in the campaign.
     pub(crate) number: u64,
     pub(crate) by: By,
     pub(crate) request: EpisodeRequest,

@@ -25,9 +25,9 @@ pub(crate) enum Way {
 enum Doorway {
     #[default]
     Open,
-    /// They are accepted, and closed.
+    /// Connections are accepted, and closed.
     Closed,
-    /// Nobody listens, so that the host refuses them.
+    /// The host refuses connections, as no program listens.
     Gone,
 }
 
@@ -198,7 +198,7 @@ impl State {
     }
 }
 
-/// Which server of a cluster has sent a request: its number is in a header of each.
+/// Server of a cluster that has sent a request: a header of each has its number.
 fn caller_in(bytes: &[u8]) -> Option<i64> {
     const HEADER: &[u8] = b"x-swarmbench-hop: ";
     let at = bytes.windows(HEADER.len()).position(|window| window.eq_ignore_ascii_case(HEADER))?;

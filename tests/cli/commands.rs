@@ -216,7 +216,7 @@ impl Site {
             .unwrap_or_else(|error| panic!("{args:?}: {error}: {}", text(&output.stdout)))
     }
 
-    /// What the server answers to a request, by which a command finds something to work on sooner than by another
+    /// Answer of the server to a request, by which a command finds something to work on sooner than by another
     /// command.
     fn post(&self, path: &str, is_organizer: bool, body: &Value) -> Value {
         let mut call = self.client.post(format!("{}/api/v1/{path}", self.base())).json(body);

@@ -22,7 +22,7 @@ struct Cup {
     id: String,
 }
 
-/// Who takes part.
+/// Entrant of a competition.
 struct Entrant {
     id: String,
     key: String,

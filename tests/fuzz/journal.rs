@@ -231,7 +231,7 @@ fn change(value: &mut Value, path: &[u8], leaf: &Leaf) {
     }
 }
 
-/// Somebody who computes all hashes anew gets past the chain, so records of every content are read and
+/// A forger who computes all hashes anew gets past the chain, so records of every content are read and
 /// played. What is accepted then is a journal, but never the original one.
 #[test]
 fn records_with_good_hashes_are_judged_by_what_they_say() {

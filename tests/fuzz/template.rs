@@ -84,7 +84,7 @@ fn text(parts: &[Part]) -> String {
     text
 }
 
-/// Those that ended a server, and their likes.
+/// Templates that ended a server, and similar ones.
 fn killers() -> Vec<String> {
     let printed = |before: &str, times, after: &str| {
         format!("{{{{ {}{} }}}}", before.repeat(times), after.repeat(times))

@@ -12,7 +12,7 @@ pub(crate) struct Cup {
     pub(crate) created: Value,
 }
 
-/// Who takes part.
+/// Entrant of a competition.
 pub(crate) struct Entrant {
     pub(crate) id: String,
     pub(crate) key: String,
@@ -190,7 +190,7 @@ impl Attempt {
         panic!("it does not end");
     }
 
-    /// Its episodes, as an organizer sees each.
+    /// Episodes of the attempt, as an organizer sees each.
     pub(crate) async fn episodes(&self, app: &TestApp) -> Vec<Value> {
         let all = app.get("/api/v1/episodes?limit=1000").token(&app.organizer).ok().await;
         let mut own = Vec::new();

@@ -15,7 +15,7 @@ use crate::app::{Episode, TestApp, list, number};
 /// An episode that was played, with all that its players were shown.
 pub(crate) struct Played {
     pub(crate) episode: Episode,
-    /// By round and agent: observation with prompt, and act.
+    /// Observation with prompt, and act, by round and agent.
     pub(crate) turns: Vec<Vec<(Value, Value)>>,
     pub(crate) score: Value,
 }

@@ -1,4 +1,4 @@
-//! Nobody gets to see the key: not in the log, not in an error, not on a cassette, not in an act.
+//! The key is shown nowhere: not in the log, not in an error, not on a cassette, not in an act.
 
 use std::io;
 use std::sync::Mutex;

@@ -33,7 +33,7 @@ pub(crate) const CLIENTS: Incarnation = 0;
 
 struct Task {
     future: BoxFuture<'static, ()>,
-    /// Its server.
+    /// Server of the task.
     server: Incarnation,
     /// True if the task runs as long as its server does.
     is_lasting: bool,

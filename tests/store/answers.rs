@@ -702,7 +702,7 @@ async fn before_number(side: &Side, history: &History) -> StoreAnswer<Option<i64
     Ok(if history.runs.len().is_multiple_of(2) { numbers.get(place).copied() } else { None })
 }
 
-/// Who may read, in the numbers of an engine.
+/// Reader, in the numbers of an engine.
 fn own_readable(side: &Side, common: &Readable) -> Readable {
     match common {
         Readable::AndOf { owner, at } => Readable::AndOf { owner: side.owner(*owner), at: *at },

@@ -30,9 +30,9 @@ pub(crate) struct Names {
 /// The numbers of the rows of one table.
 #[derive(Default)]
 struct Table {
-    /// By the number in the history.
+    /// Number in the engine, by the number in the history.
     own: HashMap<i64, i64>,
-    /// By the number of the engine.
+    /// Number in the history, by the number in the engine.
     common: HashMap<i64, i64>,
 }
 

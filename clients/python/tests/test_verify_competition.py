@@ -104,3 +104,12 @@ def test_names_do_not_act_on_a_terminal() -> None:
     entrant = {"status": "active", "name": "blue\x1b[2J"}
     with pytest.raises(ValueError, match="control characters"):
         PROGRAM["check_entrant"](entrant, {})
+
+
+def test_published_files_of_earlier_versions_verify_as_they_did() -> None:
+    folder = ROOT / "tests" / "golden" / "competitions"
+    for line in (folder / "heads.tsv").read_text().splitlines():
+        name, _, head, commitment = line.split("\t")
+        program = [sys.executable, ROOT / "examples" / "verify_competition.py", folder / name, commitment, head]
+        done = subprocess.run(program, capture_output=True, text=True)
+        assert done.returncode == 0, f"{name}: {done.stderr}"

@@ -21,12 +21,12 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// What a command prints.
+/// Output of a command.
 fn json(args: &[&str]) -> Value {
     successful(args, &bench(args))
 }
 
-/// What the server's program prints with `--json`.
+/// Output of the server's program with `--json`.
 fn of_server(args: &[&str]) -> Value {
     let output = swarmbench_testkit::program::command(args).output().expect("the binary runs");
     successful(args, &output)

@@ -74,7 +74,7 @@ impl Config {
     /// before, which are checked by [`Config::check`].
     ///
     /// # Errors
-    /// Those of [`Config::check`], then those of [`Config::check_new`].
+    /// Errors of [`Config::check`], then errors of [`Config::check_new`].
     pub fn admit(settings: &Settings) -> Result<Self, SettingErrors> {
         let config = Self::check(settings)?;
         config.check_new()?;

@@ -36,7 +36,7 @@ impl World {
     /// Resolves one round with reused memory.
     ///
     /// # Panics
-    /// Those of [`World::step`].
+    /// Panics like [`World::step`].
     pub fn step_in(&mut self, acts: &[Act], scratch: &mut Scratch) {
         self.advance(acts, Solver::Flow, scratch).expect("the flow cannot fail");
     }
@@ -47,7 +47,7 @@ impl World {
     /// See [`Solver::movers`]; the world is unchanged after an error.
     ///
     /// # Panics
-    /// Those of [`World::step`].
+    /// Panics like [`World::step`].
     pub fn step_with(
         &mut self,
         acts: &[Act],

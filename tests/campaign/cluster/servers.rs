@@ -250,7 +250,7 @@ impl Cluster {
             .expect("servers")
     }
 
-    /// Who plays together now.
+    /// Servers that play together now.
     pub(crate) async fn servers(&mut self) -> Vec<i64> {
         self.addresses().await.into_iter().map(|(incarnation, _)| incarnation).collect()
     }

@@ -357,12 +357,12 @@ struct World {
     refused: Mutex<Vec<(Stage, Wanted, AccessScene)>>,
 }
 
-/// Which parts of a place a request needs.
+/// Parts of a place that a request needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Wanted {
-    /// Its path names a run.
+    /// The path names a run.
     is_of_run: bool,
-    /// Its token is that of a run.
+    /// The token is that of a run.
     by_run: bool,
 }
 

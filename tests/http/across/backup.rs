@@ -34,7 +34,7 @@ fn files(folder: &Path) -> Vec<String> {
     names
 }
 
-/// Somebody who plays an episode of one agent without a break.
+/// Client that plays an episode of one agent without a break.
 struct Player {
     episode: Episode,
     /// The receipts that have come, by round.

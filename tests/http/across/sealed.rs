@@ -334,7 +334,7 @@ async fn log_lines_of_spawned_tasks_have_the_id_of_their_request() {
     }
 }
 
-/// Who sends long requests fills no disk by the log lines about them.
+/// Log lines about long requests are short, so that a sender of such requests fills no disk.
 #[tokio::test]
 async fn log_lines_name_the_beginning_of_a_request() {
     listen();

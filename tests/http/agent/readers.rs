@@ -1,4 +1,4 @@
-//! Which reader finds an action in a model's answer: a setting of the episode.
+//! Readers that find an action in a model's answer: a setting of the episode.
 
 use serde_json::{Value, json};
 

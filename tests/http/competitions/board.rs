@@ -200,7 +200,7 @@ async fn metrics_are_on_the_board_once_it_is_open_and_before_that_for_organizers
     app.get(&cup.path("/board?metrics=score")).problem(400, "malformed").await;
 }
 
-/// Nobody waits for a large board while it is read again and again, and what is shown is never older than some seconds.
+/// A large board that is read again and again keeps no other request waiting, and is never older than some seconds.
 #[tokio::test]
 async fn a_large_board_is_kept_up_to_date_while_it_is_read() {
     let app = server().await;

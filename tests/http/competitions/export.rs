@@ -76,7 +76,7 @@ impl File {
         text
     }
 
-    /// Somebody changes records and makes the chain fit.
+    /// Records are changed, and the chain is made to fit.
     fn forged(&self, mut change: impl FnMut(&mut Line)) -> String {
         let mut forged = self.clone();
         for (record, _) in &mut forged.0 {

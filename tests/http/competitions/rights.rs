@@ -1,4 +1,4 @@
-//! Who may go on in a competition: not who was removed from a team, disqualified or erased.
+//! Rights in a competition: they end when a member is removed from a team, or an entrant is disqualified or erased.
 
 use std::time::Duration;
 
@@ -90,7 +90,7 @@ async fn an_organizer_who_revokes_the_key_of_a_member_ends_its_tokens() {
     other.look(&app).await;
 }
 
-/// Who has stolen a key has asked for tokens with it.
+/// A thief of a key has asked for tokens with it.
 #[tokio::test]
 async fn tokens_of_attempts_end_with_the_key_that_entered() {
     let app = server().await;

@@ -124,7 +124,7 @@ async fn a_run_goes_on_over_games_that_are_solved_already() {
     );
 }
 
-/// Its end is in the commit that creates it: the server may be killed whenever it likes.
+/// The end of the episode is in the commit that creates it: the server may be killed at any time.
 #[needs(sqlite)]
 #[tokio::test]
 async fn what_creates_a_solved_game_ends_it() {

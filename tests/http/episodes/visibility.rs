@@ -6,7 +6,7 @@ use serde_json::json;
 use super::{finish, request, with};
 use crate::app::{Episode, TestApp};
 
-/// Who asks.
+/// Caller of a route.
 #[derive(Clone, Copy, Debug)]
 enum Who {
     Nobody,

@@ -8,7 +8,7 @@ use crate::metric::RunValue;
 
 /// Messages that name one direction, and the later moves of their senders.
 pub(super) struct Promises {
-    /// By agent: the direction that its last message named, unless it moved that way at once.
+    /// Direction that the last message of each agent named, unless it moved that way at once.
     open: Vec<Option<Direction>>,
     made: u32,
     kept: u32,

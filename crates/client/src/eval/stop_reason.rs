@@ -46,7 +46,7 @@ pub enum StopReason {
     /// The server cannot be used.
     #[error(transparent)]
     Client(#[from] ClientError),
-    /// Somebody else ended the run.
+    /// The run was ended from outside.
     #[error(
         "the run {id} was {status} before all of it was played; the same command starts another"
     )]

@@ -40,7 +40,7 @@ const CARRYING: usize = 400;
 const CROWDED: &str = "imp_aec2316b84ed2deacea906c6dc2b2ab5";
 const IMPORTED_ACTS: usize = 400_000;
 
-/// What a terminal obeys: it sets the title of the window.
+/// Sequence that a terminal obeys: it sets the title of the window.
 const ESCAPE: &str = "\u{1b}]0;owned\u{7}";
 
 /// A game whose template fails.
