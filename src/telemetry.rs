@@ -13,8 +13,11 @@ use tokio::task::JoinHandle;
 use tracing::field::Field;
 use tracing::{Instrument as _, Span};
 use tracing_subscriber::field::MakeExt as _;
+use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::fmt::FormatFields;
 use tracing_subscriber::fmt::format::{Writer, debug_fn};
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
 
 use swarmbench_protocol::names::shown;
 
@@ -91,21 +94,21 @@ pub fn start_logs(format: LogFormat) {
 
 /// Variant of [`start_logs`] with the default filter `usual`.
 pub fn start_logs_of(format: LogFormat, usual: &str) {
-    use tracing_subscriber::{EnvFilter, fmt};
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(usual));
+    let asked = std::env::var("RUST_LOG").ok().filter(|asked| !asked.is_empty());
+    let filter: Option<Targets> = asked.and_then(|asked| asked.parse().ok());
+    let filter = filter.unwrap_or_else(|| usual.parse().expect("a filter"));
     // rmcp logs whole messages, which contain what agents see.
-    let filter = filter.add_directive("rmcp=off".parse().expect("a directive"));
-    let colors = std::io::stderr().is_terminal();
-    let builder = fmt()
-        .with_env_filter(filter)
+    let filter = filter.with_target("rmcp", LevelFilter::OFF);
+    let layer = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
-        .with_ansi(colors)
+        .with_ansi(std::io::stderr().is_terminal())
         // The subscriber would panic if standard error had no reader.
         .log_internal_errors(false);
+    let logs = tracing_subscriber::registry().with(filter);
     // Tests start logging several times in one process: only the first start has an effect.
     drop(match format {
-        LogFormat::Text => builder.fmt_fields(fields()).try_init(),
-        LogFormat::Json => builder.json().flatten_event(true).try_init(),
+        LogFormat::Text => logs.with(layer.fmt_fields(fields())).try_init(),
+        LogFormat::Json => logs.with(layer.json().flatten_event(true)).try_init(),
     });
 }
 

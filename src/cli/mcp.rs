@@ -1,9 +1,11 @@
 //! `swarmbench mcp`
 
 use std::io::IsTerminal as _;
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::bail;
+use futures::future::BoxFuture;
 use swarmbench_client::client::{Client, ClientError};
 use swarmbench_mcp::{Refusal, SeatAccess, serve};
 use swarmbench_protocol::act::{ActRequest, Receipt};
@@ -37,7 +39,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     if args.token.is_none() {
         note!("{NO_TOKEN}");
     }
-    serve(RemoteSeat { client, token: args.token }).await?;
+    serve(Arc::new(RemoteSeat { client, token: args.token })).await?;
     Ok(())
 }
 
@@ -58,17 +60,19 @@ impl RemoteSeat {
 }
 
 impl SeatAccess for RemoteSeat {
-    async fn obs(
+    fn obs(
         &self,
         after: Option<u32>,
         wait: Duration,
         prompt: bool,
-    ) -> Result<Vec<u8>, Refusal> {
-        self.client.obs(self.token()?, after, wait, prompt).await.map_err(refusal)
+    ) -> BoxFuture<'_, Result<Vec<u8>, Refusal>> {
+        Box::pin(async move {
+            self.client.obs(self.token()?, after, wait, prompt).await.map_err(refusal)
+        })
     }
 
-    async fn act(&self, act: ActRequest) -> Result<Receipt, Refusal> {
-        self.client.act(self.token()?, &act).await.map_err(refusal)
+    fn act(&self, act: ActRequest) -> BoxFuture<'_, Result<Receipt, Refusal>> {
+        Box::pin(async move { self.client.act(self.token()?, &act).await.map_err(refusal) })
     }
 }
 

@@ -4,6 +4,7 @@
 //! document omits this route: clients of the protocol ask for the list of tools.
 
 use std::net::IpAddr;
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Router;
@@ -12,6 +13,7 @@ use axum::extract::{FromRequestParts as _, Request};
 use axum::http::header;
 use axum::routing::post;
 use bytes::Bytes;
+use futures::future::BoxFuture;
 use swarmbench_mcp::{Refusal, SeatAccess};
 use swarmbench_protocol::act::{ActRequest, Receipt};
 use swarmbench_protocol::loopback::is_loopback;
@@ -59,7 +61,7 @@ async fn post_mcp(State(app): State<App>, request: Request) -> Result<Response, 
     // Clients that play by tools wait most of the time: a waiting request keeps only what it needs, and the memory of a long one is
     // reserved until it is answered.
     let _body = (asked.body().len() > FREE_BODY_BYTES).then_some(body);
-    let seat = ServerSeat { app, caller, origin: Origin::current() };
+    let seat = Arc::new(ServerSeat { app, caller, origin: Origin::current() });
     Ok(swarmbench_mcp::answer(seat, asked).await.map(Body::from))
 }
 
@@ -109,19 +111,21 @@ impl ServerSeat {
 }
 
 impl SeatAccess for ServerSeat {
-    async fn obs(
+    fn obs(
         &self,
         after: Option<u32>,
         wait: Duration,
         prompt: bool,
-    ) -> Result<Vec<u8>, Refusal> {
-        let seen = async { see(&self.app, &self.find().await?, after, wait, prompt).await };
-        Box::pin(self.origin.scope(seen)).await.map_err(refusal)
+    ) -> BoxFuture<'_, Result<Vec<u8>, Refusal>> {
+        let seen =
+            async move { see(&self.app, &self.find().await.map_err(refusal)?, after, wait, prompt).await.map_err(refusal) };
+        Box::pin(self.origin.scope(seen))
     }
 
-    async fn act(&self, act: ActRequest) -> Result<Receipt, Refusal> {
-        let receipt = async { submit(&self.app, &self.find().await?, act).await };
-        Box::pin(self.origin.scope(receipt)).await.map_err(refusal)
+    fn act(&self, act: ActRequest) -> BoxFuture<'_, Result<Receipt, Refusal>> {
+        let receipt =
+            async move { submit(&self.app, &self.find().await.map_err(refusal)?, act).await.map_err(refusal) };
+        Box::pin(self.origin.scope(receipt))
     }
 }
 

@@ -59,6 +59,8 @@ fn main() -> ExitCode {
 }
 
 fn with_runtime(work: impl Future<Output = anyhow::Result<()>>) -> anyhow::Result<ExitCode> {
+    // Nobody else in this process chooses one.
+    drop(rustls::crypto::ring::default_provider().install_default());
     let mut runtime = tokio::runtime::Builder::new_multi_thread();
     let stack = swarmbench::work::STACK_BYTES;
     runtime.thread_stack_size(stack).enable_all().build()?.block_on(work)?;

@@ -10,7 +10,7 @@ use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::page;
+use super::{http, page};
 use swarmbench_boards::collection::Question;
 use swarmbench_protocol::act::{
     ActRequest, Receipt, SwarmAct, SwarmActRequest, SwarmActResponse, SwarmObsResponse,
@@ -18,7 +18,6 @@ use swarmbench_protocol::act::{
 use swarmbench_protocol::board::{CrossPlay, Leaderboard};
 use swarmbench_protocol::episode::{CreatedEpisode, EpisodeRequest, EpisodeSummary};
 use swarmbench_protocol::key::{CreatedKey, KeyList, KeyRequest, KeySummary};
-use swarmbench_protocol::loopback::is_loopback;
 use swarmbench_protocol::problem::Problem;
 use swarmbench_protocol::run::{CreatedRun, RunDetail, RunRequest, RunToken};
 
@@ -143,11 +142,6 @@ impl Head {
         Self { url, status: answer.status(), retry_after_s }
     }
 
-    /// Body of an answer, unless it is an error.
-    fn checked<B: AsRef<[u8]>>(self, body: B) -> Result<B, ClientError> {
-        if self.status.is_success() { Ok(body) } else { Err(self.refused(body.as_ref())) }
-    }
-
     fn refused(self, body: &[u8]) -> ClientError {
         let Self { url, status, retry_after_s } = self;
         if let Ok(problem) = serde_json::from_slice(body) {
@@ -162,6 +156,26 @@ impl Head {
         }
     }
 }
+
+/// An answer that is no error.
+struct Answer {
+    url: Url,
+    status: StatusCode,
+    body: Vec<u8>,
+}
+
+impl Answer {
+    fn read<T: DeserializeOwned>(self) -> Result<T, ClientError> {
+        let Self { url, status, body } = self;
+        serde_json::from_slice(&body).map_err(|error| {
+            let what = error.to_string();
+            ClientError::Strange { url, status, what }
+        })
+    }
+}
+
+/// What a request has beside its method and its path. It is no type parameter, so that requests are compiled once for all of them.
+type Fill<'a> = &'a (dyn Fn(RequestBuilder) -> RequestBuilder + Sync);
 
 /// Client of one server. Clones share its connections.
 #[derive(Clone, Debug)]
@@ -196,13 +210,8 @@ impl Client {
         };
         let parsed = Url::parse(base).ok().filter(is_server);
         let base = parsed.ok_or_else(|| ClientError::Address(base.to_owned()))?;
-        let mut http = reqwest::Client::builder();
-        if base.host_str().is_some_and(is_loopback) {
-            // A proxy of the network would look for the server on its own machine.
-            http = http.no_proxy();
-        }
         let failed = |error| ClientError::Transport { url: base.clone(), error };
-        let http = http.build().map_err(failed)?;
+        let http = http::builder(base.host_str()).build().map_err(failed)?;
         Ok(Self { http, base, key: None, answered: Arc::default() })
     }
 
@@ -236,7 +245,7 @@ impl Client {
         &self,
         path: &str,
         query: &[(&str, &String)],
-        out: &mut (impl std::io::Write + ?Sized),
+        out: &mut (dyn std::io::Write + Send),
     ) -> Result<Option<String>, ClientError> {
         let mut url = self.base.clone();
         url.set_path(path);
@@ -464,7 +473,7 @@ impl Client {
     async fn page<T: DeserializeOwned>(
         &self,
         path: &str,
-        query: &(impl Serialize + ?Sized),
+        query: &(impl Serialize + Sync + ?Sized),
         cursor: Option<String>,
     ) -> Result<T, ClientError> {
         self.ask(Method::GET, path, |call| {
@@ -485,22 +494,27 @@ impl Client {
         &self,
         method: Method,
         path: &str,
-        fill: impl Fn(RequestBuilder) -> RequestBuilder,
+        fill: impl Fn(RequestBuilder) -> RequestBuilder + Sync,
     ) -> Result<T, ClientError> {
-        self.again(|| self.once(method.clone(), path, &fill)).await
+        self.repeat(method, path, &fill).await?.read()
     }
 
     /// Sends a GET request; returns the raw body.
     async fn ask_bytes(
         &self,
         path: &str,
-        fill: impl Fn(RequestBuilder) -> RequestBuilder,
+        fill: impl Fn(RequestBuilder) -> RequestBuilder + Sync,
     ) -> Result<Vec<u8>, ClientError> {
-        let read = async || {
-            let (head, body) = self.answer(Method::GET, path, &fill).await?;
-            head.checked(body)
-        };
-        self.again(read).await
+        Ok(self.repeat(Method::GET, path, &fill).await?.body)
+    }
+
+    async fn repeat(
+        &self,
+        method: Method,
+        path: &str,
+        fill: Fill<'_>,
+    ) -> Result<Answer, ClientError> {
+        self.again(|| self.answer(method.clone(), path, fill)).await
     }
 
     async fn again<T, F: Future<Output = Result<T, ClientError>>>(
@@ -523,22 +537,17 @@ impl Client {
         &self,
         method: Method,
         path: &str,
-        fill: impl Fn(RequestBuilder) -> RequestBuilder,
+        fill: impl Fn(RequestBuilder) -> RequestBuilder + Sync,
     ) -> Result<T, ClientError> {
-        let (head, body) = self.answer(method, path, fill).await?;
-        let (url, status) = (head.url.clone(), head.status);
-        serde_json::from_slice(&head.checked(body)?).map_err(|error| {
-            let what = error.to_string();
-            ClientError::Strange { url, status, what }
-        })
+        self.answer(method, path, &fill).await?.read()
     }
 
     async fn answer(
         &self,
         method: Method,
         path: &str,
-        fill: impl Fn(RequestBuilder) -> RequestBuilder,
-    ) -> Result<(Head, Vec<u8>), ClientError> {
+        fill: Fill<'_>,
+    ) -> Result<Answer, ClientError> {
         let mut url = self.base.clone();
         url.set_path(path);
         let failed = |error| ClientError::Transport { url: url.clone(), error };
@@ -547,7 +556,10 @@ impl Client {
         self.answered.store(true, Ordering::Relaxed);
         let head = Head::of(url.clone(), &response);
         let body = response.bytes().await.map_err(failed)?;
-        Ok((head, body.into()))
+        if head.status.is_success() {
+            return Ok(Answer { url: head.url, status: head.status, body: body.into() });
+        }
+        Err(head.refused(&body))
     }
 }
 

@@ -10,6 +10,7 @@
 pub mod client;
 pub mod drive;
 pub mod eval;
+mod http;
 mod lines;
 pub mod llm;
 mod page;

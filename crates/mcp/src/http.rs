@@ -18,7 +18,7 @@ use crate::player::Player;
 ///
 /// The caller checks whether the sender may ask at all (its address, its `Host` and `Origin`, the length of the body).
 /// The seat's own refusals are results of tools, which models can read.
-pub async fn answer<S: SeatAccess>(seat: S, mut request: Request<Bytes>) -> Response<Bytes> {
+pub async fn answer(seat: Arc<dyn SeatAccess>, mut request: Request<Bytes>) -> Response<Bytes> {
     let gone = CancellationToken::new();
     let _on_drop = gone.clone().drop_guard();
     // There is one kind of answer, so the client's `Accept` does not matter.

@@ -28,21 +28,16 @@ const RULES: &str = include_str!("../../../docs/rules.md");
 const RULES_URI: &str = "swarmbench://rules";
 
 /// A service that answers the requests of one client.
-pub(crate) struct Player<S> {
-    seat: Arc<S>,
+#[derive(Clone)]
+pub(crate) struct Player {
+    seat: Arc<dyn SeatAccess>,
     /// A token that is cancelled when the client is gone: all waits end.
     gone: CancellationToken,
 }
 
-impl<S> Clone for Player<S> {
-    fn clone(&self) -> Self {
-        Self { seat: Arc::clone(&self.seat), gone: self.gone.clone() }
-    }
-}
-
-impl<S: SeatAccess> Player<S> {
-    pub(crate) fn new(seat: S, gone: CancellationToken) -> Self {
-        Self { seat: Arc::new(seat), gone }
+impl Player {
+    pub(crate) fn new(seat: Arc<dyn SeatAccess>, gone: CancellationToken) -> Self {
+        Self { seat, gone }
     }
 
     async fn call(&self, tool: &str, given: Map<String, Value>) -> CallToolResult {
@@ -232,7 +227,7 @@ fn tools() -> Vec<Tool> {
     ]
 }
 
-impl<S: SeatAccess> ServerHandler for Player<S> {
+impl ServerHandler for Player {
     fn get_info(&self) -> ServerConfig {
         let capabilities = ServerCapabilities::builder()
             .enable_tools()

@@ -2,10 +2,12 @@
 
 use std::time::Duration;
 
+use futures::future::BoxFuture;
 use swarmbench_protocol::act::{ActRequest, Receipt};
 use swarmbench_protocol::problem::Problem;
 
-/// A seat of an episode, accessed with its token.
+/// A seat of an episode, accessed with its token. Its futures are boxed, so that the library behind the tools is compiled once, in
+/// this crate, for all kinds of seats.
 pub trait SeatAccess: Send + Sync + 'static {
     /// The body of `GET /obs`, unparsed; with the text for language models if `prompt` is set. With `after` it waits
     /// until the round is past that one, the episode is over, or `wait` has passed.
@@ -14,10 +16,10 @@ pub trait SeatAccess: Send + Sync + 'static {
         after: Option<u32>,
         wait: Duration,
         prompt: bool,
-    ) -> impl Future<Output = Result<Vec<u8>, Refusal>> + Send;
+    ) -> BoxFuture<'_, Result<Vec<u8>, Refusal>>;
 
     /// The receipt of `POST /act`.
-    fn act(&self, act: ActRequest) -> impl Future<Output = Result<Receipt, Refusal>> + Send;
+    fn act(&self, act: ActRequest) -> BoxFuture<'_, Result<Receipt, Refusal>>;
 }
 
 /// The reason why a seat gave no answer.

@@ -1,5 +1,7 @@
 //! A client that started this program and talks to it over standard input and output.
 
+use std::sync::Arc;
+
 use rmcp::service::{ServerInitializeError, ServiceExt};
 use tokio_util::sync::CancellationToken;
 
@@ -24,7 +26,7 @@ pub enum StdioError {
 /// # Errors
 ///
 /// [`StdioError`] if the input is not of the protocol, or the conversation breaks off.
-pub async fn serve<S: SeatAccess>(seat: S) -> Result<(), StdioError> {
+pub async fn serve(seat: Arc<dyn SeatAccess>) -> Result<(), StdioError> {
     let player = Player::new(seat, CancellationToken::new());
     let streams = (tokio::io::stdin(), tokio::io::stdout());
     let service = match player.serve(streams).await {

@@ -242,8 +242,8 @@ fn read(file: &Path) -> anyhow::Result<Experiment> {
     let shown = file.display();
     let text = crate::host::read_text(file)
         .with_context(|| format!("{shown}: name a file that describes an experiment"))?;
-    let mut experiment: Experiment =
-        toml::from_str(&text).map_err(|error| anyhow!("{shown}: {error}"))?;
+    let mut experiment =
+        Experiment::from_toml(&text).map_err(|error| anyhow!("{shown}: {error}"))?;
     let beside = |path: PathBuf| file.parent().map(|folder| folder.join(&path)).unwrap_or(path);
     experiment.prompt_template =
         (experiment.prompt_template).map(|path| if is_name(&path) { path } else { beside(path) });

@@ -143,6 +143,15 @@ impl Axes {
 }
 
 impl Experiment {
+    /// Reads an experiment from the text of its file.
+    ///
+    /// # Errors
+    ///
+    /// The text is no TOML, or has other fields or values than an experiment.
+    pub fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
+        toml::from_str(text)
+    }
+
     /// The experiment overridden by options of the command line, which also override groups of settings. Options that
     /// name players replace all players of the file.
     #[must_use]

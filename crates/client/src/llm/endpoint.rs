@@ -13,8 +13,8 @@ use super::completion::{Completion, Refusal, error_of, one_line, parse, refusal}
 use super::key::NoKey;
 use super::settings::Settings;
 use super::stop::{Said, Stop};
+use crate::http;
 use swarmbench_clock::{Clock, after, until};
-use swarmbench_protocol::loopback::is_loopback;
 
 /// Timeout of a connection attempt.
 const CONNECT: Duration = Duration::from_secs(30);
@@ -112,12 +112,7 @@ impl Endpoint {
         for (name, value) in settings.headers.values() {
             headers.insert(name, value.clone());
         }
-        let mut http = Client::builder();
-        if url.host_str().is_some_and(is_loopback) {
-            // A proxy of the network would look for the endpoint on its own machine.
-            http = http.no_proxy();
-        }
-        let http = http
+        let http = http::builder(url.host_str())
             .default_headers(headers)
             .connect_timeout(CONNECT)
             // The key is sent to the named address only.
